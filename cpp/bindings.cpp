@@ -1,0 +1,176 @@
+// Python bindings. Communicators come as Fortran handles (mpi4py's comm.py2f()), PETSc objects as the
+// `handle` of petsc4py's, so that no header or binary interface of mpi4py or petsc4py is needed.
+#include "insertion.h"
+#include "pairing.h"
+#include "projection.h"
+#include "search.h"
+#include "surface.h"
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace qsdolfinx;
+
+namespace
+{
+template <typename T>
+using In = nb::ndarray<const T, nb::c_contig, nb::device::cpu>;
+
+template <typename T>
+std::span<const T> view(const In<T>& a)
+{
+  return {a.data(), a.size()};
+}
+
+/// NumPy array that owns a copy of the data.
+template <typename T>
+auto copy(const std::vector<T>& data, std::initializer_list<std::size_t> shape)
+{
+  auto* owned = new std::vector<T>(data);
+  nb::capsule owner(owned, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+  return nb::ndarray<nb::numpy, T>(owned->data(), shape, owner);
+}
+
+FacetType facet_type(int num_vertices)
+{
+  if (num_vertices < 2 || num_vertices > 4)
+    throw nb::value_error("a facet has 2, 3 or 4 vertices");
+  return static_cast<FacetType>(num_vertices);
+}
+
+using Handle = std::uintptr_t;
+std::array<Vec, 2> vecs(std::array<Handle, 2> h)
+{
+  return {reinterpret_cast<Vec>(h[0]), reinterpret_cast<Vec>(h[1])};
+}
+
+nb::dict as_dict(const PairingSide& side, std::size_t n, std::size_t gdim)
+{
+  const std::size_t nv = side.num_vertices;
+  nb::dict out;
+  out["x"] = copy(side.x, {n, 3});
+  out["dofs"] = copy(side.dofs, {n, nv, gdim});
+  out["owner"] = copy(side.owner, {n, nv});
+  out["shape_values"] = copy(side.shape_values, {n, nv});
+  return out;
+}
+
+void bind_surface(nb::module_& m)
+{
+  nb::class_<Surface>(m, "Surface", "Distributed contact surface.")
+      .def(
+          "__init__",
+          [](Surface* self, int comm, int gdim, int num_vertices, In<double> x,
+             In<std::int64_t> dofs, In<int> owner, In<double> inside, std::int64_t local_size)
+          {
+            new (self) Surface(MPI_Comm_f2c(comm), gdim, facet_type(num_vertices), view(x),
+                               view(dofs), view(owner), view(inside), local_size);
+          },
+          "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "dofs"_a, "owner"_a, "inside"_a,
+          "local_size"_a, "Collective. See surface.h.")
+      .def_prop_ro("num_facets", &Surface::num_facets)
+      .def_prop_ro("facet_size_range", &Surface::facet_size_range)
+      .def_prop_ro("node_dofs",
+                   [](const Surface& s)
+                   {
+                     return copy(s.nodes().dofs,
+                                 {s.nodes().size(), static_cast<std::size_t>(s.gdim())});
+                   })
+      .def_prop_ro("node_x",
+                   [](const Surface& s) { return copy(s.nodes().x, {s.nodes().size(), 3}); })
+      .def_prop_ro("node_area",
+                   [](const Surface& s) { return copy(s.nodes().area, {s.nodes().size()}); })
+      .def_prop_ro("node_normal",
+                   [](const Surface& s) { return copy(s.nodes().normal, {s.nodes().size(), 3}); });
+}
+
+void bind_pairing(nb::module_& m)
+{
+  nb::class_<PairingPoints>(m, "PairingPoints", "Pairing points of one pass.")
+      .def_prop_ro("size", &PairingPoints::size)
+      .def_prop_ro("slave", [](const PairingPoints& p)
+                   { return as_dict(p.slave, p.size(), static_cast<std::size_t>(p.gdim)); })
+      .def_prop_ro("master", [](const PairingPoints& p)
+                   { return as_dict(p.master, p.size(), static_cast<std::size_t>(p.gdim)); })
+      .def_prop_ro("normal", [](const PairingPoints& p) { return copy(p.normal, {p.size(), 3}); })
+      .def_prop_ro("gap", [](const PairingPoints& p) { return copy(p.gap, {p.size()}); })
+      .def_prop_ro("weight", [](const PairingPoints& p) { return copy(p.weight, {p.size()}); })
+      .def_ro("num_unpaired", &PairingPoints::num_unpaired);
+
+  m.def(
+      "pair_surfaces",
+      [](const Surface& slave, const Surface& master, bool both, double radius) {
+        return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius);
+      },
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "Nodal pairing points; collective.");
+  m.def(
+      "closest_point",
+      [](int num_vertices, In<double> vertices, std::array<double, 3> p)
+      {
+        const auto c = closest_point(facet_type(num_vertices), view(vertices), p);
+        return nb::make_tuple(c.distance, c.xi, c.x);
+      },
+      "num_vertices"_a, "vertices"_a, "p"_a,
+      "Closest point of one facet to p: distance, reference coordinates, position.");
+}
+
+void bind_gap(nb::module_& m)
+{
+  nb::class_<GapOperator>(m, "GapOperator", "Weighted gaps of the slave nodes of this rank.")
+      .def(
+          "__init__",
+          [](GapOperator* self, const Surface& slave, const Surface& master,
+             const PairingPoints& points, bool jump) {
+            new (self)
+                GapOperator(slave, master, points, jump ? GapKind::jump : GapKind::normal);
+          },
+          "slave"_a, "master"_a, "points"_a, "jump"_a, "Collective. See gap.h.")
+      .def_prop_ro("num_rows", &GapOperator::num_rows)
+      .def_prop_ro("width", &GapOperator::width)
+      .def_prop_ro("row_node",
+                   [](const GapOperator& g) { return copy(g.row_node(), {g.num_rows()}); })
+      .def_prop_ro("initial_gap",
+                   [](const GapOperator& g) { return copy(g.initial_gap(), {g.num_rows()}); })
+      .def(
+          "apply",
+          [](GapOperator& g, Handle slave, Handle master)
+          {
+            return copy(g.apply(vecs({slave, master})),
+                        {g.num_rows(), static_cast<std::size_t>(g.width())});
+          },
+          "slave"_a, "master"_a, "Linear part of the gap, shape (rows, width); collective.")
+      .def(
+          "add_transpose",
+          [](GapOperator& g, In<double> f, Handle slave, Handle master)
+          { g.add_transpose(view(f), vecs({slave, master})); },
+          "f"_a, "slave"_a, "master"_a, "Add the transposed operator times f; collective.")
+      .def(
+          "constrain",
+          [](GapOperator& g, Handle slave, Handle master) { g.constrain(vecs({slave, master})); },
+          "slave"_a, "master"_a, "Mark constrained unknowns; collective.");
+
+  m.def(
+      "insert_contact",
+      [](const GapOperator& g, In<double> stiffness, std::array<Handle, 4> blocks, bool pattern)
+      {
+        ContactBlocks mats;
+        for (std::size_t i = 0; i < 4; ++i)
+          mats[i] = reinterpret_cast<Mat>(blocks[i]);
+        insert_contact(g, view(stiffness), mats, pattern);
+      },
+      "gap"_a, "stiffness"_a, "blocks"_a, "pattern"_a,
+      "Add Gᵀ D G to the blocks (ss, sm, ms, mm).");
+}
+} // namespace
+
+NB_MODULE(_cpp, m)
+{
+  m.doc() = "Contact kernels of qsdolfinx: surface, search, pairing points, weighted gap, blocks.";
+  bind_surface(m);
+  bind_pairing(m);
+  bind_gap(m);
+}

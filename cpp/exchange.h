@@ -1,0 +1,73 @@
+// Sparse personalised exchange: every rank sends fixed-width records to the ranks it names.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <mpi.h>
+#include <span>
+#include <vector>
+
+namespace qsdolfinx
+{
+
+/// Routes records to ranks over a neighbourhood communicator, so that the cost depends on the ranks
+/// that really talk to each other and not on the size of the communicator.
+///
+/// Records arrive ordered by source rank, and in sending order within a rank; `reverse` carries one
+/// answer per received record back to where it came from, in sending order.
+class Exchange
+{
+public:
+  /// Collective. @param comm communicator; must outlive the object
+  /// @param dest rank that receives record i
+  Exchange(MPI_Comm comm, std::span<const int> dest);
+  ~Exchange();
+  Exchange(const Exchange&) = delete;
+  Exchange& operator=(const Exchange&) = delete;
+
+  /// Number of records that this rank receives.
+  std::size_t num_received() const { return num_received_; }
+
+  /// Send records; collective. @param data `width` values per record, in the order of `dest`
+  /// @return `width` values per received record
+  template <typename T>
+  std::vector<T> forward(std::span<const T> data, int width) const
+  {
+    const std::size_t bytes = sizeof(T) * static_cast<std::size_t>(width);
+    std::vector<T> packed(order_.size() * width);
+    for (std::size_t i = 0; i < order_.size(); ++i)
+      std::copy_n(data.data() + static_cast<std::size_t>(order_[i]) * width, width,
+                  packed.data() + i * width);
+    std::vector<T> out(num_received_ * width);
+    send(packed.data(), out.data(), bytes, true);
+    return out;
+  }
+
+  /// Send one answer per received record back; collective.
+  /// @return `width` values per record, in the order of `dest`
+  template <typename T>
+  std::vector<T> reverse(std::span<const T> data, int width) const
+  {
+    const std::size_t bytes = sizeof(T) * static_cast<std::size_t>(width);
+    std::vector<T> packed(order_.size() * width), out(order_.size() * width);
+    send(data.data(), packed.data(), bytes, false);
+    for (std::size_t i = 0; i < order_.size(); ++i)
+      std::copy_n(packed.data() + i * width, width,
+                  out.data() + static_cast<std::size_t>(order_[i]) * width);
+    return out;
+  }
+
+private:
+  void send(const void* in, void* out, std::size_t record_bytes, bool forward) const;
+
+  MPI_Comm forward_comm_ = MPI_COMM_NULL, reverse_comm_ = MPI_COMM_NULL;
+  std::vector<std::int32_t> order_; // records sorted by destination
+  std::vector<int> send_counts_, send_offsets_, recv_counts_, recv_offsets_;
+  std::size_t num_received_ = 0;
+};
+
+/// Smallest box [min, max] around this rank's points, then the boxes of all ranks (6 doubles each).
+/// An empty rank gives an inverted box, which meets nothing. Collective.
+std::vector<double> all_bounding_boxes(MPI_Comm comm, std::span<const double> points);
+
+} // namespace qsdolfinx

@@ -1,0 +1,291 @@
+#include "gap.h"
+#include "exchange.h"
+
+#include <algorithm>
+#include <map>
+#include <numeric>
+
+using namespace qsdolfinx;
+
+namespace
+{
+/// Pairing points copied to every rank that owns one of their slave vertices.
+PairingPoints points_at_row_owners(MPI_Comm comm, const PairingPoints& points)
+{
+  const int ns = points.slave.num_vertices, nm = points.master.num_vertices, d = points.gdim;
+  const int num_doubles = ns + nm + 5, num_dofs = (ns + nm) * d;
+  std::vector<int> dest;
+  std::vector<double> doubles;
+  std::vector<std::int64_t> dofs;
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    std::array<int, 4> sent;
+    sent.fill(-1);
+    for (int i = 0; i < ns; ++i)
+    {
+      const int rank = points.slave.owner[p * ns + i];
+      if (points.slave.shape_values[p * ns + i] == 0
+          || std::find(sent.begin(), sent.end(), rank) != sent.end())
+        continue;
+      sent[i] = rank;
+      dest.push_back(rank);
+      const auto append = [p](auto& out, const auto& in, int width)
+      { out.insert(out.end(), in.begin() + p * width, in.begin() + (p + 1) * width); };
+      append(doubles, points.slave.shape_values, ns);
+      append(doubles, points.master.shape_values, nm);
+      append(doubles, points.normal, 3);
+      append(doubles, points.gap, 1);
+      append(doubles, points.weight, 1);
+      append(dofs, points.slave.dofs, ns * d);
+      append(dofs, points.master.dofs, nm * d);
+    }
+  }
+  Exchange exchange(comm, dest);
+  doubles = exchange.forward<double>(doubles, num_doubles);
+  dofs = exchange.forward<std::int64_t>(dofs, num_dofs);
+
+  PairingPoints out;
+  out.gdim = d;
+  out.slave.num_vertices = ns;
+  out.master.num_vertices = nm;
+  for (std::size_t p = 0; p < exchange.num_received(); ++p)
+  {
+    const double* v = doubles.data() + p * num_doubles;
+    const auto take = [&v](std::vector<double>& to, int n)
+    {
+      to.insert(to.end(), v, v + n);
+      v += n;
+    };
+    take(out.slave.shape_values, ns);
+    take(out.master.shape_values, nm);
+    take(out.normal, 3);
+    take(out.gap, 1);
+    take(out.weight, 1);
+    const std::int64_t* i = dofs.data() + p * num_dofs;
+    out.slave.dofs.insert(out.slave.dofs.end(), i, i + ns * d);
+    out.master.dofs.insert(out.master.dofs.end(), i + ns * d, i + num_dofs);
+  }
+  return out;
+}
+
+/// One term of a row before equal columns are merged.
+struct Term
+{
+  std::int64_t row;
+  std::int64_t dof; // first unknown of the column node
+  std::size_t point;
+  int vertex;
+  double value; // w N_k N_column / S_k, negative for the master
+};
+
+/// Terms of one side's columns in all rows, sorted by row and column.
+std::vector<Term> row_terms(const Surface& slave, const PairingPoints& points, int side,
+                            std::pair<std::int64_t, std::int64_t> owned)
+{
+  const PairingSide& columns = side == 0 ? points.slave : points.master;
+  const int ns = points.slave.num_vertices, nc = columns.num_vertices, d = points.gdim;
+  std::vector<Term> terms;
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    for (int i = 0; i < ns; ++i)
+    {
+      const std::int64_t dof = points.slave.dofs[(p * ns + i) * d];
+      const double N = points.slave.shape_values[p * ns + i];
+      if (N == 0 || dof < owned.first || dof >= owned.second)
+        continue;
+      const auto row = static_cast<std::int64_t>(slave.node_index(dof));
+      const double w = points.weight[p] * N / slave.nodes().area[row];
+      for (int j = 0; j < nc; ++j)
+        if (const double M = columns.shape_values[p * nc + j]; M != 0)
+          terms.push_back(
+              {row, columns.dofs[(p * nc + j) * d], p, j, (side == 0 ? 1.0 : -1.0) * w * M});
+    }
+  }
+  std::stable_sort(terms.begin(), terms.end(), [](const Term& a, const Term& b)
+                   { return std::pair(a.row, a.dof) < std::pair(b.row, b.dof); });
+  return terms;
+}
+
+/// Rows of one side in compressed form.
+void compress(GapOperator::Side& out, const std::vector<Term>& terms, const PairingPoints& points,
+              int side, GapKind kind, std::span<const std::int64_t> row_node)
+{
+  const PairingSide& columns = side == 0 ? points.slave : points.master;
+  const int nc = columns.num_vertices, d = points.gdim;
+  std::map<std::int64_t, std::int32_t> numbering;
+  for (const Term& t : terms)
+    numbering.emplace(t.dof, 0);
+  std::int32_t next = 0;
+  for (auto& [dof, number] : numbering)
+    number = next++;
+  out.dofs.resize(numbering.size() * d);
+
+  const int width = kind == GapKind::normal ? d : 1;
+  out.offset.assign(1, 0);
+  std::size_t t = 0;
+  for (std::int64_t row : row_node)
+  {
+    for (; t < terms.size() && terms[t].row == row; ++t)
+    {
+      const Term& term = terms[t];
+      const std::int32_t column = numbering.at(term.dof);
+      const bool first = out.column.size() == static_cast<std::size_t>(out.offset.back())
+                         || out.column.back() != column;
+      if (first)
+      {
+        out.column.push_back(column);
+        out.coefficient.insert(out.coefficient.end(), width, 0.0);
+        for (int i = 0; i < d; ++i)
+          out.dofs[column * d + i]
+              = static_cast<PetscInt>(columns.dofs[(term.point * nc + term.vertex) * d + i]);
+      }
+      double* c = &out.coefficient[out.coefficient.size() - width];
+      for (int i = 0; i < width; ++i)
+        c[i] += term.value * (kind == GapKind::normal ? points.normal[3 * term.point + i] : 1.0);
+    }
+    out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
+  }
+  out.free_dofs = out.dofs;
+}
+} // namespace
+
+GapOperator::GapOperator(const Surface& slave, const Surface& master, const PairingPoints& points,
+                         GapKind kind)
+    : kind_(kind), gdim_(points.gdim)
+{
+  build_rows(slave, points_at_row_owners(slave.comm(), points));
+  build_scatters(slave, master);
+}
+
+GapOperator::~GapOperator()
+{
+  PetscBool finalized = PETSC_FALSE;
+  if (PetscFinalized(&finalized) != PETSC_SUCCESS || finalized)
+    return;
+  for (Side& side : sides_)
+  {
+    std::ignore = VecDestroy(&side.local);
+    std::ignore = VecScatterDestroy(&side.scatter);
+  }
+}
+
+void GapOperator::build_rows(const Surface& slave, const PairingPoints& points)
+{
+  std::int64_t end = 0, size = slave.local_size();
+  MPI_Scan(&size, &end, 1, MPI_INT64_T, MPI_SUM, slave.comm());
+  const std::pair owned{end - size, end};
+
+  const std::array terms{row_terms(slave, points, 0, owned), row_terms(slave, points, 1, owned)};
+  for (const Term& t : terms[0])
+    if (row_node_.empty() || row_node_.back() != t.row)
+      row_node_.push_back(t.row);
+  for (int side = 0; side < 2; ++side)
+    compress(sides_[side], terms[side], points, side, kind_, row_node_);
+
+  initial_gap_.assign(row_node_.size(), 0);
+  if (kind_ == GapKind::jump)
+    return;
+  const int ns = points.slave.num_vertices;
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    for (int i = 0; i < ns; ++i)
+    {
+      const std::int64_t dof = points.slave.dofs[(p * ns + i) * gdim_];
+      const double N = points.slave.shape_values[p * ns + i];
+      if (N == 0 || dof < owned.first || dof >= owned.second)
+        continue;
+      const auto node = static_cast<std::int64_t>(slave.node_index(dof));
+      const auto row = std::lower_bound(row_node_.begin(), row_node_.end(), node) - row_node_.begin();
+      initial_gap_[row] += points.weight[p] * N / slave.nodes().area[node] * points.gap[p];
+    }
+  }
+}
+
+void GapOperator::build_scatters(const Surface& slave, const Surface& master)
+{
+  for (int i = 0; i < 2; ++i)
+  {
+    Side& side = sides_[i];
+    const Surface& surface = i == 0 ? slave : master;
+    const auto n = static_cast<PetscInt>(side.dofs.size());
+    Vec layout;
+    IS is;
+    check(VecCreateMPI(surface.comm(), static_cast<PetscInt>(surface.local_size()), PETSC_DETERMINE,
+                       &layout));
+    check(VecCreateSeq(PETSC_COMM_SELF, n, &side.local));
+    check(ISCreateGeneral(PETSC_COMM_SELF, n, side.dofs.data(), PETSC_USE_POINTER, &is));
+    check(VecScatterCreate(layout, is, side.local, nullptr, &side.scatter));
+    check(ISDestroy(&is));
+    check(VecDestroy(&layout));
+  }
+}
+
+std::vector<double> GapOperator::apply(std::array<Vec, 2> u)
+{
+  std::vector<double> g(num_rows() * width(), 0);
+  for (int s = 0; s < 2; ++s)
+  {
+    Side& side = sides_[s];
+    check(VecScatterBegin(side.scatter, u[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
+    check(VecScatterEnd(side.scatter, u[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
+    const PetscScalar* x;
+    check(VecGetArrayRead(side.local, &x));
+    for (std::size_t r = 0; r < num_rows(); ++r)
+    {
+      for (std::int64_t e = side.offset[r]; e < side.offset[r + 1]; ++e)
+      {
+        for (int i = 0; i < gdim_; ++i)
+        {
+          const double value = x[side.column[e] * gdim_ + i];
+          if (kind_ == GapKind::normal)
+            g[r] += side.coefficient[e * gdim_ + i] * value;
+          else
+            g[r * gdim_ + i] += side.coefficient[e] * value;
+        }
+      }
+    }
+    check(VecRestoreArrayRead(side.local, &x));
+  }
+  return g;
+}
+
+void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
+{
+  if (f.size() != num_rows() * width())
+    throw std::invalid_argument("f must hold `width` values per row");
+  for (int s = 0; s < 2; ++s)
+  {
+    Side& side = sides_[s];
+    check(VecSet(side.local, 0));
+    PetscScalar* y;
+    check(VecGetArray(side.local, &y));
+    for (std::size_t r = 0; r < num_rows(); ++r)
+    {
+      for (std::int64_t e = side.offset[r]; e < side.offset[r + 1]; ++e)
+      {
+        for (int i = 0; i < gdim_; ++i)
+          y[side.column[e] * gdim_ + i] += kind_ == GapKind::normal
+                                               ? side.coefficient[e * gdim_ + i] * f[r]
+                                               : side.coefficient[e] * f[r * gdim_ + i];
+      }
+    }
+    check(VecRestoreArray(side.local, &y));
+    check(VecScatterBegin(side.scatter, side.local, b[s], ADD_VALUES, SCATTER_REVERSE));
+    check(VecScatterEnd(side.scatter, side.local, b[s], ADD_VALUES, SCATTER_REVERSE));
+  }
+}
+
+void GapOperator::constrain(std::array<Vec, 2> markers)
+{
+  for (int s = 0; s < 2; ++s)
+  {
+    Side& side = sides_[s];
+    check(VecScatterBegin(side.scatter, markers[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
+    check(VecScatterEnd(side.scatter, markers[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
+    const PetscScalar* marked;
+    check(VecGetArrayRead(side.local, &marked));
+    for (std::size_t i = 0; i < side.dofs.size(); ++i)
+      side.free_dofs[i] = marked[i] != 0 ? -1 : side.dofs[i];
+    check(VecRestoreArrayRead(side.local, &marked));
+  }
+}

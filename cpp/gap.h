@@ -1,0 +1,84 @@
+// The weighted gap as a distributed linear operator: g = G_s u_s + G_m u_m - d.
+#pragma once
+
+#include "pairing.h"
+#include <array>
+#include <petscmat.h>
+#include <petscvec.h>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace qsdolfinx
+{
+
+/// Throw if a PETSc call failed.
+inline void check(PetscErrorCode code)
+{
+  if (code != PETSC_SUCCESS)
+    throw std::runtime_error("PETSc error " + std::to_string(code));
+}
+
+/// What is weighted: the normal part of the jump, less the initial gap, or the whole jump.
+enum class GapKind
+{
+  normal, ///< one value a row: ḡ_k = (1/S_k) Σ w_p N_k(ξ_p) [(u_s - u_m)·n_p - δ_p]
+  jump    ///< gdim values a row: (1/S_k) Σ w_p N_k(ξ_p) (u_s - u_m)
+};
+
+/// Weighted gaps of the slave nodes that this rank owns. One row per node with at least one pairing
+/// point; rows are in the order of the slave surface's nodes.
+class GapOperator
+{
+public:
+  /// Unknowns of one body that the rows of this rank use.
+  struct Side
+  {
+    std::vector<PetscInt> dofs;       ///< global unknowns, [column node][gdim]
+    std::vector<PetscInt> free_dofs;  ///< the same, -1 where a Dirichlet condition holds
+    std::vector<std::int64_t> offset; ///< entries of row i: [offset[i], offset[i + 1])
+    std::vector<std::int32_t> column; ///< column node of each entry
+    std::vector<double> coefficient;  ///< [entry][gdim] for normal, [entry] for jump; master negative
+    Vec local = nullptr;              ///< values at `dofs`
+    VecScatter scatter = nullptr;     ///< from the body's vector to `local`
+  };
+
+  /// Collective. @param points pairing points, anywhere on the communicator
+  GapOperator(const Surface& slave, const Surface& master, const PairingPoints& points,
+              GapKind kind);
+  ~GapOperator();
+  GapOperator(const GapOperator&) = delete;
+  GapOperator& operator=(const GapOperator&) = delete;
+
+  GapKind kind() const { return kind_; }
+  int gdim() const { return gdim_; }
+  /// Values per row: 1 or gdim.
+  int width() const { return kind_ == GapKind::normal ? 1 : gdim_; }
+  std::size_t num_rows() const { return row_node_.size(); }
+  /// Index of each row's node in the slave surface's nodes.
+  const std::vector<std::int64_t>& row_node() const { return row_node_; }
+  /// Initial weighted gap d of each row (zero for a jump).
+  const std::vector<double>& initial_gap() const { return initial_gap_; }
+  /// 0: slave, 1: master.
+  const Side& side(int i) const { return sides_[i]; }
+
+  /// Linear part G_s u_s + G_m u_m, [row][width]. Collective. @param u vectors of the two bodies
+  std::vector<double> apply(std::array<Vec, 2> u);
+  /// b += Gᵀ f on both bodies. Collective. @param f [row][width]
+  void add_transpose(std::span<const double> f, std::array<Vec, 2> b);
+  /// Say which unknowns carry Dirichlet conditions: nonzero entries of the markers. Collective.
+  void constrain(std::array<Vec, 2> markers);
+
+private:
+  void build_rows(const Surface& slave, const PairingPoints& points);
+  void build_scatters(const Surface& slave, const Surface& master);
+
+  GapKind kind_;
+  int gdim_;
+  std::vector<std::int64_t> row_node_;
+  std::vector<double> initial_gap_;
+  std::array<Side, 2> sides_;
+};
+
+} // namespace qsdolfinx

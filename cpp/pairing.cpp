@@ -1,0 +1,86 @@
+#include "pairing.h"
+
+#include <algorithm>
+#include <stdexcept>
+
+using namespace qsdolfinx;
+
+namespace
+{
+/// A point at a node: the node itself is its only vertex.
+void append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim, int rank)
+{
+  side.x.insert(side.x.end(), &nodes.x[3 * k], &nodes.x[3 * k] + 3);
+  side.dofs.insert(side.dofs.end(), &nodes.dofs[k * gdim], &nodes.dofs[k * gdim] + gdim);
+  side.dofs.insert(side.dofs.end(), (side.num_vertices - 1) * gdim, -1);
+  side.owner.push_back(rank);
+  side.owner.insert(side.owner.end(), side.num_vertices - 1, -1);
+  side.shape_values.push_back(1);
+  side.shape_values.insert(side.shape_values.end(), side.num_vertices - 1, 0.0);
+}
+
+/// A point within a facet, as found for node k.
+void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, int gdim)
+{
+  const int nv = side.num_vertices;
+  side.x.insert(side.x.end(), &found.x[3 * k], &found.x[3 * k] + 3);
+  side.dofs.insert(side.dofs.end(), found.dofs.begin() + k * nv * gdim,
+                   found.dofs.begin() + (k + 1) * nv * gdim);
+  side.owner.insert(side.owner.end(), found.owner.begin() + k * nv,
+                    found.owner.begin() + (k + 1) * nv);
+  side.shape_values.insert(side.shape_values.end(), found.shape_values.begin() + k * nv,
+                           found.shape_values.begin() + (k + 1) * nv);
+}
+
+/// Points at the nodes of one side, projected onto the other.
+/// @param at_slave whether the nodes are the slave's
+/// @param share part of the nodal area that is the weight
+void append_nodal_points(PairingPoints& points, const Surface& at, const Surface& onto,
+                         bool at_slave, double share, double radius)
+{
+  const ClosestFacets found = closest_facets(at, onto, radius);
+  PairingSide& node_side = at_slave ? points.slave : points.master;
+  PairingSide& facet_side = at_slave ? points.master : points.slave;
+  // The facet's normal is outward of its own body: it points into the slave if the master has the facet.
+  const double sign = at_slave ? -1.0 : 1.0;
+  int rank;
+  MPI_Comm_rank(at.comm(), &rank);
+
+  const Nodes& nodes = at.nodes();
+  for (std::size_t k = 0; k < nodes.size(); ++k)
+  {
+    if (!found.found[k])
+    {
+      ++points.num_unpaired;
+      continue;
+    }
+    append_node(node_side, nodes, k, points.gdim, rank);
+    append_facet(facet_side, found, k, points.gdim);
+    double gap = 0;
+    for (std::size_t j = 0; j < 3; ++j)
+    {
+      const double n = sign * found.normal[3 * k + j];
+      points.normal.push_back(n);
+      gap += n * sign * (nodes.x[3 * k + j] - found.x[3 * k + j]);
+    }
+    points.gap.push_back(gap);
+    points.weight.push_back(share * nodes.area[k]);
+  }
+}
+} // namespace
+
+PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& master,
+                                       Sampling sampling, double radius)
+{
+  if (slave.gdim() != master.gdim())
+    throw std::invalid_argument("slave and master have different geometric dimensions");
+  PairingPoints points;
+  points.gdim = slave.gdim();
+  points.slave.num_vertices = slave.num_vertices();
+  points.master.num_vertices = master.num_vertices();
+  const double share = sampling == Sampling::both ? 0.5 : 1.0;
+  append_nodal_points(points, slave, master, true, share, radius);
+  if (sampling == Sampling::both)
+    append_nodal_points(points, master, slave, false, share, radius);
+  return points;
+}

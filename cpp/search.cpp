@@ -1,0 +1,278 @@
+#include "search.h"
+#include "exchange.h"
+
+#include <algorithm>
+#include <boost/geometry.hpp>
+#include <boost/geometry/geometries/box.hpp>
+#include <boost/geometry/geometries/point.hpp>
+#include <boost/geometry/index/rtree.hpp>
+#include <memory>
+
+using namespace qsdolfinx;
+namespace bg = boost::geometry;
+
+namespace
+{
+using BoostPoint = bg::model::point<double, 3, bg::cs::cartesian>;
+using BoostBox = bg::model::box<BoostPoint>;
+using Entry = std::pair<BoostBox, std::size_t>;
+using Tree = bg::index::rtree<Entry, bg::index::quadratic<16>>;
+
+Tree facet_tree(const Surface& surface)
+{
+  std::vector<Entry> entries;
+  entries.reserve(surface.num_facets());
+  for (std::size_t f = 0; f < surface.num_facets(); ++f)
+  {
+    // A bilinear facet lies within the convex hull, hence the box, of its vertices.
+    const auto v = surface.facet_x(f);
+    Vec3 low{v[0], v[1], v[2]}, high = low;
+    for (std::size_t i = 3; i < v.size(); ++i)
+    {
+      low[i % 3] = std::min(low[i % 3], v[i]);
+      high[i % 3] = std::max(high[i % 3], v[i]);
+    }
+    entries.emplace_back(BoostBox({low[0], low[1], low[2]}, {high[0], high[1], high[2]}), f);
+  }
+  return Tree(entries.begin(), entries.end()); // bulk loading
+}
+
+/// A facet's answer to one node.
+struct Candidate
+{
+  std::size_t facet;
+  ClosestPoint point;
+};
+
+/// Facets of this rank that are closest to p, ties included.
+void local_candidates(const Surface& surface, const Tree& tree, const Vec3& p, const Vec3& normal,
+                      double radius, std::vector<Candidate>& out)
+{
+  out.clear();
+  if (tree.empty())
+    return;
+  double limit = radius;
+  const BoostPoint query(p[0], p[1], p[2]);
+  for (auto it = tree.qbegin(bg::index::nearest(query, static_cast<unsigned>(tree.size())));
+       it != tree.qend(); ++it)
+  {
+    if (bg::distance(query, it->first) > limit)
+      break;
+    const std::size_t f = it->second;
+    const ClosestPoint c = closest_point(surface.type(), surface.facet_x(f), p);
+    if (c.distance > limit)
+      continue;
+    const Vec3 n = surface.normal(f, c.xi);
+    if (dot(n, normal) >= 0)
+      continue;
+    const double size = surface.facets().size[f];
+    if (surface.on_surface_boundary(f, c.xi))
+    {
+      const Vec3 d = p - c.x;
+      if (norm(d - dot(d, n) * n) > overhang_tolerance * size)
+        continue;
+    }
+    out.push_back({f, c});
+    limit = std::min(limit, c.distance + tie_tolerance * size);
+  }
+  std::erase_if(out, [limit](const Candidate& c) { return c.point.distance > limit; });
+}
+
+/// A facet's vertices in lexicographic order: a name for the facet that no partition changes.
+void sort_vertices(std::span<double> x)
+{
+  const auto vertex = [x](std::size_t i) { return x.subspan(3 * i, 3); };
+  for (std::size_t i = 1; i < x.size() / 3; ++i)
+    for (std::size_t j = i; j > 0 && std::ranges::lexicographical_compare(vertex(j), vertex(j - 1));
+         --j)
+      std::ranges::swap_ranges(vertex(j), vertex(j - 1));
+}
+
+/// Nodes sent to every rank whose facets might be within the radius.
+struct Queries
+{
+  std::vector<std::int64_t> node; ///< local node of each query sent
+  std::unique_ptr<Exchange> exchange;
+  std::vector<double> data; ///< received: x, normal, [query][6]
+};
+
+/// Whether a rank's box is within the radius of the box [low, high].
+bool box_is_near(std::span<const double> box, std::span<const double> low,
+                 std::span<const double> high, double radius)
+{
+  for (std::size_t j = 0; j < 3; ++j)
+    if (!(high[j] >= box[j] - radius && low[j] <= box[3 + j] + radius))
+      return false;
+  return true;
+}
+
+/// Ranks whose facets may be within the radius of any of this rank's nodes.
+std::vector<int> ranks_near(std::span<const double> boxes, std::span<const double> x, double radius)
+{
+  std::vector<int> out;
+  if (x.empty())
+    return out;
+  Vec3 low{x[0], x[1], x[2]}, high = low;
+  for (std::size_t i = 3; i < x.size(); ++i)
+  {
+    low[i % 3] = std::min(low[i % 3], x[i]);
+    high[i % 3] = std::max(high[i % 3], x[i]);
+  }
+  for (std::size_t r = 0; r < boxes.size() / 6; ++r)
+    if (box_is_near(boxes.subspan(6 * r, 6), low, high, radius))
+      out.push_back(static_cast<int>(r));
+  return out;
+}
+
+Queries send_queries(const Surface& nodes, const Surface& surface, double radius)
+{
+  const auto boxes = all_bounding_boxes(surface.comm(), surface.facets().x);
+  Queries q;
+  std::vector<int> dest;
+  std::vector<double> data;
+  const Nodes& n = nodes.nodes();
+  const std::vector<int> neighbours = ranks_near(boxes, n.x, radius);
+  for (std::size_t k = 0; k < n.size(); ++k)
+  {
+    const std::span<const double> x = std::span(n.x).subspan(3 * k, 3);
+    for (int r : neighbours)
+    {
+      if (!box_is_near(std::span(boxes).subspan(6 * r, 6), x, x, radius))
+        continue;
+      q.node.push_back(static_cast<std::int64_t>(k));
+      dest.push_back(r);
+      data.insert(data.end(), x.begin(), x.end());
+      data.insert(data.end(), &n.normal[3 * k], &n.normal[3 * k] + 3);
+    }
+  }
+  q.exchange = std::make_unique<Exchange>(surface.comm(), dest);
+  q.data = q.exchange->forward<double>(data, 6);
+  return q;
+}
+
+/// Candidates flattened for the way back: one record each.
+struct Answers
+{
+  int nv, gdim;
+  std::vector<std::int64_t> query; ///< query it answers, in the asking rank's numbering
+  std::vector<double> values;      ///< distance, size, x, normal, N, sorted vertices; see width()
+  std::vector<std::int64_t> dofs;  ///< [record][vertex][gdim]
+  std::vector<int> owner;          ///< [record][vertex]
+
+  int width() const { return 8 + nv + 3 * nv; }
+  std::span<const double> value(std::size_t i) const
+  {
+    return std::span(values).subspan(i * width(), width());
+  }
+  double distance(std::size_t i) const { return values[i * width()]; }
+  double tie(std::size_t i) const { return tie_tolerance * values[i * width() + 1]; }
+  std::span<const double> name(std::size_t i) const { return value(i).subspan(8 + nv); }
+
+  void append(std::int64_t q, const Surface& s, const Candidate& c)
+  {
+    query.push_back(q);
+    const Vec3 n = s.normal(c.facet, c.point.xi);
+    const auto N = shape_functions(s.type(), c.point.xi);
+    values.insert(values.end(), {c.point.distance, s.facets().size[c.facet]});
+    values.insert(values.end(), c.point.x.begin(), c.point.x.end());
+    values.insert(values.end(), n.begin(), n.end());
+    values.insert(values.end(), N.begin(), N.begin() + nv);
+    const auto v = s.facet_x(c.facet);
+    values.insert(values.end(), v.begin(), v.end());
+    sort_vertices(std::span(values).last(v.size()));
+    const auto d = s.facets().dofs.begin() + c.facet * nv * gdim;
+    dofs.insert(dofs.end(), d, d + nv * gdim);
+    const auto o = s.facets().owner.begin() + c.facet * nv;
+    owner.insert(owner.end(), o, o + nv);
+  }
+};
+
+Answers answer_queries(const Surface& surface, const Queries& q, double radius)
+{
+  // The sender numbers its queries; the answer carries that number and the sender's rank back.
+  int rank;
+  MPI_Comm_rank(surface.comm(), &rank);
+  std::vector<std::int64_t> numbers(2 * q.node.size());
+  for (std::size_t i = 0; i < q.node.size(); ++i)
+  {
+    numbers[2 * i] = rank;
+    numbers[2 * i + 1] = static_cast<std::int64_t>(i);
+  }
+  const auto received = q.exchange->forward<std::int64_t>(numbers, 2);
+
+  Answers mine{surface.num_vertices(), surface.gdim(), {}, {}, {}, {}};
+  std::vector<int> dest;
+  const Tree tree = facet_tree(surface);
+  std::vector<Candidate> candidates;
+  for (std::size_t i = 0; i < q.exchange->num_received(); ++i)
+  {
+    const double* d = q.data.data() + 6 * i;
+    local_candidates(surface, tree, {d[0], d[1], d[2]}, {d[3], d[4], d[5]}, radius, candidates);
+    for (const Candidate& c : candidates)
+    {
+      dest.push_back(static_cast<int>(received[2 * i]));
+      mine.append(received[2 * i + 1], surface, c);
+    }
+  }
+  Exchange back(surface.comm(), dest);
+  Answers out{mine.nv, mine.gdim, {}, {}, {}, {}};
+  out.query = back.forward<std::int64_t>(mine.query, 1);
+  out.values = back.forward<double>(mine.values, mine.width());
+  out.dofs = back.forward<std::int64_t>(mine.dofs, mine.nv * mine.gdim);
+  out.owner = back.forward<int>(mine.owner, mine.nv);
+  return out;
+}
+
+/// Best answer for every node: smallest distance; among equal ones the first in the order of names.
+std::vector<std::int64_t> choose(const Answers& a, const Queries& q, std::size_t num_nodes)
+{
+  std::vector<double> limit(num_nodes, std::numeric_limits<double>::infinity());
+  for (std::size_t i = 0; i < a.query.size(); ++i)
+  {
+    double& l = limit[q.node[a.query[i]]];
+    l = std::min(l, a.distance(i) + a.tie(i));
+  }
+  std::vector<std::int64_t> best(num_nodes, -1);
+  for (std::size_t i = 0; i < a.query.size(); ++i)
+  {
+    const std::size_t k = q.node[a.query[i]];
+    if (a.distance(i) > limit[k])
+      continue;
+    const auto name = a.name(i);
+    if (best[k] >= 0)
+    {
+      const auto other = a.name(best[k]);
+      if (!std::lexicographical_compare(name.begin(), name.end(), other.begin(), other.end()))
+        continue;
+    }
+    best[k] = static_cast<std::int64_t>(i);
+  }
+  return best;
+}
+} // namespace
+
+ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& surface, double radius)
+{
+  const Queries q = send_queries(nodes, surface, radius);
+  const Answers a = answer_queries(surface, q, radius);
+  const std::size_t n = nodes.nodes().size();
+  const auto best = choose(a, q, n);
+
+  const std::size_t nv = surface.num_vertices(), gdim = surface.gdim();
+  ClosestFacets out{std::vector<std::uint8_t>(n, 0), std::vector<std::int64_t>(n * nv * gdim, -1),
+                    std::vector<int>(n * nv, -1),    std::vector<double>(n * nv, 0),
+                    std::vector<double>(n * 3, 0),   std::vector<double>(n * 3, 0)};
+  for (std::size_t k = 0; k < n; ++k)
+  {
+    if (best[k] < 0)
+      continue;
+    const auto v = a.value(best[k]);
+    out.found[k] = 1;
+    std::copy_n(v.begin() + 2, 3, out.x.begin() + 3 * k);
+    std::copy_n(v.begin() + 5, 3, out.normal.begin() + 3 * k);
+    std::copy_n(v.begin() + 8, nv, out.shape_values.begin() + nv * k);
+    std::copy_n(a.dofs.begin() + best[k] * nv * gdim, nv * gdim, out.dofs.begin() + k * nv * gdim);
+    std::copy_n(a.owner.begin() + best[k] * nv, nv, out.owner.begin() + k * nv);
+  }
+  return out;
+}

@@ -1,0 +1,267 @@
+#include "surface.h"
+#include "exchange.h"
+
+#include <algorithm>
+#include <limits>
+#include <numeric>
+#include <stdexcept>
+
+using namespace qsdolfinx;
+
+namespace
+{
+/// Local vertices of the edges of a facet; an interval is bounded by its two vertices.
+std::span<const std::array<int, 2>> edges_of(FacetType type)
+{
+  static constexpr std::array<std::array<int, 2>, 2> interval{{{0, 0}, {1, 1}}};
+  static constexpr std::array<std::array<int, 2>, 3> triangle{{{0, 1}, {0, 2}, {1, 2}}};
+  static constexpr std::array<std::array<int, 2>, 4> quadrilateral{
+      {{0, 1}, {0, 2}, {1, 3}, {2, 3}}};
+  switch (type)
+  {
+  case FacetType::interval:
+    return interval;
+  case FacetType::triangle:
+    return triangle;
+  default:
+    return quadrilateral;
+  }
+}
+
+/// ∫ N_i da over one facet, da the outward area vector: per vertex the scalar area and the vector.
+/// Exact for planar facets; 3 × 3 Gauss points on the quadrilateral.
+std::array<std::array<double, 4>, 4> vertex_areas(FacetType type, std::span<const double> v,
+                                                  double orientation)
+{
+  std::array<std::array<double, 4>, 4> out{};
+  const int nv = static_cast<int>(type);
+  const auto add = [&](std::array<double, 2> xi, double weight)
+  {
+    const Vec3 a = area_vector(type, v, xi);
+    const auto N = shape_functions(type, xi);
+    for (int i = 0; i < nv; ++i)
+    {
+      out[i][0] += weight * N[i] * norm(a);
+      for (int j = 0; j < 3; ++j)
+        out[i][1 + j] += weight * N[i] * orientation * a[j];
+    }
+  };
+  if (type == FacetType::interval)
+    add({0.5, 0}, 1.0);
+  else if (type == FacetType::triangle)
+    add({1.0 / 3, 1.0 / 3}, 0.5);
+  else
+  {
+    const double g = 0.5 * std::sqrt(0.6);
+    const std::array<double, 3> points{0.5 - g, 0.5, 0.5 + g}, weights{5.0 / 18, 8.0 / 18, 5.0 / 18};
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j)
+        add({points[i], points[j]}, weights[i] * weights[j]);
+  }
+  return out;
+}
+
+std::array<double, 2> centre(FacetType type)
+{
+  if (type == FacetType::triangle)
+    return {1.0 / 3, 1.0 / 3};
+  return {0.5, type == FacetType::interval ? 0.0 : 0.5};
+}
+} // namespace
+
+Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x,
+                 std::span<const std::int64_t> dofs, std::span<const int> owner,
+                 std::span<const double> inside, std::int64_t local_size)
+    : gdim_(gdim), type_(type), local_size_(local_size)
+{
+  facets_.x.assign(x.begin(), x.end());
+  facets_.dofs.assign(dofs.begin(), dofs.end());
+  facets_.owner.assign(owner.begin(), owner.end());
+  MPI_Comm_dup(comm, &comm_);
+  orient_and_measure(inside);
+  collect_nodes();
+  mark_boundary();
+}
+
+Surface::~Surface()
+{
+  int finalized = 0;
+  MPI_Finalized(&finalized);
+  if (!finalized)
+    MPI_Comm_free(&comm_);
+}
+
+void Surface::orient_and_measure(std::span<const double> inside)
+{
+  const int nv = num_vertices();
+  const std::size_t n = inside.size() / 3;
+  facets_.size.resize(n, 0);
+  facets_.orientation.resize(n);
+  for (std::size_t f = 0; f < n; ++f)
+  {
+    const auto v = facet_x(f);
+    for (int i = 0; i < nv; ++i)
+      for (int j = 0; j < i; ++j)
+        facets_.size[f] = std::max(facets_.size[f], norm(Vec3{v[3 * i] - v[3 * j],
+                                                              v[3 * i + 1] - v[3 * j + 1],
+                                                              v[3 * i + 2] - v[3 * j + 2]}));
+    const Vec3 c{inside[3 * f], inside[3 * f + 1], inside[3 * f + 2]};
+    const Vec3 outward = facet_point(type_, v, centre(type_)) - c;
+    facets_.orientation[f] = dot(area_vector(type_, v, centre(type_)), outward) > 0 ? 1 : -1;
+  }
+}
+
+void Surface::collect_nodes()
+{
+  // A rank may own a node without owning any facet at it: every facet tells its vertices' owners.
+  const int nv = num_vertices();
+  const std::size_t n = facets_.owner.size();
+  constexpr int width = 7; // x, area, area vector
+  std::vector<double> values(n * width);
+  for (std::size_t f = 0; f < num_facets(); ++f)
+  {
+    const auto areas = vertex_areas(type_, facet_x(f), facets_.orientation[f]);
+    for (int i = 0; i < nv; ++i)
+    {
+      double* out = values.data() + (f * nv + i) * width;
+      std::copy_n(facets_.x.data() + (f * nv + i) * 3, 3, out);
+      std::copy_n(areas[i].data(), 4, out + 3);
+    }
+  }
+  Exchange to_owner(comm_, facets_.owner);
+  const auto dofs = to_owner.forward<std::int64_t>(facets_.dofs, gdim_);
+  const auto data = to_owner.forward<double>(values, width);
+
+  std::vector<std::size_t> order(to_owner.num_received());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](auto a, auto b) { return dofs[a * gdim_] < dofs[b * gdim_]; });
+  for (std::size_t r = 0; r < order.size(); ++r)
+  {
+    const std::size_t i = order[r];
+    if (r == 0 || dofs[i * gdim_] != dofs[order[r - 1] * gdim_])
+    {
+      nodes_.dofs.insert(nodes_.dofs.end(), &dofs[i * gdim_], &dofs[i * gdim_] + gdim_);
+      nodes_.x.insert(nodes_.x.end(), &data[i * width], &data[i * width] + 3);
+      nodes_.area.push_back(0);
+      nodes_.normal.insert(nodes_.normal.end(), 3, 0.0);
+    }
+    nodes_.area.back() += data[i * width + 3];
+    for (int j = 0; j < 3; ++j)
+      nodes_.normal[nodes_.normal.size() - 3 + j] += data[i * width + 4 + j];
+  }
+  for (std::size_t k = 0; k < nodes_.size(); ++k)
+  {
+    const Vec3 a{nodes_.normal[3 * k], nodes_.normal[3 * k + 1], nodes_.normal[3 * k + 2]};
+    const double length = norm(a);
+    for (int j = 0; j < 3; ++j)
+      nodes_.normal[3 * k + j] = length > 0 ? a[j] / length : 0.0;
+  }
+}
+
+void Surface::mark_boundary()
+{
+  const int nv = num_vertices();
+  const auto edges = edges_of(type_);
+  const std::size_t ne = edges.size();
+
+  // Each edge is counted on the owner of its vertex with the smaller unknown.
+  std::vector<int> dest(num_facets() * ne);
+  std::vector<std::int64_t> keys(num_facets() * ne * 2);
+  for (std::size_t f = 0; f < num_facets(); ++f)
+  {
+    for (std::size_t e = 0; e < ne; ++e)
+    {
+      std::size_t a = f * nv + edges[e][0], b = f * nv + edges[e][1];
+      if (facets_.dofs[b * gdim_] < facets_.dofs[a * gdim_])
+        std::swap(a, b);
+      dest[f * ne + e] = facets_.owner[a];
+      keys[2 * (f * ne + e)] = facets_.dofs[a * gdim_];
+      keys[2 * (f * ne + e) + 1] = facets_.dofs[b * gdim_];
+    }
+  }
+  Exchange by_edge(comm_, dest);
+  const auto received = by_edge.forward<std::int64_t>(keys, 2);
+  const auto key = [&](std::size_t i) { return std::pair(received[2 * i], received[2 * i + 1]); };
+  std::vector<std::size_t> order(by_edge.num_received());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](auto a, auto b) { return key(a) < key(b); });
+  std::vector<std::uint8_t> single(order.size(), 0);
+  for (std::size_t r = 0; r < order.size(); ++r)
+  {
+    const bool shared = (r > 0 && key(order[r - 1]) == key(order[r]))
+                        || (r + 1 < order.size() && key(order[r + 1]) == key(order[r]));
+    single[order[r]] = !shared;
+  }
+  facets_.edge_on_boundary = by_edge.reverse<std::uint8_t>(single, 1);
+
+  // A facet that touches the boundary with one vertex only learns it from the vertex's owner.
+  std::vector<std::uint8_t> flags(facets_.owner.size(), 0);
+  for (std::size_t f = 0; f < num_facets(); ++f)
+    for (std::size_t e = 0; e < ne; ++e)
+      if (facets_.edge_on_boundary[f * ne + e])
+        flags[f * nv + edges[e][0]] = flags[f * nv + edges[e][1]] = 1;
+  std::vector<std::int64_t> first_dofs(facets_.owner.size());
+  for (std::size_t i = 0; i < first_dofs.size(); ++i)
+    first_dofs[i] = facets_.dofs[i * gdim_];
+  Exchange to_owner(comm_, facets_.owner);
+  const auto dofs = to_owner.forward<std::int64_t>(first_dofs, 1);
+  auto answers = to_owner.forward<std::uint8_t>(flags, 1);
+  std::vector<std::uint8_t> on_boundary(nodes_.size(), 0);
+  for (std::size_t i = 0; i < dofs.size(); ++i)
+    on_boundary[node_index(dofs[i])] |= answers[i];
+  for (std::size_t i = 0; i < dofs.size(); ++i)
+    answers[i] = on_boundary[node_index(dofs[i])];
+  facets_.vertex_on_boundary = to_owner.reverse<std::uint8_t>(answers, 1);
+}
+
+Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi) const
+{
+  const Vec3 a = area_vector(type_, facet_x(facet), xi);
+  return (facets_.orientation[facet] / norm(a)) * a;
+}
+
+bool Surface::on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const
+{
+  // An edge is where the shape functions of the vertices that are not on it vanish.
+  constexpr double tolerance = 1e-12;
+  const auto N = shape_functions(type_, xi);
+  const int nv = num_vertices();
+  for (int i = 0; i < nv; ++i)
+    if (N[i] > 1 - tolerance)
+      return facets_.vertex_on_boundary[facet * nv + i];
+  const auto edges = edges_of(type_);
+  for (std::size_t e = 0; e < edges.size(); ++e)
+    if (N[edges[e][0]] + N[edges[e][1]] > 1 - tolerance && edges[e][0] != edges[e][1])
+      return facets_.edge_on_boundary[facet * edges.size() + e];
+  return false;
+}
+
+std::array<double, 2> Surface::facet_size_range() const
+{
+  double low = std::numeric_limits<double>::infinity(), high = 0;
+  for (double h : facets_.size)
+  {
+    low = std::min(low, h);
+    high = std::max(high, h);
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &low, 1, MPI_DOUBLE, MPI_MIN, comm_);
+  MPI_Allreduce(MPI_IN_PLACE, &high, 1, MPI_DOUBLE, MPI_MAX, comm_);
+  return {low, high};
+}
+
+std::size_t Surface::node_index(std::int64_t first_dof) const
+{
+  std::size_t low = 0, high = nodes_.size();
+  while (low < high)
+  {
+    const std::size_t middle = (low + high) / 2;
+    if (nodes_.dofs[middle * gdim_] < first_dof)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  if (low == nodes_.size() || nodes_.dofs[low * gdim_] != first_dof)
+    throw std::logic_error("Surface::node_index: this rank does not own the node");
+  return low;
+}

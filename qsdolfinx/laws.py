@@ -1,0 +1,66 @@
+"""Contact laws: from the weighted gap to the multiplier, at each slave node."""
+
+from __future__ import annotations
+
+import abc
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+class Law(abc.ABC):
+    """A law is a convex energy of the weighted gap, Φ = Σ S_k φ(ḡ_k) with multiplier λ_k = φ'(ḡ_k)."""
+
+    #: Whether the law acts on the whole jump vector (True) or on the normal gap (False).
+    jump: bool
+
+    @abc.abstractmethod
+    def multiplier(self, gap: Array, penalty: float) -> Array:
+        """λ = φ'(ḡ), stress, of the gap's shape (rows, 1) or (rows, gdim)."""
+
+    @abc.abstractmethod
+    def slope(self, gap: Array, penalty: float, touching: float) -> Array:
+        """φ''(ḡ) ≥ 0 at each row, stress per length, shape (rows,).
+
+        Args:
+            gap: Weighted gaps, shape (rows, 1) or (rows, gdim).
+            penalty: ε, stress per length.
+            touching: Gaps above ``-touching`` (length) count as closed.
+        """
+
+
+class Tied(Law):
+    """Bilateral sticking contact: λ = ε ⟦u⟧, both signs, all components.
+
+    The jump is that of the unknown alone; an initial gap stays as it is.
+    """
+
+    jump = True
+
+    def multiplier(self, gap: Array, penalty: float) -> Array:
+        """λ = ε ⟦u⟧."""
+        return penalty * gap
+
+    def slope(self, gap: Array, penalty: float, touching: float) -> Array:
+        """ε everywhere."""
+        return np.full(len(gap), penalty)
+
+
+class Unilateral(Law):
+    """Frictionless unilateral contact: λ = ε [ḡ]₊, ḡ > 0 being penetration."""
+
+    jump = False
+
+    def multiplier(self, gap: Array, penalty: float) -> Array:
+        """λ = ε [ḡ]₊."""
+        return penalty * np.maximum(gap, 0)
+
+    def slope(self, gap: Array, penalty: float, touching: float) -> Array:
+        """ε where the gap is closed: the semi-smooth derivative of [·]₊.
+
+        A gap closed to rounding error counts as closed, so that bodies that just touch at the start
+        hold each other.
+        """
+        return np.where(gap[:, 0] >= -touching, penalty, 0.0)

@@ -1,0 +1,293 @@
+"""Contact surfaces: facets of one body's boundary with the unknowns of their vertices."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import basix
+from dolfinx import fem, la, mesh
+
+from qsdolfinx import _cpp
+from qsdolfinx.collective import collective_errors
+
+_FACET_VERTICES = {
+    mesh.CellType.triangle: 2,
+    mesh.CellType.quadrilateral: 2,
+    mesh.CellType.tetrahedron: 3,
+    mesh.CellType.hexahedron: 4,
+}
+
+
+class Surface:
+    """Part of a body's boundary that may touch another body.
+
+    Contact nodes are the vertices of the facets. Every facet belongs to the rank that owns its cell,
+    every node to the rank that owns its unknowns; a rank may own neither.
+
+    Args:
+        V: Blocked vector space of the body's displacement or velocity, one component per space
+            dimension, whose trace on the facets is continuous P1 or Q1: Lagrange of degree 1, P1 with a
+            cell bubble, or such a sub-space ``W.sub(i)`` of a mixed space.
+        facet_tags: Tags of the facets of ``V.mesh``.
+        tag: The tag of the contact facets.
+        facets: Instead of ``facet_tags`` and ``tag``, the facets' local indices. Facets of ghost cells
+            may be given or not.
+
+    Raises:
+        ValueError: If the space is scalar, of higher degree or discontinuous, if the surface is empty,
+            not on the boundary, has coordinates that are not finite or facets without area.
+        TypeError: If both or none of ``facet_tags`` and ``facets`` are given, or PETSc is complex.
+    """
+
+    def __init__(
+        self,
+        V: fem.FunctionSpace,
+        facet_tags: mesh.MeshTags | None = None,
+        tag: int | None = None,
+        *,
+        facets: npt.ArrayLike | None = None,
+    ) -> None:
+        comm = V.mesh.comm
+        with collective_errors(comm):
+            _check_arguments(V, facet_tags, tag, facets)
+        self.V = V
+        self.mesh = V.mesh
+        self.tag = tag
+        fdim = V.mesh.topology.dim - 1
+        V.mesh.topology.create_connectivity(fdim, fdim + 1)
+        V.mesh.topology.create_connectivity(fdim + 1, fdim)
+        with collective_errors(comm):
+            given = _given_facets(V.mesh, facet_tags, tag, facets)
+        self.facets = _facets_of_owned_cells(V.mesh, given)
+        self._cpp_object = _create(V, self.facets)
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the mesh."""
+        return self.mesh.comm
+
+    @property
+    def gdim(self) -> int:
+        """Geometric dimension, 2 or 3."""
+        return int(self.mesh.geometry.dim)
+
+    @property
+    def facet_size_range(self) -> tuple[float, float]:
+        """Smallest and largest facet size (largest distance of two vertices). Collective."""
+        low, high = self._cpp_object.facet_size_range
+        return float(low), float(high)
+
+    @property
+    def node_dofs(self) -> npt.NDArray[np.int64]:
+        """Global unknowns of the contact nodes this rank owns, shape (nodes, gdim)."""
+        return np.asarray(self._cpp_object.node_dofs)
+
+    @property
+    def node_x(self) -> npt.NDArray[np.float64]:
+        """Positions of the contact nodes this rank owns, shape (nodes, 3)."""
+        return np.asarray(self._cpp_object.node_x)
+
+    @property
+    def node_area(self) -> npt.NDArray[np.float64]:
+        """Nodal areas S_k = ∫ N_k ds of the owned nodes, shape (nodes,)."""
+        return np.asarray(self._cpp_object.node_area)
+
+    @property
+    def node_normal(self) -> npt.NDArray[np.float64]:
+        """Averaged outward unit normals at the owned nodes, shape (nodes, 3)."""
+        return np.asarray(self._cpp_object.node_normal)
+
+    @property
+    def area(self) -> float:
+        """Area (2D: length) of the whole surface. Collective."""
+        return float(self.comm.allreduce(self.node_area.sum(), op=MPI.SUM))
+
+    def update(self) -> None:
+        """Read the mesh coordinates anew, after the mesh has moved. Collective.
+
+        Raises:
+            ValueError: If coordinates are not finite or a facet has no area.
+        """
+        self._cpp_object = _create(self.V, self.facets)
+
+
+def _check_arguments(
+    V: fem.FunctionSpace,
+    facet_tags: mesh.MeshTags | None,
+    tag: int | None,
+    facets: npt.ArrayLike | None,
+) -> None:
+    """Refuse what a contact surface cannot be made of."""
+    if np.issubdtype(PETSc.ScalarType, np.complexfloating):
+        raise TypeError("PETSc is complex: contact needs PETSc (petsc4py) with real scalars")
+    if (facets is None) == (facet_tags is None):
+        raise TypeError("give either facet_tags with tag, or facets")
+    if facet_tags is not None and tag is None:
+        raise TypeError("tag: say which tag of facet_tags marks the contact facets")
+    cell = V.mesh.topology.cell_type
+    gdim = V.mesh.geometry.dim
+    if cell not in _FACET_VERTICES or V.mesh.topology.dim != gdim:
+        raise ValueError(
+            "V: contact needs a mesh of triangles or quadrilaterals in 2D, tetrahedra or hexahedra in "
+            f"3D, not {cell.name} cells in {gdim}D"
+        )
+    if V.mesh.geometry.cmap.degree != 1:
+        raise ValueError("V: contact facets must be straight-sided, use a mesh of geometric degree 1")
+    if V.num_sub_spaces != gdim or V.dofmap.dof_layout.block_size != gdim:
+        raise ValueError(
+            f"V: contact needs a blocked vector space with {gdim} components, such as "
+            f'functionspace(mesh, ("Lagrange", 1, ({gdim},)))'
+        )
+    layout = V.dofmap.dof_layout
+    per_entity = [layout.num_entity_dofs(d) for d in range(V.mesh.topology.dim)]
+    if per_entity[0] != 1 or any(per_entity[1:]):
+        raise ValueError(
+            "V: the trace of the space on the facets must be continuous P1 or Q1 (Lagrange degree 1, or "
+            "P1 with a cell bubble); the nodal rule takes no higher degree"
+        )
+
+
+def _given_facets(
+    msh: mesh.Mesh,
+    facet_tags: mesh.MeshTags | None,
+    tag: int | None,
+    facets: npt.ArrayLike | None,
+) -> npt.NDArray[np.int32]:
+    """Local indices of the facets that the user named on this rank."""
+    fdim = msh.topology.dim - 1
+    if facet_tags is not None:
+        assert tag is not None
+        if facet_tags.dim != fdim:
+            raise ValueError(f"facet_tags: must tag facets (dimension {fdim}), not {facet_tags.dim}")
+        return np.asarray(facet_tags.find(tag), dtype=np.int32)
+    found = np.atleast_1d(np.asarray(facets))
+    if found.size and not np.issubdtype(found.dtype, np.integer):
+        raise ValueError("facets: must hold integers, the local indices of facets")
+    index_map = msh.topology.index_map(fdim)
+    count = index_map.size_local + index_map.num_ghosts
+    if found.ndim != 1 or (found.size and (found.min() < 0 or found.max() >= count)):
+        raise ValueError(f"facets: must be a 1D array of local facet indices below {count}")
+    return np.unique(found).astype(np.int32)
+
+
+def _mark(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+    """Flags over this rank's facets, ghosts included, set where any rank names the facet."""
+    marker = la.vector(msh.topology.index_map(msh.topology.dim - 1), 1, dtype=np.float64)
+    marker.array[:] = 0
+    marker.array[facets] = 1
+    marker.scatter_reverse(la.InsertMode.add)
+    marker.scatter_forward()
+    return np.asarray(marker.array > 0)
+
+
+def _facets_of_owned_cells(msh: mesh.Mesh, given: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """The named facets whose cell this rank owns, whichever rank named them."""
+    tdim = msh.topology.dim
+    if msh.comm.allreduce(given.size, op=MPI.SUM) == 0:
+        raise ValueError("the contact surface is empty: no facet has this tag or is in facets")
+    named = _mark(msh, given)
+    exterior = _mark(msh, mesh.exterior_facet_indices(msh.topology))
+    inner = msh.comm.allreduce(int(np.count_nonzero(named & ~exterior)), op=MPI.SUM)
+    if inner:
+        raise ValueError(f"{inner} of the facets named are not on the boundary of the mesh")
+    facets = np.flatnonzero(named).astype(np.int32)
+    cells = _cell_of(msh, facets)
+    return facets[cells < msh.topology.index_map(tdim).size_local]
+
+
+def _cell_of(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """The one cell of each boundary facet."""
+    connectivity = msh.topology.connectivity(msh.topology.dim - 1, msh.topology.dim)
+    return np.asarray(connectivity.array[connectivity.offsets[facets]], dtype=np.int32)
+
+
+class _Geometry(typing.NamedTuple):
+    """What the kernels know of this rank's facets; see cpp/surface.h."""
+
+    x: npt.NDArray[np.float64]
+    dofs: npt.NDArray[np.int64]
+    owner: npt.NDArray[np.int32]
+    inside: npt.NDArray[np.float64]
+
+
+def _create(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _cpp.Surface:
+    with collective_errors(V.mesh.comm):
+        data = _facet_data(V, facets)
+        _check_geometry(data.x)
+    index_map = V.dofmap.index_map
+    return _cpp.Surface(
+        comm=V.mesh.comm.py2f(),
+        gdim=V.mesh.geometry.dim,
+        num_vertices=data.x.shape[1],
+        local_size=index_map.size_local * V.dofmap.index_map_bs,
+        **{k: np.ascontiguousarray(a) for k, a in data._asdict().items()},
+    )
+
+
+def _facet_data(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _Geometry:
+    """Vertex coordinates, unknowns and their owners of this rank's facets, in reference order."""
+    msh, tdim, gdim = V.mesh, V.mesh.topology.dim, V.mesh.geometry.dim
+    nv, n = _FACET_VERTICES[msh.topology.cell_type], len(facets)
+    cells = _cell_of(msh, facets)
+    cell_facets = msh.topology.connectivity(tdim, tdim - 1)
+    per_cell = cell_facets.array.reshape(-1, cell_facets.offsets[1] - cell_facets.offsets[0])
+    local = np.argmax(per_cell[cells] == facets[:, None], axis=1) if n else np.zeros(0, dtype=int)
+
+    # Local cell vertices of each facet, then where the mesh and the space keep those vertices.
+    reference = np.array(basix.topology(getattr(basix.CellType, msh.topology.cell_type.name))[tdim - 1])
+    vertices = reference[local].reshape(n, nv)
+    num_cell_vertices = reference.max() + 1
+    geometry_layout = msh.geometry.cmap.create_dof_layout()
+    space_layout = V.dofmap.dof_layout
+    in_geometry = np.array([geometry_layout.entity_dofs(0, v)[0] for v in range(num_cell_vertices)])
+    in_space = np.array([space_layout.entity_dofs(0, v)[0] for v in range(num_cell_vertices)])
+
+    nodes = msh.geometry.dofmap[cells[:, None], in_geometry[vertices]]
+    x = msh.geometry.x[nodes].astype(np.float64).reshape(n, nv, 3)
+    inside = msh.geometry.x[msh.geometry.dofmap[cells]].mean(axis=1).astype(np.float64)
+
+    component = np.arange(gdim)
+    if V.dofmap.bs == gdim:
+        block = V.dofmap.list[cells[:, None], in_space[vertices]]
+        dofs = block[:, :, None] * gdim + component
+    else:  # a sub-space: its dofmap lists single unknowns
+        dofs = V.dofmap.list[cells[:, None, None], in_space[vertices][:, :, None] * gdim + component]
+    return _Geometry(x, *_global_numbers(V, dofs.reshape(n, nv, gdim)), inside.reshape(n, 3))
+
+
+def _global_numbers(
+    V: fem.FunctionSpace, dofs: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
+    """Global unknowns, shape as given, and the ranks that own them, one axis less."""
+    index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
+    block = (dofs // bs).astype(np.int32)
+    numbers = index_map.local_to_global(block.ravel()).reshape(dofs.shape) * bs + dofs % bs
+    owners = np.concatenate(
+        [np.full(index_map.size_local, V.mesh.comm.rank, dtype=np.int32), index_map.owners]
+    )
+    return numbers.astype(np.int64), owners[block[..., 0]].astype(np.int32)
+
+
+def _check_geometry(x: npt.NDArray[np.float64]) -> None:
+    """Refuse coordinates that are not finite and facets without area."""
+    if not np.isfinite(x).all():
+        raise ValueError("V: coordinates of contact facets are not finite (NaN or infinity)")
+    nv = x.shape[1]
+    size = np.max(np.linalg.norm(x[:, :, None] - x[:, None, :], axis=-1), axis=(1, 2), initial=0.0)
+    if nv == 2:
+        flat = size <= 0
+    else:
+        a, b = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
+        area = np.linalg.norm(np.cross(a, b), axis=1)
+        if nv == 4:
+            c, d = x[:, 1] - x[:, 3], x[:, 2] - x[:, 3]
+            area = np.minimum(area, np.linalg.norm(np.cross(c, d), axis=1))
+        flat = area <= 1e-14 * size**2
+    if flat.any():
+        raise ValueError(f"V: {np.count_nonzero(flat)} contact facets are degenerate (zero area)")
