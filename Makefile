@@ -1,0 +1,48 @@
+# Every command runs through scripts/with-dolfinx: DOLFINx is that of this machine, or else of a
+# private Debian tree made on first use, and qsdolfinx is built when its sources have changed.
+
+DOLFINX = scripts/with-dolfinx
+# Numbers of MPI ranks that the tests run with.
+RANKS = 1 2 3
+# Arguments for pytest, and seconds after which a test run is given up.
+PYTEST = -q
+TEST_TIMEOUT = 1800
+# The command of `make demo`.
+DEMO = python3 demos/patch_test.py --plot patch_test.png
+
+.PHONY: help demo test lint format image clean
+.NOTPARALLEL:
+
+help:
+	@echo 'make demo      run the patch test and draw patch_test.png'
+	@echo 'make test      run the tests with $(RANKS) MPI ranks'
+	@echo 'make test-N    run them with N ranks (RANKS="1 4": with 1 and 4; PYTEST="-k gap": some of them)'
+	@echo 'make lint      check style and types'
+	@echo 'make format    format Python and C++'
+	@echo 'make image     build a container image and run the tests in it (docker, podman or buildah)'
+	@echo 'make clean     remove everything that was built, the private Debian tree included'
+
+demo:
+	$(DOLFINX) $(DEMO)
+
+test: $(RANKS:%=test-%)
+
+test-1:
+	$(DOLFINX) timeout --foreground $(TEST_TIMEOUT) python3 -m pytest $(PYTEST)
+
+test-%:
+	$(DOLFINX) timeout --foreground $(TEST_TIMEOUT) mpirun -n $* python3 -m pytest $(PYTEST)
+
+lint:
+	@scripts/lint
+
+format:
+	@scripts/lint --fix
+
+image:
+	@scripts/build-image
+
+clean:
+	@scripts/private-root --clean
+	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
