@@ -6,7 +6,7 @@ DOLFINX = scripts/with-dolfinx
 RANKS = 1 2 3
 # Arguments for pytest, and seconds after which a test run is given up.
 PYTEST = -q
-TEST_TIMEOUT = 1800
+TEST_TIMEOUT = 1500
 # The command of `make demo`.
 DEMO = python3 demos/patch_test.py --plot patch_test.png
 
