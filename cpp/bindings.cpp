@@ -28,11 +28,11 @@ std::span<const T> view(const In<T>& a)
 
 /// NumPy array that owns a copy of the data.
 template <typename T>
-auto copy(const std::vector<T>& data, std::initializer_list<std::size_t> shape)
+nb::object copy(const std::vector<T>& data, std::initializer_list<std::size_t> shape)
 {
   auto* owned = new std::vector<T>(data);
   nb::capsule owner(owned, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-  return nb::ndarray<nb::numpy, T>(owned->data(), shape, owner);
+  return nb::cast(nb::ndarray<nb::numpy, T>(owned->data(), shape, owner));
 }
 
 FacetType facet_type(int num_vertices)

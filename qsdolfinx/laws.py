@@ -11,10 +11,16 @@ Array = npt.NDArray[np.float64]
 
 
 class Law(abc.ABC):
-    """A law is a convex energy of the weighted gap, Φ = Σ S_k φ(ḡ_k) with multiplier λ_k = φ'(ḡ_k)."""
+    """A convex energy φ of the weighted gap: Φ = Σ S_k φ(ḡ_k), with multiplier λ_k = φ'(ḡ_k)."""
 
     #: Whether the law acts on the whole jump vector (True) or on the normal gap (False).
     jump: bool
+    #: Whether λ is linear in the gap: contact then adds a constant matrix.
+    linear: bool
+
+    @abc.abstractmethod
+    def energy(self, gap: Array, penalty: float) -> Array:
+        """φ(ḡ), energy per area at each row, shape (rows,)."""
 
     @abc.abstractmethod
     def multiplier(self, gap: Array, penalty: float) -> Array:
@@ -34,17 +40,22 @@ class Law(abc.ABC):
 class Tied(Law):
     """Bilateral sticking contact: λ = ε ⟦u⟧, both signs, all components.
 
-    The jump is that of the unknown alone; an initial gap stays as it is.
+    The jump is that of the unknown alone: an initial gap stays as it is.
     """
 
     jump = True
+    linear = True
+
+    def energy(self, gap: Array, penalty: float) -> Array:
+        """φ = ½ ε |⟦u⟧|²."""
+        return 0.5 * penalty * np.sum(gap**2, axis=1)
 
     def multiplier(self, gap: Array, penalty: float) -> Array:
         """λ = ε ⟦u⟧."""
         return penalty * gap
 
     def slope(self, gap: Array, penalty: float, touching: float) -> Array:
-        """ε everywhere."""
+        """φ'' = ε everywhere."""
         return np.full(len(gap), penalty)
 
 
@@ -52,13 +63,18 @@ class Unilateral(Law):
     """Frictionless unilateral contact: λ = ε [ḡ]₊, ḡ > 0 being penetration."""
 
     jump = False
+    linear = False
+
+    def energy(self, gap: Array, penalty: float) -> Array:
+        """φ = ½ ε [ḡ]₊², as in equation (12)."""
+        return 0.5 * penalty * np.maximum(gap[:, 0], 0) ** 2
 
     def multiplier(self, gap: Array, penalty: float) -> Array:
         """λ = ε [ḡ]₊."""
         return penalty * np.maximum(gap, 0)
 
     def slope(self, gap: Array, penalty: float, touching: float) -> Array:
-        """ε where the gap is closed: the semi-smooth derivative of [·]₊.
+        """φ'' = ε where the gap is closed: a semi-smooth derivative of [·]₊.
 
         A gap closed to rounding error counts as closed, so that bodies that just touch at the start
         hold each other.

@@ -15,6 +15,7 @@ from dolfinx import fem, la, mesh
 
 from qsdolfinx import _cpp
 from qsdolfinx.collective import collective_errors
+from qsdolfinx.unknowns import vertex_dofs, vertex_x
 
 _FACET_VERTICES = {
     mesh.CellType.triangle: 2,
@@ -107,6 +108,34 @@ class Surface:
     def area(self) -> float:
         """Area (2D: length) of the whole surface. Collective."""
         return float(self.comm.allreduce(self.node_area.sum(), op=MPI.SUM))
+
+    def create_vec(self) -> PETSc.Vec:
+        """New zero vector with the layout of the body's unknowns (of the whole mixed space). Collective."""
+        index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+        return PETSc.Vec().createMPI((index_map.size_local * bs, index_map.size_global * bs), comm=self.comm)
+
+    def function(self, values: npt.ArrayLike) -> fem.Function:
+        """Function with given values at the contact nodes and zero elsewhere. Collective.
+
+        Args:
+            values: Values at the owned nodes, shape (nodes, gdim).
+
+        Returns:
+            Function in V, collapsed if V is a sub-space.
+        """
+        index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+        vector = la.vector(index_map, bs, dtype=np.float64)
+        vector.array[:] = 0
+        vector.array[self.node_dofs - index_map.local_range[0] * bs] = values
+        vector.scatter_forward()
+        if self.V.dofmap.bs == self.gdim:
+            out = fem.Function(self.V)
+            out.x.array[:] = vector.array
+        else:
+            collapsed, parent = self.V.collapse()
+            out = fem.Function(collapsed)
+            out.x.array[:] = vector.array[parent]
+        return out
 
     def update(self) -> None:
         """Read the mesh coordinates anew, after the mesh has moved. Collective.
@@ -239,26 +268,12 @@ def _facet_data(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _Geometr
     per_cell = cell_facets.array.reshape(-1, cell_facets.offsets[1] - cell_facets.offsets[0])
     local = np.argmax(per_cell[cells] == facets[:, None], axis=1) if n else np.zeros(0, dtype=int)
 
-    # Local cell vertices of each facet, then where the mesh and the space keep those vertices.
     reference = np.array(basix.topology(getattr(basix.CellType, msh.topology.cell_type.name))[tdim - 1])
     vertices = reference[local].reshape(n, nv)
-    num_cell_vertices = reference.max() + 1
-    geometry_layout = msh.geometry.cmap.create_dof_layout()
-    space_layout = V.dofmap.dof_layout
-    in_geometry = np.array([geometry_layout.entity_dofs(0, v)[0] for v in range(num_cell_vertices)])
-    in_space = np.array([space_layout.entity_dofs(0, v)[0] for v in range(num_cell_vertices)])
-
-    nodes = msh.geometry.dofmap[cells[:, None], in_geometry[vertices]]
-    x = msh.geometry.x[nodes].astype(np.float64).reshape(n, nv, 3)
+    x = vertex_x(msh, cells[:, None], vertices).reshape(n, nv, 3)
+    dofs = vertex_dofs(V, cells[:, None], vertices).reshape(n, nv, gdim)
     inside = msh.geometry.x[msh.geometry.dofmap[cells]].mean(axis=1).astype(np.float64)
-
-    component = np.arange(gdim)
-    if V.dofmap.bs == gdim:
-        block = V.dofmap.list[cells[:, None], in_space[vertices]]
-        dofs = block[:, :, None] * gdim + component
-    else:  # a sub-space: its dofmap lists single unknowns
-        dofs = V.dofmap.list[cells[:, None, None], in_space[vertices][:, :, None] * gdim + component]
-    return _Geometry(x, *_global_numbers(V, dofs.reshape(n, nv, gdim)), inside.reshape(n, 3))
+    return _Geometry(x, *_global_numbers(V, dofs), inside.reshape(n, 3))
 
 
 def _global_numbers(

@@ -1,0 +1,96 @@
+"""The tangent as a MatNest: bulk and contact on the diagonal, contact alone off it."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from qsdolfinx.bulk import Body
+from qsdolfinx.contact import Contact
+
+#: Bodies (indices) of the slave's and of the master's side of each contact.
+Sides = typing.Sequence[tuple[int, int]]
+
+
+class Blocks:
+    """MatNest with the union of the patterns of bulk and contact, fixed until contact pairs anew.
+
+    Args:
+        bodies: The bodies.
+        contacts: Contacts with the penalty already known.
+        sides: Bodies of each contact.
+        matrices: Bulk block of each body, for its pattern.
+    """
+
+    def __init__(
+        self,
+        bodies: typing.Sequence[Body],
+        contacts: typing.Sequence[Contact],
+        sides: Sides,
+        matrices: typing.Sequence[PETSc.Mat],
+    ) -> None:
+        self._bodies = bodies
+        self._contacts = contacts
+        self._sides = sides
+        coupled = {(i, i) for i in range(len(bodies))}
+        coupled |= {pair for s, m in sides for pair in ((s, m), (m, s))}
+        self._mats = {(i, j): _contact_pattern(matrices, i, j) for i, j in sorted(coupled)}
+        for contact, side in zip(contacts, sides, strict=True):
+            contact.add_pattern(self._of(*side))
+        for (i, j), mat in self._mats.items():
+            mat.assemble()
+            if i == j:
+                mat.axpy(1.0, matrices[i], structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+                mat.setLGMap(*matrices[i].getLGMap())
+            mat.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+            forbid_allocation(mat)
+        rows = range(len(bodies))
+        self.nest: PETSc.Mat = PETSc.Mat().createNest(
+            [[self._mats.get((i, j)) for j in rows] for i in rows], comm=bodies[0].comm
+        )
+        self.nest.assemble()
+
+    def _of(self, slave: int, master: int) -> tuple[PETSc.Mat, ...]:
+        """Blocks ss, sm, ms, mm of a contact."""
+        pairs = ((slave, slave), (slave, master), (master, slave), (master, master))
+        return tuple(self._mats[pair] for pair in pairs)
+
+    def block(self, i: int, j: int) -> PETSc.Mat | None:
+        """Block of bodies i and j, None where no contact couples them."""
+        return self._mats.get((i, j))
+
+    def assemble(self, bilateral: typing.Sequence[bool] | None = None) -> None:
+        """Fill all blocks for the bodies' and the contacts' present state. Collective.
+
+        Args:
+            bilateral: Per contact, whether to take every row as closed; by default none.
+        """
+        bilateral = [False] * len(self._contacts) if bilateral is None else bilateral
+        for mat in self._mats.values():
+            mat.zeroEntries()
+        for i, body in enumerate(self._bodies):
+            body.add_tangent(self._mats[i, i])
+        for contact, side, closed in zip(self._contacts, self._sides, bilateral, strict=True):
+            contact.add_tangent(self._of(*side), closed)
+        for mat in self._mats.values():
+            mat.assemble()
+        self.nest.assemble()
+
+
+def forbid_allocation(mat: PETSc.Mat) -> None:
+    """Make PETSc raise if an entry is ever inserted outside the pattern."""
+    mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
+    mat.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+
+
+def _contact_pattern(matrices: typing.Sequence[PETSc.Mat], i: int, j: int) -> PETSc.Mat:
+    """Empty matrix that takes any entries, until it is assembled."""
+    comm: MPI.Intracomm = matrices[i].comm
+    mat = PETSc.Mat().create(comm=comm)
+    mat.setSizes((matrices[i].getSizes()[0], matrices[j].getSizes()[1]))
+    mat.setType(PETSc.Mat.Type.AIJ)
+    mat.setBlockSizes(matrices[i].getBlockSizes()[0], matrices[j].getBlockSizes()[1])
+    mat.setUp()
+    return mat

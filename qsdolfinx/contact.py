@@ -1,0 +1,376 @@
+"""Contact between two surfaces: formulation, law, penalty, and what there is to read afterwards."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem
+
+from qsdolfinx import _cpp
+from qsdolfinx.collective import collective_errors
+from qsdolfinx.gap import Vecs, WeightedGap
+from qsdolfinx.laws import Law, Unilateral
+from qsdolfinx.pairing import Pairing
+from qsdolfinx.surface import Surface
+
+Array = npt.NDArray[np.float64]
+
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
+SIDES = ("slave", "master")
+
+#: Gaps smaller than this part of the smallest facet count as closed.
+TOUCHING = 1e-12
+
+
+class Contact:
+    """Contact of a slave surface with a master surface by the penalty method.
+
+    The energy is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations differ in where the
+    gap is sampled: ``"master-slave"``, (5), at the slave nodes; ``"quasi-symmetric"``, (11) and (12), at
+    the nodes of both sides, while the multiplier stays on the slave; ``"double-pass"``, (6), is the mean
+    of two master-slave contacts with the roles swapped, and so has multipliers on both sides.
+
+    The ½ of (11) is kept in the gap, so that ε means the same in every formulation: matching meshes give
+    the same result with each. The ρ of (12) is ε/8 for quasi-symmetric contact and ε/2 for master-slave.
+
+    Pairing points are found when the object is made, and again by :meth:`update`. Collective.
+
+    Args:
+        slave: Surface that carries the multiplier.
+        master: The other surface.
+        formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``.
+        law: ``Unilateral()`` or ``Tied()``.
+        penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
+            contact nodes when the problem is first solved.
+        search_radius: Nodes further than this from the other surface are not paired (length). By
+            default the largest facet size of the two surfaces.
+
+    Raises:
+        ValueError: If a name is unknown, the penalty or the radius is not positive, or the two surfaces
+            share facets or differ in dimension or communicator.
+        TypeError: If a surface or the law is of another type.
+    """
+
+    def __init__(
+        self,
+        slave: Surface,
+        master: Surface,
+        formulation: str = "quasi-symmetric",
+        law: Law | None = None,
+        penalty: float | str = "auto",
+        search_radius: float | None = None,
+    ) -> None:
+        law = Unilateral() if law is None else law
+        # Without surfaces there is no communicator of ours to agree on the error with.
+        comm = next((s.comm for s in (slave, master) if isinstance(s, Surface)), MPI.COMM_WORLD)
+        with collective_errors(comm):
+            _check_arguments(slave, master, formulation, law, penalty, search_radius)
+        self.slave = slave
+        self.master = master
+        self.formulation = formulation
+        self.law = law
+        self.passes: list[WeightedGap] = []
+        #: Counts the pairings made so far.
+        self.version = 0
+        #: Wall time (s) that this rank has spent in pairing, gaps and insertion.
+        self.seconds = 0.0
+        self._given_radius = None if search_radius is None else float(search_radius)
+        self._automatic = penalty == "auto"
+        self._penalty = None if self._automatic else float(penalty)
+        self._pair()
+
+    # --- Pairing ---------------------------------------------------------------------------------
+
+    def update(self) -> None:
+        """Pair anew, after the meshes of the bodies have been moved. Collective.
+
+        Raises:
+            ValueError: If coordinates are not finite or a facet has no area.
+        """
+        self.slave.update()
+        if self.master is not self.slave:
+            self.master.update()
+        self._pair()
+
+    def _pair(self) -> None:
+        with self._clock():
+            low, high = zip(*(s.facet_size_range for s in (self.slave, self.master)), strict=True)
+            self._touching = TOUCHING * min(low)
+            self._radius = max(high) if self._given_radius is None else self._given_radius
+            both = self.formulation == "quasi-symmetric"
+            roles = [(self.slave, self.master)]
+            if self.formulation == "double-pass":
+                roles.append((self.master, self.slave))
+            self.passes = []
+            for slave, master in roles:
+                points = _cpp.pair_surfaces(
+                    slave._cpp_object, master._cpp_object, both, self._radius
+                )
+                self.passes.append(WeightedGap(slave, master, points, self.law, 1 / len(roles)))
+            self.version += 1
+
+    @contextlib.contextmanager
+    def _clock(self) -> typing.Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds += time.perf_counter() - start
+
+    @property
+    def search_radius(self) -> float:
+        """Distance (length) beyond which a node is not paired."""
+        return self._radius
+
+    @property
+    def pairing(self) -> Pairing:
+        """Pairing points that were found from nodes this rank owns; those of the first pass."""
+        return Pairing.from_cpp(self.passes[0].points)
+
+    @property
+    def pairings(self) -> list[Pairing]:
+        """Pairing points of every pass: two for double-pass contact, otherwise one."""
+        return [Pairing.from_cpp(p.points) for p in self.passes]
+
+    @property
+    def num_unpaired(self) -> int:
+        """Nodes that were searched and found no partner, over all passes and ranks. Collective."""
+        return int(self.comm.allreduce(sum(p.points.num_unpaired for p in self.passes)))
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the surfaces."""
+        return self.slave.comm
+
+    # --- Penalty ---------------------------------------------------------------------------------
+
+    @property
+    def penalty(self) -> float | None:
+        """ε, stress per length; None as long as an automatic one has not been computed."""
+        return self._penalty
+
+    @property
+    def automatic_penalty(self) -> bool:
+        """Whether ε is taken from the bodies' stiffness."""
+        return self._automatic
+
+    def set_penalty(self, penalty: float) -> None:
+        """Set ε, stress per length, for the solves to come; it is no longer automatic.
+
+        Raises:
+            ValueError: If it is not a positive number.
+        """
+        _check_penalty(penalty)
+        self._automatic = False
+        self._penalty = float(penalty)
+
+    def set_automatic_penalty(self, penalty: float) -> None:
+        """Store the ε that was taken from the bodies' stiffness."""
+        self._penalty = penalty
+
+    # --- Evaluation, for the problem ---------------------------------------------------------------
+
+    def evaluate(self, slave: PETSc.Vec, master: PETSc.Vec) -> None:
+        """Compute gaps for the unknowns of the two bodies. Collective."""
+        with self._clock():
+            for p in self.passes:
+                p.evaluate(self._ordered(p, slave, master))
+
+    def add_residual(
+        self, slave: PETSc.Vec, master: PETSc.Vec, bilateral: bool = False
+    ) -> None:
+        """Add ∂Φ/∂u at the last evaluation to the residuals of the two bodies. Collective.
+
+        Args:
+            slave: Residual of the slave's body.
+            master: Residual of the master's body.
+            bilateral: Take λ = ε ḡ whatever its sign.
+        """
+        with self._clock():
+            for p in self.passes:
+                multiplier = self.eps * p.values if bilateral else self._multiplier(p)
+                p.add_forces(multiplier, self._ordered(p, slave, master))
+
+    def add_tangent(self, blocks: tuple[PETSc.Mat, ...], bilateral: bool = False) -> None:
+        """Add ∂²Φ/∂u² at the last evaluation to the blocks (ss, sm, ms, mm); not assembled here.
+
+        Args:
+            blocks: Matrices coupling the slave's and the master's body.
+            bilateral: Take every row as closed.
+        """
+        with self._clock():
+            for p in self.passes:
+                slope = np.full(len(p.values), self.eps) if bilateral else self._slope(p)
+                self._insert(p, p.weight * slope, blocks, pattern=False)
+
+    def add_pattern(self, blocks: tuple[PETSc.Mat, ...]) -> None:
+        """Add zeros wherever :meth:`add_tangent` may ever add anything."""
+        for p in self.passes:
+            self._insert(p, np.zeros(len(p.values)), blocks, pattern=True)
+
+    def constrain(self, slave: PETSc.Vec, master: PETSc.Vec) -> None:
+        """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
+        for p in self.passes:
+            vecs = self._ordered(p, slave, master)
+            p.operator.constrain(vecs[0].handle, vecs[1].handle)
+
+    def num_active_local(self) -> int:
+        """Closed rows on this rank at the last evaluation."""
+        return sum(int(np.count_nonzero(self._slope(p))) for p in self.passes)
+
+    @property
+    def eps(self) -> float:
+        """The penalty as a number.
+
+        Raises:
+            RuntimeError: If an automatic penalty has not been computed yet.
+        """
+        if self._penalty is None:
+            raise RuntimeError('penalty="auto" is computed by the first solve, which has not been')
+        return self._penalty
+
+    def _multiplier(self, p: WeightedGap) -> Array:
+        return self.law.multiplier(p.values, self.eps)
+
+    def _slope(self, p: WeightedGap) -> Array:
+        return self.law.slope(p.values, self.eps, self._touching)
+
+    def _ordered(self, p: WeightedGap, slave: PETSc.Vec, master: PETSc.Vec) -> Vecs:
+        return (slave, master) if p.slave is self.slave else (master, slave)
+
+    def _insert(
+        self, p: WeightedGap, stiffness: Array, blocks: tuple[PETSc.Mat, ...], pattern: bool
+    ) -> None:
+        ordered = blocks if p.slave is self.slave else blocks[::-1]
+        _cpp.insert_contact(p.operator, stiffness, [m.handle for m in ordered], pattern)
+
+    # --- Results -----------------------------------------------------------------------------------
+
+    def gap(self, side: str = "slave") -> Array:
+        """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
+
+        Args:
+            side: Side that carries the multiplier; ``"master"`` with double-pass contact only.
+
+        Returns:
+            In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes, gdim).
+            NaN where a node has no pairing point.
+        """
+        p = self._pass_of(side)
+        return typing.cast(Array, _flat(p.on_nodes(p.values, math.nan)))
+
+    def multiplier(self, side: str = "slave") -> Array:
+        """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shapes as in :meth:`gap`.
+
+        λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
+        """
+        p = self._pass_of(side)
+        return typing.cast(Array, _flat(p.on_nodes(self._multiplier(p), 0.0)))
+
+    def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
+        """Nodes of this rank that are in contact, shape (nodes,)."""
+        p = self._pass_of(side)
+        return typing.cast(npt.NDArray[np.bool_], p.on_nodes(self._slope(p) > 0, False))
+
+    @property
+    def energy(self) -> float:
+        """Penalty energy Φ at the last evaluation. Collective."""
+        local = sum(float(p.weight @ self.law.energy(p.values, self.eps)) for p in self.passes)
+        return float(self.comm.allreduce(local, op=MPI.SUM))
+
+    def force(self, side: str) -> Array:
+        """Total contact force on the body of one side, shape (gdim,). Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+        """
+        surface = self._surface(side)
+        owned = self._nodal_forces(side).sum(axis=0)
+        return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))
+
+    def traction(self, side: str) -> fem.Function:
+        """Traction recovered from the contact forces, t_k = f_k / S_k (stress). Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``: the traction that acts on this body.
+
+        Returns:
+            Function in the surface's space (collapsed if that is a sub-space), zero off the surface.
+        """
+        surface = self._surface(side)
+        return surface.function(self._nodal_forces(side) / surface.node_area[:, None])
+
+    def _nodal_forces(self, side: str) -> Array:
+        """Contact forces on the owned nodes of one side, shape (nodes, gdim)."""
+        slave, master = self.slave.create_vec(), self.master.create_vec()
+        with self._clock():
+            for p in self.passes:
+                p.add_forces(-self._multiplier(p), self._ordered(p, slave, master))
+        vec = slave if side == "slave" else master
+        surface = self._surface(side)
+        forces = vec.array_r[surface.node_dofs - vec.owner_range[0]]
+        slave.destroy()
+        master.destroy()
+        return np.asarray(forces, dtype=np.float64).reshape(-1, surface.gdim)
+
+    def _surface(self, side: str) -> Surface:
+        if side not in SIDES:
+            raise ValueError(f'side: must be "slave" or "master", not {side!r}')
+        return self.slave if side == "slave" else self.master
+
+    def _pass_of(self, side: str) -> WeightedGap:
+        self._surface(side)
+        if side == "slave":
+            return self.passes[0]
+        if self.formulation != "double-pass":
+            raise ValueError(f"side: {self.formulation} contact has no multiplier on the master")
+        return self.passes[1]
+
+
+def _flat(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """Drop the second axis of single-valued rows."""
+    return values[:, 0] if values.shape[1] == 1 else values
+
+
+def _check_penalty(penalty: float | str) -> None:
+    if isinstance(penalty, bool) or not isinstance(penalty, (int, float, np.floating, np.integer)):
+        raise ValueError(f'penalty: must be "auto" or a positive number, not {penalty!r}')
+    if not (math.isfinite(penalty) and penalty > 0):
+        raise ValueError(f"penalty: must be positive and finite, not {penalty}")
+
+
+def _check_arguments(
+    slave: Surface,
+    master: Surface,
+    formulation: str,
+    law: Law,
+    penalty: float | str,
+    search_radius: float | None,
+) -> None:
+    """Refuse what no contact can be made of."""
+    for name, surface in (("slave", slave), ("master", master)):
+        if not isinstance(surface, Surface):
+            raise TypeError(f"{name}: must be a qsdolfinx.Surface, not {type(surface).__name__}")
+    if formulation not in FORMULATIONS:
+        raise ValueError(f"formulation: must be one of {', '.join(FORMULATIONS)}, not {formulation!r}")
+    if not isinstance(law, Law):
+        raise TypeError(f"law: must be a law such as qsdolfinx.Tied(), not {law!r}")
+    if penalty != "auto":
+        _check_penalty(penalty)
+    if search_radius is not None and not (math.isfinite(search_radius) and search_radius > 0):
+        raise ValueError(f"search_radius: must be a positive length, not {search_radius}")
+    if slave.gdim != master.gdim:
+        raise ValueError("slave and master have different geometric dimensions")
+    if MPI.Comm.Compare(slave.comm, master.comm) not in (MPI.IDENT, MPI.CONGRUENT):
+        raise ValueError("slave and master: their meshes must be on the same ranks in the same order")
+    if slave.mesh is master.mesh and np.intersect1d(slave.facets, master.facets).size:
+        raise ValueError("slave and master share facets: a facet cannot be in contact with itself")

@@ -1,0 +1,330 @@
+"""Bodies and contacts as one nonlinear problem, solved by PETSc's SNES."""
+
+from __future__ import annotations
+
+import itertools
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import ufl
+from dolfinx import fem
+
+from qsdolfinx.blocks import Blocks, forbid_allocation
+from qsdolfinx.bulk import Body
+from qsdolfinx.collective import collective_errors
+from qsdolfinx.contact import Contact
+from qsdolfinx.penalty import FACTOR, nodal_stiffness
+from qsdolfinx.rigid import displacement_space, is_held, rigid_modes
+from qsdolfinx.solver import ConvergenceError, set_options
+
+Array = npt.NDArray[np.float64]
+_counter = itertools.count()
+
+
+class ContactProblem:
+    """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i, Φ the energy of all contacts.
+
+    Every body has its own mesh. The unknowns of a rank are those of its part of body 0, then of body 1,
+    and so on. The tangent is a MatNest (``blocks.nest``) with the bulk forms and contact on the diagonal
+    and contact alone elsewhere; with ``kind="mpi"`` it is converted to AIJ for the linear solver.
+
+    Args:
+        F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``.
+        u: Unknown of each body, the initial guess.
+        contacts: Contacts between the bodies; may be empty.
+        bcs: For each body the list of its Dirichlet conditions; also on contact nodes.
+        J: For each body the derivative of F, or None to derive it. Forms that are linear in u are found
+            by UFL, and their matrix is assembled once.
+        petsc_options_prefix: Prefix of the solver's options; by default a new one for every problem.
+        petsc_options: PETSc options without the prefix. Without any ``ksp_`` or ``pc_`` option, MUMPS
+            factorises the matrix.
+        kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
+
+    Raises:
+        ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to none of
+            the bodies, or a name is unknown.
+    """
+
+    def __init__(
+        self,
+        F: typing.Sequence[ufl.Form],
+        u: typing.Sequence[fem.Function],
+        contacts: typing.Sequence[Contact],
+        bcs: typing.Sequence[typing.Sequence[fem.DirichletBC]] | None = None,
+        J: typing.Sequence[ufl.Form | None] | None = None,
+        *,
+        petsc_options_prefix: str | None = None,
+        petsc_options: dict[str, typing.Any] | None = None,
+        kind: str = "mpi",
+    ) -> None:
+        bcs = [[] for _ in u] if bcs is None else bcs
+        J = [None for _ in u] if J is None else J
+        comm = u[0].function_space.mesh.comm if len(u) else MPI.COMM_WORLD
+        with collective_errors(comm):
+            _check_arguments(F, u, contacts, bcs, J, kind)
+        self.bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
+        self.u = list(u)
+        self.contacts = list(contacts)
+        self._sides = [
+            (_body_of(self.u, c.slave.V, "slave"), _body_of(self.u, c.master.V, "master"))
+            for c in contacts
+        ]
+        self._kind = kind
+        self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
+        self._modes = [_modes(body) for body in self.bodies]
+        self._held = [_held(body, modes) for body, modes in zip(self.bodies, self._modes, strict=True)]
+        self.blocks: Blocks | None = None
+        self._paired: list[int] = []
+        self._assembled: list[object] | None = None
+        #: Norm of the residual at each iteration of the last solve.
+        self.residual_history: list[float] = []
+        #: Active rows of each contact at each iteration of the last solve, over all ranks.
+        self.active_history: list[list[int]] = []
+
+        self._x = PETSc.Vec().createMPI((self._offsets[-1], PETSc.DETERMINE), comm=self.comm)
+        self._r = self._x.duplicate()
+        prefix = petsc_options_prefix
+        prefix = f"qsdolfinx_{next(_counter)}_" if prefix is None else prefix
+        set_options(prefix, petsc_options or {})
+        #: PETSc's nonlinear solver.
+        self.snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
+        self.snes.setOptionsPrefix(prefix)
+        self.snes.setFromOptions()
+        self.snes.setMonitor(self._monitor)
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the bodies."""
+        return self.bodies[0].comm
+
+    def solve(self) -> list[fem.Function]:
+        """Solve for all bodies, from their present u. Collective.
+
+        Returns:
+            The unknowns, which hold the solution.
+
+        Raises:
+            ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
+        """
+        start = [body.u.x.array.copy() for body in self.bodies]
+        self._begin_solve()
+        self.residual_history, self.active_history = [], []
+        try:
+            self._predict()
+            self.snes.solve(None, self._x)
+            converged = self.snes.getConvergedReason() > 0
+        except Exception:
+            self._restore(start)
+            raise
+        self._reduce_active_history()
+        if not converged:
+            self._restore(start)
+            raise ConvergenceError(
+                self.snes.getConvergedReason(),
+                self.residual_history,
+                self.active_history,
+                self.snes.getKSP().getConvergedReason(),
+            )
+        self._evaluate(self._x.array_r)  # a line search may have ended elsewhere
+        return self.u
+
+    # --- State -------------------------------------------------------------------------------------
+
+    def _begin_solve(self) -> None:
+        for i, body in enumerate(self.bodies):
+            body.begin_solve()
+            values = body.u.x.array[: body.num_owned].copy()
+            if body.linear:  # evaluated as if its Dirichlet values were in place
+                values = body.with_conditions(values)
+            self._part(self._x.array, i)[:] = values
+        if self.blocks is None or self._paired != [c.version for c in self.contacts]:
+            self._rebuild()
+
+    def _restore(self, arrays: list[Array]) -> None:
+        for body, array in zip(self.bodies, arrays, strict=True):
+            body.u.x.array[:] = array
+
+    def _part(self, array: Array, i: int) -> Array:
+        """The part of an array of owned unknowns that is body i's."""
+        return array[self._offsets[i] : self._offsets[i + 1]]
+
+    def _rebuild(self) -> None:
+        """Penalties, patterns and matrices after the contacts have paired. Collective."""
+        matrices = [body.matrix() for body in self.bodies]
+        markers = [body.constrained_marker() for body in self.bodies]
+        diagonals = [matrix.getDiagonal() for matrix in matrices]
+        for contact, (s, m) in zip(self.contacts, self._sides, strict=True):
+            contact.constrain(markers[s], markers[m])
+            if contact.automatic_penalty:
+                stiffness = [
+                    nodal_stiffness(surface, diagonals[i], markers[i])
+                    for surface, i in ((contact.slave, s), (contact.master, m))
+                ]
+                contact.set_automatic_penalty(FACTOR * min(stiffness))
+        self.blocks = Blocks(self.bodies, self.contacts, self._sides, matrices)
+        self._set_near_nullspaces()
+        self._matrix = self.blocks.nest
+        if self._kind == "mpi":
+            self._matrix = self.blocks.nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+            forbid_allocation(self._matrix)
+            self._set_global_near_nullspace(self._matrix)
+        self.snes.reset()
+        self.snes.setFunction(self._function, self._r)
+        self.snes.setJacobian(self._jacobian, self._matrix, self._matrix)
+        pc = self.snes.getKSP().getPC()
+        if pc.getType() == PETSc.PC.Type.FIELDSPLIT:
+            index_sets = self.blocks.nest.getNestISs()[0]
+            pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
+        self._paired = [c.version for c in self.contacts]
+        self._assembled = None
+
+    # --- Callbacks ---------------------------------------------------------------------------------
+
+    def _evaluate(self, x: Array, bilateral: typing.Sequence[bool] | None = None) -> Array:
+        """Residual at the owned unknowns x; leaves u, gaps and multipliers at x. Collective."""
+        bilateral = [False] * len(self.contacts) if bilateral is None else bilateral
+        residuals = [body.residual(self._part(x, i)) for i, body in enumerate(self.bodies)]
+        forces = [body.force for body in self.bodies]
+        for force in forces:
+            force.zeroEntries()
+        for contact, (s, m), closed in zip(self.contacts, self._sides, bilateral, strict=True):
+            contact.evaluate(self.bodies[s].x, self.bodies[m].x)
+            contact.add_residual(forces[s], forces[m], closed)
+        for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
+            residual[body.free] += force.array_r[body.free]
+        return np.concatenate(residuals)
+
+    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        f.array[:] = self._evaluate(x.array_r)
+
+    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
+        # SNES asks for the tangent where it evaluated the residual last.
+        self._assemble()
+
+    def _assemble(self, bilateral: typing.Sequence[bool] | None = None) -> None:
+        """Tangent at the last evaluation, unless it is constant and there already."""
+        assert self.blocks is not None
+        constant = all(b.linear for b in self.bodies) and all(c.law.linear for c in self.contacts)
+        state: list[object] = [body.fingerprint for body in self.bodies]
+        state += [contact.eps for contact in self.contacts]
+        if constant and self._assembled == state:
+            return
+        self.blocks.assemble(bilateral)
+        if self._kind == "mpi":
+            self.blocks.nest.convert(PETSc.Mat.Type.AIJ, self._matrix)
+        self._assembled = state
+
+    def _monitor(self, snes: PETSc.SNES, iteration: int, norm: float) -> None:
+        self.residual_history.append(norm)
+        self.active_history.append([contact.num_active_local() for contact in self.contacts])
+
+    def _reduce_active_history(self) -> None:
+        counts = np.array(self.active_history, dtype=np.int64)
+        self.active_history = self.comm.allreduce(counts, op=MPI.SUM).tolist()
+
+    # --- First guess and near-nullspace ------------------------------------------------------------
+
+    def _predict(self) -> None:
+        """Close contacts that are open everywhere and without which a body would be free to move.
+
+        The bulk matrix of such a body is singular. One step with the contact bilateral brings it to
+        where its loads press it against the other body.
+        """
+        self._evaluate(self._x.array_r)
+        closed = []
+        for contact, (s, m) in zip(self.contacts, self._sides, strict=True):
+            active = self.comm.allreduce(contact.num_active_local(), op=MPI.SUM)
+            closed.append(active == 0 and not (self._held[s] and self._held[m]))
+        if not any(closed):
+            return
+        self._r.array[:] = self._evaluate(self._x.array_r, closed)
+        self._assemble(closed)
+        ksp = self.snes.getKSP()
+        ksp.setOperators(self._matrix)
+        step = self._x.duplicate()
+        ksp.solve(self._r, step)
+        if ksp.getConvergedReason() > 0 and np.isfinite(step.norm()):
+            self._x.axpy(-1.0, step)
+        self._assembled = None
+
+    def _set_near_nullspaces(self) -> None:
+        assert self.blocks is not None
+        for i, (body, modes) in enumerate(zip(self.bodies, self._modes, strict=True)):
+            if modes is not None:
+                block = self.blocks.block(i, i)
+                assert block is not None
+                block.setNearNullSpace(_null_space(body.create_vec(), modes))
+
+    def _set_global_near_nullspace(self, matrix: PETSc.Mat) -> None:
+        """Rigid modes of all bodies together, and the block size that multigrid needs."""
+        modes = [m for m in self._modes if m is not None]
+        if len(modes) < len(self.bodies):
+            return
+        gdim = self.bodies[0].V.mesh.geometry.dim
+        if all(body.V.dofmap.index_map_bs == gdim for body in self.bodies):
+            matrix.setBlockSize(gdim)
+        matrix.setNearNullSpace(_null_space(self._x, np.concatenate(modes, axis=1)))
+
+
+def _modes(body: Body) -> Array | None:
+    space = displacement_space(body.V)
+    return None if space is None else rigid_modes(space, body.num_owned)
+
+
+def _held(body: Body, modes: Array | None) -> bool:
+    return modes is None or is_held(body.comm, modes, body.owned_constrained)
+
+
+def _null_space(layout: PETSc.Vec, modes: Array) -> PETSc.NullSpace:
+    """Null space of orthonormalised modes, given by their owned parts."""
+    vecs = [layout.duplicate() for _ in modes]
+    for k, (vec, mode) in enumerate(zip(vecs, modes, strict=True)):
+        vec.array[:] = mode
+        for other in (*vecs[:k], *vecs[:k]):  # twice: once leaves rounding errors
+            vec.axpy(-vec.dot(other), other)
+        vec.normalize()
+    return PETSc.NullSpace().create(vectors=vecs, comm=layout.comm)
+
+
+def _body_of(u: typing.Sequence[fem.Function], V: fem.FunctionSpace, name: str) -> int:
+    """Index of the body whose space is V or has the sub-space V."""
+    for i, function in enumerate(u):
+        space = function.function_space
+        if space == V or (space.mesh is V.mesh and space.contains(V)):
+            return i
+    raise ValueError(f"contacts: the {name} surface of a contact belongs to the space of none of u")
+
+
+def _check_arguments(
+    F: typing.Sequence[ufl.Form],
+    u: typing.Sequence[fem.Function],
+    contacts: typing.Sequence[Contact],
+    bcs: typing.Sequence[typing.Sequence[fem.DirichletBC]],
+    J: typing.Sequence[ufl.Form | None],
+    kind: str,
+) -> None:
+    """Refuse what no problem can be made of."""
+    if len(u) == 0:
+        raise ValueError("u: there must be at least one body")
+    for name, given in (("F", F), ("bcs", bcs), ("J", J)):
+        if len(given) != len(u):
+            raise ValueError(f"{name}: must have one entry for each of the {len(u)} bodies in u")
+    if any(isinstance(entry, fem.DirichletBC) for entry in bcs):
+        raise ValueError("bcs: must be a list of lists, one list of Dirichlet conditions per body")
+    if kind not in ("mpi", "nest"):
+        raise ValueError(f'kind: must be "mpi" or "nest", not {kind!r}')
+    if any(not isinstance(contact, Contact) for contact in contacts):
+        raise ValueError("contacts: must be a list of qsdolfinx.Contact")
+    comm = u[0].function_space.mesh.comm
+    for function in u:
+        other = function.function_space.mesh.comm
+        if MPI.Comm.Compare(comm, other) not in (MPI.IDENT, MPI.CONGRUENT):
+            raise ValueError("u: the meshes of all bodies must be on the same ranks in the same order")
+    for contact in contacts:
+        _body_of(u, contact.slave.V, "slave")
+        _body_of(u, contact.master.V, "master")

@@ -1,0 +1,84 @@
+"""PETSc's SNES for contact problems: options, monitoring, and what happens when it fails."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+#: Defaults of the nonlinear solver. The step tolerance lets a solve that starts at the solution end.
+SNES_OPTIONS: dict[str, typing.Any] = {
+    "snes_type": "newtonls",
+    "snes_linesearch_type": "basic",
+    "snes_rtol": 1e-9,
+    "snes_stol": 1e-10,
+    "snes_max_it": 50,
+}
+
+#: Defaults of the linear solver, unless the user chooses anything about it.
+DIRECT_OPTIONS: dict[str, typing.Any] = {
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+}
+
+
+class ConvergenceError(RuntimeError):
+    """The nonlinear solver did not converge; the unknowns are as they were before.
+
+    Attributes:
+        reason: PETSc's SNESConvergedReason, negative.
+        reason_name: Its name, such as ``"DIVERGED_MAX_IT"``.
+        residual_history: Norm of the residual at each iteration.
+        active_history: Number of active contact rows at each iteration, one list entry per contact.
+    """
+
+    def __init__(
+        self,
+        reason: int,
+        residual_history: list[float],
+        active_history: list[list[int]],
+        linear_reason: int = 0,
+    ) -> None:
+        self.reason = reason
+        self.reason_name = reason_name(PETSc.SNES.ConvergedReason, reason)
+        self.residual_history = residual_history
+        self.active_history = active_history
+        linear = ""
+        if linear_reason < 0:
+            name = reason_name(PETSc.KSP.ConvergedReason, linear_reason)
+            linear = f", linear solver: {name} ({linear_reason})"
+        residuals = ", ".join(f"{r:.3e}" for r in residual_history)
+        active = ", ".join("/".join(map(str, counts)) for counts in active_history)
+        super().__init__(
+            f"SNES did not converge: {self.reason_name} ({reason}){linear}; "
+            f"residuals [{residuals}]; active contact rows [{active}]"
+        )
+
+
+def reason_name(reasons: type, value: int) -> str:
+    """Name of a PETSc reason, the longest of its names."""
+    names = [n for n, v in vars(reasons).items() if v == value and n.isupper()]
+    return max(names, key=len, default="UNKNOWN")
+
+
+#: What set_options has put into PETSc's database, by prefix.
+_put: dict[str, dict[str, str]] = {}
+
+
+def set_options(prefix: str, given: dict[str, typing.Any]) -> None:
+    """Put a problem's options into PETSc's database.
+
+    They stay there, because preconditioners look up some of theirs late; those of an earlier problem
+    with this prefix are removed. Defaults give way to the command line.
+    """
+    database = PETSc.Options(prefix)
+    for key, value in _put.pop(prefix, {}).items():
+        if database.getString(key, "") == value:
+            database.delValue(key)
+    chosen = any(key.startswith(("ksp_", "pc_")) for key in (*given, *database.getAll()))
+    defaults = SNES_OPTIONS if chosen else SNES_OPTIONS | DIRECT_OPTIONS
+    put = {key: value for key, value in defaults.items() if not database.hasName(key)} | given
+    for key, value in put.items():
+        database.setValue(key, value)
+    _put[prefix] = {key: database.getString(key, "") for key in put}

@@ -1,0 +1,68 @@
+"""Where a space keeps the unknowns of mesh vertices; works for blocked spaces and sub-spaces."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem, mesh
+
+Indices = npt.NDArray[np.int32]
+
+NUM_CELL_VERTICES = {
+    mesh.CellType.triangle: 3,
+    mesh.CellType.quadrilateral: 4,
+    mesh.CellType.tetrahedron: 4,
+    mesh.CellType.hexahedron: 8,
+}
+
+
+def vertex_dofs(V: fem.FunctionSpace, cells: Indices, vertices: Indices) -> Indices:
+    """Local unknowns (not blocks) of cell vertices, shape (..., gdim).
+
+    Args:
+        V: Blocked vector space with one block per vertex, or such a sub-space.
+        cells: Local cell indices, broadcast against ``vertices``.
+        vertices: Local vertex numbers within the cells.
+    """
+    gdim = V.mesh.geometry.dim
+    count = NUM_CELL_VERTICES[V.mesh.topology.cell_type]
+    place = np.array([V.dofmap.dof_layout.entity_dofs(0, v)[0] for v in range(count)])[vertices]
+    component = np.arange(gdim)
+    if V.dofmap.bs == gdim:
+        return np.asarray(V.dofmap.list[cells, place][..., None] * gdim + component, dtype=np.int32)
+    # The dofmap of a sub-space lists single unknowns.
+    dofs = V.dofmap.list[np.asarray(cells)[..., None], place[..., None] * gdim + component]
+    return np.asarray(dofs, dtype=np.int32)
+
+
+def vertex_x(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> npt.NDArray[np.float64]:
+    """Coordinates of cell vertices, shape (..., 3)."""
+    layout = msh.geometry.cmap.create_dof_layout()
+    count = NUM_CELL_VERTICES[msh.topology.cell_type]
+    place = np.array([layout.entity_dofs(0, v)[0] for v in range(count)])[vertices]
+    return np.asarray(msh.geometry.x[msh.geometry.dofmap[cells, place]], dtype=np.float64)
+
+
+def owned_vertices(V: fem.FunctionSpace) -> tuple[Indices, npt.NDArray[np.float64]]:
+    """Unknowns, shape (n, gdim), and coordinates, (n, 3), of the vertices whose unknowns we own."""
+    topology = V.mesh.topology
+    index_map = topology.index_map(topology.dim)
+    cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)[:, None]
+    vertices = np.arange(NUM_CELL_VERTICES[topology.cell_type], dtype=np.int32)[None, :]
+    dofs = vertex_dofs(V, cells, vertices).reshape(-1, V.mesh.geometry.dim)
+    x = vertex_x(V.mesh, cells, vertices).reshape(-1, 3)
+    _, first = np.unique(dofs[:, 0], return_index=True)
+    first = first[dofs[first, 0] < V.dofmap.index_map.size_local * V.dofmap.index_map_bs]
+    return dofs[first], x[first]
+
+
+def is_vertex_vector(V: fem.FunctionSpace) -> bool:
+    """Whether V is a blocked vector space with unknowns at the vertices."""
+    gdim, layout = V.mesh.geometry.dim, V.dofmap.dof_layout
+    return bool(
+        V.mesh.topology.cell_type in NUM_CELL_VERTICES
+        and V.num_sub_spaces == gdim
+        and layout.block_size == gdim
+        and layout.num_entity_dofs(0) == 1
+    )

@@ -1,0 +1,30 @@
+"""Tests run with any number of MPI ranks; each test counts as one, whichever rank it fails on."""
+
+import io
+
+from mpi4py import MPI
+
+import pytest
+
+comm = MPI.COMM_WORLD.Dup()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure(config):
+    if comm.rank > 0:  # only rank 0 writes to the terminal
+        config.pluginmanager.get_plugin("terminalreporter")._tw._file = io.StringIO()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    if comm.size > 1:
+        texts = comm.allgather(report.longreprtext if report.failed else None)
+        failed = [rank for rank, text in enumerate(texts) if text is not None]
+        if failed and comm.rank == 0:
+            report.outcome = "failed"
+            report.longrepr = "\n".join(f"--- rank {rank}\n{texts[rank]}" for rank in failed)
+        elif failed:
+            report.outcome = "failed"
+            report.longrepr = report.longrepr or "failed on another rank"
+    return report
