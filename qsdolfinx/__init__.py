@@ -1,8 +1,8 @@
 """Quasi-symmetric contact between deformable bodies on non-matching meshes, for DOLFINx.
 
-The method is that of L. Fourment and S. Popa, *Quasi-symmetrical formulations for contact and friction
-between deformable bodies: application to 3D forging* (2005); equation numbers in brackets, as in (12),
-are the paper's.
+The method is that of L. Fourment and S. Popa, *Quasi-symmetrical formulations for contact and
+friction between deformable bodies: application to 3D forging* (2005); equation numbers in brackets,
+as in (12), are the paper's.
 """
 
 from qsdolfinx.contact import Contact

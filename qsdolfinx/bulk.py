@@ -22,9 +22,10 @@ Array = npt.NDArray[np.float64]
 class Body:
     """Bulk form F(u; v) = 0 of one body.
 
-    Residuals are those of Newton's method with Dirichlet conditions eliminated: r = x − g in the rows of
-    constrained unknowns, and in the others the residual as it will be when the step has made x = g
-    there. A form that is linear in u is evaluated as r(x) = r(x₀) + K (x − x₀), with K assembled once.
+    Residuals are those of Newton's method with Dirichlet conditions eliminated: r = x − g in the
+    rows of constrained unknowns, and in the others the residual as it will be when the step has
+    made x = g there. A form that is linear in u is evaluated as r(x) = r(x₀) + K (x − x₀), with K
+    assembled once.
 
     Args:
         F: Residual, a linear form in the test function.
@@ -97,7 +98,7 @@ class Body:
         self.u.x.scatter_forward()
 
     def begin_solve(self) -> None:
-        """Take over what may have changed: Dirichlet values, loads, material, geometry. Collective."""
+        """Take over new Dirichlet values, loads, material and geometry. Collective."""
         for bc in self.bcs:
             bc.set(self._g.array)
         if not self.linear:

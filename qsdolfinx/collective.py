@@ -12,8 +12,8 @@ from mpi4py import MPI
 def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
     """Raise on every rank what any rank raises inside the block.
 
-    The block must hold no collective calls: a rank that fails leaves it early. The lowest failing rank's
-    exception is raised on the ranks that did not fail themselves. Collective.
+    The block must hold no collective calls: a rank that fails leaves it early. The lowest failing
+    rank's exception is raised on the ranks that did not fail themselves. Collective.
 
     Args:
         comm: Communicator of the ranks that take part.

@@ -34,13 +34,15 @@ TOUCHING = 1e-12
 class Contact:
     """Contact of a slave surface with a master surface by the penalty method.
 
-    The energy is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations differ in where the
-    gap is sampled: ``"master-slave"``, (5), at the slave nodes; ``"quasi-symmetric"``, (11) and (12), at
-    the nodes of both sides, while the multiplier stays on the slave; ``"double-pass"``, (6), is the mean
-    of two master-slave contacts with the roles swapped, and so has multipliers on both sides.
+    The energy is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations differ in where
+    the gap is sampled: ``"master-slave"``, (5), at the slave nodes; ``"quasi-symmetric"``, (11) and
+    (12), at the nodes of both sides, while the multiplier stays on the slave; ``"double-pass"``,
+    (6), is the mean of two master-slave contacts with the roles swapped, and so has multipliers on
+    both sides.
 
-    The ½ of (11) is kept in the gap, so that ε means the same in every formulation: matching meshes give
-    the same result with each. The ρ of (12) is ε/8 for quasi-symmetric contact and ε/2 for master-slave.
+    The ½ of (11) is kept in the gap, so that ε means the same in every formulation: matching meshes
+    give the same result with each. The ρ of (12) is ε/8 for quasi-symmetric contact and ε/2 for
+    master-slave.
 
     Pairing points are found when the object is made, and again by :meth:`update`. Collective.
 
@@ -55,8 +57,8 @@ class Contact:
             default the largest facet size of the two surfaces.
 
     Raises:
-        ValueError: If a name is unknown, the penalty or the radius is not positive, or the two surfaces
-            share facets or differ in dimension or communicator.
+        ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
+            surfaces share facets or differ in dimension or communicator.
         TypeError: If a surface or the law is of another type.
     """
 
@@ -88,7 +90,7 @@ class Contact:
         self._penalty = None if self._automatic else float(penalty)
         self._pair()
 
-    # --- Pairing ---------------------------------------------------------------------------------
+    # --- Pairing
 
     def update(self) -> None:
         """Pair anew, after the meshes of the bodies have been moved. Collective.
@@ -151,7 +153,7 @@ class Contact:
         """Communicator of the surfaces."""
         return self.slave.comm
 
-    # --- Penalty ---------------------------------------------------------------------------------
+    # --- Penalty
 
     @property
     def penalty(self) -> float | None:
@@ -177,7 +179,7 @@ class Contact:
         """Store the ε that was taken from the bodies' stiffness."""
         self._penalty = penalty
 
-    # --- Evaluation, for the problem ---------------------------------------------------------------
+    # --- Evaluation, for the problem
 
     def evaluate(self, slave: PETSc.Vec, master: PETSc.Vec) -> None:
         """Compute gaps for the unknowns of the two bodies. Collective."""
@@ -253,7 +255,7 @@ class Contact:
         ordered = blocks if p.slave is self.slave else blocks[::-1]
         _cpp.insert_contact(p.operator, stiffness, [m.handle for m in ordered], pattern)
 
-    # --- Results -----------------------------------------------------------------------------------
+    # --- Results
 
     def gap(self, side: str = "slave") -> Array:
         """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
@@ -262,14 +264,14 @@ class Contact:
             side: Side that carries the multiplier; ``"master"`` with double-pass contact only.
 
         Returns:
-            In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes, gdim).
-            NaN where a node has no pairing point.
+            In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes,
+            gdim). NaN where a node has no pairing point.
         """
         p = self._pass_of(side)
         return typing.cast(Array, _flat(p.on_nodes(p.values, math.nan)))
 
     def multiplier(self, side: str = "slave") -> Array:
-        """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shapes as in :meth:`gap`.
+        """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as the gap.
 
         λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
         """
@@ -304,7 +306,8 @@ class Contact:
             side: ``"slave"`` or ``"master"``: the traction that acts on this body.
 
         Returns:
-            Function in the surface's space (collapsed if that is a sub-space), zero off the surface.
+            Function in the surface's space (collapsed if that is a sub-space), zero off the
+            surface.
         """
         surface = self._surface(side)
         return surface.function(self._nodal_forces(side) / surface.node_area[:, None])
@@ -361,7 +364,8 @@ def _check_arguments(
         if not isinstance(surface, Surface):
             raise TypeError(f"{name}: must be a qsdolfinx.Surface, not {type(surface).__name__}")
     if formulation not in FORMULATIONS:
-        raise ValueError(f"formulation: must be one of {', '.join(FORMULATIONS)}, not {formulation!r}")
+        known = ", ".join(FORMULATIONS)
+        raise ValueError(f"formulation: must be one of {known}, not {formulation!r}")
     if not isinstance(law, Law):
         raise TypeError(f"law: must be a law such as qsdolfinx.Tied(), not {law!r}")
     if penalty != "auto":
@@ -371,6 +375,6 @@ def _check_arguments(
     if slave.gdim != master.gdim:
         raise ValueError("slave and master have different geometric dimensions")
     if MPI.Comm.Compare(slave.comm, master.comm) not in (MPI.IDENT, MPI.CONGRUENT):
-        raise ValueError("slave and master: their meshes must be on the same ranks in the same order")
+        raise ValueError("slave and master: the meshes must be on the same ranks in the same order")
     if slave.mesh is master.mesh and np.intersect1d(slave.facets, master.facets).size:
         raise ValueError("slave and master share facets: a facet cannot be in contact with itself")

@@ -18,8 +18,8 @@ class PairingSide:
         x: Positions, shape (points, 3).
         dofs: Global unknowns of the facet's vertices, shape (points, vertices, gdim); -1 if unused.
         owner: Ranks that own them, shape (points, vertices); -1 if unused.
-        shape_values: Shape functions of the vertices, shape (points, vertices). A point at a node has
-            one vertex with value 1.
+        shape_values: Shape functions of the vertices, shape (points, vertices). A point at a node
+            has one vertex with value 1.
     """
 
     x: npt.NDArray[np.float64]
@@ -32,8 +32,8 @@ class PairingSide:
 class Pairing:
     """Pairing points of one pass, as found on this rank.
 
-    A point lives on the rank that owns the node which it was found for. In a pass, the slave is the side
-    that carries the multiplier.
+    A point lives on the rank that owns the node which it was found for. In a pass, the slave is the
+    side that carries the multiplier.
 
     Attributes:
         slave: Positions, vertices and shape functions on the slave.

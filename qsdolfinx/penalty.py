@@ -9,13 +9,14 @@ import numpy as np
 
 from qsdolfinx.surface import Surface
 
-#: Ratio of the automatic penalty to the stiffness of the bodies. A uniform pressure p then makes a gap
-#: of about 1 % of the change in length of one layer of cells, and the tangent stays well conditioned.
+#: Ratio of the automatic penalty to the stiffness of the bodies. A uniform pressure p then makes a
+#: gap of about 1 % of the change in length of one layer of cells, and the tangent stays well
+#: conditioned.
 FACTOR = 100.0
 
 
 def nodal_stiffness(surface: Surface, diagonal: PETSc.Vec, constrained: PETSc.Vec) -> float:
-    """Mean of K_kk / S_k over the nodes without Dirichlet conditions, stress per length. Collective.
+    """Mean of K_kk / S_k over the free nodes of a surface, stress per length. Collective.
 
     Args:
         surface: Contact surface.

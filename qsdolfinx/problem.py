@@ -27,27 +27,28 @@ _counter = itertools.count()
 
 
 class ContactProblem:
-    """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i, Φ the energy of all contacts.
+    """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
 
-    Every body has its own mesh. The unknowns of a rank are those of its part of body 0, then of body 1,
-    and so on. The tangent is a MatNest (``blocks.nest``) with the bulk forms and contact on the diagonal
-    and contact alone elsewhere; with ``kind="mpi"`` it is converted to AIJ for the linear solver.
+    Φ is the energy of all contacts. Every body has its own mesh. The unknowns of a rank are those of
+    its part of body 0, then of body 1, and so on. The tangent is a MatNest (``blocks.nest``) with
+    the bulk forms and contact on the diagonal and contact alone elsewhere; with ``kind="mpi"`` it is
+    converted to AIJ for the linear solver.
 
     Args:
         F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``.
         u: Unknown of each body, the initial guess.
         contacts: Contacts between the bodies; may be empty.
         bcs: For each body the list of its Dirichlet conditions; also on contact nodes.
-        J: For each body the derivative of F, or None to derive it. Forms that are linear in u are found
-            by UFL, and their matrix is assembled once.
-        petsc_options_prefix: Prefix of the solver's options; by default a new one for every problem.
-        petsc_options: PETSc options without the prefix. Without any ``ksp_`` or ``pc_`` option, MUMPS
-            factorises the matrix.
+        J: For each body the derivative of F, or None to derive it. Forms that are linear in u are
+            found by UFL, and their matrix is assembled once.
+        petsc_options_prefix: Prefix of the solver's options; by default a new one for each problem.
+        petsc_options: PETSc options without the prefix. Without any ``ksp_`` or ``pc_`` option,
+            MUMPS factorises the matrix.
         kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
 
     Raises:
-        ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to none of
-            the bodies, or a name is unknown.
+        ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
+            none of the bodies, or a name is unknown.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class ContactProblem:
         self._kind = kind
         self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
         self._modes = [_modes(body) for body in self.bodies]
-        self._held = [_held(body, modes) for body, modes in zip(self.bodies, self._modes, strict=True)]
+        self._held = [_held(b, modes) for b, modes in zip(self.bodies, self._modes, strict=True)]
         self.blocks: Blocks | None = None
         self._paired: list[int] = []
         self._assembled: list[object] | None = None
@@ -133,7 +134,7 @@ class ContactProblem:
         self._evaluate(self._x.array_r)  # a line search may have ended elsewhere
         return self.u
 
-    # --- State -------------------------------------------------------------------------------------
+    # --- State
 
     def _begin_solve(self) -> None:
         for i, body in enumerate(self.bodies):
@@ -183,7 +184,7 @@ class ContactProblem:
         self._paired = [c.version for c in self.contacts]
         self._assembled = None
 
-    # --- Callbacks ---------------------------------------------------------------------------------
+    # --- Callbacks
 
     def _evaluate(self, x: Array, bilateral: typing.Sequence[bool] | None = None) -> Array:
         """Residual at the owned unknowns x; leaves u, gaps and multipliers at x. Collective."""
@@ -227,7 +228,7 @@ class ContactProblem:
         counts = np.array(self.active_history, dtype=np.int64)
         self.active_history = self.comm.allreduce(counts, op=MPI.SUM).tolist()
 
-    # --- First guess and near-nullspace ------------------------------------------------------------
+    # --- First guess and near-nullspace
 
     def _predict(self) -> None:
         """Close contacts that are open everywhere and without which a body would be free to move.
@@ -324,7 +325,7 @@ def _check_arguments(
     for function in u:
         other = function.function_space.mesh.comm
         if MPI.Comm.Compare(comm, other) not in (MPI.IDENT, MPI.CONGRUENT):
-            raise ValueError("u: the meshes of all bodies must be on the same ranks in the same order")
+            raise ValueError("u: all meshes must be on the same ranks in the same order")
     for contact in contacts:
         _body_of(u, contact.slave.V, "slave")
         _body_of(u, contact.master.V, "master")

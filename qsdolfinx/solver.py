@@ -6,7 +6,7 @@ import typing
 
 from petsc4py import PETSc
 
-#: Defaults of the nonlinear solver. The step tolerance lets a solve that starts at the solution end.
+#: Defaults of the nonlinear solver. A solve that starts at the solution ends by the step tolerance.
 SNES_OPTIONS: dict[str, typing.Any] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",
@@ -69,8 +69,8 @@ _put: dict[str, dict[str, str]] = {}
 def set_options(prefix: str, given: dict[str, typing.Any]) -> None:
     """Put a problem's options into PETSc's database.
 
-    They stay there, because preconditioners look up some of theirs late; those of an earlier problem
-    with this prefix are removed. Defaults give way to the command line.
+    They stay there, because preconditioners look up some of theirs late; those of an earlier
+    problem with this prefix are removed. Defaults give way to the command line.
     """
     database = PETSc.Options(prefix)
     for key, value in _put.pop(prefix, {}).items():

@@ -28,20 +28,21 @@ _FACET_VERTICES = {
 class Surface:
     """Part of a body's boundary that may touch another body.
 
-    Contact nodes are the vertices of the facets. Every facet belongs to the rank that owns its cell,
-    every node to the rank that owns its unknowns; a rank may own neither.
+    Contact nodes are the vertices of the facets. Every facet belongs to the rank that owns its
+    cell, every node to the rank that owns its unknowns; a rank may own neither.
 
     Args:
         V: Blocked vector space of the body's displacement or velocity, one component per space
-            dimension, whose trace on the facets is continuous P1 or Q1: Lagrange of degree 1, P1 with a
-            cell bubble, or such a sub-space ``W.sub(i)`` of a mixed space.
+            dimension, whose trace on the facets is continuous P1 or Q1: Lagrange of degree 1, P1
+            with a cell bubble, or such a sub-space ``W.sub(i)`` of a mixed space.
         facet_tags: Tags of the facets of ``V.mesh``.
         tag: The tag of the contact facets.
-        facets: Instead of ``facet_tags`` and ``tag``, the facets' local indices. Facets of ghost cells
-            may be given or not.
+        facets: Instead of ``facet_tags`` and ``tag``, the facets' local indices. Facets of ghost
+            cells may be given or not.
 
     Raises:
-        ValueError: If the space is scalar, of higher degree or discontinuous, if the surface is empty,
+        ValueError: If the space is scalar, of higher degree or discontinuous, if the surface is
+        empty,
             not on the boundary, has coordinates that are not finite or facets without area.
         TypeError: If both or none of ``facet_tags`` and ``facets`` are given, or PETSc is complex.
     """
@@ -110,9 +111,10 @@ class Surface:
         return float(self.comm.allreduce(self.node_area.sum(), op=MPI.SUM))
 
     def create_vec(self) -> PETSc.Vec:
-        """New zero vector with the layout of the body's unknowns (of the whole mixed space). Collective."""
+        """New zero vector with the layout of the body's unknowns. Collective."""
         index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
-        return PETSc.Vec().createMPI((index_map.size_local * bs, index_map.size_global * bs), comm=self.comm)
+        sizes = (index_map.size_local * bs, index_map.size_global * bs)
+        return PETSc.Vec().createMPI(sizes, comm=self.comm)
 
     def function(self, values: npt.ArrayLike) -> fem.Function:
         """Function with given values at the contact nodes and zero elsewhere. Collective.
@@ -163,11 +165,11 @@ def _check_arguments(
     gdim = V.mesh.geometry.dim
     if cell not in _FACET_VERTICES or V.mesh.topology.dim != gdim:
         raise ValueError(
-            "V: contact needs a mesh of triangles or quadrilaterals in 2D, tetrahedra or hexahedra in "
-            f"3D, not {cell.name} cells in {gdim}D"
+            "V: contact needs a mesh of triangles or quadrilaterals in 2D, of tetrahedra or "
+            f"hexahedra in 3D, not {cell.name} cells in {gdim}D"
         )
     if V.mesh.geometry.cmap.degree != 1:
-        raise ValueError("V: contact facets must be straight-sided, use a mesh of geometric degree 1")
+        raise ValueError("V: contact facets must be straight-sided: mesh geometry of degree 1")
     if V.num_sub_spaces != gdim or V.dofmap.dof_layout.block_size != gdim:
         raise ValueError(
             f"V: contact needs a blocked vector space with {gdim} components, such as "
@@ -177,8 +179,8 @@ def _check_arguments(
     per_entity = [layout.num_entity_dofs(d) for d in range(V.mesh.topology.dim)]
     if per_entity[0] != 1 or any(per_entity[1:]):
         raise ValueError(
-            "V: the trace of the space on the facets must be continuous P1 or Q1 (Lagrange degree 1, or "
-            "P1 with a cell bubble); the nodal rule takes no higher degree"
+            "V: the trace of the space on the facets must be continuous P1 or Q1 (Lagrange degree "
+            "1, or P1 with a cell bubble); the nodal rule takes no higher degree"
         )
 
 
@@ -193,7 +195,7 @@ def _given_facets(
     if facet_tags is not None:
         assert tag is not None
         if facet_tags.dim != fdim:
-            raise ValueError(f"facet_tags: must tag facets (dimension {fdim}), not {facet_tags.dim}")
+            raise ValueError(f"facet_tags: must be of dimension {fdim}, not {facet_tags.dim}")
         return np.asarray(facet_tags.find(tag), dtype=np.int32)
     found = np.atleast_1d(np.asarray(facets))
     if found.size and not np.issubdtype(found.dtype, np.integer):
@@ -268,7 +270,8 @@ def _facet_data(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _Geometr
     per_cell = cell_facets.array.reshape(-1, cell_facets.offsets[1] - cell_facets.offsets[0])
     local = np.argmax(per_cell[cells] == facets[:, None], axis=1) if n else np.zeros(0, dtype=int)
 
-    reference = np.array(basix.topology(getattr(basix.CellType, msh.topology.cell_type.name))[tdim - 1])
+    cell_type = getattr(basix.CellType, msh.topology.cell_type.name)
+    reference = np.array(basix.topology(cell_type)[tdim - 1])
     vertices = reference[local].reshape(n, nv)
     x = vertex_x(msh, cells[:, None], vertices).reshape(n, nv, 3)
     dofs = vertex_dofs(V, cells[:, None], vertices).reshape(n, nv, gdim)
