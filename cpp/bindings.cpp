@@ -1,5 +1,6 @@
-// Python bindings. Communicators come as Fortran handles (mpi4py's comm.py2f()), PETSc objects as the
-// `handle` of petsc4py's, so that no header or binary interface of mpi4py or petsc4py is needed.
+// Python bindings. Communicators come as Fortran handles (mpi4py's comm.py2f()), PETSc objects as
+// the `handle` of petsc4py's, so that no header or binary interface of mpi4py or petsc4py is
+// needed.
 #include "insertion.h"
 #include "pairing.h"
 #include "projection.h"
@@ -74,12 +75,9 @@ void bind_surface(nb::module_& m)
           "local_size"_a, "Collective. See surface.h.")
       .def_prop_ro("num_facets", &Surface::num_facets)
       .def_prop_ro("facet_size_range", &Surface::facet_size_range)
-      .def_prop_ro("node_dofs",
-                   [](const Surface& s)
-                   {
-                     return copy(s.nodes().dofs,
-                                 {s.nodes().size(), static_cast<std::size_t>(s.gdim())});
-                   })
+      .def_prop_ro(
+          "node_dofs", [](const Surface& s)
+          { return copy(s.nodes().dofs, {s.nodes().size(), static_cast<std::size_t>(s.gdim())}); })
       .def_prop_ro("node_x",
                    [](const Surface& s) { return copy(s.nodes().x, {s.nodes().size(), 3}); })
       .def_prop_ro("node_area",
@@ -103,7 +101,8 @@ void bind_pairing(nb::module_& m)
 
   m.def(
       "pair_surfaces",
-      [](const Surface& slave, const Surface& master, bool both, double radius) {
+      [](const Surface& slave, const Surface& master, bool both, double radius)
+      {
         return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius);
       },
       "slave"_a, "master"_a, "both"_a, "radius"_a, "Nodal pairing points; collective.");
@@ -124,9 +123,9 @@ void bind_gap(nb::module_& m)
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface& master,
-             const PairingPoints& points, bool jump) {
-            new (self)
-                GapOperator(slave, master, points, jump ? GapKind::jump : GapKind::normal);
+             const PairingPoints& points, bool jump)
+          {
+            new (self) GapOperator(slave, master, points, jump ? GapKind::jump : GapKind::normal);
           },
           "slave"_a, "master"_a, "points"_a, "jump"_a, "Collective. See gap.h.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
@@ -144,10 +143,9 @@ void bind_gap(nb::module_& m)
           },
           "slave"_a, "master"_a, "Linear part of the gap, shape (rows, width); collective.")
       .def(
-          "add_transpose",
-          [](GapOperator& g, In<double> f, Handle slave, Handle master)
-          { g.add_transpose(view(f), vecs({slave, master})); },
-          "f"_a, "slave"_a, "master"_a, "Add the transposed operator times f; collective.")
+          "add_transpose", [](GapOperator& g, In<double> f, Handle slave, Handle master)
+          { g.add_transpose(view(f), vecs({slave, master})); }, "f"_a, "slave"_a, "master"_a,
+          "Add the transposed operator times f; collective.")
       .def(
           "constrain",
           [](GapOperator& g, Handle slave, Handle master) { g.constrain(vecs({slave, master})); },

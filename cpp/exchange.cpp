@@ -10,8 +10,8 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Numbers of records that other ranks will send to this one: the non-blocking consensus algorithm of
-/// Hoefler, Siebert and Lumsdaine (2010), which needs no array of the communicator's size.
+/// Numbers of records that other ranks will send to this one: the non-blocking consensus algorithm
+/// of Hoefler, Siebert and Lumsdaine (2010), which needs no array of the communicator's size.
 std::map<int, int> discover_sources(MPI_Comm comm, const std::map<int, int>& counts_to)
 {
   // Successive calls use different tags: a fast rank may already send for the next exchange.
@@ -61,8 +61,7 @@ std::vector<int> offsets_of(const std::vector<int>& counts)
 Exchange::Exchange(MPI_Comm comm, std::span<const int> dest) : order_(dest.size())
 {
   std::iota(order_.begin(), order_.end(), 0);
-  std::stable_sort(order_.begin(), order_.end(),
-                   [&](auto a, auto b) { return dest[a] < dest[b]; });
+  std::stable_sort(order_.begin(), order_.end(), [&](auto a, auto b) { return dest[a] < dest[b]; });
   std::map<int, int> counts_to;
   for (int rank : dest)
     ++counts_to[rank];

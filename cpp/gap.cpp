@@ -195,7 +195,8 @@ void GapOperator::build_rows(const Surface& slave, const PairingPoints& points)
       if (N == 0 || dof < owned.first || dof >= owned.second)
         continue;
       const auto node = static_cast<std::int64_t>(slave.node_index(dof));
-      const auto row = std::lower_bound(row_node_.begin(), row_node_.end(), node) - row_node_.begin();
+      const auto row
+          = std::lower_bound(row_node_.begin(), row_node_.end(), node) - row_node_.begin();
       initial_gap_[row] += points.weight[p] * N / slave.nodes().area[node] * points.gap[p];
     }
   }

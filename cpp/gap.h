@@ -39,9 +39,10 @@ public:
     std::vector<PetscInt> free_dofs;  ///< the same, -1 where a Dirichlet condition holds
     std::vector<std::int64_t> offset; ///< entries of row i: [offset[i], offset[i + 1])
     std::vector<std::int32_t> column; ///< column node of each entry
-    std::vector<double> coefficient;  ///< [entry][gdim] for normal, [entry] for jump; master negative
-    Vec local = nullptr;              ///< values at `dofs`
-    VecScatter scatter = nullptr;     ///< from the body's vector to `local`
+    std::vector<double>
+        coefficient;              ///< [entry][gdim] for normal, [entry] for jump; master negative
+    Vec local = nullptr;          ///< values at `dofs`
+    VecScatter scatter = nullptr; ///< from the body's vector to `local`
   };
 
   /// Collective. @param points pairing points, anywhere on the communicator

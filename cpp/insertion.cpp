@@ -6,7 +6,8 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// One row of the operator, restricted to what a single component of it couples: unknowns and values.
+/// One row of the operator, restricted to what a single component of it couples: unknowns and
+/// values.
 struct RowSide
 {
   std::vector<PetscInt> dofs;
@@ -66,7 +67,8 @@ void qsdolfinx::insert_contact(const GapOperator& gap, std::span<const double> s
             for (std::size_t j = 0; j < n; ++j)
               outer[i * n + j] = D * row[a].values[i] * row[b].values[j];
           check(MatSetValues(blocks[2 * a + b], static_cast<PetscInt>(m), row[a].dofs.data(),
-                             static_cast<PetscInt>(n), row[b].dofs.data(), outer.data(), ADD_VALUES));
+                             static_cast<PetscInt>(n), row[b].dofs.data(), outer.data(),
+                             ADD_VALUES));
         }
       }
     }

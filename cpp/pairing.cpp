@@ -41,7 +41,8 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
   const ClosestFacets found = closest_facets(at, onto, radius);
   PairingSide& node_side = at_slave ? points.slave : points.master;
   PairingSide& facet_side = at_slave ? points.master : points.slave;
-  // The facet's normal is outward of its own body: it points into the slave if the master has the facet.
+  // The facet's normal is outward of its own body: it points into the slave if the master has the
+  // facet.
   const double sign = at_slave ? -1.0 : 1.0;
   int rank;
   MPI_Comm_rank(at.comm(), &rank);

@@ -8,8 +8,8 @@
 namespace qsdolfinx
 {
 
-/// One side of the pairing points: the facet a point lies on, by its vertices. A point at a node has one
-/// vertex with value 1; the unused places have owner -1 and value 0.
+/// One side of the pairing points: the facet a point lies on, by its vertices. A point at a node
+/// has one vertex with value 1; the unused places have owner -1 and value 0.
 struct PairingSide
 {
   int num_vertices = 0;             ///< places per point
@@ -19,15 +19,15 @@ struct PairingSide
   std::vector<double> shape_values; ///< shape functions, [point][vertex]
 };
 
-/// Pairing points of one pass, on the rank that owns the node each of them comes from. The slave is the
-/// side that carries the multiplier.
+/// Pairing points of one pass, on the rank that owns the node each of them comes from. The slave is
+/// the side that carries the multiplier.
 struct PairingPoints
 {
   int gdim = 0;
   PairingSide slave, master;
-  std::vector<double> normal; ///< outward of the slave, into the master, [point][3]
-  std::vector<double> gap;    ///< signed distance (x_master - x_slave)·n, positive when open
-  std::vector<double> weight; ///< area
+  std::vector<double> normal;    ///< outward of the slave, into the master, [point][3]
+  std::vector<double> gap;       ///< signed distance (x_master - x_slave)·n, positive when open
+  std::vector<double> weight;    ///< area
   std::int64_t num_unpaired = 0; ///< owned nodes of the searched side(s) without a partner
 
   std::size_t size() const { return weight.size(); }

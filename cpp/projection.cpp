@@ -15,7 +15,8 @@ double segment_parameter(const Vec3& a, const Vec3& b, const Vec3& p)
   return std::clamp(dot(p - a, t) / dot(t, t), 0.0, 1.0);
 }
 
-ClosestPoint make(FacetType type, std::span<const double> v, std::array<double, 2> xi, const Vec3& p)
+ClosestPoint make(FacetType type, std::span<const double> v, std::array<double, 2> xi,
+                  const Vec3& p)
 {
   const Vec3 x = facet_point(type, v, xi);
   return {xi, x, norm(x - p)};
@@ -46,7 +47,8 @@ ClosestPoint on_triangle(std::span<const double> v, const Vec3& p)
 }
 
 /// Newton's method for the interior of a bilinear patch x(ξ,η) = x0 + ξ a + η b + ξη c.
-/// Steps are held within the patch; the Gauss-Newton matrix stands in where the Hessian is indefinite.
+/// Steps are held within the patch; the Gauss-Newton matrix stands in where the Hessian is
+/// indefinite.
 ClosestPoint newton_on_quadrilateral(std::span<const double> v, const Vec3& p, ClosestPoint start)
 {
   const Vec3 x0 = vertex(v, 0), a = vertex(v, 1) - x0, b = vertex(v, 2) - x0;

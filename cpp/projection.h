@@ -10,8 +10,14 @@ namespace qsdolfinx
 
 using Vec3 = std::array<double, 3>;
 
-inline Vec3 operator-(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-inline Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
+inline Vec3 operator-(const Vec3& a, const Vec3& b)
+{
+  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
+inline Vec3 operator+(const Vec3& a, const Vec3& b)
+{
+  return {a[0] + b[0], a[1] + b[1], a[2] + b[2]};
+}
 inline Vec3 operator*(double s, const Vec3& a) { return {s * a[0], s * a[1], s * a[2]}; }
 inline double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 inline double norm(const Vec3& a) { return std::sqrt(dot(a, a)); }
@@ -55,8 +61,9 @@ struct ClosestPoint
 ///
 /// Exact on segments and triangles. On a bilinear quadrilateral the distance may have several local
 /// minima: the four edges are searched exactly, then Newton's method (projection_tolerance,
-/// projection_max_iterations) runs in the interior from the centre and the four quadrants; the nearest
-/// of all points seen is returned, so that the answer is defined also where Newton does not converge.
+/// projection_max_iterations) runs in the interior from the centre and the four quadrants; the
+/// nearest of all points seen is returned, so that the answer is defined also where Newton does not
+/// converge.
 ClosestPoint closest_point(FacetType type, std::span<const double> vertices, const Vec3& p);
 
 } // namespace qsdolfinx

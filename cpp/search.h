@@ -12,8 +12,9 @@ namespace qsdolfinx
 /// sorted vertex coordinates come first is then taken, whatever the partition.
 inline constexpr double tie_tolerance = 1e-10;
 
-/// A node whose closest point is on the boundary of the surface is beside the surface, and unpaired, if
-/// it lies further out than this part of the facet size, measured in the facet's plane.
+/// A node whose closest point is on the boundary of the surface is beside the surface, and
+/// unpaired, if it lies further out than this part of the facet size, measured in the facet's
+/// plane.
 inline constexpr double overhang_tolerance = 0.1;
 
 /// For every owned node of a surface the closest point of another surface.
@@ -27,11 +28,13 @@ struct ClosestFacets
   std::vector<double> normal;       ///< outward unit normal of the facet there, [node][3]
 };
 
-/// Search, for each owned node of `nodes`, the closest point on the facets of `surface`. Collective.
+/// Search, for each owned node of `nodes`, the closest point on the facets of `surface`.
+/// Collective.
 ///
-/// Facets further away than `radius` and facets that do not face the node (their normal and the node's
-/// enclose less than 90°: the back of a body) do not count. Local searches use an R-tree of the facets'
-/// boxes, O(log n) a node; nodes travel only to ranks whose facets' box is within the radius.
+/// Facets further away than `radius` and facets that do not face the node (their normal and the
+/// node's enclose less than 90°: the back of a body) do not count. Local searches use an R-tree of
+/// the facets' boxes, O(log n) a node; nodes travel only to ranks whose facets' box is within the
+/// radius.
 ClosestFacets closest_facets(const Surface& nodes, const Surface& surface, double radius);
 
 } // namespace qsdolfinx

@@ -53,7 +53,8 @@ std::array<std::array<double, 4>, 4> vertex_areas(FacetType type, std::span<cons
   else
   {
     const double g = 0.5 * std::sqrt(0.6);
-    const std::array<double, 3> points{0.5 - g, 0.5, 0.5 + g}, weights{5.0 / 18, 8.0 / 18, 5.0 / 18};
+    const std::array<double, 3> points{0.5 - g, 0.5, 0.5 + g},
+        weights{5.0 / 18, 8.0 / 18, 5.0 / 18};
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 3; ++j)
         add({points[i], points[j]}, weights[i] * weights[j]);
@@ -102,9 +103,9 @@ void Surface::orient_and_measure(std::span<const double> inside)
     const auto v = facet_x(f);
     for (int i = 0; i < nv; ++i)
       for (int j = 0; j < i; ++j)
-        facets_.size[f] = std::max(facets_.size[f], norm(Vec3{v[3 * i] - v[3 * j],
-                                                              v[3 * i + 1] - v[3 * j + 1],
-                                                              v[3 * i + 2] - v[3 * j + 2]}));
+        facets_.size[f]
+            = std::max(facets_.size[f], norm(Vec3{v[3 * i] - v[3 * j], v[3 * i + 1] - v[3 * j + 1],
+                                                  v[3 * i + 2] - v[3 * j + 2]}));
     const Vec3 c{inside[3 * f], inside[3 * f + 1], inside[3 * f + 2]};
     const Vec3 outward = facet_point(type_, v, centre(type_)) - c;
     facets_.orientation[f] = dot(area_vector(type_, v, centre(type_)), outward) > 0 ? 1 : -1;

@@ -1,5 +1,5 @@
-// A distributed surface: facets on the ranks that own their cells, nodes on the ranks that own their
-// unknowns.
+// A distributed surface: facets on the ranks that own their cells, nodes on the ranks that own
+// their unknowns.
 #pragma once
 
 #include "projection.h"
@@ -11,8 +11,8 @@
 namespace qsdolfinx
 {
 
-/// Facets of a contact surface on this rank. Every facet lives on exactly one rank (its cell's owner),
-/// its vertices may belong to others.
+/// Facets of a contact surface on this rank. Every facet lives on exactly one rank (its cell's
+/// owner), its vertices may belong to others.
 struct Facets
 {
   std::vector<double> x;                        ///< vertex coordinates, [facet][vertex][3]
@@ -24,8 +24,8 @@ struct Facets
   std::vector<std::uint8_t> vertex_on_boundary; ///< vertex touches such an edge, [facet][vertex]
 };
 
-/// Nodes of a contact surface whose unknowns this rank owns, in ascending order of `dofs`. This rank
-/// need not have any facet at them.
+/// Nodes of a contact surface whose unknowns this rank owns, in ascending order of `dofs`. This
+/// rank need not have any facet at them.
 struct Nodes
 {
   std::vector<std::int64_t> dofs; ///< global unknowns, [node][gdim]

@@ -155,7 +155,8 @@ class Body:
 
     def _assemble_matrix(self, matrix: PETSc.Mat) -> None:
         matrix.zeroEntries()
-        fem_petsc.assemble_matrix(matrix, self._tangent_form, bcs=self.bcs)
+        # mypy sees another of the functions that this name dispatches to.
+        fem_petsc.assemble_matrix(matrix, self._tangent_form, self.bcs)  # type: ignore[arg-type]
         matrix.assemble()
         self.num_assemblies += 1
 

@@ -187,9 +187,7 @@ class Contact:
             for p in self.passes:
                 p.evaluate(self._ordered(p, slave, master))
 
-    def add_residual(
-        self, slave: PETSc.Vec, master: PETSc.Vec, bilateral: bool = False
-    ) -> None:
+    def add_residual(self, slave: PETSc.Vec, master: PETSc.Vec, bilateral: bool = False) -> None:
         """Add ∂Φ/∂u at the last evaluation to the residuals of the two bodies. Collective.
 
         Args:

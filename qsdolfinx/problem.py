@@ -29,10 +29,10 @@ _counter = itertools.count()
 class ContactProblem:
     """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
 
-    Φ is the energy of all contacts. Every body has its own mesh. The unknowns of a rank are those of
-    its part of body 0, then of body 1, and so on. The tangent is a MatNest (``blocks.nest``) with
-    the bulk forms and contact on the diagonal and contact alone elsewhere; with ``kind="mpi"`` it is
-    converted to AIJ for the linear solver.
+    Φ is the energy of all contacts. Every body has its own mesh. The unknowns of a rank are those
+    of its part of body 0, then of body 1, and so on. The tangent is a MatNest (``blocks.nest``)
+    with the bulk forms and contact on the diagonal and contact alone elsewhere; with
+    ``kind="mpi"`` it is converted to AIJ for the linear solver.
 
     Args:
         F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``.
@@ -103,6 +103,13 @@ class ContactProblem:
         """Communicator of the bodies."""
         return self.bodies[0].comm
 
+    def set_up(self) -> None:
+        """Compute automatic penalties and build the matrices, as solve() does. Collective."""
+        for body in self.bodies:
+            body.begin_solve()
+        if self.blocks is None or self._paired != [c.version for c in self.contacts]:
+            self._rebuild()
+
     def solve(self) -> list[fem.Function]:
         """Solve for all bodies, from their present u. Collective.
 
@@ -137,14 +144,12 @@ class ContactProblem:
     # --- State
 
     def _begin_solve(self) -> None:
+        self.set_up()
         for i, body in enumerate(self.bodies):
-            body.begin_solve()
             values = body.u.x.array[: body.num_owned].copy()
             if body.linear:  # evaluated as if its Dirichlet values were in place
                 values = body.with_conditions(values)
             self._part(self._x.array, i)[:] = values
-        if self.blocks is None or self._paired != [c.version for c in self.contacts]:
-            self._rebuild()
 
     def _restore(self, arrays: list[Array]) -> None:
         for body, array in zip(self.bodies, arrays, strict=True):
