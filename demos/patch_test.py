@@ -125,9 +125,7 @@ def build(comm, p):
     slave = Block(create_cube(comm, p.slave, p.cell, 1.0, p.jitter, rng), E_SLAVE)
     master.bcs.append(master.condition(gdim - 1, 0.0, 0.0))
 
-    contact = qs.Contact(
-        slave.surface, master.surface, p.formulation, LAWS[p.contact](), p.penalty
-    )
+    contact = qs.Contact(slave.surface, master.surface, p.formulation, LAWS[p.contact](), p.penalty)
     top = fem.Constant(slave.mesh, 0.0)
     if p.load == "pressure":
         facets = np.sort(locate(slave.mesh, gdim - 1, 2.0))
@@ -239,11 +237,19 @@ def table(comm):
             for side in ("slave", "master"):
                 both = [errors(results[name], side) for name in ("quasi-symmetric", "master-slave")]
                 say_row(say, f"   {cell} {n_master} × {n_slave}, {side}", *both)
-                assert all(q < m for q, m in zip(*both, strict=True)), "quasi-symmetric is not better"
+                assert all(q < m for q, m in zip(*both, strict=True)), (
+                    "quasi-symmetric is not better"
+                )
     say()
-    say("The percentages need not be the paper's: its meshes are shown in a figure but not published,")
-    say("and the error depends on where the nodes of one side lie on the facets of the other. What can")
-    say("be compared is the ratio of the two formulations. Checked: in every row the mean and maximum")
+    say(
+        "The percentages need not be the paper's: its meshes are shown in a figure but not published,"
+    )
+    say(
+        "and the error depends on where the nodes of one side lie on the facets of the other. What can"
+    )
+    say(
+        "be compared is the ratio of the two formulations. Checked: in every row the mean and maximum"
+    )
     say("errors of quasi-symmetric contact are below those of master-slave contact.")
 
 
@@ -267,7 +273,9 @@ def plot(comm, filename, cell="tetrahedron", n_master=8, n_slave=3):
             values = np.abs(normal_traction(contact, side, 2) / STRESS)
             parts = comm.gather((x, values))  # small, and for the picture only
             if comm.rank == 0:
-                panels.append((name, side, *(np.concatenate(part) for part in zip(*parts, strict=True))))
+                panels.append(
+                    (name, side, *(np.concatenate(part) for part in zip(*parts, strict=True)))
+                )
     if comm.rank > 0:
         return
     import matplotlib

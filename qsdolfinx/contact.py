@@ -227,6 +227,15 @@ class Contact:
         """Closed rows on this rank at the last evaluation."""
         return sum(int(np.count_nonzero(self._slope(p))) for p in self.passes)
 
+    def closed_gaps(self, slave: PETSc.Vec, master: PETSc.Vec) -> Array:
+        """How displacements would change the gaps that are closed, one value each. Collective."""
+        changes = []
+        for p in self.passes:
+            vecs = self._ordered(p, slave, master)
+            change = p.operator.apply(vecs[0].handle, vecs[1].handle)
+            changes.append(change[self._slope(p) > 0].ravel())
+        return np.concatenate(changes)
+
     @property
     def eps(self) -> float:
         """The penalty as a number.

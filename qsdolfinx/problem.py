@@ -19,8 +19,8 @@ from qsdolfinx.bulk import Body
 from qsdolfinx.collective import collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.penalty import FACTOR, nodal_stiffness
-from qsdolfinx.rigid import displacement_space, is_held, rigid_modes
-from qsdolfinx.solver import ConvergenceError, set_options
+from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes
+from qsdolfinx.solver import ConvergenceError, line_search, set_options
 
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()
@@ -77,8 +77,7 @@ class ContactProblem:
         ]
         self._kind = kind
         self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
-        self._modes = [_modes(body) for body in self.bodies]
-        self._held = [_held(b, modes) for b, modes in zip(self.bodies, self._modes, strict=True)]
+        self._rigid = RigidMotion(self.bodies)
         self.blocks: Blocks | None = None
         self._paired: list[int] = []
         self._assembled: list[object] | None = None
@@ -91,7 +90,7 @@ class ContactProblem:
         self._r = self._x.duplicate()
         prefix = petsc_options_prefix
         prefix = f"qsdolfinx_{next(_counter)}_" if prefix is None else prefix
-        set_options(prefix, petsc_options or {})
+        self._has_full_steps = set_options(prefix, petsc_options or {})
         #: PETSc's nonlinear solver.
         self.snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
         self.snes.setOptionsPrefix(prefix)
@@ -124,11 +123,16 @@ class ContactProblem:
         self.residual_history, self.active_history = [], []
         try:
             self._predict()
+            first_guess = self._x.copy()
             self.snes.solve(None, self._x)
-            converged = self.snes.getConvergedReason() > 0
+            if self.snes.getConvergedReason() < 0 and self._has_full_steps:
+                first_guess.copy(self._x)
+                with line_search(self.snes):
+                    self.snes.solve(None, self._x)
         except Exception:
             self._restore(start)
             raise
+        converged = self.snes.getConvergedReason() > 0
         self._reduce_active_history()
         if not converged:
             self._restore(start)
@@ -173,12 +177,11 @@ class ContactProblem:
                 ]
                 contact.set_automatic_penalty(FACTOR * min(stiffness))
         self.blocks = Blocks(self.bodies, self.contacts, self._sides, matrices)
-        self._set_near_nullspaces()
         self._matrix = self.blocks.nest
         if self._kind == "mpi":
             self._matrix = self.blocks.nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
             forbid_allocation(self._matrix)
-            self._set_global_near_nullspace(self._matrix)
+        self._set_near_nullspaces()
         self.snes.reset()
         self.snes.setFunction(self._function, self._r)
         self.snes.setJacobian(self._jacobian, self._matrix, self._matrix)
@@ -236,20 +239,17 @@ class ContactProblem:
     # --- First guess and near-nullspace
 
     def _predict(self) -> None:
-        """Close contacts that are open everywhere and without which a body would be free to move.
+        """Close the contacts without which a body would be free to move.
 
-        The bulk matrix of such a body is singular. One step with the contact bilateral brings it to
+        The bulk matrix of such a body is singular. One step with contact bilateral brings it to
         where its loads press it against the other body.
         """
         self._evaluate(self._x.array_r)
-        closed = []
-        for contact, (s, m) in zip(self.contacts, self._sides, strict=True):
-            active = self.comm.allreduce(contact.num_active_local(), op=MPI.SUM)
-            closed.append(active == 0 and not (self._held[s] and self._held[m]))
-        if not any(closed):
+        if not self._rigid.is_free(self.contacts, self._sides):
             return
-        self._r.array[:] = self._evaluate(self._x.array_r, closed)
-        self._assemble(closed)
+        bilateral = [not contact.law.linear for contact in self.contacts]
+        self._r.array[:] = self._evaluate(self._x.array_r, bilateral)
+        self._assemble(bilateral)
         ksp = self.snes.getKSP()
         ksp.setOperators(self._matrix)
         step = self._x.duplicate()
@@ -259,42 +259,24 @@ class ContactProblem:
         self._assembled = None
 
     def _set_near_nullspaces(self) -> None:
+        """Rigid modes of each body on its block, and of all together on the AIJ matrix."""
         assert self.blocks is not None
-        for i, (body, modes) in enumerate(zip(self.bodies, self._modes, strict=True)):
-            if modes is not None:
-                block = self.blocks.block(i, i)
-                assert block is not None
-                block.setNearNullSpace(_null_space(body.create_vec(), modes))
-
-    def _set_global_near_nullspace(self, matrix: PETSc.Mat) -> None:
-        """Rigid modes of all bodies together, and the block size that multigrid needs."""
-        modes = [m for m in self._modes if m is not None]
-        if len(modes) < len(self.bodies):
+        for i, modes in enumerate(self._rigid.modes):
+            block = self.blocks.block(i, i)
+            if modes and block is not None:
+                block.setNearNullSpace(PETSc.NullSpace().create(vectors=modes, comm=self.comm))
+        if self._kind == "nest" or not all(self._rigid.modes):
             return
         gdim = self.bodies[0].V.mesh.geometry.dim
         if all(body.V.dofmap.index_map_bs == gdim for body in self.bodies):
-            matrix.setBlockSize(gdim)
-        matrix.setNearNullSpace(_null_space(self._x, np.concatenate(modes, axis=1)))
-
-
-def _modes(body: Body) -> Array | None:
-    space = displacement_space(body.V)
-    return None if space is None else rigid_modes(space, body.num_owned)
-
-
-def _held(body: Body, modes: Array | None) -> bool:
-    return modes is None or is_held(body.comm, modes, body.owned_constrained)
-
-
-def _null_space(layout: PETSc.Vec, modes: Array) -> PETSc.NullSpace:
-    """Null space of orthonormalised modes, given by their owned parts."""
-    vecs = [layout.duplicate() for _ in modes]
-    for k, (vec, mode) in enumerate(zip(vecs, modes, strict=True)):
-        vec.array[:] = mode
-        for other in (*vecs[:k], *vecs[:k]):  # twice: once leaves rounding errors
-            vec.axpy(-vec.dot(other), other)
-        vec.normalize()
-    return PETSc.NullSpace().create(vectors=vecs, comm=layout.comm)
+            self._matrix.setBlockSize(gdim)  # multigrid's
+        vecs = []
+        for parts in zip(*map(rigid_modes, self.bodies), strict=True):
+            vecs.append(self._x.duplicate())
+            vecs[-1].array[:] = np.concatenate(parts)
+        self._matrix.setNearNullSpace(
+            PETSc.NullSpace().create(vectors=orthonormal(vecs), comm=self.comm)
+        )
 
 
 def _body_of(u: typing.Sequence[fem.Function], V: fem.FunctionSpace, name: str) -> int:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import typing
 
 from petsc4py import PETSc
 
-#: Defaults of the nonlinear solver. A solve that starts at the solution ends by the step tolerance.
+#: Defaults of the nonlinear solver. Full steps make Newton's method an active-set method, which ends
+#: within a few steps where the bodies are linear; the residual may grow by orders of magnitude when
+#: contacts close. A solve that starts at the solution ends by the step tolerance.
 SNES_OPTIONS: dict[str, typing.Any] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",
+    "snes_divergence_tolerance": 1e300,
     "snes_rtol": 1e-9,
     "snes_stol": 1e-10,
     "snes_max_it": 50,
 }
+
+#: Line search that is tried from the start when full steps did not converge.
+LINE_SEARCH = "l2"
 
 #: Defaults of the linear solver, unless the user chooses anything about it.
 DIRECT_OPTIONS: dict[str, typing.Any] = {
@@ -66,11 +73,14 @@ def reason_name(reasons: type, value: int) -> str:
 _put: dict[str, dict[str, str]] = {}
 
 
-def set_options(prefix: str, given: dict[str, typing.Any]) -> None:
+def set_options(prefix: str, given: dict[str, typing.Any]) -> bool:
     """Put a problem's options into PETSc's database.
 
     They stay there, because preconditioners look up some of theirs late; those of an earlier
     problem with this prefix are removed. Defaults give way to the command line.
+
+    Returns:
+        Whether the full steps are our default and not the user's choice.
     """
     database = PETSc.Options(prefix)
     for key, value in _put.pop(prefix, {}).items():
@@ -82,3 +92,18 @@ def set_options(prefix: str, given: dict[str, typing.Any]) -> None:
     for key, value in put.items():
         database.setValue(key, value)
     _put[prefix] = {key: database.getString(key, "") for key in put}
+    return "snes_linesearch_type" in put and "snes_linesearch_type" not in given
+
+
+@contextlib.contextmanager
+def line_search(snes: PETSc.SNES) -> typing.Iterator[None]:
+    """Replace full steps by a line search on the residual norm inside the block."""
+    database = PETSc.Options(snes.getOptionsPrefix())
+    full_steps = database.getString("snes_linesearch_type")
+    try:
+        database.setValue("snes_linesearch_type", LINE_SEARCH)
+        snes.setFromOptions()
+        yield
+    finally:
+        database.setValue("snes_linesearch_type", full_steps)
+        snes.setFromOptions()
