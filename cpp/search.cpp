@@ -6,6 +6,7 @@
 #include <boost/geometry/geometries/box.hpp>
 #include <boost/geometry/geometries/point.hpp>
 #include <boost/geometry/index/rtree.hpp>
+#include <cmath>
 #include <memory>
 
 using namespace qsdolfinx;
@@ -69,7 +70,7 @@ void local_candidates(const Surface& surface, const Tree& tree, const Vec3& p, c
     if (surface.on_surface_boundary(f, c.xi))
     {
       const Vec3 d = p - c.x;
-      if (norm(d - dot(d, n) * n) > overhang_tolerance * size)
+      if (norm(d - dot(d, n) * n) > std::max(overhang_tolerance * size, 2 * std::abs(dot(d, n))))
         continue;
     }
     out.push_back({f, c});

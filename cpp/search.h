@@ -13,8 +13,8 @@ namespace qsdolfinx
 inline constexpr double tie_tolerance = 1e-10;
 
 /// A node whose closest point is on the boundary of the surface is beside the surface, and
-/// unpaired, if it lies further out than this part of the facet size, measured in the facet's
-/// plane.
+/// unpaired, if its offset in the facet's plane is more than this part of the facet size and more
+/// than twice its distance from that plane: where nearly touching surfaces overhang each other.
 inline constexpr double overhang_tolerance = 0.1;
 
 /// For every owned node of a surface the closest point of another surface.

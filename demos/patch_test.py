@@ -1,12 +1,12 @@
-"""Contact patch test of Fourment & Popa (2005), Table 1, cases 1 and 2: two elastic cubes in contact.
+"""Contact patch test of Fourment & Popa (2005), Table 1, cases 1 and 2: two elastic cubes.
 
 Two unit cubes (in 2D: squares) with structured meshes of n × n × 1 cells are stacked and pressed
-together. The lower one is the master, E = 3e4, the upper one the slave, E = 1.3e4; ν = 0. The normal
-displacement is zero at the bottom, and the tangential ones are zero on the planes x = 0 and y = 0 of
-both bodies, so that the exact solution is the uniform stress −65.
+together. The lower one is the master, E = 3e4, the upper one the slave, E = 1.3e4; ν = 0. The
+normal displacement is zero at the bottom, and the tangential ones are zero on the planes x = 0 and
+y = 0 of both bodies, so that the exact solution is the uniform stress −65.
 
-Without arguments both loads are solved with master-slave and quasi-symmetric contact, and a table is
-printed beside the paper's. With arguments one case is solved:
+Without arguments both loads are solved with master-slave and quasi-symmetric contact, and a table
+is printed beside the paper's. With arguments one case is solved:
 
     python3 demos/patch_test.py --master 8 --slave 3 --cell hexahedron --formulation master-slave
     mpirun -n 2 python3 demos/patch_test.py --load displacement --jitter 0.25 --json result.json
@@ -100,7 +100,7 @@ class Block:
         return self.E * ufl.sym(ufl.grad(self.u))
 
     def condition(self, axis, at, value):
-        """Dirichlet condition on the displacement along an axis, where that coordinate is ``at``."""
+        """Dirichlet condition on the displacement along an axis, on the plane across it."""
         component = self.V.sub(axis)
         facets = locate(self.mesh, axis, at)
         dofs = fem.locate_dofs_topological(component, self.gdim - 1, facets)
@@ -199,12 +199,17 @@ def run(p, comm=MPI.COMM_WORLD):
     return {k: v.item() if hasattr(v, "item") else v for k, v in result.items()}, contact
 
 
-# --- Table 1 of the paper --------------------------------------------------------------------------
+# --- Table 1 of the paper
 
 PAPER = {  # load: mean and maximum error, in %
     "pressure": {"quasi-symmetric": (3.6, 8.3), "master-slave": (8.0, 22.0)},
     "displacement": {"quasi-symmetric": (4.8, 10.9), "master-slave": (10.0, 24.8)},
 }
+CONCLUSION = """\
+The percentages need not be the paper's: its meshes are shown in a figure but not published, and
+the error depends on where the nodes of one side lie on the facets of the other. What can be
+compared is the ratio of the two formulations. Checked: in every row the mean and maximum errors of
+quasi-symmetric contact are below those of master-slave contact."""
 MESHES = (("tetrahedron", 4, 3), ("tetrahedron", 8, 3), ("hexahedron", 4, 3), ("hexahedron", 8, 3))
 
 
@@ -241,16 +246,7 @@ def table(comm):
                     "quasi-symmetric is not better"
                 )
     say()
-    say(
-        "The percentages need not be the paper's: its meshes are shown in a figure but not published,"
-    )
-    say(
-        "and the error depends on where the nodes of one side lie on the facets of the other. What can"
-    )
-    say(
-        "be compared is the ratio of the two formulations. Checked: in every row the mean and maximum"
-    )
-    say("errors of quasi-symmetric contact are below those of master-slave contact.")
+    say(CONCLUSION)
 
 
 def say_row(say, name, qs_errors, ms_errors):
@@ -260,7 +256,7 @@ def say_row(say, name, qs_errors, ms_errors):
     say(f"{name:34}{columns[0]:>22}{columns[1]:>22}{ratios[0]:8.2f} /{ratios[1]:5.2f}")
 
 
-# --- Picture ---------------------------------------------------------------------------------------
+# --- Picture
 
 
 def plot(comm, filename, cell="tetrahedron", n_master=8, n_slave=3):
@@ -302,7 +298,7 @@ def plot(comm, filename, cell="tetrahedron", n_master=8, n_slave=3):
     print(f"\n{filename}: contact traction on both sides")
 
 
-# --- Command line ----------------------------------------------------------------------------------
+# --- Command line
 
 
 def count(text):

@@ -84,7 +84,7 @@ class RigidMotion:
     def is_free(
         self, contacts: typing.Sequence[Contact], sides: typing.Sequence[tuple[int, int]]
     ) -> bool:
-        """Whether a rigid motion neither violates a condition nor changes a closed gap. Collective."""
+        """Whether a rigid motion violates no condition and changes no closed gap. Collective."""
         if self.all_held:
             return False
         gram = np.zeros_like(self._held)

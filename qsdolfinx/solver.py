@@ -7,9 +7,9 @@ import typing
 
 from petsc4py import PETSc
 
-#: Defaults of the nonlinear solver. Full steps make Newton's method an active-set method, which ends
-#: within a few steps where the bodies are linear; the residual may grow by orders of magnitude when
-#: contacts close. A solve that starts at the solution ends by the step tolerance.
+#: Defaults of the nonlinear solver. Full steps make Newton's method an active-set method, which
+#: ends within a few steps where the bodies are linear; the residual may grow by orders of magnitude
+#: when contacts close. A solve that starts at the solution ends by the step tolerance.
 SNES_OPTIONS: dict[str, typing.Any] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",
