@@ -43,6 +43,7 @@ struct Candidate
 {
   std::size_t facet;
   ClosestPoint point;
+  bool beside; ///< the node is beside the surface, see overhang_tolerance
 };
 
 /// Facets of this rank that are closest to p, ties included.
@@ -67,13 +68,11 @@ void local_candidates(const Surface& surface, const Tree& tree, const Vec3& p, c
     if (dot(n, normal) >= 0)
       continue;
     const double size = surface.facets().size[f];
-    if (surface.on_surface_boundary(f, c.xi))
-    {
-      const Vec3 d = p - c.x;
-      if (norm(d - dot(d, n) * n) > std::max(overhang_tolerance * size, 2 * std::abs(dot(d, n))))
-        continue;
-    }
-    out.push_back({f, c});
+    const Vec3 d = p - c.x;
+    const double height = dot(d, n), offset = norm(d - height * n);
+    const bool beside = offset > std::max(overhang_tolerance * size, 2 * std::abs(height))
+                        && surface.on_surface_boundary(f, c.xi);
+    out.push_back({f, c, beside});
     limit = std::min(limit, c.distance + tie_tolerance * size);
   }
   std::erase_if(out, [limit](const Candidate& c) { return c.point.distance > limit; });
@@ -156,25 +155,26 @@ struct Answers
 {
   int nv, gdim;
   std::vector<std::int64_t> query; ///< query it answers, in the asking rank's numbering
-  std::vector<double> values;      ///< distance, size, x, normal, N, sorted vertices; see width()
+  std::vector<double> values;      ///< distance, size, beside, x, normal, N, sorted vertices
   std::vector<std::int64_t> dofs;  ///< [record][vertex][gdim]
   std::vector<int> owner;          ///< [record][vertex]
 
-  int width() const { return 8 + nv + 3 * nv; }
+  int width() const { return 9 + nv + 3 * nv; }
   std::span<const double> value(std::size_t i) const
   {
     return std::span(values).subspan(i * width(), width());
   }
   double distance(std::size_t i) const { return values[i * width()]; }
+  bool beside(std::size_t i) const { return values[i * width() + 2] != 0; }
   double tie(std::size_t i) const { return tie_tolerance * values[i * width() + 1]; }
-  std::span<const double> name(std::size_t i) const { return value(i).subspan(8 + nv); }
+  std::span<const double> name(std::size_t i) const { return value(i).subspan(9 + nv); }
 
   void append(std::int64_t q, const Surface& s, const Candidate& c)
   {
     query.push_back(q);
     const Vec3 n = s.normal(c.facet, c.point.xi);
     const auto N = shape_functions(s.type(), c.point.xi);
-    values.insert(values.end(), {c.point.distance, s.facets().size[c.facet]});
+    values.insert(values.end(), {c.point.distance, s.facets().size[c.facet], 1.0 * c.beside});
     values.insert(values.end(), c.point.x.begin(), c.point.x.end());
     values.insert(values.end(), n.begin(), n.end());
     values.insert(values.end(), N.begin(), N.begin() + nv);
@@ -265,13 +265,13 @@ ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& sur
                     std::vector<double>(n * 3, 0),   std::vector<double>(n * 3, 0)};
   for (std::size_t k = 0; k < n; ++k)
   {
-    if (best[k] < 0)
+    if (best[k] < 0 || a.beside(best[k]))
       continue;
     const auto v = a.value(best[k]);
     out.found[k] = 1;
-    std::copy_n(v.begin() + 2, 3, out.x.begin() + 3 * k);
-    std::copy_n(v.begin() + 5, 3, out.normal.begin() + 3 * k);
-    std::copy_n(v.begin() + 8, nv, out.shape_values.begin() + nv * k);
+    std::copy_n(v.begin() + 3, 3, out.x.begin() + 3 * k);
+    std::copy_n(v.begin() + 6, 3, out.normal.begin() + 3 * k);
+    std::copy_n(v.begin() + 9, nv, out.shape_values.begin() + nv * k);
     std::copy_n(a.dofs.begin() + best[k] * nv * gdim, nv * gdim, out.dofs.begin() + k * nv * gdim);
     std::copy_n(a.owner.begin() + best[k] * nv, nv, out.owner.begin() + k * nv);
   }

@@ -266,12 +266,10 @@ def _facet_data(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _Geometr
     msh, tdim, gdim = V.mesh, V.mesh.topology.dim, V.mesh.geometry.dim
     nv, n = _FACET_VERTICES[msh.topology.cell_type], len(facets)
     cells = _cell_of(msh, facets)
-    cell_facets = msh.topology.connectivity(tdim, tdim - 1)
-    per_cell = cell_facets.array.reshape(-1, cell_facets.offsets[1] - cell_facets.offsets[0])
-    local = np.argmax(per_cell[cells] == facets[:, None], axis=1) if n else np.zeros(0, dtype=int)
-
     cell_type = getattr(basix.CellType, msh.topology.cell_type.name)
     reference = np.array(basix.topology(cell_type)[tdim - 1])
+    per_cell = msh.topology.connectivity(tdim, tdim - 1).array.reshape(-1, len(reference))
+    local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
     vertices = reference[local].reshape(n, nv)
     x = vertex_x(msh, cells[:, None], vertices).reshape(n, nv, 3)
     dofs = vertex_dofs(V, cells[:, None], vertices).reshape(n, nv, gdim)

@@ -1,10 +1,16 @@
 """Tests run with any number of MPI ranks; each test counts as one, whichever rank it fails on."""
 
 import io
+import pathlib
+import sys
 
 from mpi4py import MPI
 
 import pytest
+
+# Tests import scenes.py beside them and the demos.
+here = pathlib.Path(__file__).resolve().parent
+sys.path[:0] = [str(here), str(here.parent / "demos")]
 
 comm = MPI.COMM_WORLD.Dup()
 

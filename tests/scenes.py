@@ -1,0 +1,179 @@
+"""Meshes, bodies and contacts that the tests are made of."""
+
+from mpi4py import MPI
+
+import numpy as np
+
+import basix.ufl
+import ufl
+from dolfinx import fem, graph, mesh
+
+import qsdolfinx as qs
+
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
+CELLS = ("tetrahedron", "hexahedron", "triangle", "quadrilateral")
+LAWS = (qs.Tied, qs.Unilateral)
+WORLD = MPI.COMM_WORLD
+
+
+def spread(rank_of):
+    """Partitioner that puts each cell where ``rank_of(position, size)`` says, position in [0, 1)."""
+
+    def partition(comm, size, types, cells):
+        per_cell = mesh.CellType
+        vertices = {
+            per_cell.triangle: 3,
+            per_cell.quadrilateral: 4,
+            per_cell.tetrahedron: 4,
+            per_cell.hexahedron: 8,
+        }[types[0]]
+        count = len(cells[0]) // vertices
+        first, total = comm.exscan(count) or 0, comm.allreduce(count)
+        position = (first + np.arange(count)) / total
+        dest = np.array([rank_of(p, size) for p in position], dtype=np.int32)
+        lists = graph.adjacencylist(dest, np.arange(count + 1, dtype=np.int32))
+        return getattr(lists, "_cpp_object", lists)
+
+    return partition
+
+
+#: How cells can be spread over ranks: in order, backwards, one by one, and all on one rank.
+PARTITIONS = {
+    "forward": spread(lambda p, size: int(p * size)),
+    "backward": spread(lambda p, size: size - 1 - int(p * size)),
+    "scattered": spread(lambda p, size: int(p * 1e6) % size),
+    "first": spread(lambda p, size: 0),
+    "last": spread(lambda p, size: size - 1),
+}
+
+
+def box(comm, n, cell, low, high, partition=None):
+    """Structured mesh; n counts the cells along each axis."""
+    create = mesh.create_rectangle if len(n) == 2 else mesh.create_box
+    options = {} if partition is None else {"partitioner": PARTITIONS[partition]}
+    return create(comm, [low, high], list(n), mesh.CellType[cell], **options)
+
+
+def plane(msh, axis, value):
+    """Boundary facets in a plane across an axis."""
+    fdim = msh.topology.dim - 1
+    return mesh.locate_entities_boundary(msh, fdim, lambda x: np.isclose(x[axis], value))
+
+
+def clamp(V, facets, value=None):
+    """Dirichlet condition on all components."""
+    value = np.zeros(V.mesh.geometry.dim) if value is None else np.asarray(value, dtype=np.float64)
+    return fem.dirichletbc(value, fem.locate_dofs_topological(V, V.mesh.topology.dim - 1, facets), V)
+
+
+def slide(V, axis, facets, value=0.0):
+    """Dirichlet condition on one component."""
+    component = V.sub(axis)
+    dofs = fem.locate_dofs_topological(component, V.mesh.topology.dim - 1, facets)
+    return fem.dirichletbc(fem.Constant(V.mesh, float(value)), dofs, component)
+
+
+def vector_space(msh):
+    """P1 or Q1 displacements."""
+    return fem.functionspace(msh, ("Lagrange", 1, (msh.geometry.dim,)))
+
+
+def mini_space(msh):
+    """P1 displacements with a cell bubble."""
+    cell, gdim = msh.basix_cell(), msh.geometry.dim
+    p1 = basix.ufl.element("Lagrange", cell, 1)
+    bubble = basix.ufl.element("Bubble", cell, gdim + 1)
+    element = basix.ufl.enriched_element([p1, bubble])
+    return fem.functionspace(msh, basix.ufl.blocked_element(element, shape=(gdim,)))
+
+
+def elastic(u, E=1.0, nu=0.3, force=None):
+    """Residual of linear elasticity (plane strain in 2D)."""
+    v = ufl.TestFunction(u.function_space)
+    return elastic_form(u, v, E, nu, force)
+
+
+def elastic_form(u, v, E=1.0, nu=0.3, force=None):
+    mu, lmbda = E / 2 / (1 + nu), E * nu / (1 + nu) / (1 - 2 * nu)
+
+    def strain(w):
+        return ufl.sym(ufl.grad(w))
+
+    F = 2 * mu * ufl.inner(strain(u), strain(v)) + lmbda * ufl.div(u) * ufl.div(v)
+    if force is not None:
+        F -= ufl.inner(force, v)
+    return F * ufl.dx
+
+
+def random_values(msh, amplitude, seed, dim):
+    """Displacement per lattice position, the same on every partition: a sum of smooth waves."""
+    rng = np.random.default_rng(seed)
+    waves = rng.normal(size=(8, 3)) * 6
+    phases = rng.random((8, dim)) * 2 * np.pi
+    x = msh.geometry.x
+    return amplitude * np.sin((x @ waves.T)[:, :, None] + phases[None]).mean(axis=1)
+
+
+class Pair:
+    """Two stacked elastic blocks of which the lower one is the master, with wavy contact surfaces."""
+
+    def __init__(
+        self,
+        cell,
+        formulation="quasi-symmetric",
+        law=None,
+        penalty=30.0,
+        n=(4, 3),
+        comm=WORLD,
+        gap=0.0,
+        wave=0.0,
+        partitions=(None, None),
+        load=-0.1,
+        space=vector_space,
+    ):
+        self.gdim = gdim = 2 if cell in ("triangle", "quadrilateral") else 3
+        self.meshes, self.V, self.u, self.F, self.bcs, surfaces = [], [], [], [], [], []
+        axis = gdim - 1
+        for i, (count, low) in enumerate(zip(n, (-1.0, 0.0), strict=True)):
+            corner = [0.0] * axis + [low]
+            msh = box(
+                comm, [count] * axis + [2], cell, corner, np.add(corner, 1.0), partitions[i]
+            )
+            contact, far = plane(msh, axis, 0.0), plane(msh, axis, -1.0 if i == 0 else 1.0)
+            x = msh.geometry.x
+            shape = 1 - np.abs(x[:, axis])
+            x[:, axis] += shape * random_values(msh, wave, 3, 1)[:, 0] + (gap if i == 1 else 0.0)
+            V = space(msh)
+            u = fem.Function(V)
+            self.meshes.append(msh)
+            self.V.append(V)
+            self.u.append(u)
+            self.F.append(elastic(u, E=1.0 + i))
+            value = np.zeros(gdim)
+            value[axis] = 0.0 if i == 0 else load
+            self.bcs.append([clamp(V, far, value)])
+            surfaces.append(qs.Surface(V, facets=contact))
+        self.master, self.slave = surfaces
+        law = qs.Unilateral() if law is None else law
+        self.contact = qs.Contact(self.slave, self.master, formulation, law, penalty)
+
+    def problem(self, **options):
+        return qs.ContactProblem(self.F, self.u, [self.contact], self.bcs, **options)
+
+
+def gathered(comm, values):
+    """Values of all ranks, on every rank."""
+    return np.concatenate(comm.allgather(values))
+
+
+def raises_everywhere(comm, error, match, call):
+    """Assert that every rank raises this error."""
+    try:
+        call()
+        found = None
+    except Exception as e:
+        found = e
+    assert isinstance(found, error), f"expected {error.__name__}, got {found!r}"
+    assert match in str(found), f"{match!r} is not in {found}"
+    texts = set(comm.allgather(str(found)))
+    assert len(texts) == 1, texts
