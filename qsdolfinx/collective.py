@@ -12,8 +12,8 @@ from mpi4py import MPI
 def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
     """Raise on every rank what any rank raises inside the block.
 
-    The block must hold no collective calls: a rank that fails leaves it early. The lowest failing
-    rank's exception is raised on the ranks that did not fail themselves. Collective.
+    The block must hold no collective calls: a rank that fails leaves it early. The exception of the
+    lowest failing rank is raised on all of them. Collective.
 
     Args:
         comm: Communicator of the ranks that take part.
@@ -30,7 +30,8 @@ def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
     if first == comm.size:
         return
     message = comm.bcast((type(error), str(error)) if error else None, root=first)
-    if error is not None:
+    if comm.rank == first:
+        assert error is not None
         raise error
     kind, text = message
-    raise kind(text)
+    raise kind(text) from error

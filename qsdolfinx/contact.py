@@ -20,7 +20,7 @@ from qsdolfinx.collective import collective_errors
 from qsdolfinx.gap import Vecs, WeightedGap
 from qsdolfinx.laws import Law, Unilateral
 from qsdolfinx.pairing import Pairing
-from qsdolfinx.surface import Surface
+from qsdolfinx.surface import Surface, update_surfaces
 
 Array = npt.NDArray[np.float64]
 
@@ -98,9 +98,7 @@ class Contact:
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
         """
-        self.slave.update()
-        if self.master is not self.slave:
-            self.master.update()
+        update_surfaces(self.slave, self.master)
         self._pair()
 
     def _pair(self) -> None:
@@ -171,7 +169,7 @@ class Contact:
         Raises:
             ValueError: If it is not a positive number.
         """
-        _check_penalty(penalty)
+        _check_positive("penalty", penalty)
         self._automatic = False
         self._penalty = float(penalty)
 
@@ -351,11 +349,12 @@ def _flat(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
     return values[:, 0] if values.shape[1] == 1 else values
 
 
-def _check_penalty(penalty: float | str) -> None:
-    if isinstance(penalty, bool) or not isinstance(penalty, (int, float, np.floating, np.integer)):
-        raise ValueError(f'penalty: must be "auto" or a positive number, not {penalty!r}')
-    if not (math.isfinite(penalty) and penalty > 0):
-        raise ValueError(f"penalty: must be positive and finite, not {penalty}")
+def _check_positive(name: str, value: typing.Any, alternative: str = "") -> None:
+    number = isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(
+        value, bool
+    )
+    if not (number and math.isfinite(value) and value > 0):
+        raise ValueError(f"{name}: must be a positive, finite number{alternative}, not {value!r}")
 
 
 def _check_arguments(
@@ -376,9 +375,9 @@ def _check_arguments(
     if not isinstance(law, Law):
         raise TypeError(f"law: must be a law such as qsdolfinx.Tied(), not {law!r}")
     if penalty != "auto":
-        _check_penalty(penalty)
-    if search_radius is not None and not (math.isfinite(search_radius) and search_radius > 0):
-        raise ValueError(f"search_radius: must be a positive length, not {search_radius}")
+        _check_positive("penalty", penalty, ' or "auto"')
+    if search_radius is not None:
+        _check_positive("search_radius", search_radius)
     if slave.gdim != master.gdim:
         raise ValueError("slave and master have different geometric dimensions")
     if MPI.Comm.Compare(slave.comm, master.comm) not in (MPI.IDENT, MPI.CONGRUENT):

@@ -279,11 +279,15 @@ class ContactProblem:
         )
 
 
+def _contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
+    """Whether a C++ function space is that of V or one of its sub-spaces."""
+    return part == V._cpp_object or V._cpp_object.contains(part)
+
+
 def _body_of(u: typing.Sequence[fem.Function], V: fem.FunctionSpace, name: str) -> int:
     """Index of the body whose space is V or has the sub-space V."""
     for i, function in enumerate(u):
-        space = function.function_space
-        if space == V or (space.mesh is V.mesh and space.contains(V)):
+        if _contains(function.function_space, V._cpp_object):
             return i
     raise ValueError(f"contacts: the {name} surface of a contact belongs to the space of none of u")
 
@@ -313,6 +317,9 @@ def _check_arguments(
         other = function.function_space.mesh.comm
         if MPI.Comm.Compare(comm, other) not in (MPI.IDENT, MPI.CONGRUENT):
             raise ValueError("u: all meshes must be on the same ranks in the same order")
+    for i, (function, conditions) in enumerate(zip(u, bcs, strict=True)):
+        if not all(_contains(function.function_space, bc.function_space) for bc in conditions):
+            raise ValueError(f"bcs: entry {i} has a condition on a space other than that of u[{i}]")
     for contact in contacts:
         _body_of(u, contact.slave.V, "slave")
         _body_of(u, contact.master.V, "master")

@@ -99,11 +99,15 @@ def set_options(prefix: str, given: dict[str, typing.Any]) -> bool:
 def line_search(snes: PETSc.SNES) -> typing.Iterator[None]:
     """Replace full steps by a line search on the residual norm inside the block."""
     database = PETSc.Options(snes.getOptionsPrefix())
-    full_steps = database.getString("snes_linesearch_type")
-    try:
-        database.setValue("snes_linesearch_type", LINE_SEARCH)
+    full_steps, tolerances = database.getString("snes_linesearch_type"), snes.getTolerances()
+
+    def choose(kind: str) -> None:
+        database.setValue("snes_linesearch_type", kind)
         snes.setFromOptions()
+        snes.setTolerances(*tolerances)
+
+    choose(LINE_SEARCH)
+    try:
         yield
     finally:
-        database.setValue("snes_linesearch_type", full_steps)
-        snes.setFromOptions()
+        choose(full_steps)

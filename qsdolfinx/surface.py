@@ -145,7 +145,18 @@ class Surface:
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
         """
-        self._cpp_object = _create(self.V, self.facets)
+        update_surfaces(self)
+
+
+def update_surfaces(*surfaces: Surface) -> None:
+    """Read the mesh coordinates of several surfaces anew: of all of them, or of none. Collective.
+
+    Raises:
+        ValueError: If coordinates are not finite or a facet has no area.
+    """
+    new = [_create(surface.V, surface.facets) for surface in surfaces]
+    for surface, cpp_object in zip(surfaces, new, strict=True):
+        surface._cpp_object = cpp_object
 
 
 def _check_arguments(

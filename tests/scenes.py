@@ -1,5 +1,7 @@
 """Meshes, bodies and contacts that the tests are made of."""
 
+import inspect
+
 from mpi4py import MPI
 
 import numpy as np
@@ -17,7 +19,7 @@ WORLD = MPI.COMM_WORLD
 
 
 def spread(rank_of):
-    """Partitioner that puts each cell where ``rank_of(position, size)`` says, position in [0, 1)."""
+    """Partitioner that puts a cell at position p in [0, 1) on ``rank_of(p, size)``."""
 
     def partition(comm, size, types, cells):
         per_cell = mesh.CellType
@@ -54,6 +56,13 @@ def box(comm, n, cell, low, high, partition=None):
     return create(comm, [low, high], list(n), mesh.CellType[cell], **options)
 
 
+def create_mesh(cells, x, domain, comm=WORLD):
+    """dolfinx.mesh.create_mesh, the order of whose arguments differs between versions."""
+    given = {"cells": cells.astype(np.int64), "x": x, "e": domain}
+    names = inspect.signature(mesh.create_mesh).parameters
+    return mesh.create_mesh(comm, **{name: given[name] for name in names if name in given})
+
+
 def plane(msh, axis, value):
     """Boundary facets in a plane across an axis."""
     fdim = msh.topology.dim - 1
@@ -63,7 +72,9 @@ def plane(msh, axis, value):
 def clamp(V, facets, value=None):
     """Dirichlet condition on all components."""
     value = np.zeros(V.mesh.geometry.dim) if value is None else np.asarray(value, dtype=np.float64)
-    return fem.dirichletbc(value, fem.locate_dofs_topological(V, V.mesh.topology.dim - 1, facets), V)
+    return fem.dirichletbc(
+        value, fem.locate_dofs_topological(V, V.mesh.topology.dim - 1, facets), V
+    )
 
 
 def slide(V, axis, facets, value=0.0):
@@ -115,7 +126,7 @@ def random_values(msh, amplitude, seed, dim):
 
 
 class Pair:
-    """Two stacked elastic blocks of which the lower one is the master, with wavy contact surfaces."""
+    """Two stacked elastic blocks, the lower one the master, with wavy contact surfaces."""
 
     def __init__(
         self,
@@ -136,9 +147,7 @@ class Pair:
         axis = gdim - 1
         for i, (count, low) in enumerate(zip(n, (-1.0, 0.0), strict=True)):
             corner = [0.0] * axis + [low]
-            msh = box(
-                comm, [count] * axis + [2], cell, corner, np.add(corner, 1.0), partitions[i]
-            )
+            msh = box(comm, [count] * axis + [2], cell, corner, np.add(corner, 1.0), partitions[i])
             contact, far = plane(msh, axis, 0.0), plane(msh, axis, -1.0 if i == 0 else 1.0)
             x = msh.geometry.x
             shape = 1 - np.abs(x[:, axis])

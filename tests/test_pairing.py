@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import scipy.spatial
-from scenes import PARTITIONS, WORLD, box, gathered, plane, random_values, vector_space
+from scenes import WORLD, box, gathered, plane, random_values, vector_space
 
 import qsdolfinx as qs
 
@@ -123,7 +123,7 @@ def test_brute_force(cell, partitions):
 
 
 def test_bilinear_facets():
-    """On warped quadrilaterals no sample of a nearby facet is closer than the point that was found."""
+    """On warped quadrilaterals no sample of any facet is closer than the point found."""
     slave = curved(WORLD, "hexahedron", [12, 9], [0, 0], [1, 1], 0.3, 1, 0.3, "scattered")
     master = curved(WORLD, "hexahedron", [7, 8], [-0.2] * 2, [1.1] * 2, -0.3, 2, 0.3, "backward")
     contact = qs.Contact(
@@ -192,7 +192,9 @@ def test_ties_take_the_same_facet():
             )
         )
         points = contact.pairing
-        corners = [np.sort([tuple(x_of[d]) for d in row], axis=0) for row in points.master.dofs[..., 0]]
+        corners = [
+            np.sort([tuple(x_of[d]) for d in row], axis=0) for row in points.master.dofs[..., 0]
+        ]
         flat = np.column_stack([points.slave.x, np.reshape(corners, (len(points), -1))])
         flat = gathered(comm, flat)
         return flat[np.lexsort(np.round(flat[:, :3], 9).T)]
@@ -275,5 +277,3 @@ def test_unknowns_and_owners():
             x = side.shape_values[p, used] @ np.array([position[d] for d in first])
             np.testing.assert_allclose(x, side.x[p], atol=1e-13)
             assert np.isclose(side.shape_values[p].sum(), 1)
-
-

@@ -51,7 +51,7 @@ def closest_by_search(vertices, p):
 @pytest.mark.parametrize("num_vertices", (2, 3, 4))
 @pytest.mark.parametrize("reach", (0.2, 1.0, 5.0))
 def test_closest_point(num_vertices, reach):
-    """Not further than a search over the facet finds, and on the facet; bilinear ones are warped."""
+    """On the facet, and no further than a search over it finds; bilinear ones are warped."""
     rng = np.random.default_rng(num_vertices)
     corners = {2: [[0, 0, 0], [1, 0, 0]], 3: [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}
     corners[4] = [*corners[3], [1, 1, 0]]
@@ -83,7 +83,7 @@ def test_points_of_the_facet_are_their_own_projection(num_vertices):
 
 
 def test_a_point_as_far_as_can_be_still_gets_an_answer():
-    """At the centre of a sphere all points of a patch are equally far: Newton's matrix is singular."""
+    """All points of the patch about equally far: Newton's matrix is singular or indefinite."""
     a = np.sqrt(1 / 3)
     vertices = np.array([[-a, -a, a], [a, -a, a], [-a, a, a], [a, a, a]])
     distance, xi, _ = _cpp.closest_point(4, vertices, np.zeros(3))

@@ -9,7 +9,6 @@ from scenes import CELLS, PARTITIONS, WORLD, box, gathered, mini_space, plane, v
 
 import basix.ufl
 import ufl
-import dolfinx.fem.petsc
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs

@@ -102,8 +102,6 @@ def test_curved_punch(formulation, penalty, load, gap):
     assert 0 < penetration < 1e3 / penalty
 
 
-
-
 def test_bodies_apart_do_not_feel_each_other():
     pair = Pair("triangle", load=0.05)
     problem = pair.problem()

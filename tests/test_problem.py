@@ -1,0 +1,460 @@
+"""ContactProblem: assembly, solver options, several bodies, failure, nonlinear and mixed forms."""
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from scenes import (
+    CELLS,
+    WORLD,
+    Pair,
+    box,
+    clamp,
+    create_mesh,
+    elastic,
+    elastic_form,
+    mini_space,
+    plane,
+    raises_everywhere,
+    slide,
+    vector_space,
+)
+
+import basix.ufl
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+
+def largest(values):
+    """Largest absolute value on all ranks."""
+    return WORLD.allreduce(np.abs(values).max(initial=0.0), op=MPI.MAX)
+
+
+def test_linear_bodies_are_assembled_once():
+    """K is assembled once over solves, loads and Newton steps, until its coefficients change."""
+    pair = Pair("quadrilateral", n=(6, 5), wave=0.05)
+    msh = pair.meshes[1]
+    stiffness, load = fem.Constant(msh, 2.0), fem.Constant(msh, (0.0, 0.0))
+    u = pair.u[1]
+    pair.F[1] = elastic(u, E=stiffness, force=load)
+    problem = pair.problem()
+    counts, solutions = [], []
+    for _ in range(2):
+        problem.solve()
+        counts.append([body.num_assemblies for body in problem.bodies])
+    load.value[1] = -0.5
+    problem.solve()
+    counts.append([body.num_assemblies for body in problem.bodies])
+    stiffness.value = 3.0
+    problem.solve()
+    counts.append([body.num_assemblies for body in problem.bodies])
+    solutions.append(u.x.array.copy())
+    linear = [body.linear for body in problem.bodies]
+
+    # The same from scratch.
+    other = Pair("quadrilateral", n=(6, 5), wave=0.05)
+    f = ufl.as_vector([0.0, -0.5])
+    other.F[1] = elastic(other.u[1], E=3.0, force=f)
+    other.problem().solve()
+    error = largest(other.u[1].x.array - solutions[0])
+    assert linear == [True, True]
+    assert counts == [[1, 1], [1, 1], [1, 1], [1, 2]]
+    assert error < 1e-11
+
+
+def test_stale_matrices_are_noticed():
+    """A moved mesh and a changed coefficient count as changes."""
+    pair = Pair("triangle", n=(3, 2), law=qs.Tied())
+    Q = fem.functionspace(pair.meshes[0], ("DG", 0))
+    E = fem.Function(Q)
+    E.x.array[:] = 1.0
+    pair.F[0] = elastic(pair.u[0], E=E)
+    problem = pair.problem()
+    problem.solve()
+    E.x.array[:] = 2.0
+    problem.solve()
+    pair.meshes[0].geometry.x[:, 0] *= 2
+    problem.solve()
+    counts = [body.num_assemblies for body in problem.bodies]
+    assert counts == [3, 1]
+
+
+def test_constant_tangent_is_factorised_once():
+    """All bodies linear, all contacts tied: a second load costs no new matrix."""
+    pair = Pair("hexahedron", law=qs.Tied())
+    top = pair.bcs[1][0].g
+    problem = pair.problem()
+    states, tops = [], []
+    for load in (-0.1, -0.2):
+        top.value[2] = load
+        problem.solve()
+        states.append(problem._matrix.stateGet())
+        tops.append(pair.contact.force("slave")[2])
+    assert states[0] == states[1]
+    assert np.isclose(tops[1], 2 * tops[0])
+
+
+@pytest.mark.parametrize("formulation", ("double-pass", "quasi-symmetric"))
+@pytest.mark.parametrize("cell", ("tetrahedron", "quadrilateral"))
+def test_no_allocation(cell, formulation):
+    """Insertion never leaves the pattern, though rows become active late; PETSc would raise."""
+    pair = Pair(cell, formulation, n=(4, 3), wave=0.05, gap=0.02)
+    problem = pair.problem()
+    problem.set_up()
+    blocks = [problem.blocks.block(i, j) for i in range(2) for j in range(2)]
+    matrices = [*blocks, problem._matrix]
+    nonzeros = [m.getInfo()["nz_allocated"] for m in matrices]
+    problem.solve()
+    after = [m.getInfo() for m in matrices]
+    active = problem.active_history
+    raises = []
+    for m in matrices:
+        low, high = m.owner_range
+        if low == high:
+            continue
+        columns = set(range(m.getSize()[1])) - set(m.getRow(low)[0])
+        try:
+            m.setValue(low, min(columns), 1.0)
+            raises.append(False)
+        except PETSc.Error:
+            raises.append(True)
+    assert active[0] == [0] and active[-1][0] > 0
+    assert [info["mallocs"] for info in after] == [0] * 5
+    assert [info["nz_allocated"] for info in after] == nonzeros
+    assert all(raises)
+
+
+KRYLOV = {"ksp_type": "cg", "pc_type": "gamg", "ksp_rtol": 1e-12}
+SPLIT = {
+    "ksp_type": "gmres",
+    "ksp_rtol": 1e-12,
+    "pc_type": "fieldsplit",
+    "pc_fieldsplit_type": "multiplicative",
+    "fieldsplit_0_ksp_type": "preonly",
+    "fieldsplit_0_pc_type": "bjacobi",
+    "fieldsplit_0_sub_pc_type": "lu",
+    "fieldsplit_1_ksp_type": "preonly",
+    "fieldsplit_1_pc_type": "bjacobi",
+    "fieldsplit_1_sub_pc_type": "lu",
+}
+
+
+@pytest.mark.parametrize(
+    "kind, options",
+    (("mpi", KRYLOV), ("mpi", SPLIT), ("nest", SPLIT)),
+    ids=("gamg", "split", "nest"),
+)
+def test_linear_solvers(kind, options):
+    """Any PETSc solver gives what MUMPS gives."""
+    solutions = []
+    for k, o in (("mpi", {}), (kind, options)):
+        pair = Pair("tetrahedron", n=(4, 3), wave=0.03)
+        problem = pair.problem(kind=k, petsc_options=o | {"snes_rtol": 1e-11})
+        problem.solve()
+        solutions.append(np.concatenate([u.x.array for u in pair.u]))
+    error, size = largest(solutions[0] - solutions[1]), largest(solutions[0])
+    modes = [problem.blocks.block(i, i).getNearNullSpace().getVecs() for i in range(2)]
+    if kind == "mpi":
+        modes.append(problem._matrix.getNearNullSpace().getVecs())
+    assert error < 1e-8 * size
+    assert [len(m) for m in modes] == [6] * len(modes)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_near_nullspace(cell):
+    """Rigid modes, without Dirichlet conditions, are in the null space of bulk and tied contact."""
+    pair = Pair(cell, law=qs.Tied())
+    pair.bcs = [[], []]
+    problem = pair.problem()
+    problem.set_up()
+    problem._evaluate(problem._x.array_r)
+    problem._assemble()
+    null, residuals = problem._matrix.getNearNullSpace(), []
+    for vec in null.getVecs():
+        out = vec.duplicate()
+        problem._matrix.mult(vec, out)
+        residuals.append(out.norm() / problem._matrix.norm())
+    assert len(residuals) == (3 if pair.gdim == 2 else 6)
+    # Rotations of a jump across no distance: zero too, as the surfaces coincide.
+    assert max(residuals) < 1e-13
+
+
+def test_three_bodies_in_a_row():
+    """The middle body is slave of one contact and master of another; forces pass through."""
+    meshes = [
+        box(WORLD, [n, 2], "quadrilateral", [0, i], [1, i + 1]) for i, n in enumerate((3, 5, 4))
+    ]
+    V = [vector_space(m) for m in meshes]
+    u = [fem.Function(space) for space in V]
+    F = [elastic(f, E=10.0, nu=0.0) for f in u]
+    bcs = [
+        [clamp(V[0], plane(meshes[0], 1, 0.0))],
+        [],
+        [clamp(V[2], plane(meshes[2], 1, 3.0), [0, -0.3])],
+    ]
+    bcs[1].append(slide(V[1], 0, plane(meshes[1], 0, 0.0)))
+    low = qs.Contact(
+        qs.Surface(V[1], facets=plane(meshes[1], 1, 1.0)),
+        qs.Surface(V[0], facets=plane(meshes[0], 1, 1.0)),
+        penalty=1e6,
+    )
+    high = qs.Contact(
+        qs.Surface(V[2], facets=plane(meshes[2], 1, 2.0)),
+        qs.Surface(V[1], facets=plane(meshes[1], 1, 2.0)),
+        law=qs.Tied(),
+        penalty=1e6,
+    )
+    problem = qs.ContactProblem(F, u, [low, high], bcs)
+    solution = problem.solve()
+    forces = [low.force("master"), low.force("slave"), high.force("master"), high.force("slave")]
+    coupled = [[problem.blocks.block(i, j) is not None for j in range(3)] for i in range(3)]
+    # Uniaxial, but for the clamps: E × strain × width within a few percent.
+    assert solution == u
+    assert np.isclose(forces[3][1], 10 * 0.1, rtol=0.02)
+    for f in forces[1:3]:
+        assert abs(abs(f[1]) - forces[3][1]) < 1e-9
+    np.testing.assert_allclose(forces[0], -forces[1], atol=1e-12)
+    assert coupled == [[True, True, False], [True, True, True], [False, True, True]]
+
+
+def test_two_contacts_of_the_same_bodies():
+    """A surface split in two contacts acts as one master-slave contact does."""
+    whole = Pair("quadrilateral", "master-slave", qs.Tied(), n=(4, 8), penalty=100.0)
+    whole.problem().solve()
+    parts = Pair("quadrilateral", "master-slave", qs.Tied(), n=(4, 8), penalty=100.0)
+    V, msh = parts.V[1], parts.meshes[1]
+    facets = plane(msh, 1, 0.0)
+    msh.topology.create_connectivity(1, 0)
+    left = mesh.compute_midpoints(msh, 1, facets)[:, 0] < 0.5
+    contacts = [
+        qs.Contact(qs.Surface(V, facets=f), parts.master, "master-slave", qs.Tied(), 100.0)
+        for f in (facets[left], facets[~left])
+    ]
+    qs.ContactProblem(parts.F, parts.u, contacts, parts.bcs).solve()
+    # Nodal areas add up at the node that the two share.
+    errors = [largest(a.x.array - b.x.array) for a, b in zip(whole.u, parts.u, strict=True)]
+    assert max(errors) < 1e-12
+
+
+def test_contact_within_one_mesh():
+    """Two blocks of one mesh and one space: both surfaces belong to the same body."""
+    lattice = np.array([[x, y] for y in (0, 0.5, 1) for x in (0, 0.5, 1)])
+    points = np.concatenate([lattice, lattice + np.array([0, 1])])
+    quads = np.array([[i, i + 1, i + 3, i + 4] for i in (0, 1, 3, 4)])
+    cells = np.concatenate([quads, quads + 9])
+    element = basix.ufl.element("Lagrange", "quadrilateral", 1, shape=(2,))
+    mine = slice(None) if WORLD.rank == 0 else slice(0)
+    msh = create_mesh(cells[mine], points[mine], ufl.Mesh(element))
+    V = vector_space(msh)
+    u = fem.Function(V)
+    inner = plane(msh, 1, 1.0)
+    msh.topology.create_connectivity(1, 2)
+    to_cell = msh.topology.connectivity(1, 2)
+    cell_of = np.array([to_cell.links(f)[0] for f in inner], dtype=np.int32)
+    upper = mesh.compute_midpoints(msh, 2, cell_of)[:, 1] > 1
+    slave = qs.Surface(V, facets=inner[upper])
+    master = qs.Surface(V, facets=inner[~upper])
+    contact = qs.Contact(slave, master, penalty=1e6)
+    bcs = [clamp(V, plane(msh, 1, 0.0)), clamp(V, plane(msh, 1, 2.0), [0.0, -0.2])]
+    problem = qs.ContactProblem([elastic(u, E=10.0, nu=0.0)], [u], [contact], [bcs])
+    problem.solve()
+    forces = contact.force("slave"), contact.force("master")
+    np.testing.assert_allclose(forces[0], [0, 1.0], atol=1e-4)
+    np.testing.assert_allclose(forces[1], -forces[0], atol=1e-13)
+
+
+def hyperelastic(u, mu=1.0, lmbda=1.0):
+    """Compressible neo-Hookean residual."""
+    F = ufl.variable(ufl.Identity(u.ufl_shape[0]) + ufl.grad(u))
+    J = ufl.det(F)
+    energy = (
+        mu / 2 * (ufl.tr(F.T * F) - u.ufl_shape[0]) - mu * ufl.ln(J) + lmbda / 2 * ufl.ln(J) ** 2
+    )
+    return ufl.inner(ufl.diff(energy, F), ufl.grad(ufl.TestFunction(u.function_space))) * ufl.dx
+
+
+@pytest.mark.parametrize("load", (-0.1, 0.1))
+def test_nonlinear_body(load):
+    """A neo-Hookean body on a linear one, by Newton's method with lifted conditions."""
+    pair = Pair("tetrahedron", "quasi-symmetric", qs.Tied(), n=(3, 2), load=load)
+    pair.F[1] = hyperelastic(pair.u[1])
+    problem = pair.problem()
+    problem.solve()
+    iterations, history = problem.snes.getIterationNumber(), problem.residual_history
+    linear = [body.linear for body in problem.bodies]
+    forces = pair.contact.force("slave"), pair.contact.force("master")
+    top = largest(pair.u[1].x.array)
+
+    # An approximate tangent gets to the same solution.
+    other = Pair("tetrahedron", "quasi-symmetric", qs.Tied(), n=(3, 2), load=load)
+    other.F[1] = hyperelastic(other.u[1])
+    J = elastic_form(ufl.TrialFunction(other.V[1]), ufl.TestFunction(other.V[1]), E=2.5, nu=0.25)
+    slow = other.problem(J=[None, J], petsc_options={"snes_max_it": 200})
+    slow.solve()
+    error = largest(other.u[1].x.array - pair.u[1].x.array)
+    slow_iterations = slow.snes.getIterationNumber()
+
+    assert linear == [True, False]
+    assert iterations <= 6
+    assert history[-1] < 1e-8 * history[0]
+    np.testing.assert_allclose(forces[0], -forces[1], atol=1e-12)
+    assert forces[0][2] * load < 0
+    assert np.isclose(top, abs(load))  # the load arrives
+    assert slow_iterations > iterations
+    assert error < 1e-7
+
+
+@pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
+def test_mixed_space(law):
+    """Displacement and pressure: the surface is in a sub-space, the other body in plain P1.
+
+    With a bubble (MINI) and nearly incompressible; forces balance and the boundary is obeyed.
+    """
+    pair = Pair("triangle", law=law(), n=(6, 5))
+    msh, gdim = pair.meshes[1], 2
+    element = basix.ufl.mixed_element(
+        [mini_space(msh).ufl_element(), basix.ufl.element("Lagrange", msh.basix_cell(), 1)]
+    )
+    W = fem.functionspace(msh, element)
+    w = fem.Function(W)
+    u, p = ufl.split(w)
+    v, q = ufl.split(ufl.TestFunction(W))
+    strain = ufl.sym(ufl.grad(u))
+    F = (
+        2 * ufl.inner(strain, ufl.grad(v)) - p * ufl.div(v) - q * ufl.div(u) - 1e-4 * p * q
+    ) * ufl.dx
+    V, _ = W.sub(0).sub(1).collapse()
+    top = plane(msh, 1, 1.0)
+    down = fem.Function(V)
+    down.x.array[:] = -0.1
+    zero = fem.Function(V)
+    bcs = []
+    for i, value in ((0, zero), (1, down)):
+        Vi = W.sub(0).sub(i).collapse()[0]
+        g = fem.Function(Vi)
+        g.x.array[:] = value.x.array[:1] if len(value.x.array) else 0.0
+        dofs = fem.locate_dofs_topological((W.sub(0).sub(i), Vi), 1, top)
+        bcs.append(fem.dirichletbc(g, dofs, W.sub(0).sub(i)))
+    surface = qs.Surface(W.sub(0), facets=plane(msh, 1, 0.0))
+    contact = qs.Contact(surface, pair.master, law=law(), penalty=100.0)
+    problem = qs.ContactProblem([pair.F[0], F], [pair.u[0], w], [contact], [pair.bcs[0], bcs])
+    problem.solve()
+    forces = contact.force("slave"), contact.force("master")
+    traction = contact.traction("slave")
+    dim = traction.function_space.mesh.geometry.dim
+    ds = ufl.Measure("ds", domain=msh)
+    total = WORLD.allreduce(fem.assemble_scalar(fem.form(traction[1] * ds)))
+    held = problem._rigid.all_held
+    assert dim == gdim and held
+    np.testing.assert_allclose(forces[0], -forces[1], atol=1e-12)
+    assert forces[0][1] > 0.01
+    # t_k S_k = f_k: the traction's integral is the force (what is off the surface is zero there).
+    assert total > 0.9 * forces[0][1]
+
+
+def test_automatic_penalty():
+    """ε from the softer body's stiffness: scales with E and 1/h, on any partition."""
+
+    def penalty(n, comm=WORLD, scale=1.0):
+        pair = Pair("hexahedron", n=n, penalty="auto", comm=comm)
+        pair.F = [elastic(u, E=scale * (1.0 + i)) for i, u in enumerate(pair.u)]
+        before = pair.contact.penalty
+        pair.problem().set_up()
+        return before, pair.contact.penalty
+
+    before, coarse = penalty((4, 4))
+    _, serial = penalty((4, 4), MPI.COMM_SELF)
+    _, stiff = penalty((4, 4), scale=10.0)
+    _, fine = penalty((8, 8))
+    assert before is None
+    assert np.isclose(coarse, serial, rtol=1e-12)
+    assert np.isclose(stiff, 10 * coarse, rtol=1e-12)
+    assert 1.2 * coarse < fine < 4 * coarse
+    assert 10 < coarse < 1e4  # E/h is 4
+
+
+def test_penalty_can_be_changed():
+    pair = Pair("triangle", penalty=10.0)
+    problem = pair.problem()
+    gaps = []
+    for penalty in (10.0, 1000.0):
+        pair.contact.set_penalty(penalty)
+        problem.solve()
+        gaps.append(largest(np.maximum(np.nan_to_num(pair.contact.gap()), 0)))
+    assert gaps[1] < gaps[0] / 20
+
+
+def test_moved_meshes_are_paired_anew():
+    """update() after motion: new pattern, new gaps, same problem object."""
+    pair = Pair("quadrilateral", n=(7, 5), load=-0.05)
+    problem = pair.problem()
+    problem.solve()
+    first = pair.contact.force("slave")
+    pair.meshes[1].geometry.x[:, 0] += 0.1
+    pair.contact.update()
+    problem.solve()
+    second = pair.contact.force("slave")
+    pair.meshes[1].geometry.x[:, 0] -= 0.1
+    pair.contact.update()
+    problem.solve()
+    third = pair.contact.force("slave")
+    assert second[1] < first[1]
+    np.testing.assert_allclose(third, first, atol=1e-12)
+
+
+def test_failure_keeps_the_last_state():
+    """Too few iterations: everything about it is told, and the unknowns are as before."""
+    pair = Pair("quadrilateral", n=(9, 7), wave=0.05, load=0.1)
+    problem = pair.problem()
+    problem.solve()
+    kept = [u.x.array.copy() for u in pair.u]
+    pair.bcs[1][0].g.value[1] = -0.2
+    problem.snes.setTolerances(max_it=1)
+    error = None
+    try:
+        problem.solve()
+    except qs.ConvergenceError as e:
+        error = e
+    problem.snes.setTolerances(max_it=50)
+    changes = [largest(u.x.array - k) for u, k in zip(pair.u, kept, strict=True)]
+    problem.solve()  # and it still works
+    assert error is not None
+    assert error.reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
+    assert "MAX_IT" in error.reason_name and error.reason_name in str(error)
+    assert len(error.residual_history) >= 2 and error.residual_history[0] > 0
+    assert len(error.active_history[0]) == 1
+    assert changes == [0, 0]
+
+
+def test_failing_linear_solver_is_named():
+    """A body that nothing holds, and no contact to press against."""
+    pair = Pair("triangle", load=0.0, gap=0.5)
+    pair.bcs[1] = []
+    pair.F[1] = elastic(pair.u[1], force=ufl.as_vector([0.0, 1.0]))  # upwards
+    options = {"ksp_type": "cg", "pc_type": "jacobi", "ksp_max_it": 3}
+    problem = pair.problem(petsc_options=options)
+    raises_everywhere(WORLD, qs.ConvergenceError, "linear solver", problem.solve)
+
+
+def test_options_of_one_problem_do_not_reach_another():
+    pair = Pair("triangle")
+    first = pair.problem(petsc_options_prefix="same_", petsc_options={"snes_max_it": 7})
+    second = pair.problem(petsc_options_prefix="same_")
+    own = pair.problem(petsc_options={"snes_rtol": 1e-3})
+    tolerances = [p.snes.getTolerances() for p in (first, second, own)]
+    assert [t[3] for t in tolerances] == [7, 50, 50]
+    assert np.isclose(tolerances[2][0], 1e-3)
+    assert first.snes.getOptionsPrefix() == "same_"
+
+
+def test_no_contacts_is_plain_elasticity():
+    pair = Pair("tetrahedron", load=0.1)
+    problem = qs.ContactProblem(pair.F, pair.u, [], pair.bcs)
+    problem.solve()
+    iterations = problem.snes.getIterationNumber()
+    residual = fem.assemble_vector(fem.form(pair.F[0]))
+    assert iterations == 1
+    assert largest(residual.array) < 1e-12
