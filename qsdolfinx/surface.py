@@ -42,8 +42,7 @@ class Surface:
 
     Raises:
         ValueError: If the space is scalar, of higher degree or discontinuous, if the surface is
-        empty,
-            not on the boundary, has coordinates that are not finite or facets without area.
+            empty, not on the boundary, has coordinates that are not finite or facets without area.
         TypeError: If both or none of ``facet_tags`` and ``facets`` are given, or PETSc is complex.
     """
 
@@ -261,7 +260,7 @@ class _Geometry(typing.NamedTuple):
 def _create(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _cpp.Surface:
     with collective_errors(V.mesh.comm):
         data = _facet_data(V, facets)
-        _check_geometry(data.x)
+        _check_geometry(data)
     index_map = V.dofmap.index_map
     return _cpp.Surface(
         comm=V.mesh.comm.py2f(),
@@ -301,11 +300,11 @@ def _global_numbers(
     return numbers.astype(np.int64), owners[block[..., 0]].astype(np.int32)
 
 
-def _check_geometry(x: npt.NDArray[np.float64]) -> None:
+def _check_geometry(data: _Geometry) -> None:
     """Refuse coordinates that are not finite and facets without area."""
-    if not np.isfinite(x).all():
-        raise ValueError("V: coordinates of contact facets are not finite (NaN or infinity)")
-    nv = x.shape[1]
+    x, nv = data.x, data.x.shape[1]
+    if not (np.isfinite(x).all() and np.isfinite(data.inside).all()):
+        raise ValueError("V: coordinates of cells at contact facets are not finite (NaN, infinity)")
     size = np.max(np.linalg.norm(x[:, :, None] - x[:, None, :], axis=-1), axis=(1, 2), initial=0.0)
     if nv == 2:
         flat = size <= 0

@@ -138,7 +138,7 @@ class Pair:
         comm=WORLD,
         gap=0.0,
         wave=0.0,
-        partitions=(None, None),
+        partitions=("forward", "backward"),
         load=-0.1,
         space=vector_space,
     ):

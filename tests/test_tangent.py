@@ -12,7 +12,7 @@ import qsdolfinx as qs
 def scene(cell, formulation, law, amplitude=0.05):
     """Curved surfaces with some rows open, some closed, and random displacements."""
     n = (3, 2) if cell in ("tetrahedron", "hexahedron") else (12, 9)
-    pair = Pair(cell, formulation, law(), n=n, wave=0.05, partitions=("forward", "backward"))
+    pair = Pair(cell, formulation, law(), n=n, wave=0.05)
     problem = pair.problem()
     problem.solve()
     x = problem._x.copy()
