@@ -1,4 +1,4 @@
-"""Newton iterations of unilateral contact with PETSc's line searches: why full steps are the default.
+"""Newton iterations of unilateral contact with PETSc's line searches: why full steps are default.
 
 A curved punch (slave, coarser) comes down on a block, by a displacement or a pressure of its top,
 with and without a gap before, at a moderate and a very stiff penalty. Printed are the iterations

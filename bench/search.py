@@ -1,8 +1,8 @@
 """Closest facets: this package's search (Boost R-tree) against DOLFINx's BoundingBoxTree.
 
 Nodes of one wavy surface are projected onto the facets of another, of a different cell count, at
-growing numbers of nodes n. Printed are microseconds per node, which grow like log n if the search is
-O(n log n), and the quality of what is found:
+growing numbers of nodes n. Printed are microseconds per node, which grow like log n if the search
+is O(n log n), and how far the distances found differ:
 
 - qsdolfinx: pairing of the slave nodes, with exact closest points, ties and the test of normals;
 - DOLFINx: bounding-box and midpoint trees, closest facet and its distance (GJK), which takes a

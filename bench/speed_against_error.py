@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "demos"))
 
-from patch_test import CELLS, Parameters, run  # noqa: E402
+from patch_test import CELLS, Parameters, run
 
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
 
