@@ -186,3 +186,8 @@ def raises_everywhere(comm, error, match, call):
     assert match in str(found), f"{match!r} is not in {found}"
     texts = set(comm.allgather(str(found)))
     assert len(texts) == 1, texts
+
+
+def largest(values):
+    """Largest absolute value on all ranks."""
+    return WORLD.allreduce(np.abs(values).max(initial=0.0), op=MPI.MAX)
