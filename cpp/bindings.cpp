@@ -73,7 +73,6 @@ void bind_surface(nb::module_& m)
           },
           "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "dofs"_a, "owner"_a, "inside"_a,
           "local_size"_a, "Collective. See surface.h.")
-      .def_prop_ro("num_facets", &Surface::num_facets)
       .def_prop_ro("facet_size_range", &Surface::facet_size_range)
       .def_prop_ro(
           "node_dofs", [](const Surface& s)

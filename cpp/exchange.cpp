@@ -3,21 +3,47 @@
 #include <algorithm>
 #include <array>
 #include <limits>
-#include <map>
 #include <numeric>
 
 using namespace qsdolfinx;
 
 namespace
 {
+constexpr int data_tag = 4200;
+
+/// Tag for the next consensus on a communicator. Successive ones need different tags, because a
+/// fast rank may already send for the next while a slow one still listens: the communicator itself
+/// counts them, so that its ranks agree whatever they do on others.
+int next_consensus_tag(MPI_Comm comm)
+{
+  static int key = MPI_KEYVAL_INVALID;
+  if (key == MPI_KEYVAL_INVALID)
+    MPI_Comm_create_keyval(
+        MPI_COMM_NULL_COPY_FN,
+        [](MPI_Comm, int, void* value, void*)
+        {
+          delete static_cast<int*>(value);
+          return MPI_SUCCESS;
+        },
+        &key, nullptr);
+  void* value = nullptr;
+  int found = 0;
+  MPI_Comm_get_attr(comm, key, &value, &found);
+  if (!found)
+  {
+    value = new int(0);
+    MPI_Comm_set_attr(comm, key, value);
+  }
+  auto& count = *static_cast<int*>(value);
+  count = 1 - count;
+  return data_tag + 1 + count;
+}
+
 /// Numbers of records that other ranks will send to this one: the non-blocking consensus algorithm
 /// of Hoefler, Siebert and Lumsdaine (2010), which needs no array of the communicator's size.
 std::map<int, int> discover_sources(MPI_Comm comm, const std::map<int, int>& counts_to)
 {
-  // Successive calls use different tags: a fast rank may already send for the next exchange.
-  static int call = 0;
-  const int tag = 4200 + (call++ % 1024);
-
+  const int tag = next_consensus_tag(comm);
   std::vector<MPI_Request> sends(counts_to.size());
   std::size_t i = 0;
   for (const auto& [rank, count] : counts_to)
@@ -49,69 +75,49 @@ std::map<int, int> discover_sources(MPI_Comm comm, const std::map<int, int>& cou
   }
   return counts_from;
 }
-
-std::vector<int> offsets_of(const std::vector<int>& counts)
-{
-  std::vector<int> offsets(counts.size() + 1, 0);
-  std::partial_sum(counts.begin(), counts.end(), offsets.begin() + 1);
-  return offsets;
-}
 } // namespace
 
-Exchange::Exchange(MPI_Comm comm, std::span<const int> dest) : order_(dest.size())
+Exchange::Exchange(MPI_Comm comm, std::span<const int> dest) : comm_(comm), order_(dest.size())
 {
   std::iota(order_.begin(), order_.end(), 0);
   std::stable_sort(order_.begin(), order_.end(), [&](auto a, auto b) { return dest[a] < dest[b]; });
   std::map<int, int> counts_to;
   for (int rank : dest)
     ++counts_to[rank];
-  const std::map<int, int> counts_from = discover_sources(comm, counts_to);
-
-  std::vector<int> to, from;
-  for (const auto& [rank, count] : counts_to)
-  {
-    to.push_back(rank);
-    send_counts_.push_back(count);
-  }
-  for (const auto& [rank, count] : counts_from)
-  {
-    from.push_back(rank);
-    recv_counts_.push_back(count);
-  }
-  send_offsets_ = offsets_of(send_counts_);
-  recv_offsets_ = offsets_of(recv_counts_);
-  num_received_ = recv_offsets_.back();
-
-  const auto graph = [comm](const std::vector<int>& sources, const std::vector<int>& targets)
-  {
-    MPI_Comm out;
-    MPI_Dist_graph_create_adjacent(comm, static_cast<int>(sources.size()), sources.data(),
-                                   MPI_UNWEIGHTED, static_cast<int>(targets.size()), targets.data(),
-                                   MPI_UNWEIGHTED, MPI_INFO_NULL, false, &out);
-    return out;
-  };
-  forward_comm_ = graph(from, to);
-  reverse_comm_ = graph(to, from);
+  to_ = peers(counts_to);
+  from_ = peers(discover_sources(comm, counts_to));
+  for (const Peer& peer : from_)
+    num_received_ += static_cast<std::size_t>(peer.count);
 }
 
-Exchange::~Exchange()
+std::vector<Exchange::Peer> Exchange::peers(const std::map<int, int>& counts)
 {
-  MPI_Comm_free(&forward_comm_);
-  MPI_Comm_free(&reverse_comm_);
+  std::vector<Peer> out;
+  std::size_t offset = 0;
+  for (const auto& [rank, count] : counts)
+  {
+    out.push_back({rank, count, offset});
+    offset += static_cast<std::size_t>(count);
+  }
+  return out;
 }
 
-void Exchange::send(const void* in, void* out, std::size_t record_bytes, bool forward) const
+void Exchange::send(const void* in, const std::vector<Peer>& targets, void* out,
+                    const std::vector<Peer>& sources, std::size_t record_bytes) const
 {
-  // One MPI element per record keeps counts and offsets within int for any record width.
+  // One MPI element per record keeps counts within int for any record width.
   MPI_Datatype record;
   MPI_Type_contiguous(static_cast<int>(record_bytes), MPI_BYTE, &record);
   MPI_Type_commit(&record);
-  if (forward)
-    MPI_Neighbor_alltoallv(in, send_counts_.data(), send_offsets_.data(), record, out,
-                           recv_counts_.data(), recv_offsets_.data(), record, forward_comm_);
-  else
-    MPI_Neighbor_alltoallv(in, recv_counts_.data(), recv_offsets_.data(), record, out,
-                           send_counts_.data(), send_offsets_.data(), record, reverse_comm_);
+  std::vector<MPI_Request> requests(sources.size() + targets.size());
+  std::size_t i = 0;
+  for (const Peer& p : sources)
+    MPI_Irecv(static_cast<char*>(out) + p.offset * record_bytes, p.count, record, p.rank, data_tag,
+              comm_, &requests[i++]);
+  for (const Peer& p : targets)
+    MPI_Isend(static_cast<const char*>(in) + p.offset * record_bytes, p.count, record, p.rank,
+              data_tag, comm_, &requests[i++]);
+  MPI_Waitall(static_cast<int>(requests.size()), requests.data(), MPI_STATUSES_IGNORE);
   MPI_Type_free(&record);
 }
 

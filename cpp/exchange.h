@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <map>
 #include <mpi.h>
 #include <span>
 #include <vector>
@@ -10,20 +11,18 @@
 namespace qsdolfinx
 {
 
-/// Routes records to ranks over a neighbourhood communicator, so that the cost depends on the ranks
-/// that really talk to each other and not on the size of the communicator.
+/// Routes records to ranks by point-to-point messages, so that the cost depends on the ranks that
+/// really talk to each other.
 ///
 /// Records arrive ordered by source rank, and in sending order within a rank; `reverse` carries one
 /// answer per received record back to where it came from, in sending order.
 class Exchange
 {
 public:
-  /// Collective. @param comm communicator; must outlive the object
+  /// Collective. @param comm communicator used for nothing else at the same time; must outlive the
+  /// object
   /// @param dest rank that receives record i
   Exchange(MPI_Comm comm, std::span<const int> dest);
-  ~Exchange();
-  Exchange(const Exchange&) = delete;
-  Exchange& operator=(const Exchange&) = delete;
 
   /// Number of records that this rank receives.
   std::size_t num_received() const { return num_received_; }
@@ -39,7 +38,7 @@ public:
       std::copy_n(data.data() + static_cast<std::size_t>(order_[i]) * width, width,
                   packed.data() + i * width);
     std::vector<T> out(num_received_ * width);
-    send(packed.data(), out.data(), bytes, true);
+    send(packed.data(), to_, out.data(), from_, bytes);
     return out;
   }
 
@@ -50,7 +49,7 @@ public:
   {
     const std::size_t bytes = sizeof(T) * static_cast<std::size_t>(width);
     std::vector<T> packed(order_.size() * width), out(order_.size() * width);
-    send(data.data(), packed.data(), bytes, false);
+    send(data.data(), from_, packed.data(), to_, bytes);
     for (std::size_t i = 0; i < order_.size(); ++i)
       std::copy_n(packed.data() + i * width, width,
                   out.data() + static_cast<std::size_t>(order_[i]) * width);
@@ -58,11 +57,21 @@ public:
   }
 
 private:
-  void send(const void* in, void* out, std::size_t record_bytes, bool forward) const;
+  /// Records exchanged with one rank.
+  struct Peer
+  {
+    int rank;
+    int count;
+    std::size_t offset; ///< first record
+  };
 
-  MPI_Comm forward_comm_ = MPI_COMM_NULL, reverse_comm_ = MPI_COMM_NULL;
+  void send(const void* in, const std::vector<Peer>& targets, void* out,
+            const std::vector<Peer>& sources, std::size_t record_bytes) const;
+  static std::vector<Peer> peers(const std::map<int, int>& counts);
+
+  MPI_Comm comm_;
   std::vector<std::int32_t> order_; // records sorted by destination
-  std::vector<int> send_counts_, send_offsets_, recv_counts_, recv_offsets_;
+  std::vector<Peer> to_, from_;
   std::size_t num_received_ = 0;
 };
 

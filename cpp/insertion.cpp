@@ -1,7 +1,5 @@
 #include "insertion.h"
 
-#include <algorithm>
-
 using namespace qsdolfinx;
 
 namespace

@@ -7,6 +7,7 @@
 #include <boost/geometry/geometries/point.hpp>
 #include <boost/geometry/index/rtree.hpp>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 using namespace qsdolfinx;
@@ -65,7 +66,7 @@ void local_candidates(const Surface& surface, const Tree& tree, const Vec3& p, c
     if (c.distance > limit)
       continue;
     const Vec3 n = surface.normal(f, c.xi);
-    if (dot(n, normal) >= 0)
+    if (!(dot(n, normal) < 0))
       continue;
     const double size = surface.facets().size[f];
     const Vec3 d = p - c.x;

@@ -79,6 +79,8 @@ Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double
   facets_.dofs.assign(dofs.begin(), dofs.end());
   facets_.owner.assign(owner.begin(), owner.end());
   MPI_Comm_dup(comm, &comm_);
+  // mpi4py's communicators return error codes, which nothing here would look at.
+  MPI_Comm_set_errhandler(comm_, MPI_ERRORS_ARE_FATAL);
   orient_and_measure(inside);
   collect_nodes();
   mark_boundary();

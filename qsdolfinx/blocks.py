@@ -61,6 +61,12 @@ class Blocks:
         """Block of bodies i and j, None where no contact couples them."""
         return self._mats.get((i, j))
 
+    def destroy(self) -> None:
+        """Free the matrices. Collective."""
+        self.nest.destroy()
+        for mat in self._mats.values():
+            mat.destroy()
+
     def assemble(self, bilateral: typing.Sequence[bool] | None = None) -> None:
         """Fill all blocks for the bodies' and the contacts' present state. Collective.
 

@@ -99,6 +99,7 @@ class Body:
 
     def begin_solve(self) -> None:
         """Take over new Dirichlet values, loads, material and geometry. Collective."""
+        self.u.x.scatter_forward()  # a user may have set owned values alone
         for bc in self.bcs:
             bc.set(self._g.array)
         if not self.linear:
@@ -152,6 +153,12 @@ class Body:
         matrix = fem_petsc.create_matrix(self._tangent_form)
         self._assemble_matrix(matrix)
         return matrix
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        for thing in (self._K, self.x, self.force, self._step, self._r):
+            if thing is not None:
+                thing.destroy()
 
     def _assemble_matrix(self, matrix: PETSc.Mat) -> None:
         matrix.zeroEntries()

@@ -7,6 +7,9 @@ import typing
 
 from mpi4py import MPI
 
+#: Exceptions that can be raised on other ranks from their text alone.
+_PLAIN = (ValueError, TypeError, RuntimeError, IndexError, NotImplementedError, AssertionError)
+
 
 @contextlib.contextmanager
 def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
@@ -19,7 +22,9 @@ def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
         comm: Communicator of the ranks that take part.
 
     Raises:
-        Exception: Whatever was raised inside the block on any rank.
+        Exception: Whatever was raised inside the block on any rank. Other ranks than the one that
+            raised it get a RuntimeError in its place if it is not a built-in exception made from
+            a single text.
     """
     error: Exception | None = None
     try:
@@ -29,9 +34,9 @@ def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
     first = comm.allreduce(comm.rank if error else comm.size, op=MPI.MIN)
     if first == comm.size:
         return
-    message = comm.bcast((type(error), str(error)) if error else None, root=first)
+    name, text = comm.bcast((type(error).__name__, str(error)) if error else None, root=first)
     if comm.rank == first:
         assert error is not None
         raise error
-    kind, text = message
-    raise kind(text) from error
+    kind = {k.__name__: k for k in _PLAIN}.get(name)
+    raise (RuntimeError(f"{name}: {text}") if kind is None else kind(text)) from error

@@ -86,14 +86,15 @@ class Contact:
         #: Wall time (s) that this rank has spent in pairing, gaps and insertion.
         self.seconds = 0.0
         self._given_radius = None if search_radius is None else float(search_radius)
-        self._automatic = penalty == "auto"
-        self._penalty = None if self._automatic else float(penalty)
+        self._penalty = None if penalty == "auto" else float(penalty)
         self._pair()
 
     # --- Pairing
 
     def update(self) -> None:
         """Pair anew, after the meshes of the bodies have been moved. Collective.
+
+        Displacements then count from the moved meshes.
 
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
@@ -158,24 +159,14 @@ class Contact:
         """ε, stress per length; None as long as an automatic one has not been computed."""
         return self._penalty
 
-    @property
-    def automatic_penalty(self) -> bool:
-        """Whether ε is taken from the bodies' stiffness."""
-        return self._automatic
-
     def set_penalty(self, penalty: float) -> None:
-        """Set ε, stress per length, for the solves to come; it is no longer automatic.
+        """Set ε, stress per length, for the solves to come.
 
         Raises:
             ValueError: If it is not a positive number.
         """
         _check_positive("penalty", penalty)
-        self._automatic = False
         self._penalty = float(penalty)
-
-    def set_automatic_penalty(self, penalty: float) -> None:
-        """Store the ε that was taken from the bodies' stiffness."""
-        self._penalty = penalty
 
     # --- Evaluation, for the problem
 

@@ -49,8 +49,10 @@ class WeightedGap:
         self.row_node: npt.NDArray[np.int64] = self.operator.row_node
         #: Area in the energy of each row, S_k times the share.
         self.weight: Array = share * slave.node_area[self.row_node]
-        #: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim).
+        #: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
         self.values: Array = np.zeros((self.operator.num_rows, self.operator.width))
+        if not law.jump:
+            self.values[:, 0] = -self.operator.initial_gap
 
     def evaluate(self, u: Vecs) -> None:
         """Compute the weighted gaps for displacements u. Collective."""
@@ -59,7 +61,7 @@ class WeightedGap:
             self.values[:, 0] -= self.operator.initial_gap
 
     def add_forces(self, multiplier: Array, b: Vecs) -> None:
-        """B += Gᵀ S λ, the derivative of the energy. Collective."""
+        """Add Gᵀ S λ to b, the derivative of the energy. Collective."""
         force = np.ascontiguousarray(self.weight[:, None] * multiplier)
         self.operator.add_transpose(force, b[0].handle, b[1].handle)
 

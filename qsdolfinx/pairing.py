@@ -41,7 +41,7 @@ class Pairing:
         normal: Unit normals, outward of the slave, shape (points, 3).
         gap: Signed initial distances (x_master - x_slave)·n, positive when open, shape (points,).
         weight: Areas w_p, shape (points,).
-        num_unpaired: Owned nodes without a partner within the search radius.
+        num_unpaired: Owned nodes that were searched and found no partner.
     """
 
     slave: PairingSide

@@ -18,9 +18,9 @@ from qsdolfinx.blocks import Blocks, forbid_allocation
 from qsdolfinx.bulk import Body
 from qsdolfinx.collective import collective_errors
 from qsdolfinx.contact import Contact
-from qsdolfinx.penalty import FACTOR, nodal_stiffness
-from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes
-from qsdolfinx.solver import ConvergenceError, line_search, set_options
+from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
+from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
+from qsdolfinx.solver import ConvergenceError, line_search, remove_options, set_options
 
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()
@@ -77,8 +77,9 @@ class ContactProblem:
         ]
         self._kind = kind
         self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
-        self._rigid = RigidMotion(self.bodies)
+        self._rigid: RigidMotion | None = None
         self.blocks: Blocks | None = None
+        self._matrix: PETSc.Mat | None = None
         self._paired: list[int] = []
         self._assembled: list[object] | None = None
         #: Norm of the residual at each iteration of the last solve.
@@ -135,6 +136,7 @@ class ContactProblem:
         converged = self.snes.getConvergedReason() > 0
         self._reduce_active_history()
         if not converged:
+            self._evaluate(self._start)  # gaps and multipliers too
             self._restore(start)
             raise ConvergenceError(
                 self.snes.getConvergedReason(),
@@ -154,6 +156,7 @@ class ContactProblem:
             if body.linear:  # evaluated as if its Dirichlet values were in place
                 values = body.with_conditions(values)
             self._part(self._x.array, i)[:] = values
+        self._start = self._x.array.copy()
 
     def _restore(self, arrays: list[Array]) -> None:
         for body, array in zip(self.bodies, arrays, strict=True):
@@ -165,32 +168,65 @@ class ContactProblem:
 
     def _rebuild(self) -> None:
         """Penalties, patterns and matrices after the contacts have paired. Collective."""
+        self._destroy_matrices()
         matrices = [body.matrix() for body in self.bodies]
         markers = [body.constrained_marker() for body in self.bodies]
-        diagonals = [matrix.getDiagonal() for matrix in matrices]
         for contact, (s, m) in zip(self.contacts, self._sides, strict=True):
             contact.constrain(markers[s], markers[m])
-            if contact.automatic_penalty:
+            if contact.penalty is None:
                 stiffness = [
-                    nodal_stiffness(surface, diagonals[i], markers[i])
+                    nodal_stiffness(surface, matrices[i], markers[i])
                     for surface, i in ((contact.slave, s), (contact.master, m))
                 ]
-                contact.set_automatic_penalty(FACTOR * min(stiffness))
+                contact.set_penalty(automatic_penalty(stiffness))
         self.blocks = Blocks(self.bodies, self.contacts, self._sides, matrices)
         self._matrix = self.blocks.nest
         if self._kind == "mpi":
             self._matrix = self.blocks.nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
             forbid_allocation(self._matrix)
+        self._rigid = RigidMotion(self.bodies)
         self._set_near_nullspaces()
+        for marker in markers:
+            marker.destroy()
+        for body, matrix in zip(self.bodies, matrices, strict=True):
+            if not body.linear:
+                matrix.destroy()
         self.snes.reset()
         self.snes.setFunction(self._function, self._r)
         self.snes.setJacobian(self._jacobian, self._matrix, self._matrix)
         pc = self.snes.getKSP().getPC()
         if pc.getType() == PETSc.PC.Type.FIELDSPLIT:
+            # A reset takes the options from the splits: start from scratch.
+            pc.setType(PETSc.PC.Type.NONE)
+            pc.setFromOptions()
             index_sets = self.blocks.nest.getNestISs()[0]
             pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
         self._paired = [c.version for c in self.contacts]
         self._assembled = None
+
+    def _destroy_matrices(self) -> None:
+        """Free the matrices; in parallel petsc4py would keep them. Collective."""
+        if self._matrix is not None and self._kind == "mpi":
+            self._matrix.destroy()
+        if self.blocks is not None:
+            self.blocks.destroy()
+        if self._rigid is not None:
+            self._rigid.destroy()
+        self.blocks = self._matrix = self._rigid = None
+
+    def destroy(self) -> None:
+        """Free PETSc's objects and options; the problem cannot be used again. Collective.
+
+        In parallel PETSc's objects are not freed when Python drops them. A program that makes many
+        problems should call this for each.
+        """
+        self._destroy_matrices()
+        remove_options(self.snes.getOptionsPrefix())
+        self.snes.destroy()
+        self._x.destroy()
+        self._r.destroy()
+        for body in self.bodies:
+            body.destroy()
 
     # --- Callbacks
 
@@ -244,6 +280,7 @@ class ContactProblem:
         The bulk matrix of such a body is singular. One step with contact bilateral brings it to
         where its loads press it against the other body.
         """
+        assert self._rigid is not None and self._matrix is not None
         self._evaluate(self._x.array_r)
         if not self._rigid.is_free(self.contacts, self._sides):
             return
@@ -256,15 +293,16 @@ class ContactProblem:
         ksp.solve(self._r, step)
         if ksp.getConvergedReason() > 0 and np.isfinite(step.norm()):
             self._x.axpy(-1.0, step)
+        step.destroy()
         self._assembled = None
 
     def _set_near_nullspaces(self) -> None:
         """Rigid modes of each body on its block, and of all together on the AIJ matrix."""
-        assert self.blocks is not None
+        assert self.blocks is not None and self._rigid is not None and self._matrix is not None
         for i, modes in enumerate(self._rigid.modes):
             block = self.blocks.block(i, i)
             if modes and block is not None:
-                block.setNearNullSpace(PETSc.NullSpace().create(vectors=modes, comm=self.comm))
+                set_near_nullspace(block, modes)
         if self._kind == "nest" or not all(self._rigid.modes):
             return
         gdim = self.bodies[0].V.mesh.geometry.dim
@@ -274,13 +312,14 @@ class ContactProblem:
         for parts in zip(*map(rigid_modes, self.bodies), strict=True):
             vecs.append(self._x.duplicate())
             vecs[-1].array[:] = np.concatenate(parts)
-        self._matrix.setNearNullSpace(
-            PETSc.NullSpace().create(vectors=orthonormal(vecs), comm=self.comm)
-        )
+        set_near_nullspace(self._matrix, orthonormal(vecs))
+        for vec in vecs:
+            vec.destroy()
 
 
 def _contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
     """Whether a C++ function space is that of V or one of its sub-spaces."""
+    part = getattr(part, "_cpp_object", part)
     return part == V._cpp_object or V._cpp_object.contains(part)
 
 
@@ -313,7 +352,9 @@ def _check_arguments(
     if any(not isinstance(contact, Contact) for contact in contacts):
         raise ValueError("contacts: must be a list of qsdolfinx.Contact")
     comm = u[0].function_space.mesh.comm
-    for function in u:
+    for i, function in enumerate(u):
+        if any(function.function_space == other.function_space for other in u[:i]):
+            raise ValueError("u: every body needs a function space of its own")
         other = function.function_space.mesh.comm
         if MPI.Comm.Compare(comm, other) not in (MPI.IDENT, MPI.CONGRUENT):
             raise ValueError("u: all meshes must be on the same ranks in the same order")

@@ -61,11 +61,17 @@ class RigidMotion:
         self.modes: list[list[PETSc.Vec]] = []
         for body in bodies:
             self.modes.append(orthonormal([vector(body, mode) for mode in rigid_modes(body)]))
+        self._zero = [body.create_vec() for body in bodies]
         self._offsets = np.cumsum([0, *map(len, self.modes)])
         self._held = np.zeros((self._offsets[-1], self._offsets[-1]))
         for i, body in enumerate(bodies):
             self._add(self._held, [i], [[v.array_r[body.owned_constrained] for v in self.modes[i]]])
         self._held = bodies[0].comm.allreduce(self._held, op=MPI.SUM)
+
+    def destroy(self) -> None:
+        """Free the vectors. Collective."""
+        for vec in (*self._zero, *(mode for modes in self.modes for mode in modes)):
+            vec.destroy()
 
     def _add(self, gram: Array, parts: list[int], values: list[list[Array]]) -> None:
         """Add the products of the modes' local values, given per body."""
@@ -89,7 +95,7 @@ class RigidMotion:
             return False
         gram = np.zeros_like(self._held)
         for contact, (s, m) in zip(contacts, sides, strict=True):
-            zero = [self._bodies[i].create_vec() for i in (s, m)]
+            zero = self._zero[s], self._zero[m]
             gaps = [
                 [contact.closed_gaps(mode, zero[1]) for mode in self.modes[s]],
                 [contact.closed_gaps(zero[0], mode) for mode in self.modes[m]],
@@ -99,8 +105,15 @@ class RigidMotion:
 
 
 def _is_regular(gram: Array) -> bool:
-    """Whether the products of modes show that every motion is resisted."""
-    return len(gram) == 0 or bool(np.linalg.eigvalsh(gram)[0] > 1e-12)
+    """Whether the products of modes show that every motion is resisted.
+
+    Scaled to a unit diagonal: a small surface holds a large body as well.
+    """
+    diagonal = np.diag(gram)
+    if np.any(diagonal <= 1e-30):
+        return len(gram) == 0
+    scale = 1 / np.sqrt(diagonal)
+    return bool(np.linalg.eigvalsh(gram * np.outer(scale, scale))[0] > 1e-12)
 
 
 def vector(body: Body, values: Array) -> PETSc.Vec:
@@ -117,3 +130,10 @@ def orthonormal(vecs: list[PETSc.Vec]) -> list[PETSc.Vec]:
             vec.axpy(-vec.dot(other), other)
         vec.normalize()
     return vecs
+
+
+def set_near_nullspace(mat: PETSc.Mat, vecs: list[PETSc.Vec]) -> None:
+    """Hand orthonormal rigid modes to a matrix. Collective."""
+    space = PETSc.NullSpace().create(vectors=vecs, comm=mat.comm)
+    mat.setNearNullSpace(space)
+    space.destroy()

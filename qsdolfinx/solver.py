@@ -82,10 +82,8 @@ def set_options(prefix: str, given: dict[str, typing.Any]) -> bool:
     Returns:
         Whether the full steps are our default and not the user's choice.
     """
+    remove_options(prefix)
     database = PETSc.Options(prefix)
-    for key, value in _put.pop(prefix, {}).items():
-        if database.getString(key, "") == value:
-            database.delValue(key)
     chosen = any(key.startswith(("ksp_", "pc_")) for key in (*given, *database.getAll()))
     defaults = SNES_OPTIONS if chosen else SNES_OPTIONS | DIRECT_OPTIONS
     put = {key: value for key, value in defaults.items() if not database.hasName(key)} | given
@@ -93,6 +91,14 @@ def set_options(prefix: str, given: dict[str, typing.Any]) -> bool:
         database.setValue(key, value)
     _put[prefix] = {key: database.getString(key, "") for key in put}
     return "snes_linesearch_type" in put and "snes_linesearch_type" not in given
+
+
+def remove_options(prefix: str) -> None:
+    """Take out of PETSc's database what set_options has put there and nobody changed since."""
+    database = PETSc.Options(prefix)
+    for key, value in _put.pop(prefix, {}).items():
+        if database.getString(key, "") == value:
+            database.delValue(key)
 
 
 @contextlib.contextmanager

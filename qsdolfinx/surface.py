@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import typing
 
 from mpi4py import MPI
@@ -59,7 +60,6 @@ class Surface:
             _check_arguments(V, facet_tags, tag, facets)
         self.V = V
         self.mesh = V.mesh
-        self.tag = tag
         fdim = V.mesh.topology.dim - 1
         V.mesh.topology.create_connectivity(fdim, fdim + 1)
         V.mesh.topology.create_connectivity(fdim + 1, fdim)
@@ -129,14 +129,22 @@ class Surface:
         vector.array[:] = 0
         vector.array[self.node_dofs - index_map.local_range[0] * bs] = values
         vector.scatter_forward()
-        if self.V.dofmap.bs == self.gdim:
+        if self._collapsed is None:
             out = fem.Function(self.V)
             out.x.array[:] = vector.array
         else:
-            collapsed, parent = self.V.collapse()
-            out = fem.Function(collapsed)
+            space, parent = self._collapsed
+            out = fem.Function(space)
             out.x.array[:] = vector.array[parent]
         return out
+
+    @functools.cached_property
+    def _collapsed(self) -> tuple[fem.FunctionSpace, npt.NDArray[np.int32]] | None:
+        """Collapsed space and its map if V is a sub-space. Collective at first."""
+        if self.V.dofmap.bs == self.gdim:
+            return None
+        space, parent = self.V.collapse()
+        return space, np.asarray(parent, dtype=np.int32)
 
     def update(self) -> None:
         """Read the mesh coordinates anew, after the mesh has moved. Collective.
@@ -206,6 +214,8 @@ def _given_facets(
         assert tag is not None
         if facet_tags.dim != fdim:
             raise ValueError(f"facet_tags: must be of dimension {fdim}, not {facet_tags.dim}")
+        if _cpp_of(facet_tags.topology) is not _cpp_of(msh.topology):
+            raise ValueError("facet_tags: must be tags of the mesh of V")
         return np.asarray(facet_tags.find(tag), dtype=np.int32)
     found = np.atleast_1d(np.asarray(facets))
     if found.size and not np.issubdtype(found.dtype, np.integer):
@@ -215,6 +225,11 @@ def _given_facets(
     if found.ndim != 1 or (found.size and (found.min() < 0 or found.max() >= count)):
         raise ValueError(f"facets: must be a 1D array of local facet indices below {count}")
     return np.unique(found).astype(np.int32)
+
+
+def _cpp_of(wrapper: typing.Any) -> typing.Any:
+    """DOLFINx's C++ object; depending on its version some come without a wrapper."""
+    return getattr(wrapper, "_cpp_object", wrapper)
 
 
 def _mark(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
@@ -309,11 +324,14 @@ def _check_geometry(data: _Geometry) -> None:
     if nv == 2:
         flat = size <= 0
     else:
-        a, b = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
-        area = np.linalg.norm(np.cross(a, b), axis=1)
-        if nv == 4:
-            c, d = x[:, 1] - x[:, 3], x[:, 2] - x[:, 3]
-            area = np.minimum(area, np.linalg.norm(np.cross(c, d), axis=1))
-        flat = area <= 1e-14 * size**2
+        # Corners in cyclic order: the area vectors at all of them must point to one side.
+        corners = x[:, [0, 1, 2]] if nv == 3 else x[:, [0, 1, 3, 2]]
+        ahead, behind = (np.roll(corners, shift, axis=1) - corners for shift in (-1, 1))
+        areas = np.cross(ahead, behind)
+        whole = areas.sum(axis=1)
+        inner = np.einsum("fci,fi->fc", areas, whole).min(axis=1)
+        flat = ~(inner > 1e-14 * size**2 * np.linalg.norm(whole, axis=1))
     if flat.any():
-        raise ValueError(f"V: {np.count_nonzero(flat)} contact facets are degenerate (zero area)")
+        raise ValueError(
+            f"V: {np.count_nonzero(flat)} contact facets are degenerate (zero area, or not convex)"
+        )

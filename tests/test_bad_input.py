@@ -21,6 +21,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+from qsdolfinx.collective import collective_errors
 
 
 def square(cell="triangle", n=4):
@@ -104,6 +105,50 @@ def test_coordinates():
     surface = qs.Surface(V, facets=facets)
     msh.geometry.x[np.isclose(msh.geometry.x[:, 1], 0), 0] = np.nan
     raises_everywhere(WORLD, ValueError, "finite", surface.update)
+
+
+def test_tags_of_another_mesh():
+    _, V, _ = square()
+    other = box(WORLD, [7, 5], "triangle", [0, 0], [1, 1])
+    surface_error(ValueError, "facet_tags", V, tags_of(other, plane(other, 1, 0.0)), 1)
+
+
+@pytest.mark.parametrize("place", ((0.45, 0.45), (0.5, 0.5), (1.2, 1.2)))
+def test_quadrilaterals_that_are_not_convex(place):
+    """One corner is drawn over or onto the diagonal of its facet."""
+    msh = box(WORLD, [1, 1, 1], "hexahedron", [0, 0, 0], [1, 1, 1])
+    x = msh.geometry.x
+    x[np.all(np.isclose(x, [1, 1, 0]), axis=1), :2] = place
+    V, facets = vector_space(msh), plane(msh, 2, 0.0)
+    if place[0] > 0.5:
+        assert np.isclose(qs.Surface(V, facets=facets).area, 1.2)
+    else:
+        surface_error(ValueError, "convex", V, facets=facets)
+
+
+def test_one_space_for_two_bodies():
+    pair = Pair("triangle")
+    u = [pair.u[0], fem.Function(pair.V[0])]
+    F = [elastic(v) for v in u]
+    raises_everywhere(WORLD, ValueError, "own", lambda: qs.ContactProblem(F, u, []))
+
+
+def test_exceptions_that_cannot_travel():
+    """Whatever one rank raises, all ranks raise something, and none hangs."""
+
+    class Local(Exception):
+        pass
+
+    for error in (Local("this"), UnicodeDecodeError("utf-8", b"", 0, 1, "this"), PETSc.Error(62)):
+        found = None
+        try:
+            with collective_errors(WORLD):
+                if WORLD.rank == WORLD.size - 1:
+                    raise error
+        except Exception as e:
+            found = e
+        assert found is not None
+        assert isinstance(found, type(error) if WORLD.rank == WORLD.size - 1 else RuntimeError)
 
 
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron", "hexahedron"))

@@ -220,6 +220,27 @@ def test_automatic_penalty():
     assert 10 < coarse < 1e4  # E/h is 4
 
 
+def test_automatic_penalty_stays():
+    """It is computed once: a moved mesh does not change it."""
+    pair = Pair("quadrilateral", penalty="auto")
+    problem = pair.problem()
+    problem.solve()
+    first = pair.contact.penalty
+    for msh in pair.meshes:
+        msh.geometry.x[:] *= 2
+    pair.contact.update()
+    problem.solve()
+    assert pair.contact.penalty == first
+
+
+def test_results_before_a_solve_are_those_of_no_displacement():
+    contact = Pair("quadrilateral", "master-slave", gap=0.1).contact
+    gap, active = contact.gap(), contact.active()
+    energy = contact.energy
+    np.testing.assert_allclose(gap, -0.1)
+    assert not active.any() and energy == 0
+
+
 def test_penalty_can_be_changed():
     pair = Pair("triangle", penalty=10.0)
     problem = pair.problem()

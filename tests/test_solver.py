@@ -173,6 +173,7 @@ def test_failure_keeps_the_last_state():
     pair = Pair("quadrilateral", n=(9, 7), wave=0.05, load=0.1)
     problem = pair.problem()
     problem.solve()
+    force = pair.contact.force("slave")
     kept = [u.x.array.copy() for u in pair.u]
     pair.bcs[1][0].g.value[1] = -0.2
     problem.snes.setTolerances(max_it=1)
@@ -183,6 +184,7 @@ def test_failure_keeps_the_last_state():
         error = e
     problem.snes.setTolerances(max_it=50)
     changes = [largest(u.x.array - k) for u, k in zip(pair.u, kept, strict=True)]
+    force_after = pair.contact.force("slave")
     problem.solve()  # and it still works
     assert error is not None
     assert error.reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
@@ -190,6 +192,7 @@ def test_failure_keeps_the_last_state():
     assert len(error.residual_history) >= 2 and error.residual_history[0] > 0
     assert len(error.active_history[0]) == 1
     assert changes == [0, 0]
+    np.testing.assert_allclose(force_after, force, rtol=1e-12, atol=1e-15)
 
 
 def test_failing_linear_solver_is_named():
@@ -211,3 +214,45 @@ def test_options_of_one_problem_do_not_reach_another():
     assert [t[3] for t in tolerances] == [7, 50, 50]
     assert np.isclose(tolerances[2][0], 1e-3)
     assert first.snes.getOptionsPrefix() == "same_"
+
+
+def test_field_split_keeps_its_options_when_paired_anew():
+    pair = Pair("tetrahedron", n=(5, 4))
+    problem = pair.problem(petsc_options=SPLIT, kind="nest")
+    counts = []
+    for _ in range(2):
+        problem.solve()
+        counts.append(problem.snes.getLinearSolveIterations())
+        pair.contact.update()
+        for u in pair.u:
+            u.x.array[:] = 0
+    assert abs(counts[1] - counts[0]) <= 1
+
+
+def test_ghosts_need_not_be_up_to_date():
+    """A first guess may be written to the owned unknowns alone."""
+    forces = []
+    for amplitude in (0.0, 0.1):
+        pair = Pair("quadrilateral", n=(6, 5))
+        problem = pair.problem()
+        for u, V in zip(pair.u, pair.V, strict=True):
+            owned = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
+            u.x.array[:owned] = amplitude * np.sin(np.arange(owned))
+        problem.solve()
+        forces.append(pair.contact.force("slave"))
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-10, atol=1e-14)
+
+
+def test_destroy():
+    """Options go, and another problem with the same prefix starts from the defaults."""
+    prefix = "destroyed_"
+    problem = Pair("quadrilateral").problem(
+        petsc_options_prefix=prefix, petsc_options={"snes_max_it": 7}
+    )
+    problem.solve()
+    assert problem.snes.getTolerances()[3] == 7
+    problem.destroy()
+    assert not PETSc.Options(prefix).getAll()
+    problem = Pair("quadrilateral").problem(petsc_options_prefix=prefix)
+    problem.solve()
+    assert problem.snes.getTolerances()[3] == 50

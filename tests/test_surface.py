@@ -145,3 +145,12 @@ def test_same_on_any_number_of_ranks():
         table = gathered(comm, table)
         tables.append(table[np.lexsort(np.round(table[:, :3], 9).T)])
     np.testing.assert_allclose(*tables, atol=1e-14)
+
+
+def test_surfaces_on_some_of_the_ranks():
+    """What some ranks do by themselves does not disturb what all do later."""
+    for comm in (MPI.COMM_SELF, WORLD):
+        if comm is WORLD or WORLD.rank == 0:
+            msh = box(comm, [3, 3, 3], "tetrahedron", [0, 0, 0], [1, 1, 1])
+            surface = qs.Surface(vector_space(msh), facets=plane(msh, 2, 0.0))
+    assert np.isclose(surface.area, 1.0)
