@@ -318,8 +318,18 @@ def shift(text):
 
 
 def stiffness(text):
-    """Penalty: "auto" or a number."""
+    """Penalty: "auto" or a positive number."""
+    if text != "auto" and not (np.isfinite(float(text)) and float(text) > 0):
+        raise argparse.ArgumentTypeError('must be "auto" or a positive number')
     return text if text == "auto" else float(text)
+
+
+def seed(text):
+    """Seed of the random generator."""
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError("must not be negative")
+    return value
 
 
 def main():
@@ -332,7 +342,7 @@ def main():
     add("--slave", type=count, metavar="N", help="the same of the slave's")
     add("--cell", choices=CELLS)
     add("--jitter", type=shift, metavar="F", help="move interior interface nodes by up to F × h")
-    add("--seed", type=int, metavar="S", help="of the jitter")
+    add("--seed", type=seed, metavar="S", help="of the jitter")
     add("--formulation", choices=("master-slave", "double-pass", "quasi-symmetric"))
     add("--load", choices=("pressure", "displacement"))
     add("--contact", choices=tuple(LAWS))

@@ -40,3 +40,20 @@ def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
         raise error
     kind = {k.__name__: k for k in _PLAIN}.get(name)
     raise (RuntimeError(f"{name}: {text}") if kind is None else kind(text)) from error
+
+
+def check_agreement(comm: MPI.Intracomm, **arguments: object) -> None:
+    """Refuse arguments that differ between ranks. Collective, not for use in collective_errors.
+
+    Args:
+        comm: Communicator of the ranks that take part.
+        arguments: Values by the names that the error is to give; compared by their ``repr``.
+
+    Raises:
+        ValueError: If one of them differs.
+    """
+    mine = {name: repr(value) for name, value in arguments.items()}
+    first = comm.bcast(mine, root=0)
+    for name in first:
+        if comm.allreduce(mine.get(name) != first[name], op=MPI.LOR):
+            raise ValueError(f"{name}: must be the same on all ranks")

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx import _cpp
-from qsdolfinx.collective import collective_errors
+from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.gap import Vecs, WeightedGap
 from qsdolfinx.laws import Law, Unilateral
 from qsdolfinx.pairing import Pairing
@@ -76,6 +76,13 @@ class Contact:
         comm = next((s.comm for s in (slave, master) if isinstance(s, Surface)), MPI.COMM_WORLD)
         with collective_errors(comm):
             _check_arguments(slave, master, formulation, law, penalty, search_radius)
+        check_agreement(
+            comm,
+            formulation=formulation,
+            law=type(law).__name__,
+            penalty=penalty,
+            search_radius=search_radius,
+        )
         self.slave = slave
         self.master = master
         self.formulation = formulation
@@ -160,12 +167,14 @@ class Contact:
         return self._penalty
 
     def set_penalty(self, penalty: float) -> None:
-        """Set ε, stress per length, for the solves to come.
+        """Set ε, stress per length, for the solves to come. Collective.
 
         Raises:
-            ValueError: If it is not a positive number.
+            ValueError: If it is not a positive number, the same on all ranks.
         """
-        _check_positive("penalty", penalty)
+        with collective_errors(self.comm):
+            _check_positive("penalty", penalty)
+        check_agreement(self.comm, penalty=penalty)
         self._penalty = float(penalty)
 
     # --- Evaluation, for the problem
@@ -365,7 +374,7 @@ def _check_arguments(
         raise ValueError(f"formulation: must be one of {known}, not {formulation!r}")
     if not isinstance(law, Law):
         raise TypeError(f"law: must be a law such as qsdolfinx.Tied(), not {law!r}")
-    if penalty != "auto":
+    if not (isinstance(penalty, str) and penalty == "auto"):
         _check_positive("penalty", penalty, ' or "auto"')
     if search_radius is not None:
         _check_positive("search_radius", search_radius)

@@ -14,9 +14,10 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from qsdolfinx.arguments import body_of, check_arguments, check_sequences, communicator
 from qsdolfinx.blocks import Blocks, forbid_allocation
 from qsdolfinx.bulk import Body
-from qsdolfinx.collective import collective_errors
+from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
 from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
@@ -63,16 +64,19 @@ class ContactProblem:
         petsc_options: dict[str, typing.Any] | None = None,
         kind: str = "mpi",
     ) -> None:
-        bcs = [[] for _ in u] if bcs is None else bcs
-        J = [None for _ in u] if J is None else J
-        comm = u[0].function_space.mesh.comm if len(u) else MPI.COMM_WORLD
-        with collective_errors(comm):
-            _check_arguments(F, u, contacts, bcs, J, kind)
+        with collective_errors(communicator(u)):
+            check_sequences(F=F, u=u, contacts=contacts, bcs=bcs, J=J)
+            bcs = [[] for _ in u] if bcs is None else bcs
+            J = [None for _ in u] if J is None else J
+            check_arguments(F, u, contacts, bcs, J, kind)
+            if not isinstance(petsc_options, (dict, type(None))):
+                raise TypeError("petsc_options: must be a dictionary of options without the prefix")
+        check_agreement(communicator(u), contacts=len(contacts), kind=kind)
         self.bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
         self.u = list(u)
         self.contacts = list(contacts)
         self._sides = [
-            (_body_of(self.u, c.slave.V, "slave"), _body_of(self.u, c.master.V, "master"))
+            (body_of(self.u, c.slave.V, "slave"), body_of(self.u, c.master.V, "master"))
             for c in contacts
         ]
         self._kind = kind
@@ -82,6 +86,7 @@ class ContactProblem:
         self._matrix: PETSc.Mat | None = None
         self._paired: list[int] = []
         self._assembled: list[object] | None = None
+        self._evaluated: Array = np.zeros(0)
         #: Norm of the residual at each iteration of the last solve.
         self.residual_history: list[float] = []
         #: Active rows of each contact at each iteration of the last solve, over all ranks.
@@ -233,6 +238,7 @@ class ContactProblem:
     def _evaluate(self, x: Array, bilateral: typing.Sequence[bool] | None = None) -> Array:
         """Residual at the owned unknowns x; leaves u, gaps and multipliers at x. Collective."""
         bilateral = [False] * len(self.contacts) if bilateral is None else bilateral
+        self._evaluated = x.copy()
         residuals = [body.residual(self._part(x, i)) for i, body in enumerate(self.bodies)]
         forces = [body.force for body in self.bodies]
         for force in forces:
@@ -248,7 +254,10 @@ class ContactProblem:
         f.array[:] = self._evaluate(x.array_r)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
-        # SNES asks for the tangent where it evaluated the residual last.
+        # SNES usually asks for the tangent where it evaluated the residual last.
+        moved = not np.array_equal(x.array_r, self._evaluated)
+        if self.comm.allreduce(moved, op=MPI.LOR):
+            self._evaluate(x.array_r)
         self._assemble()
 
     def _assemble(self, bilateral: typing.Sequence[bool] | None = None) -> None:
@@ -315,52 +324,3 @@ class ContactProblem:
         set_near_nullspace(self._matrix, orthonormal(vecs))
         for vec in vecs:
             vec.destroy()
-
-
-def _contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
-    """Whether a C++ function space is that of V or one of its sub-spaces."""
-    part = getattr(part, "_cpp_object", part)
-    return part == V._cpp_object or V._cpp_object.contains(part)
-
-
-def _body_of(u: typing.Sequence[fem.Function], V: fem.FunctionSpace, name: str) -> int:
-    """Index of the body whose space is V or has the sub-space V."""
-    for i, function in enumerate(u):
-        if _contains(function.function_space, V._cpp_object):
-            return i
-    raise ValueError(f"contacts: the {name} surface of a contact belongs to the space of none of u")
-
-
-def _check_arguments(
-    F: typing.Sequence[ufl.Form],
-    u: typing.Sequence[fem.Function],
-    contacts: typing.Sequence[Contact],
-    bcs: typing.Sequence[typing.Sequence[fem.DirichletBC]],
-    J: typing.Sequence[ufl.Form | None],
-    kind: str,
-) -> None:
-    """Refuse what no problem can be made of."""
-    if len(u) == 0:
-        raise ValueError("u: there must be at least one body")
-    for name, given in (("F", F), ("bcs", bcs), ("J", J)):
-        if len(given) != len(u):
-            raise ValueError(f"{name}: must have one entry for each of the {len(u)} bodies in u")
-    if any(isinstance(entry, fem.DirichletBC) for entry in bcs):
-        raise ValueError("bcs: must be a list of lists, one list of Dirichlet conditions per body")
-    if kind not in ("mpi", "nest"):
-        raise ValueError(f'kind: must be "mpi" or "nest", not {kind!r}')
-    if any(not isinstance(contact, Contact) for contact in contacts):
-        raise ValueError("contacts: must be a list of qsdolfinx.Contact")
-    comm = u[0].function_space.mesh.comm
-    for i, function in enumerate(u):
-        if any(function.function_space == other.function_space for other in u[:i]):
-            raise ValueError("u: every body needs a function space of its own")
-        other = function.function_space.mesh.comm
-        if MPI.Comm.Compare(comm, other) not in (MPI.IDENT, MPI.CONGRUENT):
-            raise ValueError("u: all meshes must be on the same ranks in the same order")
-    for i, (function, conditions) in enumerate(zip(u, bcs, strict=True)):
-        if not all(_contains(function.function_space, bc.function_space) for bc in conditions):
-            raise ValueError(f"bcs: entry {i} has a condition on a space other than that of u[{i}]")
-    for contact in contacts:
-        _body_of(u, contact.slave.V, "slave")
-        _body_of(u, contact.master.V, "master")

@@ -55,6 +55,8 @@ class Surface:
         *,
         facets: npt.ArrayLike | None = None,
     ) -> None:
+        if not isinstance(V, fem.FunctionSpace):
+            raise TypeError(f"V: must be a dolfinx.fem.FunctionSpace, not {type(V).__name__}")
         comm = V.mesh.comm
         with collective_errors(comm):
             _check_arguments(V, facet_tags, tag, facets)
@@ -177,8 +179,12 @@ def _check_arguments(
         raise TypeError("PETSc is complex: contact needs PETSc (petsc4py) with real scalars")
     if (facets is None) == (facet_tags is None):
         raise TypeError("give either facet_tags with tag, or facets")
-    if facet_tags is not None and tag is None:
-        raise TypeError("tag: say which tag of facet_tags marks the contact facets")
+    if facet_tags is not None:
+        if not isinstance(facet_tags, mesh.MeshTags):
+            kind = type(facet_tags).__name__
+            raise TypeError(f"facet_tags: must be a dolfinx.mesh.MeshTags, not {kind}")
+        if not isinstance(tag, (int, np.integer)):
+            raise TypeError(f"tag: must be the number of the contact facets' tag, not {tag!r}")
     cell = V.mesh.topology.cell_type
     gdim = V.mesh.geometry.dim
     if cell not in _FACET_VERTICES or V.mesh.topology.dim != gdim:

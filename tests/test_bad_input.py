@@ -133,6 +133,76 @@ def test_one_space_for_two_bodies():
     raises_everywhere(WORLD, ValueError, "own", lambda: qs.ContactProblem(F, u, []))
 
 
+def test_wrong_types():
+    pair = Pair("triangle")
+    F, u, bcs, c = pair.F, pair.u, pair.bcs, [pair.contact]
+    msh, V, facets = square()
+    for match, V_given, kwargs in (
+        ("V:", msh, {"facets": facets}),
+        ("facet_tags:", V, {"facet_tags": np.ones(3, dtype=np.int32), "tag": 1}),
+        ("tag:", V, {"facet_tags": tags_of(msh, facets), "tag": "1"}),
+    ):
+        surface_error(TypeError, match, V_given, **kwargs)
+    for match, arguments in (
+        ("u:", (F, [f.function_space for f in u], c, bcs)),
+        ("u:", (F, u[0], c, bcs)),
+        ("contacts:", (F, u, pair.contact, bcs)),
+        ("F:", (F[0], u, c, bcs)),
+        ("F:", ([F[0], None], u, c, bcs)),
+        ("petsc_options:", (F, u, c, bcs)),
+    ):
+        options = "ksp_type cg" if match.startswith("petsc") else None
+        raises_everywhere(
+            WORLD,
+            TypeError,
+            match,
+            lambda a=arguments, o=options: qs.ContactProblem(*a, petsc_options=o),
+        )
+
+
+def test_wrong_forms():
+    pair = Pair("triangle")
+    u, v = pair.u[0], ufl.TestFunction(pair.V[0])
+    bilinear = ufl.inner(ufl.TrialFunction(pair.V[0]), v) * ufl.dx
+    without = ufl.inner(ufl.as_vector([1.0, 0.0]), v) * ufl.dx
+    for match, F, J in (
+        ("F: entry 0", pair.F[::-1], None),
+        ("F: entry 0 must", [bilinear, pair.F[1]], None),
+        ("F: entry 0 does not depend", [without, pair.F[1]], None),
+        ("J: entry 0", pair.F, [elastic(u), None]),
+        ("J: entry 1", pair.F, [None, bilinear]),
+    ):
+        raises_everywhere(
+            WORLD,
+            ValueError,
+            match,
+            lambda F=F, J=J: qs.ContactProblem(F, pair.u, [pair.contact], pair.bcs, J),
+        )
+
+
+@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+def test_ranks_that_disagree():
+    """A penalty from a rank's own mesh size, say."""
+    pair = Pair("triangle")
+    for name, mine, others in (
+        ("penalty", 10.0, 20.0),
+        ("penalty", "auto", 20.0),
+        ("formulation", "master-slave", "double-pass"),
+        ("law", qs.Tied(), qs.Unilateral()),
+        ("search_radius", 0.1, None),
+    ):
+        value = mine if WORLD.rank == 0 else others
+        raises_everywhere(
+            WORLD,
+            ValueError,
+            name,
+            lambda k={name: value}: qs.Contact(pair.slave, pair.master, **k),
+        )
+    raises_everywhere(
+        WORLD, ValueError, "penalty", lambda: pair.contact.set_penalty(1.0 + WORLD.rank)
+    )
+
+
 def test_exceptions_that_cannot_travel():
     """Whatever one rank raises, all ranks raise something, and none hangs."""
 

@@ -131,3 +131,19 @@ def test_energy_of_a_uniform_gap(formulation):
     np.testing.assert_allclose(force, [0, 0, 7 * h], atol=1e-15)
     np.testing.assert_allclose(gap, h, rtol=1e-12)
     np.testing.assert_allclose(multiplier, 7 * h, rtol=1e-12)
+
+
+def test_tangent_where_the_residual_was_not_evaluated():
+    """PETSc may ask for the tangent anywhere."""
+    _, problem, x, rng = scene("quadrilateral", "quasi-symmetric", qs.Unilateral)
+    matrix = problem.snes.getJacobian()[0]
+    y = x.copy()
+    y.axpy(1.0, direction(problem, x, rng))
+    norms = []
+    for evaluate in (True, False):
+        problem._evaluate(y.array_r if evaluate else x.array_r)
+        problem.snes.computeJacobian(y, matrix)
+        norms.append(matrix.norm())
+    problem.snes.computeJacobian(x, matrix)
+    norms.append(matrix.norm())
+    assert norms[0] == norms[1] != norms[2]
