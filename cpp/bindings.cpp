@@ -2,6 +2,7 @@
 // the `handle` of petsc4py's, so that no header or binary interface of mpi4py or petsc4py is
 // needed.
 #include "insertion.h"
+#include "overlay.h"
 #include "pairing.h"
 #include "projection.h"
 #include "search.h"
@@ -43,6 +44,22 @@ FacetType facet_type(int num_vertices)
   return static_cast<FacetType>(num_vertices);
 }
 
+/// Quadrature rule from points [point][dim] and weights, scaled to sum to 1.
+Rule rule(const In<double>& x, const In<double>& w)
+{
+  const std::size_t n = w.size(), dim = x.size() / n;
+  Rule out{{}, {w.data(), w.data() + n}};
+  double total = 0;
+  for (std::size_t i = 0; i < n; ++i)
+  {
+    out.x.push_back({x.data()[i * dim], dim > 1 ? x.data()[i * dim + 1] : 0.0});
+    total += out.w[i];
+  }
+  for (double& value : out.w)
+    value /= total;
+  return out;
+}
+
 using Handle = std::uintptr_t;
 std::array<Vec, 2> vecs(std::array<Handle, 2> h)
 {
@@ -51,7 +68,7 @@ std::array<Vec, 2> vecs(std::array<Handle, 2> h)
 
 nb::dict as_dict(const PairingSide& side, std::size_t n, std::size_t gdim)
 {
-  const std::size_t nv = side.num_vertices;
+  const std::size_t nv = side.num_nodes;
   nb::dict out;
   out["x"] = copy(side.x, {n, 3});
   out["dofs"] = copy(side.dofs, {n, nv, gdim});
@@ -65,13 +82,13 @@ void bind_surface(nb::module_& m)
   nb::class_<Surface>(m, "Surface", "Distributed contact surface.")
       .def(
           "__init__",
-          [](Surface* self, int comm, int gdim, int num_vertices, In<double> x,
+          [](Surface* self, int comm, int gdim, int num_vertices, In<double> x, int degree,
              In<std::int64_t> dofs, In<int> owner, In<double> inside, std::int64_t local_size)
           {
-            new (self) Surface(MPI_Comm_f2c(comm), gdim, facet_type(num_vertices), view(x),
+            new (self) Surface(MPI_Comm_f2c(comm), gdim, facet_type(num_vertices), view(x), degree,
                                view(dofs), view(owner), view(inside), local_size);
           },
-          "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "dofs"_a, "owner"_a, "inside"_a,
+          "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
           "local_size"_a, "Collective. See surface.h.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range)
       .def_prop_ro(
@@ -93,6 +110,12 @@ void bind_pairing(nb::module_& m)
                    { return as_dict(p.slave, p.size(), static_cast<std::size_t>(p.gdim)); })
       .def_prop_ro("master", [](const PairingPoints& p)
                    { return as_dict(p.master, p.size(), static_cast<std::size_t>(p.gdim)); })
+      .def_prop_ro("multiplier_values",
+                   [](const PairingPoints& p)
+                   {
+                     return copy(p.multiplier_values,
+                                 {p.size(), static_cast<std::size_t>(p.num_multipliers)});
+                   })
       .def_prop_ro("normal", [](const PairingPoints& p) { return copy(p.normal, {p.size(), 3}); })
       .def_prop_ro("gap", [](const PairingPoints& p) { return copy(p.gap, {p.size()}); })
       .def_prop_ro("weight", [](const PairingPoints& p) { return copy(p.weight, {p.size()}); })
@@ -105,6 +128,16 @@ void bind_pairing(nb::module_& m)
         return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius);
       },
       "slave"_a, "master"_a, "both"_a, "radius"_a, "Nodal pairing points; collective.");
+  m.def(
+      "overlay_surfaces",
+      [](const Surface& slave, const Surface& master, bool both, double radius, In<double> piece_x,
+         In<double> piece_w, In<double> edge_x, In<double> edge_w)
+      {
+        const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
+        return overlay_surfaces(slave, master, both, radius, rules);
+      },
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a,
+      "edge_w"_a, "Pairing points on the overlay; collective.");
   m.def(
       "closest_point",
       [](int num_vertices, In<double> vertices, std::array<double, 3> p)

@@ -9,11 +9,13 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Pairing points copied to every rank that owns one of their slave vertices.
-PairingPoints points_at_row_owners(MPI_Comm comm, const PairingPoints& points)
+/// Pairing points copied to every rank that owns one of the multipliers they act on.
+PairingPoints points_at_row_owners(const Surface& slave, const Surface& master,
+                                   const PairingPoints& points)
 {
-  const int ns = points.slave.num_vertices, nm = points.master.num_vertices, d = points.gdim;
-  const int num_doubles = ns + nm + 5, num_dofs = (ns + nm) * d;
+  const int nk = points.num_multipliers, ns = points.slave.num_nodes,
+            nm = points.master.num_nodes, d = points.gdim;
+  const int num_doubles = nk + ns + nm + 5, num_dofs = (ns + nm) * d;
   std::vector<int> dest;
   std::vector<double> doubles;
   std::vector<std::int64_t> dofs;
@@ -21,16 +23,17 @@ PairingPoints points_at_row_owners(MPI_Comm comm, const PairingPoints& points)
   {
     std::array<int, 4> sent;
     sent.fill(-1);
-    for (int i = 0; i < ns; ++i)
+    for (int i = 0; i < nk; ++i)
     {
       const int rank = points.slave.owner[p * ns + i];
-      if (points.slave.shape_values[p * ns + i] == 0
+      if (points.multiplier_values[p * nk + i] == 0
           || std::find(sent.begin(), sent.end(), rank) != sent.end())
         continue;
       sent[i] = rank;
       dest.push_back(rank);
       const auto append = [p](auto& out, const auto& in, int width)
       { out.insert(out.end(), in.begin() + p * width, in.begin() + (p + 1) * width); };
+      append(doubles, points.multiplier_values, nk);
       append(doubles, points.slave.shape_values, ns);
       append(doubles, points.master.shape_values, nm);
       append(doubles, points.normal, 3);
@@ -40,14 +43,11 @@ PairingPoints points_at_row_owners(MPI_Comm comm, const PairingPoints& points)
       append(dofs, points.master.dofs, nm * d);
     }
   }
-  Exchange exchange(comm, dest);
+  const Exchange exchange(slave.comm(), dest);
   doubles = exchange.forward<double>(doubles, num_doubles);
   dofs = exchange.forward<std::int64_t>(dofs, num_dofs);
 
-  PairingPoints out;
-  out.gdim = d;
-  out.slave.num_vertices = ns;
-  out.master.num_vertices = nm;
+  PairingPoints out(slave, master);
   for (std::size_t p = 0; p < exchange.num_received(); ++p)
   {
     const double* v = doubles.data() + p * num_doubles;
@@ -56,6 +56,7 @@ PairingPoints points_at_row_owners(MPI_Comm comm, const PairingPoints& points)
       to.insert(to.end(), v, v + n);
       v += n;
     };
+    take(out.multiplier_values, nk);
     take(out.slave.shape_values, ns);
     take(out.master.shape_values, nm);
     take(out.normal, 3);
@@ -68,13 +69,31 @@ PairingPoints points_at_row_owners(MPI_Comm comm, const PairingPoints& points)
   return out;
 }
 
+/// Call visit(point, row node, N_k) for every multiplier of this rank that a point acts on.
+template <typename Visit>
+void for_each_row(const Surface& slave, const PairingPoints& points,
+                  std::pair<std::int64_t, std::int64_t> owned, Visit visit)
+{
+  const int nk = points.num_multipliers, ns = points.slave.num_nodes, d = points.gdim;
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    for (int i = 0; i < nk; ++i)
+    {
+      const std::int64_t dof = points.slave.dofs[(p * ns + i) * d];
+      const double N = points.multiplier_values[p * nk + i];
+      if (N != 0 && dof >= owned.first && dof < owned.second)
+        visit(p, static_cast<std::int64_t>(slave.node_index(dof)), N);
+    }
+  }
+}
+
 /// One term of a row before equal columns are merged.
 struct Term
 {
   std::int64_t row;
   std::int64_t dof; // first unknown of the column node
   std::size_t point;
-  int vertex;
+  int place; // of the column node among the point's
   double value; // w N_k N_column / S_k, negative for the master
 };
 
@@ -83,24 +102,17 @@ std::vector<Term> row_terms(const Surface& slave, const PairingPoints& points, i
                             std::pair<std::int64_t, std::int64_t> owned)
 {
   const PairingSide& columns = side == 0 ? points.slave : points.master;
-  const int ns = points.slave.num_vertices, nc = columns.num_vertices, d = points.gdim;
+  const int nc = columns.num_nodes, d = points.gdim;
+  const double sign = side == 0 ? 1.0 : -1.0;
   std::vector<Term> terms;
-  for (std::size_t p = 0; p < points.size(); ++p)
-  {
-    for (int i = 0; i < ns; ++i)
-    {
-      const std::int64_t dof = points.slave.dofs[(p * ns + i) * d];
-      const double N = points.slave.shape_values[p * ns + i];
-      if (N == 0 || dof < owned.first || dof >= owned.second)
-        continue;
-      const auto row = static_cast<std::int64_t>(slave.node_index(dof));
-      const double w = points.weight[p] * N / slave.nodes().area[row];
-      for (int j = 0; j < nc; ++j)
-        if (const double M = columns.shape_values[p * nc + j]; M != 0)
-          terms.push_back(
-              {row, columns.dofs[(p * nc + j) * d], p, j, (side == 0 ? 1.0 : -1.0) * w * M});
-    }
-  }
+  for_each_row(slave, points, owned,
+               [&](std::size_t p, std::int64_t row, double N)
+               {
+                 const double w = sign * points.weight[p] * N / slave.nodes().area[row];
+                 for (int j = 0; j < nc; ++j)
+                   if (const double M = columns.shape_values[p * nc + j]; M != 0)
+                     terms.push_back({row, columns.dofs[(p * nc + j) * d], p, j, w * M});
+               });
   std::stable_sort(terms.begin(), terms.end(), [](const Term& a, const Term& b)
                    { return std::pair(a.row, a.dof) < std::pair(b.row, b.dof); });
   return terms;
@@ -111,7 +123,7 @@ void compress(GapOperator::Side& out, const std::vector<Term>& terms, const Pair
               int side, GapKind kind, std::span<const std::int64_t> row_node)
 {
   const PairingSide& columns = side == 0 ? points.slave : points.master;
-  const int nc = columns.num_vertices, d = points.gdim;
+  const int nc = columns.num_nodes, d = points.gdim;
   std::map<std::int64_t, std::int32_t> numbering;
   for (const Term& t : terms)
     numbering.emplace(t.dof, 0);
@@ -137,7 +149,7 @@ void compress(GapOperator::Side& out, const std::vector<Term>& terms, const Pair
         out.coefficient.insert(out.coefficient.end(), width, 0.0);
         for (int i = 0; i < d; ++i)
           out.dofs[column * d + i]
-              = static_cast<PetscInt>(columns.dofs[(term.point * nc + term.vertex) * d + i]);
+              = static_cast<PetscInt>(columns.dofs[(term.point * nc + term.place) * d + i]);
       }
       double* c = &out.coefficient[out.coefficient.size() - width];
       for (int i = 0; i < width; ++i)
@@ -153,7 +165,7 @@ GapOperator::GapOperator(const Surface& slave, const Surface& master, const Pair
                          GapKind kind)
     : kind_(kind), gdim_(points.gdim)
 {
-  build_rows(slave, points_at_row_owners(slave.comm(), points));
+  build_rows(slave, points_at_row_owners(slave, master, points));
   build_scatters(slave, master);
 }
 
@@ -185,21 +197,14 @@ void GapOperator::build_rows(const Surface& slave, const PairingPoints& points)
   initial_gap_.assign(row_node_.size(), 0);
   if (kind_ == GapKind::jump)
     return;
-  const int ns = points.slave.num_vertices;
-  for (std::size_t p = 0; p < points.size(); ++p)
-  {
-    for (int i = 0; i < ns; ++i)
-    {
-      const std::int64_t dof = points.slave.dofs[(p * ns + i) * gdim_];
-      const double N = points.slave.shape_values[p * ns + i];
-      if (N == 0 || dof < owned.first || dof >= owned.second)
-        continue;
-      const auto node = static_cast<std::int64_t>(slave.node_index(dof));
-      const auto row
-          = std::lower_bound(row_node_.begin(), row_node_.end(), node) - row_node_.begin();
-      initial_gap_[row] += points.weight[p] * N / slave.nodes().area[node] * points.gap[p];
-    }
-  }
+  for_each_row(slave, points, owned,
+               [&](std::size_t p, std::int64_t node, double N)
+               {
+                 const auto row = std::lower_bound(row_node_.begin(), row_node_.end(), node)
+                                  - row_node_.begin();
+                 initial_gap_[row]
+                     += points.weight[p] * N / slave.nodes().area[node] * points.gap[p];
+               });
 }
 
 void GapOperator::build_scatters(const Surface& slave, const Surface& master)

@@ -12,17 +12,17 @@ void append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim,
 {
   side.x.insert(side.x.end(), &nodes.x[3 * k], &nodes.x[3 * k] + 3);
   side.dofs.insert(side.dofs.end(), &nodes.dofs[k * gdim], &nodes.dofs[k * gdim] + gdim);
-  side.dofs.insert(side.dofs.end(), (side.num_vertices - 1) * gdim, -1);
+  side.dofs.insert(side.dofs.end(), (side.num_nodes - 1) * gdim, -1);
   side.owner.push_back(rank);
-  side.owner.insert(side.owner.end(), side.num_vertices - 1, -1);
+  side.owner.insert(side.owner.end(), side.num_nodes - 1, -1);
   side.shape_values.push_back(1);
-  side.shape_values.insert(side.shape_values.end(), side.num_vertices - 1, 0.0);
+  side.shape_values.insert(side.shape_values.end(), side.num_nodes - 1, 0.0);
 }
 
 /// A point within a facet, as found for node k.
 void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, int gdim)
 {
-  const int nv = side.num_vertices;
+  const int nv = side.num_nodes;
   side.x.insert(side.x.end(), &found.x[3 * k], &found.x[3 * k] + 3);
   side.dofs.insert(side.dofs.end(), found.dofs.begin() + k * nv * gdim,
                    found.dofs.begin() + (k + 1) * nv * gdim);
@@ -70,18 +70,25 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
 }
 } // namespace
 
+PairingPoints::PairingPoints(const Surface& s, const Surface& m)
+    : gdim(s.gdim()), num_multipliers(s.num_vertices())
+{
+  if (s.gdim() != m.gdim())
+    throw std::invalid_argument("slave and master have different geometric dimensions");
+  slave.num_nodes = s.num_trace();
+  master.num_nodes = m.num_trace();
+}
+
 PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& master,
                                        Sampling sampling, double radius)
 {
-  if (slave.gdim() != master.gdim())
-    throw std::invalid_argument("slave and master have different geometric dimensions");
-  PairingPoints points;
-  points.gdim = slave.gdim();
-  points.slave.num_vertices = slave.num_vertices();
-  points.master.num_vertices = master.num_vertices();
+  if (slave.degree() != 1 || master.degree() != 1)
+    throw std::invalid_argument("nodal pairing points need traces of degree 1");
+  PairingPoints points(slave, master);
   const double share = sampling == Sampling::both ? 0.5 : 1.0;
   append_nodal_points(points, slave, master, true, share, radius);
   if (sampling == Sampling::both)
     append_nodal_points(points, master, slave, false, share, radius);
+  points.multiplier_values = points.slave.shape_values; // the trace is P1 or Q1
   return points;
 }

@@ -8,27 +8,34 @@
 namespace qsdolfinx
 {
 
-/// One side of the pairing points: the facet a point lies on, by its vertices. A point at a node
-/// has one vertex with value 1; the unused places have owner -1 and value 0.
+/// One side of the pairing points: the facet a point lies on, by the nodes of the body's trace
+/// there. The vertices come first. A point at a node has one node with value 1; the unused places
+/// have owner -1 and value 0.
 struct PairingSide
 {
-  int num_vertices = 0;             ///< places per point
+  int num_nodes = 0;                ///< places per point
   std::vector<double> x;            ///< position, [point][3]
-  std::vector<std::int64_t> dofs;   ///< unknowns of the vertices, [point][vertex][gdim]
-  std::vector<int> owner;           ///< their owners, [point][vertex]
-  std::vector<double> shape_values; ///< shape functions, [point][vertex]
+  std::vector<std::int64_t> dofs;   ///< unknowns of the nodes, [point][node][gdim]
+  std::vector<int> owner;           ///< their owners, [point][node]
+  std::vector<double> shape_values; ///< trace functions, [point][node]
 };
 
-/// Pairing points of one pass, on the rank that owns the node each of them comes from. The slave is
-/// the side that carries the multiplier.
+/// Pairing points of one pass, on the rank that owns the node or facet each of them comes from. The
+/// slave is the side that carries the multiplier, at the vertices of its facets.
 struct PairingPoints
 {
+  PairingPoints() = default;
+  /// No points yet. @throws std::invalid_argument on surfaces of different geometric dimension
+  PairingPoints(const Surface& slave, const Surface& master);
+
   int gdim = 0;
+  int num_multipliers = 0; ///< vertices of a slave facet
   PairingSide slave, master;
-  std::vector<double> normal;    ///< outward of the slave, into the master, [point][3]
-  std::vector<double> gap;       ///< signed distance (x_master - x_slave)·n, positive when open
-  std::vector<double> weight;    ///< area
-  std::int64_t num_unpaired = 0; ///< owned nodes of the searched side(s) without a partner
+  std::vector<double> multiplier_values; ///< P1 or Q1 functions N_k, [point][slave vertex]
+  std::vector<double> normal;            ///< outward of the slave, into the master, [point][3]
+  std::vector<double> gap;    ///< signed distance (x_master - x_slave)·n, positive when open
+  std::vector<double> weight; ///< area
+  std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
 
   std::size_t size() const { return weight.size(); }
 };
@@ -42,7 +49,7 @@ enum class Sampling
 
 /// Nodal pairing points of two surfaces. Collective.
 /// @param radius nodes further than this from the other surface are unpaired
-/// @throws std::invalid_argument on surfaces of different geometric dimension
+/// @throws std::invalid_argument on traces of degree 2, or as PairingPoints does
 PairingPoints pair_surfaces(const Surface& slave, const Surface& master, Sampling sampling,
                             double radius);
 

@@ -6,8 +6,6 @@ using namespace qsdolfinx;
 
 namespace
 {
-Vec3 vertex(std::span<const double> v, int i) { return {v[3 * i], v[3 * i + 1], v[3 * i + 2]}; }
-
 /// Parameter in [0, 1] of the point of segment ab that is closest to p.
 double segment_parameter(const Vec3& a, const Vec3& b, const Vec3& p)
 {
@@ -30,16 +28,16 @@ void keep_nearer(ClosestPoint& best, const ClosestPoint& other)
 
 ClosestPoint on_triangle(std::span<const double> v, const Vec3& p)
 {
-  const Vec3 a = vertex(v, 0), e0 = vertex(v, 1) - a, e1 = vertex(v, 2) - a, d = p - a;
+  const Vec3 a = facet_vertex(v, 0), e0 = facet_vertex(v, 1) - a, e1 = facet_vertex(v, 2) - a, d = p - a;
   const double a00 = dot(e0, e0), a01 = dot(e0, e1), a11 = dot(e1, e1);
   const double b0 = dot(e0, d), b1 = dot(e1, d), det = a00 * a11 - a01 * a01;
   const std::array<double, 2> xi{(a11 * b0 - a01 * b1) / det, (a00 * b1 - a01 * b0) / det};
   if (xi[0] >= 0 && xi[1] >= 0 && xi[0] + xi[1] <= 1)
     return make(FacetType::triangle, v, xi, p);
 
-  const double s = segment_parameter(a, vertex(v, 1), p);
-  const double t = segment_parameter(a, vertex(v, 2), p);
-  const double r = segment_parameter(vertex(v, 1), vertex(v, 2), p);
+  const double s = segment_parameter(a, facet_vertex(v, 1), p);
+  const double t = segment_parameter(a, facet_vertex(v, 2), p);
+  const double r = segment_parameter(facet_vertex(v, 1), facet_vertex(v, 2), p);
   ClosestPoint best = make(FacetType::triangle, v, {s, 0}, p);
   keep_nearer(best, make(FacetType::triangle, v, {0, t}, p));
   keep_nearer(best, make(FacetType::triangle, v, {1 - r, r}, p));
@@ -51,8 +49,8 @@ ClosestPoint on_triangle(std::span<const double> v, const Vec3& p)
 /// indefinite.
 ClosestPoint newton_on_quadrilateral(std::span<const double> v, const Vec3& p, ClosestPoint start)
 {
-  const Vec3 x0 = vertex(v, 0), a = vertex(v, 1) - x0, b = vertex(v, 2) - x0;
-  const Vec3 c = vertex(v, 3) - vertex(v, 1) - vertex(v, 2) + x0;
+  const Vec3 x0 = facet_vertex(v, 0), a = facet_vertex(v, 1) - x0, b = facet_vertex(v, 2) - x0;
+  const Vec3 c = facet_vertex(v, 3) - facet_vertex(v, 1) - facet_vertex(v, 2) + x0;
   ClosestPoint best = start;
   std::array<double, 2> xi = start.xi;
   for (int i = 0; i < projection_max_iterations; ++i)
@@ -80,7 +78,7 @@ ClosestPoint newton_on_quadrilateral(std::span<const double> v, const Vec3& p, C
 ClosestPoint on_quadrilateral(std::span<const double> v, const Vec3& p)
 {
   constexpr auto type = FacetType::quadrilateral;
-  const Vec3 x0 = vertex(v, 0), x1 = vertex(v, 1), x2 = vertex(v, 2), x3 = vertex(v, 3);
+  const Vec3 x0 = facet_vertex(v, 0), x1 = facet_vertex(v, 1), x2 = facet_vertex(v, 2), x3 = facet_vertex(v, 3);
   ClosestPoint best = make(type, v, {segment_parameter(x0, x1, p), 0}, p);
   keep_nearer(best, make(type, v, {0, segment_parameter(x0, x2, p)}, p));
   keep_nearer(best, make(type, v, {1, segment_parameter(x1, x3, p)}, p));
@@ -100,47 +98,12 @@ ClosestPoint on_quadrilateral(std::span<const double> v, const Vec3& p)
 }
 } // namespace
 
-std::array<double, 4> qsdolfinx::shape_functions(FacetType type, std::array<double, 2> xi)
-{
-  const auto [s, t] = xi;
-  switch (type)
-  {
-  case FacetType::interval:
-    return {1 - s, s, 0, 0};
-  case FacetType::triangle:
-    return {1 - s - t, s, t, 0};
-  default:
-    return {(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t};
-  }
-}
-
-Vec3 qsdolfinx::facet_point(FacetType type, std::span<const double> v, std::array<double, 2> xi)
-{
-  const auto N = shape_functions(type, xi);
-  Vec3 x{0, 0, 0};
-  for (int i = 0; i < static_cast<int>(type); ++i)
-    x = x + N[i] * vertex(v, i);
-  return x;
-}
-
-Vec3 qsdolfinx::area_vector(FacetType type, std::span<const double> v, std::array<double, 2> xi)
-{
-  const Vec3 x0 = vertex(v, 0), a = vertex(v, 1) - x0;
-  if (type == FacetType::interval)
-    return {a[1], -a[0], 0};
-  const Vec3 b = vertex(v, 2) - x0;
-  if (type == FacetType::triangle)
-    return cross(a, b);
-  const Vec3 c = vertex(v, 3) - vertex(v, 1) - vertex(v, 2) + x0;
-  return cross(a + xi[1] * c, b + xi[0] * c);
-}
-
 ClosestPoint qsdolfinx::closest_point(FacetType type, std::span<const double> v, const Vec3& p)
 {
   switch (type)
   {
   case FacetType::interval:
-    return make(type, v, {segment_parameter(vertex(v, 0), vertex(v, 1), p), 0}, p);
+    return make(type, v, {segment_parameter(facet_vertex(v, 0), facet_vertex(v, 1), p), 0}, p);
   case FacetType::triangle:
     return on_triangle(v, p);
   default:

@@ -1,11 +1,9 @@
 #include "search.h"
+#include "boxes.h"
 #include "exchange.h"
+#include "projection.h"
 
 #include <algorithm>
-#include <boost/geometry.hpp>
-#include <boost/geometry/geometries/box.hpp>
-#include <boost/geometry/geometries/point.hpp>
-#include <boost/geometry/index/rtree.hpp>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -15,28 +13,12 @@ namespace bg = boost::geometry;
 
 namespace
 {
-using BoostPoint = bg::model::point<double, 3, bg::cs::cartesian>;
-using BoostBox = bg::model::box<BoostPoint>;
-using Entry = std::pair<BoostBox, std::size_t>;
-using Tree = bg::index::rtree<Entry, bg::index::quadratic<16>>;
-
-Tree facet_tree(const Surface& surface)
+BoxTree facet_tree(const Surface& surface)
 {
-  std::vector<Entry> entries;
-  entries.reserve(surface.num_facets());
+  std::vector<Box> boxes;
   for (std::size_t f = 0; f < surface.num_facets(); ++f)
-  {
-    // A bilinear facet lies within the convex hull, hence the box, of its vertices.
-    const auto v = surface.facet_x(f);
-    Vec3 low{v[0], v[1], v[2]}, high = low;
-    for (std::size_t i = 3; i < v.size(); ++i)
-    {
-      low[i % 3] = std::min(low[i % 3], v[i]);
-      high[i % 3] = std::max(high[i % 3], v[i]);
-    }
-    entries.emplace_back(BoostBox({low[0], low[1], low[2]}, {high[0], high[1], high[2]}), f);
-  }
-  return Tree(entries.begin(), entries.end()); // bulk loading
+    boxes.push_back(box_of(surface.facet_x(f)));
+  return BoxTree(boxes);
 }
 
 /// A facet's answer to one node.
@@ -48,14 +30,15 @@ struct Candidate
 };
 
 /// Facets of this rank that are closest to p, ties included.
-void local_candidates(const Surface& surface, const Tree& tree, const Vec3& p, const Vec3& normal,
+void local_candidates(const Surface& surface, const BoxTree& boxes, const Vec3& p, const Vec3& normal,
                       double radius, std::vector<Candidate>& out)
 {
   out.clear();
+  const BoxTree::Tree& tree = boxes.tree();
   if (tree.empty())
     return;
   double limit = radius;
-  const BoostPoint query(p[0], p[1], p[2]);
+  const BoxTree::Point query(p[0], p[1], p[2]);
   for (auto it = tree.qbegin(bg::index::nearest(query, static_cast<unsigned>(tree.size())));
        it != tree.qend(); ++it)
   {
@@ -97,30 +80,15 @@ struct Queries
   std::vector<double> data; ///< received: x, normal, [query][6]
 };
 
-/// Whether a rank's box is within the radius of the box [low, high].
-bool box_is_near(std::span<const double> box, std::span<const double> low,
-                 std::span<const double> high, double radius)
-{
-  for (std::size_t j = 0; j < 3; ++j)
-    if (!(high[j] >= box[j] - radius && low[j] <= box[3 + j] + radius))
-      return false;
-  return true;
-}
-
 /// Ranks whose facets may be within the radius of any of this rank's nodes.
 std::vector<int> ranks_near(std::span<const double> boxes, std::span<const double> x, double radius)
 {
   std::vector<int> out;
   if (x.empty())
     return out;
-  Vec3 low{x[0], x[1], x[2]}, high = low;
-  for (std::size_t i = 3; i < x.size(); ++i)
-  {
-    low[i % 3] = std::min(low[i % 3], x[i]);
-    high[i % 3] = std::max(high[i % 3], x[i]);
-  }
+  const Box box = box_of(x);
   for (std::size_t r = 0; r < boxes.size() / 6; ++r)
-    if (box_is_near(boxes.subspan(6 * r, 6), low, high, radius))
+    if (boxes_are_near(boxes.subspan(6 * r, 6), box, radius))
       out.push_back(static_cast<int>(r));
   return out;
 }
@@ -138,7 +106,7 @@ Queries send_queries(const Surface& nodes, const Surface& surface, double radius
     const std::span<const double> x = std::span(n.x).subspan(3 * k, 3);
     for (int r : neighbours)
     {
-      if (!box_is_near(std::span(boxes).subspan(6 * r, 6), x, x, radius))
+      if (!boxes_are_near(std::span(boxes).subspan(6 * r, 6), box_of(x), radius))
         continue;
       q.node.push_back(static_cast<std::int64_t>(k));
       dest.push_back(r);
@@ -182,9 +150,9 @@ struct Answers
     const auto v = s.facet_x(c.facet);
     values.insert(values.end(), v.begin(), v.end());
     sort_vertices(std::span(values).last(v.size()));
-    const auto d = s.facets().dofs.begin() + c.facet * nv * gdim;
+    const auto d = s.facets().vertex_dofs.begin() + c.facet * nv * gdim;
     dofs.insert(dofs.end(), d, d + nv * gdim);
-    const auto o = s.facets().owner.begin() + c.facet * nv;
+    const auto o = s.facets().vertex_owner.begin() + c.facet * nv;
     owner.insert(owner.end(), o, o + nv);
   }
 };
@@ -204,7 +172,7 @@ Answers answer_queries(const Surface& surface, const Queries& q, double radius)
 
   Answers mine{surface.num_vertices(), surface.gdim(), {}, {}, {}, {}};
   std::vector<int> dest;
-  const Tree tree = facet_tree(surface);
+  const BoxTree tree = facet_tree(surface);
   std::vector<Candidate> candidates;
   for (std::size_t i = 0; i < q.exchange->num_received(); ++i)
   {

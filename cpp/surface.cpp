@@ -10,22 +10,12 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Local vertices of the edges of a facet; an interval is bounded by its two vertices.
+/// What bounds a facet: edges, given by their vertices; for an interval its two ends.
 std::span<const std::array<int, 2>> edges_of(FacetType type)
 {
-  static constexpr std::array<std::array<int, 2>, 2> interval{{{0, 0}, {1, 1}}};
-  static constexpr std::array<std::array<int, 2>, 3> triangle{{{0, 1}, {0, 2}, {1, 2}}};
-  static constexpr std::array<std::array<int, 2>, 4> quadrilateral{
-      {{0, 1}, {0, 2}, {1, 3}, {2, 3}}};
-  switch (type)
-  {
-  case FacetType::interval:
-    return interval;
-  case FacetType::triangle:
-    return triangle;
-  default:
-    return quadrilateral;
-  }
+  static constexpr std::array<std::array<int, 2>, 2> ends{{{0, 0}, {1, 1}}};
+  return type == FacetType::interval ? std::span<const std::array<int, 2>>(ends)
+                                     : facet_edges(type);
 }
 
 /// ∫ N_i da over one facet, da the outward area vector: per vertex the scalar area and the vector.
@@ -61,23 +51,25 @@ std::array<std::array<double, 4>, 4> vertex_areas(FacetType type, std::span<cons
   }
   return out;
 }
-
-std::array<double, 2> centre(FacetType type)
-{
-  if (type == FacetType::triangle)
-    return {1.0 / 3, 1.0 / 3};
-  return {0.5, type == FacetType::interval ? 0.0 : 0.5};
-}
 } // namespace
 
-Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x,
+Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
                  std::span<const std::int64_t> dofs, std::span<const int> owner,
                  std::span<const double> inside, std::int64_t local_size)
-    : gdim_(gdim), type_(type), local_size_(local_size)
+    : gdim_(gdim), type_(type), degree_(degree), local_size_(local_size)
 {
   facets_.x.assign(x.begin(), x.end());
   facets_.dofs.assign(dofs.begin(), dofs.end());
   facets_.owner.assign(owner.begin(), owner.end());
+  const int nv = num_vertices(), nt = num_trace();
+  for (std::size_t f = 0; f < inside.size() / 3; ++f)
+  {
+    const std::size_t first = f * nt;
+    facets_.vertex_dofs.insert(facets_.vertex_dofs.end(), dofs.begin() + first * gdim,
+                               dofs.begin() + (first + nv) * gdim);
+    facets_.vertex_owner.insert(facets_.vertex_owner.end(), owner.begin() + first,
+                                owner.begin() + first + nv);
+  }
   MPI_Comm_dup(comm, &comm_);
   // mpi4py's communicators return error codes, which nothing here would look at.
   MPI_Comm_set_errhandler(comm_, MPI_ERRORS_ARE_FATAL);
@@ -109,8 +101,8 @@ void Surface::orient_and_measure(std::span<const double> inside)
             = std::max(facets_.size[f], norm(Vec3{v[3 * i] - v[3 * j], v[3 * i + 1] - v[3 * j + 1],
                                                   v[3 * i + 2] - v[3 * j + 2]}));
     const Vec3 c{inside[3 * f], inside[3 * f + 1], inside[3 * f + 2]};
-    const Vec3 outward = facet_point(type_, v, centre(type_)) - c;
-    facets_.orientation[f] = dot(area_vector(type_, v, centre(type_)), outward) > 0 ? 1 : -1;
+    const Vec3 outward = facet_point(type_, v, facet_centre(type_)) - c;
+    facets_.orientation[f] = dot(area_vector(type_, v, facet_centre(type_)), outward) > 0 ? 1 : -1;
   }
 }
 
@@ -118,7 +110,7 @@ void Surface::collect_nodes()
 {
   // A rank may own a node without owning any facet at it: every facet tells its vertices' owners.
   const int nv = num_vertices();
-  const std::size_t n = facets_.owner.size();
+  const std::size_t n = facets_.vertex_owner.size();
   constexpr int width = 7; // x, area, area vector
   std::vector<double> values(n * width);
   for (std::size_t f = 0; f < num_facets(); ++f)
@@ -131,8 +123,8 @@ void Surface::collect_nodes()
       std::copy_n(areas[i].data(), 4, out + 3);
     }
   }
-  Exchange to_owner(comm_, facets_.owner);
-  const auto dofs = to_owner.forward<std::int64_t>(facets_.dofs, gdim_);
+  Exchange to_owner(comm_, facets_.vertex_owner);
+  const auto dofs = to_owner.forward<std::int64_t>(facets_.vertex_dofs, gdim_);
   const auto data = to_owner.forward<double>(values, width);
 
   std::vector<std::size_t> order(to_owner.num_received());
@@ -176,11 +168,11 @@ void Surface::mark_boundary()
     for (std::size_t e = 0; e < ne; ++e)
     {
       std::size_t a = f * nv + edges[e][0], b = f * nv + edges[e][1];
-      if (facets_.dofs[b * gdim_] < facets_.dofs[a * gdim_])
+      if (facets_.vertex_dofs[b * gdim_] < facets_.vertex_dofs[a * gdim_])
         std::swap(a, b);
-      dest[f * ne + e] = facets_.owner[a];
-      keys[2 * (f * ne + e)] = facets_.dofs[a * gdim_];
-      keys[2 * (f * ne + e) + 1] = facets_.dofs[b * gdim_];
+      dest[f * ne + e] = facets_.vertex_owner[a];
+      keys[2 * (f * ne + e)] = facets_.vertex_dofs[a * gdim_];
+      keys[2 * (f * ne + e) + 1] = facets_.vertex_dofs[b * gdim_];
     }
   }
   Exchange by_edge(comm_, dest);
@@ -199,15 +191,15 @@ void Surface::mark_boundary()
   facets_.edge_on_boundary = by_edge.reverse<std::uint8_t>(single, 1);
 
   // A facet that touches the boundary with one vertex only learns it from the vertex's owner.
-  std::vector<std::uint8_t> flags(facets_.owner.size(), 0);
+  std::vector<std::uint8_t> flags(facets_.vertex_owner.size(), 0);
   for (std::size_t f = 0; f < num_facets(); ++f)
     for (std::size_t e = 0; e < ne; ++e)
       if (facets_.edge_on_boundary[f * ne + e])
         flags[f * nv + edges[e][0]] = flags[f * nv + edges[e][1]] = 1;
-  std::vector<std::int64_t> first_dofs(facets_.owner.size());
+  std::vector<std::int64_t> first_dofs(facets_.vertex_owner.size());
   for (std::size_t i = 0; i < first_dofs.size(); ++i)
-    first_dofs[i] = facets_.dofs[i * gdim_];
-  Exchange to_owner(comm_, facets_.owner);
+    first_dofs[i] = facets_.vertex_dofs[i * gdim_];
+  Exchange to_owner(comm_, facets_.vertex_owner);
   const auto dofs = to_owner.forward<std::int64_t>(first_dofs, 1);
   auto answers = to_owner.forward<std::uint8_t>(flags, 1);
   std::vector<std::uint8_t> on_boundary(nodes_.size(), 0);

@@ -2,7 +2,7 @@
 // their unknowns.
 #pragma once
 
-#include "projection.h"
+#include "facet.h"
 #include <cstdint>
 #include <mpi.h>
 #include <span>
@@ -12,12 +12,15 @@ namespace qsdolfinx
 {
 
 /// Facets of a contact surface on this rank. Every facet lives on exactly one rank (its cell's
-/// owner), its vertices may belong to others.
+/// owner), its vertices may belong to others. The nodes of the trace on a facet are its vertices, then,
+/// for degree 2, those of trace_functions.
 struct Facets
 {
   std::vector<double> x;                        ///< vertex coordinates, [facet][vertex][3]
-  std::vector<std::int64_t> dofs;               ///< global unknowns, [facet][vertex][gdim]
-  std::vector<int> owner;                       ///< rank that owns the unknowns, [facet][vertex]
+  std::vector<std::int64_t> dofs; ///< global unknowns of the trace, [facet][node][gdim]
+  std::vector<int> owner;         ///< rank that owns the unknowns, [facet][node]
+  std::vector<std::int64_t> vertex_dofs;        ///< of these the vertices', [facet][vertex][gdim]
+  std::vector<int> vertex_owner;                ///< and their owners, [facet][vertex]
   std::vector<double> orientation;              ///< ±1, times the area vector points outward
   std::vector<double> size;                     ///< largest distance of two vertices
   std::vector<std::uint8_t> edge_on_boundary;   ///< edge belongs to one facet only, [facet][edge]
@@ -45,11 +48,12 @@ public:
   /// @param gdim geometric dimension, 2 or 3
   /// @param type shape of all facets
   /// @param x vertex coordinates, [facet][vertex][3]
-  /// @param dofs global unknowns of the vertices, [facet][vertex][gdim]
-  /// @param owner rank that owns the unknowns of a vertex, [facet][vertex]
+  /// @param degree of the trace, 1 or 2
+  /// @param dofs global unknowns of the trace, [facet][node][gdim]
+  /// @param owner rank that owns the unknowns of a node, [facet][node]
   /// @param inside a point of the body behind the facet, [facet][3]
   /// @param local_size number of unknowns of the body that this rank owns
-  Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x,
+  Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
           std::span<const std::int64_t> dofs, std::span<const int> owner,
           std::span<const double> inside, std::int64_t local_size);
   ~Surface();
@@ -60,6 +64,9 @@ public:
   int gdim() const { return gdim_; }
   FacetType type() const { return type_; }
   int num_vertices() const { return static_cast<int>(type_); }
+  int degree() const { return degree_; }
+  /// Nodes of the trace on a facet.
+  int num_trace() const { return trace_size(type_, degree_); }
   std::size_t num_facets() const { return facets_.size.size(); }
   std::int64_t local_size() const { return local_size_; }
   const Facets& facets() const { return facets_; }
@@ -87,6 +94,7 @@ private:
   MPI_Comm comm_;
   int gdim_;
   FacetType type_;
+  int degree_;
   std::int64_t local_size_;
   Facets facets_;
   Nodes nodes_;

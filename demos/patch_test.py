@@ -44,6 +44,8 @@ class Parameters:
     load: str = "pressure"
     contact: str = "tied"
     penalty: float | str = "auto"
+    quadrature: str = "nodal"
+    quadrature_degree: int | None = None
 
 
 def create_cube(comm, n, cell, bottom, jitter, rng):
@@ -125,7 +127,7 @@ def build(comm, p):
     slave = Block(create_cube(comm, p.slave, p.cell, 1.0, p.jitter, rng), E_SLAVE)
     master.bcs.append(master.condition(gdim - 1, 0.0, 0.0))
 
-    contact = qs.Contact(slave.surface, master.surface, p.formulation, LAWS[p.contact](), p.penalty)
+    contact = qs.Contact(slave.surface, master.surface, p.formulation, LAWS[p.contact](), p.penalty, quadrature=p.quadrature, quadrature_degree=p.quadrature_degree)
     top = fem.Constant(slave.mesh, 0.0)
     if p.load == "pressure":
         facets = np.sort(locate(slave.mesh, gdim - 1, 2.0))
@@ -347,6 +349,8 @@ def main():
     add("--load", choices=("pressure", "displacement"))
     add("--contact", choices=tuple(LAWS))
     add("--penalty", type=stiffness, metavar="auto|FLOAT", help="ε, stress per length")
+    add("--quadrature", choices=("nodal", "overlay"))
+    add("--quadrature-degree", type=count, metavar="N")
     add("--json", metavar="FILE", help="write the results of a single case as JSON")
     add("--plot", metavar="FILE", help="draw the contact traction (needs matplotlib)")
     arguments = vars(parser.parse_args())

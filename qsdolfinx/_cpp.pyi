@@ -18,6 +18,7 @@ class Surface:
         gdim: int,
         num_vertices: int,
         x: Array,
+        degree: int,
         dofs: Indices,
         owner: Ranks,
         inside: Array,
@@ -48,8 +49,20 @@ class PairingPoints:
     @property
     def weight(self) -> Array: ...
     @property
+    def multiplier_values(self) -> Array: ...
+    @property
     def num_unpaired(self) -> int: ...
 
+def overlay_surfaces(
+    slave: Surface,
+    master: Surface,
+    both: bool,
+    radius: float,
+    piece_x: Array,
+    piece_w: Array,
+    edge_x: Array,
+    edge_w: Array,
+) -> PairingPoints: ...
 def pair_surfaces(slave: Surface, master: Surface, both: bool, radius: float) -> PairingPoints: ...
 def closest_point(
     num_vertices: int, vertices: Array, p: Array

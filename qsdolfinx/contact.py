@@ -20,6 +20,7 @@ from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.gap import Vecs, WeightedGap
 from qsdolfinx.laws import Law, Unilateral
 from qsdolfinx.pairing import Pairing
+from qsdolfinx.quadrature import default_degree, pair
 from qsdolfinx.surface import Surface, update_surfaces
 
 Array = npt.NDArray[np.float64]
@@ -70,6 +71,8 @@ class Contact:
         law: Law | None = None,
         penalty: float | str = "auto",
         search_radius: float | None = None,
+        quadrature: str = "nodal",
+        quadrature_degree: int | None = None,
     ) -> None:
         law = Unilateral() if law is None else law
         # Without surfaces there is no communicator of ours to agree on the error with.
@@ -87,6 +90,8 @@ class Contact:
         self.master = master
         self.formulation = formulation
         self.law = law
+        self.quadrature = quadrature
+        self.quadrature_degree = quadrature_degree or default_degree(slave, master)
         self.passes: list[WeightedGap] = []
         #: Counts the pairings made so far.
         self.version = 0
@@ -120,8 +125,8 @@ class Contact:
                 roles.append((self.master, self.slave))
             self.passes = []
             for slave, master in roles:
-                points = _cpp.pair_surfaces(
-                    slave._cpp_object, master._cpp_object, both, self._radius
+                points = pair(
+                    slave, master, self.quadrature, both, self._radius, self.quadrature_degree
                 )
                 self.passes.append(WeightedGap(slave, master, points, self.law, 1 / len(roles)))
             self.version += 1

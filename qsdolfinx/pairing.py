@@ -41,7 +41,9 @@ class Pairing:
         normal: Unit normals, outward of the slave, shape (points, 3).
         gap: Signed initial distances (x_master - x_slave)·n, positive when open, shape (points,).
         weight: Areas w_p, shape (points,).
-        num_unpaired: Owned nodes that were searched and found no partner.
+        multiplier_values: P1 or Q1 functions N_k of the slave's vertices, which come first among
+            its nodes, shape (points, vertices).
+        num_unpaired: Owned nodes (overlay: facets) that were searched and found no partner.
     """
 
     slave: PairingSide
@@ -49,6 +51,7 @@ class Pairing:
     normal: npt.NDArray[np.float64]
     gap: npt.NDArray[np.float64]
     weight: npt.NDArray[np.float64]
+    multiplier_values: npt.NDArray[np.float64]
     num_unpaired: int
 
     @classmethod
@@ -60,6 +63,7 @@ class Pairing:
             points.normal,
             points.gap,
             points.weight,
+            points.multiplier_values,
             points.num_unpaired,
         )
 

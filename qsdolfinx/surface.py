@@ -16,7 +16,7 @@ from dolfinx import fem, la, mesh
 
 from qsdolfinx import _cpp
 from qsdolfinx.collective import collective_errors
-from qsdolfinx.unknowns import vertex_dofs, vertex_x
+from qsdolfinx.unknowns import dofs_at, facet_places, vertex_x
 
 _FACET_VERTICES = {
     mesh.CellType.triangle: 2,
@@ -85,6 +85,13 @@ class Surface:
         """Smallest and largest facet size (largest distance of two vertices). Collective."""
         low, high = self._cpp_object.facet_size_range
         return float(low), float(high)
+
+    @property
+    def degree(self) -> int:
+        """Degree of the trace, 1 or 2."""
+        degree = _trace_degree(self.V)
+        assert degree is not None
+        return degree
 
     @property
     def node_dofs(self) -> npt.NDArray[np.int64]:
@@ -199,13 +206,24 @@ def _check_arguments(
             f"V: contact needs a blocked vector space with {gdim} components, such as "
             f'functionspace(mesh, ("Lagrange", 1, ({gdim},)))'
         )
-    layout = V.dofmap.dof_layout
-    per_entity = [layout.num_entity_dofs(d) for d in range(V.mesh.topology.dim)]
-    if per_entity[0] != 1 or any(per_entity[1:]):
+    if _trace_degree(V) is None:
         raise ValueError(
-            "V: the trace of the space on the facets must be continuous P1 or Q1 (Lagrange degree "
-            "1, or P1 with a cell bubble); the nodal rule takes no higher degree"
+            "V: the trace of the space on the facets must be continuous Lagrange of degree 1 or 2 "
+            "(or P1 with a cell bubble)"
         )
+
+
+def _trace_degree(V: fem.FunctionSpace) -> int | None:
+    """Degree of the trace of a Lagrange space on facets, 1 or 2; None if it is anything else."""
+    layout, tdim = V.dofmap.dof_layout, V.mesh.topology.dim
+    per_entity = [layout.num_entity_dofs(d) for d in range(tdim)]
+    if per_entity[0] != 1:
+        return None
+    if not any(per_entity[1:]):
+        return 1
+    simplex = V.mesh.topology.cell_type in (mesh.CellType.triangle, mesh.CellType.tetrahedron)
+    quadratic = [1, 1] if tdim == 2 else [1, 1, 0 if simplex else 1]
+    return 2 if per_entity == quadratic else None
 
 
 def _given_facets(
@@ -287,6 +305,7 @@ def _create(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _cpp.Surface
         comm=V.mesh.comm.py2f(),
         gdim=V.mesh.geometry.dim,
         num_vertices=data.x.shape[1],
+        degree=_trace_degree(V),
         local_size=index_map.size_local * V.dofmap.index_map_bs,
         **{k: np.ascontiguousarray(a) for k, a in data._asdict().items()},
     )
@@ -303,7 +322,10 @@ def _facet_data(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _Geometr
     local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
     vertices = reference[local].reshape(n, nv)
     x = vertex_x(msh, cells[:, None], vertices).reshape(n, nv, 3)
-    dofs = vertex_dofs(V, cells[:, None], vertices).reshape(n, nv, gdim)
+    degree = _trace_degree(V)
+    assert degree is not None
+    places = facet_places(V, degree)[local]
+    dofs = dofs_at(V, cells[:, None], places).reshape(n, places.shape[1], gdim)
     inside = msh.geometry.x[msh.geometry.dofmap[cells]].mean(axis=1).astype(np.float64)
     return _Geometry(x, *_global_numbers(V, dofs), inside.reshape(n, 3))
 

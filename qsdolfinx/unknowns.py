@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+import basix
 from dolfinx import fem, mesh
+
+_QUADRILATERAL_EDGES = [(0, 1), (0, 2), (1, 3), (2, 3)]
 
 Indices = npt.NDArray[np.int32]
 
@@ -17,6 +20,25 @@ NUM_CELL_VERTICES = {
 }
 
 
+def dofs_at(V: fem.FunctionSpace, cells: Indices, places: Indices) -> Indices:
+    """Local unknowns (not blocks) at given places of a cell's dof layout, shape (..., gdim).
+
+    Args:
+        V: Blocked vector space, or such a sub-space.
+        cells: Local cell indices, broadcast against ``places``.
+        places: Places in the layout of the cells' blocks.
+    """
+    gdim = V.mesh.geometry.dim
+    component = np.arange(gdim)
+    if V.dofmap.bs == gdim:
+        return np.asarray(
+            V.dofmap.list[cells, places][..., None] * gdim + component, dtype=np.int32
+        )
+    # The dofmap of a sub-space lists single unknowns.
+    dofs = V.dofmap.list[np.asarray(cells)[..., None], places[..., None] * gdim + component]
+    return np.asarray(dofs, dtype=np.int32)
+
+
 def vertex_dofs(V: fem.FunctionSpace, cells: Indices, vertices: Indices) -> Indices:
     """Local unknowns (not blocks) of cell vertices, shape (..., gdim).
 
@@ -25,15 +47,33 @@ def vertex_dofs(V: fem.FunctionSpace, cells: Indices, vertices: Indices) -> Indi
         cells: Local cell indices, broadcast against ``vertices``.
         vertices: Local vertex numbers within the cells.
     """
-    gdim = V.mesh.geometry.dim
     count = NUM_CELL_VERTICES[V.mesh.topology.cell_type]
-    place = np.array([V.dofmap.dof_layout.entity_dofs(0, v)[0] for v in range(count)])[vertices]
-    component = np.arange(gdim)
-    if V.dofmap.bs == gdim:
-        return np.asarray(V.dofmap.list[cells, place][..., None] * gdim + component, dtype=np.int32)
-    # The dofmap of a sub-space lists single unknowns.
-    dofs = V.dofmap.list[np.asarray(cells)[..., None], place[..., None] * gdim + component]
-    return np.asarray(dofs, dtype=np.int32)
+    places = np.array([V.dofmap.dof_layout.entity_dofs(0, v)[0] for v in range(count)])
+    return dofs_at(V, cells, places[vertices])
+
+
+def facet_places(V: fem.FunctionSpace, degree: int) -> Indices:
+    """Places of the trace's nodes in a cell's dof layout, for each facet, shape (facets, nodes).
+
+    Vertices come first, then, for degree 2, the edges in the order of the reference facet, and the
+    interior of quadrilaterals: the order of trace_functions in cpp/facet.h.
+    """
+    layout = V.dofmap.dof_layout
+    cell = getattr(basix.CellType, V.mesh.topology.cell_type.name)
+    topology = basix.topology(cell)
+    tdim = len(topology) - 1
+    places = []
+    for f, vertices in enumerate(topology[tdim - 1]):
+        nodes = [layout.entity_dofs(0, v)[0] for v in vertices]
+        if degree == 2:
+            if tdim == 3:
+                pairs = [(0, 1), (0, 2), (1, 2)] if len(vertices) == 3 else _QUADRILATERAL_EDGES
+                edges = [tuple(sorted((vertices[a], vertices[b]))) for a, b in pairs]
+                numbers = {tuple(sorted(e)): i for i, e in enumerate(topology[1])}
+                nodes += [layout.entity_dofs(1, numbers[edge])[0] for edge in edges]
+            nodes += layout.entity_dofs(tdim - 1, f)
+        places.append(nodes)
+    return np.array(places, dtype=np.int32)
 
 
 def vertex_x(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> npt.NDArray[np.float64]:

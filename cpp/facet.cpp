@@ -1,0 +1,98 @@
+#include "facet.h"
+
+#include <algorithm>
+
+using namespace qsdolfinx;
+
+std::array<double, 4> qsdolfinx::shape_functions(FacetType type, std::array<double, 2> xi)
+{
+  const auto [s, t] = xi;
+  switch (type)
+  {
+  case FacetType::interval:
+    return {1 - s, s, 0, 0};
+  case FacetType::triangle:
+    return {1 - s - t, s, t, 0};
+  default:
+    return {(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t};
+  }
+}
+
+Vec3 qsdolfinx::facet_point(FacetType type, std::span<const double> v, std::array<double, 2> xi)
+{
+  const auto N = shape_functions(type, xi);
+  Vec3 x{0, 0, 0};
+  for (int i = 0; i < static_cast<int>(type); ++i)
+    x = x + N[i] * facet_vertex(v, i);
+  return x;
+}
+
+Vec3 qsdolfinx::area_vector(FacetType type, std::span<const double> v, std::array<double, 2> xi)
+{
+  const Vec3 x0 = facet_vertex(v, 0), a = facet_vertex(v, 1) - x0;
+  if (type == FacetType::interval)
+    return {a[1], -a[0], 0};
+  const Vec3 b = facet_vertex(v, 2) - x0;
+  if (type == FacetType::triangle)
+    return cross(a, b);
+  const Vec3 c = facet_vertex(v, 3) - facet_vertex(v, 1) - facet_vertex(v, 2) + x0;
+  return cross(a + xi[1] * c, b + xi[0] * c);
+}
+
+std::array<double, 2> qsdolfinx::facet_centre(FacetType type)
+{
+  if (type == FacetType::triangle)
+    return {1.0 / 3, 1.0 / 3};
+  return {0.5, type == FacetType::interval ? 0.0 : 0.5};
+}
+
+int qsdolfinx::trace_size(FacetType type, int degree)
+{
+  if (degree == 1)
+    return static_cast<int>(type);
+  return type == FacetType::interval ? 3 : type == FacetType::triangle ? 6 : 9;
+}
+
+std::span<const std::array<int, 2>> qsdolfinx::facet_edges(FacetType type)
+{
+  static constexpr std::array<std::array<int, 2>, 1> interval{{{0, 1}}};
+  static constexpr std::array<std::array<int, 2>, 3> triangle{{{0, 1}, {0, 2}, {1, 2}}};
+  static constexpr std::array<std::array<int, 2>, 4> quadrilateral{
+      {{0, 1}, {0, 2}, {1, 3}, {2, 3}}};
+  switch (type)
+  {
+  case FacetType::interval:
+    return interval;
+  case FacetType::triangle:
+    return triangle;
+  default:
+    return quadrilateral;
+  }
+}
+
+std::array<double, max_trace> qsdolfinx::trace_functions(FacetType type, int degree,
+                                                         std::array<double, 2> xi)
+{
+  const auto N = shape_functions(type, xi);
+  std::array<double, max_trace> out{};
+  if (degree == 1)
+  {
+    std::copy(N.begin(), N.end(), out.begin());
+    return out;
+  }
+  if (type != FacetType::quadrilateral)
+  {
+    // In barycentric coordinates: N (2 N - 1) at vertices, 4 N_a N_b on edges.
+    int next = static_cast<int>(type);
+    for (int i = 0; i < next; ++i)
+      out[i] = N[i] * (2 * N[i] - 1);
+    for (const auto& [a, b] : facet_edges(type))
+      out[next++] = 4 * N[a] * N[b];
+    return out;
+  }
+  const auto line = [](double s)
+  { return std::array{(1 - s) * (1 - 2 * s), s * (2 * s - 1), 4 * s * (1 - s)}; };
+  const auto f = line(xi[0]), g = line(xi[1]);
+  return {f[0] * g[0], f[1] * g[0], f[0] * g[1], f[1] * g[1], f[2] * g[0],
+          f[0] * g[2], f[1] * g[2], f[2] * g[1], f[2] * g[2]};
+}
