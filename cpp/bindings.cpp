@@ -123,20 +123,22 @@ void bind_pairing(nb::module_& m)
 
   m.def(
       "pair_surfaces",
-      [](const Surface& slave, const Surface& master, bool both, double radius)
+      [](const Surface& slave, const Surface& master, bool both, double radius, bool averaged)
       {
-        return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius);
+        return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius,
+                             averaged ? Normals::averaged : Normals::facet);
       },
-      "slave"_a, "master"_a, "both"_a, "radius"_a, "Nodal pairing points; collective.");
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "averaged_normals"_a, "Nodal pairing points; collective.");
   m.def(
       "overlay_surfaces",
-      [](const Surface& slave, const Surface& master, bool both, double radius, In<double> piece_x,
-         In<double> piece_w, In<double> edge_x, In<double> edge_w)
+      [](const Surface& slave, const Surface& master, bool both, double radius, bool averaged,
+         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
-        return overlay_surfaces(slave, master, both, radius, rules);
+        return overlay_surfaces(slave, master, both, radius,
+                                averaged ? Normals::averaged : Normals::facet, rules);
       },
-      "slave"_a, "master"_a, "both"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a,
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "averaged_normals"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a,
       "edge_w"_a, "Pairing points on the overlay; collective.");
   m.def(
       "closest_point",
@@ -175,8 +177,9 @@ void bind_gap(nb::module_& m)
           },
           "slave"_a, "master"_a, "Linear part of the gap, shape (rows, width); collective.")
       .def(
-          "add_transpose", [](GapOperator& g, In<double> f, Handle slave, Handle master)
-          { g.add_transpose(view(f), vecs({slave, master})); }, "f"_a, "slave"_a, "master"_a,
+          "add_transpose", [](GapOperator& g, In<double> f, Handle slave, Handle master, bool slave_only)
+          { g.add_transpose(view(f), vecs({slave, master}), slave_only); }, "f"_a, "slave"_a,
+          "master"_a, "slave_only"_a,
           "Add the transposed operator times f; collective.")
       .def(
           "constrain",
@@ -185,14 +188,15 @@ void bind_gap(nb::module_& m)
 
   m.def(
       "insert_contact",
-      [](const GapOperator& g, In<double> stiffness, std::array<Handle, 4> blocks, bool pattern)
+      [](const GapOperator& g, In<double> stiffness, std::array<Handle, 4> blocks, bool slave_only,
+         bool pattern)
       {
         ContactBlocks mats;
         for (std::size_t i = 0; i < 4; ++i)
           mats[i] = reinterpret_cast<Mat>(blocks[i]);
-        insert_contact(g, view(stiffness), mats, pattern);
+        insert_contact(g, view(stiffness), mats, slave_only, pattern);
       },
-      "gap"_a, "stiffness"_a, "blocks"_a, "pattern"_a,
+      "gap"_a, "stiffness"_a, "blocks"_a, "slave_only"_a, "pattern"_a,
       "Add Gᵀ D G to the blocks (ss, sm, ms, mm).");
 }
 } // namespace

@@ -48,8 +48,9 @@ public:
   std::vector<T> reverse(std::span<const T> data, int width) const
   {
     const std::size_t bytes = sizeof(T) * static_cast<std::size_t>(width);
-    std::vector<T> packed(order_.size() * width), out(order_.size() * width);
+    std::vector<T> packed(order_.size() * width), out;
     send(data.data(), from_, packed.data(), to_, bytes);
+    out.resize(packed.size());
     for (std::size_t i = 0; i < order_.size(); ++i)
       std::copy_n(packed.data() + i * width, width,
                   out.data() + static_cast<std::size_t>(order_[i]) * width);

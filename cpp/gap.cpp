@@ -255,11 +255,11 @@ std::vector<double> GapOperator::apply(std::array<Vec, 2> u)
   return g;
 }
 
-void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
+void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b, bool slave_only)
 {
   if (f.size() != num_rows() * width())
     throw std::invalid_argument("f must hold `width` values per row");
-  for (int s = 0; s < 2; ++s)
+  for (int s = 0; s < (slave_only ? 1 : 2); ++s)
   {
     Side& side = sides_[s];
     check(VecSet(side.local, 0));

@@ -66,8 +66,8 @@ public:
 
   /// Linear part G_s u_s + G_m u_m, [row][width]. Collective. @param u vectors of the two bodies
   std::vector<double> apply(std::array<Vec, 2> u);
-  /// b += Gᵀ f on both bodies. Collective. @param f [row][width]
-  void add_transpose(std::span<const double> f, std::array<Vec, 2> b);
+  /// b += Gᵀ f on both bodies, or on the slave alone. Collective. @param f [row][width]
+  void add_transpose(std::span<const double> f, std::array<Vec, 2> b, bool slave_only);
   /// Say which unknowns carry Dirichlet conditions: nonzero entries of the markers. Collective.
   void constrain(std::array<Vec, 2> markers);
 

@@ -39,7 +39,7 @@ void gather_row(const GapOperator& gap, int s, std::size_t row, int component, b
 } // namespace
 
 void qsdolfinx::insert_contact(const GapOperator& gap, std::span<const double> stiffness,
-                               ContactBlocks blocks, bool pattern)
+                               ContactBlocks blocks, bool slave_only, bool pattern)
 {
   if (stiffness.size() != gap.num_rows())
     throw std::invalid_argument("stiffness must hold one value per row");
@@ -55,7 +55,7 @@ void qsdolfinx::insert_contact(const GapOperator& gap, std::span<const double> s
     {
       for (int s = 0; s < 2; ++s)
         gather_row(gap, s, r, component, pattern, row[s]);
-      for (int a = 0; a < 2; ++a)
+      for (int a = 0; a < (slave_only ? 1 : 2); ++a)
       {
         for (int b = 0; b < 2; ++b)
         {

@@ -13,10 +13,11 @@ using ContactBlocks = std::array<Mat, 4>;
 /// Rows and columns of constrained unknowns are left out. The blocks are not assembled here.
 ///
 /// @param stiffness D, one value per row of the operator; rows with 0 are skipped
+/// @param slave_only add the rows of the slave's body alone: (ss, sm)
 /// @param pattern insert explicit zeros in the whole pattern, constrained unknowns included,
 /// instead:
 ///        fixes the non-zero pattern for whatever rows become active later
 void insert_contact(const GapOperator& gap, std::span<const double> stiffness, ContactBlocks blocks,
-                    bool pattern);
+                    bool slave_only, bool pattern);
 
 } // namespace qsdolfinx

@@ -106,9 +106,9 @@ class Overlay
 {
 public:
   Overlay(PairingPoints& points, const Surface& cut, const Surface& other, bool cut_is_slave,
-          double share, double radius, const OverlayRules& rules)
+          double share, double radius, Normals normals, const OverlayRules& rules)
       : points_(points), cut_(cut), nearby_(fetch_nearby(other, cut, radius)), tree_(facet_tree()),
-        cut_is_slave_(cut_is_slave), share_(share), radius_(radius), rules_(rules)
+        cut_is_slave_(cut_is_slave), share_(share), radius_(radius), normals_(normals), rules_(rules)
   {
   }
 
@@ -191,7 +191,7 @@ private:
     {
       const Vec3 x = facet_point(cut_.type(), v, here.xi[p]);
       const Vec3 y = facet_point(nearby_.type, z, there.xi[p]);
-      const Vec3 outward = cut_.normal(f, here.xi[p]);
+      const Vec3 outward = cut_.normal(f, here.xi[p], normals_);
       const double gap = dot(y - x, outward);
       if (std::abs(gap) > radius_ || (folded_ && is_hidden(piece, q_[p], gap, x, outward)))
         continue;
@@ -237,6 +237,7 @@ private:
   BoxTree tree_;
   bool cut_is_slave_;
   double share_, radius_;
+  Normals normals_;
   const OverlayRules& rules_;
   // Of the facet at hand.
   std::vector<Piece> pieces_;
@@ -250,12 +251,12 @@ private:
 } // namespace
 
 PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& master, bool both,
-                                          double radius, const OverlayRules& rules)
+                                          double radius, Normals normals, const OverlayRules& rules)
 {
   PairingPoints points(slave, master);
   const double share = both ? 0.5 : 1.0;
-  Overlay(points, slave, master, true, share, radius, rules).run();
+  Overlay(points, slave, master, true, share, radius, normals, rules).run();
   if (both)
-    Overlay(points, master, slave, false, share, radius, rules).run();
+    Overlay(points, master, slave, false, share, radius, normals, rules).run();
   return points;
 }

@@ -23,7 +23,7 @@ struct OverlayRules
 /// Every facet of the slave, and with `both` also every facet of the master, each with half the
 /// weight, is cut along the facets of the other surface that it faces. Those are projected onto its
 /// plane, along its normal, which is the direction from ξ_p to ζ_p as well. The normal n_p is that
-/// of the facet that was cut. Where projected facets cover each other, the nearest counts.
+/// of the facet that was cut, or averaged at its nodes. Where projected facets cover each other, the nearest counts.
 ///
 /// The shape functions of general quadrilaterals are not polynomials in the plane. On each piece a
 /// constant is added to them that makes Σ w_p N_i(ξ_p) the exact integral; their sum stays 1 and
@@ -31,8 +31,9 @@ struct OverlayRules
 ///
 /// @param both (7) with both halves; otherwise the integral over the slave alone
 /// @param radius points further than this from the other surface are left out
+/// @param normals which normals n_p are
 /// @param rules quadrature
 PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool both,
-                               double radius, const OverlayRules& rules);
+                               double radius, Normals normals, const OverlayRules& rules);
 
 } // namespace qsdolfinx

@@ -36,7 +36,7 @@ void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, 
 /// @param at_slave whether the nodes are the slave's
 /// @param share part of the nodal area that is the weight
 void append_nodal_points(PairingPoints& points, const Surface& at, const Surface& onto,
-                         bool at_slave, double share, double radius)
+                         bool at_slave, double share, double radius, Normals normals)
 {
   const ClosestFacets found = closest_facets(at, onto, radius);
   PairingSide& node_side = at_slave ? points.slave : points.master;
@@ -57,14 +57,10 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
     }
     append_node(node_side, nodes, k, points.gdim, rank);
     append_facet(facet_side, found, k, points.gdim);
-    double gap = 0;
-    for (std::size_t j = 0; j < 3; ++j)
-    {
-      const double n = sign * found.normal[3 * k + j];
-      points.normal.push_back(n);
-      gap += n * sign * (nodes.x[3 * k + j] - found.x[3 * k + j]);
-    }
-    points.gap.push_back(gap);
+    const auto at_k = [k](const std::vector<double>& v) { return facet_vertex(v, static_cast<int>(k)); };
+    const Vec3 n = normals == Normals::facet ? sign * at_k(found.normal) : -sign * at_k(nodes.normal);
+    points.normal.insert(points.normal.end(), n.begin(), n.end());
+    points.gap.push_back(sign * dot(n, at_k(nodes.x) - at_k(found.x)));
     points.weight.push_back(share * nodes.area[k]);
   }
 }
@@ -80,15 +76,15 @@ PairingPoints::PairingPoints(const Surface& s, const Surface& m)
 }
 
 PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& master,
-                                       Sampling sampling, double radius)
+                                       Sampling sampling, double radius, Normals normals)
 {
   if (slave.degree() != 1 || master.degree() != 1)
     throw std::invalid_argument("nodal pairing points need traces of degree 1");
   PairingPoints points(slave, master);
   const double share = sampling == Sampling::both ? 0.5 : 1.0;
-  append_nodal_points(points, slave, master, true, share, radius);
+  append_nodal_points(points, slave, master, true, share, radius, normals);
   if (sampling == Sampling::both)
-    append_nodal_points(points, master, slave, false, share, radius);
+    append_nodal_points(points, master, slave, false, share, radius, normals);
   points.multiplier_values = points.slave.shape_values; // the trace is P1 or Q1
   return points;
 }

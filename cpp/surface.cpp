@@ -147,11 +147,18 @@ void Surface::collect_nodes()
   }
   for (std::size_t k = 0; k < nodes_.size(); ++k)
   {
-    const Vec3 a{nodes_.normal[3 * k], nodes_.normal[3 * k + 1], nodes_.normal[3 * k + 2]};
+    const Vec3 a = facet_vertex(nodes_.normal, static_cast<int>(k));
     const double length = norm(a);
     for (int j = 0; j < 3; ++j)
       nodes_.normal[3 * k + j] = length > 0 ? a[j] / length : 0.0;
   }
+  std::vector<double> normals;
+  for (std::size_t i = 0; i < to_owner.num_received(); ++i)
+  {
+    const std::size_t k = node_index(dofs[i * gdim_]);
+    normals.insert(normals.end(), &nodes_.normal[3 * k], &nodes_.normal[3 * k] + 3);
+  }
+  facets_.vertex_normal = to_owner.reverse<double>(normals, 3);
 }
 
 void Surface::mark_boundary()
@@ -210,10 +217,19 @@ void Surface::mark_boundary()
   facets_.vertex_on_boundary = to_owner.reverse<std::uint8_t>(answers, 1);
 }
 
-Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi) const
+Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi, Normals normals) const
 {
   const Vec3 a = area_vector(type_, facet_x(facet), xi);
-  return (facets_.orientation[facet] / norm(a)) * a;
+  const Vec3 own = (facets_.orientation[facet] / norm(a)) * a;
+  if (normals == Normals::facet)
+    return own;
+  const int nv = num_vertices();
+  const auto N = shape_functions(type_, xi);
+  Vec3 n{0, 0, 0};
+  for (int i = 0; i < nv; ++i)
+    n = n + N[i] * facet_vertex(std::span(facets_.vertex_normal).subspan(facet * nv * 3), i);
+  const double length = norm(n);
+  return length > 0 ? (1 / length) * n : own;
 }
 
 bool Surface::on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const

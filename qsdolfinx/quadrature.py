@@ -9,9 +9,10 @@ from qsdolfinx import _cpp
 from qsdolfinx.surface import Surface
 
 QUADRATURES = ("nodal", "overlay")
+NORMALS = ("facet", "averaged")
 
 #: Degree of the rule along edges for general quadrilaterals, see PlanarFacet in cpp/planar.h.
-EDGE_DEGREE = 31
+EDGE_DEGREE = 47
 
 #: Polynomial degree that the functions of a facet have in the plane, by its cell's type.
 _IS_TENSOR = (mesh.CellType.hexahedron,)
@@ -29,7 +30,13 @@ def default_degree(slave: Surface, master: Surface) -> int:
 
 
 def pair(
-    slave: Surface, master: Surface, quadrature: str, both: bool, radius: float, degree: int
+    slave: Surface,
+    master: Surface,
+    quadrature: str,
+    degree: int,
+    normals: str,
+    both: bool,
+    radius: float,
 ) -> _cpp.PairingPoints:
     """Pairing points of one pass. Collective.
 
@@ -37,15 +44,17 @@ def pair(
         slave: Surface that carries the multiplier.
         master: The other surface.
         quadrature: ``"nodal"`` or ``"overlay"``.
+        degree: Degree of the rule on the pieces of the overlay.
+        normals: ``"facet"`` or ``"averaged"``.
         both: Whether both surfaces are sampled, each with half the weight.
         radius: Search radius (length).
-        degree: Degree of the rule on the pieces of the overlay.
     """
+    averaged = normals == "averaged"
     if quadrature == "nodal":
-        return _cpp.pair_surfaces(slave._cpp_object, master._cpp_object, both, radius)
+        return _cpp.pair_surfaces(slave._cpp_object, master._cpp_object, both, radius, averaged)
     kind = basix.CellType.interval if slave.gdim == 2 else basix.CellType.triangle
     piece = basix.make_quadrature(kind, degree)
     edge = basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE)
     return _cpp.overlay_surfaces(
-        slave._cpp_object, master._cpp_object, both, radius, *piece, *edge
+        slave._cpp_object, master._cpp_object, both, radius, averaged, *piece, *edge
     )
