@@ -15,17 +15,21 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx import _cpp
+from qsdolfinx.checks import check_choice, check_positive
 from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.gap import Vecs, WeightedGap
+from qsdolfinx.gap import WeightedGap
 from qsdolfinx.laws import Law, Unilateral
 from qsdolfinx.pairing import Pairing
-from qsdolfinx.quadrature import default_degree, pair
+from qsdolfinx.quadrature import NORMALS, QUADRATURES, check_quadrature, pair
 from qsdolfinx.surface import Surface, update_surfaces
+from qsdolfinx.traction import MASSES, recover, total_force
 
 Array = npt.NDArray[np.float64]
+T = typing.TypeVar("T")
 
-FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
+TWO_PASSES = ("double-pass", "two-half-pass")
+ENFORCEMENTS = ("penalty", "augmented-lagrangian")
 SIDES = ("slave", "master")
 
 #: Gaps smaller than this part of the smallest facet count as closed.
@@ -73,25 +77,48 @@ class Contact:
         search_radius: float | None = None,
         quadrature: str = "nodal",
         quadrature_degree: int | None = None,
+        normals: str = "facet",
+        enforcement: str = "penalty",
+        gap_tolerance: float = 1e-8,
     ) -> None:
         law = Unilateral() if law is None else law
         # Without surfaces there is no communicator of ours to agree on the error with.
         comm = next((s.comm for s in (slave, master) if isinstance(s, Surface)), MPI.COMM_WORLD)
         with collective_errors(comm):
-            _check_arguments(slave, master, formulation, law, penalty, search_radius)
+            _check_surfaces(slave, master)
+            check_choice("formulation", formulation, FORMULATIONS)
+            check_choice("quadrature", quadrature, QUADRATURES)
+            check_choice("normals", normals, NORMALS)
+            check_choice("enforcement", enforcement, ENFORCEMENTS)
+            if not isinstance(law, Law):
+                raise TypeError(f"law: must be qs.Tied() or qs.Unilateral(), not {law!r}")
+            if not (isinstance(penalty, str) and penalty == "auto"):
+                check_positive("penalty", penalty, ' or "auto"')
+            if search_radius is not None:
+                check_positive("search_radius", search_radius)
+            check_positive("gap_tolerance", gap_tolerance)
+            degree = check_quadrature(slave, master, quadrature, quadrature_degree)
         check_agreement(
             comm,
             formulation=formulation,
             law=type(law).__name__,
             penalty=penalty,
             search_radius=search_radius,
+            quadrature=quadrature,
+            quadrature_degree=degree,
+            normals=normals,
+            enforcement=enforcement,
+            gap_tolerance=gap_tolerance,
         )
         self.slave = slave
         self.master = master
         self.formulation = formulation
         self.law = law
         self.quadrature = quadrature
-        self.quadrature_degree = quadrature_degree or default_degree(slave, master)
+        self.quadrature_degree = degree
+        self.normals = normals
+        self.enforcement = enforcement
+        self.gap_tolerance = float(gap_tolerance)
         self.passes: list[WeightedGap] = []
         #: Counts the pairings made so far.
         self.version = 0
@@ -118,17 +145,29 @@ class Contact:
         with self._clock():
             low, high = zip(*(s.facet_size_range for s in (self.slave, self.master)), strict=True)
             self._touching = TOUCHING * min(low)
+            self._facet_size = min(low)
             self._radius = max(high) if self._given_radius is None else self._given_radius
             both = self.formulation == "quasi-symmetric"
             roles = [(self.slave, self.master)]
-            if self.formulation == "double-pass":
+            if self.formulation in TWO_PASSES:
                 roles.append((self.master, self.slave))
+            one_sided = self.formulation == "two-half-pass"
+            share = 1.0 if one_sided else 1 / len(roles)
+            kept = [p.on_nodes(p.augmented, 0.0) for p in self.passes]
             self.passes = []
             for slave, master in roles:
                 points = pair(
-                    slave, master, self.quadrature, both, self._radius, self.quadrature_degree
+                    slave,
+                    master,
+                    self.quadrature,
+                    self.quadrature_degree,
+                    self.normals,
+                    both,
+                    self._radius,
                 )
-                self.passes.append(WeightedGap(slave, master, points, self.law, 1 / len(roles)))
+                self.passes.append(WeightedGap(slave, master, points, self.law, share, one_sided))
+            for p, multiplier in zip(self.passes, kept, strict=False):
+                p.augmented = np.asarray(multiplier[p.row_node], dtype=np.float64)
             self.version += 1
 
     @contextlib.contextmanager
@@ -178,7 +217,7 @@ class Contact:
             ValueError: If it is not a positive number, the same on all ranks.
         """
         with collective_errors(self.comm):
-            _check_positive("penalty", penalty)
+            check_positive("penalty", penalty)
         check_agreement(self.comm, penalty=penalty)
         self._penalty = float(penalty)
 
@@ -188,7 +227,7 @@ class Contact:
         """Compute gaps for the unknowns of the two bodies. Collective."""
         with self._clock():
             for p in self.passes:
-                p.evaluate(self._ordered(p, slave, master))
+                p.evaluate(self._ordered(p, (slave, master)))
 
     def add_residual(self, slave: PETSc.Vec, master: PETSc.Vec, bilateral: bool = False) -> None:
         """Add ∂Φ/∂u at the last evaluation to the residuals of the two bodies. Collective.
@@ -200,8 +239,8 @@ class Contact:
         """
         with self._clock():
             for p in self.passes:
-                multiplier = self.eps * p.values if bilateral else self._multiplier(p)
-                p.add_forces(multiplier, self._ordered(p, slave, master))
+                multiplier = self.eps * p.values if bilateral else p.multiplier(self.eps)
+                p.add_forces(multiplier, self._ordered(p, (slave, master)))
 
     def add_tangent(self, blocks: tuple[PETSc.Mat, ...], bilateral: bool = False) -> None:
         """Add ∂²Φ/∂u² at the last evaluation to the blocks (ss, sm, ms, mm); not assembled here.
@@ -213,17 +252,17 @@ class Contact:
         with self._clock():
             for p in self.passes:
                 slope = np.full(len(p.values), self.eps) if bilateral else self._slope(p)
-                self._insert(p, p.weight * slope, blocks, pattern=False)
+                p.add_stiffness(slope, self._ordered(p, blocks), pattern=False)
 
     def add_pattern(self, blocks: tuple[PETSc.Mat, ...]) -> None:
         """Add zeros wherever :meth:`add_tangent` may ever add anything."""
         for p in self.passes:
-            self._insert(p, np.zeros(len(p.values)), blocks, pattern=True)
+            p.add_stiffness(np.zeros(len(p.values)), self._ordered(p, blocks), pattern=True)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
         for p in self.passes:
-            vecs = self._ordered(p, slave, master)
+            vecs = self._ordered(p, (slave, master))
             p.operator.constrain(vecs[0].handle, vecs[1].handle)
 
     def num_active_local(self) -> int:
@@ -234,7 +273,7 @@ class Contact:
         """How displacements would change the gaps that are closed, one value each. Collective."""
         changes = []
         for p in self.passes:
-            vecs = self._ordered(p, slave, master)
+            vecs = self._ordered(p, (slave, master))
             change = p.operator.apply(vecs[0].handle, vecs[1].handle)
             changes.append(change[self._slope(p) > 0].ravel())
         return np.concatenate(changes)
@@ -250,20 +289,48 @@ class Contact:
             raise RuntimeError('penalty="auto" is computed by the first solve, which has not been')
         return self._penalty
 
-    def _multiplier(self, p: WeightedGap) -> Array:
-        return self.law.multiplier(p.values, self.eps)
-
     def _slope(self, p: WeightedGap) -> Array:
-        return self.law.slope(p.values, self.eps, self._touching)
+        return p.slope(self.eps, self._touching)
 
-    def _ordered(self, p: WeightedGap, slave: PETSc.Vec, master: PETSc.Vec) -> Vecs:
-        return (slave, master) if p.slave is self.slave else (master, slave)
+    def _ordered(self, p: WeightedGap, of_bodies: tuple[T, ...]) -> tuple[T, ...]:
+        """Things of the slave's and the master's body in the order of a pass."""
+        return of_bodies if p.slave is self.slave else of_bodies[::-1]
 
-    def _insert(
-        self, p: WeightedGap, stiffness: Array, blocks: tuple[PETSc.Mat, ...], pattern: bool
-    ) -> None:
-        ordered = blocks if p.slave is self.slave else blocks[::-1]
-        _cpp.insert_contact(p.operator, stiffness, [m.handle for m in ordered], pattern)
+    # --- Augmented Lagrangian, for the problem
+
+    @property
+    def augmented(self) -> bool:
+        """Whether the multiplier is augmented until the gap is closed."""
+        return self.enforcement == "augmented-lagrangian"
+
+    def violation(self) -> float:
+        """Largest gap (length) at the last evaluation that a multiplier holds. Collective."""
+        local = max(p.violation(self.eps) for p in self.passes)
+        return float(self.comm.allreduce(local, op=MPI.MAX))
+
+    @property
+    def allowed_gap(self) -> float:
+        """Gap (length) at which augmentation ends: ``gap_tolerance`` × the smallest facet."""
+        return self.gap_tolerance * self._facet_size
+
+    def augment(self) -> None:
+        """Take the multipliers of the last evaluation as the known ones, λ̂ = λ."""
+        for p in self.passes:
+            p.augmented = p.multiplier(self.eps)
+
+    def known_multipliers(self) -> list[Array]:
+        """Copies of λ̂, one array for each pass; see :meth:`set_known_multipliers`."""
+        return [p.augmented.copy() for p in self.passes]
+
+    def set_known_multipliers(self, multipliers: typing.Sequence[Array]) -> None:
+        """Put back what :meth:`known_multipliers` gave."""
+        for p, multiplier in zip(self.passes, multipliers, strict=True):
+            p.augmented = multiplier.copy()
+
+    def reset(self) -> None:
+        """Forget the multipliers: the next solve starts from λ̂ = 0, not from the last solution."""
+        for p in self.passes:
+            p.augmented = np.zeros_like(p.augmented)
 
     # --- Results
 
@@ -286,7 +353,7 @@ class Contact:
         λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
         """
         p = self._pass_of(side)
-        return typing.cast(Array, _flat(p.on_nodes(self._multiplier(p), 0.0)))
+        return typing.cast(Array, _flat(p.on_nodes(p.multiplier(self.eps), 0.0)))
 
     def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
         """Nodes of this rank that are in contact, shape (nodes,)."""
@@ -295,8 +362,12 @@ class Contact:
 
     @property
     def energy(self) -> float:
-        """Penalty energy Φ at the last evaluation. Collective."""
-        local = sum(float(p.weight @ self.law.energy(p.values, self.eps)) for p in self.passes)
+        """Energy Φ at the last evaluation; of the augmented Lagrangian where that is used.
+
+        Two-half-pass contact has no energy: this is then the sum of what its halves would have.
+        Collective.
+        """
+        local = sum(p.energy(self.eps) for p in self.passes)
         return float(self.comm.allreduce(local, op=MPI.SUM))
 
     def force(self, side: str) -> Array:
@@ -306,34 +377,39 @@ class Contact:
             side: ``"slave"`` or ``"master"``.
         """
         surface = self._surface(side)
-        owned = self._nodal_forces(side).sum(axis=0)
+        with self._force_vec(side) as vec:
+            owned = total_force(surface, vec)
         return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))
 
-    def traction(self, side: str) -> fem.Function:
-        """Traction recovered from the contact forces, t_k = f_k / S_k (stress). Collective.
+    def traction(self, side: str, mass: str = "lumped") -> fem.Function:
+        """Traction t (stress) recovered from the contact forces. Collective.
 
         Args:
             side: ``"slave"`` or ``"master"``: the traction that acts on this body.
+            mass: ``"lumped"``: t_k = f_k / S_k; ``"consistent"``: the P1 (Q1) function whose virtual
+                work is that of the forces, M t = f with M_kl = ∫ N_k N_l ds.
 
         Returns:
-            Function in the surface's space (collapsed if that is a sub-space), zero off the
-            surface.
+            Function of degree 1, zero off the surface. Its space is that of the surface, collapsed
+            if that is a sub-space; for displacements of degree 2 a new one of degree 1, and the
+            nodal forces f_k are then those conjugate to this space.
         """
+        check_choice("mass", mass, MASSES)
         surface = self._surface(side)
-        return surface.function(self._nodal_forces(side) / surface.node_area[:, None])
+        with self._force_vec(side) as vec:
+            return recover(surface, vec, mass)
 
-    def _nodal_forces(self, side: str) -> Array:
-        """Contact forces on the owned nodes of one side, shape (nodes, gdim)."""
-        slave, master = self.slave.create_vec(), self.master.create_vec()
+    @contextlib.contextmanager
+    def _force_vec(self, side: str) -> typing.Iterator[PETSc.Vec]:
+        """Contact forces on the unknowns of one side's body."""
+        self._surface(side)
+        vecs = self.slave.create_vec(), self.master.create_vec()
         with self._clock():
             for p in self.passes:
-                p.add_forces(-self._multiplier(p), self._ordered(p, slave, master))
-        vec = slave if side == "slave" else master
-        surface = self._surface(side)
-        forces = vec.array_r[surface.node_dofs - vec.owner_range[0]]
-        slave.destroy()
-        master.destroy()
-        return np.asarray(forces, dtype=np.float64).reshape(-1, surface.gdim)
+                p.add_forces(-p.multiplier(self.eps), self._ordered(p, vecs))
+        yield vecs[SIDES.index(side)]
+        for vec in vecs:
+            vec.destroy()
 
     def _surface(self, side: str) -> Surface:
         if side not in SIDES:
@@ -344,7 +420,7 @@ class Contact:
         self._surface(side)
         if side == "slave":
             return self.passes[0]
-        if self.formulation != "double-pass":
+        if self.formulation not in TWO_PASSES:
             raise ValueError(f"side: {self.formulation} contact has no multiplier on the master")
         return self.passes[1]
 
@@ -354,35 +430,11 @@ def _flat(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
     return values[:, 0] if values.shape[1] == 1 else values
 
 
-def _check_positive(name: str, value: typing.Any, alternative: str = "") -> None:
-    number = isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(
-        value, bool
-    )
-    if not (number and math.isfinite(value) and value > 0):
-        raise ValueError(f"{name}: must be a positive, finite number{alternative}, not {value!r}")
-
-
-def _check_arguments(
-    slave: Surface,
-    master: Surface,
-    formulation: str,
-    law: Law,
-    penalty: float | str,
-    search_radius: float | None,
-) -> None:
-    """Refuse what no contact can be made of."""
+def _check_surfaces(slave: Surface, master: Surface) -> None:
+    """Refuse surfaces that cannot be in contact."""
     for name, surface in (("slave", slave), ("master", master)):
         if not isinstance(surface, Surface):
             raise TypeError(f"{name}: must be a qsdolfinx.Surface, not {type(surface).__name__}")
-    if formulation not in FORMULATIONS:
-        known = ", ".join(FORMULATIONS)
-        raise ValueError(f"formulation: must be one of {known}, not {formulation!r}")
-    if not isinstance(law, Law):
-        raise TypeError(f"law: must be a law such as qsdolfinx.Tied(), not {law!r}")
-    if not (isinstance(penalty, str) and penalty == "auto"):
-        _check_positive("penalty", penalty, ' or "auto"')
-    if search_radius is not None:
-        _check_positive("search_radius", search_radius)
     if slave.gdim != master.gdim:
         raise ValueError("slave and master have different geometric dimensions")
     if MPI.Comm.Compare(slave.comm, master.comm) not in (MPI.IDENT, MPI.CONGRUENT):

@@ -57,18 +57,13 @@ class WeightedGap:
         self.row_node: npt.NDArray[np.int64] = self.operator.row_node
         #: Area in the energy of each row, S_k times the share.
         self.weight: Array = share * slave.node_area[self.row_node]
-<<<<<<< HEAD
+        shape = (self.operator.num_rows, self.operator.width)
         #: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
-        self.values: Array = np.zeros((self.operator.num_rows, self.operator.width))
+        self.values: Array = np.zeros(shape)
         if not law.jump:
             self.values[:, 0] = -self.operator.initial_gap
-=======
-        shape = (self.operator.num_rows, self.operator.width)
-        #: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim).
-        self.values: Array = np.zeros(shape)
         #: λ̂, of the same shape.
         self.augmented: Array = np.zeros(shape)
->>>>>>> f69670e (wip: normals, augmented multipliers)
 
     def evaluate(self, u: Vecs) -> None:
         """Compute the weighted gaps for displacements u. Collective."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 import basix
 from dolfinx import mesh
 
@@ -14,17 +16,28 @@ NORMALS = ("facet", "averaged")
 #: Degree of the rule along edges for general quadrilaterals, see PlanarFacet in cpp/planar.h.
 EDGE_DEGREE = 47
 
-#: Polynomial degree that the functions of a facet have in the plane, by its cell's type.
-_IS_TENSOR = (mesh.CellType.hexahedron,)
-
 
 def _degree(surface: Surface, order: int) -> int:
-    """Total degree of Lagrange functions of this order on the surface's facets."""
-    return order * (2 if surface.mesh.topology.cell_type in _IS_TENSOR else 1)
+    """Total polynomial degree of Lagrange functions of this order on affine facets."""
+    return order * (2 if surface.mesh.topology.cell_type == mesh.CellType.hexahedron else 1)
 
 
-def default_degree(slave: Surface, master: Surface) -> int:
-    """Degree that integrates multipliers times traces exactly on affine facets."""
+def check_quadrature(slave: Surface, master: Surface, quadrature: str, degree: int | None) -> int:
+    """Degree of the rule: the one given, or one that integrates exactly on affine facets.
+
+    Raises:
+        ValueError: If it is not a positive integer, or the nodal rule is to sample traces of degree
+            2: their values at the vertices say nothing of the edges.
+    """
+    if quadrature == "nodal" and (slave.degree, master.degree) != (1, 1):
+        raise ValueError(
+            "quadrature: the nodal rule samples the gap at vertices, which sees nothing of the "
+            'edges\' unknowns of a displacement of degree 2; use quadrature="overlay"'
+        )
+    if degree is not None:
+        if not isinstance(degree, (int, np.integer)) or degree < 1:
+            raise ValueError(f"quadrature_degree: must be a positive integer, not {degree!r}")
+        return int(degree)
     trace = max(_degree(surface, surface.degree) for surface in (slave, master))
     return max(_degree(slave, 1), _degree(master, 1)) + trace
 

@@ -68,6 +68,7 @@ class Surface:
         with collective_errors(comm):
             given = _given_facets(V.mesh, facet_tags, tag, facets)
         self.facets = _facets_of_owned_cells(V.mesh, given)
+        self._linear: Surface | None = None
         self._cpp_object = _create(V, self.facets)
 
     @property
@@ -155,6 +156,21 @@ class Surface:
         space, parent = self.V.collapse()
         return space, np.asarray(parent, dtype=np.int32)
 
+    @property
+    def trace_dofs(self) -> npt.NDArray[np.int64]:
+        """Global unknowns this rank owns of all nodes of the trace, shape (trace nodes, gdim)."""
+        return np.asarray(self._cpp_object.trace_dofs)
+
+    @property
+    def linear(self) -> Surface:
+        """The same facets with a space of degree 1; this surface if it has one. Collective."""
+        if self.degree == 1:
+            return self
+        if self._linear is None:
+            V = fem.functionspace(self.mesh, ("Lagrange", 1, (self.gdim,)))
+            self._linear = Surface(V, facets=self.facets)
+        return self._linear
+
     def update(self) -> None:
         """Read the mesh coordinates anew, after the mesh has moved. Collective.
 
@@ -173,6 +189,7 @@ def update_surfaces(*surfaces: Surface) -> None:
     new = [_create(surface.V, surface.facets) for surface in surfaces]
     for surface, cpp_object in zip(surfaces, new, strict=True):
         surface._cpp_object = cpp_object
+        surface._linear = None
 
 
 def _check_arguments(

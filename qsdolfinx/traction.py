@@ -1,0 +1,77 @@
+"""Traction recovered from contact forces."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import ufl
+from dolfinx import fem, mesh
+from dolfinx.fem import petsc as fem_petsc
+
+from qsdolfinx.surface import Surface
+
+Array = npt.NDArray[np.float64]
+
+MASSES = ("lumped", "consistent")
+
+
+def total_force(surface: Surface, force: PETSc.Vec) -> Array:
+    """Sum of this rank's nodal forces on a surface, shape (gdim,)."""
+    owned = surface.trace_dofs - force.owner_range[0]
+    return np.asarray(force.array_r[owned].sum(axis=0), dtype=np.float64)
+
+
+def recover(surface: Surface, force: PETSc.Vec, mass: str) -> fem.Function:
+    """Traction with the virtual work of given contact forces. Collective.
+
+    Args:
+        surface: The surface.
+        force: Forces on the unknowns of its body.
+        mass: ``"lumped"`` or ``"consistent"``.
+
+    Returns:
+        Function of degree 1, see Contact.traction.
+    """
+    linear, moments = surface.linear, force
+    if linear is not surface:
+        moments = linear.create_vec()
+        surface.interpolation.multTranspose(surface.collapsed_vec(force), moments)
+    f = moments.array_r[linear.node_dofs - moments.owner_range[0]]
+    out = linear.function(f / linear.node_area[:, None])
+    if mass == "consistent":
+        _solve_mass(linear, f, out)
+    if moments is not force:
+        moments.destroy()
+    return out
+
+
+def _solve_mass(surface: Surface, force: Array, t: fem.Function) -> None:
+    """Solve ∫ t·v ds = f(v) on the surface, from a first guess t. Collective."""
+    V = t.function_space
+    facets = np.sort(surface.facets)
+    tags = mesh.meshtags(V.mesh, V.mesh.topology.dim - 1, facets, np.ones_like(facets))
+    ds = ufl.Measure("ds", domain=V.mesh, subdomain_data=tags)(1)
+    form = fem.form(ufl.inner(ufl.TrialFunction(V), ufl.TestFunction(V)) * ds)
+    matrix = fem_petsc.assemble_matrix(form)
+    matrix.assemble()
+    diagonal = matrix.getDiagonal()
+    diagonal.array[diagonal.array_r == 0] = 1.0  # off the surface: t = 0
+    matrix.setDiagonal(diagonal)
+    b, x = matrix.createVecs()
+    right = surface.function(force)  # forces in the place of values
+    b.array[:] = right.x.array[: len(b.array_r)]
+    x.array[:] = t.x.array[: len(x.array_r)]
+    ksp = PETSc.KSP().create(V.mesh.comm)
+    ksp.setOperators(matrix)
+    ksp.setType(PETSc.KSP.Type.CG)
+    ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+    ksp.setTolerances(rtol=1e-13, atol=0.0)
+    ksp.setInitialGuessNonzero(True)
+    ksp.solve(b, x)
+    t.x.array[: len(x.array_r)] = x.array_r
+    t.x.scatter_forward()
+    for thing in (ksp, matrix, diagonal, b, x):
+        thing.destroy()
