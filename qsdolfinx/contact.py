@@ -22,7 +22,7 @@ from qsdolfinx.laws import Law, Unilateral
 from qsdolfinx.pairing import Pairing
 from qsdolfinx.quadrature import NORMALS, QUADRATURES, check_quadrature, pair
 from qsdolfinx.surface import Surface, update_surfaces
-from qsdolfinx.traction import MASSES, recover, total_force
+from qsdolfinx.traction import MASSES, nodal_forces, recover
 
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T")
@@ -269,6 +269,12 @@ class Contact:
         """Closed rows on this rank at the last evaluation."""
         return sum(int(np.count_nonzero(self._slope(p))) for p in self.passes)
 
+    def active_state(self) -> bytes:
+        """What the tangent depends on beside ε: which rows of this rank are closed."""
+        if self.law.linear:
+            return b""
+        return b"".join((self._slope(p) > 0).tobytes() for p in self.passes)
+
     def closed_gaps(self, slave: PETSc.Vec, master: PETSc.Vec) -> Array:
         """How displacements would change the gaps that are closed, one value each. Collective."""
         changes = []
@@ -378,7 +384,7 @@ class Contact:
         """
         surface = self._surface(side)
         with self._force_vec(side) as vec:
-            owned = total_force(surface, vec)
+            owned = nodal_forces(surface, vec).sum(axis=0)
         return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))
 
     def traction(self, side: str, mass: str = "lumped") -> fem.Function:

@@ -21,10 +21,13 @@ from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
 from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
-from qsdolfinx.solver import ConvergenceError, line_search, remove_options, set_options
+from qsdolfinx.solver import NOT_CLOSED, ConvergenceError, line_search, remove_options, set_options
 
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()
+
+#: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
+MAX_AUGMENTATIONS = 100
 
 
 class ContactProblem:
@@ -91,6 +94,12 @@ class ContactProblem:
         self.residual_history: list[float] = []
         #: Active rows of each contact at each iteration of the last solve, over all ranks.
         self.active_history: list[list[int]] = []
+        #: Largest gap that an augmented multiplier leaves, after each of its updates.
+        self.violation_history: list[float] = []
+        #: Newton iterations of the last solve, over all updates of the multipliers.
+        self.num_iterations = 0
+        #: Iterations of the linear solver in them.
+        self.num_linear_iterations = 0
 
         self._x = PETSc.Vec().createMPI((self._offsets[-1], PETSc.DETERMINE), comm=self.comm)
         self._r = self._x.duplicate()
@@ -125,32 +134,82 @@ class ContactProblem:
             ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
         """
         start = [body.u.x.array.copy() for body in self.bodies]
+        multipliers = [contact.known_multipliers() for contact in self.contacts]
         self._begin_solve()
-        self.residual_history, self.active_history = [], []
+        self.residual_history, self.active_history, self.violation_history = [], [], []
+        self.num_iterations = self.num_linear_iterations = 0
         try:
             self._predict()
-            first_guess = self._x.copy()
-            self.snes.solve(None, self._x)
-            if self.snes.getConvergedReason() < 0 and self._has_full_steps:
-                first_guess.copy(self._x)
-                with line_search(self.snes):
-                    self.snes.solve(None, self._x)
-        except Exception:
+            self._run_snes()
+            self._augment()
+        except Exception as error:
+            for contact, kept in zip(self.contacts, multipliers, strict=True):
+                contact.set_known_multipliers(kept)
+            if isinstance(error, ConvergenceError):
+                self._evaluate(self._start)  # gaps and multipliers too
             self._restore(start)
             raise
-        converged = self.snes.getConvergedReason() > 0
-        self._reduce_active_history()
-        if not converged:
-            self._evaluate(self._start)  # gaps and multipliers too
-            self._restore(start)
-            raise ConvergenceError(
-                self.snes.getConvergedReason(),
-                self.residual_history,
-                self.active_history,
-                self.snes.getKSP().getConvergedReason(),
-            )
-        self._evaluate(self._x.array_r)  # a line search may have ended elsewhere
+        self.active_history = self._all_active()
         return self.u
+
+    def _run_snes(self) -> None:
+        """Solve for the multipliers at hand, with full steps or else with a line search."""
+        first_guess = self._x.copy()
+        self.snes.solve(None, self._x)
+        self._count()
+        if self.snes.getConvergedReason() < 0 and self._has_full_steps:
+            first_guess.copy(self._x)
+            with line_search(self.snes):
+                self.snes.solve(None, self._x)
+            self._count()
+        first_guess.destroy()
+        if self.snes.getConvergedReason() <= 0:
+            self._raise_error(self.snes.getConvergedReason())
+        self._evaluate(self._x.array_r)  # a line search may have ended elsewhere
+
+    def _count(self) -> None:
+        self.num_iterations += self.snes.getIterationNumber()
+        self.num_linear_iterations += self.snes.getLinearSolveIterations()
+
+    def _raise_error(self, reason: int) -> typing.NoReturn:
+        raise ConvergenceError(
+            reason,
+            self.residual_history,
+            self._all_active(),
+            self.snes.getKSP().getConvergedReason(),
+            self.violation_history,
+        )
+
+    def _all_active(self) -> list[list[int]]:
+        counts = np.array(self.active_history, dtype=np.int64)
+        return typing.cast(list[list[int]], self.comm.allreduce(counts, op=MPI.SUM).tolist())
+
+    def _augment(self) -> None:
+        """Uzawa's method: λ̂ = λ and solve again, until the gaps that multipliers hold are closed."""
+        contacts = [contact for contact in self.contacts if contact.augmented]
+        if not contacts:
+            return
+        rtol, atol, stol, max_it = self.snes.getTolerances()
+        # As exact as the first solve, not by the same factor again.
+        self.snes.setTolerances(rtol, max(atol, rtol * self._first_norm), stol, max_it)
+        try:
+            while True:
+                gaps = [contact.violation() for contact in contacts]
+                self.violation_history.append(max(gaps))
+                if all(g <= c.allowed_gap for g, c in zip(gaps, contacts, strict=True)):
+                    return
+                if len(self.violation_history) > MAX_AUGMENTATIONS:
+                    self._raise_error(NOT_CLOSED)
+                for contact in contacts:
+                    contact.augment()
+                self._run_snes()
+        finally:
+            self.snes.setTolerances(rtol, atol, stol, max_it)
+
+    @property
+    def num_augmentations(self) -> int:
+        """Updates of the multipliers in the last solve."""
+        return max(len(self.violation_history) - 1, 0)
 
     # --- State
 
@@ -261,12 +320,17 @@ class ContactProblem:
         self._assemble()
 
     def _assemble(self, bilateral: typing.Sequence[bool] | None = None) -> None:
-        """Tangent at the last evaluation, unless it is constant and there already."""
+        """Tangent at the last evaluation, unless it is there already.
+
+        For linear bodies it depends on the active set alone: while that stays, the linear solver
+        keeps its factors.
+        """
         assert self.blocks is not None
-        constant = all(b.linear for b in self.bodies) and all(c.law.linear for c in self.contacts)
+        constant = all(body.linear for body in self.bodies)
         state: list[object] = [body.fingerprint for body in self.bodies]
-        state += [contact.eps for contact in self.contacts]
-        if constant and self._assembled == state:
+        for contact in self.contacts:
+            state += [contact.eps, contact.active_state()]
+        if constant and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
             return
         self.blocks.assemble(bilateral)
         if self._kind == "mpi":
@@ -277,10 +341,6 @@ class ContactProblem:
         self.residual_history.append(norm)
         self.active_history.append([contact.num_active_local() for contact in self.contacts])
 
-    def _reduce_active_history(self) -> None:
-        counts = np.array(self.active_history, dtype=np.int64)
-        self.active_history = self.comm.allreduce(counts, op=MPI.SUM).tolist()
-
     # --- First guess and near-nullspace
 
     def _predict(self) -> None:
@@ -290,9 +350,11 @@ class ContactProblem:
         where its loads press it against the other body.
         """
         assert self._rigid is not None and self._matrix is not None
-        self._evaluate(self._x.array_r)
+        local = np.sum(self._evaluate(self._x.array_r) ** 2)
+        self._first_norm = float(np.sqrt(self.comm.allreduce(local, op=MPI.SUM)))
         if not self._rigid.is_free(self.contacts, self._sides):
             return
+        self._assembled = None
         bilateral = [not contact.law.linear for contact in self.contacts]
         self._r.array[:] = self._evaluate(self._x.array_r, bilateral)
         self._assemble(bilateral)

@@ -22,6 +22,9 @@ SNES_OPTIONS: dict[str, typing.Any] = {
 #: Line search that is tried from the start when full steps did not converge.
 LINE_SEARCH = "l2"
 
+#: Reason, beside PETSc's, of a solve whose augmented multipliers do not close the gap.
+NOT_CLOSED = -1000
+
 #: Defaults of the linear solver, unless the user chooses anything about it.
 DIRECT_OPTIONS: dict[str, typing.Any] = {
     "ksp_type": "preonly",
@@ -38,6 +41,7 @@ class ConvergenceError(RuntimeError):
         reason_name: Its name, such as ``"DIVERGED_MAX_IT"``.
         residual_history: Norm of the residual at each iteration.
         active_history: Number of active contact rows at each iteration, one list entry per contact.
+        violation_history: Largest gap that an augmented multiplier leaves, after each update.
     """
 
     def __init__(
@@ -46,9 +50,12 @@ class ConvergenceError(RuntimeError):
         residual_history: list[float],
         active_history: list[list[int]],
         linear_reason: int = 0,
+        violation_history: typing.Sequence[float] = (),
     ) -> None:
         self.reason = reason
-        self.reason_name = reason_name(PETSc.SNES.ConvergedReason, reason)
+        self.violation_history = list(violation_history)
+        names = PETSc.SNES.ConvergedReason
+        self.reason_name = "GAP_NOT_CLOSED" if reason == NOT_CLOSED else reason_name(names, reason)
         self.residual_history = residual_history
         self.active_history = active_history
         linear = ""
@@ -57,9 +64,11 @@ class ConvergenceError(RuntimeError):
             linear = f", linear solver: {name} ({linear_reason})"
         residuals = ", ".join(f"{r:.3e}" for r in residual_history)
         active = ", ".join("/".join(map(str, counts)) for counts in active_history)
+        gaps = ", ".join(f"{g:.3e}" for g in self.violation_history)
         super().__init__(
             f"SNES did not converge: {self.reason_name} ({reason}){linear}; "
             f"residuals [{residuals}]; active contact rows [{active}]"
+            + (f"; gaps after each update of the multipliers [{gaps}]" if gaps else "")
         )
 
 

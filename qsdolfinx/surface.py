@@ -157,9 +157,20 @@ class Surface:
         return space, np.asarray(parent, dtype=np.int32)
 
     @property
-    def trace_dofs(self) -> npt.NDArray[np.int64]:
-        """Global unknowns this rank owns of all nodes of the trace, shape (trace nodes, gdim)."""
-        return np.asarray(self._cpp_object.trace_dofs)
+    def collapsed_space(self) -> fem.FunctionSpace:
+        """V, or the space of its own that a sub-space collapses to. Collective."""
+        return self.V if self._collapsed is None else self._collapsed[0]
+
+    def collapsed_vec(self, vec: PETSc.Vec) -> PETSc.Vec:
+        """New vector with the layout of the collapsed space and the values of one of V. Collective."""
+        if self._collapsed is None:
+            return vec.copy()
+        space, parent = self._collapsed
+        index_map, bs = space.dofmap.index_map, space.dofmap.index_map_bs
+        owned = index_map.size_local * bs
+        out = PETSc.Vec().createMPI((owned, index_map.size_global * bs), comm=self.comm)
+        out.array[:] = vec.array_r[parent[:owned]]
+        return out
 
     @property
     def linear(self) -> Surface:

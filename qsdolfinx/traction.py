@@ -18,10 +18,31 @@ Array = npt.NDArray[np.float64]
 MASSES = ("lumped", "consistent")
 
 
-def total_force(surface: Surface, force: PETSc.Vec) -> Array:
-    """Sum of this rank's nodal forces on a surface, shape (gdim,)."""
-    owned = surface.trace_dofs - force.owner_range[0]
-    return np.asarray(force.array_r[owned].sum(axis=0), dtype=np.float64)
+def nodal_forces(surface: Surface, force: PETSc.Vec) -> Array:
+    """Forces on the contact nodes of ``surface.linear``, shape (nodes, gdim). Collective.
+
+    Those on unknowns of a trace of degree 2 are carried over to the vertices, so that they do the
+    same work in displacements of degree 1.
+
+    Args:
+        surface: The surface.
+        force: Forces on the unknowns of its body.
+    """
+    linear = surface.linear
+    if linear is surface:
+        return _at_nodes(surface, force)
+    moments, local = linear.create_vec(), surface.collapsed_vec(force)
+    matrix = fem_petsc.interpolation_matrix(linear.V, surface.collapsed_space)
+    matrix.multTranspose(local, moments)
+    out = _at_nodes(linear, moments)
+    for thing in (moments, local, matrix):
+        thing.destroy()
+    return out
+
+
+def _at_nodes(surface: Surface, vec: PETSc.Vec) -> Array:
+    values = vec.array_r[surface.node_dofs - vec.owner_range[0]]
+    return np.asarray(values, dtype=np.float64).reshape(-1, surface.gdim)
 
 
 def recover(surface: Surface, force: PETSc.Vec, mass: str) -> fem.Function:
@@ -35,16 +56,10 @@ def recover(surface: Surface, force: PETSc.Vec, mass: str) -> fem.Function:
     Returns:
         Function of degree 1, see Contact.traction.
     """
-    linear, moments = surface.linear, force
-    if linear is not surface:
-        moments = linear.create_vec()
-        surface.interpolation.multTranspose(surface.collapsed_vec(force), moments)
-    f = moments.array_r[linear.node_dofs - moments.owner_range[0]]
+    f, linear = nodal_forces(surface, force), surface.linear
     out = linear.function(f / linear.node_area[:, None])
     if mass == "consistent":
         _solve_mass(linear, f, out)
-    if moments is not force:
-        moments.destroy()
     return out
 
 
