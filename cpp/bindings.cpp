@@ -123,22 +123,22 @@ void bind_pairing(nb::module_& m)
 
   m.def(
       "pair_surfaces",
-      [](const Surface& slave, const Surface& master, bool both, double radius, bool averaged)
+      [](const Surface& slave, const Surface& master, bool both, double radius, int normals)
       {
         return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius,
-                             averaged ? Normals::averaged : Normals::facet);
+                             static_cast<Normals>(normals));
       },
-      "slave"_a, "master"_a, "both"_a, "radius"_a, "averaged_normals"_a, "Nodal pairing points; collective.");
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "Nodal pairing points; collective.");
   m.def(
       "overlay_surfaces",
-      [](const Surface& slave, const Surface& master, bool both, double radius, bool averaged,
+      [](const Surface& slave, const Surface& master, bool both, double radius, int normals,
          In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
         return overlay_surfaces(slave, master, both, radius,
-                                averaged ? Normals::averaged : Normals::facet, rules);
+                                static_cast<Normals>(normals), rules);
       },
-      "slave"_a, "master"_a, "both"_a, "radius"_a, "averaged_normals"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a,
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a,
       "edge_w"_a, "Pairing points on the overlay; collective.");
   m.def(
       "closest_point",

@@ -179,6 +179,19 @@ private:
                                });
   }
 
+  /// Outward normal of the surface that is cut, as the gap is to be measured.
+  Vec3 normal(std::size_t f, Vec2 xi, std::size_t other, Vec2 zeta) const
+  {
+    if (normals_ == Normals::averaged)
+      return cut_.averaged_normal(f, xi);
+    const Vec3 n = cut_.normal(f, xi);
+    if (normals_ == Normals::facet)
+      return n;
+    const Vec3 a = area_vector(nearby_.type, nearby_.facet_x(other), zeta);
+    const Vec3 sum = n + ((dot(a, n) > 0 ? 1 : -1) / norm(a)) * a;
+    return (1 / norm(sum)) * sum;
+  }
+
   void append(std::size_t f, const PlanarFacet& planar, const Piece& piece)
   {
     const auto v = cut_.facet_x(f), z = nearby_.facet_x(piece.other);
@@ -191,7 +204,7 @@ private:
     {
       const Vec3 x = facet_point(cut_.type(), v, here.xi[p]);
       const Vec3 y = facet_point(nearby_.type, z, there.xi[p]);
-      const Vec3 outward = cut_.normal(f, here.xi[p], normals_);
+      const Vec3 outward = normal(f, here.xi[p], piece.other, there.xi[p]);
       const double gap = dot(y - x, outward);
       if (std::abs(gap) > radius_ || (folded_ && is_hidden(piece, q_[p], gap, x, outward)))
         continue;

@@ -22,8 +22,8 @@ struct OverlayRules
 ///
 /// Every facet of the slave, and with `both` also every facet of the master, each with half the
 /// weight, is cut along the facets of the other surface that it faces. Those are projected onto its
-/// plane, along its normal, which is the direction from ξ_p to ζ_p as well. The normal n_p is that
-/// of the facet that was cut, or averaged at its nodes. Where projected facets cover each other, the nearest counts.
+/// plane, along its normal, which is the direction from ξ_p to ζ_p as well. The normal n_p is
+/// chosen by `normals`. Where projected facets cover each other, the nearest counts.
 ///
 /// The shape functions of general quadrilaterals are not polynomials in the plane. On each piece a
 /// constant is added to them that makes Σ w_p N_i(ξ_p) the exact integral; their sum stays 1 and

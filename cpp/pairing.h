@@ -48,7 +48,7 @@ enum class Sampling
 };
 
 /// Nodal pairing points of two surfaces. Collective.
-/// @param normals n_p is the normal of the facet found, or that of the node
+/// @param normals which normals n_p are
 /// @param radius nodes further than this from the other surface are unpaired
 /// @throws std::invalid_argument on traces of degree 2, or as PairingPoints does
 PairingPoints pair_surfaces(const Surface& slave, const Surface& master, Sampling sampling,

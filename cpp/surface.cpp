@@ -217,19 +217,21 @@ void Surface::mark_boundary()
   facets_.vertex_on_boundary = to_owner.reverse<std::uint8_t>(answers, 1);
 }
 
-Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi, Normals normals) const
+Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi) const
 {
   const Vec3 a = area_vector(type_, facet_x(facet), xi);
-  const Vec3 own = (facets_.orientation[facet] / norm(a)) * a;
-  if (normals == Normals::facet)
-    return own;
+  return (facets_.orientation[facet] / norm(a)) * a;
+}
+
+Vec3 Surface::averaged_normal(std::size_t facet, std::array<double, 2> xi) const
+{
   const int nv = num_vertices();
   const auto N = shape_functions(type_, xi);
   Vec3 n{0, 0, 0};
   for (int i = 0; i < nv; ++i)
     n = n + N[i] * facet_vertex(std::span(facets_.vertex_normal).subspan(facet * nv * 3), i);
   const double length = norm(n);
-  return length > 0 ? (1 / length) * n : own;
+  return length > 0 ? (1 / length) * n : normal(facet, xi);
 }
 
 bool Surface::on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const

@@ -14,8 +14,9 @@ namespace qsdolfinx
 /// Which normals the gap is measured along.
 enum class Normals
 {
-  facet,   ///< those of the facets
-  averaged ///< those averaged at the nodes, and interpolated between them
+  facet,    ///< of the facet that was cut, or found closest to a node
+  averaged, ///< averaged at the nodes of the surface that was cut, and interpolated; of the node
+  bisector  ///< bisecting the normals of both surfaces; of the node and the facet
 };
 
 /// Facets of a contact surface on this rank. Every facet lives on exactly one rank (its cell's
@@ -85,8 +86,10 @@ public:
   {
     return std::span(facets_.x).subspan(facet * num_vertices() * 3, num_vertices() * 3);
   }
-  /// Outward unit normal of a facet at ξ: its own, or that interpolated between its nodes.
-  Vec3 normal(std::size_t facet, std::array<double, 2> xi, Normals normals = Normals::facet) const;
+  /// Outward unit normal of a facet at ξ.
+  Vec3 normal(std::size_t facet, std::array<double, 2> xi) const;
+  /// Outward unit normal at ξ, interpolated between those averaged at the nodes.
+  Vec3 averaged_normal(std::size_t facet, std::array<double, 2> xi) const;
   /// Whether ξ lies on an edge or vertex of the facet that bounds the surface.
   bool on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const;
   /// Smallest and largest facet size over all ranks. Collective.

@@ -58,14 +58,14 @@ def overlay_surfaces(
     master: Surface,
     both: bool,
     radius: float,
-    averaged_normals: bool,
+    normals: int,
     piece_x: Array,
     piece_w: Array,
     edge_x: Array,
     edge_w: Array,
 ) -> PairingPoints: ...
 def pair_surfaces(
-    slave: Surface, master: Surface, both: bool, radius: float, averaged_normals: bool
+    slave: Surface, master: Surface, both: bool, radius: float, normals: int
 ) -> PairingPoints: ...
 def closest_point(
     num_vertices: int, vertices: Array, p: Array

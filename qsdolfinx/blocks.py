@@ -67,19 +67,14 @@ class Blocks:
         for mat in self._mats.values():
             mat.destroy()
 
-    def assemble(self, bilateral: typing.Sequence[bool] | None = None) -> None:
-        """Fill all blocks for the bodies' and the contacts' present state. Collective.
-
-        Args:
-            bilateral: Per contact, whether to take every row as closed; by default none.
-        """
-        bilateral = [False] * len(self._contacts) if bilateral is None else bilateral
+    def assemble(self) -> None:
+        """Fill all blocks for the bodies' and the contacts' present state. Collective."""
         for mat in self._mats.values():
             mat.zeroEntries()
         for i, body in enumerate(self._bodies):
             body.add_tangent(self._mats[i, i])
-        for contact, side, closed in zip(self._contacts, self._sides, bilateral, strict=True):
-            contact.add_tangent(self._of(*side), closed)
+        for contact, side in zip(self._contacts, self._sides, strict=True):
+            contact.add_tangent(self._of(*side))
         for mat in self._mats.values():
             mat.assemble()
         self.nest.assemble()

@@ -227,42 +227,29 @@ class Contact:
         """Compute gaps for the unknowns of the two bodies. Collective."""
         with self._clock():
             for p in self.passes:
-                p.evaluate(self._ordered(p, (slave, master)))
+                p.evaluate(self.ordered(p, (slave, master)))
 
-    def add_residual(self, slave: PETSc.Vec, master: PETSc.Vec, bilateral: bool = False) -> None:
-        """Add ∂Φ/∂u at the last evaluation to the residuals of the two bodies. Collective.
-
-        Args:
-            slave: Residual of the slave's body.
-            master: Residual of the master's body.
-            bilateral: Take λ = ε ḡ whatever its sign.
-        """
+    def add_residual(self, slave: PETSc.Vec, master: PETSc.Vec) -> None:
+        """Add ∂Φ/∂u at the last evaluation to the residuals of the two bodies. Collective."""
         with self._clock():
             for p in self.passes:
-                multiplier = self.eps * p.values if bilateral else p.multiplier(self.eps)
-                p.add_forces(multiplier, self._ordered(p, (slave, master)))
+                p.add_forces(p.multiplier(self.eps), self.ordered(p, (slave, master)))
 
-    def add_tangent(self, blocks: tuple[PETSc.Mat, ...], bilateral: bool = False) -> None:
-        """Add ∂²Φ/∂u² at the last evaluation to the blocks (ss, sm, ms, mm); not assembled here.
-
-        Args:
-            blocks: Matrices coupling the slave's and the master's body.
-            bilateral: Take every row as closed.
-        """
+    def add_tangent(self, blocks: tuple[PETSc.Mat, ...]) -> None:
+        """Add ∂²Φ/∂u² at the last evaluation to the blocks (ss, sm, ms, mm); not assembled here."""
         with self._clock():
             for p in self.passes:
-                slope = np.full(len(p.values), self.eps) if bilateral else self._slope(p)
-                p.add_stiffness(slope, self._ordered(p, blocks), pattern=False)
+                p.add_stiffness(self._slope(p), self.ordered(p, blocks), pattern=False)
 
     def add_pattern(self, blocks: tuple[PETSc.Mat, ...]) -> None:
         """Add zeros wherever :meth:`add_tangent` may ever add anything."""
         for p in self.passes:
-            p.add_stiffness(np.zeros(len(p.values)), self._ordered(p, blocks), pattern=True)
+            p.add_stiffness(np.zeros(len(p.values)), self.ordered(p, blocks), pattern=True)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
         for p in self.passes:
-            vecs = self._ordered(p, (slave, master))
+            vecs = self.ordered(p, (slave, master))
             p.operator.constrain(vecs[0].handle, vecs[1].handle)
 
     def num_active_local(self) -> int:
@@ -274,15 +261,6 @@ class Contact:
         if self.law.linear:
             return b""
         return b"".join((self._slope(p) > 0).tobytes() for p in self.passes)
-
-    def closed_gaps(self, slave: PETSc.Vec, master: PETSc.Vec) -> Array:
-        """How displacements would change the gaps that are closed, one value each. Collective."""
-        changes = []
-        for p in self.passes:
-            vecs = self._ordered(p, (slave, master))
-            change = p.operator.apply(vecs[0].handle, vecs[1].handle)
-            changes.append(change[self._slope(p) > 0].ravel())
-        return np.concatenate(changes)
 
     @property
     def eps(self) -> float:
@@ -298,7 +276,7 @@ class Contact:
     def _slope(self, p: WeightedGap) -> Array:
         return p.slope(self.eps, self._touching)
 
-    def _ordered(self, p: WeightedGap, of_bodies: tuple[T, ...]) -> tuple[T, ...]:
+    def ordered(self, p: WeightedGap, of_bodies: tuple[T, ...]) -> tuple[T, ...]:
         """Things of the slave's and the master's body in the order of a pass."""
         return of_bodies if p.slave is self.slave else of_bodies[::-1]
 
@@ -412,7 +390,7 @@ class Contact:
         vecs = self.slave.create_vec(), self.master.create_vec()
         with self._clock():
             for p in self.passes:
-                p.add_forces(-p.multiplier(self.eps), self._ordered(p, vecs))
+                p.add_forces(-p.multiplier(self.eps), self.ordered(p, vecs))
         yield vecs[SIDES.index(side)]
         for vec in vecs:
             vec.destroy()

@@ -17,9 +17,15 @@ from qsdolfinx.surface import Surface
 #: conditioned.
 FACTOR = 100.0
 
+#: The same with an augmented Lagrangian, which closes the gap whatever the penalty; a moderate one
+#: keeps Krylov solvers fast.
+AUGMENTED_FACTOR = 10.0
 
-def nodal_stiffness(surface: Surface, matrix: PETSc.Mat, constrained: PETSc.Vec) -> float:
-    """Mean of K_kk / S_k over the free unknowns of a surface, stress per length. Collective.
+
+def nodal_stiffness(
+    surface: Surface, matrix: PETSc.Mat, constrained: PETSc.Vec
+) -> tuple[float, float]:
+    """Stiffness of a body at its surface, from the free unknowns' K_kk. Collective.
 
     Args:
         surface: Contact surface.
@@ -27,26 +33,33 @@ def nodal_stiffness(surface: Surface, matrix: PETSc.Mat, constrained: PETSc.Vec)
         constrained: Nonzero at unknowns with Dirichlet conditions.
 
     Returns:
-        Infinity if no unknown is free: a rigid side is no bound on the penalty.
+        Mean of K_kk / S_k, stress per length; and of K_kk S_k^(1/(gdim-1)) / S_k, a stress of the
+        order of Young's modulus. Infinity if no unknown is free: a rigid side is no bound.
     """
     diagonal = matrix.getDiagonal()
     dofs = surface.node_dofs - diagonal.owner_range[0]
     free = constrained.array_r[dofs] == 0
-    stiffness = (diagonal.array_r[dofs] / surface.node_area[:, None])[free]
+    stiffness = diagonal.array_r[dofs] / surface.node_area[:, None]
+    modulus = stiffness * surface.node_area[:, None] ** (1 / (surface.gdim - 1))
     diagonal.destroy()
-    total, count = surface.comm.allreduce(
-        np.array([stiffness.sum(), stiffness.size], dtype=np.float64), op=MPI.SUM
-    )
-    return float(total / count) if count else float("inf")
+    sums = [stiffness[free].sum(), modulus[free].sum(), np.count_nonzero(free)]
+    totals = surface.comm.allreduce(np.array(sums, dtype=np.float64), op=MPI.SUM)
+    if totals[2] == 0:
+        return math.inf, math.inf
+    return float(totals[0] / totals[2]), float(totals[1] / totals[2])
 
 
-def automatic_penalty(stiffness: typing.Sequence[float]) -> float:
+def automatic_penalty(stiffness: typing.Sequence[float], augmented: bool) -> float:
     """The penalty, stress per length, for the nodal stiffness of the two sides.
+
+    Args:
+        stiffness: Mean of K_kk / S_k of each side, stress per length.
+        augmented: Whether augmented multipliers close the gap.
 
     Raises:
         ValueError: If neither gives a positive number.
     """
-    penalty = FACTOR * min(stiffness)
+    penalty = (AUGMENTED_FACTOR if augmented else FACTOR) * min(stiffness)
     if not (math.isfinite(penalty) and penalty > 0):
         raise ValueError(
             'penalty: "auto" needs unknowns without Dirichlet conditions and with stiffness on the '

@@ -20,11 +20,15 @@ from qsdolfinx.bulk import Body
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
+from qsdolfinx.predictor import Foundation
 from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
 from qsdolfinx.solver import NOT_CLOSED, ConvergenceError, line_search, remove_options, set_options
 
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()
+
+#: Loads count as balanced if contact leaves less than this part of them.
+BALANCED = 0.5
 
 #: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
 MAX_AUGMENTATIONS = 100
@@ -90,6 +94,7 @@ class ContactProblem:
         self._paired: list[int] = []
         self._assembled: list[object] | None = None
         self._evaluated: Array = np.zeros(0)
+        self._moduli: list[float] = []
         #: Norm of the residual at each iteration of the last solve.
         self.residual_history: list[float] = []
         #: Active rows of each contact at each iteration of the last solve, over all ranks.
@@ -235,14 +240,19 @@ class ContactProblem:
         self._destroy_matrices()
         matrices = [body.matrix() for body in self.bodies]
         markers = [body.constrained_marker() for body in self.bodies]
+        self._moduli = []
         for contact, (s, m) in zip(self.contacts, self._sides, strict=True):
             contact.constrain(markers[s], markers[m])
-            if contact.penalty is None:
-                stiffness = [
+            stiffness, modulus = zip(
+                *(
                     nodal_stiffness(surface, matrices[i], markers[i])
                     for surface, i in ((contact.slave, s), (contact.master, m))
-                ]
-                contact.set_penalty(automatic_penalty(stiffness))
+                ),
+                strict=True,
+            )
+            if contact.penalty is None:
+                contact.set_penalty(automatic_penalty(stiffness, contact.augmented))
+            self._moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
         self.blocks = Blocks(self.bodies, self.contacts, self._sides, matrices)
         self._matrix = self.blocks.nest
         if self._kind == "mpi":
@@ -294,17 +304,17 @@ class ContactProblem:
 
     # --- Callbacks
 
-    def _evaluate(self, x: Array, bilateral: typing.Sequence[bool] | None = None) -> Array:
+    def _evaluate(self, x: Array) -> Array:
         """Residual at the owned unknowns x; leaves u, gaps and multipliers at x. Collective."""
-        bilateral = [False] * len(self.contacts) if bilateral is None else bilateral
         self._evaluated = x.copy()
         residuals = [body.residual(self._part(x, i)) for i, body in enumerate(self.bodies)]
+        self._bulk_residuals = [residual.copy() for residual in residuals]
         forces = [body.force for body in self.bodies]
         for force in forces:
             force.zeroEntries()
-        for contact, (s, m), closed in zip(self.contacts, self._sides, bilateral, strict=True):
+        for contact, (s, m) in zip(self.contacts, self._sides, strict=True):
             contact.evaluate(self.bodies[s].x, self.bodies[m].x)
-            contact.add_residual(forces[s], forces[m], closed)
+            contact.add_residual(forces[s], forces[m])
         for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
             residual[body.free] += force.array_r[body.free]
         return np.concatenate(residuals)
@@ -319,7 +329,7 @@ class ContactProblem:
             self._evaluate(x.array_r)
         self._assemble()
 
-    def _assemble(self, bilateral: typing.Sequence[bool] | None = None) -> None:
+    def _assemble(self) -> None:
         """Tangent at the last evaluation, unless it is there already.
 
         For linear bodies it depends on the active set alone: while that stays, the linear solver
@@ -332,7 +342,7 @@ class ContactProblem:
             state += [contact.eps, contact.active_state()]
         if constant and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
             return
-        self.blocks.assemble(bilateral)
+        self.blocks.assemble()
         if self._kind == "mpi":
             self.blocks.nest.convert(PETSc.Mat.Type.AIJ, self._matrix)
         self._assembled = state
@@ -344,28 +354,28 @@ class ContactProblem:
     # --- First guess and near-nullspace
 
     def _predict(self) -> None:
-        """Close the contacts without which a body would be free to move.
+        """Bring bodies that only contact holds to where their loads press them together.
 
-        The bulk matrix of such a body is singular. One step with contact bilateral brings it to
-        where its loads press it against the other body.
+        The bulk matrix of such a body is singular, and Newton's method would start from whatever
+        happens to touch. Left alone if contact balances a good part of the loads already.
         """
-        assert self._rigid is not None and self._matrix is not None
-        local = np.sum(self._evaluate(self._x.array_r) ** 2)
-        self._first_norm = float(np.sqrt(self.comm.allreduce(local, op=MPI.SUM)))
-        if not self._rigid.is_free(self.contacts, self._sides):
+        assert self._rigid is not None
+        residual = self._evaluate(self._x.array_r)
+        self._first_norm = float(np.sqrt(self.comm.allreduce(residual @ residual, op=MPI.SUM)))
+        motions = self._rigid.free_motions
+        if not self.contacts or motions.shape[1] == 0 or min(self._moduli) == 0:
             return
-        self._assembled = None
-        bilateral = [not contact.law.linear for contact in self.contacts]
-        self._r.array[:] = self._evaluate(self._x.array_r, bilateral)
-        self._assemble(bilateral)
-        ksp = self.snes.getKSP()
-        ksp.setOperators(self._matrix)
-        step = self._x.duplicate()
-        ksp.solve(self._r, step)
-        if ksp.getConvergedReason() > 0 and np.isfinite(step.norm()):
-            self._x.axpy(-1.0, step)
-        step.destroy()
-        self._assembled = None
+        parts = [self._part(residual, i) for i in range(len(self.bodies))]
+        bulk, whole = (motions.T @ self._rigid.work(r) for r in (self._bulk_residuals, parts))
+        if np.linalg.norm(whole) <= BALANCED * np.linalg.norm(bulk):
+            return
+        foundation = Foundation(
+            self._rigid, self.contacts, self._sides, self._moduli, self._bulk_residuals
+        )
+        motion = foundation.settle()
+        if motion is not None:
+            for i in range(len(self.bodies)):
+                self._part(self._x.array, i)[:] += self._rigid.displacement(motion, i)
 
     def _set_near_nullspaces(self) -> None:
         """Rigid modes of each body on its block, and of all together on the AIJ matrix."""

@@ -11,7 +11,7 @@ from qsdolfinx import _cpp
 from qsdolfinx.surface import Surface
 
 QUADRATURES = ("nodal", "overlay")
-NORMALS = ("facet", "averaged")
+NORMALS = ("facet", "averaged", "bisector")  # in the order of Normals in cpp/surface.h
 
 #: Degree of the rule along edges for general quadrilaterals, see PlanarFacet in cpp/planar.h.
 EDGE_DEGREE = 47
@@ -58,16 +58,16 @@ def pair(
         master: The other surface.
         quadrature: ``"nodal"`` or ``"overlay"``.
         degree: Degree of the rule on the pieces of the overlay.
-        normals: ``"facet"`` or ``"averaged"``.
+        normals: ``"facet"``, ``"averaged"`` or ``"bisector"``.
         both: Whether both surfaces are sampled, each with half the weight.
         radius: Search radius (length).
     """
-    averaged = normals == "averaged"
+    kind_of_normals = NORMALS.index(normals)
     if quadrature == "nodal":
-        return _cpp.pair_surfaces(slave._cpp_object, master._cpp_object, both, radius, averaged)
+        return _cpp.pair_surfaces(slave._cpp_object, master._cpp_object, both, radius, kind_of_normals)
     kind = basix.CellType.interval if slave.gdim == 2 else basix.CellType.triangle
     piece = basix.make_quadrature(kind, degree)
     edge = basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE)
     return _cpp.overlay_surfaces(
-        slave._cpp_object, master._cpp_object, both, radius, averaged, *piece, *edge
+        slave._cpp_object, master._cpp_object, both, radius, kind_of_normals, *piece, *edge
     )

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.bulk import Body
-from qsdolfinx.contact import Contact
+from qsdolfinx.gap import WeightedGap
 from qsdolfinx.unknowns import is_vertex_vector, owned_vertices
 
 Array = npt.NDArray[np.float64]
@@ -49,71 +49,77 @@ def rigid_modes(body: Body) -> Array:
 
 
 class RigidMotion:
-    """Rigid modes of all bodies, and whether conditions and closed contacts leave any of them free.
+    """Rigid modes of all bodies, and the motions that Dirichlet conditions leave free.
 
     Args:
         bodies: The bodies. One without a displacement space counts as held.
     """
 
     def __init__(self, bodies: typing.Sequence[Body]) -> None:
-        self._bodies = bodies
+        self._comm = bodies[0].comm
         #: Orthonormal modes of each body as vectors; empty where there is no displacement space.
         self.modes: list[list[PETSc.Vec]] = []
         for body in bodies:
             self.modes.append(orthonormal([vector(body, mode) for mode in rigid_modes(body)]))
         self._zero = [body.create_vec() for body in bodies]
         self._offsets = np.cumsum([0, *map(len, self.modes)])
-        self._held = np.zeros((self._offsets[-1], self._offsets[-1]))
+        held = np.zeros((self._offsets[-1], self._offsets[-1]))
         for i, body in enumerate(bodies):
-            self._add(self._held, [i], [[v.array_r[body.owned_constrained] for v in self.modes[i]]])
-        self._held = bodies[0].comm.allreduce(self._held, op=MPI.SUM)
+            at_conditions = [v.array_r[body.owned_constrained] for v in self.modes[i]]
+            if at_conditions:
+                rows = np.array(at_conditions)
+                part = slice(*self._offsets[i : i + 2])
+                held[part, part] = rows @ rows.T
+        #: Basis of the motions that no condition resists, shape (modes of all bodies, motions).
+        self.free_motions: Array = _null_space(self._comm.allreduce(held, op=MPI.SUM))
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""
         for vec in (*self._zero, *(mode for modes in self.modes for mode in modes)):
             vec.destroy()
 
-    def _add(self, gram: Array, parts: list[int], values: list[list[Array]]) -> None:
-        """Add the products of the modes' local values, given per body."""
-        columns = np.concatenate([np.arange(*self._offsets[i : i + 2]) for i in parts])
-        flat = [np.ravel(v) for of_body in values for v in of_body]
-        if flat:
-            rows = np.array(flat)
-            # A body in contact with itself has its modes twice.
-            np.add.at(gram, (columns[:, None], columns[None, :]), rows @ rows.T)
+    def work(self, residuals: typing.Sequence[Array]) -> Array:
+        """Products of the modes of all bodies with owned values of each body. Collective."""
+        local = [
+            float(mode.array_r @ r)
+            for modes, r in zip(self.modes, residuals, strict=True)
+            for mode in modes
+        ]
+        return np.asarray(self._comm.allreduce(np.array(local), op=MPI.SUM))
 
-    @property
-    def all_held(self) -> bool:
-        """Whether Dirichlet conditions alone hold every body."""
-        return _is_regular(self._held)
+    def gap_changes(self, weighted_gap: WeightedGap, sides: tuple[int, int]) -> Array:
+        """How the modes change weighted gaps, shape (values of the gaps, modes). Collective.
 
-    def is_free(
-        self, contacts: typing.Sequence[Contact], sides: typing.Sequence[tuple[int, int]]
-    ) -> bool:
-        """Whether a rigid motion violates no condition and changes no closed gap. Collective."""
-        if self.all_held:
-            return False
-        gram = np.zeros_like(self._held)
-        for contact, (s, m) in zip(contacts, sides, strict=True):
-            zero = self._zero[s], self._zero[m]
-            gaps = [
-                [contact.closed_gaps(mode, zero[1]) for mode in self.modes[s]],
-                [contact.closed_gaps(zero[0], mode) for mode in self.modes[m]],
-            ]
-            self._add(gram, [s, m], gaps)
-        return not _is_regular(self._held + self._bodies[0].comm.allreduce(gram, op=MPI.SUM))
+        Args:
+            weighted_gap: A pass of a contact.
+            sides: Bodies of its slave and its master.
+        """
+        out = np.zeros((weighted_gap.values.size, self._offsets[-1]))
+        for body in set(sides):
+            for j, mode in enumerate(self.modes[body]):
+                u = [mode if side == body else self._zero[side] for side in sides]
+                change = weighted_gap.operator.apply(u[0].handle, u[1].handle)
+                out[:, self._offsets[body] + j] = change.ravel()
+        return out
+
+    def displacement(self, coefficients: Array, body: int) -> Array:
+        """Owned values of one body's part of a motion, given by coefficients of all modes."""
+        out = np.zeros(len(self._zero[body].array_r))
+        for c, mode in zip(coefficients[self._offsets[body] :], self.modes[body], strict=False):
+            out += c * mode.array_r
+        return out
 
 
-def _is_regular(gram: Array) -> bool:
-    """Whether the products of modes show that every motion is resisted.
+def _null_space(gram: Array) -> Array:
+    """Basis of the motions with no product, given the products of the modes.
 
     Scaled to a unit diagonal: a small surface holds a large body as well.
     """
     diagonal = np.diag(gram)
-    if np.any(diagonal <= 1e-30):
-        return len(gram) == 0
-    scale = 1 / np.sqrt(diagonal)
-    return bool(np.linalg.eigvalsh(gram * np.outer(scale, scale))[0] > 1e-12)
+    scale = np.where(diagonal > 1e-30, 1 / np.sqrt(np.maximum(diagonal, 1e-30)), 1.0)
+    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
+    basis = scale[:, None] * vectors[:, values <= 1e-12]
+    return np.asarray(basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300))
 
 
 def vector(body: Body, values: Array) -> PETSc.Vec:

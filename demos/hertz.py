@@ -1,0 +1,321 @@
+"""Hertz contact: a cylinder or sphere on a block, and two cylinders, against the closed form.
+
+E = 200 and ν = 0.3 everywhere, plane strain in 2D, radius R = 8, and a load of 10, applied as a
+pressure on the flats. Symmetry planes cut the bodies in half (2D) or in four (3D); the block is
+20 × 20 (× 20) and held at its bottom.
+
+- block, 2D: a = 0.9628, p0 = 6.612, the half width and the peak pressure
+- block, 3D: a = 0.8173, p0 = 7.147
+- cylinders, 2D: a = 0.6808, p0 = 9.351, both flats loaded
+
+Meshes of triangles or tetrahedra are graded to h at the contact on the master and ratio × h on the
+slave, the round body; --swap makes the round body the master. Of two cylinders the upper one is the
+slave, with h, and the ratio (1.3 by default) is the master's.
+
+    python3 demos/hertz.py --h 0.025 --ratio 3 --quadrature overlay
+    mpirun -n 2 python3 demos/hertz.py --dim 3 --h 0.1 --json result.json
+    python3 demos/hertz.py --plot hertz.png
+
+Errors are relative. peak_error: largest nodal pressure against p0; l2_error: L2 norm of the
+difference from Hertz's pressure on |x| ≤ 1.6 a; both of the traction recovered from the contact
+forces, on each side. radius_error: of the radius that the closed slave nodes' area gives;
+force_error: of the contact force.
+"""
+
+import argparse
+import dataclasses
+import json
+import time
+
+from mpi4py import MPI
+
+import gmsh
+import numpy as np
+
+import ufl
+from dolfinx import fem, mesh
+from dolfinx.io import gmshio
+
+import qsdolfinx as qs
+
+E, NU, R, LOAD, SIZE = 200.0, 0.3, 8.0, 10.0, 20.0
+E_STAR = E / (2 * (1 - NU**2))
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
+
+
+@dataclasses.dataclass
+class Parameters:
+    """One Hertz problem; lengths as R."""
+
+    dim: int = 2
+    case: str = "block"
+    h: float = 0.05
+    ratio: float | None = None
+    swap: bool = False
+    formulation: str = "quasi-symmetric"
+    quadrature: str = "overlay"
+    enforcement: str = "penalty"
+    penalty: float | None = None
+    normals: str = "facet"
+
+
+class Hertz:
+    """The closed form."""
+
+    def __init__(self, dim, case):
+        self.dim = dim
+        radius = R if case == "block" else R / 2
+        if dim == 2:
+            self.a = np.sqrt(4 * LOAD * radius / (np.pi * E_STAR))
+            self.p0 = 2 * LOAD / (np.pi * self.a)
+        else:
+            self.a = (3 * LOAD * radius / (4 * E_STAR)) ** (1 / 3)
+            self.p0 = 3 * LOAD / (2 * np.pi * self.a**2)
+
+    def pressure(self, x):
+        """Pressure as a UFL expression."""
+        r2 = sum(x[i] ** 2 for i in range(self.dim - 1)) / self.a**2
+        return self.p0 * ufl.sqrt(ufl.max_value(1 - r2, 0))
+
+
+# --- Meshes
+
+
+def create_mesh(comm, shape, sign, dim, h, a):
+    """Part of a body with positive coordinates, apart from the last one.
+
+    Args:
+        comm: Communicator.
+        shape: "round": quarter disc or an eighth of a ball; "block".
+        sign: 1 above the contact, -1 below.
+        dim: 2 or 3.
+        h: Size of the cells at the contact.
+        a: Radius of the contact; the cells keep their size up to 1.6 a, and then grow.
+    """
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+    if comm.rank == 0:
+        occ, low = gmsh.model.occ, (0 if sign > 0 else -SIZE)
+        if shape == "block":
+            half = SIZE / 2
+            if dim == 2:
+                occ.addRectangle(0, low, 0, half, SIZE)
+            else:
+                occ.addBox(0, 0, low, half, half, SIZE)
+        elif dim == 2:
+            body = [(2, occ.addDisk(0, sign * R, 0, R, R))]
+            tool = [(2, occ.addRectangle(0, 0 if sign > 0 else -R, 0, R, R))]
+            occ.intersect(body, tool)
+        else:
+            body = [(3, occ.addSphere(0, 0, sign * R, R))]
+            tool = [(3, occ.addBox(0, 0, 0 if sign > 0 else -R, R, R, R))]
+            occ.intersect(body, tool)
+        origin = occ.addPoint(0, 0, 0)
+        occ.synchronize()
+        field = gmsh.model.mesh.field
+        field.add("Distance", 1)
+        field.setNumbers(1, "PointsList", [origin])
+        field.add("Threshold", 2)
+        slope = 0.15 if dim == 2 else 0.3
+        reach = 1.6 * a if dim == 2 else 1.3 * a
+        for name, value in (
+            ("InField", 1),
+            ("SizeMin", h),
+            ("SizeMax", h + slope * SIZE),
+            ("DistMin", reach),
+            ("DistMax", reach + SIZE),
+        ):
+            field.setNumber(2, name, value)
+        field.setAsBackgroundMesh(2)
+        gmsh.model.addPhysicalGroup(dim, [tag for _, tag in gmsh.model.getEntities(dim)], 1)
+        gmsh.model.mesh.generate(dim)
+    out = gmshio.model_to_mesh(gmsh.model, comm, 0, gdim=dim)[0]
+    gmsh.finalize()
+    return out
+
+
+# --- Bodies
+
+
+class Body:
+    """An elastic body with symmetry conditions and a contact surface."""
+
+    def __init__(self, msh, shape, sign):
+        self.mesh, self.dim = msh, msh.geometry.dim
+        self.V = fem.functionspace(msh, ("Lagrange", 1, (self.dim,)))
+        self.u, self.v = fem.Function(self.V), ufl.TestFunction(self.V)
+        strain = ufl.sym(ufl.grad(self.u))
+        stress = E / (1 + NU) * (
+            strain + NU / (1 - 2 * NU) * ufl.tr(strain) * ufl.Identity(self.dim)
+        )
+        self.F = ufl.inner(stress, ufl.grad(self.v)) * ufl.dx
+        self.bcs = [
+            self.condition(axis, self.facets(lambda x, a=axis: np.isclose(x[a], 0)))
+            for axis in range(self.dim - 1)
+        ]
+        up = self.dim - 1
+        if shape == "block":
+            contact = self.facets(lambda x: np.isclose(x[up], 0))
+            self.far = self.facets(lambda x: np.isclose(x[up], sign * SIZE))
+        else:
+
+            def on_arc(x):
+                squares = sum(x[i] ** 2 for i in range(up)) + (x[up] - sign * R) ** 2
+                return np.isclose(squares, R**2)
+
+            contact = self.facets(on_arc)
+            self.far = self.facets(lambda x: np.isclose(x[up], sign * R))
+        self.surface = qs.Surface(self.V, facets=contact)
+        self.ds = self.measure(contact)
+
+    def facets(self, where):
+        """Boundary facets with all vertices where a function of x says."""
+        return mesh.locate_entities_boundary(self.mesh, self.dim - 1, where)
+
+    def measure(self, facets):
+        """Measure on some facets."""
+        facets = np.sort(facets)
+        tags = mesh.meshtags(self.mesh, self.dim - 1, facets, np.ones_like(facets))
+        return ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
+
+    def condition(self, axis, facets):
+        """No displacement along an axis."""
+        V = self.V.sub(axis)
+        return fem.dirichletbc(0.0, fem.locate_dofs_topological(V, self.dim - 1, facets), V)
+
+    def hold(self):
+        """Hold the far side."""
+        self.bcs += [self.condition(axis, self.far) for axis in range(self.dim)]
+
+    def pin(self, sign):
+        """Hold one point of the far side along the load, which is in balance without it."""
+        V = self.V.sub(self.dim - 1)
+        dofs = fem.locate_dofs_geometrical(
+            (V, V.collapse()[0]), lambda x: np.isclose(x[0], 0) & np.isclose(x[1], sign * R)
+        )
+        value = fem.Function(V.collapse()[0])
+        self.bcs.append(fem.dirichletbc(value, dofs, V))
+
+    def press(self, sign):
+        """Load the far side by a uniform pressure."""
+        ds = self.measure(self.far)
+        area = fem.assemble_scalar(fem.form(fem.Constant(self.mesh, 1.0) * ds))
+        area = self.mesh.comm.allreduce(area)
+        load = LOAD / 2 ** (self.dim - 1) / area
+        self.F += sign * load * self.v[self.dim - 1] * ds
+
+
+def build(comm, p):
+    """Slave, master, contact and problem."""
+    hertz = Hertz(p.dim, p.case)
+    if p.case == "cylinders":
+        shapes, sizes = ("round", "round"), (p.h, (p.ratio or 1.3) * p.h)
+    else:
+        shapes, sizes = ("round", "block"), ((p.ratio or 1.0) * p.h, p.h)
+    bodies = [
+        Body(create_mesh(comm, shape, sign, p.dim, h, hertz.a), shape, sign)
+        for shape, sign, h in zip(shapes, (1, -1), sizes, strict=True)
+    ]
+    bodies[0].press(1)
+    if p.case == "cylinders":
+        bodies[1].press(-1)
+        bodies[1].pin(-1)
+    else:
+        bodies[1].hold()
+    slave, master = bodies[::-1] if p.swap else bodies
+    contact = qs.Contact(
+        slave.surface,
+        master.surface,
+        p.formulation,
+        qs.Unilateral(),
+        "auto" if p.penalty is None else p.penalty,
+        quadrature=p.quadrature,
+        enforcement=p.enforcement,
+        normals=p.normals,
+    )
+    problem = qs.ContactProblem(
+        [slave.F, master.F], [slave.u, master.u], [contact], [slave.bcs, master.bcs]
+    )
+    return hertz, slave, master, contact, problem
+
+
+# --- Errors
+
+
+def errors(hertz, body, traction):
+    """Relative errors of the peak pressure and of the pressure in L2."""
+    surface, dim = body.surface, body.dim
+    local = surface.node_dofs - surface.V.dofmap.index_map.local_range[0] * dim
+    pressure = -np.sum(traction.x.array[local] * surface.node_normal[:, :dim], axis=1)
+    comm = body.mesh.comm
+    peak = comm.allreduce(np.max(pressure, initial=0.0), op=MPI.MAX)
+    x = ufl.SpatialCoordinate(body.mesh)
+    exact = hertz.pressure(x)
+    r2 = sum(x[i] ** 2 for i in range(dim - 1))
+    near = ufl.conditional(ufl.le(r2, (1.6 * hertz.a) ** 2), 1.0, 0.0)
+    p = -ufl.dot(traction, ufl.FacetNormal(body.mesh))
+    ds = body.ds(metadata={"quadrature_degree": 10})
+    squares = [
+        comm.allreduce(fem.assemble_scalar(fem.form(near * f**2 * ds))) for f in (p - exact, exact)
+    ]
+    return peak / hertz.p0 - 1, np.sqrt(squares[0] / squares[1])
+
+
+def run(p, comm=MPI.COMM_WORLD):
+    """Solve; returns what --json writes, and the parts."""
+    comm.barrier()
+    hertz, slave, master, contact, problem = build(comm, p)
+    start = time.perf_counter()
+    problem.solve()
+    seconds = time.perf_counter() - start
+    result = {"a": hertz.a, "p0": hertz.p0}
+    for side, body in (("slave", slave), ("master", master)):
+        peak, l2 = errors(hertz, body, contact.traction(side))
+        result[f"peak_error_{side}"], result[f"l2_error_{side}"] = peak, l2
+    area = comm.allreduce(float(np.sum(slave.surface.node_area[contact.active()])))
+    radius = area if p.dim == 2 else np.sqrt(4 * area / np.pi)
+    force = contact.force("slave")[p.dim - 1] * 2 ** (p.dim - 1)
+    result |= {
+        "radius_error": radius / hertz.a - 1,
+        "force_error": abs(abs(force) / LOAD - 1),
+        "dofs": sum(b.V.dofmap.index_map.size_global * p.dim for b in (slave, master)),
+        "penalty": contact.penalty,
+        "snes_iterations": problem.num_iterations,
+        "augmentation_steps": problem.num_augmentations,
+        "contact_seconds": comm.allreduce(contact.seconds, op=MPI.MAX),
+        "total_seconds": comm.allreduce(seconds, op=MPI.MAX),
+    }
+    return {k: v.item() if hasattr(v, "item") else v for k, v in result.items()}, contact
+
+
+def main():
+    default = Parameters()
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("--dim", type=int, choices=(2, 3))
+    add("--case", choices=("block", "cylinders"))
+    add("--h", type=float, help="size of the cells at the contact")
+    add("--ratio", type=float, help="size of the coarser (or finer) side in h")
+    add("--swap", action="store_true", default=None, help="exchange slave and master")
+    add("--formulation", choices=FORMULATIONS)
+    add("--quadrature", choices=("nodal", "overlay"))
+    add("--enforcement", choices=("penalty", "augmented-lagrangian"))
+    add("--penalty", type=float, help="ε, stress per length")
+    add("--normals", choices=("facet", "averaged", "bisector"))
+    add("--json", metavar="FILE")
+    arguments = vars(parser.parse_args())
+    filename = arguments.pop("json")
+    given = {name: value for name, value in arguments.items() if value is not None}
+    result, _ = run(dataclasses.replace(default, **given))
+    if MPI.COMM_WORLD.rank == 0:
+        print("\n".join(f"{key:24}{value}" for key, value in result.items()))
+        if filename:
+            with open(filename, "w") as file:
+                json.dump(result, file, indent=2)
+
+
+if __name__ == "__main__":
+    main()
