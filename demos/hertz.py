@@ -16,10 +16,15 @@ slave, with h, and the ratio (1.3 by default) is the master's.
     mpirun -n 2 python3 demos/hertz.py --dim 3 --h 0.1 --json result.json
     python3 demos/hertz.py --plot hertz.png
 
-Errors are relative. peak_error: largest nodal pressure against p0; l2_error: L2 norm of the
-difference from Hertz's pressure on |x| ≤ 1.6 a; both of the traction recovered from the contact
-forces, on each side. radius_error: of the radius that the closed slave nodes' area gives;
-force_error: of the contact force.
+All errors are relative, and of the traction recovered from the contact forces, t_k = f_k / S_k:
+
+- peak_error: largest nodal pressure against p0;
+- l2_error: on |x| ≤ 1.6 a, against Hertz's pressure averaged with the same weights, ∫ p N_k ds / S_k,
+  which is what t_k is for the exact forces: (Σ S_k (t_k − p_k)² / Σ S_k p_k²)^½. That the functions
+  of the mesh cannot follow Hertz's square root is not counted: for the exact forces the integral of
+  the squared difference is 1.0 to 1.7 % at the meshes of the case "cylinders" with h = 0.025;
+- radius_error: of the radius that the area of the closed slave nodes gives;
+- force_error: of the contact force.
 """
 
 import argparse
@@ -33,7 +38,7 @@ import gmsh
 import numpy as np
 
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem, la, mesh
 from dolfinx.io import gmshio
 
 import qsdolfinx as qs
@@ -56,7 +61,7 @@ class Parameters:
     quadrature: str = "overlay"
     enforcement: str = "penalty"
     penalty: float | None = None
-    normals: str = "facet"
+    normals: str | None = None
 
 
 class Hertz:
@@ -244,21 +249,26 @@ def build(comm, p):
 
 
 def errors(hertz, body, traction):
-    """Relative errors of the peak pressure and of the pressure in L2."""
-    surface, dim = body.surface, body.dim
-    local = surface.node_dofs - surface.V.dofmap.index_map.local_range[0] * dim
-    pressure = -np.sum(traction.x.array[local] * surface.node_normal[:, :dim], axis=1)
-    comm = body.mesh.comm
-    peak = comm.allreduce(np.max(pressure, initial=0.0), op=MPI.MAX)
+    """Relative errors of the peak pressure and of the pressure in L2, see above."""
+    surface, dim, comm = body.surface, body.dim, body.mesh.comm
+    first = surface.V.dofmap.index_map.local_range[0] * dim
+    pressure = -np.sum(
+        traction.x.array[surface.node_dofs - first] * surface.node_normal[:, :dim], axis=1
+    )
     x = ufl.SpatialCoordinate(body.mesh)
-    exact = hertz.pressure(x)
-    r2 = sum(x[i] ** 2 for i in range(dim - 1))
-    near = ufl.conditional(ufl.le(r2, (1.6 * hertz.a) ** 2), 1.0, 0.0)
-    p = -ufl.dot(traction, ufl.FacetNormal(body.mesh))
-    ds = body.ds(metadata={"quadrature_degree": 10})
-    squares = [
-        comm.allreduce(fem.assemble_scalar(fem.form(near * f**2 * ds))) for f in (p - exact, exact)
-    ]
+    v = ufl.TestFunction(surface.V)
+    along = ufl.as_vector([1.0] + [0.0] * (dim - 1))
+    # Of a square root: the degree is for a rule of many points.
+    ds = body.ds(metadata={"quadrature_degree": 60 if dim == 2 else 20})
+    moments = fem.assemble_vector(fem.form(hertz.pressure(x) * ufl.dot(along, v) * ds))
+    moments.scatter_reverse(la.InsertMode.add)
+    area = surface.node_area
+    exact = moments.array[surface.node_dofs[:, 0] - first] / area
+    near = np.linalg.norm(surface.node_x[:, : dim - 1], axis=1) <= 1.6 * hertz.a
+    squares = comm.allreduce(
+        np.array([(area * f**2)[near].sum() for f in (pressure - exact, exact)])
+    )
+    peak = comm.allreduce(np.max(pressure, initial=0.0), op=MPI.MAX)
     return peak / hertz.p0 - 1, np.sqrt(squares[0] / squares[1])
 
 
@@ -269,7 +279,7 @@ def run(p, comm=MPI.COMM_WORLD):
     start = time.perf_counter()
     problem.solve()
     seconds = time.perf_counter() - start
-    result = {"a": hertz.a, "p0": hertz.p0}
+    result = {}
     for side, body in (("slave", slave), ("master", master)):
         peak, l2 = errors(hertz, body, contact.traction(side))
         result[f"peak_error_{side}"], result[f"l2_error_{side}"] = peak, l2
@@ -280,7 +290,6 @@ def run(p, comm=MPI.COMM_WORLD):
         "radius_error": radius / hertz.a - 1,
         "force_error": abs(abs(force) / LOAD - 1),
         "dofs": sum(b.V.dofmap.index_map.size_global * p.dim for b in (slave, master)),
-        "penalty": contact.penalty,
         "snes_iterations": problem.num_iterations,
         "augmentation_steps": problem.num_augmentations,
         "contact_seconds": comm.allreduce(contact.seconds, op=MPI.MAX),

@@ -77,7 +77,7 @@ class Contact:
         search_radius: float | None = None,
         quadrature: str = "nodal",
         quadrature_degree: int | None = None,
-        normals: str = "facet",
+        normals: str | None = None,
         enforcement: str = "penalty",
         gap_tolerance: float = 1e-8,
     ) -> None:
@@ -88,6 +88,8 @@ class Contact:
             _check_surfaces(slave, master)
             check_choice("formulation", formulation, FORMULATIONS)
             check_choice("quadrature", quadrature, QUADRATURES)
+            if normals is None:
+                normals = "bisector" if quadrature == "overlay" else "facet"
             check_choice("normals", normals, NORMALS)
             check_choice("enforcement", enforcement, ENFORCEMENTS)
             if not isinstance(law, Law):
@@ -296,11 +298,6 @@ class Contact:
     def allowed_gap(self) -> float:
         """Gap (length) at which augmentation ends: ``gap_tolerance`` × the smallest facet."""
         return self.gap_tolerance * self._facet_size
-
-    def augment(self) -> None:
-        """Take the multipliers of the last evaluation as the known ones, λ̂ = λ."""
-        for p in self.passes:
-            p.augmented = p.multiplier(self.eps)
 
     def known_multipliers(self) -> list[Array]:
         """Copies of λ̂, one array for each pass; see :meth:`set_known_multipliers`."""

@@ -36,6 +36,10 @@ class Law(abc.ABC):
             touching: Gaps above ``-touching`` (length) count as closed.
         """
 
+    @abc.abstractmethod
+    def admissible(self, multiplier: Array) -> Array:
+        """The nearest multiplier that the law can give."""
+
 
 class Tied(Law):
     """Bilateral sticking contact: λ = ε ⟦u⟧, both signs, all components.
@@ -57,6 +61,10 @@ class Tied(Law):
     def slope(self, gap: Array, penalty: float, touching: float) -> Array:
         """φ'' = ε everywhere."""
         return np.full(len(gap), penalty)
+
+    def admissible(self, multiplier: Array) -> Array:
+        """Any."""
+        return multiplier
 
 
 class Unilateral(Law):
@@ -80,3 +88,7 @@ class Unilateral(Law):
         hold each other.
         """
         return np.where(gap[:, 0] >= -touching, penalty, 0.0)
+
+    def admissible(self, multiplier: Array) -> Array:
+        """None that pulls."""
+        return np.maximum(multiplier, 0)

@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem
 
 from qsdolfinx.arguments import body_of, check_arguments, check_sequences, communicator
+from qsdolfinx.augmentation import Augmentation
 from qsdolfinx.blocks import Blocks, forbid_allocation
 from qsdolfinx.bulk import Body
 from qsdolfinx.collective import check_agreement, collective_errors
@@ -190,11 +191,12 @@ class ContactProblem:
         return typing.cast(list[list[int]], self.comm.allreduce(counts, op=MPI.SUM).tolist())
 
     def _augment(self) -> None:
-        """Uzawa's method: λ̂ = λ and solve again, until the gaps that multipliers hold are closed."""
+        """Update λ̂ and solve again, until the gaps that multipliers hold are closed."""
         contacts = [contact for contact in self.contacts if contact.augmented]
         if not contacts:
             return
         rtol, atol, stol, max_it = self.snes.getTolerances()
+        augmentation = Augmentation(contacts)
         # As exact as the first solve, not by the same factor again.
         self.snes.setTolerances(rtol, max(atol, rtol * self._first_norm), stol, max_it)
         try:
@@ -205,8 +207,7 @@ class ContactProblem:
                     return
                 if len(self.violation_history) > MAX_AUGMENTATIONS:
                     self._raise_error(NOT_CLOSED)
-                for contact in contacts:
-                    contact.augment()
+                augmentation.update()
                 self._run_snes()
         finally:
             self.snes.setTolerances(rtol, atol, stol, max_it)
@@ -251,7 +252,9 @@ class ContactProblem:
                 strict=True,
             )
             if contact.penalty is None:
-                contact.set_penalty(automatic_penalty(stiffness, contact.augmented))
+                contact.set_penalty(
+                    automatic_penalty(stiffness, contact.quadrature, contact.augmented)
+                )
             self._moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
         self.blocks = Blocks(self.bodies, self.contacts, self._sides, matrices)
         self._matrix = self.blocks.nest
