@@ -157,15 +157,17 @@ void bind_gap(nb::module_& m)
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface& master,
-             const PairingPoints& points, bool jump)
+             const PairingPoints& points, bool jump, bool by_cover)
           {
-            new (self) GapOperator(slave, master, points, jump ? GapKind::jump : GapKind::normal);
+            new (self) GapOperator(slave, master, points, jump ? GapKind::jump : GapKind::normal, by_cover);
           },
-          "slave"_a, "master"_a, "points"_a, "jump"_a, "Collective. See gap.h.")
+          "slave"_a, "master"_a, "points"_a, "jump"_a, "by_cover"_a, "Collective. See gap.h.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
       .def_prop_ro("width", &GapOperator::width)
       .def_prop_ro("row_node",
                    [](const GapOperator& g) { return copy(g.row_node(), {g.num_rows()}); })
+      .def_prop_ro("row_area",
+                   [](const GapOperator& g) { return copy(g.row_area(), {g.num_rows()}); })
       .def_prop_ro("initial_gap",
                    [](const GapOperator& g) { return copy(g.initial_gap(), {g.num_rows()}); })
       .def(

@@ -98,8 +98,10 @@ struct Term
 };
 
 /// Terms of one side's columns in all rows, sorted by row and column.
+/// @param area what the gap of each slave node is divided by
 std::vector<Term> row_terms(const Surface& slave, const PairingPoints& points, int side,
-                            std::pair<std::int64_t, std::int64_t> owned)
+                            std::pair<std::int64_t, std::int64_t> owned,
+                            const std::vector<double>& area)
 {
   const PairingSide& columns = side == 0 ? points.slave : points.master;
   const int nc = columns.num_nodes, d = points.gdim;
@@ -108,7 +110,7 @@ std::vector<Term> row_terms(const Surface& slave, const PairingPoints& points, i
   for_each_row(slave, points, owned,
                [&](std::size_t p, std::int64_t row, double N)
                {
-                 const double w = sign * points.weight[p] * N / slave.nodes().area[row];
+                 const double w = sign * points.weight[p] * N / area[row];
                  for (int j = 0; j < nc; ++j)
                    if (const double M = columns.shape_values[p * nc + j]; M != 0)
                      terms.push_back({row, columns.dofs[(p * nc + j) * d], p, j, w * M});
@@ -162,10 +164,10 @@ void compress(GapOperator::Side& out, const std::vector<Term>& terms, const Pair
 } // namespace
 
 GapOperator::GapOperator(const Surface& slave, const Surface& master, const PairingPoints& points,
-                         GapKind kind)
+                         GapKind kind, bool by_cover)
     : kind_(kind), gdim_(points.gdim)
 {
-  build_rows(slave, points_at_row_owners(slave, master, points));
+  build_rows(slave, points_at_row_owners(slave, master, points), by_cover);
   build_scatters(slave, master);
 }
 
@@ -181,19 +183,29 @@ GapOperator::~GapOperator()
   }
 }
 
-void GapOperator::build_rows(const Surface& slave, const PairingPoints& points)
+void GapOperator::build_rows(const Surface& slave, const PairingPoints& points, bool by_cover)
 {
   std::int64_t end = 0, size = slave.local_size();
   MPI_Scan(&size, &end, 1, MPI_INT64_T, MPI_SUM, slave.comm());
   const std::pair owned{end - size, end};
 
-  const std::array terms{row_terms(slave, points, 0, owned), row_terms(slave, points, 1, owned)};
+  std::vector<double> area = slave.nodes().area;
+  if (by_cover)
+  {
+    std::ranges::fill(area, 0.0);
+    for_each_row(slave, points, owned, [&](std::size_t p, std::int64_t node, double N)
+                 { area[node] += points.weight[p] * N; });
+  }
+  const std::array terms{row_terms(slave, points, 0, owned, area),
+                         row_terms(slave, points, 1, owned, area)};
   for (const Term& t : terms[0])
     if (row_node_.empty() || row_node_.back() != t.row)
       row_node_.push_back(t.row);
   for (int side = 0; side < 2; ++side)
     compress(sides_[side], terms[side], points, side, kind_, row_node_);
 
+  for (std::int64_t node : row_node_)
+    row_area_.push_back(area[node]);
   initial_gap_.assign(row_node_.size(), 0);
   if (kind_ == GapKind::jump)
     return;
@@ -203,7 +215,7 @@ void GapOperator::build_rows(const Surface& slave, const PairingPoints& points)
                  const auto row = std::lower_bound(row_node_.begin(), row_node_.end(), node)
                                   - row_node_.begin();
                  initial_gap_[row]
-                     += points.weight[p] * N / slave.nodes().area[node] * points.gap[p];
+                     += points.weight[p] * N / area[node] * points.gap[p];
                });
 }
 

@@ -46,8 +46,9 @@ public:
   };
 
   /// Collective. @param points pairing points, anywhere on the communicator
+  /// @param by_cover weighted with what the points cover of S_k, Σ_p w_p N_k(ξ_p), instead of S_k
   GapOperator(const Surface& slave, const Surface& master, const PairingPoints& points,
-              GapKind kind);
+              GapKind kind, bool by_cover);
   ~GapOperator();
   GapOperator(const GapOperator&) = delete;
   GapOperator& operator=(const GapOperator&) = delete;
@@ -59,6 +60,8 @@ public:
   std::size_t num_rows() const { return row_node_.size(); }
   /// Index of each row's node in the slave surface's nodes.
   const std::vector<std::int64_t>& row_node() const { return row_node_; }
+  /// What each row's gap is divided by: S_k or its covered part.
+  const std::vector<double>& row_area() const { return row_area_; }
   /// Initial weighted gap d of each row (zero for a jump).
   const std::vector<double>& initial_gap() const { return initial_gap_; }
   /// 0: slave, 1: master.
@@ -72,13 +75,13 @@ public:
   void constrain(std::array<Vec, 2> markers);
 
 private:
-  void build_rows(const Surface& slave, const PairingPoints& points);
+  void build_rows(const Surface& slave, const PairingPoints& points, bool by_cover);
   void build_scatters(const Surface& slave, const Surface& master);
 
   GapKind kind_;
   int gdim_;
   std::vector<std::int64_t> row_node_;
-  std::vector<double> initial_gap_;
+  std::vector<double> row_area_, initial_gap_;
   std::array<Side, 2> sides_;
 };
 

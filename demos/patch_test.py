@@ -47,6 +47,8 @@ class Parameters:
     quadrature: str = "nodal"
     quadrature_degree: int | None = None
     enforcement: str = "penalty"
+    rotate: float = 0.0
+    overhang: float = 0.0
 
 
 def create_cube(comm, n, cell, bottom, jitter, rng):
@@ -85,35 +87,101 @@ def locate(cube, axis, value):
     return mesh.locate_entities_boundary(cube, fdim, lambda x: np.isclose(x[axis], value))
 
 
-class Block:
-    """An elastic cube with its symmetry conditions and its contact surface."""
+def rotation(degrees, gdim):
+    """Matrix that turns by an angle, in 3D about the axis (1, 1, 0)."""
+    angle = np.deg2rad(degrees)
+    if gdim == 2:
+        plane = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return np.block([[plane, np.zeros((2, 1))], [np.zeros((1, 2)), np.ones((1, 1))]])
+    across = np.array([[0, 0, 1], [0, 0, -1], [-1, 1, 0]]) / np.sqrt(2)  # x ↦ axis × x
+    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
 
-    def __init__(self, cube, E):
+
+class Block:
+    """An elastic cube, its conditions and its contact surface.
+
+    Args:
+        cube: Mesh in its place before it is turned.
+        E: Young's modulus.
+        p: Parameters of the test.
+    """
+
+    def __init__(self, cube, E, p):
         self.mesh, self.E = cube, E
-        self.gdim = cube.geometry.dim
-        self.V = fem.functionspace(cube, ("Lagrange", 1, (self.gdim,)))
+        self.gdim = gdim = cube.geometry.dim
+        up, bottom = gdim - 1, 0.0 if E == E_MASTER else 1.0
+        left = p.overhang if E == E_SLAVE else 0.0
+        sides = [(0, left)] + [(axis, 0.0) for axis in range(1, up)]
+        self.sides = [(axis, locate(cube, axis, at)) for axis, at in sides]
+        self.bottom, self.top = locate(cube, up, bottom), locate(cube, up, bottom + 1)
+        interface = self.top if E == E_MASTER else self.bottom
+        corner = np.isclose(cube.geometry.x[:, up], bottom + 1)
+        for axis in range(1, up):
+            corner &= np.isclose(cube.geometry.x[:, axis], 0)
+        turn = rotation(p.rotate, gdim)
+        self.normal = turn[:gdim, up]
+        cube.geometry.x[:] = cube.geometry.x @ turn.T
+        self.corner = cube.geometry.x[corner]
+        self.V = fem.functionspace(cube, ("Lagrange", 1, (gdim,)))
         self.u = fem.Function(self.V)
+        self.exact = fem.Function(self.V)  # with the loads of the test; set when ε is known
         self.F = ufl.inner(self.stress, ufl.grad(ufl.TestFunction(self.V))) * ufl.dx
-        self.bcs = [self.condition(axis, 0.0, 0.0) for axis in range(self.gdim - 1)]
-        self.surface = qs.Surface(self.V, facets=locate(cube, self.gdim - 1, 1.0))
+        self.bcs = []
+        self.surface = qs.Surface(self.V, facets=interface)
 
     @property
     def stress(self):
         """Stress of the linear elastic body, ν = 0."""
         return self.E * ufl.sym(ufl.grad(self.u))
 
-    def condition(self, axis, at, value):
-        """Dirichlet condition on the displacement along an axis, on the plane across it."""
-        component = self.V.sub(axis)
-        facets = locate(self.mesh, axis, at)
-        dofs = fem.locate_dofs_topological(component, self.gdim - 1, facets)
-        return fem.dirichletbc(fem.Constant(self.mesh, value), dofs, component)
+    def normal_stress(self):
+        """Stress across planes that were horizontal."""
+        n = ufl.as_vector(self.normal)
+        return ufl.dot(n, self.stress * n)
+
+    def set_exact(self, offset):
+        """The uniform solution, given the displacement at height 0 if the body went that far."""
+
+        def u(x):
+            height = self.normal @ x[: self.gdim]
+            return np.outer(self.normal, offset + STRESS / self.E * height)
+
+        self.exact.interpolate(u)
+
+    def slide(self, axis, facets):
+        """No displacement along an axis."""
+        V = self.V.sub(axis)
+        return fem.dirichletbc(0.0, fem.locate_dofs_topological(V, self.gdim - 1, facets), V)
+
+    def prescribe(self, facets):
+        """The exact displacement."""
+        dofs = fem.locate_dofs_topological(self.V, self.gdim - 1, facets)
+        return fem.dirichletbc(self.exact, dofs)
+
+    def prescribe_corners(self):
+        """The exact displacement at the two ends of an upper edge: holds the body, no more."""
+        ends = np.array(self.corner)
+
+        def at_ends(x):
+            out = np.zeros(x.shape[1], dtype=bool)
+            for end in ends:
+                out |= np.linalg.norm(x.T - end, axis=1) < 1e-10
+            return out
+
+        return fem.dirichletbc(self.exact, fem.locate_dofs_geometrical(self.V, at_ends))
+
+    def press(self):
+        """Pressure on the top."""
+        facets = np.sort(self.top)
+        tags = mesh.meshtags(self.mesh, self.gdim - 1, facets, np.ones_like(facets))
+        ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
+        v = ufl.TestFunction(self.V)
+        self.F -= STRESS * ufl.dot(ufl.as_vector(self.normal), v) * ds
 
     def interface_stress(self):
         """Mean normal stress of each owned cell with a facet on the interface."""
         q = ufl.TestFunction(fem.functionspace(self.mesh, ("DG", 0)))
-        axis = self.gdim - 1
-        force = fem.assemble_vector(fem.form(self.stress[axis, axis] * q * ufl.dx)).array
+        force = fem.assemble_vector(fem.form(self.normal_stress() * q * ufl.dx)).array
         volume = fem.assemble_vector(fem.form(q * ufl.dx)).array
         to_cell = self.mesh.topology.connectivity(self.gdim - 1, self.gdim)
         cells = np.unique([to_cell.links(facet)[0] for facet in self.surface.facets]).astype(int)
@@ -123,30 +191,51 @@ class Block:
 def build(comm, p):
     """The two blocks, their contact and the problem."""
     rng = np.random.default_rng(p.seed)
-    gdim = 2 if p.cell in ("triangle", "quadrilateral") else 3
-    master = Block(create_cube(comm, p.master, p.cell, 0.0, p.jitter, rng), E_MASTER)
-    slave = Block(create_cube(comm, p.slave, p.cell, 1.0, p.jitter, rng), E_SLAVE)
-    master.bcs.append(master.condition(gdim - 1, 0.0, 0.0))
-
-    contact = qs.Contact(slave.surface, master.surface, p.formulation, LAWS[p.contact](), p.penalty, quadrature=p.quadrature, quadrature_degree=p.quadrature_degree, enforcement=p.enforcement)
-    top = fem.Constant(slave.mesh, 0.0)
+    master_cube = create_cube(comm, p.master, p.cell, 0.0, p.jitter, rng)
+    slave_cube = create_cube(comm, p.slave, p.cell, 1.0, p.jitter, rng)
+    slave_cube.geometry.x[:, 0] += p.overhang
+    master, slave = Block(master_cube, E_MASTER, p), Block(slave_cube, E_SLAVE, p)
     if p.load == "pressure":
-        facets = np.sort(locate(slave.mesh, gdim - 1, 2.0))
-        tags = mesh.meshtags(slave.mesh, gdim - 1, facets, np.full(len(facets), 1, dtype=np.int32))
-        ds = ufl.Measure("ds", domain=slave.mesh, subdomain_data=tags)
-        slave.F -= STRESS * ufl.TestFunction(slave.V)[gdim - 1] * ds(1)
+        slave.press()
+    if p.rotate == 0:
+        up = slave.gdim - 1
+        master.bcs.append(master.slide(up, master.bottom))
+        for block in (master, slave):
+            block.bcs += [block.slide(*side) for side in block.sides]
+        if p.load == "displacement":
+            V = slave.V.sub(up)
+            collapsed = V.collapse()[0]
+            slave.lid = fem.Function(collapsed)
+            dofs = fem.locate_dofs_topological((V, collapsed), up, slave.top)
+            slave.bcs.append(fem.dirichletbc(slave.lid, dofs, V))
     else:
-        component = slave.V.sub(gdim - 1)
-        facets = locate(slave.mesh, gdim - 1, 2.0)
-        dofs = fem.locate_dofs_topological(component, gdim - 1, facets)
-        slave.bcs.append(fem.dirichletbc(top, dofs, component))
+        # Conditions along one axis alone are none of DOLFINx: the exact displacement, where it
+        # holds the bodies and does not disturb the uniform stress.
+        master.bcs.append(master.prescribe(master.bottom))
+        lid = slave.prescribe(slave.top) if p.load == "displacement" else slave.prescribe_corners()
+        slave.bcs.append(lid)
+    contact = qs.Contact(
+        slave.surface,
+        master.surface,
+        p.formulation,
+        LAWS[p.contact](),
+        p.penalty,
+        quadrature=p.quadrature,
+        quadrature_degree=p.quadrature_degree,
+        enforcement=p.enforcement,
+        gap_tolerance=1e-13,
+    )
     problem = qs.ContactProblem(
         [master.F, slave.F], [master.u, slave.u], [contact], [master.bcs, slave.bcs]
     )
     problem.set_up()  # an automatic penalty is known from here on
-    # What gives the stress exactly, the compliance 1/ε of the penalty included.
+    # The compliance 1/ε is the penalty's; an augmented Lagrangian has none.
     compliance = 1 / contact.penalty if p.enforcement == "penalty" else 0.0
-    top.value = STRESS * (1 / E_MASTER + 1 / E_SLAVE + compliance)
+    jump = STRESS * (1 / E_MASTER - 1 / E_SLAVE + compliance)
+    master.set_exact(0.0)
+    slave.set_exact(jump)
+    if p.rotate == 0 and p.load == "displacement":
+        slave.lid.x.array[:] = jump + 2 * STRESS / E_SLAVE
     return master, slave, contact, problem
 
 
@@ -156,11 +245,11 @@ def mean_and_max(comm, values):
     return total / count, comm.allreduce(np.max(values, initial=0.0), op=MPI.MAX)
 
 
-def normal_traction(contact, side, axis):
+def normal_traction(contact, side, normal):
     """Normal contact force over nodal area at the owned nodes of one side."""
     surface = contact.slave if side == "slave" else contact.master
-    local = surface.node_dofs[:, axis] - surface.V.dofmap.index_map.local_range[0] * surface.gdim
-    return contact.traction(side).x.array[local]
+    local = surface.node_dofs - surface.V.dofmap.index_map.local_range[0] * surface.gdim
+    return contact.traction(side).x.array[local] @ normal
 
 
 def run(p, comm=MPI.COMM_WORLD):
@@ -173,7 +262,6 @@ def run(p, comm=MPI.COMM_WORLD):
     start = time.perf_counter()
     master, slave, contact, problem = build(comm, p)
     problem.solve()
-    axis = slave.gdim - 1
     forces = contact.force("slave"), contact.force("master")
     gap = np.nan_to_num(contact.gap())
     result = {
@@ -189,7 +277,7 @@ def run(p, comm=MPI.COMM_WORLD):
         error = np.abs(block.interface_stress() / STRESS - 1)
         result[f"{name}_mean_error"], result[f"{name}_max_error"] = mean_and_max(comm, error)
     for name in ("slave", "master"):
-        error = np.abs(np.abs(normal_traction(contact, name, axis) / STRESS) - 1)
+        error = np.abs(np.abs(normal_traction(contact, name, slave.normal) / STRESS) - 1)
         result[f"{name}_nodal_max_error"] = mean_and_max(comm, error)[1]
     size = np.linalg.norm(gap, axis=1) if gap.ndim == 2 else np.abs(gap)
     result |= {
@@ -200,7 +288,6 @@ def run(p, comm=MPI.COMM_WORLD):
         "contact_seconds": comm.allreduce(contact.seconds, op=MPI.MAX),
         "total_seconds": comm.allreduce(time.perf_counter() - start, op=MPI.MAX),
     }
-    result["augmentation_steps"] = problem.num_augmentations
     return {k: v.item() if hasattr(v, "item") else v for k, v in result.items()}, contact
 
 
@@ -271,7 +358,7 @@ def plot(comm, filename, cell="tetrahedron", n_master=8, n_slave=3):
         _, contact = run(Parameters(n_master, n_slave, cell, formulation=name), comm)
         for side in ("slave", "master"):
             x = (contact.slave if side == "slave" else contact.master).node_x
-            values = np.abs(normal_traction(contact, side, 2) / STRESS)
+            values = np.abs(normal_traction(contact, side, np.array([0.0, 0.0, 1.0])) / STRESS)
             parts = comm.gather((x, values))  # small, and for the picture only
             if comm.rank == 0:
                 panels.append(
@@ -352,9 +439,11 @@ def main():
     add("--load", choices=("pressure", "displacement"))
     add("--contact", choices=tuple(LAWS))
     add("--penalty", type=stiffness, metavar="auto|FLOAT", help="ε, stress per length")
-    add("--quadrature", choices=("nodal", "overlay"))
-    add("--quadrature-degree", type=count, metavar="N")
+    add("--quadrature", choices=("nodal", "overlay"), help="where the gap is sampled")
+    add("--quadrature-degree", type=count, metavar="N", help="of the rule on the overlay's pieces")
     add("--enforcement", choices=("penalty", "augmented-lagrangian"))
+    add("--rotate", type=float, metavar="DEGREES", help="turn everything; about (1, 1, 0) in 3D")
+    add("--overhang", type=float, metavar="FRACTION", help="shift the slave along x")
     add("--json", metavar="FILE", help="write the results of a single case as JSON")
     add("--plot", metavar="FILE", help="draw the contact traction (needs matplotlib)")
     arguments = vars(parser.parse_args())

@@ -167,7 +167,18 @@ class Contact:
                     both,
                     self._radius,
                 )
-                self.passes.append(WeightedGap(slave, master, points, self.law, share, one_sided))
+                self.passes.append(
+                    WeightedGap(
+                        slave,
+                        master,
+                        points,
+                        self.law,
+                        share,
+                        slave_only=one_sided,
+                        by_cover=self.quadrature == "overlay",
+                        augmented=self.augmented,
+                    )
+                )
             for p, multiplier in zip(self.passes, kept, strict=False):
                 p.augmented = np.asarray(multiplier[p.row_node], dtype=np.float64)
             self.version += 1

@@ -25,7 +25,13 @@ class WeightedGap:
     reaches.
 
     With an augmented Lagrangian, the law sees the gap ḡ + λ̂/ε, λ̂ being the multiplier so far: it
-    then gives λ = [λ̂ + ε ḡ]₊ or λ̂ + ε ⟦u⟧. With λ̂ = 0 that is the penalty method.
+    then gives λ = [λ̂ + ε ḡ]₊ or λ̂ + ε ⟦u⟧. With λ̂ = 0 that is the penalty method. Nodes that are
+    covered in part get a larger ε there, S_k / Σ w_p N_k times: otherwise they
+    would need very many updates of λ̂.
+
+    On the overlay the sum is divided by Σ_p w_p N_k(ξ_p), the part of S_k that is covered, so that
+    the gap of a node at the rim is the mean gap of what it covers. At nodes it is divided by S_k,
+    as in (12).
 
     Args:
         slave: Surface that carries the multiplier.
@@ -34,6 +40,8 @@ class WeightedGap:
         law: What the gap is used for.
         share: Part of the energy Σ S_k φ(ḡ_k) that this pass stands for.
         slave_only: Whether its forces act on the slave alone.
+        by_cover: Whether gaps are divided by what is covered of S_k.
+        augmented: Whether λ̂ is going to be updated.
     """
 
     def __init__(
@@ -44,6 +52,8 @@ class WeightedGap:
         law: Law,
         share: float,
         slave_only: bool,
+        by_cover: bool,
+        augmented: bool,
     ) -> None:
         self.slave = slave
         self.master = master
@@ -51,12 +61,15 @@ class WeightedGap:
         self.law = law
         self.slave_only = slave_only
         self.operator = _cpp.GapOperator(
-            slave._cpp_object, master._cpp_object, points, jump=law.jump
+            slave._cpp_object, master._cpp_object, points, jump=law.jump, by_cover=by_cover
         )
         #: Slave node of each row, an index into the arrays of the slave surface.
         self.row_node: npt.NDArray[np.int64] = self.operator.row_node
-        #: Area in the energy of each row, S_k times the share.
-        self.weight: Array = share * slave.node_area[self.row_node]
+        #: Area in the energy of each row: what its gap is divided by, times the share.
+        self.weight: Array = share * self.operator.row_area
+        cover = self.operator.row_area / slave.node_area[self.row_node]
+        #: ε of each row in units of the contact's.
+        self.relative_penalty: Array = 1 / cover if augmented else np.ones_like(cover)
         shape = (self.operator.num_rows, self.operator.width)
         #: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
         self.values: Array = np.zeros(shape)
@@ -73,24 +86,28 @@ class WeightedGap:
 
     def multiplier(self, penalty: float) -> Array:
         """λ at the last evaluation, shape (rows, 1) or (rows, gdim)."""
-        return self.law.multiplier(self._shifted(penalty), penalty)
+        eps = penalty * self.relative_penalty
+        return self.law.multiplier(self._shifted(eps), eps)
 
     def slope(self, penalty: float, touching: float) -> Array:
         """∂λ/∂ḡ at the last evaluation, shape (rows,)."""
-        return self.law.slope(self._shifted(penalty), penalty, touching)
+        eps = penalty * self.relative_penalty
+        return self.law.slope(self._shifted(eps), eps, touching)
 
     def energy(self, penalty: float) -> float:
         """This rank's part of the energy at the last evaluation."""
-        density = self.law.energy(self._shifted(penalty), penalty)
-        return float(self.weight @ (density - np.sum(self.augmented**2, axis=1) / (2 * penalty)))
+        eps = penalty * self.relative_penalty
+        density = self.law.energy(self._shifted(eps), eps)
+        return float(self.weight @ (density - np.sum(self.augmented**2, axis=1) / (2 * eps)))
 
     def violation(self, penalty: float) -> float:
         """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed."""
         change = self.multiplier(penalty) - self.augmented
-        return float(np.max(np.linalg.norm(change, axis=1), initial=0.0)) / penalty
+        gaps = np.linalg.norm(change, axis=1) / (penalty * self.relative_penalty)
+        return float(np.max(gaps, initial=0.0))
 
-    def _shifted(self, penalty: float) -> Array:
-        return self.values + self.augmented / penalty
+    def _shifted(self, eps: Array) -> Array:
+        return self.values + self.augmented / eps[:, None]
 
     def add_forces(self, multiplier: Array, b: Vecs) -> None:
         """Add Gᵀ S λ to b, the derivative of the energy. Collective."""

@@ -19,20 +19,20 @@ class Law(abc.ABC):
     linear: bool
 
     @abc.abstractmethod
-    def energy(self, gap: Array, penalty: float) -> Array:
+    def energy(self, gap: Array, penalty: Array) -> Array:
         """φ(ḡ), energy per area at each row, shape (rows,)."""
 
     @abc.abstractmethod
-    def multiplier(self, gap: Array, penalty: float) -> Array:
+    def multiplier(self, gap: Array, penalty: Array) -> Array:
         """λ = φ'(ḡ), stress, of the gap's shape (rows, 1) or (rows, gdim)."""
 
     @abc.abstractmethod
-    def slope(self, gap: Array, penalty: float, touching: float) -> Array:
+    def slope(self, gap: Array, penalty: Array, touching: float) -> Array:
         """φ''(ḡ) ≥ 0 at each row, stress per length, shape (rows,).
 
         Args:
             gap: Weighted gaps, shape (rows, 1) or (rows, gdim).
-            penalty: ε, stress per length.
+            penalty: ε of each row, stress per length, shape (rows,).
             touching: Gaps above ``-touching`` (length) count as closed.
         """
 
@@ -50,17 +50,17 @@ class Tied(Law):
     jump = True
     linear = True
 
-    def energy(self, gap: Array, penalty: float) -> Array:
+    def energy(self, gap: Array, penalty: Array) -> Array:
         """φ = ½ ε |⟦u⟧|²."""
         return 0.5 * penalty * np.sum(gap**2, axis=1)
 
-    def multiplier(self, gap: Array, penalty: float) -> Array:
+    def multiplier(self, gap: Array, penalty: Array) -> Array:
         """λ = ε ⟦u⟧."""
-        return penalty * gap
+        return penalty[:, None] * gap
 
-    def slope(self, gap: Array, penalty: float, touching: float) -> Array:
+    def slope(self, gap: Array, penalty: Array, touching: float) -> Array:
         """φ'' = ε everywhere."""
-        return np.full(len(gap), penalty)
+        return penalty
 
     def admissible(self, multiplier: Array) -> Array:
         """Any."""
@@ -73,15 +73,15 @@ class Unilateral(Law):
     jump = False
     linear = False
 
-    def energy(self, gap: Array, penalty: float) -> Array:
+    def energy(self, gap: Array, penalty: Array) -> Array:
         """φ = ½ ε [ḡ]₊², as in equation (12)."""
         return 0.5 * penalty * np.maximum(gap[:, 0], 0) ** 2
 
-    def multiplier(self, gap: Array, penalty: float) -> Array:
+    def multiplier(self, gap: Array, penalty: Array) -> Array:
         """λ = ε [ḡ]₊."""
-        return penalty * np.maximum(gap, 0)
+        return penalty[:, None] * np.maximum(gap, 0)
 
-    def slope(self, gap: Array, penalty: float, touching: float) -> Array:
+    def slope(self, gap: Array, penalty: Array, touching: float) -> Array:
         """φ'' = ε where the gap is closed: a semi-smooth derivative of [·]₊.
 
         A gap closed to rounding error counts as closed, so that bodies that just touch at the start

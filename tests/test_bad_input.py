@@ -71,10 +71,10 @@ def test_one_rank_alone_cannot_make_the_others_wait():
     (
         (("Lagrange", 1), "vector"),
         (("Lagrange", 1, (3,)), "vector"),
-        (("Lagrange", 2, (2,)), "P1 or Q1"),
-        (("DG", 1, (2,)), "P1 or Q1"),
-        (("DG", 0, (2,)), "P1 or Q1"),
-        (("CR", 1, (2,)), "P1 or Q1"),
+        (("Lagrange", 3, (2,)), "degree 1 or 2"),
+        (("DG", 1, (2,)), "degree 1 or 2"),
+        (("DG", 0, (2,)), "degree 1 or 2"),
+        (("CR", 1, (2,)), "degree 1 or 2"),
     ),
 )
 def test_spaces(element, match):
