@@ -59,7 +59,9 @@ class Augmentation:
         """Of the combination with the least residual; they sum to 1. Collective."""
         weight = np.concatenate([np.repeat(p.weight, p.augmented.shape[1]) for p in self._passes])
         last = self._residuals[-1]
-        differences = np.array([r - last for r in self._residuals[:-1]]).reshape(-1, len(last))
+        count = len(self._residuals) - 1
+        differences = np.array([r - last for r in self._residuals[:-1]])
+        differences = differences.reshape(count, len(last))  # there may be no rows on this rank
         local = (differences * weight) @ np.vstack([differences, last]).T
         products = self._comm.allreduce(local, op=MPI.SUM)
         scale = np.sqrt(np.maximum(np.diag(products), 1e-300))

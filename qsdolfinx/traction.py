@@ -33,6 +33,7 @@ def nodal_forces(surface: Surface, force: PETSc.Vec) -> Array:
         return _at_nodes(surface, force)
     moments, local = linear.create_vec(), surface.collapsed_vec(force)
     matrix = fem_petsc.interpolation_matrix(linear.V, surface.collapsed_space)
+    matrix.assemble()
     matrix.multTranspose(local, moments)
     out = _at_nodes(linear, moments)
     for thing in (moments, local, matrix):

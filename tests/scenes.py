@@ -141,6 +141,7 @@ class Pair:
         partitions=("forward", "backward"),
         load=-0.1,
         space=vector_space,
+        contact_options=None,
     ):
         self.gdim = gdim = 2 if cell in ("triangle", "quadrilateral") else 3
         self.meshes, self.V, self.u, self.F, self.bcs, surfaces = [], [], [], [], [], []
@@ -164,7 +165,9 @@ class Pair:
             surfaces.append(qs.Surface(V, facets=contact))
         self.master, self.slave = surfaces
         law = qs.Unilateral() if law is None else law
-        self.contact = qs.Contact(self.slave, self.master, formulation, law, penalty)
+        self.contact = qs.Contact(
+            self.slave, self.master, formulation, law, penalty, **(contact_options or {})
+        )
 
     def problem(self, **options):
         return qs.ContactProblem(self.F, self.u, [self.contact], self.bcs, **options)

@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import patch_test
 import pytest
-from patch_test import Block, create_cube, locate
+from patch_test import Block, Parameters, create_cube
 from scenes import CELLS, FORMULATIONS, WORLD, Pair, box, clamp, elastic, plane, slide, vector_space
 
 import ufl
@@ -18,17 +18,16 @@ def blocks_with_gap(cell, formulation, load, penalty, gap=0.01):
     """The patch test's blocks, a gap apart; the pressure load leaves the upper one free to move."""
     rng = np.random.default_rng(1)
     axis = 1 if cell in ("triangle", "quadrilateral") else 2
-    lower = Block(create_cube(WORLD, 6, cell, 0.0, 0.2, rng), patch_test.E_MASTER)
-    upper = Block(create_cube(WORLD, 4, cell, 1.0, 0.2, rng), patch_test.E_SLAVE)
-    lower.bcs.append(lower.condition(axis, 0.0, 0.0))
-    top = locate(upper.mesh, axis, 2.0)
+    p = Parameters(cell=cell)
+    lower = Block(create_cube(WORLD, 6, cell, 0.0, 0.2, rng), patch_test.E_MASTER, p)
+    upper = Block(create_cube(WORLD, 4, cell, 1.0, 0.2, rng), patch_test.E_SLAVE, p)
+    for block in (lower, upper):
+        block.bcs += [block.slide(*side) for side in block.sides]
+    lower.bcs.append(lower.slide(axis, lower.bottom))
     if load == "pressure":
-        facets = np.sort(top)
-        tags = mesh.meshtags(upper.mesh, axis, facets, np.ones(len(facets), dtype=np.int32))
-        ds = ufl.Measure("ds", domain=upper.mesh, subdomain_data=tags)
-        upper.F += 65 * ufl.TestFunction(upper.V)[axis] * ds(1)
+        upper.press()
     else:
-        upper.bcs.append(slide(upper.V, axis, top, -2 * gap))
+        upper.bcs.append(slide(upper.V, axis, upper.top, -2 * gap))
     upper.mesh.geometry.x[:, axis] += gap
     upper.surface.update()
     contact = qs.Contact(upper.surface, lower.surface, formulation, qs.Unilateral(), penalty)
