@@ -128,18 +128,18 @@ void bind_pairing(nb::module_& m)
         return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius,
                              static_cast<Normals>(normals));
       },
-      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "Nodal pairing points; collective.");
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a,
+      "Nodal pairing points; collective.");
   m.def(
       "overlay_surfaces",
       [](const Surface& slave, const Surface& master, bool both, double radius, int normals,
          In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
-        return overlay_surfaces(slave, master, both, radius,
-                                static_cast<Normals>(normals), rules);
+        return overlay_surfaces(slave, master, both, radius, static_cast<Normals>(normals), rules);
       },
-      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a,
-      "edge_w"_a, "Pairing points on the overlay; collective.");
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a,
+      "edge_x"_a, "edge_w"_a, "Pairing points on the overlay; collective.");
   m.def(
       "closest_point",
       [](int num_vertices, In<double> vertices, std::array<double, 3> p)
@@ -159,7 +159,8 @@ void bind_gap(nb::module_& m)
           [](GapOperator* self, const Surface& slave, const Surface& master,
              const PairingPoints& points, bool jump, bool by_cover)
           {
-            new (self) GapOperator(slave, master, points, jump ? GapKind::jump : GapKind::normal, by_cover);
+            new (self) GapOperator(slave, master, points, jump ? GapKind::jump : GapKind::normal,
+                                   by_cover);
           },
           "slave"_a, "master"_a, "points"_a, "jump"_a, "by_cover"_a, "Collective. See gap.h.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
@@ -179,10 +180,10 @@ void bind_gap(nb::module_& m)
           },
           "slave"_a, "master"_a, "Linear part of the gap, shape (rows, width); collective.")
       .def(
-          "add_transpose", [](GapOperator& g, In<double> f, Handle slave, Handle master, bool slave_only)
+          "add_transpose",
+          [](GapOperator& g, In<double> f, Handle slave, Handle master, bool slave_only)
           { g.add_transpose(view(f), vecs({slave, master}), slave_only); }, "f"_a, "slave"_a,
-          "master"_a, "slave_only"_a,
-          "Add the transposed operator times f; collective.")
+          "master"_a, "slave_only"_a, "Add the transposed operator times f; collective.")
       .def(
           "constrain",
           [](GapOperator& g, Handle slave, Handle master) { g.constrain(vecs({slave, master})); },

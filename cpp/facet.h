@@ -62,8 +62,7 @@ int trace_size(FacetType type, int degree);
 
 /// Lagrange functions of degree 1 or 2 at ξ; the unused ones are 0. Vertices come first, then, for
 /// degree 2, the edges in the order of `facet_edges`, and the interior of a quadrilateral.
-std::array<double, max_trace> trace_functions(FacetType type, int degree,
-                                              std::array<double, 2> xi);
+std::array<double, max_trace> trace_functions(FacetType type, int degree, std::array<double, 2> xi);
 
 /// Local vertices of the edges of a triangle or quadrilateral; the one edge of an interval.
 std::span<const std::array<int, 2>> facet_edges(FacetType type);

@@ -13,8 +13,8 @@ namespace
 PairingPoints points_at_row_owners(const Surface& slave, const Surface& master,
                                    const PairingPoints& points)
 {
-  const int nk = points.num_multipliers, ns = points.slave.num_nodes,
-            nm = points.master.num_nodes, d = points.gdim;
+  const int nk = points.num_multipliers, ns = points.slave.num_nodes, nm = points.master.num_nodes,
+            d = points.gdim;
   const int num_doubles = nk + ns + nm + 5, num_dofs = (ns + nm) * d;
   std::vector<int> dest;
   std::vector<double> doubles;
@@ -93,7 +93,7 @@ struct Term
   std::int64_t row;
   std::int64_t dof; // first unknown of the column node
   std::size_t point;
-  int place; // of the column node among the point's
+  int place;    // of the column node among the point's
   double value; // w N_k N_column / S_k, negative for the master
 };
 
@@ -214,8 +214,7 @@ void GapOperator::build_rows(const Surface& slave, const PairingPoints& points, 
                {
                  const auto row = std::lower_bound(row_node_.begin(), row_node_.end(), node)
                                   - row_node_.begin();
-                 initial_gap_[row]
-                     += points.weight[p] * N / area[node] * points.gap[p];
+                 initial_gap_[row] += points.weight[p] * N / area[node] * points.gap[p];
                });
 }
 

@@ -26,8 +26,8 @@ struct NearbyFacets
   }
 };
 
-/// Copy the facets of `from` to all ranks whose facets of `to` may be within the radius. They arrive
-/// in an order that depends on the partition. Collective.
+/// Copy the facets of `from` to all ranks whose facets of `to` may be within the radius. They
+/// arrive in an order that depends on the partition. Collective.
 NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
 {
   const auto boxes = all_bounding_boxes(to.comm(), to.facets().x);
@@ -108,7 +108,8 @@ public:
   Overlay(PairingPoints& points, const Surface& cut, const Surface& other, bool cut_is_slave,
           double share, double radius, Normals normals, const OverlayRules& rules)
       : points_(points), cut_(cut), nearby_(fetch_nearby(other, cut, radius)), tree_(facet_tree()),
-        cut_is_slave_(cut_is_slave), share_(share), radius_(radius), normals_(normals), rules_(rules)
+        cut_is_slave_(cut_is_slave), share_(share), radius_(radius), normals_(normals),
+        rules_(rules)
   {
   }
 
@@ -161,8 +162,7 @@ private:
   /// Signed distance of the other facet from q, along the outward normal of the facet that is cut.
   double distance(const Piece& piece, const Vec2& q, const Vec3& x, const Vec3& outward) const
   {
-    const Vec3 z
-        = facet_point(nearby_.type, nearby_.facet_x(piece.other), piece.planar.invert(q));
+    const Vec3 z = facet_point(nearby_.type, nearby_.facet_x(piece.other), piece.planar.invert(q));
     return dot(z - x, outward);
   }
 

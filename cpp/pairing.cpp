@@ -57,7 +57,8 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
     }
     append_node(node_side, nodes, k, points.gdim, rank);
     append_facet(facet_side, found, k, points.gdim);
-    const auto at_k = [k](const std::vector<double>& v) { return facet_vertex(v, static_cast<int>(k)); };
+    const auto at_k
+        = [k](const std::vector<double>& v) { return facet_vertex(v, static_cast<int>(k)); };
     // Into the node, as the facet's normal.
     const Vec3 of_facet = at_k(found.normal), of_node = -1.0 * at_k(nodes.normal);
     const Vec3 sum = (normals == Normals::averaged ? 0.0 : 1.0) * of_facet

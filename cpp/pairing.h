@@ -33,8 +33,8 @@ struct PairingPoints
   PairingSide slave, master;
   std::vector<double> multiplier_values; ///< P1 or Q1 functions N_k, [point][slave vertex]
   std::vector<double> normal;            ///< outward of the slave, into the master, [point][3]
-  std::vector<double> gap;    ///< signed distance (x_master - x_slave)·n, positive when open
-  std::vector<double> weight; ///< area
+  std::vector<double> gap;       ///< signed distance (x_master - x_slave)·n, positive when open
+  std::vector<double> weight;    ///< area
   std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
 
   std::size_t size() const { return weight.size(); }

@@ -54,7 +54,8 @@ public:
   PlanarFacet(FacetType type, std::span<const double> vertices, const Frame& frame);
 
   const Polygon& polygon() const { return polygon_; }
-  /// Whether the map from the reference facet is affine; else it is that of a general quadrilateral.
+  /// Whether the map from the reference facet is affine; else it is that of a general
+  /// quadrilateral.
   bool affine() const { return affine_; }
   /// Reference coordinates of a point of the facet, by Newton's method if the map is not affine.
   Vec2 invert(const Vec2& q) const;

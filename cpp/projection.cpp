@@ -28,7 +28,8 @@ void keep_nearer(ClosestPoint& best, const ClosestPoint& other)
 
 ClosestPoint on_triangle(std::span<const double> v, const Vec3& p)
 {
-  const Vec3 a = facet_vertex(v, 0), e0 = facet_vertex(v, 1) - a, e1 = facet_vertex(v, 2) - a, d = p - a;
+  const Vec3 a = facet_vertex(v, 0), e0 = facet_vertex(v, 1) - a, e1 = facet_vertex(v, 2) - a,
+             d = p - a;
   const double a00 = dot(e0, e0), a01 = dot(e0, e1), a11 = dot(e1, e1);
   const double b0 = dot(e0, d), b1 = dot(e1, d), det = a00 * a11 - a01 * a01;
   const std::array<double, 2> xi{(a11 * b0 - a01 * b1) / det, (a00 * b1 - a01 * b0) / det};
@@ -78,7 +79,8 @@ ClosestPoint newton_on_quadrilateral(std::span<const double> v, const Vec3& p, C
 ClosestPoint on_quadrilateral(std::span<const double> v, const Vec3& p)
 {
   constexpr auto type = FacetType::quadrilateral;
-  const Vec3 x0 = facet_vertex(v, 0), x1 = facet_vertex(v, 1), x2 = facet_vertex(v, 2), x3 = facet_vertex(v, 3);
+  const Vec3 x0 = facet_vertex(v, 0), x1 = facet_vertex(v, 1), x2 = facet_vertex(v, 2),
+             x3 = facet_vertex(v, 3);
   ClosestPoint best = make(type, v, {segment_parameter(x0, x1, p), 0}, p);
   keep_nearer(best, make(type, v, {0, segment_parameter(x0, x2, p)}, p));
   keep_nearer(best, make(type, v, {1, segment_parameter(x1, x3, p)}, p));

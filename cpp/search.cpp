@@ -30,8 +30,8 @@ struct Candidate
 };
 
 /// Facets of this rank that are closest to p, ties included.
-void local_candidates(const Surface& surface, const BoxTree& boxes, const Vec3& p, const Vec3& normal,
-                      double radius, std::vector<Candidate>& out)
+void local_candidates(const Surface& surface, const BoxTree& boxes, const Vec3& p,
+                      const Vec3& normal, double radius, std::vector<Candidate>& out)
 {
   out.clear();
   const BoxTree::Tree& tree = boxes.tree();

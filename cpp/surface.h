@@ -20,19 +20,19 @@ enum class Normals
 };
 
 /// Facets of a contact surface on this rank. Every facet lives on exactly one rank (its cell's
-/// owner), its vertices may belong to others. The nodes of the trace on a facet are its vertices, then,
-/// for degree 2, those of trace_functions.
+/// owner), its vertices may belong to others. The nodes of the trace on a facet are its vertices,
+/// then, for degree 2, those of trace_functions.
 struct Facets
 {
-  std::vector<double> x;                        ///< vertex coordinates, [facet][vertex][3]
-  std::vector<std::int64_t> dofs; ///< global unknowns of the trace, [facet][node][gdim]
-  std::vector<int> owner;         ///< rank that owns the unknowns, [facet][node]
-  std::vector<std::int64_t> vertex_dofs;        ///< of these the vertices', [facet][vertex][gdim]
-  std::vector<int> vertex_owner;                ///< and their owners, [facet][vertex]
-  std::vector<double> vertex_normal;            ///< averaged outward normals, [facet][vertex][3]
-  std::vector<double> orientation;              ///< ±1, times the area vector points outward
-  std::vector<double> size;                     ///< largest distance of two vertices
-  std::vector<std::uint8_t> edge_on_boundary;   ///< edge belongs to one facet only, [facet][edge]
+  std::vector<double> x;                      ///< vertex coordinates, [facet][vertex][3]
+  std::vector<std::int64_t> dofs;             ///< global unknowns of the trace, [facet][node][gdim]
+  std::vector<int> owner;                     ///< rank that owns the unknowns, [facet][node]
+  std::vector<std::int64_t> vertex_dofs;      ///< of these the vertices', [facet][vertex][gdim]
+  std::vector<int> vertex_owner;              ///< and their owners, [facet][vertex]
+  std::vector<double> vertex_normal;          ///< averaged outward normals, [facet][vertex][3]
+  std::vector<double> orientation;            ///< ±1, times the area vector points outward
+  std::vector<double> size;                   ///< largest distance of two vertices
+  std::vector<std::uint8_t> edge_on_boundary; ///< edge belongs to one facet only, [facet][edge]
   std::vector<std::uint8_t> vertex_on_boundary; ///< vertex touches such an edge, [facet][vertex]
 };
 

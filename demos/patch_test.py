@@ -28,6 +28,7 @@ import qsdolfinx as qs
 
 E_MASTER, E_SLAVE, STRESS = 3e4, 1.3e4, -65.0
 CELLS = ("tetrahedron", "hexahedron", "triangle", "quadrilateral")
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
 LAWS = {"tied": qs.Tied, "unilateral": qs.Unilateral}
 
 
@@ -435,7 +436,9 @@ def main():
     add("--cell", choices=CELLS)
     add("--jitter", type=shift, metavar="F", help="move interior interface nodes by up to F × h")
     add("--seed", type=seed, metavar="S", help="of the jitter")
-    add("--formulation", choices=("master-slave", "double-pass", "quasi-symmetric", "two-half-pass"))
+    add(
+        "--formulation", choices=("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
+    )
     add("--load", choices=("pressure", "displacement"))
     add("--contact", choices=tuple(LAWS))
     add("--penalty", type=stiffness, metavar="auto|FLOAT", help="ε, stress per length")

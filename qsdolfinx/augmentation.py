@@ -48,9 +48,7 @@ class Augmentation:
         self._active = active
         self._residuals = [*self._residuals, image - old][-DEPTH:]
         self._images = [*self._images, image][-DEPTH:]
-        combined = sum(
-            a * i for a, i in zip(self._coefficients(), self._images, strict=True)
-        )
+        combined = sum(a * i for a, i in zip(self._coefficients(), self._images, strict=True))
         parts = np.split(combined, np.cumsum([p.augmented.size for p in self._passes])[:-1])
         for p, part in zip(self._passes, parts, strict=True):
             p.augmented = p.law.admissible(part.reshape(p.augmented.shape))

@@ -43,7 +43,10 @@ class Contact:
     the gap is sampled: ``"master-slave"``, (5), at the slave nodes; ``"quasi-symmetric"``, (11) and
     (12), at the nodes of both sides, while the multiplier stays on the slave; ``"double-pass"``,
     (6), is the mean of two master-slave contacts with the roles swapped, and so has multipliers on
-    both sides.
+    both sides. ``"two-half-pass"`` (Sauer & De Lorenzis 2013) has multipliers on both sides too,
+    each of which loads its own side alone: the tangent is not symmetric, and forces balance only as
+    far as both sides see the same gap. Two multipliers cannot close every gap of non-matching
+    meshes: use a moderate penalty with these two.
 
     The ½ of (11) is kept in the gap, so that ε means the same in every formulation: matching meshes
     give the same result with each. The ρ of (12) is ε/8 for quasi-symmetric contact and ε/2 for
@@ -58,8 +61,20 @@ class Contact:
         law: ``Unilateral()`` or ``Tied()``.
         penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
             contact nodes when the problem is first solved.
-        search_radius: Nodes further than this from the other surface are not paired (length). By
+        search_radius: Points further than this from the other surface are not paired (length). By
             default the largest facet size of the two surfaces.
+        quadrature: ``"nodal"``: the gap is sampled at nodes, as in (5), (6), (12).
+            ``"overlay"``: (7) is integrated exactly over the pieces that the facets of one surface
+            cut from those of the other; needed for displacements of degree 2.
+        quadrature_degree: Degree of the rule on the pieces of the overlay; by default that of the
+            integrand on affine facets.
+        normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
+            (the default at nodes); ``"averaged"`` at the nodes of the other, or of the cut,
+            surface; ``"bisector"`` of the normals of both (the default on the overlay).
+        enforcement: ``"penalty"``, or ``"augmented-lagrangian"``: multipliers are updated until
+            they leave no gap larger than the tolerance. They are kept for the next solve, also
+            when contact pairs anew; :meth:`reset` forgets them.
+        gap_tolerance: That gap in units of the smallest facet.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
@@ -362,6 +377,17 @@ class Contact:
         local = sum(p.energy(self.eps) for p in self.passes)
         return float(self.comm.allreduce(local, op=MPI.SUM))
 
+    def patch(self) -> tuple[float, float]:
+        """Size of the contact at the last evaluation. Collective.
+
+        Returns:
+            Area of the closed slave nodes, Σ S_k (2D: length), and the radius of a disc of this
+            area (2D: half the length). Known to about half a facet at the rim.
+        """
+        area = float(np.sum(self.slave.node_area[self.active()]))
+        area = float(self.comm.allreduce(area, op=MPI.SUM))
+        return area, area / 2 if self.slave.gdim == 2 else math.sqrt(area / math.pi)
+
     def force(self, side: str) -> Array:
         """Total contact force on the body of one side, shape (gdim,). Collective.
 
@@ -378,8 +404,8 @@ class Contact:
 
         Args:
             side: ``"slave"`` or ``"master"``: the traction that acts on this body.
-            mass: ``"lumped"``: t_k = f_k / S_k; ``"consistent"``: the P1 (Q1) function whose virtual
-                work is that of the forces, M t = f with M_kl = ∫ N_k N_l ds.
+            mass: ``"lumped"``: t_k = f_k / S_k; ``"consistent"``: the function of degree 1 that
+                does the work of the forces, M t = f with M_kl = ∫ N_k N_l ds.
 
         Returns:
             Function of degree 1, zero off the surface. Its space is that of the surface, collapsed

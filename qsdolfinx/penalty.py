@@ -12,10 +12,10 @@ import numpy as np
 
 from qsdolfinx.surface import Surface
 
-#: Ratio of the automatic penalty to the stiffness of the bodies, by quadrature. At nodes a large one
-#: does no harm: the gap is about 1 % of the change in length of one layer of cells. On the overlay
-#: every facet's mean gap is resisted, and where contact ends within a facet a stiff penalty makes
-#: multipliers oscillate; this one balances that error and the penalty's (bench/hertz_penalty.py).
+#: Ratio of the automatic penalty to the stiffness of the bodies, by quadrature. At nodes a large
+#: one does no harm. On the overlay every facet's mean gap is resisted, and where contact ends within
+#: a facet a stiff penalty makes multipliers oscillate; this one balances that error and the
+#: penalty's, see bench/hertz_penalty.py.
 FACTORS = {"nodal": 100.0, "overlay": 5.0}
 
 #: The same with an augmented Lagrangian, which closes the gap whatever the penalty; a moderate one
@@ -50,9 +50,7 @@ def nodal_stiffness(
     return float(totals[0] / totals[2]), float(totals[1] / totals[2])
 
 
-def automatic_penalty(
-    stiffness: typing.Sequence[float], quadrature: str, augmented: bool
-) -> float:
+def automatic_penalty(stiffness: typing.Sequence[float], quadrature: str, augmented: bool) -> float:
     """The penalty, stress per length, for the nodal stiffness of the two sides.
 
     Args:

@@ -59,8 +59,8 @@ class Foundation:
                 weight.append(np.repeat(p.weight, width))
                 tied.append(np.full(p.values.size, p.law.linear))
                 number.append(np.full(p.values.size, i))
-                order = contact.ordered(p, side)
-                change.append(rigid.gap_changes(p, order) @ self._motions)
+                slave, master = contact.ordered(p, side)
+                change.append(rigid.gap_changes(p, (slave, master)) @ self._motions)
         self._gap, self._weight = np.concatenate(gap), np.concatenate(weight)
         self._tied, self._contact = np.concatenate(tied), np.concatenate(number)
         self._G = np.concatenate(change)
@@ -74,9 +74,7 @@ class Foundation:
 
     def _springs(self, closed: npt.NDArray[np.bool_]) -> Array:
         """Stiffness at each row, for patches of these closed rows."""
-        area = np.bincount(
-            self._contact[closed], self._weight[closed], minlength=len(self._moduli)
-        )
+        area = np.bincount(self._contact[closed], self._weight[closed], minlength=len(self._moduli))
         size = self._comm.allreduce(area, op=MPI.SUM) ** (1 / (self._gdim - 1))
         eps = np.divide(self._moduli, size, out=self._moduli.copy(), where=size > 0)
         return np.asarray(eps[self._contact])
@@ -125,7 +123,7 @@ class Foundation:
 
     def settle(self) -> Array | None:
         """Coefficients of the rigid modes of all bodies; None if nothing stops the bodies."""
-        q = np.zeros(len(self._r))
+        q: Array = np.zeros(len(self._r))
         for _ in range(3):
             for _ in range(_MAX_STEPS):
                 gradient = self._gradient(q)

@@ -64,10 +64,20 @@ def pair(
     """
     kind_of_normals = NORMALS.index(normals)
     if quadrature == "nodal":
-        return _cpp.pair_surfaces(slave._cpp_object, master._cpp_object, both, radius, kind_of_normals)
+        return _cpp.pair_surfaces(
+            slave._cpp_object, master._cpp_object, both, radius, kind_of_normals
+        )
     kind = basix.CellType.interval if slave.gdim == 2 else basix.CellType.triangle
-    piece = basix.make_quadrature(kind, degree)
-    edge = basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE)
+    piece_x, piece_w = map(np.asarray, basix.make_quadrature(kind, degree))
+    edge_x, edge_w = map(np.asarray, basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE))
     return _cpp.overlay_surfaces(
-        slave._cpp_object, master._cpp_object, both, radius, kind_of_normals, *piece, *edge
+        slave._cpp_object,
+        master._cpp_object,
+        both,
+        radius,
+        kind_of_normals,
+        piece_x,
+        piece_w,
+        edge_x,
+        edge_w,
     )

@@ -162,7 +162,7 @@ class Surface:
         return self.V if self._collapsed is None else self._collapsed[0]
 
     def collapsed_vec(self, vec: PETSc.Vec) -> PETSc.Vec:
-        """New vector with the layout of the collapsed space and the values of one of V. Collective."""
+        """New vector with the collapsed space's layout and the values of one of V. Collective."""
         if self._collapsed is None:
             return vec.copy()
         space, parent = self._collapsed
@@ -333,7 +333,7 @@ def _create(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _cpp.Surface
         comm=V.mesh.comm.py2f(),
         gdim=V.mesh.geometry.dim,
         num_vertices=data.x.shape[1],
-        degree=_trace_degree(V),
+        degree=_trace_degree(V) or 1,
         local_size=index_map.size_local * V.dofmap.index_map_bs,
         **{k: np.ascontiguousarray(a) for k, a in data._asdict().items()},
     )

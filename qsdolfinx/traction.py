@@ -71,7 +71,9 @@ def _solve_mass(surface: Surface, force: Array, t: fem.Function) -> None:
     tags = mesh.meshtags(V.mesh, V.mesh.topology.dim - 1, facets, np.ones_like(facets))
     ds = ufl.Measure("ds", domain=V.mesh, subdomain_data=tags)(1)
     product = ufl.inner(ufl.TrialFunction(V), ufl.TestFunction(V))
-    nothing = fem.Constant(V.mesh, 0.0) * product * ufl.dx  # for the diagonal off the surface
+    nothing = (
+        fem.Constant(V.mesh, np.float64(0)) * product * ufl.dx
+    )  # for the diagonal off the surface
     form = fem.form(product * ds + nothing)
     matrix = fem_petsc.assemble_matrix(form)
     matrix.assemble()

@@ -11,7 +11,6 @@ from scenes import (
     PARTITIONS,
     WORLD,
     Pair,
-    box,
     clamp,
     elastic,
     plane,

@@ -8,7 +8,6 @@ from scenes import CELLS, FORMULATIONS, LAWS, WORLD, Pair, plane, slide
 
 import qsdolfinx as qs
 
-
 ALL_FORMULATIONS = (*FORMULATIONS, "two-half-pass")
 OPTIONS = {
     "nodal": {},
