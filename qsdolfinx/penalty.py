@@ -13,8 +13,8 @@ import numpy as np
 from qsdolfinx.surface import Surface
 
 #: Ratio of the automatic penalty to the stiffness of the bodies, by quadrature. At nodes a large
-#: one does no harm. On the overlay every facet's mean gap is resisted, and where contact ends within
-#: a facet a stiff penalty makes multipliers oscillate; this one balances that error and the
+#: one does no harm. On the overlay every facet's mean gap is resisted, and where contact ends
+#: within a facet a stiff penalty makes multipliers oscillate; this one balances that error and the
 #: penalty's, see bench/hertz_penalty.py.
 FACTORS = {"nodal": 100.0, "overlay": 5.0}
 

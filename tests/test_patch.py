@@ -3,6 +3,7 @@
 from mpi4py import MPI
 
 import numpy as np
+import patch_table
 import patch_test
 import pytest
 from patch_test import Parameters, run
@@ -128,7 +129,7 @@ def test_ranks_do_not_matter(cell, contact):
 
 def test_table(capsys):
     """The table that the demo prints checks itself."""
-    patch_test.table(WORLD)
+    patch_table.table(WORLD)
     printed = capsys.readouterr().out
     if WORLD.rank == 0:
         assert printed.count("tetrahedron") == 8 and printed.count("hexahedron") == 8
