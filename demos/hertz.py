@@ -19,9 +19,9 @@ slave, with h, and the ratio (1.3 by default) is the master's.
 All errors are relative, and of the traction recovered from the contact forces, t_k = f_k / S_k:
 
 - peak_error: largest nodal pressure against p0;
-- l2_error: (Σ S_k (t_k − p_k)² / Σ S_k p_k²)^½ over |x_k| ≤ 1.6 a, p_k = ∫ p N_k ds / S_k being
-  what t_k is for the exact forces. That functions of degree 1 cannot follow Hertz's square root is
-  not counted; with --integral it is, and the error is that of the function t;
+- l2_error: (Σ S_k (t_k − p(x_k))² / Σ S_k p(x_k)²)^½ over the nodes with |x_k| ≤ 1.6 a; with
+  --integral the integral of the squared difference of the functions instead, of which about 1 % at
+  h = 0.025 is that functions of degree 1 cannot follow Hertz's square root;
 - radius_error: of the radius that the area of the closed slave nodes gives;
 - force_error: of the contact force.
 """
@@ -37,7 +37,7 @@ import gmsh
 import numpy as np
 
 import ufl
-from dolfinx import fem, la, mesh
+from dolfinx import fem, mesh
 from dolfinx.io import gmshio
 
 import qsdolfinx as qs
@@ -255,22 +255,17 @@ def errors(hertz, body, traction, integral=False):
     pressure = -np.sum(
         traction.x.array[surface.node_dofs - first] * surface.node_normal[:, :dim], axis=1
     )
-    x = ufl.SpatialCoordinate(body.mesh)
-    v = ufl.TestFunction(surface.V)
-    along = ufl.as_vector([1.0] + [0.0] * (dim - 1))
-    # Of a square root: the degree is for a rule of many points.
-    ds = body.ds(metadata={"quadrature_degree": 60 if dim == 2 else 20})
-    moments = fem.assemble_vector(fem.form(hertz.pressure(x) * ufl.dot(along, v) * ds))
-    moments.scatter_reverse(la.InsertMode.add)
-    area = surface.node_area
-    exact = moments.array[surface.node_dofs[:, 0] - first] / area
-    near = np.linalg.norm(surface.node_x[:, : dim - 1], axis=1) <= 1.6 * hertz.a
-    local = [(area * f**2)[near].sum() for f in (pressure - exact, exact)]
+    r = np.linalg.norm(surface.node_x[:, : dim - 1], axis=1)
+    exact = hertz.p0 * np.sqrt(np.maximum(1 - (r / hertz.a) ** 2, 0))
+    near = r <= 1.6 * hertz.a
+    local = [(surface.node_area * f**2)[near].sum() for f in (pressure - exact, exact)]
     if integral:
+        x = ufl.SpatialCoordinate(body.mesh)
         p, t = hertz.pressure(x), -ufl.dot(traction, ufl.FacetNormal(body.mesh))
         r2 = sum(x[i] ** 2 for i in range(dim - 1))
-        here = ufl.conditional(ufl.le(r2, (1.6 * hertz.a) ** 2), 1.0, 0.0) * ds
-        local = [fem.assemble_scalar(fem.form(f**2 * here)) for f in (t - p, p)]
+        here = ufl.conditional(ufl.le(r2, (1.6 * hertz.a) ** 2), 1.0, 0.0)
+        ds = body.ds(metadata={"quadrature_degree": 20})
+        local = [fem.assemble_scalar(fem.form(f**2 * here * ds)) for f in (t - p, p)]
     squares = comm.allreduce(np.array(local))
     peak = comm.allreduce(np.max(pressure, initial=0.0), op=MPI.MAX)
     return peak / hertz.p0 - 1, np.sqrt(squares[0] / squares[1])

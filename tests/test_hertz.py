@@ -1,0 +1,93 @@
+"""Hertz contact against the closed form, and what the demo says of itself."""
+
+import dataclasses
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from hertz import FORMULATIONS, Parameters, run
+from scenes import WORLD
+
+pytest.importorskip("gmsh")
+
+SIDES = ("slave", "master")
+
+
+def hertz(comm=WORLD, **parameters):
+    return run(dataclasses.replace(Parameters(), **parameters), comm)[0]
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+@pytest.mark.parametrize("ratio", (3.0, 1.0, 1 / 3, 0.7))
+def test_cylinder_on_block(ratio, enforcement):
+    result = hertz(h=0.05, ratio=ratio, enforcement=enforcement)
+    for side in SIDES:
+        assert abs(result[f"peak_error_{side}"]) <= 0.03
+        assert result[f"l2_error_{side}"] <= 0.06
+    assert abs(result["radius_error"]) < 0.05 * max(1, ratio)
+    assert result["force_error"] < 1e-10
+    assert result["snes_iterations"] - result["augmentation_steps"] <= 10
+
+
+def test_cylinders():
+    """As good as the best mortar codes on this mesh, in a few iterations."""
+    result = hertz(case="cylinders", h=0.025)
+    for side in SIDES:
+        assert result[f"l2_error_{side}"] <= 0.0105
+        assert abs(result[f"peak_error_{side}"]) <= 0.005
+    assert result["snes_iterations"] <= 10
+
+
+def test_convergence():
+    h = (0.2, 0.1, 0.05, 0.025)
+    results = [hertz(h=size) for size in h]
+    for side in SIDES:
+        error = [result[f"l2_error_{side}"] for result in results]
+        assert np.polyfit(np.log(h), np.log(error), 1)[0] >= 0.8
+        assert error[-1] < 0.02
+
+
+def test_swap():
+    """Which body is called slave does not matter."""
+    one, other = (hertz(h=0.05, ratio=1.5, swap=swap) for swap in (None, True))
+    for a, b in (SIDES, SIDES[::-1]):
+        assert abs(one[f"peak_error_{a}"] - other[f"peak_error_{b}"]) < 0.01
+
+
+def test_augmented_lagrangian():
+    """At ε = 10 E/h the same as with a penalty of 1e6 E/h, in at most 10 updates."""
+    parameters = {"h": 0.05, "ratio": 1.5}
+    e_over_h = 200.0 / 0.05
+    one = hertz(penalty=10 * e_over_h, enforcement="augmented-lagrangian", **parameters)
+    other = hertz(penalty=1e6 * e_over_h, **parameters)
+    assert one["augmentation_steps"] <= 10
+    for key in ("peak_error_slave", "peak_error_master", "l2_error_slave", "radius_error"):
+        assert abs(one[key] - other[key]) < 1e-6
+
+
+def test_sphere():
+    """One coarse mesh in 3D: peak within 4 %, the radius within one facet."""
+    result = hertz(dim=3, h=0.15)
+    for side in SIDES:
+        assert abs(result[f"peak_error_{side}"]) <= 0.04
+    assert abs(result["radius_error"]) * 0.8173 < 0.15
+
+
+def test_ranks_do_not_matter():
+    """gmsh meshes, which partitioners spread as they like."""
+    result, expected = hertz(h=0.1, ratio=2.0), hertz(MPI.COMM_SELF, h=0.1, ratio=2.0)
+    for side in SIDES:
+        for name in ("peak", "l2"):
+            key = f"{name}_error_{side}"
+            assert np.isclose(result[key], expected[key], rtol=1e-7, atol=1e-10)
+    assert result["dofs"] == expected["dofs"]
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_formulations(formulation):
+    """With a moderate penalty all give Hertz's pressure on both sides."""
+    result = hertz(h=0.05, formulation=formulation, penalty=3 * 200.0 / 0.05)
+    for side in SIDES:
+        assert abs(result[f"peak_error_{side}"]) <= 0.03
+        assert result[f"l2_error_{side}"] <= 0.05
