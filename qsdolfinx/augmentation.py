@@ -14,7 +14,7 @@ from qsdolfinx.contact import Contact
 Array = npt.NDArray[np.float64]
 
 #: Earlier updates that are combined.
-DEPTH = 8
+DEPTH = 40
 
 
 class Augmentation:
