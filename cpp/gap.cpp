@@ -9,20 +9,22 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Pairing points copied to every rank that owns one of the multipliers they act on.
-PairingPoints points_at_row_owners(const Surface& slave, const Surface& master,
-                                   const PairingPoints& points)
+/// Pairing points that other ranks found and that act on multipliers of this one.
+PairingPoints points_from_others(const Surface& slave, const Surface& master,
+                                 const PairingPoints& points)
 {
   const int nk = points.num_multipliers, ns = points.slave.num_nodes, nm = points.master.num_nodes,
             d = points.gdim;
   const int num_doubles = nk + ns + nm + 5, num_dofs = (ns + nm) * d;
+  int this_rank;
+  MPI_Comm_rank(slave.comm(), &this_rank);
   std::vector<int> dest;
   std::vector<double> doubles;
   std::vector<std::int64_t> dofs;
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     std::array<int, 4> sent;
-    sent.fill(-1);
+    sent.fill(this_rank);
     for (int i = 0; i < nk; ++i)
     {
       const int rank = points.slave.owner[p * ns + i];
@@ -69,66 +71,97 @@ PairingPoints points_at_row_owners(const Surface& slave, const Surface& master,
   return out;
 }
 
-/// Call visit(point, row node, N_k) for every multiplier of this rank that a point acts on.
+/// Points of this rank and from others.
+using PointSets = std::array<const PairingPoints*, 2>;
+
+/// Call visit(points, first, last, multiplier, row node) for every multiplier of this rank and
+/// every range of points that lie on the same two facets.
 template <typename Visit>
-void for_each_row(const Surface& slave, const PairingPoints& points,
+void for_each_row(const Surface& slave, const PointSets& sets,
                   std::pair<std::int64_t, std::int64_t> owned, Visit visit)
 {
-  const int nk = points.num_multipliers, ns = points.slave.num_nodes, d = points.gdim;
-  for (std::size_t p = 0; p < points.size(); ++p)
+  for (const PairingPoints* points : sets)
   {
-    for (int i = 0; i < nk; ++i)
+    const int nk = points->num_multipliers, d = points->gdim;
+    const auto facet = [d](const PairingSide& side, std::size_t p)
     {
-      const std::int64_t dof = points.slave.dofs[(p * ns + i) * d];
-      const double N = points.multiplier_values[p * nk + i];
-      if (N != 0 && dof >= owned.first && dof < owned.second)
-        visit(p, static_cast<std::int64_t>(slave.node_index(dof)), N);
+      const std::size_t width = static_cast<std::size_t>(side.num_nodes) * d;
+      return std::span(side.dofs).subspan(p * width, width);
+    };
+    for (std::size_t first = 0, last; first < points->size(); first = last)
+    {
+      const auto on_slave = facet(points->slave, first), on_master = facet(points->master, first);
+      for (last = first + 1; last < points->size(); ++last)
+        if (!std::ranges::equal(facet(points->slave, last), on_slave)
+            || !std::ranges::equal(facet(points->master, last), on_master))
+          break;
+      for (int i = 0; i < nk; ++i)
+        if (const std::int64_t dof = on_slave[i * d]; dof >= owned.first && dof < owned.second)
+          visit(*points, first, last, i, static_cast<std::int64_t>(slave.node_index(dof)));
     }
   }
+}
+
+/// Σ_p w_p N_k over a range of points.
+double cover(const PairingPoints& points, std::size_t first, std::size_t last, int multiplier)
+{
+  double sum = 0;
+  for (std::size_t p = first; p < last; ++p)
+    sum += points.weight[p] * points.multiplier_values[p * points.num_multipliers + multiplier];
+  return sum;
 }
 
 /// One term of a row before equal columns are merged.
 struct Term
 {
   std::int64_t row;
-  std::int64_t dof; // first unknown of the column node
-  std::size_t point;
-  int place;    // of the column node among the point's
-  double value; // w N_k N_column / S_k, negative for the master
+  const std::int64_t* dofs;    // unknowns of the column node
+  std::array<double, 3> value; // Σ w N_k N_column (n) / S_k, negative for the master
 };
 
 /// Terms of one side's columns in all rows, sorted by row and column.
 /// @param area what the gap of each slave node is divided by
-std::vector<Term> row_terms(const Surface& slave, const PairingPoints& points, int side,
+std::vector<Term> row_terms(const Surface& slave, const PointSets& sets, int side, GapKind kind,
                             std::pair<std::int64_t, std::int64_t> owned,
                             const std::vector<double>& area)
 {
-  const PairingSide& columns = side == 0 ? points.slave : points.master;
-  const int nc = columns.num_nodes, d = points.gdim;
-  const double sign = side == 0 ? 1.0 : -1.0;
   std::vector<Term> terms;
-  for_each_row(slave, points, owned,
-               [&](std::size_t p, std::int64_t row, double N)
-               {
-                 const double w = sign * points.weight[p] * N / area[row];
-                 for (int j = 0; j < nc; ++j)
-                   if (const double M = columns.shape_values[p * nc + j]; M != 0)
-                     terms.push_back({row, columns.dofs[(p * nc + j) * d], p, j, w * M});
-               });
+  for_each_row(
+      slave, sets, owned,
+      [&](const PairingPoints& points, std::size_t first, std::size_t last, int k, std::int64_t row)
+      {
+        const PairingSide& columns = side == 0 ? points.slave : points.master;
+        const int nc = columns.num_nodes, nk = points.num_multipliers;
+        const double sign = (side == 0 ? 1.0 : -1.0) / area[row];
+        for (int j = 0; j < nc; ++j)
+        {
+          Term term{row, &columns.dofs[(first * nc + j) * points.gdim], {0, 0, 0}};
+          bool any = false;
+          for (std::size_t p = first; p < last; ++p)
+          {
+            const double N = points.multiplier_values[p * nk + k];
+            const double M = columns.shape_values[p * nc + j];
+            const double w = sign * points.weight[p] * N * M;
+            any = any || (N != 0 && M != 0);
+            for (int i = 0; i < 3; ++i)
+              term.value[i] += w * (kind == GapKind::normal ? points.normal[3 * p + i] : 1.0);
+          }
+          if (any)
+            terms.push_back(term);
+        }
+      });
   std::stable_sort(terms.begin(), terms.end(), [](const Term& a, const Term& b)
-                   { return std::pair(a.row, a.dof) < std::pair(b.row, b.dof); });
+                   { return std::pair(a.row, *a.dofs) < std::pair(b.row, *b.dofs); });
   return terms;
 }
 
 /// Rows of one side in compressed form.
-void compress(GapOperator::Side& out, const std::vector<Term>& terms, const PairingPoints& points,
-              int side, GapKind kind, std::span<const std::int64_t> row_node)
+void compress(GapOperator::Side& out, const std::vector<Term>& terms, int d, GapKind kind,
+              std::span<const std::int64_t> row_node)
 {
-  const PairingSide& columns = side == 0 ? points.slave : points.master;
-  const int nc = columns.num_nodes, d = points.gdim;
   std::map<std::int64_t, std::int32_t> numbering;
   for (const Term& t : terms)
-    numbering.emplace(t.dof, 0);
+    numbering.emplace(*t.dofs, 0);
   std::int32_t next = 0;
   for (auto& [dof, number] : numbering)
     number = next++;
@@ -142,7 +175,7 @@ void compress(GapOperator::Side& out, const std::vector<Term>& terms, const Pair
     for (; t < terms.size() && terms[t].row == row; ++t)
     {
       const Term& term = terms[t];
-      const std::int32_t column = numbering.at(term.dof);
+      const std::int32_t column = numbering.at(*term.dofs);
       const bool first = out.column.size() == static_cast<std::size_t>(out.offset.back())
                          || out.column.back() != column;
       if (first)
@@ -150,12 +183,11 @@ void compress(GapOperator::Side& out, const std::vector<Term>& terms, const Pair
         out.column.push_back(column);
         out.coefficient.insert(out.coefficient.end(), width, 0.0);
         for (int i = 0; i < d; ++i)
-          out.dofs[column * d + i]
-              = static_cast<PetscInt>(columns.dofs[(term.point * nc + term.place) * d + i]);
+          out.dofs[column * d + i] = static_cast<PetscInt>(term.dofs[i]);
       }
       double* c = &out.coefficient[out.coefficient.size() - width];
       for (int i = 0; i < width; ++i)
-        c[i] += term.value * (kind == GapKind::normal ? points.normal[3 * term.point + i] : 1.0);
+        c[i] += term.value[i];
     }
     out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
   }
@@ -167,7 +199,8 @@ GapOperator::GapOperator(const Surface& slave, const Surface& master, const Pair
                          GapKind kind, bool by_cover)
     : kind_(kind), gdim_(points.gdim)
 {
-  build_rows(slave, points_at_row_owners(slave, master, points), by_cover);
+  const PairingPoints others = points_from_others(slave, master, points);
+  build_rows(slave, {&points, &others}, by_cover);
   build_scatters(slave, master);
 }
 
@@ -183,7 +216,7 @@ GapOperator::~GapOperator()
   }
 }
 
-void GapOperator::build_rows(const Surface& slave, const PairingPoints& points, bool by_cover)
+void GapOperator::build_rows(const Surface& slave, const PointSets& sets, bool by_cover)
 {
   std::int64_t end = 0, size = slave.local_size();
   MPI_Scan(&size, &end, 1, MPI_INT64_T, MPI_SUM, slave.comm());
@@ -193,28 +226,35 @@ void GapOperator::build_rows(const Surface& slave, const PairingPoints& points, 
   if (by_cover)
   {
     std::ranges::fill(area, 0.0);
-    for_each_row(slave, points, owned, [&](std::size_t p, std::int64_t node, double N)
-                 { area[node] += points.weight[p] * N; });
+    for_each_row(slave, sets, owned,
+                 [&](const PairingPoints& points, std::size_t first, std::size_t last, int k,
+                     std::int64_t node) { area[node] += cover(points, first, last, k); });
   }
-  const std::array terms{row_terms(slave, points, 0, owned, area),
-                         row_terms(slave, points, 1, owned, area)};
+  const std::array terms{row_terms(slave, sets, 0, kind_, owned, area),
+                         row_terms(slave, sets, 1, kind_, owned, area)};
   for (const Term& t : terms[0])
     if (row_node_.empty() || row_node_.back() != t.row)
       row_node_.push_back(t.row);
   for (int side = 0; side < 2; ++side)
-    compress(sides_[side], terms[side], points, side, kind_, row_node_);
+    compress(sides_[side], terms[side], gdim_, kind_, row_node_);
 
   for (std::int64_t node : row_node_)
     row_area_.push_back(area[node]);
   initial_gap_.assign(row_node_.size(), 0);
   if (kind_ == GapKind::jump)
     return;
-  for_each_row(slave, points, owned,
-               [&](std::size_t p, std::int64_t node, double N)
+  for_each_row(slave, sets, owned,
+               [&](const PairingPoints& points, std::size_t first, std::size_t last, int k,
+                   std::int64_t node)
                {
-                 const auto row = std::lower_bound(row_node_.begin(), row_node_.end(), node)
-                                  - row_node_.begin();
-                 initial_gap_[row] += points.weight[p] * N / area[node] * points.gap[p];
+                 const auto row = std::lower_bound(row_node_.begin(), row_node_.end(), node);
+                 if (row == row_node_.end() || *row != node)
+                   return; // its function vanishes at all these points
+                 for (std::size_t p = first; p < last; ++p)
+                   initial_gap_[row - row_node_.begin()]
+                       += points.weight[p]
+                          * points.multiplier_values[p * points.num_multipliers + k] * points.gap[p]
+                          / area[node];
                });
 }
 

@@ -75,7 +75,8 @@ public:
   void constrain(std::array<Vec, 2> markers);
 
 private:
-  void build_rows(const Surface& slave, const PairingPoints& points, bool by_cover);
+  void build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
+                  bool by_cover);
   void build_scatters(const Surface& slave, const Surface& master);
 
   GapKind kind_;

@@ -226,7 +226,7 @@ def build(comm, p):
         quadrature=p.quadrature,
         quadrature_degree=p.quadrature_degree,
         enforcement=p.enforcement,
-        gap_tolerance=1e-12,
+        gap_tolerance=1e-13,
     )
     problem = qs.ContactProblem(
         [master.F, slave.F], [master.u, slave.u], [contact], [master.bcs, slave.bcs]
