@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 import typing
 
@@ -13,30 +12,26 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx import fem
-
 from qsdolfinx.checks import check_choice, check_positive
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.gap import WeightedGap
 from qsdolfinx.laws import Law, Unilateral
 from qsdolfinx.pairing import Pairing
 from qsdolfinx.quadrature import NORMALS, QUADRATURES, check_quadrature, pair
+from qsdolfinx.results import TWO_PASSES, ContactResults
 from qsdolfinx.surface import Surface, update_surfaces
-from qsdolfinx.traction import MASSES, nodal_forces, recover
 
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T")
 
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
-TWO_PASSES = ("double-pass", "two-half-pass")
 ENFORCEMENTS = ("penalty", "augmented-lagrangian")
-SIDES = ("slave", "master")
 
 #: Gaps smaller than this part of the smallest facet count as closed.
 TOUCHING = 1e-12
 
 
-class Contact:
+class Contact(ContactResults):
     """Contact of a slave surface with a master surface by the penalty method.
 
     The energy is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations differ in where
@@ -226,11 +221,6 @@ class Contact:
         """Nodes that were searched and found no partner, over all passes and ranks. Collective."""
         return int(self.comm.allreduce(sum(p.points.num_unpaired for p in self.passes)))
 
-    @property
-    def comm(self) -> MPI.Intracomm:
-        """Communicator of the surfaces."""
-        return self.slave.comm
-
     # --- Penalty
 
     @property
@@ -267,7 +257,7 @@ class Contact:
         """Add ∂²Φ/∂u² at the last evaluation to the blocks (ss, sm, ms, mm); not assembled here."""
         with self._clock():
             for p in self.passes:
-                p.add_stiffness(self._slope(p), self.ordered(p, blocks), pattern=False)
+                p.add_stiffness(self.slope(p), self.ordered(p, blocks), pattern=False)
 
     def add_pattern(self, blocks: tuple[PETSc.Mat, ...]) -> None:
         """Add zeros wherever :meth:`add_tangent` may ever add anything."""
@@ -282,13 +272,13 @@ class Contact:
 
     def num_active_local(self) -> int:
         """Closed rows on this rank at the last evaluation."""
-        return sum(int(np.count_nonzero(self._slope(p))) for p in self.passes)
+        return sum(int(np.count_nonzero(self.slope(p))) for p in self.passes)
 
     def active_state(self) -> bytes:
         """What the tangent depends on beside ε: which rows of this rank are closed."""
         if self.law.linear:
             return b""
-        return b"".join((self._slope(p) > 0).tobytes() for p in self.passes)
+        return b"".join((self.slope(p) > 0).tobytes() for p in self.passes)
 
     @property
     def eps(self) -> float:
@@ -301,7 +291,8 @@ class Contact:
             raise RuntimeError('penalty="auto" is computed by the first solve, which has not been')
         return self._penalty
 
-    def _slope(self, p: WeightedGap) -> Array:
+    def slope(self, p: WeightedGap) -> Array:
+        """∂λ/∂ḡ at the rows of a pass, at the last evaluation."""
         return p.slope(self.eps, self._touching)
 
     def ordered(self, p: WeightedGap, of_bodies: tuple[T, ...]) -> tuple[T, ...]:
@@ -338,114 +329,6 @@ class Contact:
         """Forget the multipliers: the next solve starts from λ̂ = 0, not from the last solution."""
         for p in self.passes:
             p.augmented = np.zeros_like(p.augmented)
-
-    # --- Results
-
-    def gap(self, side: str = "slave") -> Array:
-        """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
-
-        Args:
-            side: Side that carries the multiplier; ``"master"`` with double-pass contact only.
-
-        Returns:
-            In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes,
-            gdim). NaN where a node has no pairing point.
-        """
-        p = self._pass_of(side)
-        return typing.cast(Array, _flat(p.on_nodes(p.values, math.nan)))
-
-    def multiplier(self, side: str = "slave") -> Array:
-        """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as the gap.
-
-        λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
-        """
-        p = self._pass_of(side)
-        return typing.cast(Array, _flat(p.on_nodes(p.multiplier(self.eps), 0.0)))
-
-    def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
-        """Nodes of this rank that are in contact, shape (nodes,)."""
-        p = self._pass_of(side)
-        return typing.cast(npt.NDArray[np.bool_], p.on_nodes(self._slope(p) > 0, False))
-
-    @property
-    def energy(self) -> float:
-        """Energy Φ at the last evaluation; of the augmented Lagrangian where that is used.
-
-        Two-half-pass contact has no energy: this is then the sum of what its halves would have.
-        Collective.
-        """
-        local = sum(p.energy(self.eps) for p in self.passes)
-        return float(self.comm.allreduce(local, op=MPI.SUM))
-
-    def patch(self) -> tuple[float, float]:
-        """Size of the contact at the last evaluation. Collective.
-
-        Returns:
-            Area of the closed slave nodes, Σ S_k (2D: length), and the radius of a disc of this
-            area (2D: half the length). Known to about half a facet at the rim.
-        """
-        area = float(np.sum(self.slave.node_area[self.active()]))
-        area = float(self.comm.allreduce(area, op=MPI.SUM))
-        return area, area / 2 if self.slave.gdim == 2 else math.sqrt(area / math.pi)
-
-    def force(self, side: str) -> Array:
-        """Total contact force on the body of one side, shape (gdim,). Collective.
-
-        Args:
-            side: ``"slave"`` or ``"master"``.
-        """
-        surface = self._surface(side)
-        with self._force_vec(side) as vec:
-            owned = nodal_forces(surface, vec).sum(axis=0)
-        return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))
-
-    def traction(self, side: str, mass: str = "lumped") -> fem.Function:
-        """Traction t (stress) recovered from the contact forces. Collective.
-
-        Args:
-            side: ``"slave"`` or ``"master"``: the traction that acts on this body.
-            mass: ``"lumped"``: t_k = f_k / S_k; ``"consistent"``: the function of degree 1 that
-                does the work of the forces, M t = f with M_kl = ∫ N_k N_l ds.
-
-        Returns:
-            Function of degree 1, zero off the surface. Its space is that of the surface, collapsed
-            if that is a sub-space; for displacements of degree 2 a new one of degree 1, and the
-            nodal forces f_k are then those conjugate to this space.
-        """
-        check_choice("mass", mass, MASSES)
-        surface = self._surface(side)
-        with self._force_vec(side) as vec:
-            return recover(surface, vec, mass)
-
-    @contextlib.contextmanager
-    def _force_vec(self, side: str) -> typing.Iterator[PETSc.Vec]:
-        """Contact forces on the unknowns of one side's body."""
-        self._surface(side)
-        vecs = self.slave.create_vec(), self.master.create_vec()
-        with self._clock():
-            for p in self.passes:
-                p.add_forces(-p.multiplier(self.eps), self.ordered(p, vecs))
-        yield vecs[SIDES.index(side)]
-        for vec in vecs:
-            vec.destroy()
-
-    def _surface(self, side: str) -> Surface:
-        if side not in SIDES:
-            raise ValueError(f'side: must be "slave" or "master", not {side!r}')
-        return self.slave if side == "slave" else self.master
-
-    def _pass_of(self, side: str) -> WeightedGap:
-        self._surface(side)
-        if side == "slave":
-            return self.passes[0]
-        if self.formulation not in TWO_PASSES:
-            raise ValueError(f"side: {self.formulation} contact has no multiplier on the master")
-        return self.passes[1]
-
-
-def _flat(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-    """Drop the second axis of single-valued rows."""
-    return values[:, 0] if values.shape[1] == 1 else values
 
 
 def _check_surfaces(slave: Surface, master: Surface) -> None:

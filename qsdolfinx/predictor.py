@@ -14,6 +14,9 @@ from qsdolfinx.rigid import RigidMotion
 
 Array = npt.NDArray[np.float64]
 
+#: No guess is made if contact at the start leaves less than this part of the loads unbalanced.
+BALANCED = 0.5
+
 _TOLERANCE = 1e-3
 _MAX_STEPS = 30
 _MAX_BISECTIONS = 30

@@ -21,15 +21,12 @@ from qsdolfinx.bulk import Body
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
-from qsdolfinx.predictor import Foundation
+from qsdolfinx.predictor import BALANCED, Foundation
 from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
 from qsdolfinx.solver import NOT_CLOSED, ConvergenceError, line_search, remove_options, set_options
 
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()
-
-#: Loads count as balanced if contact leaves less than this part of them.
-BALANCED = 0.5
 
 #: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
 MAX_AUGMENTATIONS = 100

@@ -1,0 +1,154 @@
+"""What can be read from a contact after a solve."""
+
+from __future__ import annotations
+
+import abc
+import contextlib
+import math
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem
+
+from qsdolfinx.checks import check_choice
+from qsdolfinx.gap import WeightedGap
+from qsdolfinx.surface import Surface
+from qsdolfinx.traction import MASSES, nodal_forces, recover
+
+Array = npt.NDArray[np.float64]
+
+SIDES = ("slave", "master")
+TWO_PASSES = ("double-pass", "two-half-pass")
+
+
+class ContactResults(abc.ABC):
+    """Gaps, multipliers, forces and tractions at the last evaluation; the base of Contact."""
+
+    slave: Surface
+    master: Surface
+    formulation: str
+    passes: list[WeightedGap]
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the surfaces."""
+        return self.slave.comm
+
+    @property
+    @abc.abstractmethod
+    def eps(self) -> float:
+        """The penalty as a number."""
+
+    @abc.abstractmethod
+    def slope(self, p: WeightedGap) -> Array:
+        """∂λ/∂ḡ at the rows of a pass."""
+
+    def gap(self, side: str = "slave") -> Array:
+        """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
+
+        Args:
+            side: Side that carries the multiplier; ``"master"`` with double-pass contact only.
+
+        Returns:
+            In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes,
+            gdim). NaN where a node has no pairing point.
+        """
+        p = self._pass_of(side)
+        return typing.cast(Array, _flat(p.on_nodes(p.values, math.nan)))
+
+    def multiplier(self, side: str = "slave") -> Array:
+        """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as the gap.
+
+        λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
+        """
+        p = self._pass_of(side)
+        return typing.cast(Array, _flat(p.on_nodes(p.multiplier(self.eps), 0.0)))
+
+    def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
+        """Nodes of this rank that are in contact, shape (nodes,)."""
+        p = self._pass_of(side)
+        return typing.cast(npt.NDArray[np.bool_], p.on_nodes(self.slope(p) > 0, False))
+
+    @property
+    def energy(self) -> float:
+        """Energy Φ at the last evaluation; of the augmented Lagrangian where that is used.
+
+        Two-half-pass contact has no energy: this is then the sum of what its halves would have.
+        Collective.
+        """
+        local = sum(p.energy(self.eps) for p in self.passes)
+        return float(self.comm.allreduce(local, op=MPI.SUM))
+
+    def patch(self) -> tuple[float, float]:
+        """Size of the contact at the last evaluation. Collective.
+
+        Returns:
+            Area of the closed slave nodes, Σ S_k (2D: length), and the radius of a disc of this
+            area (2D: half the length). Known to about half a facet at the rim.
+        """
+        area = float(np.sum(self.slave.node_area[self.active()]))
+        area = float(self.comm.allreduce(area, op=MPI.SUM))
+        return area, area / 2 if self.slave.gdim == 2 else math.sqrt(area / math.pi)
+
+    def force(self, side: str) -> Array:
+        """Total contact force on the body of one side, shape (gdim,). Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+        """
+        surface = self._surface(side)
+        with self._force_vec(side) as vec:
+            owned = nodal_forces(surface, vec).sum(axis=0)
+        return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))
+
+    def traction(self, side: str, mass: str = "lumped") -> fem.Function:
+        """Traction t (stress) recovered from the contact forces. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``: the traction that acts on this body.
+            mass: ``"lumped"``: t_k = f_k / S_k; ``"consistent"``: the function of degree 1 that
+                does the work of the forces, M t = f with M_kl = ∫ N_k N_l ds.
+
+        Returns:
+            Function of degree 1, zero off the surface. Its space is that of the surface, collapsed
+            if that is a sub-space; for displacements of degree 2 a new one of degree 1, and the
+            nodal forces f_k are then those conjugate to this space.
+        """
+        check_choice("mass", mass, MASSES)
+        surface = self._surface(side)
+        with self._force_vec(side) as vec:
+            return recover(surface, vec, mass)
+
+    @contextlib.contextmanager
+    def _force_vec(self, side: str) -> typing.Iterator[PETSc.Vec]:
+        """Contact forces on the unknowns of one side's body."""
+        self._surface(side)
+        vecs = self.slave.create_vec(), self.master.create_vec()
+        for p in self.passes:
+            p.add_forces(-p.multiplier(self.eps), vecs if p.slave is self.slave else vecs[::-1])
+        yield vecs[SIDES.index(side)]
+        for vec in vecs:
+            vec.destroy()
+
+    def _surface(self, side: str) -> Surface:
+        if side not in SIDES:
+            raise ValueError(f'side: must be "slave" or "master", not {side!r}')
+        return self.slave if side == "slave" else self.master
+
+    def _pass_of(self, side: str) -> WeightedGap:
+        self._surface(side)
+        if side == "slave":
+            return self.passes[0]
+        if self.formulation not in TWO_PASSES:
+            raise ValueError(f"side: {self.formulation} contact has no multiplier on the master")
+        return self.passes[1]
+
+
+def _flat(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """Drop the second axis of single-valued rows."""
+    return values[:, 0] if values.shape[1] == 1 else values
