@@ -8,7 +8,7 @@ import typing
 from mpi4py import MPI
 
 #: Exceptions that can be raised on other ranks from their text alone.
-_PLAIN = (ValueError, TypeError, RuntimeError, IndexError, NotImplementedError, AssertionError)
+_PLAIN = (ValueError, TypeError, RuntimeError, IndexError)
 
 
 @contextlib.contextmanager

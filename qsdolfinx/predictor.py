@@ -29,7 +29,7 @@ class Foundation:
     Minimises Π(q) = ½ Σ ε_c S_k [ḡ_k + (G q)_k]₊² + r·q over the rigid motions q that Dirichlet
     conditions leave free; r is the residual of the loads. The stiffness ε_c = E/ℓ of the springs of
     a contact is that of a half-space under a patch of the size ℓ that is found closed. For a
-    cylinder on a half-space the width of the contact is then right to a few per cent.
+    cylinder on a half-space the width of the contact is then nearly right.
 
     There is no matrix to factorise, and Newton's method starts from an active set near the right
     one, not from a single point or the whole surface, from where it would take a step per facet.

@@ -1,5 +1,6 @@
 """Meshes, bodies and contacts that the tests are made of."""
 
+import contextlib
 import inspect
 
 from mpi4py import MPI
@@ -194,3 +195,16 @@ def raises_everywhere(comm, error, match, call):
 def largest(values):
     """Largest absolute value on all ranks."""
     return WORLD.allreduce(np.abs(values).max(initial=0.0), op=MPI.MAX)
+
+
+@contextlib.contextmanager
+def spread_cells(monkeypatch, partition):
+    """Let DOLFINx's boxes and rectangles be partitioned in this way inside the block."""
+
+    def spread(function):
+        return lambda *args: function(*args, partitioner=PARTITIONS[partition])
+
+    with monkeypatch.context() as patch:
+        for name in ("create_box", "create_rectangle"):
+            patch.setattr(mesh, name, spread(getattr(mesh, name)))
+        yield

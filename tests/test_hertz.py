@@ -9,8 +9,6 @@ import pytest
 from hertz import FORMULATIONS, Parameters, run
 from scenes import WORLD
 
-pytest.importorskip("gmsh")
-
 SIDES = ("slave", "master")
 
 
@@ -34,7 +32,7 @@ def test_cylinders():
     """As good as the best mortar codes on this mesh, in a few iterations."""
     result = hertz(case="cylinders", h=0.025)
     for side in SIDES:
-        assert result[f"l2_error_{side}"] <= 0.0105
+        assert result[f"l2_error_{side}"] <= 0.01
         assert abs(result[f"peak_error_{side}"]) <= 0.005
     assert result["snes_iterations"] <= 10
 

@@ -3,18 +3,17 @@
 from mpi4py import MPI
 
 import numpy as np
-import patch_test
 import pytest
 from patch_test import Parameters, run
 from scenes import (
     CELLS,
-    PARTITIONS,
     WORLD,
     Pair,
     clamp,
     elastic,
     plane,
     raises_everywhere,
+    spread_cells,
     vector_space,
 )
 
@@ -80,23 +79,15 @@ def test_overhang(cell):
 
 @pytest.mark.parametrize("contact", ("tied", "unilateral"))
 @pytest.mark.parametrize("cell", CELLS)
-def test_ranks_do_not_matter(cell, contact):
+def test_ranks_do_not_matter(cell, contact, monkeypatch):
     p = Parameters(
         5, 3, cell, 0.2, 1, "quasi-symmetric", "displacement", contact, 1e5, "overlay", overhang=0.2
     )
     expected, _ = run(p, MPI.COMM_SELF)
     results = [run(p)[0]]
-    create = patch_test.mesh.create_box, patch_test.mesh.create_rectangle
     for partition in ("scattered", "last"):
-
-        def spread(function, partition=partition):
-            return lambda *args: function(*args, partitioner=PARTITIONS[partition])
-
-        try:
-            patch_test.mesh.create_box, patch_test.mesh.create_rectangle = map(spread, create)
+        with spread_cells(monkeypatch, partition):
             results.append(run(p)[0])
-        finally:
-            patch_test.mesh.create_box, patch_test.mesh.create_rectangle = create
     for result in results:
         for name in (*ERRORS, "gap_max"):
             assert np.isclose(result[name], expected[name], rtol=1e-9, atol=0), name

@@ -7,7 +7,7 @@ import patch_table
 import patch_test
 import pytest
 from patch_test import Parameters, run
-from scenes import PARTITIONS, WORLD
+from scenes import WORLD, spread_cells
 
 PENALTY = 1e3 * patch_test.E_MASTER
 
@@ -103,22 +103,14 @@ def test_nested_meshes(cell):
 
 @pytest.mark.parametrize("contact", ("tied", "unilateral"))
 @pytest.mark.parametrize("cell", patch_test.CELLS)
-def test_ranks_do_not_matter(cell, contact):
+def test_ranks_do_not_matter(cell, contact, monkeypatch):
     """All errors as on one rank to 1e-9, however the cells are spread."""
     p = Parameters(5, 3, cell, 0.2, 1, load="displacement", contact=contact, penalty=PENALTY)
     expected, _ = run(p, MPI.COMM_SELF)
     results = [run(p)[0]]
-    create = patch_test.mesh.create_box, patch_test.mesh.create_rectangle
     for partition in ("scattered", "last"):
-
-        def spread(function, partition=partition):
-            return lambda *args: function(*args, partitioner=PARTITIONS[partition])
-
-        try:
-            patch_test.mesh.create_box, patch_test.mesh.create_rectangle = map(spread, create)
+        with spread_cells(monkeypatch, partition):
             results.append(run(p)[0])
-        finally:
-            patch_test.mesh.create_box, patch_test.mesh.create_rectangle = create
     for result in results:
         for name in (*COLUMNS, "gap_max"):
             assert np.isclose(result[name], expected[name], rtol=1e-9, atol=0), name
