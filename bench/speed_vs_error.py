@@ -6,9 +6,6 @@ best of the repeats; errors are those of the recovered traction on each side: th
 in the patch test, L2 for Hertz. One table for each case, and one log-log figure.
 
     python3 bench/speed_vs_error.py --json speed.json --plot speed
-
-With --cost N the time of one patch test with master meshes of N × N × N cells is printed for nodal
-and overlay quadrature (N = 44: 300,000 unknowns).
 """
 
 import argparse
@@ -137,32 +134,6 @@ def plot(case, rows, filename):
     figure.savefig(filename, dpi=110)
 
 
-def cost(n):
-    """Nodal and overlay quadrature on cubes of n³ and (3n/4)³ cells."""
-    create = patch_test.mesh.create_box
-
-    def cube(comm, corners, cells, kind):
-        return create(comm, corners, [cells[0]] * 3, kind)
-
-    patch_test.mesh.create_box = cube
-    seconds = {}
-    for quadrature in ("nodal", "overlay"):
-        p = patch_test.Parameters(n, 3 * n // 4, "hexahedron", quadrature=quadrature)
-        r, _ = patch_test.run(p, COMM)
-        seconds[quadrature] = r["total_seconds"]
-        if COMM.rank == 0:
-            print(
-                f"{quadrature:8}{r['dofs']:8} unknowns, {r['total_seconds']:8.2f} s in all, "
-                f"{r['contact_seconds']:7.3f} s in contact",
-                flush=True,
-            )
-            last = r
-    if COMM.rank == 0:
-        share = 100 * last["contact_seconds"] / seconds["nodal"]
-        print(f"overlay's contact time is {share:.1f} % of the nodal total")
-    patch_test.mesh.create_box = create
-
-
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -173,11 +144,7 @@ def main():
     parser.add_argument(
         "--plot", metavar="PREFIX", help="writes PREFIX_patch.png, PREFIX_hertz.png"
     )
-    parser.add_argument("--cost", type=int, metavar="N", help="nodal against overlay, nothing else")
     a = parser.parse_args()
-    if a.cost:
-        cost(a.cost)
-        return
     everything = []
     for case in a.cases:
         rows = measure(case, a.repeats)

@@ -50,18 +50,31 @@ def nodal_stiffness(
     return float(totals[0] / totals[2]), float(totals[1] / totals[2])
 
 
-def automatic_penalty(stiffness: typing.Sequence[float], quadrature: str, augmented: bool) -> float:
+def automatic_penalty(
+    stiffness: typing.Sequence[float],
+    modulus: typing.Sequence[float],
+    quadrature: str,
+    augmented: bool,
+) -> float:
     """The penalty, stress per length, for the nodal stiffness of the two sides.
+
+    A multiple of the softer side's stiffness. With an augmented Lagrangian of the softer side's
+    modulus over the finer side's facet size: the finer side has the modes that converge last.
 
     Args:
         stiffness: Mean of K_kk / S_k of each side, stress per length.
+        modulus: Of each side, stress, see :func:`nodal_stiffness`.
         quadrature: ``"nodal"`` or ``"overlay"``.
         augmented: Whether augmented multipliers close the gap.
 
     Raises:
         ValueError: If neither gives a positive number.
     """
-    penalty = (AUGMENTED_FACTOR if augmented else FACTORS[quadrature]) * min(stiffness)
+    if augmented:
+        sizes = [E / k for k, E in zip(stiffness, modulus, strict=True) if 0 < k < math.inf]
+        penalty = AUGMENTED_FACTOR * min(modulus) / min(sizes, default=math.inf)
+    else:
+        penalty = FACTORS[quadrature] * min(stiffness)
     if not (math.isfinite(penalty) and penalty > 0):
         raise ValueError(
             'penalty: "auto" needs unknowns without Dirichlet conditions and with stiffness on the '

@@ -250,7 +250,7 @@ class ContactProblem:
             )
             if contact.penalty is None:
                 contact.set_penalty(
-                    automatic_penalty(stiffness, contact.quadrature, contact.augmented)
+                    automatic_penalty(stiffness, modulus, contact.quadrature, contact.augmented)
                 )
             self._moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
         self.blocks = Blocks(self.bodies, self.contacts, self._sides, matrices)

@@ -64,6 +64,13 @@ def test_augmented_lagrangian():
         assert abs(one[key] - other[key]) < 1e-6
 
 
+@pytest.mark.parametrize("ratio", [1 / 3, 1.0, 3.0])
+def test_number_of_updates(ratio):
+    """At the automatic penalty, for either side the finer one."""
+    result = hertz(h=0.05, ratio=ratio, enforcement="augmented-lagrangian")
+    assert result["augmentation_steps"] <= 10
+
+
 def test_sphere():
     """One coarse mesh in 3D: peak within 4 %, the radius within one facet."""
     result = hertz(dim=3, h=0.15)
