@@ -2,7 +2,7 @@
 
 Two elastic cubes, n³ hexahedra below and (3n/4)³ above, jittered at the interface, are pressed
 together: unilateral quasi-symmetric contact with the automatic penalty of each quadrature or the
-same for both, conjugate gradients with algebraic multigrid. Both are solved in turn, and the best of
+same for both, conjugate gradients with algebraic multigrid. Both are solved in turn, the best of
 the repeats counts.
 
     mpirun -n 2 python3 bench/quadrature_cost.py --cells 40     # 300,000 unknowns
