@@ -173,12 +173,13 @@ void bind_gap(nb::module_& m)
                    [](const GapOperator& g) { return copy(g.initial_gap(), {g.num_rows()}); })
       .def(
           "apply",
-          [](GapOperator& g, Handle slave, Handle master)
+          [](GapOperator& g, Handle slave, Handle master, std::array<double, 2> scale)
           {
-            return copy(g.apply(vecs({slave, master})),
+            return copy(g.apply(vecs({slave, master}), scale),
                         {g.num_rows(), static_cast<std::size_t>(g.width())});
           },
-          "slave"_a, "master"_a, "Linear part of the gap, shape (rows, width); collective.")
+          "slave"_a, "master"_a, "scale"_a = std::array{1.0, 1.0},
+          "Linear part of the gap, shape (rows, width); collective.")
       .def(
           "add_transpose",
           [](GapOperator& g, In<double> f, Handle slave, Handle master, bool slave_only)
@@ -191,15 +192,15 @@ void bind_gap(nb::module_& m)
 
   m.def(
       "insert_contact",
-      [](const GapOperator& g, In<double> stiffness, std::array<Handle, 4> blocks, bool slave_only,
-         bool pattern)
+      [](const GapOperator& g, In<double> stiffness, std::array<Handle, 4> blocks,
+         std::array<double, 2> scale, bool slave_only, bool pattern)
       {
         ContactBlocks mats;
         for (std::size_t i = 0; i < 4; ++i)
           mats[i] = reinterpret_cast<Mat>(blocks[i]);
-        insert_contact(g, view(stiffness), mats, slave_only, pattern);
+        insert_contact(g, view(stiffness), mats, scale, slave_only, pattern);
       },
-      "gap"_a, "stiffness"_a, "blocks"_a, "slave_only"_a, "pattern"_a,
+      "gap"_a, "stiffness"_a, "blocks"_a, "scale"_a, "slave_only"_a, "pattern"_a,
       "Add Gᵀ D G to the blocks (ss, sm, ms, mm).");
 }
 } // namespace

@@ -277,23 +277,23 @@ void GapOperator::build_scatters(const Surface& slave, const Surface& master)
   }
 }
 
-std::vector<double> GapOperator::apply(std::array<Vec, 2> u)
+std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 2> scale)
 {
   std::vector<double> g(num_rows() * width(), 0);
   for (int s = 0; s < 2; ++s)
   {
     Side& side = sides_[s];
-    check(VecScatterBegin(side.scatter, u[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
-    check(VecScatterEnd(side.scatter, u[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
-    const PetscScalar* x;
-    check(VecGetArrayRead(side.local, &x));
+    check(VecScatterBegin(side.scatter, x[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
+    check(VecScatterEnd(side.scatter, x[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
+    const PetscScalar* values;
+    check(VecGetArrayRead(side.local, &values));
     for (std::size_t r = 0; r < num_rows(); ++r)
     {
       for (std::int64_t e = side.offset[r]; e < side.offset[r + 1]; ++e)
       {
         for (int i = 0; i < gdim_; ++i)
         {
-          const double value = x[side.column[e] * gdim_ + i];
+          const double value = scale[s] * values[side.column[e] * gdim_ + i];
           if (kind_ == GapKind::normal)
             g[r] += side.coefficient[e * gdim_ + i] * value;
           else
@@ -301,7 +301,7 @@ std::vector<double> GapOperator::apply(std::array<Vec, 2> u)
         }
       }
     }
-    check(VecRestoreArrayRead(side.local, &x));
+    check(VecRestoreArrayRead(side.local, &values));
   }
   return g;
 }

@@ -67,8 +67,10 @@ public:
   /// 0: slave, 1: master.
   const Side& side(int i) const { return sides_[i]; }
 
-  /// Linear part G_s u_s + G_m u_m, [row][width]. Collective. @param u vectors of the two bodies
-  std::vector<double> apply(std::array<Vec, 2> u);
+  /// Linear part G_s u_s + G_m u_m, [row][width]. Collective.
+  /// @param x vectors of the two bodies
+  /// @param scale displacement per unknown of each of them: u = scale · x
+  std::vector<double> apply(std::array<Vec, 2> x, std::array<double, 2> scale);
   /// b += Gᵀ f on both bodies, or on the slave alone. Collective. @param f [row][width]
   void add_transpose(std::span<const double> f, std::array<Vec, 2> b, bool slave_only);
   /// Say which unknowns carry Dirichlet conditions: nonzero entries of the markers. Collective.

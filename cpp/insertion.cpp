@@ -39,7 +39,8 @@ void gather_row(const GapOperator& gap, int s, std::size_t row, int component, b
 } // namespace
 
 void qsdolfinx::insert_contact(const GapOperator& gap, std::span<const double> stiffness,
-                               ContactBlocks blocks, bool slave_only, bool pattern)
+                               ContactBlocks blocks, std::array<double, 2> scale, bool slave_only,
+                               bool pattern)
 {
   if (stiffness.size() != gap.num_rows())
     throw std::invalid_argument("stiffness must hold one value per row");
@@ -63,7 +64,7 @@ void qsdolfinx::insert_contact(const GapOperator& gap, std::span<const double> s
           outer.resize(m * n);
           for (std::size_t i = 0; i < m; ++i)
             for (std::size_t j = 0; j < n; ++j)
-              outer[i * n + j] = D * row[a].values[i] * row[b].values[j];
+              outer[i * n + j] = D * scale[b] * row[a].values[i] * row[b].values[j];
           check(MatSetValues(blocks[2 * a + b], static_cast<PetscInt>(m), row[a].dofs.data(),
                              static_cast<PetscInt>(n), row[b].dofs.data(), outer.data(),
                              ADD_VALUES));

@@ -78,9 +78,20 @@ def check_arguments(
         _check_form("F", i, form, 1, function)
         if tangent is not None:
             _check_form("J", i, tangent, 2, function)
+    _check_unknowns(u, contacts)
+
+
+def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[Contact]) -> None:
+    """Refuse contacts of no body of ours, or that disagree on what a body's unknowns are."""
+    known: dict[int, float] = {}
     for contact in contacts:
-        body_of(u, contact.slave.V, "slave")
-        body_of(u, contact.master.V, "master")
+        for name, surface, scale in (
+            ("slave", contact.slave, contact.scale[0]),
+            ("master", contact.master, contact.scale[1]),
+        ):
+            i = body_of(u, surface.V, name)
+            if known.setdefault(i, scale) != scale:
+                raise ValueError(f"contacts: must agree on whether u[{i}] is a velocity, and on dt")
 
 
 def _check_form(name: str, i: int, form: typing.Any, rank: int, u: fem.Function) -> None:

@@ -12,9 +12,12 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx import fem
+
 from qsdolfinx.checks import check_choice, check_positive
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.gap import WeightedGap
+from qsdolfinx.kinematics import Kinematics
 from qsdolfinx.laws import Law, Unilateral
 from qsdolfinx.pairing import Pairing
 from qsdolfinx.quadrature import NORMALS, QUADRATURES, check_quadrature, pair
@@ -55,7 +58,8 @@ class Contact(ContactResults):
         formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``.
         law: ``Unilateral()`` or ``Tied()``.
         penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
-            contact nodes when the problem is first solved.
+            contact nodes when the problem is first solved; if a body has velocities, whenever
+            contact has paired anew.
         search_radius: Points further than this from the other surface are not paired (length). By
             default the largest facet size of the two surfaces.
         quadrature: ``"nodal"``: the gap is sampled at nodes, as in (5), (6), (12).
@@ -70,6 +74,10 @@ class Contact(ContactResults):
             they leave no gap larger than the tolerance. They are kept for the next solve, also
             when contact pairs anew; :meth:`reset` forgets them.
         gap_tolerance: That gap in units of the smallest facet.
+        unknown: What the unknowns of the bodies are: ``"displacement"`` or ``"velocity"``, (2) and
+            (3), or one of them for the slave and the master, such as a forged workpiece and an
+            elastic die, ``("velocity", "displacement")``.
+        dt: Δt, time, if a body has velocities; :meth:`set_dt` changes it.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
@@ -90,6 +98,8 @@ class Contact(ContactResults):
         normals: str | None = None,
         enforcement: str = "penalty",
         gap_tolerance: float = 1e-8,
+        unknown: str | typing.Sequence[str] = "displacement",
+        dt: float | None = None,
     ) -> None:
         law = Unilateral() if law is None else law
         # Without surfaces there is no communicator of ours to agree on the error with.
@@ -109,6 +119,7 @@ class Contact(ContactResults):
             if search_radius is not None:
                 check_positive("search_radius", search_radius)
             check_positive("gap_tolerance", gap_tolerance)
+            kinematics = Kinematics(unknown, dt)
             degree = check_quadrature(slave, master, quadrature, quadrature_degree)
         check_agreement(
             comm,
@@ -121,6 +132,8 @@ class Contact(ContactResults):
             normals=normals,
             enforcement=enforcement,
             gap_tolerance=gap_tolerance,
+            unknown=kinematics.unknown,
+            dt=dt,
         )
         self.slave = slave
         self.master = master
@@ -131,12 +144,15 @@ class Contact(ContactResults):
         self.normals = normals
         self.enforcement = enforcement
         self.gap_tolerance = float(gap_tolerance)
+        self._kinematics = kinematics
+        self._offset: tuple[PETSc.Vec, PETSc.Vec] | None = None
         self.passes: list[WeightedGap] = []
         #: Counts the pairings made so far.
         self.version = 0
         #: Wall time (s) that this rank has spent in pairing, gaps and insertion.
         self.seconds = 0.0
         self._given_radius = None if search_radius is None else float(search_radius)
+        self._automatic = penalty == "auto"
         self._penalty = None if penalty == "auto" else float(penalty)
         self._pair()
 
@@ -191,7 +207,78 @@ class Contact(ContactResults):
                 )
             for p, multiplier in zip(self.passes, kept, strict=False):
                 p.augmented = np.asarray(multiplier[p.row_node], dtype=np.float64)
+            self._set_motion()
             self.version += 1
+
+    # --- Motion
+
+    @property
+    def unknown(self) -> tuple[str, str]:
+        """``"displacement"`` or ``"velocity"``, of the slave's and of the master's body."""
+        return self._kinematics.unknown
+
+    @property
+    def dt(self) -> float | None:
+        """Δt, time; None if neither body has velocities."""
+        return self._kinematics.dt
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Displacement per unknown of the slave's and the master's body: 1 or Δt."""
+        return self._kinematics.scale
+
+    def set_dt(self, dt: float) -> None:
+        """Set Δt (time) for the solves to come. Collective.
+
+        Raises:
+            ValueError: If it is not a positive number, the same on all ranks, or no body has
+                velocities.
+        """
+        with collective_errors(self.comm):
+            Kinematics(self.unknown, dt)
+        check_agreement(self.comm, dt=dt)
+        self._kinematics.dt = dt
+        self._set_motion()
+
+    def set_offset(self, slave: fem.Function | None, master: fem.Function | None) -> None:
+        """Set displacements (length) beside those of the unknowns: u = scale · x + offset.
+
+        For time stepping: from the meshes as they are, contact then sees the displacements to the
+        end of the step, whatever part of the step the meshes have been moved already. Collective.
+
+        Args:
+            slave: On the space of the slave's body (the mixed one, if its surface has a sub-space),
+                read now; None for no offset.
+            master: The same for the master.
+
+        Raises:
+            ValueError: If a space is not that of the body.
+        """
+        vecs = []
+        for name, surface, function in (
+            ("slave", self.slave, slave),
+            ("master", self.master, master),
+        ):
+            vec = surface.create_vec()
+            with collective_errors(self.comm):
+                if function is not None:
+                    owned = len(vec.array_r)
+                    index_map = function.function_space.dofmap.index_map
+                    if index_map.size_local * function.function_space.dofmap.index_map_bs != owned:
+                        raise ValueError(f"{name}: the offset must be on the space of the body")
+                    vec.array[:] = function.x.array[:owned]
+            vecs.append(vec)
+        self._offset = vecs[0], vecs[1]
+        self._set_motion()
+
+    def _set_motion(self) -> None:
+        """Hand scales and offsets to the passes. Collective."""
+        for p in self.passes:
+            slave, master = self.ordered(p, self.scale)
+            p.scale = slave, master
+            if self._offset is not None:
+                u = self.ordered(p, self._offset)
+                p.offset = p.operator.apply(u[0].handle, u[1].handle)
 
     @contextlib.contextmanager
     def _clock(self) -> typing.Iterator[None]:
@@ -238,6 +325,19 @@ class Contact(ContactResults):
             check_positive("penalty", penalty)
         check_agreement(self.comm, penalty=penalty)
         self._penalty = float(penalty)
+        self._automatic = False
+
+    @property
+    def needs_penalty(self) -> bool:
+        """Whether an automatic penalty is to be computed, for the problem.
+
+        Once, unless a body has velocities: its stiffness depends on Δt and on how fast it flows.
+        """
+        return self._automatic and (self._penalty is None or "velocity" in self.unknown)
+
+    def set_automatic_penalty(self, penalty: float) -> None:
+        """Set ε, stress per length, from the bodies' stiffness; for the problem."""
+        self._penalty = penalty
 
     # --- Evaluation, for the problem
 

@@ -75,12 +75,16 @@ class WeightedGap:
         self.values: Array = np.zeros(shape)
         if not law.jump:
             self.values[:, 0] = -self.operator.initial_gap
+        #: Displacement per unknown of the slave's and of the master's body.
+        self.scale: tuple[float, float] = (1.0, 1.0)
+        #: Gap of displacements beside those of the unknowns; none unless a contact sets it.
+        self.offset: Array = np.zeros(shape)
         #: λ̂, of the same shape.
         self.augmented: Array = np.zeros(shape)
 
     def evaluate(self, u: Vecs) -> None:
-        """Compute the weighted gaps for displacements u. Collective."""
-        self.values = self.operator.apply(u[0].handle, u[1].handle)
+        """Compute the weighted gaps for unknowns u. Collective."""
+        self.values = self.operator.apply(u[0].handle, u[1].handle, self.scale) + self.offset
         if not self.law.jump:
             self.values[:, 0] -= self.operator.initial_gap
 
@@ -119,7 +123,9 @@ class WeightedGap:
     ) -> None:
         """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
         handles = [mat.handle for mat in blocks]
-        _cpp.insert_contact(self.operator, self.weight * slope, handles, self.slave_only, pattern)
+        _cpp.insert_contact(
+            self.operator, self.weight * slope, handles, self.scale, self.slave_only, pattern
+        )
 
     def on_nodes(self, rows: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
         """Spread values of the rows over all owned nodes of the slave surface."""

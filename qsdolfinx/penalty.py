@@ -24,7 +24,7 @@ AUGMENTED_FACTOR = 10.0
 
 
 def nodal_stiffness(
-    surface: Surface, matrix: PETSc.Mat, constrained: PETSc.Vec
+    surface: Surface, matrix: PETSc.Mat, constrained: PETSc.Vec, scale: float
 ) -> tuple[float, float]:
     """Stiffness of a body at its surface, from the free unknowns' K_kk. Collective.
 
@@ -32,6 +32,7 @@ def nodal_stiffness(
         surface: Contact surface.
         matrix: The body's bulk block.
         constrained: Nonzero at unknowns with Dirichlet conditions.
+        scale: Displacement per unknown: 1, or Δt for velocities.
 
     Returns:
         Mean of K_kk / S_k, stress per length; and of K_kk S_k^(1/(gdim-1)) / S_k, a stress of the
@@ -40,7 +41,7 @@ def nodal_stiffness(
     diagonal = matrix.getDiagonal()
     dofs = surface.node_dofs - diagonal.owner_range[0]
     free = constrained.array_r[dofs] == 0
-    stiffness = diagonal.array_r[dofs] / surface.node_area[:, None]
+    stiffness = diagonal.array_r[dofs] / surface.node_area[:, None] / scale
     modulus = stiffness * surface.node_area[:, None] ** (1 / (surface.gdim - 1))
     diagonal.destroy()
     sums = [stiffness[free].sum(), modulus[free].sum(), np.count_nonzero(free)]

@@ -120,6 +120,15 @@ class ContactProblem:
         """Communicator of the bodies."""
         return self.bodies[0].comm
 
+    @property
+    def _scales(self) -> list[float]:
+        """Displacement per unknown of each body."""
+        scales = [1.0] * len(self.bodies)
+        for contact, sides in zip(self.contacts, self._sides, strict=True):
+            for i, scale in zip(sides, contact.scale, strict=True):
+                scales[i] = scale
+        return scales
+
     def set_up(self) -> None:
         """Compute automatic penalties and build the matrices, as solve() does. Collective."""
         for body in self.bodies:
@@ -243,13 +252,13 @@ class ContactProblem:
             contact.constrain(markers[s], markers[m])
             stiffness, modulus = zip(
                 *(
-                    nodal_stiffness(surface, matrices[i], markers[i])
+                    nodal_stiffness(surface, matrices[i], markers[i], self._scales[i])
                     for surface, i in ((contact.slave, s), (contact.master, m))
                 ),
                 strict=True,
             )
-            if contact.penalty is None:
-                contact.set_penalty(
+            if contact.needs_penalty:
+                contact.set_automatic_penalty(
                     automatic_penalty(stiffness, modulus, contact.quadrature, contact.augmented)
                 )
             self._moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
@@ -339,7 +348,7 @@ class ContactProblem:
         constant = all(body.linear for body in self.bodies)
         state: list[object] = [body.fingerprint for body in self.bodies]
         for contact in self.contacts:
-            state += [contact.eps, contact.active_state()]
+            state += [contact.eps, contact.scale, contact.active_state()]
         if constant and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
             return
         self.blocks.assemble()
@@ -375,7 +384,8 @@ class ContactProblem:
         motion = foundation.settle()
         if motion is not None:
             for i in range(len(self.bodies)):
-                self._part(self._x.array, i)[:] += self._rigid.displacement(motion, i)
+                displacement = self._rigid.displacement(motion, i)
+                self._part(self._x.array, i)[:] += displacement / self._scales[i]
 
     def _set_near_nullspaces(self) -> None:
         """Rigid modes of each body on its block, and of all together on the AIJ matrix."""
