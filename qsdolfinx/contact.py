@@ -181,7 +181,7 @@ class Contact(ContactResults):
                 roles.append((self.master, self.slave))
             one_sided = self.formulation == "two-half-pass"
             share = 1.0 if one_sided else 1 / len(roles)
-            kept = [p.on_nodes(p.augmented, 0.0) for p in self.passes]
+            kept = self.multipliers_on_nodes()
             self.passes = []
             for slave, master in roles:
                 points = pair(
@@ -205,8 +205,8 @@ class Contact(ContactResults):
                         augmented=self.augmented,
                     )
                 )
-            for p, multiplier in zip(self.passes, kept, strict=False):
-                p.augmented = np.asarray(multiplier[p.row_node], dtype=np.float64)
+            if kept:
+                self.set_multipliers_on_nodes(kept)
             self._set_motion()
             self.version += 1
 
@@ -424,6 +424,15 @@ class Contact(ContactResults):
         """Put back what :meth:`known_multipliers` gave."""
         for p, multiplier in zip(self.passes, multipliers, strict=True):
             p.augmented = multiplier.copy()
+
+    def multipliers_on_nodes(self) -> list[Array]:
+        """λ̂ at all owned nodes of each pass's slave; they stay the same when contact pairs anew."""
+        return [np.asarray(p.on_nodes(p.augmented, 0.0)) for p in self.passes]
+
+    def set_multipliers_on_nodes(self, multipliers: typing.Sequence[Array]) -> None:
+        """Put back what :meth:`multipliers_on_nodes` gave."""
+        for p, multiplier in zip(self.passes, multipliers, strict=True):
+            p.augmented = np.array(multiplier[p.row_node], dtype=np.float64)
 
     def reset(self) -> None:
         """Forget the multipliers: the next solve starts from λ̂ = 0, not from the last solution."""

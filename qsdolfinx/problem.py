@@ -80,7 +80,8 @@ class ContactProblem:
         self.bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
         self.u = list(u)
         self.contacts = list(contacts)
-        self._sides = [
+        #: Bodies of the slave and the master of each contact.
+        self.sides = [
             (body_of(self.u, c.slave.V, "slave"), body_of(self.u, c.master.V, "master"))
             for c in contacts
         ]
@@ -121,10 +122,19 @@ class ContactProblem:
         return self.bodies[0].comm
 
     @property
+    def unknowns(self) -> list[str]:
+        """``"displacement"`` or ``"velocity"``, for each body, as its contacts say."""
+        unknowns = ["displacement"] * len(self.bodies)
+        for contact, sides in zip(self.contacts, self.sides, strict=True):
+            for i, unknown in zip(sides, contact.unknown, strict=True):
+                unknowns[i] = unknown
+        return unknowns
+
+    @property
     def _scales(self) -> list[float]:
         """Displacement per unknown of each body."""
         scales = [1.0] * len(self.bodies)
-        for contact, sides in zip(self.contacts, self._sides, strict=True):
+        for contact, sides in zip(self.contacts, self.sides, strict=True):
             for i, scale in zip(sides, contact.scale, strict=True):
                 scales[i] = scale
         return scales
@@ -248,7 +258,7 @@ class ContactProblem:
         matrices = [body.matrix() for body in self.bodies]
         markers = [body.constrained_marker() for body in self.bodies]
         self._moduli = []
-        for contact, (s, m) in zip(self.contacts, self._sides, strict=True):
+        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
             contact.constrain(markers[s], markers[m])
             stiffness, modulus = zip(
                 *(
@@ -262,7 +272,7 @@ class ContactProblem:
                     automatic_penalty(stiffness, modulus, contact.quadrature, contact.augmented)
                 )
             self._moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
-        self.blocks = Blocks(self.bodies, self.contacts, self._sides, matrices)
+        self.blocks = Blocks(self.bodies, self.contacts, self.sides, matrices)
         self._matrix = self.blocks.nest
         if self._kind == "mpi":
             self._matrix = self.blocks.nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
@@ -321,7 +331,7 @@ class ContactProblem:
         forces = [body.force for body in self.bodies]
         for force in forces:
             force.zeroEntries()
-        for contact, (s, m) in zip(self.contacts, self._sides, strict=True):
+        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
             contact.evaluate(self.bodies[s].x, self.bodies[m].x)
             contact.add_residual(forces[s], forces[m])
         for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
@@ -379,7 +389,7 @@ class ContactProblem:
         if np.linalg.norm(whole) <= BALANCED * np.linalg.norm(bulk):
             return
         foundation = Foundation(
-            self._rigid, self.contacts, self._sides, self._moduli, self._bulk_residuals
+            self._rigid, self.contacts, self.sides, self._moduli, self._bulk_residuals
         )
         motion = foundation.settle()
         if motion is not None:
