@@ -16,7 +16,7 @@ from qsdolfinx.unknowns import NUM_CELL_VERTICES, vertex_dofs
 Array = npt.NDArray[np.float64]
 
 #: Vertices next to each vertex of a cell, in the order that gives a right-handed corner.
-_CORNERS = {
+_CORNERS: dict[mesh.CellType, list[tuple[int, ...]]] = {
     mesh.CellType.triangle: [(0, 1, 2)],
     mesh.CellType.quadrilateral: [(0, 1, 2), (1, 3, 0), (3, 2, 1), (2, 0, 3)],
     mesh.CellType.tetrahedron: [(0, 1, 2, 3)],
@@ -93,7 +93,7 @@ class MeshMotion:
         simplex = kind in (mesh.CellType.triangle, mesh.CellType.tetrahedron)
         best = (np.sqrt(3) / 2 if gdim == 2 else np.sqrt(0.5)) if simplex else 1.0
         out = []
-        for corner in _CORNERS[kind]:
+        for corner in map(list, _CORNERS[kind]):
             edges = x[:, corner[1:]] - x[:, [corner[0]]]
             if simplex:
                 pairs = x[:, :, None] - x[:, None, :]

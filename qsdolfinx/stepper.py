@@ -280,9 +280,8 @@ class TimeStepper:
         )
 
     def _restore(self, state: tuple[list[Array], list[list[Array]]]) -> None:
-        unknowns, multipliers = state
-        for motion, values in zip(self.motions, unknowns, strict=True):
-            motion.u.x.array[:] = values
+        for motion, unknowns in zip(self.motions, state[0], strict=True):
+            motion.u.x.array[:] = unknowns
             motion.move()
-        for contact, values in zip(self.problem.contacts, multipliers, strict=True):
-            contact.set_multipliers_on_nodes(values)
+        for contact, multipliers in zip(self.problem.contacts, state[1], strict=True):
+            contact.set_multipliers_on_nodes(multipliers)
