@@ -20,6 +20,7 @@ from qsdolfinx.blocks import Blocks, forbid_allocation
 from qsdolfinx.bulk import Body
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
+from qsdolfinx.hold import Hold
 from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
 from qsdolfinx.predictor import BALANCED, Foundation
 from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
@@ -88,6 +89,7 @@ class ContactProblem:
         self._kind = kind
         self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
         self._rigid: RigidMotion | None = None
+        self._hold: Hold | None = None
         self.blocks: Blocks | None = None
         self._matrix: PETSc.Mat | None = None
         self._paired: list[int] = []
@@ -278,6 +280,7 @@ class ContactProblem:
             self._matrix = self.blocks.nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
             forbid_allocation(self._matrix)
         self._rigid = RigidMotion(self.bodies)
+        self._hold = Hold(self._rigid, self.bodies, self.contacts, self.sides)
         self._set_near_nullspaces()
         for marker in markers:
             marker.destroy()
@@ -354,7 +357,7 @@ class ContactProblem:
         For linear bodies it depends on the active set alone: while that stays, the linear solver
         keeps its factors.
         """
-        assert self.blocks is not None
+        assert self.blocks is not None and self._hold is not None
         constant = all(body.linear for body in self.bodies)
         state: list[object] = [body.fingerprint for body in self.bodies]
         for contact in self.contacts:
@@ -362,6 +365,7 @@ class ContactProblem:
         if constant and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
             return
         self.blocks.assemble()
+        self._hold.add_to(self.blocks)
         if self._kind == "mpi":
             self.blocks.nest.convert(PETSc.Mat.Type.AIJ, self._matrix)
         self._assembled = state
