@@ -29,9 +29,9 @@ class Hold:
     """Adds a little to the diagonal of bodies which can move as if rigid, in the tangent alone.
 
     A workpiece between frictionless dies can slide; neither Dirichlet conditions nor closed
-    contacts resist. Where such a motion exists, Newton's method becomes the proximal point method for it:
-    the residual is left as it is, so that the solution does not depend on what is added, and of the
-    motions that equilibrium leaves open it takes the one next to the first guess.
+    contacts resist. Where such a motion exists, Newton's method becomes the proximal point method
+    for it: the residual is left as it is, so that the solution does not depend on what is added,
+    and of the motions that equilibrium leaves open it takes the one next to the first guess.
 
     Args:
         rigid: Rigid motions of the bodies.

@@ -1,0 +1,120 @@
+"""Fields for ParaView."""
+
+from __future__ import annotations
+
+import pathlib
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+import basix
+from dolfinx import fem, io, mesh
+
+#: A function, or anything of UFL that can be evaluated in the cells.
+Field = typing.Any
+
+
+class FieldWriter:
+    """Writes fields of one body at several times, to XDMF or, with ADIOS2, to VTX.
+
+    Fields of degree 1 are written at the vertices, everything else as means of the cells. In XDMF
+    the mesh is that of the first time, and the field ``displacement`` says where its vertices have
+    moved (ParaView: Warp By Vector); in VTX the mesh moves. VTX has one kind of field per file:
+    those of the cells go to a second one, ``NAME_cells.bp``.
+
+    Args:
+        filename: Ends in ``.xdmf`` or ``.bp``.
+        msh: The mesh.
+        fields: Name and function, or UFL expression, of each field.
+
+    Raises:
+        ValueError: If the file name ends in something else, or DOLFINx has no ADIOS2 for VTX.
+    """
+
+    def __init__(
+        self, filename: str | pathlib.Path, msh: mesh.Mesh, fields: typing.Mapping[str, Field]
+    ) -> None:
+        path = pathlib.Path(filename)
+        if path.suffix not in (".xdmf", ".bp"):
+            raise ValueError(f"filename: must end in .xdmf or .bp, not {path.name!r}")
+        if path.suffix == ".bp" and not hasattr(io, "VTXWriter"):
+            raise ValueError("filename: this DOLFINx has no ADIOS2 for VTX; use .xdmf")
+        self._msh = msh
+        self._x0: npt.NDArray[np.float64] = np.array(msh.geometry.x, dtype=np.float64)
+        self._points: list[tuple[fem.Function, Field]] = []
+        self._cells: list[tuple[fem.Function, fem.Expression]] = []
+        for name, field in fields.items():
+            self._add(name, field)
+        self._xdmf = self._vtx = None
+        if path.suffix == ".xdmf":
+            vector = fem.functionspace(msh, ("Lagrange", 1, (msh.geometry.dim,)))
+            self._displacement = fem.Function(vector, name="displacement")
+            self._xdmf = io.XDMFFile(msh.comm, str(path), "w")
+            self._xdmf.write_mesh(msh)
+        else:
+            self._vtx = [
+                io.VTXWriter(
+                    msh.comm,
+                    str(path.with_name(path.stem + suffix)),
+                    [function for function, _ in functions],
+                    engine="BP4",
+                    mesh_policy=io.VTXMeshPolicy.update,
+                )
+                for suffix, functions in ((".bp", self._points), ("_cells.bp", self._cells))
+                if functions
+            ]
+
+    def _add(self, name: str, field: Field) -> None:
+        shape = field.ufl_shape
+        if isinstance(field, fem.Function) and _is_linear(field.function_space):
+            space = fem.functionspace(self._msh, ("Lagrange", 1, shape))
+            self._points.append((fem.Function(space, name=name), field))
+            return
+        space = fem.functionspace(self._msh, ("DG", 0, shape))
+        points = space.element.interpolation_points
+        points = points() if callable(points) else points
+        self._cells.append((fem.Function(space, name=name), fem.Expression(field, points)))
+
+    def write(self, t: float) -> None:
+        """Write all fields at time t. Collective."""
+        for function, field in self._points:
+            function.interpolate(field)
+        for function, expression in self._cells:
+            function.interpolate(expression)
+        if self._vtx is not None:
+            for writer in self._vtx:
+                writer.write(t)
+            return
+        assert self._xdmf is not None
+        msh = self._msh
+        gdim = msh.geometry.dim
+        x = np.asarray(msh.geometry.x, dtype=np.float64)
+        # The file has the first mesh: the displacement is written as a function on it.
+        _set_at_vertices(self._displacement, (x - self._x0)[:, :gdim])
+        for function in (self._displacement, *(f for f, _ in (*self._points, *self._cells))):
+            self._xdmf.write_function(function, t)
+
+    def close(self) -> None:
+        """Close the files. Collective."""
+        for writer in (self._xdmf, *(self._vtx or [])):
+            if writer is not None:
+                writer.close()
+
+
+def _is_linear(V: fem.FunctionSpace) -> bool:
+    element = V.element.basix_element if not V.num_sub_spaces else V.sub(0).element.basix_element
+    return bool(element.family == basix.ElementFamily.P and element.degree == 1) and not bool(
+        element.discontinuous
+    )
+
+
+def _set_at_vertices(u: fem.Function, values: npt.NDArray[np.float64]) -> None:
+    """Set a P1 or Q1 function to values at the geometry nodes."""
+    V = u.function_space
+    layout = V.mesh.geometry.cmap.create_dof_layout()
+    count = V.dofmap.list.shape[1]
+    places = [layout.entity_dofs(0, v)[0] for v in range(count)]
+    nodes = V.mesh.geometry.dofmap[:, places]
+    own = [V.dofmap.dof_layout.entity_dofs(0, v)[0] for v in range(count)]
+    u.x.array.reshape(-1, V.mesh.geometry.dim)[V.dofmap.list[:, own]] = values[nodes]
