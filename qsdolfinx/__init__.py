@@ -6,19 +6,30 @@ as in (12), are the paper's.
 """
 
 from qsdolfinx.contact import Contact
+from qsdolfinx.history import History, step_row
 from qsdolfinx.laws import Law, Tied, Unilateral
+from qsdolfinx.output import FieldWriter
 from qsdolfinx.pairing import Pairing
 from qsdolfinx.problem import ContactProblem
+from qsdolfinx.restart import load_run, save_run
 from qsdolfinx.solver import ConvergenceError
+from qsdolfinx.stepper import StepError, TimeStepper
 from qsdolfinx.surface import Surface
 
 __all__ = [
     "Contact",
     "ContactProblem",
     "ConvergenceError",
+    "FieldWriter",
+    "History",
     "Law",
     "Pairing",
+    "StepError",
     "Surface",
     "Tied",
+    "TimeStepper",
     "Unilateral",
+    "load_run",
+    "save_run",
+    "step_row",
 ]

@@ -1,0 +1,279 @@
+"""Forging: a hot-steel cylinder upset between elastic dies with finer contact faces.
+
+A quarter of a Norton-Hoff cylinder (radius 10 mm, height 15 mm; K = 50 MPa sᵐ, m = 0.15) in
+velocities, MINI element, between two elastic dies (E = 2.1e5 MPa) in displacements, all without
+friction. The lower die stands, the top of the upper one comes down at 10 mm/s. The faces of the
+dies are --die-refinement times finer than the workpiece, which carries the multipliers (--swap: the
+dies do). No Dirichlet condition holds the workpiece up or down: contact does.
+
+    mpirun -n 2 python3 demos/forging.py --die-refinement 4 --quadrature overlay --json forging.json
+
+Keys of the JSON object (forces of the whole cylinder):
+
+- forming_force (N): at the end, on the upper die;
+- force_balance_error: largest |force on a die + force on the workpiece| / |force|, of all steps;
+- die_traction_peak (MPa): largest pressure on the dies' nodes within 70 % of the contact's radius;
+- die_traction_roughness: standard deviation over mean of the pressure there;
+- unloaded_die_nodes: share of these nodes with less than a tenth of the mean pressure;
+- volume_change: of the workpiece, relative;
+- steps, snes_iterations, total_seconds.
+
+Pressures are contact forces over nodal areas.
+"""
+
+import argparse
+import dataclasses
+import json
+import time
+
+from mpi4py import MPI
+
+import gmsh
+import numpy as np
+
+import qsdolfinx as qs
+import ufl
+from dolfinx import fem, mesh
+from dolfinx.io import gmshio
+
+RADIUS, HEIGHT = 10.0, 15.0  # mm
+DIE_RADIUS, DIE_HEIGHT = 18.0, 9.0
+K, M, SPEED = 50.0, 0.15, 10.0  # MPa sᵐ, -, mm/s
+E_DIE, NU_DIE = 2.1e5, 0.3
+SIZES = {"coarse": 2.5, "medium": 1.7, "fine": 1.2}  # mm, cells of the workpiece
+TWO_MULTIPLIERS = ("double-pass", "two-half-pass")
+
+
+@dataclasses.dataclass
+class Parameters:
+    """One forging; lengths in mm."""
+
+    die_refinement: float = 4.0
+    formulation: str = "quasi-symmetric"
+    quadrature: str = "overlay"
+    enforcement: str | None = None
+    reduction: float = 0.3
+    size: str = "coarse"
+    num_steps: int = 15
+    swap: bool = False
+    verbose: bool = False
+
+
+# --- Meshes
+
+
+def create_quarter(comm, radius, bottom, height, size):
+    """Tetrahedra of a quarter cylinder; ``size`` is a number or gmsh's formula for the cell size."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
+    if comm.rank == 0:
+        gmsh.model.occ.addCylinder(0, 0, bottom, 0, 0, height, radius, angle=np.pi / 2)
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.field.add("MathEval", 1)
+        gmsh.model.mesh.field.setString(1, "F", str(size))
+        gmsh.model.mesh.field.setAsBackgroundMesh(1)
+        gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], 1)
+        gmsh.model.mesh.generate(3)
+    out = gmshio.model_to_mesh(gmsh.model, comm, 0, gdim=3)[0]
+    gmsh.finalize()
+    return out
+
+
+def die_size(z, h):
+    """Formula: h on the face at height z where contact may come, growing away from it."""
+    beyond = f"(sqrt(x*x+y*y)-{1.2 * RADIUS})"
+    return f"{h}+0.35*(abs(z-{z})+0.5*({beyond}+abs({beyond})))"
+
+
+def facets_at(msh, axis, value):
+    return mesh.locate_entities_boundary(msh, 2, lambda x: np.isclose(x[axis], value))
+
+
+def fix(V, axis, facets, value=0.0):
+    """Dirichlet condition on one component of the velocity or displacement space V."""
+    component = V.sub(axis)
+    constant = fem.Constant(V.mesh, float(value))
+    dofs = fem.locate_dofs_topological(component, 2, facets)
+    return fem.dirichletbc(constant, dofs, component), constant
+
+
+# --- Bodies
+
+
+class Workpiece:
+    """Norton-Hoff cylinder between the heights 0 and HEIGHT."""
+
+    def __init__(self, comm, h):
+        self.mesh = create_quarter(comm, RADIUS, 0.0, HEIGHT, h)
+        self.W = qs.materials.mini_space(self.mesh)
+        self.w = fem.Function(self.W)
+        self.m = fem.Constant(self.mesh, M)
+        velocity = ufl.split(self.w)[0]
+        slow = 1e-3 * SPEED / HEIGHT
+        self.stress = qs.materials.norton_hoff(velocity, K, self.m, slow)
+        self.F = qs.materials.incompressible(self.w, self.stress)
+        self.rate = qs.materials.equivalent_strain_rate(velocity)
+        V = self.W.sub(0)
+        self.bcs = [fix(V, axis, facets_at(self.mesh, axis, 0.0))[0] for axis in (0, 1)]
+        self.lower, self.upper = (
+            qs.Surface(V, facets=facets_at(self.mesh, 2, z)) for z in (0.0, HEIGHT)
+        )
+
+
+class Die:
+    """Elastic die with its face at height z, above (1) or below (-1) it; total displacements."""
+
+    def __init__(self, comm, z, sign, h):
+        bottom = z if sign > 0 else z - DIE_HEIGHT
+        self.mesh = create_quarter(comm, DIE_RADIUS, bottom, DIE_HEIGHT, die_size(z, h))
+        self.V = fem.functionspace(self.mesh, ("Lagrange", 1, (3,)))
+        self.u = fem.Function(self.V)
+        stress = qs.materials.linear_elastic(self.u, E_DIE, NU_DIE)
+        self.F = ufl.inner(stress, ufl.grad(ufl.TestFunction(self.V))) * ufl.dx
+        self.bcs = [fix(self.V, axis, facets_at(self.mesh, axis, 0.0))[0] for axis in (0, 1)]
+        back, self.height = fix(self.V, 2, facets_at(self.mesh, 2, z + sign * DIE_HEIGHT))
+        self.bcs.append(back)
+        self.surface = qs.Surface(self.V, facets=facets_at(self.mesh, 2, z))
+
+
+def build(comm, p):
+    """Workpiece, dies, contacts and the stepper."""
+    h = SIZES[p.size]
+    work = Workpiece(comm, h)
+    dies = [Die(comm, 0.0, -1, h / p.die_refinement), Die(comm, HEIGHT, 1, h / p.die_refinement)]
+    enforcement = p.enforcement or (
+        "penalty" if p.formulation in TWO_MULTIPLIERS else "augmented-lagrangian"
+    )
+    time_step = p.reduction * HEIGHT / SPEED / p.num_steps
+    contacts = []
+    for face, die in zip((work.lower, work.upper), dies, strict=True):
+        sides, unknown = (face, die.surface), ("velocity", "displacement")
+        contact = qs.Contact(
+            *(sides[::-1] if p.swap else sides),
+            p.formulation,
+            quadrature=p.quadrature,
+            enforcement=enforcement,
+            gap_tolerance=1e-5,
+            unknown=unknown[::-1] if p.swap else unknown,
+            dt=time_step,
+        )
+        contacts.append(contact)
+    bodies = [work, *dies]
+    problem = qs.ContactProblem(
+        [b.F for b in bodies], [work.w, *(d.u for d in dies)], contacts, [b.bcs for b in bodies]
+    )
+
+    def drive(t, dt):
+        dies[1].height.value = -SPEED * t
+
+    def solve(step):
+        if step == 0:
+            qs.solve_with_continuation(problem, work.m, M)
+        else:
+            problem.solve()
+
+    stepper = qs.TimeStepper(problem, time_step, drive, solve=solve)
+    return work, dies, contacts, problem, stepper
+
+
+# --- Results
+
+
+def inner_pressure(contact, die, side):
+    """Pressure at the die's owned nodes within 70 % of the contact's radius, and which they are."""
+    comm = contact.comm
+    surface = contact.slave if side == "slave" else contact.master
+    dofs = surface.node_dofs - surface.V.dofmap.index_map.local_range[0] * 3
+    pressure = np.abs(contact.traction(side).x.array[dofs[:, 2]])
+    # The contact's outline: a quarter of a disc with the area of the loaded faces of the workpiece.
+    distance = np.linalg.norm(surface.node_x[:, :2], axis=1)
+    force = comm.allreduce(pressure @ surface.node_area)
+    second = comm.allreduce(distance**2 @ (pressure * surface.node_area))
+    radius = np.sqrt(2 * second / force)  # of a disc under uniform pressure
+    return pressure, distance <= 0.7 * radius
+
+
+def measure(comm, p, contacts, dies):
+    """Pressures on both dies together."""
+    side = "slave" if p.swap else "master"
+    inner = []
+    for contact, die in zip(contacts, dies, strict=True):
+        pressure, inside = inner_pressure(contact, die, side)
+        inner.append(pressure[inside])
+    values = np.concatenate(comm.allgather(np.concatenate(inner)))  # numbers for statistics only
+    mean = values.mean()
+    return {
+        "die_traction_peak": values.max(),
+        "die_traction_roughness": values.std() / mean,
+        "unloaded_die_nodes": np.mean(values < 0.1 * mean),
+    }
+
+
+def run(p, comm=MPI.COMM_WORLD):
+    """Forge, and say what came out.
+
+    Returns:
+        What --json writes, and what :func:`build` returns.
+    """
+    comm.barrier()
+    start = time.perf_counter()
+    scene = work, dies, contacts, problem, stepper = build(comm, p)
+    volume = stepper.motions[0].volume()
+    history = qs.History(comm, t_end=p.reduction * HEIGHT / SPEED, verbose=p.verbose)
+    iterations, imbalance = 0, 0.0
+    for _ in stepper.run(p.reduction * HEIGHT / SPEED):
+        row = qs.step_row(stepper)
+        history.add(row)
+        iterations += stepper.num_iterations
+        for contact in contacts:
+            forces = contact.force("slave"), contact.force("master")
+            imbalance = max(
+                imbalance, np.linalg.norm(forces[0] + forces[1]) / np.linalg.norm(forces[0])
+            )
+    history.close()
+    on_die = contacts[1].force("slave" if p.swap else "master")
+    result = {
+        "forming_force": 4 * abs(on_die[2]),
+        "force_balance_error": imbalance,
+        **measure(comm, p, contacts, dies),
+        "volume_change": stepper.motions[0].volume() / volume - 1,
+        "steps": stepper.num_steps,
+        "snes_iterations": iterations,
+        "total_seconds": comm.allreduce(time.perf_counter() - start, op=MPI.MAX),
+    }
+    return {k: v.item() if hasattr(v, "item") else v for k, v in result.items()}, scene
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    default = Parameters()
+    parser.add_argument("--die-refinement", type=float, default=default.die_refinement)
+    parser.add_argument(
+        "--formulation",
+        choices=("master-slave", "quasi-symmetric", *TWO_MULTIPLIERS),
+        default=default.formulation,
+    )
+    parser.add_argument("--quadrature", choices=("nodal", "overlay"), default=default.quadrature)
+    parser.add_argument("--enforcement", choices=("penalty", "augmented-lagrangian"))
+    parser.add_argument("--reduction", type=float, default=default.reduction)
+    parser.add_argument("--size", choices=tuple(SIZES), default=default.size)
+    parser.add_argument("--steps", dest="num_steps", type=int, default=default.num_steps)
+    parser.add_argument("--swap", action="store_true", help="the dies are the slaves")
+    parser.add_argument("--json", metavar="FILE")
+    a = vars(parser.parse_args())
+    filename = a.pop("json")
+    result, _ = run(Parameters(**a, verbose=True))
+    if MPI.COMM_WORLD.rank == 0:
+        for key, value in result.items():
+            print(f"{key:24}{value:.6g}")
+        if filename:
+            with open(filename, "w") as file:
+                json.dump(result, file, indent=2)
+
+
+if __name__ == "__main__":
+    main()
