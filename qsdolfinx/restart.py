@@ -56,14 +56,14 @@ def load_run(
     contacts = stepper.problem.contacts
     meshes = _meshes(stepper)
     multipliers = _multipliers(contacts)
-    values = Checkpoint(stepper.problem.comm, folder).load(
-        _functions(stepper, functions) | multipliers, meshes
-    )
+    functions_of_run = _functions(stepper, functions)
+    values = Checkpoint(stepper.problem.comm, folder).load(functions_of_run | multipliers, meshes)
     for motion, (_, x) in zip(stepper.motions, meshes.values(), strict=True):
         motion.set_reference(x)
     for name in _SCALARS:
         setattr(stepper, name, values[name])
-    stepper.previous = [u.x.array.copy() for u in stepper.problem.u]
+    for i, rate in enumerate(stepper.rates):
+        rate[:] = functions_of_run[f"rate_{i}"].x.array
     for i, (contact, penalty) in enumerate(zip(contacts, values["penalties"], strict=True)):
         if penalty is not None and contact.penalty is None:
             contact.set_automatic_penalty(penalty)
@@ -78,6 +78,9 @@ def _functions(
     stepper: TimeStepper, more: typing.Mapping[str, fem.Function] | None
 ) -> dict[str, fem.Function]:
     functions = {f"u_{i}": u for i, u in enumerate(stepper.problem.u)}
+    for i, (u, rate) in enumerate(zip(stepper.problem.u, stepper.rates, strict=True)):
+        functions[f"rate_{i}"] = fem.Function(u.function_space)
+        functions[f"rate_{i}"].x.array[:] = rate
     return functions | {f"user_{name}": f for name, f in (more or {}).items()}
 
 

@@ -114,8 +114,9 @@ class TimeStepper:
         #: How the meshes of the bodies move.
         self.motions = [MeshMotion(u) for u in problem.u]
         self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
-        #: Unknowns of the last step; at first zero.
-        self.previous = [np.zeros_like(u.x.array) for u in problem.u]
+        #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
+        #: first zero. They are where the next step starts from.
+        self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
 
     # --- Steps
 
@@ -153,7 +154,7 @@ class TimeStepper:
                     f"succeeds; the last attempt: {reason}"
                 )
         iterations = self.num_iterations
-        self._accept(dt)
+        self._accept(dt, start[0])
         grown = dt * self.growth if iterations <= self.easy * self.num_pairings else dt
         self.dt = min(grown, self.dt_max) if dt >= self.dt or grown < self.dt else self.dt
         return dt
@@ -175,7 +176,10 @@ class TimeStepper:
             for contact in self.problem.contacts:
                 if contact.dt is not None:
                     contact.set_dt(dt)
-            known = self.previous
+            known = self.rates
+            for i, motion in enumerate(self.motions):
+                if not self.in_velocity[i]:
+                    motion.u.x.array[:] += dt * known[i]
             if self.theta > 0 and self.num_steps == 0 and not any(p.any() for p in known):
                 self._pair_and_solve(known, dt)
                 known = [u.x.array.copy() for u in self.problem.u]
@@ -256,11 +260,13 @@ class TimeStepper:
                 )
         return "", False
 
-    def _accept(self, dt: float) -> None:
+    def _accept(self, dt: float, start: list[Array]) -> None:
         for i, motion in enumerate(self.motions):
             if self.in_velocity[i]:
                 motion.set_reference(motion.reference + dt * motion.values())
-        self.previous = [u.x.array.copy() for u in self.problem.u]
+                self.rates[i] = motion.u.x.array.copy()
+            else:
+                self.rates[i] = (motion.u.x.array - start[i]) / dt
         self.t += dt
         self.last_dt = dt
         self.num_steps += 1
