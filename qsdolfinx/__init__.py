@@ -5,6 +5,7 @@ friction between deformable bodies: application to 3D forging* (2005); equation 
 as in (12), are the paper's.
 """
 
+from qsdolfinx import materials
 from qsdolfinx.contact import Contact
 from qsdolfinx.laws import Law, Tied, Unilateral
 from qsdolfinx.pairing import Pairing
@@ -21,4 +22,5 @@ __all__ = [
     "Surface",
     "Tied",
     "Unilateral",
+    "materials",
 ]
