@@ -7,6 +7,7 @@ as in (12), are the paper's.
 
 from qsdolfinx import materials
 from qsdolfinx.contact import Contact
+from qsdolfinx.continuation import solve_with_continuation
 from qsdolfinx.laws import Law, Tied, Unilateral
 from qsdolfinx.pairing import Pairing
 from qsdolfinx.problem import ContactProblem
@@ -23,4 +24,5 @@ __all__ = [
     "Tied",
     "Unilateral",
     "materials",
+    "solve_with_continuation",
 ]
