@@ -31,10 +31,11 @@ from mpi4py import MPI
 import gmsh
 import numpy as np
 
-import qsdolfinx as qs
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.io import gmshio
+
+import qsdolfinx as qs
 
 RADIUS, HEIGHT = 10.0, 15.0  # mm
 DIE_RADIUS, DIE_HEIGHT = 18.0, 9.0

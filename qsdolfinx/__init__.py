@@ -5,7 +5,9 @@ friction between deformable bodies: application to 3D forging* (2005); equation 
 as in (12), are the paper's.
 """
 
+from qsdolfinx import materials
 from qsdolfinx.contact import Contact
+from qsdolfinx.continuation import solve_with_continuation
 from qsdolfinx.history import History, step_row
 from qsdolfinx.laws import Law, Tied, Unilateral
 from qsdolfinx.output import FieldWriter
@@ -30,6 +32,8 @@ __all__ = [
     "TimeStepper",
     "Unilateral",
     "load_run",
+    "materials",
     "save_run",
+    "solve_with_continuation",
     "step_row",
 ]

@@ -111,7 +111,8 @@ class ContactProblem:
         self._r = self._x.duplicate()
         prefix = petsc_options_prefix
         prefix = f"qsdolfinx_{next(_counter)}_" if prefix is None else prefix
-        self._has_full_steps = set_options(prefix, petsc_options or {})
+        #: Whether the line search is the default and not the user's choice.
+        self.has_full_steps = set_options(prefix, petsc_options or {})
         #: PETSc's nonlinear solver.
         self.snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
         self.snes.setOptionsPrefix(prefix)
@@ -181,7 +182,7 @@ class ContactProblem:
         first_guess = self._x.copy()
         self.snes.solve(None, self._x)
         self._count()
-        if self.snes.getConvergedReason() < 0 and self._has_full_steps:
+        if self.snes.getConvergedReason() < 0 and self.has_full_steps:
             first_guess.copy(self._x)
             with line_search(self.snes):
                 self.snes.solve(None, self._x)

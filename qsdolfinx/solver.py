@@ -111,18 +111,18 @@ def remove_options(prefix: str) -> None:
 
 
 @contextlib.contextmanager
-def line_search(snes: PETSc.SNES) -> typing.Iterator[None]:
+def line_search(snes: PETSc.SNES, kind: str = LINE_SEARCH) -> typing.Iterator[None]:
     """Replace full steps by a line search on the residual norm inside the block."""
     database = PETSc.Options(snes.getOptionsPrefix())
-    full_steps, tolerances = database.getString("snes_linesearch_type"), snes.getTolerances()
+    before, tolerances = database.getString("snes_linesearch_type"), snes.getTolerances()
 
     def choose(kind: str) -> None:
         database.setValue("snes_linesearch_type", kind)
         snes.setFromOptions()
         snes.setTolerances(*tolerances)
 
-    choose(LINE_SEARCH)
+    choose(kind)
     try:
         yield
     finally:
-        choose(full_steps)
+        choose(before)

@@ -1,0 +1,261 @@
+"""Materials as UFL: stresses of elastic and viscoplastic bodies, and incompressible flow.
+
+Units are the user's, as long as they are consistent (stress = force per area; rates per time).
+
+In 2D the state is plane strain, and tensors are 2 × 2: of what they leave out, strains are zero.
+With ``axisymmetric=True`` the mesh is the half-plane of coordinates (r, z), r ≥ 0, and tensors are
+3 × 3 in the order r, z, θ; integrals are taken around the axis, see ``axisymmetric_weight``.
+"""
+
+from __future__ import annotations
+
+import math
+import typing
+
+import numpy as np
+
+import basix.ufl
+import ufl
+from dolfinx import fem, mesh
+
+from qsdolfinx.checks import check_positive
+
+#: A number, a fem.Constant, a fem.Function or any other scalar of UFL.
+Scalar = typing.Any
+#: A scalar, vector or tensor of UFL.
+Expression = typing.Any
+
+_SIMPLICES = (mesh.CellType.triangle, mesh.CellType.tetrahedron)
+
+
+def gradient(u: Expression, axisymmetric: bool = False) -> Expression:
+    """Gradient ∂u_i/∂x_j of a vector field; axisymmetric with the hoop term u_r/r.
+
+    Args:
+        u: Displacement or velocity, or a test function.
+        axisymmetric: Whether the coordinates are (r, z).
+
+    Returns:
+        Tensor of as many rows as u has components; 3 × 3 in the order r, z, θ if axisymmetric.
+    """
+    shape = getattr(u, "ufl_shape", None)
+    if shape not in ((2,), (3,)):
+        raise ValueError("u: must be a vector field of UFL with 2 or 3 components")
+    if axisymmetric and shape != (2,):
+        raise ValueError("axisymmetric: needs a 2D mesh with coordinates (r, z)")
+    grad = ufl.grad(u)
+    if not axisymmetric:
+        return grad
+    hoop = u[0] / ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))[0]
+    return ufl.as_tensor([[grad[0, 0], grad[0, 1], 0], [grad[1, 0], grad[1, 1], 0], [0, 0, hoop]])
+
+
+def strain(u: Expression, axisymmetric: bool = False) -> Expression:
+    """Linear strain (of a velocity: strain rate) ε = ½ (∇u + ∇uᵀ); ε_θθ = u_r/r.
+
+    Args:
+        u: Displacement or velocity, or a test function.
+        axisymmetric: Whether the coordinates are (r, z).
+    """
+    return ufl.sym(gradient(u, axisymmetric))
+
+
+def axisymmetric_weight(msh: mesh.Mesh) -> Expression:
+    """Circumference 2πr at a point: multiply integrands by it, also those of loads.
+
+    Forces are then those on the whole ring.
+    """
+    if msh.geometry.dim != 2:
+        raise ValueError("msh: axisymmetric bodies need a 2D mesh with coordinates (r, z)")
+    return 2 * math.pi * ufl.SpatialCoordinate(msh)[0]
+
+
+def linear_elastic(u: Expression, E: Scalar, nu: Scalar, axisymmetric: bool = False) -> Expression:
+    """Cauchy stress of Hooke's law, σ = 2μ ε + λ tr(ε) I, in 2D for plane strain.
+
+    μ = E / (2 (1 + ν)), λ = E ν / ((1 + ν) (1 − 2ν)).
+
+    Args:
+        u: Displacement.
+        E: Young's modulus, a stress.
+        nu: Poisson's ratio, −1 < ν < ½.
+        axisymmetric: Whether the coordinates are (r, z).
+    """
+    _check_positive(E=E)
+    value = _value(nu)
+    if value is not None and not -1 < value < 0.5:
+        raise ValueError(f"nu: must be above -1 and below 0.5, not {value!r}")
+    eps = strain(u, axisymmetric)
+    mu, lmbda = E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
+    return 2 * mu * eps + lmbda * ufl.tr(eps) * ufl.Identity(eps.ufl_shape[0])
+
+
+def neo_hookean_energy(
+    u: Expression, mu: Scalar, lmbda: Scalar, axisymmetric: bool = False
+) -> Expression:
+    """Energy per reference volume, W = μ/2 (tr(FᵀF) − 3 − 2 ln J) + λ/2 (ln J)².
+
+    With F = I + ∇u and J = det F; the compressible neo-Hookean body of Bonet & Wood, *Nonlinear
+    Continuum Mechanics for Finite Element Analysis* (2008), section 6.4.3.
+
+    Args:
+        u: Displacement.
+        mu: Shear modulus at small strains, a stress.
+        lmbda: Lamé's first parameter at small strains, a stress.
+        axisymmetric: Whether the coordinates are (r, z).
+    """
+    F = _deformation_gradient(u, axisymmetric)
+    log_J = ufl.ln(ufl.det(F))
+    # The sum of the squared stretches; the one across the plane is 1.
+    stretches = ufl.inner(F, F) + (3 - F.ufl_shape[0])
+    return mu / 2 * (stretches - 3 - 2 * log_J) + lmbda / 2 * log_J**2
+
+
+def neo_hookean(u: Expression, mu: Scalar, lmbda: Scalar, axisymmetric: bool = False) -> Expression:
+    """First Piola-Kirchhoff stress P = ∂W/∂F = μ (F − F⁻ᵀ) + λ ln J F⁻ᵀ, unsymmetric.
+
+    The virtual work per reference volume is ``inner(P, gradient(v, axisymmetric))``, v being the
+    test function; W is ``neo_hookean_energy``.
+
+    Args:
+        u: Displacement.
+        mu: Shear modulus at small strains, a stress.
+        lmbda: Lamé's first parameter at small strains, a stress.
+        axisymmetric: Whether the coordinates are (r, z).
+    """
+    _check_positive(mu=mu)
+    F = _deformation_gradient(u, axisymmetric)
+    inverse = ufl.inv(F).T
+    return mu * (F - inverse) + lmbda * ufl.ln(ufl.det(F)) * inverse
+
+
+def newtonian(v: Expression, K: Scalar, axisymmetric: bool = False) -> Expression:
+    """Deviatoric stress of a Newtonian fluid, s = 2K ε̇.
+
+    Args:
+        v: Velocity, incompressible.
+        K: Viscosity, stress × time.
+        axisymmetric: Whether the coordinates are (r, z).
+    """
+    _check_positive(K=K)
+    return 2 * K * strain(v, axisymmetric)
+
+
+def equivalent_strain_rate(v: Expression, axisymmetric: bool = False) -> Expression:
+    """Equivalent strain rate ε̇_eq = √(2/3 ε̇:ε̇) per time; in upsetting, velocity / height.
+
+    Args:
+        v: Velocity, incompressible.
+        axisymmetric: Whether the coordinates are (r, z).
+    """
+    rate = strain(v, axisymmetric)
+    return ufl.sqrt(2 / 3 * ufl.inner(rate, rate))
+
+
+def norton_hoff(
+    v: Expression, K: Scalar, m: Scalar, regularisation: Scalar, axisymmetric: bool = False
+) -> Expression:
+    """Deviatoric stress of a Norton-Hoff body, s = 2K (√3 ε̇)^{m−1} ε̇, with ε̇² = ε̇_eq² + ε̇₀².
+
+    The law of Fourment & Popa (2005), with ε̇₀ added. Without it the viscosity of a body at rest is
+    infinite. With it, stresses are too low by the factor (1 + (ε̇₀/ε̇_eq)²)^{(m−1)/2}: at
+    ε̇₀ = ε̇_eq / 1000 by less than 1e-6. The yield stress in tension is K √3^{m+1} ε̇_eq^m.
+
+    Args:
+        v: Velocity, incompressible.
+        K: Consistency, stress × time^m.
+        m: Rate sensitivity, 0 < m ≤ 1: 1 is a Newtonian body, and 0 would be rigid-plastic with
+            Mises' yield stress √3 K. For small ones see ``solve_with_continuation``.
+        regularisation: ε̇₀ per time, such as a thousandth of velocity / height.
+        axisymmetric: Whether the coordinates are (r, z).
+    """
+    _check_positive(K=K, m=m, regularisation=regularisation)
+    value = _value(m)
+    if value is not None and value > 1:
+        raise ValueError(f"m: must be at most 1, not {value!r}")
+    rate = strain(v, axisymmetric)
+    squared = 2 * ufl.inner(rate, rate) + 3 * regularisation**2  # (√3 ε̇)²
+    return 2 * K * squared ** ((m - 1) / 2) * rate
+
+
+def mini_space(msh: mesh.Mesh) -> fem.FunctionSpace:
+    """Mixed space of the MINI element: velocity P1 with a cell bubble, ``sub(0)``, and P1 pressure.
+
+    It meets the inf-sup condition (Arnold, Brezzi & Fortin 1984). On facets the velocity is P1, so
+    that ``qs.Surface(W.sub(0), ...)`` can be in contact.
+
+    Args:
+        msh: Mesh of triangles or tetrahedra.
+    """
+    if not isinstance(msh, mesh.Mesh):
+        raise TypeError(f"msh: must be a dolfinx.mesh.Mesh, not {type(msh).__name__}")
+    gdim, cell_type = msh.geometry.dim, msh.topology.cell_type
+    if cell_type not in _SIMPLICES or msh.topology.dim != gdim:
+        raise ValueError(
+            "msh: the MINI element needs triangles in 2D or tetrahedra in 3D, "
+            f"not {cell_type.name} cells in {gdim}D"
+        )
+    cell = msh.basix_cell()
+    linear = basix.ufl.element("Lagrange", cell, 1)
+    bubble = basix.ufl.element("Bubble", cell, gdim + 1)
+    velocity = basix.ufl.blocked_element(
+        basix.ufl.enriched_element([linear, bubble]), shape=(gdim,)
+    )
+    return fem.functionspace(msh, basix.ufl.mixed_element([velocity, linear]))
+
+
+def incompressible(w: fem.Function, stress: Expression, dx: ufl.Measure | None = None) -> ufl.Form:
+    """Residual of slow incompressible flow, ∫ s:ε̇(v*) − p div v* − q div v, with w = (v, p).
+
+    Symmetric if s derives from a potential. It is axisymmetric, with the weight 2πr and div v with
+    v_r/r, if the stress is. Loads are to be subtracted from it, with the test functions v*, q =
+    ``ufl.TestFunctions(w.function_space)``. The Cauchy stress is s − p I. If Dirichlet conditions
+    hold the normal velocity on all of the boundary, p has to be held at a point.
+
+    Args:
+        w: Velocity and pressure, such as a function of ``mini_space``.
+        stress: Deviatoric stress s of the velocity ``ufl.split(w)[0]``.
+        dx: Measure; by default over the mesh with a rule that is exact for the MINI element with
+            constant viscosity, but in axisymmetric flow.
+    """
+    if not isinstance(w, fem.Function):
+        raise TypeError(f"w: must be a dolfinx.fem.Function, not {type(w).__name__}")
+    msh = w.function_space.mesh
+    gdim = msh.geometry.dim
+    subs = [w.function_space.sub(i) for i in range(w.function_space.num_sub_spaces)]
+    if [sub.num_sub_spaces for sub in subs] != [gdim, 0]:
+        raise ValueError("w: must be in a mixed space of velocity and pressure, see mini_space")
+    shape = getattr(stress, "ufl_shape", None)
+    axisymmetric = gdim == 2 and shape == (3, 3)
+    if shape != (gdim, gdim) and not axisymmetric:
+        raise ValueError(f"stress: must be a tensor of UFL for velocities in {gdim}D")
+    if dx is None:
+        # UFL would estimate far more for a power.
+        degree = 2 * gdim + axisymmetric
+        dx = ufl.Measure("dx", domain=msh, metadata={"quadrature_degree": degree})
+    (v, p), (dv, q) = ufl.split(w), ufl.TestFunctions(w.function_space)
+    rate, test = strain(v, axisymmetric), strain(dv, axisymmetric)
+    integrand = ufl.inner(stress, test) - p * ufl.tr(test) - q * ufl.tr(rate)
+    return (axisymmetric_weight(msh) * integrand if axisymmetric else integrand) * dx
+
+
+def _deformation_gradient(u: Expression, axisymmetric: bool) -> Expression:
+    grad = gradient(u, axisymmetric)
+    return ufl.Identity(grad.ufl_shape[0]) + grad
+
+
+def _value(given: Scalar) -> float | None:
+    """Value of a number or a Constant."""
+    if isinstance(given, fem.Constant):
+        given = given.value.item() if given.value.size == 1 else math.nan
+    return float(given) if isinstance(given, (int, float, np.number)) else None
+
+
+def _check_positive(**parameters: Scalar) -> None:
+    """Refuse what is neither a positive number or Constant nor a scalar of UFL."""
+    for name, given in parameters.items():
+        value = _value(given)
+        if value is not None:
+            check_positive(name, value)
+        elif getattr(given, "ufl_shape", None) != ():
+            raise TypeError(f"{name}: must be a number, a Constant, a Function or a scalar of UFL")
