@@ -42,7 +42,7 @@ DIE_RADIUS, DIE_HEIGHT = 18.0, 9.0
 K, M, SPEED = 50.0, 0.15, 10.0  # MPa sᵐ, -, mm/s
 E_DIE, NU_DIE = 2.1e5, 0.3
 SIZES = {"coarse": 2.5, "medium": 1.7, "fine": 1.2}  # mm, cells of the workpiece
-TWO_MULTIPLIERS = ("double-pass", "two-half-pass")
+FORMULATIONS = ("master-slave", "quasi-symmetric", "double-pass", "two-half-pass")
 
 
 @dataclasses.dataclass
@@ -52,7 +52,7 @@ class Parameters:
     die_refinement: float = 4.0
     formulation: str = "quasi-symmetric"
     quadrature: str = "overlay"
-    enforcement: str | None = None
+    enforcement: str = "penalty"
     reduction: float = 0.3
     size: str = "coarse"
     num_steps: int = 15
@@ -64,7 +64,7 @@ class Parameters:
 
 
 def create_quarter(comm, radius, bottom, height, size):
-    """Tetrahedra of a quarter cylinder; ``size`` is a number or gmsh's formula for the cell size."""
+    """Tetrahedra of a quarter cylinder; ``size`` is a number or gmsh's formula for their size."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
@@ -144,9 +144,6 @@ def build(comm, p):
     h = SIZES[p.size]
     work = Workpiece(comm, h)
     dies = [Die(comm, 0.0, -1, h / p.die_refinement), Die(comm, HEIGHT, 1, h / p.die_refinement)]
-    enforcement = p.enforcement or (
-        "penalty" if p.formulation in TWO_MULTIPLIERS else "augmented-lagrangian"
-    )
     time_step = p.reduction * HEIGHT / SPEED / p.num_steps
     contacts = []
     for face, die in zip((work.lower, work.upper), dies, strict=True):
@@ -155,7 +152,7 @@ def build(comm, p):
             *(sides[::-1] if p.swap else sides),
             p.formulation,
             quadrature=p.quadrature,
-            enforcement=enforcement,
+            enforcement=p.enforcement,
             gap_tolerance=1e-5,
             unknown=unknown[::-1] if p.swap else unknown,
             dt=time_step,
@@ -255,11 +252,13 @@ def main():
     parser.add_argument("--die-refinement", type=float, default=default.die_refinement)
     parser.add_argument(
         "--formulation",
-        choices=("master-slave", "quasi-symmetric", *TWO_MULTIPLIERS),
+        choices=FORMULATIONS,
         default=default.formulation,
     )
     parser.add_argument("--quadrature", choices=("nodal", "overlay"), default=default.quadrature)
-    parser.add_argument("--enforcement", choices=("penalty", "augmented-lagrangian"))
+    parser.add_argument(
+        "--enforcement", choices=("penalty", "augmented-lagrangian"), default=default.enforcement
+    )
     parser.add_argument("--reduction", type=float, default=default.reduction)
     parser.add_argument("--size", choices=tuple(SIZES), default=default.size)
     parser.add_argument("--steps", dest="num_steps", type=int, default=default.num_steps)
