@@ -217,7 +217,7 @@ def run(p, comm=MPI.COMM_WORLD):
     """
     comm.barrier()
     start = time.perf_counter()
-    scene = work, dies, contacts, problem, stepper = build(comm, p)
+    scene = _, dies, contacts, _, stepper = build(comm, p)
     volume = stepper.motions[0].volume()
     history = qs.History(comm, t_end=p.reduction * HEIGHT / SPEED, verbose=p.verbose)
     iterations, imbalance = 0, 0.0
