@@ -9,6 +9,7 @@ from qsdolfinx.contact import Contact
 from qsdolfinx.laws import Law, Tied, Unilateral
 from qsdolfinx.pairing import Pairing
 from qsdolfinx.problem import ContactProblem
+from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.solver import ConvergenceError
 from qsdolfinx.surface import Surface
 
@@ -18,6 +19,7 @@ __all__ = [
     "ConvergenceError",
     "Law",
     "Pairing",
+    "RigidSurface",
     "Surface",
     "Tied",
     "Unilateral",

@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 
 from qsdolfinx.contact import Contact
+from qsdolfinx.surface import Surface
 
 
 def communicator(u: typing.Any) -> MPI.Intracomm:
@@ -80,7 +81,8 @@ def check_arguments(
             _check_form("J", i, tangent, 2, function)
     for contact in contacts:
         body_of(u, contact.slave.V, "slave")
-        body_of(u, contact.master.V, "master")
+        if isinstance(contact.master, Surface):
+            body_of(u, contact.master.V, "master")
 
 
 def _check_form(name: str, i: int, form: typing.Any, rank: int, u: fem.Function) -> None:
