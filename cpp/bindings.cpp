@@ -93,7 +93,8 @@ void bind_surface(nb::module_& m)
           "local_size"_a, "Collective. See surface.h.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range)
       .def_prop_ro("facet_x",
-                   [](const Surface& s) {
+                   [](const Surface& s)
+                   {
                      return copy(s.facets().x,
                                  {s.num_facets(), static_cast<std::size_t>(s.num_vertices()), 3});
                    })

@@ -59,7 +59,8 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
 }
 } // namespace
 
-void qsdolfinx::append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim, int rank)
+void qsdolfinx::append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim,
+                            int rank)
 {
   side.x.insert(side.x.end(), &nodes.x[3 * k], &nodes.x[3 * k] + 3);
   side.dofs.insert(side.dofs.end(), &nodes.dofs[k * gdim], &nodes.dofs[k * gdim] + gdim);

@@ -65,8 +65,8 @@ PairingPoints qsdolfinx::sample_facets(const Surface& slave, const Rule& rule)
       const auto N = shape_functions(type, rule.x[p]);
       const auto T = trace_functions(type, slave.degree(), rule.x[p]);
       const double jacobian = norm(area_vector(type, slave.facet_x(f), rule.x[p]));
-      const auto append = [](auto& to, auto* from, std::size_t n)
-      { to.insert(to.end(), from, from + n); };
+      const auto append
+          = [](auto& to, auto* from, std::size_t n) { to.insert(to.end(), from, from + n); };
       append(out.slave.x, x.data(), 3);
       append(out.slave.dofs, &facets.dofs[f * d], d);
       append(out.slave.owner, &facets.owner[f * nt], nt);
@@ -88,8 +88,8 @@ void qsdolfinx::face_tool(PairingPoints& points, std::span<const std::uint8_t> k
   if (keep.size() != n || normal.size() != 3 * n || gap.size() != n || group == 0 || n % group != 0)
     throw std::invalid_argument("face_tool: one entry for each point");
   for (std::size_t first = 0; first < n; first += group)
-    points.num_unpaired += std::ranges::count(keep.subspan(first, group), 0)
-                           == static_cast<std::ptrdiff_t>(group);
+    points.num_unpaired
+        += std::ranges::count(keep.subspan(first, group), 0) == static_cast<std::ptrdiff_t>(group);
   points.normal.assign(normal.begin(), normal.end());
   points.gap.assign(gap.begin(), gap.end());
   for (std::size_t i = 0; i < 3 * n; ++i)

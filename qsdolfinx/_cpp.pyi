@@ -74,7 +74,6 @@ def pair_surfaces(
 def closest_point(
     num_vertices: int, vertices: Array, p: Array
 ) -> tuple[float, list[float], list[float]]: ...
-
 def sample_nodes(slave: Surface) -> PairingPoints: ...
 def sample_facets(slave: Surface, x: Array, w: Array) -> PairingPoints: ...
 def face_tool(
@@ -84,7 +83,12 @@ def forget_master(points: PairingPoints) -> None: ...
 
 class GapOperator:
     def __init__(
-        self, slave: Surface, master: Surface | None, points: PairingPoints, jump: bool, by_cover: bool
+        self,
+        slave: Surface,
+        master: Surface | None,
+        points: PairingPoints,
+        jump: bool,
+        by_cover: bool,
     ) -> None: ...
     @property
     def num_rows(self) -> int: ...

@@ -205,7 +205,7 @@ class Drive:
                 self.approach()
                 follow(np.zeros(sum(body.num_owned for body in bodies)))
                 continue
-            self._try(np.linalg.solve(J, -R), responses, follow)
+            self._try(np.asarray(np.linalg.solve(J, -R)), responses, follow)
         return False
 
     def _try(

@@ -126,8 +126,10 @@ class ContactProblem:
         self.snes.setMonitor(self._monitor)
 
     def _master_body(self, contact: Contact) -> int | None:
-        rigid = isinstance(contact.master, RigidSurface)
-        return None if rigid else body_of(self.u, contact.master.V, "master")
+        """Index of the master's body, None of a rigid tool."""
+        if isinstance(contact.master, RigidSurface):
+            return None
+        return body_of(self.u, contact.master.V, "master")
 
     @property
     def comm(self) -> MPI.Intracomm:

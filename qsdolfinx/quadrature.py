@@ -31,7 +31,9 @@ def check_quadrature(
         ValueError: If it is not a positive integer, or the nodal rule is to sample traces of degree
             2: their values at the vertices say nothing of the edges.
     """
-    traces = [(surface, surface.degree) for surface in (slave, master) if isinstance(surface, Surface)]
+    traces = [
+        (surface, surface.degree) for surface in (slave, master) if isinstance(surface, Surface)
+    ]
     if quadrature == "nodal" and any(order > 1 for _, order in traces):
         raise ValueError(
             "quadrature: the nodal rule samples the gap at vertices, which sees nothing of the "
@@ -42,7 +44,9 @@ def check_quadrature(
             raise ValueError(f"quadrature_degree: must be a positive integer, not {degree!r}")
         return int(degree)
     trace = max(_degree(surface, order) for surface, order in traces)
-    facets = [slave] if isinstance(master, RigidSurface) and master.is_analytic else [slave, master]
+    facets: list[Surface | RigidSurface] = [slave]
+    if isinstance(master, Surface) or not master.is_analytic:
+        facets.append(master)
     return max(_degree(surface, 1) for surface in facets) + trace
 
 

@@ -162,8 +162,8 @@ class ContactResults(abc.ABC):
     def _force_vec(self, side: str) -> typing.Iterator[PETSc.Vec]:
         """Contact forces on the unknowns of one side's body."""
         self._surface(side)
-        rigid = isinstance(self.master, RigidSurface)
-        vecs = self.slave.create_vec(), None if rigid else self.master.create_vec()
+        master = self.master.create_vec() if isinstance(self.master, Surface) else None
+        vecs = self.slave.create_vec(), master
         for p in self.passes:
             p.add_forces(-p.multiplier(self.eps), vecs if p.slave is self.slave else vecs[::-1])
         yield vecs[SIDES.index(side)]

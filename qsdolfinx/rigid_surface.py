@@ -194,24 +194,29 @@ class RigidSurface:
 
     @classmethod
     def from_mesh(
-        cls, msh: mesh.Mesh, flip: bool = False, center: npt.ArrayLike | None = None
+        cls,
+        msh: mesh.Mesh,
+        inside: npt.ArrayLike | None = None,
+        center: npt.ArrayLike | None = None,
     ) -> RigidSurface:
         """A tool from a surface mesh, whose cells stay on the ranks that own them. Collective.
 
         Args:
             msh: Mesh of first order and of topological dimension gdim − 1. Its communicator is that
                 of the bodies' meshes.
-            flip: Whether its orientation is the opposite of that of :meth:`triangulated`.
+            inside: A point of the tool, shape (gdim,), that all cells are turned away from; it must
+                see all of them from behind. By default the cells are oriented as in
+                :meth:`triangulated`, which those of a sub-mesh of facets are not.
             center: What the tool is rotated about, shape (gdim,); by default the mean vertex.
 
         Raises:
             TypeError: If it is no mesh.
-            ValueError: If the mesh has another dimension or order, is not finite, or a cell has no
-                area.
+            ValueError: If the mesh has another dimension or order, is not finite, a cell has no
+                area, or neighbours are oriented in opposite ways.
         """
         if not isinstance(msh, mesh.Mesh):
             raise TypeError(f"msh: must be a dolfinx.mesh.Mesh, not {type(msh).__name__}")
-        facets, mean = triangulation.of_mesh(msh, flip)
+        facets, mean = triangulation.of_mesh(msh, inside)
         return cls(msh.comm, _center(msh.comm, center, mean), facets)
 
     @property

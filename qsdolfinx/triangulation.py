@@ -15,6 +15,7 @@ import numpy.typing as npt
 from dolfinx import mesh
 
 from qsdolfinx import _cpp
+from qsdolfinx.checks import check_vector
 from qsdolfinx.collective import check_agreement, collective_errors
 
 Array = npt.NDArray[np.float64]
@@ -30,19 +31,19 @@ class Facets:
         vertices: Global numbers of the vertices, shape (facets, vertices).
         owner: Ranks that own them, of the same shape.
         num_owned: Vertices that this rank owns, a contiguous range.
-        sign: −1 if the orientation of the facets is to be turned, else 1.
+        sign: −1 where a facet's orientation is to be turned, else 1, shape (facets,).
     """
 
     x: Array
     vertices: Indices
     owner: npt.NDArray[np.int32]
     num_owned: int
-    sign: float = 1.0
+    sign: Array
 
     def surface(self, comm: MPI.Intracomm, gdim: int, R: Array, t: Array) -> _cpp.Surface:
         """The surface after x ↦ R x + t; the vertices get unknowns that nobody has. Collective."""
         x = self.x @ R.T + t
-        behind = x.mean(axis=1) - self.sign * area_vectors(x)
+        behind = x.mean(axis=1) - self.sign[:, None] * area_vectors(x)
         return _cpp.Surface(
             comm=comm.py2f(),
             gdim=gdim,
@@ -78,7 +79,8 @@ def scatter(
     Returns:
         The facets of this rank, and the mean vertex, shape (gdim,).
     """
-    points, cells = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    points: Array = np.zeros((0, 3))
+    cells: Indices = np.zeros((0, 3), dtype=np.int64)
     with collective_errors(comm):
         if comm.rank == 0 or x is not None or triangles is not None:
             points, cells = _checked(x, triangles)
@@ -96,7 +98,9 @@ def scatter(
     owner = (np.searchsorted(first_point, vertices, side="right") - 1).astype(np.int32)
     mean = comm.bcast(points[np.unique(cells)].mean(axis=0) if comm.rank == 0 else None, root=0)
     num_owned = int(first_point[comm.rank + 1] - first_point[comm.rank])
-    return Facets(coordinates, vertices, owner, num_owned), mean
+    sign = np.ones(len(vertices))
+    _check_orientation(comm, "triangles", vertices, sign)
+    return Facets(coordinates, vertices, owner, num_owned, sign), mean
 
 
 def _check_same(comm: MPI.Intracomm, given: bool, points: Array, cells: Indices) -> None:
@@ -128,13 +132,6 @@ def _checked(x: npt.ArrayLike | None, triangles: npt.ArrayLike | None) -> tuple[
     cells = given.astype(np.int64)
     padded = np.column_stack([points, np.zeros((len(points), 3 - gdim))])
     check_areas("triangles", padded[cells])
-    # A consistent orientation passes every edge (2D: vertex) once in each direction.
-    ends = [cells[:, [i, (i + 1) % 3]] for i in range(3)] if gdim == 3 else [cells[:, [0]]]
-    passed = np.concatenate(ends)
-    if len(np.unique(passed, axis=0)) < len(passed) or (
-        gdim == 2 and len(np.unique(cells[:, 1])) < len(cells)
-    ):
-        raise ValueError("triangles: neighbours are oriented in opposite ways, or facets meet twice")
     return points, cells
 
 
@@ -145,6 +142,27 @@ def check_areas(name: str, x: Array) -> None:
     flat = ~(np.linalg.norm(area_vectors(x), axis=1) > 1e-14 * size**power)
     if flat.any():
         raise ValueError(f"{name}: {np.count_nonzero(flat)} facets have no area")
+
+
+def _check_orientation(comm: MPI.Intracomm, name: str, vertices: Indices, sign: Array) -> None:
+    """Refuse neighbours of opposite orientation. Collective.
+
+    Facets that agree pass their common edge once in each direction; segments that do, leave and
+    reach a vertex once.
+    """
+    n = vertices.shape[1]
+    if n == 2:
+        turned = np.where(sign[:, None] < 0, vertices[:, ::-1], vertices)
+        passed = np.concatenate([turned[:, [i, i]] * [1, 0] + [0, i] for i in range(2)])
+    else:
+        ring = vertices[:, [0, 1, 2] if n == 3 else [0, 1, 3, 2]]
+        edges = np.stack([ring, np.roll(ring, -1, axis=1)], axis=-1)
+        passed = np.where(sign[:, None, None] < 0, edges[..., ::-1], edges).reshape(-1, 2)
+    to = passed.min(axis=1) % comm.size if n > 2 else passed[:, 0] % comm.size
+    received = np.concatenate(comm.alltoall([passed[to == rank] for rank in range(comm.size)]))
+    with collective_errors(comm):
+        if len(np.unique(received, axis=0)) < len(received):
+            raise ValueError(f"{name}: neighbours are oriented in opposite ways, or overlap")
 
 
 def read_stl(filename: str | os.PathLike[str]) -> tuple[Array, Indices]:
@@ -185,8 +203,13 @@ def _ascii_stl(data: bytes) -> Array | None:
         return None
 
 
-def of_mesh(msh: mesh.Mesh, flip: bool) -> tuple[Facets, Array]:
-    """This rank's cells of a surface mesh, and the mean vertex, shape (gdim,). Collective."""
+def of_mesh(msh: mesh.Mesh, inside: npt.ArrayLike | None) -> tuple[Facets, Array]:
+    """This rank's cells of a surface mesh, and the mean vertex, shape (gdim,). Collective.
+
+    Args:
+        msh: The mesh.
+        inside: A point that all cells are turned away from; without it they stay as they are.
+    """
     comm, geometry, tdim = msh.comm, msh.geometry, msh.topology.dim
     gdim = int(geometry.dim)
     with collective_errors(comm):
@@ -199,17 +222,17 @@ def of_mesh(msh: mesh.Mesh, flip: bool) -> tuple[Facets, Array]:
         if not np.isfinite(x).all():
             raise ValueError("msh: coordinates are not finite (NaN, infinity)")
         check_areas("msh", x)
+        sign: Array = np.ones(len(x))
+        if inside is not None:
+            point = np.append(check_vector("inside", inside, gdim), np.zeros(3 - gdim))
+            outward = np.sum((x.mean(axis=1) - point) * area_vectors(x), axis=1)
+            sign = np.where(outward < 0, -1.0, 1.0)
     index_map = geometry.index_map()
     owners = np.concatenate(
         [np.full(index_map.size_local, comm.rank, dtype=np.int32), index_map.owners]
     )
-    vertices = index_map.local_to_global(cells.ravel()).reshape(cells.shape)
+    vertices = index_map.local_to_global(cells.ravel()).reshape(cells.shape).astype(np.int64)
+    _check_orientation(comm, "msh", vertices, sign)
     total = comm.allreduce(geometry.x[: index_map.size_local, :gdim].sum(axis=0), op=MPI.SUM)
-    facets = Facets(
-        x,
-        vertices.astype(np.int64),
-        owners[cells].astype(np.int32),
-        int(index_map.size_local),
-        -1.0 if flip else 1.0,
-    )
+    facets = Facets(x, vertices, owners[cells].astype(np.int32), int(index_map.size_local), sign)
     return facets, typing.cast(Array, total / index_map.size_global)
