@@ -194,6 +194,8 @@ class ContactProblem:
         b, y = self._x.duplicate(), self._x.duplicate()
         b.array[:] = load
         ksp.solve(b, y)
+        if ksp.getConvergedReason() < 0:
+            self._raise_error(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
         change = y.array_r.copy()
         b.destroy()
         y.destroy()

@@ -92,7 +92,10 @@ def scatter(
     parts = None
     if comm.rank == 0:
         padded = np.column_stack([points, np.zeros((num_points, 3 - gdim))])
-        chunks = np.split(cells, first_cell[1:-1])
+        # Slabs across the longest side: the search goes to few ranks.
+        middle = points[cells].mean(axis=1)
+        order = np.argsort(middle[:, np.argmax(np.ptp(middle, axis=0))], kind="stable")
+        chunks = np.split(cells[order], first_cell[1:-1])
         parts = [(chunk, padded[chunk]) for chunk in chunks]
     vertices, coordinates = comm.scatter(parts, root=0)
     owner = (np.searchsorted(first_point, vertices, side="right") - 1).astype(np.int32)
