@@ -5,6 +5,7 @@
 #include "overlay.h"
 #include "pairing.h"
 #include "projection.h"
+#include "rigid.h"
 #include "search.h"
 #include "surface.h"
 
@@ -91,6 +92,19 @@ void bind_surface(nb::module_& m)
           "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
           "local_size"_a, "Collective. See surface.h.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range)
+      .def_prop_ro("facet_x",
+                   [](const Surface& s)
+                   {
+                     return copy(s.facets().x,
+                                 {s.num_facets(), static_cast<std::size_t>(s.num_vertices()), 3});
+                   })
+      .def_prop_ro("facet_dofs",
+                   [](const Surface& s)
+                   {
+                     return copy(s.facets().dofs,
+                                 {s.num_facets(), static_cast<std::size_t>(s.num_trace()),
+                                  static_cast<std::size_t>(s.gdim())});
+                   })
       .def_prop_ro(
           "node_dofs", [](const Surface& s)
           { return copy(s.nodes().dofs, {s.nodes().size(), static_cast<std::size_t>(s.gdim())}); })
@@ -151,18 +165,35 @@ void bind_pairing(nb::module_& m)
       "Closest point of one facet to p: distance, reference coordinates, position.");
 }
 
+void bind_rigid(nb::module_& m)
+{
+  m.def("sample_nodes", &sample_nodes, "slave"_a, "Points at the nodes, without a master.");
+  m.def(
+      "sample_facets", [](const Surface& slave, In<double> x, In<double> w)
+      { return sample_facets(slave, rule(x, w)); }, "slave"_a, "x"_a, "w"_a,
+      "Quadrature points on the facets, without a master.");
+  m.def(
+      "face_tool",
+      [](PairingPoints& points, In<std::uint8_t> keep, In<double> normal, In<double> gap,
+         std::size_t group) { face_tool(points, view(keep), view(normal), view(gap), group); },
+      "points"_a, "keep"_a, "normal"_a, "gap"_a, "group"_a,
+      "Set normals and gaps, and drop points; see rigid.h.");
+  m.def("forget_master", &forget_master, "points"_a, "Forget the unknowns of the master.");
+}
+
 void bind_gap(nb::module_& m)
 {
   nb::class_<GapOperator>(m, "GapOperator", "Weighted gaps of the slave nodes of this rank.")
       .def(
           "__init__",
-          [](GapOperator* self, const Surface& slave, const Surface& master,
+          [](GapOperator* self, const Surface& slave, const Surface* master,
              const PairingPoints& points, bool jump, bool by_cover)
           {
             new (self) GapOperator(slave, master, points, jump ? GapKind::jump : GapKind::normal,
                                    by_cover);
           },
-          "slave"_a, "master"_a, "points"_a, "jump"_a, "by_cover"_a, "Collective. See gap.h.")
+          "slave"_a, "master"_a.none(), "points"_a, "jump"_a, "by_cover"_a,
+          "Collective. See gap.h.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
       .def_prop_ro("width", &GapOperator::width)
       .def_prop_ro("row_node",
@@ -210,5 +241,6 @@ NB_MODULE(_cpp, m)
   m.doc() = "Contact kernels of qsdolfinx: surface, search, pairing points, weighted gap, blocks.";
   bind_surface(m);
   bind_pairing(m);
+  bind_rigid(m);
   bind_gap(m);
 }

@@ -10,8 +10,7 @@ using namespace qsdolfinx;
 namespace
 {
 /// Pairing points that other ranks found and that act on multipliers of this one.
-PairingPoints points_from_others(const Surface& slave, const Surface& master,
-                                 const PairingPoints& points)
+PairingPoints points_from_others(const Surface& slave, const PairingPoints& points)
 {
   const int nk = points.num_multipliers, ns = points.slave.num_nodes, nm = points.master.num_nodes,
             d = points.gdim;
@@ -49,7 +48,7 @@ PairingPoints points_from_others(const Surface& slave, const Surface& master,
   doubles = exchange.forward<double>(doubles, num_doubles);
   dofs = exchange.forward<std::int64_t>(dofs, num_dofs);
 
-  PairingPoints out(slave, master);
+  PairingPoints out = points.none_like();
   for (std::size_t p = 0; p < exchange.num_received(); ++p)
   {
     const double* v = doubles.data() + p * num_doubles;
@@ -195,11 +194,11 @@ void compress(GapOperator::Side& out, const std::vector<Term>& terms, int d, Gap
 }
 } // namespace
 
-GapOperator::GapOperator(const Surface& slave, const Surface& master, const PairingPoints& points,
+GapOperator::GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,
                          GapKind kind, bool by_cover)
-    : kind_(kind), gdim_(points.gdim)
+    : kind_(kind), gdim_(points.gdim), num_sides_(master ? 2 : 1)
 {
-  const PairingPoints others = points_from_others(slave, master, points);
+  const PairingPoints others = points_from_others(slave, points);
   build_rows(slave, {&points, &others}, by_cover);
   build_scatters(slave, master);
 }
@@ -258,12 +257,12 @@ void GapOperator::build_rows(const Surface& slave, const PointSets& sets, bool b
                });
 }
 
-void GapOperator::build_scatters(const Surface& slave, const Surface& master)
+void GapOperator::build_scatters(const Surface& slave, const Surface* master)
 {
-  for (int i = 0; i < 2; ++i)
+  for (int i = 0; i < num_sides_; ++i)
   {
     Side& side = sides_[i];
-    const Surface& surface = i == 0 ? slave : master;
+    const Surface& surface = i == 0 ? slave : *master;
     const auto n = static_cast<PetscInt>(side.dofs.size());
     Vec layout;
     IS is;
@@ -280,7 +279,7 @@ void GapOperator::build_scatters(const Surface& slave, const Surface& master)
 std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 2> scale)
 {
   std::vector<double> g(num_rows() * width(), 0);
-  for (int s = 0; s < 2; ++s)
+  for (int s = 0; s < num_sides_; ++s)
   {
     Side& side = sides_[s];
     check(VecScatterBegin(side.scatter, x[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
@@ -310,7 +309,7 @@ void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b,
 {
   if (f.size() != num_rows() * width())
     throw std::invalid_argument("f must hold `width` values per row");
-  for (int s = 0; s < (slave_only ? 1 : 2); ++s)
+  for (int s = 0; s < (slave_only ? 1 : num_sides_); ++s)
   {
     Side& side = sides_[s];
     check(VecSet(side.local, 0));
@@ -334,7 +333,7 @@ void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b,
 
 void GapOperator::constrain(std::array<Vec, 2> markers)
 {
-  for (int s = 0; s < 2; ++s)
+  for (int s = 0; s < num_sides_; ++s)
   {
     Side& side = sides_[s];
     check(VecScatterBegin(side.scatter, markers[s], side.local, INSERT_VALUES, SCATTER_FORWARD));

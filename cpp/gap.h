@@ -45,9 +45,10 @@ public:
     VecScatter scatter = nullptr; ///< from the body's vector to `local`
   };
 
-  /// Collective. @param points pairing points, anywhere on the communicator
+  /// Collective. @param master null for a rigid tool, which has no unknowns
+  /// @param points pairing points, anywhere on the communicator
   /// @param by_cover weighted with what the points cover of S_k, Σ_p w_p N_k(ξ_p), instead of S_k
-  GapOperator(const Surface& slave, const Surface& master, const PairingPoints& points,
+  GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,
               GapKind kind, bool by_cover);
   ~GapOperator();
   GapOperator(const GapOperator&) = delete;
@@ -64,11 +65,13 @@ public:
   const std::vector<double>& row_area() const { return row_area_; }
   /// Initial weighted gap d of each row (zero for a jump).
   const std::vector<double>& initial_gap() const { return initial_gap_; }
+  /// Sides with unknowns: 2, or 1 if the master is rigid.
+  int num_sides() const { return num_sides_; }
   /// 0: slave, 1: master.
   const Side& side(int i) const { return sides_[i]; }
 
   /// Linear part G_s u_s + G_m u_m, [row][width]. Collective.
-  /// @param x vectors of the two bodies
+  /// @param x vectors of the two bodies, of which a rigid one's is not looked at
   /// @param scale displacement per unknown of each of them: u = scale · x
   std::vector<double> apply(std::array<Vec, 2> x, std::array<double, 2> scale);
   /// b += Gᵀ f on both bodies, or on the slave alone. Collective. @param f [row][width]
@@ -79,10 +82,10 @@ public:
 private:
   void build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
                   bool by_cover);
-  void build_scatters(const Surface& slave, const Surface& master);
+  void build_scatters(const Surface& slave, const Surface* master);
 
   GapKind kind_;
-  int gdim_;
+  int gdim_, num_sides_;
   std::vector<std::int64_t> row_node_;
   std::vector<double> row_area_, initial_gap_;
   std::array<Side, 2> sides_;

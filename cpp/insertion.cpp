@@ -54,11 +54,11 @@ void qsdolfinx::insert_contact(const GapOperator& gap, std::span<const double> s
     // A jump row couples each component with itself only.
     for (int component = 0; component < gap.width(); ++component)
     {
-      for (int s = 0; s < 2; ++s)
+      for (int s = 0; s < gap.num_sides(); ++s)
         gather_row(gap, s, r, component, pattern, row[s]);
-      for (int a = 0; a < (slave_only ? 1 : 2); ++a)
+      for (int a = 0; a < (slave_only ? 1 : gap.num_sides()); ++a)
       {
-        for (int b = 0; b < 2; ++b)
+        for (int b = 0; b < gap.num_sides(); ++b)
         {
           const auto m = row[a].dofs.size(), n = row[b].dofs.size();
           outer.resize(m * n);

@@ -6,7 +6,8 @@
 namespace qsdolfinx
 {
 
-/// Blocks (slave, slave), (slave, master), (master, slave), (master, master).
+/// Blocks (slave, slave), (slave, master), (master, slave), (master, master); only the first if the
+/// master is rigid.
 using ContactBlocks = std::array<Mat, 4>;
 
 /// Add Gᵀ D G to the four blocks, D diagonal and non-negative, so that the sum stays symmetric

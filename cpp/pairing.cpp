@@ -7,18 +7,6 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// A point at a node: the node itself is its only vertex.
-void append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim, int rank)
-{
-  side.x.insert(side.x.end(), &nodes.x[3 * k], &nodes.x[3 * k] + 3);
-  side.dofs.insert(side.dofs.end(), &nodes.dofs[k * gdim], &nodes.dofs[k * gdim] + gdim);
-  side.dofs.insert(side.dofs.end(), (side.num_nodes - 1) * gdim, -1);
-  side.owner.push_back(rank);
-  side.owner.insert(side.owner.end(), side.num_nodes - 1, -1);
-  side.shape_values.push_back(1);
-  side.shape_values.insert(side.shape_values.end(), side.num_nodes - 1, 0.0);
-}
-
 /// A point within a facet, as found for node k.
 void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, int gdim)
 {
@@ -71,6 +59,18 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
 }
 } // namespace
 
+void qsdolfinx::append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim,
+                            int rank)
+{
+  side.x.insert(side.x.end(), &nodes.x[3 * k], &nodes.x[3 * k] + 3);
+  side.dofs.insert(side.dofs.end(), &nodes.dofs[k * gdim], &nodes.dofs[k * gdim] + gdim);
+  side.dofs.insert(side.dofs.end(), (side.num_nodes - 1) * gdim, -1);
+  side.owner.push_back(rank);
+  side.owner.insert(side.owner.end(), side.num_nodes - 1, -1);
+  side.shape_values.push_back(1);
+  side.shape_values.insert(side.shape_values.end(), side.num_nodes - 1, 0.0);
+}
+
 PairingPoints::PairingPoints(const Surface& s, const Surface& m)
     : gdim(s.gdim()), num_multipliers(s.num_vertices())
 {
@@ -78,6 +78,16 @@ PairingPoints::PairingPoints(const Surface& s, const Surface& m)
     throw std::invalid_argument("slave and master have different geometric dimensions");
   slave.num_nodes = s.num_trace();
   master.num_nodes = m.num_trace();
+}
+
+PairingPoints PairingPoints::none_like() const
+{
+  PairingPoints out;
+  out.gdim = gdim;
+  out.num_multipliers = num_multipliers;
+  out.slave.num_nodes = slave.num_nodes;
+  out.master.num_nodes = master.num_nodes;
+  return out;
 }
 
 PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& master,

@@ -38,7 +38,12 @@ struct PairingPoints
   std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
 
   std::size_t size() const { return weight.size(); }
+  /// No points, but with as many places in each.
+  PairingPoints none_like() const;
 };
+
+/// Append a point at an owned node: the node itself is its only vertex.
+void append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim, int rank);
 
 /// Which nodes sample the gap.
 enum class Sampling

@@ -36,7 +36,7 @@ struct Frame
   Vec2 project(const Vec3& x) const;
 };
 
-/// Points and weights on the reference interval [0, 1] or triangle; weights sum to 1.
+/// Points and weights on the reference interval [0, 1], triangle or square; weights sum to 1.
 struct Rule
 {
   std::vector<Vec2> x;

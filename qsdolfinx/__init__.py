@@ -14,6 +14,7 @@ from qsdolfinx.output import FieldWriter
 from qsdolfinx.pairing import Pairing
 from qsdolfinx.problem import ContactProblem
 from qsdolfinx.restart import load_run, save_run
+from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.solver import ConvergenceError
 from qsdolfinx.stepper import StepError, TimeStepper
 from qsdolfinx.surface import Surface
@@ -26,6 +27,7 @@ __all__ = [
     "History",
     "Law",
     "Pairing",
+    "RigidSurface",
     "StepError",
     "Surface",
     "Tied",

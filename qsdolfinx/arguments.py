@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 
 from qsdolfinx.contact import Contact
+from qsdolfinx.surface import Surface
 
 
 def communicator(u: typing.Any) -> MPI.Intracomm:
@@ -85,10 +86,10 @@ def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[
     """Refuse contacts of no body of ours, or that disagree on what a body's unknowns are."""
     known: dict[int, float] = {}
     for contact in contacts:
-        for name, surface, scale in (
-            ("slave", contact.slave, contact.scale[0]),
-            ("master", contact.master, contact.scale[1]),
-        ):
+        sides = [("slave", contact.slave, contact.scale[0])]
+        if isinstance(contact.master, Surface):
+            sides.append(("master", contact.master, contact.scale[1]))
+        for name, surface, scale in sides:
             i = body_of(u, surface.V, name)
             if known.setdefault(i, scale) != scale:
                 raise ValueError(f"contacts: must agree on whether u[{i}] is a velocity, and on dt")

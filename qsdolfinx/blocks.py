@@ -10,8 +10,9 @@ from petsc4py import PETSc
 from qsdolfinx.bulk import Body
 from qsdolfinx.contact import Contact
 
-#: Bodies (indices) of the slave's and of the master's side of each contact.
-Sides = typing.Sequence[tuple[int, int]]
+#: Body (index) of the slave's and of the master's side of a contact, None of a rigid tool.
+Side = tuple[int, int | None]
+Sides = typing.Sequence[Side]
 
 
 class Blocks:
@@ -35,7 +36,7 @@ class Blocks:
         self._contacts = contacts
         self._sides = sides
         coupled = {(i, i) for i in range(len(bodies))}
-        coupled |= {pair for s, m in sides for pair in ((s, m), (m, s))}
+        coupled |= {pair for s, m in sides if m is not None for pair in ((s, m), (m, s))}
         self._mats = {(i, j): _contact_pattern(matrices, i, j) for i, j in sorted(coupled)}
         for contact, side in zip(contacts, sides, strict=True):
             contact.add_pattern(self._of(*side))
@@ -52,8 +53,10 @@ class Blocks:
         )
         self.nest.assemble()
 
-    def _of(self, slave: int, master: int) -> tuple[PETSc.Mat, ...]:
-        """Blocks ss, sm, ms, mm of a contact."""
+    def _of(self, slave: int, master: int | None) -> tuple[PETSc.Mat | None, ...]:
+        """Blocks ss, sm, ms, mm of a contact; those of a rigid master are None."""
+        if master is None:
+            return self._mats[slave, slave], None, None, None
         pairs = ((slave, slave), (slave, master), (master, slave), (master, master))
         return tuple(self._mats[pair] for pair in pairs)
 

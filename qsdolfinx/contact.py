@@ -16,12 +16,13 @@ from dolfinx import fem
 
 from qsdolfinx.checks import check_choice, check_positive
 from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.gap import WeightedGap
+from qsdolfinx.gap import WeightedGap, handle_of
 from qsdolfinx.kinematics import Kinematics
 from qsdolfinx.laws import Law, Unilateral
 from qsdolfinx.pairing import Pairing
 from qsdolfinx.quadrature import NORMALS, QUADRATURES, check_quadrature, pair
 from qsdolfinx.results import TWO_PASSES, ContactResults
+from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.surface import Surface, update_surfaces
 
 Array = npt.NDArray[np.float64]
@@ -54,14 +55,16 @@ class Contact(ContactResults):
 
     Args:
         slave: Surface that carries the multiplier.
-        master: The other surface.
-        formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``.
+        master: The other surface, or a rigid tool.
+        formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
+            carries no multiplier, so that only the first and the last are possible; with an
+            analytic shape they are the same.
         law: ``Unilateral()`` or ``Tied()``.
         penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
             contact nodes when the problem is first solved; if a body has velocities, whenever
             contact has paired anew.
         search_radius: Points further than this from the other surface are not paired (length). By
-            default the largest facet size of the two surfaces.
+            default the largest facet size of the two surfaces; analytic shapes have no facets.
         quadrature: ``"nodal"``: the gap is sampled at nodes, as in (5), (6), (12).
             ``"overlay"``: (7) is integrated exactly over the pieces that the facets of one surface
             cut from those of the other; needed for displacements of degree 2.
@@ -69,7 +72,8 @@ class Contact(ContactResults):
             integrand on affine facets.
         normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
             (the default at nodes); ``"averaged"`` at the nodes of the other, or of the cut,
-            surface; ``"bisector"`` of the normals of both (the default on the overlay).
+            surface; ``"bisector"`` of the normals of both (the default on the overlay). Those of an
+            analytic shape are always its own, at the point that is closest.
         enforcement: ``"penalty"``, or ``"augmented-lagrangian"``: multipliers are updated until
             they leave no gap larger than the tolerance. They are kept for the next solve, also
             when contact pairs anew; :meth:`reset` forgets them.
@@ -88,7 +92,7 @@ class Contact(ContactResults):
     def __init__(
         self,
         slave: Surface,
-        master: Surface,
+        master: Surface | RigidSurface,
         formulation: str = "quasi-symmetric",
         law: Law | None = None,
         penalty: float | str = "auto",
@@ -107,6 +111,11 @@ class Contact(ContactResults):
         with collective_errors(comm):
             _check_surfaces(slave, master)
             check_choice("formulation", formulation, FORMULATIONS)
+            if isinstance(master, RigidSurface) and formulation in TWO_PASSES:
+                raise ValueError(
+                    f"formulation: {formulation} needs a multiplier on both sides, and a rigid "
+                    'tool has none; use "master-slave" or "quasi-symmetric"'
+                )
             check_choice("quadrature", quadrature, QUADRATURES)
             if normals is None:
                 normals = "bisector" if quadrature == "overlay" else "facet"
@@ -145,7 +154,7 @@ class Contact(ContactResults):
         self.enforcement = enforcement
         self.gap_tolerance = float(gap_tolerance)
         self._kinematics = kinematics
-        self._offset: tuple[PETSc.Vec, PETSc.Vec] | None = None
+        self._offset: tuple[PETSc.Vec | None, PETSc.Vec | None] | None = None
         self.passes: list[WeightedGap] = []
         #: Counts the pairings made so far.
         self.version = 0
@@ -166,18 +175,24 @@ class Contact(ContactResults):
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
         """
-        update_surfaces(self.slave, self.master)
+        update_surfaces(*(s for s in (self.slave, self.master) if isinstance(s, Surface)))
         self._pair()
 
     def _pair(self) -> None:
+        if isinstance(self.master, RigidSurface):
+            self.master.check_state()
+            self._tool_version = self.master.version
         with self._clock():
-            low, high = zip(*(s.facet_size_range for s in (self.slave, self.master)), strict=True)
+            with_facets: list[Surface | RigidSurface] = [self.slave]
+            if isinstance(self.master, Surface) or not self.master.is_analytic:
+                with_facets.append(self.master)
+            low, high = zip(*(s.facet_size_range for s in with_facets), strict=True)
             self._touching = TOUCHING * min(low)
             self._facet_size = min(low)
             self._radius = max(high) if self._given_radius is None else self._given_radius
             both = self.formulation == "quasi-symmetric"
-            roles = [(self.slave, self.master)]
-            if self.formulation in TWO_PASSES:
+            roles: list[tuple[Surface, Surface | RigidSurface]] = [(self.slave, self.master)]
+            if self.formulation in TWO_PASSES and isinstance(self.master, Surface):
                 roles.append((self.master, self.slave))
             one_sided = self.formulation == "two-half-pass"
             share = 1.0 if one_sided else 1 / len(roles)
@@ -254,22 +269,25 @@ class Contact(ContactResults):
         Raises:
             ValueError: If a space is not that of the body.
         """
-        vecs = []
-        for name, surface, function in (
-            ("slave", self.slave, slave),
-            ("master", self.master, master),
-        ):
-            vec = surface.create_vec()
-            with collective_errors(self.comm):
-                if function is not None:
-                    owned = len(vec.array_r)
-                    index_map = function.function_space.dofmap.index_map
-                    if index_map.size_local * function.function_space.dofmap.index_map_bs != owned:
-                        raise ValueError(f"{name}: the offset must be on the space of the body")
-                    vec.array[:] = function.x.array[:owned]
-            vecs.append(vec)
-        self._offset = vecs[0], vecs[1]
+        self._offset = (
+            self._known("slave", self.slave, slave),
+            self._known("master", self.master, master),
+        )
         self._set_motion()
+
+    def _known(
+        self, name: str, surface: Surface | RigidSurface, function: fem.Function | None
+    ) -> PETSc.Vec | None:
+        """Owned values of a function on a body's space as a vector; None of a rigid tool."""
+        vec = surface.create_vec() if isinstance(surface, Surface) else None
+        with collective_errors(self.comm):
+            if function is not None:
+                dofmap = function.function_space.dofmap
+                owned = dofmap.index_map.size_local * dofmap.index_map_bs
+                if vec is None or len(vec.array_r) != owned:
+                    raise ValueError(f"{name}: the offset must be on the space of the body")
+                vec.array[:] = function.x.array[:owned]
+        return vec
 
     def _set_motion(self) -> None:
         """Hand scales and offsets to the passes. Collective."""
@@ -278,7 +296,7 @@ class Contact(ContactResults):
             p.scale = slave, master
             if self._offset is not None:
                 u = self.ordered(p, self._offset)
-                p.offset = p.operator.apply(u[0].handle, u[1].handle)
+                p.offset = p.operator.apply(handle_of(u[0]), handle_of(u[1]))
 
     @contextlib.contextmanager
     def _clock(self) -> typing.Iterator[None]:
@@ -339,36 +357,52 @@ class Contact(ContactResults):
         """Set ε, stress per length, from the bodies' stiffness; for the problem."""
         self._penalty = penalty
 
-    # --- Evaluation, for the problem
+    # --- Evaluation, for the problem; of a rigid tool there is None in the place of what is given
 
-    def evaluate(self, slave: PETSc.Vec, master: PETSc.Vec) -> None:
+    def move_tool(self) -> None:
+        """Take over the motion of a rigid tool. Collective.
+
+        Raises:
+            ValueError: If it is not finite or differs between ranks.
+            RuntimeError: If the tool has another position than when contact was last paired.
+        """
+        if not isinstance(self.master, RigidSurface):
+            return
+        if self._tool_version != self.master.version:
+            raise RuntimeError("the tool has been moved for good: call contact.update()")
+        self.master.check_state()
+        with self._clock():
+            for p in self.passes:
+                p.shift = p.change(self.master.motion)
+
+    def evaluate(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Compute gaps for the unknowns of the two bodies. Collective."""
         with self._clock():
             for p in self.passes:
                 p.evaluate(self.ordered(p, (slave, master)))
 
-    def add_residual(self, slave: PETSc.Vec, master: PETSc.Vec) -> None:
+    def add_residual(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Add ∂Φ/∂u at the last evaluation to the residuals of the two bodies. Collective."""
         with self._clock():
             for p in self.passes:
                 p.add_forces(p.multiplier(self.eps), self.ordered(p, (slave, master)))
 
-    def add_tangent(self, blocks: tuple[PETSc.Mat, ...]) -> None:
+    def add_tangent(self, blocks: tuple[PETSc.Mat | None, ...]) -> None:
         """Add ∂²Φ/∂u² at the last evaluation to the blocks (ss, sm, ms, mm); not assembled here."""
         with self._clock():
             for p in self.passes:
                 p.add_stiffness(self.slope(p), self.ordered(p, blocks), pattern=False)
 
-    def add_pattern(self, blocks: tuple[PETSc.Mat, ...]) -> None:
+    def add_pattern(self, blocks: tuple[PETSc.Mat | None, ...]) -> None:
         """Add zeros wherever :meth:`add_tangent` may ever add anything."""
         for p in self.passes:
             p.add_stiffness(np.zeros(len(p.values)), self.ordered(p, blocks), pattern=True)
 
-    def constrain(self, slave: PETSc.Vec, master: PETSc.Vec) -> None:
+    def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
         for p in self.passes:
             vecs = self.ordered(p, (slave, master))
-            p.operator.constrain(vecs[0].handle, vecs[1].handle)
+            p.operator.constrain(handle_of(vecs[0]), handle_of(vecs[1]))
 
     def num_active_local(self) -> int:
         """Closed rows on this rank at the last evaluation."""
@@ -440,14 +474,18 @@ class Contact(ContactResults):
             p.augmented = np.zeros_like(p.augmented)
 
 
-def _check_surfaces(slave: Surface, master: Surface) -> None:
+def _check_surfaces(slave: Surface, master: Surface | RigidSurface) -> None:
     """Refuse surfaces that cannot be in contact."""
+    if isinstance(slave, RigidSurface):
+        raise TypeError("slave: must be a qsdolfinx.Surface; a rigid tool can be the master only")
     for name, surface in (("slave", slave), ("master", master)):
-        if not isinstance(surface, Surface):
+        if not isinstance(surface, Surface | RigidSurface):
             raise TypeError(f"{name}: must be a qsdolfinx.Surface, not {type(surface).__name__}")
     if slave.gdim != master.gdim:
         raise ValueError("slave and master have different geometric dimensions")
     if MPI.Comm.Compare(slave.comm, master.comm) not in (MPI.IDENT, MPI.CONGRUENT):
         raise ValueError("slave and master: the meshes must be on the same ranks in the same order")
+    if isinstance(master, RigidSurface):
+        return
     if slave.mesh is master.mesh and np.intersect1d(slave.facets, master.facets).size:
         raise ValueError("slave and master share facets: a facet cannot be in contact with itself")

@@ -11,11 +11,18 @@ import numpy.typing as npt
 
 from qsdolfinx import _cpp
 from qsdolfinx.laws import Law
+from qsdolfinx.motion import Affine, affine_vec
+from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.surface import Surface
 
 Array = npt.NDArray[np.float64]
-#: Vectors of the slave's and of the master's body.
-Vecs = tuple[PETSc.Vec, PETSc.Vec]
+#: Vectors of the slave's and of the master's body, None of a rigid tool.
+Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
+
+
+def handle_of(thing: PETSc.Vec | PETSc.Mat | None) -> int:
+    """Handle for the kernels, 0 where there is nothing."""
+    return 0 if thing is None else int(thing.handle)
 
 
 class WeightedGap:
@@ -33,6 +40,9 @@ class WeightedGap:
     the gap of a node at the rim is the mean gap of what it covers. At nodes it is divided by S_k,
     as in (12).
 
+    A rigid master has no unknowns; its motion r, a field that is linear in x, shifts the gap by
+    the slave's part of the operator, ḡ = G_s (u_s − r) − d.
+
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface.
@@ -47,7 +57,7 @@ class WeightedGap:
     def __init__(
         self,
         slave: Surface,
-        master: Surface,
+        master: Surface | RigidSurface,
         points: _cpp.PairingPoints,
         law: Law,
         share: float,
@@ -61,7 +71,11 @@ class WeightedGap:
         self.law = law
         self.slave_only = slave_only
         self.operator = _cpp.GapOperator(
-            slave._cpp_object, master._cpp_object, points, jump=law.jump, by_cover=by_cover
+            slave._cpp_object,
+            master._cpp_object if isinstance(master, Surface) else None,
+            points,
+            jump=law.jump,
+            by_cover=by_cover,
         )
         #: Slave node of each row, an index into the arrays of the slave surface.
         self.row_node: npt.NDArray[np.int64] = self.operator.row_node
@@ -79,14 +93,24 @@ class WeightedGap:
         self.scale: tuple[float, float] = (1.0, 1.0)
         #: Gap of displacements beside those of the unknowns; none unless a contact sets it.
         self.offset: Array = np.zeros(shape)
+        #: What a rigid tool's motion adds to ḡ, of the same shape.
+        self.shift: Array = np.zeros(shape)
         #: λ̂, of the same shape.
         self.augmented: Array = np.zeros(shape)
 
     def evaluate(self, u: Vecs) -> None:
         """Compute the weighted gaps for unknowns u. Collective."""
-        self.values = self.operator.apply(u[0].handle, u[1].handle, self.scale) + self.offset
+        self.values = self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.scale)
+        self.values += self.offset + self.shift
         if not self.law.jump:
             self.values[:, 0] -= self.operator.initial_gap
+
+    def change(self, field: Affine) -> Array:
+        """How ḡ changes when a rigid tool is displaced by this field. Collective."""
+        r = affine_vec(self.slave, field)
+        out = -self.operator.apply(r.handle, 0)
+        r.destroy()
+        return out
 
     def multiplier(self, penalty: float) -> Array:
         """λ at the last evaluation, shape (rows, 1) or (rows, gdim)."""
@@ -116,13 +140,13 @@ class WeightedGap:
     def add_forces(self, multiplier: Array, b: Vecs) -> None:
         """Add Gᵀ S λ to b, the derivative of the energy. Collective."""
         force = np.ascontiguousarray(self.weight[:, None] * multiplier)
-        self.operator.add_transpose(force, b[0].handle, b[1].handle, self.slave_only)
+        self.operator.add_transpose(force, handle_of(b[0]), handle_of(b[1]), self.slave_only)
 
     def add_stiffness(
-        self, slope: Array, blocks: typing.Sequence[PETSc.Mat], pattern: bool
+        self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None], pattern: bool
     ) -> None:
         """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
-        handles = [mat.handle for mat in blocks]
+        handles = [handle_of(mat) for mat in blocks]
         _cpp.insert_contact(
             self.operator, self.weight * slope, handles, self.scale, self.slave_only, pattern
         )

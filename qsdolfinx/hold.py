@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.blocks import Blocks
+from qsdolfinx.blocks import Blocks, Sides
 from qsdolfinx.bulk import Body
 from qsdolfinx.contact import Contact
 from qsdolfinx.rigid import RigidMotion, displacement_space
@@ -45,7 +45,7 @@ class Hold:
         rigid: RigidMotion,
         bodies: typing.Sequence[Body],
         contacts: typing.Sequence[Contact],
-        sides: typing.Sequence[tuple[int, int]],
+        sides: Sides,
     ) -> None:
         self._bodies, self._contacts, self._rigid = bodies, contacts, rigid
         self._motions = rigid.free_motions

@@ -1,109 +1,74 @@
-"""How a body's mesh moves with its unknowns."""
+"""Rigid motions, and their values at the unknowns of a surface."""
 
 from __future__ import annotations
 
-from mpi4py import MPI
+import typing
+
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
-import ufl
-from dolfinx import fem, mesh
-
-from qsdolfinx.rigid import displacement_space
-from qsdolfinx.unknowns import NUM_CELL_VERTICES, vertex_dofs
+from qsdolfinx.surface import Surface
 
 Array = npt.NDArray[np.float64]
 
-#: Vertices next to each vertex of a cell, in the order that gives a right-handed corner.
-_CORNERS: dict[mesh.CellType, list[tuple[int, ...]]] = {
-    mesh.CellType.triangle: [(0, 1, 2)],
-    mesh.CellType.quadrilateral: [(0, 1, 2), (1, 3, 0), (3, 2, 1), (2, 0, 3)],
-    mesh.CellType.tetrahedron: [(0, 1, 2, 3)],
-    mesh.CellType.hexahedron: [
-        (0, 1, 2, 4),
-        (1, 3, 0, 5),
-        (3, 2, 1, 7),
-        (2, 0, 3, 6),
-        (4, 6, 5, 0),
-        (5, 4, 7, 1),
-        (7, 5, 6, 3),
-        (6, 7, 4, 2),
-    ],
-}
 
+class Affine(typing.NamedTuple):
+    """The field x ↦ A x + b.
 
-class MeshMotion:
-    """Moves the vertices of a body's mesh by its displacements or velocities.
-
-    Args:
-        u: Unknown of the body; of a mixed space the first vector field with unknowns at vertices.
-
-    Raises:
-        ValueError: If there is none.
+    Attributes:
+        A: Shape (gdim, gdim).
+        b: Shape (gdim,).
     """
 
-    def __init__(self, u: fem.Function) -> None:
-        self.u = u
-        self.mesh = u.function_space.mesh
-        V = displacement_space(u.function_space)
-        if V is None:
-            raise ValueError("u: has no displacement or velocity with unknowns at the vertices")
-        topology, geometry = self.mesh.topology, self.mesh.geometry
-        index_map = topology.index_map(topology.dim)
-        cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)[:, None]
-        vertices = np.arange(NUM_CELL_VERTICES[topology.cell_type], dtype=np.int32)[None, :]
-        dofs = vertex_dofs(V, cells, vertices).reshape(-1, geometry.dim)
-        self._nodes, first = np.unique(geometry.dofmap[cells[:, 0]].ravel(), return_index=True)
-        self._dofs = dofs[first]
-        #: Coordinates of the mesh when the object was made, or as :meth:`set_reference` left them.
-        self.reference: Array = np.array(geometry.x)
-        self._sign = np.sign(self._corners())
-        one = fem.Constant(self.mesh, np.float64(1.0))
-        self._volume = fem.form(one * ufl.dx(domain=self.mesh))
+    A: Array
+    b: Array
 
-    def values(self) -> Array:
-        """The unknowns at the vertices, shape (geometry nodes, 3), in 2D with zeros."""
-        out = np.zeros_like(self.reference)
-        out[self._nodes, : self.mesh.geometry.dim] = self.u.x.array[self._dofs]
-        return out
 
-    def move(self, displacement: Array | float = 0.0) -> None:
-        """Put the mesh at the reference coordinates plus a displacement (length)."""
-        self.mesh.geometry.x[:] = self.reference + displacement
+def skew(rotation: Array) -> Array:
+    """Matrix of the small rotation x ↦ ω × x; in 2D ω is an angle, shape (1,)."""
+    if len(rotation) == 1:
+        return np.asarray(rotation[0] * np.array([[0.0, -1.0], [1.0, 0.0]]))
+    x, y, z = rotation
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=np.float64)
 
-    def set_reference(self, x: Array) -> None:
-        """Take these coordinates as the reference, and move the mesh there."""
-        self.reference = x.copy()
-        self.move()
 
-    def quality(self) -> float:
-        """Worst shape of a cell: 1 at best, 0 flat, negative turned inside out. Collective.
+def rotation_matrix(rotation: Array) -> Array:
+    """Finite rotation (Rodrigues' formula) by an angle (1,) or a rotation vector (3,)."""
+    W, angle = skew(rotation), float(np.linalg.norm(rotation))
+    # sinc(t) = sin(πt)/(πt): no division by a vanishing angle.
+    first, second = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / 2 / np.pi) ** 2
+    return np.asarray(np.eye(len(W)) + first * W + second * W @ W)
 
-        The determinant of the edges at a corner of unit edges' length, by the longest edge there.
-        """
-        local = float(np.min(self._corners() * self._sign, initial=1.0))
-        return float(self.mesh.comm.allreduce(local, op=MPI.MIN))
 
-    def _corners(self) -> Array:
-        """Determinant of the edges at each cell's corners over that of the best shape."""
-        geometry, kind = self.mesh.geometry, self.mesh.topology.cell_type
-        gdim = geometry.dim
-        x = geometry.x[geometry.dofmap][:, :, :gdim]
-        simplex = kind in (mesh.CellType.triangle, mesh.CellType.tetrahedron)
-        best = (np.sqrt(3) / 2 if gdim == 2 else np.sqrt(0.5)) if simplex else 1.0
-        out = []
-        for corner in map(list, _CORNERS[kind]):
-            edges = x[:, corner[1:]] - x[:, [corner[0]]]
-            if simplex:
-                pairs = x[:, :, None] - x[:, None, :]
-                longest = np.linalg.norm(pairs, axis=-1).max(axis=(1, 2))
-            else:
-                longest = np.linalg.norm(edges, axis=-1).max(axis=1)
-            out.append(np.linalg.det(edges) / longest**gdim / best)
-        return np.array(out)
+def rotation_about(matrix: Array, center: Array, displacement: Array) -> Affine:
+    """Displacement field of a motion: x ↦ (matrix − 1) (x − center) + displacement."""
+    A = matrix - np.eye(len(matrix))
+    return Affine(A, displacement - A @ center)
 
-    def volume(self) -> float:
-        """Volume (2D: area) of the mesh as it is. Collective."""
-        local = fem.assemble_scalar(self._volume)
-        return float(self.mesh.comm.allreduce(local, op=MPI.SUM))
+
+def trace_positions(surface: Surface) -> Array:
+    """Positions of the trace's nodes on this rank's facets, shape (facets, nodes, 3)."""
+    x = np.asarray(surface._cpp_object.facet_x)
+    if surface.degree == 1:
+        return x
+    edges = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
+    nv = surface.num_facet_vertices
+    nodes = [*x.swapaxes(0, 1), *((x[:, a] + x[:, b]) / 2 for a, b in edges[nv])]
+    if nv == 4:
+        nodes.append(x.mean(axis=1))
+    return np.stack(nodes, axis=1)
+
+
+def affine_vec(surface: Surface, field: Affine) -> PETSc.Vec:
+    """New vector of the body with the field at the surface's unknowns, zero elsewhere. Collective.
+
+    Exact for traces of any degree, as the field is linear in x.
+    """
+    vec = surface.create_vec()
+    x = trace_positions(surface)[..., : surface.gdim]
+    dofs = np.asarray(surface._cpp_object.facet_dofs, dtype=PETSc.IntType)
+    vec.setValues(dofs.ravel(), (x @ field.A.T + field.b).ravel())
+    vec.assemble()
+    return vec

@@ -9,6 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.blocks import Sides
 from qsdolfinx.contact import Contact
 from qsdolfinx.rigid import RigidMotion
 
@@ -46,7 +47,7 @@ class Foundation:
         self,
         rigid: RigidMotion,
         contacts: typing.Sequence[Contact],
-        sides: typing.Sequence[tuple[int, int]],
+        sides: Sides,
         moduli: typing.Sequence[float],
         residual: typing.Sequence[Array],
     ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import typing
 
@@ -16,15 +17,25 @@ from dolfinx import fem
 
 from qsdolfinx.arguments import body_of, check_arguments, check_sequences, communicator
 from qsdolfinx.augmentation import Augmentation
-from qsdolfinx.blocks import Blocks, forbid_allocation
+from qsdolfinx.blocks import Blocks, Side, forbid_allocation
 from qsdolfinx.bulk import Body
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
+from qsdolfinx.drive import Drive
 from qsdolfinx.hold import Hold
 from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
 from qsdolfinx.predictor import BALANCED, Foundation
 from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
-from qsdolfinx.solver import NOT_CLOSED, ConvergenceError, line_search, remove_options, set_options
+from qsdolfinx.rigid_surface import RigidSurface
+from qsdolfinx.solver import (
+    NOT_BALANCED,
+    NOT_CLOSED,
+    ConvergenceError,
+    line_search,
+    remove_options,
+    set_options,
+)
+from qsdolfinx.surface import Surface
 
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()
@@ -81,10 +92,9 @@ class ContactProblem:
         self.bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
         self.u = list(u)
         self.contacts = list(contacts)
-        #: Bodies of the slave and the master of each contact.
-        self.sides = [
-            (body_of(self.u, c.slave.V, "slave"), body_of(self.u, c.master.V, "master"))
-            for c in contacts
+        #: Bodies of the slave and the master of each contact; None for a rigid tool.
+        self.sides: list[Side] = [
+            (body_of(self.u, c.slave.V, "slave"), self._master_body(c)) for c in contacts
         ]
         self._kind = kind
         self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
@@ -119,6 +129,12 @@ class ContactProblem:
         self.snes.setFromOptions()
         self.snes.setMonitor(self._monitor)
 
+    def _master_body(self, contact: Contact) -> int | None:
+        """Index of the master's body, None of a rigid tool."""
+        if isinstance(contact.master, RigidSurface):
+            return None
+        return body_of(self.u, contact.master.V, "master")
+
     @property
     def comm(self) -> MPI.Intracomm:
         """Communicator of the bodies."""
@@ -130,7 +146,8 @@ class ContactProblem:
         unknowns = ["displacement"] * len(self.bodies)
         for contact, sides in zip(self.contacts, self.sides, strict=True):
             for i, unknown in zip(sides, contact.unknown, strict=True):
-                unknowns[i] = unknown
+                if i is not None:
+                    unknowns[i] = unknown
         return unknowns
 
     @property
@@ -139,7 +156,8 @@ class ContactProblem:
         scales = [1.0] * len(self.bodies)
         for contact, sides in zip(self.contacts, self.sides, strict=True):
             for i, scale in zip(sides, contact.scale, strict=True):
-                scales[i] = scale
+                if i is not None:
+                    scales[i] = scale
         return scales
 
     def set_up(self) -> None:
@@ -148,6 +166,8 @@ class ContactProblem:
             body.begin_solve()
         if self.blocks is None or self._paired != [c.version for c in self.contacts]:
             self._rebuild()
+        for contact in self.contacts:
+            contact.move_tool()
 
     def solve(self) -> list[fem.Function]:
         """Solve for all bodies, from their present u. Collective.
@@ -164,18 +184,66 @@ class ContactProblem:
         self.residual_history, self.active_history, self.violation_history = [], [], []
         self.num_iterations = self.num_linear_iterations = 0
         try:
+            if self._drive.tools:
+                self._evaluate(self._start)
+                self._drive.approach()
             self._predict()
-            self._run_snes()
+            self._equilibrate()
             self._augment()
         except Exception as error:
             for contact, kept in zip(self.contacts, multipliers, strict=True):
                 contact.set_known_multipliers(kept)
+            self._drive.restore()
             if isinstance(error, ConvergenceError):
                 self._evaluate(self._start)  # gaps and multipliers too
             self._restore(start)
             raise
         self.active_history = self._all_active()
         return self.u
+
+    def _equilibrate(self) -> None:
+        """Solve for the multipliers at hand, with tools that a force drives in balance."""
+        self._run_snes()
+        if self._drive.tools:
+            with self._same_accuracy():
+                balanced = self._drive.balance(self.bodies, self._respond, self._follow)
+            if not balanced:
+                self._raise_error(NOT_BALANCED)
+
+    def _respond(self, load: Array) -> Array:
+        """Change of the owned unknowns under a small load, by the tangent at the solution."""
+        self._assemble()
+        ksp = self.snes.getKSP()
+        ksp.setOperators(self._matrix, self._matrix)
+        b, y = self._x.duplicate(), self._x.duplicate()
+        b.array[:] = load
+        ksp.solve(b, y)
+        if ksp.getConvergedReason() < 0:
+            self._raise_error(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
+        change = y.array_r.copy()
+        b.destroy()
+        y.destroy()
+        return change
+
+    def _follow(self, change: Array) -> None:
+        """Solve from changed unknowns; without success they are as before."""
+        before = self._x.array.copy()
+        self._x.array[:] += change
+        try:
+            self._run_snes()
+        except ConvergenceError:
+            self._x.array[:] = before
+            raise
+
+    @contextlib.contextmanager
+    def _same_accuracy(self) -> typing.Iterator[None]:
+        """Solve as exactly as at first, not by the same factor again."""
+        rtol, atol, stol, max_it = self.snes.getTolerances()
+        self.snes.setTolerances(rtol, max(atol, rtol * self._first_norm), stol, max_it)
+        try:
+            yield
+        finally:
+            self.snes.setTolerances(rtol, atol, stol, max_it)
 
     def _run_snes(self) -> None:
         """Solve for the multipliers at hand, with full steps or else with a line search."""
@@ -214,11 +282,8 @@ class ContactProblem:
         contacts = [contact for contact in self.contacts if contact.augmented]
         if not contacts:
             return
-        rtol, atol, stol, max_it = self.snes.getTolerances()
         augmentation = Augmentation(contacts)
-        # As exact as the first solve, not by the same factor again.
-        self.snes.setTolerances(rtol, max(atol, rtol * self._first_norm), stol, max_it)
-        try:
+        with self._same_accuracy():
             while True:
                 gaps = [contact.violation() for contact in contacts]
                 self.violation_history.append(max(gaps))
@@ -227,9 +292,7 @@ class ContactProblem:
                 if len(self.violation_history) > MAX_AUGMENTATIONS:
                     self._raise_error(NOT_CLOSED)
                 augmentation.update()
-                self._run_snes()
-        finally:
-            self.snes.setTolerances(rtol, atol, stol, max_it)
+                self._equilibrate()
 
     @property
     def num_augmentations(self) -> int:
@@ -240,6 +303,7 @@ class ContactProblem:
 
     def _begin_solve(self) -> None:
         self.set_up()
+        self._drive = Drive(self.contacts, self.sides, self._moduli)
         for i, body in enumerate(self.bodies):
             values = body.u.x.array[: body.num_owned].copy()
             if body.linear:  # evaluated as if its Dirichlet values were in place
@@ -262,11 +326,14 @@ class ContactProblem:
         markers = [body.constrained_marker() for body in self.bodies]
         self._moduli = []
         for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
-            contact.constrain(markers[s], markers[m])
+            contact.constrain(markers[s], None if m is None else markers[m])
+            deformable = [(contact.slave, s)]
+            if isinstance(contact.master, Surface) and m is not None:
+                deformable.append((contact.master, m))
             stiffness, modulus = zip(
                 *(
                     nodal_stiffness(surface, matrices[i], markers[i], self._scales[i])
-                    for surface, i in ((contact.slave, s), (contact.master, m))
+                    for surface, i in deformable
                 ),
                 strict=True,
             )
@@ -336,8 +403,8 @@ class ContactProblem:
         for force in forces:
             force.zeroEntries()
         for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
-            contact.evaluate(self.bodies[s].x, self.bodies[m].x)
-            contact.add_residual(forces[s], forces[m])
+            contact.evaluate(self.bodies[s].x, None if m is None else self.bodies[m].x)
+            contact.add_residual(forces[s], None if m is None else forces[m])
         for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
             residual[body.free] += force.array_r[body.free]
         return np.concatenate(residuals)

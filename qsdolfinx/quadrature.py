@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import basix
-from dolfinx import mesh
 
 from qsdolfinx import _cpp
+from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.surface import Surface
 
 QUADRATURES = ("nodal", "overlay")
@@ -17,19 +17,24 @@ NORMALS = ("facet", "averaged", "bisector")  # in the order of Normals in cpp/su
 EDGE_DEGREE = 47
 
 
-def _degree(surface: Surface, order: int) -> int:
+def _degree(surface: Surface | RigidSurface, order: int) -> int:
     """Total polynomial degree of Lagrange functions of this order on affine facets."""
-    return order * (2 if surface.mesh.topology.cell_type == mesh.CellType.hexahedron else 1)
+    return order * (2 if surface.num_facet_vertices == 4 else 1)
 
 
-def check_quadrature(slave: Surface, master: Surface, quadrature: str, degree: int | None) -> int:
+def check_quadrature(
+    slave: Surface, master: Surface | RigidSurface, quadrature: str, degree: int | None
+) -> int:
     """Degree of the rule: the one given, or one that integrates exactly on affine facets.
 
     Raises:
         ValueError: If it is not a positive integer, or the nodal rule is to sample traces of degree
             2: their values at the vertices say nothing of the edges.
     """
-    if quadrature == "nodal" and (slave.degree, master.degree) != (1, 1):
+    traces = [
+        (surface, surface.degree) for surface in (slave, master) if isinstance(surface, Surface)
+    ]
+    if quadrature == "nodal" and any(order > 1 for _, order in traces):
         raise ValueError(
             "quadrature: the nodal rule samples the gap at vertices, which sees nothing of the "
             'edges\' unknowns of a displacement of degree 2; use quadrature="overlay"'
@@ -38,13 +43,16 @@ def check_quadrature(slave: Surface, master: Surface, quadrature: str, degree: i
         if not isinstance(degree, (int, np.integer)) or degree < 1:
             raise ValueError(f"quadrature_degree: must be a positive integer, not {degree!r}")
         return int(degree)
-    trace = max(_degree(surface, surface.degree) for surface in (slave, master))
-    return max(_degree(slave, 1), _degree(master, 1)) + trace
+    trace = max(_degree(surface, order) for surface, order in traces)
+    facets: list[Surface | RigidSurface] = [slave]
+    if isinstance(master, Surface) or not master.is_analytic:
+        facets.append(master)
+    return max(_degree(surface, 1) for surface in facets) + trace
 
 
 def pair(
     slave: Surface,
-    master: Surface,
+    master: Surface | RigidSurface,
     quadrature: str,
     degree: int,
     normals: str,
@@ -62,6 +70,24 @@ def pair(
         both: Whether both surfaces are sampled, each with half the weight.
         radius: Search radius (length).
     """
+    if isinstance(master, RigidSurface) and master.is_analytic:
+        return _face_shape(slave, master, quadrature, degree, radius)
+    points = _pair_facets(slave, master, quadrature, degree, normals, both, radius)
+    if isinstance(master, RigidSurface):
+        _cpp.forget_master(points)
+    return points
+
+
+def _pair_facets(
+    slave: Surface,
+    master: Surface | RigidSurface,
+    quadrature: str,
+    degree: int,
+    normals: str,
+    both: bool,
+    radius: float,
+) -> _cpp.PairingPoints:
+    """Pairing points of two surfaces made of facets; see :func:`pair`."""
     kind_of_normals = NORMALS.index(normals)
     if quadrature == "nodal":
         return _cpp.pair_surfaces(
@@ -81,3 +107,21 @@ def pair(
         edge_x,
         edge_w,
     )
+
+
+def _face_shape(
+    slave: Surface, tool: RigidSurface, quadrature: str, degree: int, radius: float
+) -> _cpp.PairingPoints:
+    """Points of the slave at their exact distance from a tool, along the tool's normals."""
+    if quadrature == "nodal":
+        points, group = _cpp.sample_nodes(slave._cpp_object), 1
+    else:
+        kinds = basix.CellType.interval, basix.CellType.triangle, basix.CellType.quadrilateral
+        kind = kinds[slave.num_facet_vertices - 2]
+        x, w = map(np.asarray, basix.make_quadrature(kind, degree))
+        points, group = _cpp.sample_facets(slave._cpp_object, x, w), len(w)
+    gap, normal = tool.distance(points.slave["x"])
+    # As between two surfaces: what is too far away, or the back of a body, is not paired.
+    keep = (np.abs(gap) <= radius) & (np.sum(normal * points.normal, axis=1) < 0)
+    _cpp.face_tool(points, keep.astype(np.uint8), -normal, gap, group)
+    return points

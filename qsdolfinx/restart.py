@@ -31,6 +31,7 @@ def save_run(
     """
     multipliers = _multipliers(stepper.problem.contacts)
     values: dict[str, typing.Any] = {name: getattr(stepper, name) for name in _SCALARS}
+    values["positions"] = [tool.position.tolist() for tool in stepper.tools]
     values["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
     Checkpoint(stepper.problem.comm, folder).save(
         _functions(stepper, functions) | multipliers, _meshes(stepper), values
@@ -62,6 +63,8 @@ def load_run(
         motion.set_reference(x)
     for name in _SCALARS:
         setattr(stepper, name, values[name])
+    for tool, position in zip(stepper.tools, values["positions"], strict=True):
+        tool.position = np.array(position)
     for i, rate in enumerate(stepper.rates):
         rate[:] = functions_of_run[f"rate_{i}"].x.array
     for i, (contact, penalty) in enumerate(zip(contacts, values["penalties"], strict=True)):

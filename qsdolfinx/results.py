@@ -15,8 +15,10 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.checks import check_choice
+from qsdolfinx.checks import check_choice, check_vector
 from qsdolfinx.gap import WeightedGap
+from qsdolfinx.motion import Affine, affine_vec, skew
+from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.surface import Surface
 from qsdolfinx.traction import MASSES, nodal_forces, recover
 
@@ -30,7 +32,7 @@ class ContactResults(abc.ABC):
     """Gaps, multipliers, forces and tractions at the last evaluation; the base of Contact."""
 
     slave: Surface
-    master: Surface
+    master: Surface | RigidSurface
     formulation: str
     passes: list[WeightedGap]
 
@@ -102,9 +104,37 @@ class ContactResults(abc.ABC):
             side: ``"slave"`` or ``"master"``.
         """
         surface = self._surface(side)
+        if isinstance(surface, RigidSurface):
+            return -self.force("slave")
         with self._force_vec(side) as vec:
             owned = nodal_forces(surface, vec).sum(axis=0)
         return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))
+
+    def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
+        """Total moment of the contact forces on the body of one side. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+            about: Point, shape (gdim,); by default the centre of a rigid tool, or the origin.
+
+        Returns:
+            Shape (3,), in 2D (1,).
+        """
+        surface = self._surface(side)
+        gdim = self.slave.gdim
+        if about is None:
+            about = self.master.center if isinstance(self.master, RigidSurface) else np.zeros(gdim)
+        point = check_vector("about", about, gdim)
+        if isinstance(surface, RigidSurface):
+            return -self.moment("slave", point)
+        out = []
+        with self._force_vec(side) as vec:
+            for axis in np.eye(1 if gdim == 2 else 3):
+                A = skew(axis)  # the forces' work in a small rotation
+                field = affine_vec(surface, Affine(A, -A @ point))
+                out.append(field.dot(vec))
+                field.destroy()
+        return np.array(out)
 
     def traction(self, side: str, mass: str = "lumped") -> fem.Function:
         """Traction t (stress) recovered from the contact forces. Collective.
@@ -121,6 +151,10 @@ class ContactResults(abc.ABC):
         """
         check_choice("mass", mass, MASSES)
         surface = self._surface(side)
+        if isinstance(surface, RigidSurface):
+            raise ValueError(
+                "side: a rigid tool has no traction; what acts on it is minus that of the slave"
+            )
         with self._force_vec(side) as vec:
             return recover(surface, vec, mass)
 
@@ -128,14 +162,16 @@ class ContactResults(abc.ABC):
     def _force_vec(self, side: str) -> typing.Iterator[PETSc.Vec]:
         """Contact forces on the unknowns of one side's body."""
         self._surface(side)
-        vecs = self.slave.create_vec(), self.master.create_vec()
+        master = self.master.create_vec() if isinstance(self.master, Surface) else None
+        vecs = self.slave.create_vec(), master
         for p in self.passes:
             p.add_forces(-p.multiplier(self.eps), vecs if p.slave is self.slave else vecs[::-1])
         yield vecs[SIDES.index(side)]
         for vec in vecs:
-            vec.destroy()
+            if vec is not None:
+                vec.destroy()
 
-    def _surface(self, side: str) -> Surface:
+    def _surface(self, side: str) -> Surface | RigidSurface:
         if side not in SIDES:
             raise ValueError(f'side: must be "slave" or "master", not {side!r}')
         return self.slave if side == "slave" else self.master

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.bulk import Body
-from qsdolfinx.gap import WeightedGap
+from qsdolfinx.gap import WeightedGap, handle_of
 from qsdolfinx.unknowns import is_vertex_vector, owned_vertices
 
 Array = npt.NDArray[np.float64]
@@ -87,20 +87,24 @@ class RigidMotion:
         ]
         return np.asarray(self._comm.allreduce(np.array(local), op=MPI.SUM))
 
-    def gap_changes(self, weighted_gap: WeightedGap, sides: tuple[int, int]) -> Array:
+    def gap_changes(self, weighted_gap: WeightedGap, sides: tuple[int | None, int | None]) -> Array:
         """How the modes change weighted gaps, shape (values of the gaps, modes). Collective.
 
         Args:
             weighted_gap: A pass of a contact.
-            sides: Bodies of its slave and its master.
+            sides: Bodies of its slave and its master, None of a rigid one.
         """
         out = np.zeros((weighted_gap.values.size, self._offsets[-1]))
-        for body in set(sides):
+        for body in {side for side in sides if side is not None}:
             for j, mode in enumerate(self.modes[body]):
-                u = [mode if side == body else self._zero[side] for side in sides]
-                change = weighted_gap.operator.apply(u[0].handle, u[1].handle)
+                u = [mode if side == body else self._zero_of(side) for side in sides]
+                slave, master = map(handle_of, u)
+                change = weighted_gap.operator.apply(slave, master)
                 out[:, self._offsets[body] + j] = change.ravel()
         return out
+
+    def _zero_of(self, body: int | None) -> PETSc.Vec | None:
+        return None if body is None else self._zero[body]
 
     def displacement(self, coefficients: Array, body: int) -> Array:
         """Owned values of one body's part of a motion, given by coefficients of all modes."""

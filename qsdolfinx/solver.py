@@ -25,6 +25,11 @@ LINE_SEARCH = "l2"
 #: Reason, beside PETSc's, of a solve whose augmented multipliers do not close the gap.
 NOT_CLOSED = -1000
 
+#: The same of a rigid tool for whose driving force no displacement was found.
+NOT_BALANCED = -1001
+
+_NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED"}
+
 #: Defaults of the linear solver, unless the user chooses anything about it.
 DIRECT_OPTIONS: dict[str, typing.Any] = {
     "ksp_type": "preonly",
@@ -55,7 +60,7 @@ class ConvergenceError(RuntimeError):
         self.reason = reason
         self.violation_history = list(violation_history)
         names = PETSc.SNES.ConvergedReason
-        self.reason_name = "GAP_NOT_CLOSED" if reason == NOT_CLOSED else reason_name(names, reason)
+        self.reason_name = _NAMES.get(reason) or reason_name(names, reason)
         self.residual_history = residual_history
         self.active_history = active_history
         linear = ""

@@ -13,8 +13,9 @@ from dolfinx import fem
 
 from qsdolfinx.checks import check_positive
 from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.motion import MeshMotion
+from qsdolfinx.mesh_motion import MeshMotion
 from qsdolfinx.problem import ContactProblem
+from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.solver import ConvergenceError
 
 Array = npt.NDArray[np.float64]
@@ -22,6 +23,14 @@ Array = npt.NDArray[np.float64]
 
 class StepError(RuntimeError):
     """No step could be made; unknowns, meshes and tools are those at the end of the last one."""
+
+
+class _State(typing.NamedTuple):
+    """What an attempt changes, at the start of the step."""
+
+    unknowns: list[Array]
+    multipliers: list[list[Array]]
+    positions: list[Array]
 
 
 class TimeStepper:
@@ -113,6 +122,13 @@ class TimeStepper:
         self.num_iterations = 0
         #: How the meshes of the bodies move.
         self.motions = [MeshMotion(u) for u in problem.u]
+        #: Rigid tools, each once.
+        self.tools: list[RigidSurface] = []
+        for contact in problem.contacts:
+            tool = contact.master
+            if isinstance(tool, RigidSurface) and all(tool is not known for known in self.tools):
+                self.tools.append(tool)
+        self._tools_at_end = False
         self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
         #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
         #: first zero. They are where the next step starts from.
@@ -154,7 +170,7 @@ class TimeStepper:
                     f"succeeds; the last attempt: {reason}"
                 )
         iterations = self.num_iterations
-        self._accept(dt, start[0])
+        self._accept(dt, start.unknowns)
         grown = dt * self.growth if iterations <= self.easy * self.num_pairings else dt
         self.dt = min(grown, self.dt_max) if dt >= self.dt or grown < self.dt else self.dt
         return dt
@@ -171,6 +187,7 @@ class TimeStepper:
 
     def _attempt(self, dt: float) -> tuple[str, bool]:
         """Solve for a step; why it failed, empty if it did not, and whether a smaller one would."""
+        self._tools_at_end = False
         try:
             self.drive(self.t + dt, dt)
             for contact in self.problem.contacts:
@@ -185,11 +202,18 @@ class TimeStepper:
                 known = [u.x.array.copy() for u in self.problem.u]
             self._pair_and_solve(known, dt)
             for _ in range(self.num_pairings - 1):
+                if not self._tools_at_end:
+                    self._advance_tools()
                 self._pair(known, dt, at_end=True)
                 self._run_solver()
         except ConvergenceError as error:
             return str(error), False
         return self._fault(dt)
+
+    def _advance_tools(self) -> None:
+        for tool in self.tools:
+            tool.advance()
+        self._tools_at_end = True
 
     def _pair_and_solve(self, known: list[Array], dt: float) -> None:
         self._pair(known, dt, at_end=False)
@@ -224,7 +248,7 @@ class TimeStepper:
             u.x.array[:] = kept
         for contact, (s, m) in zip(self.problem.contacts, self.problem.sides, strict=True):
             contact.update()
-            contact.set_offset(offsets[s], offsets[m])
+            contact.set_offset(offsets[s], None if m is None else offsets[m])
         self._place(known, dt)
 
     def _place(self, known: list[Array], dt: float) -> None:
@@ -266,7 +290,9 @@ class TimeStepper:
                 motion.set_reference(motion.reference + dt * motion.values())
                 self.rates[i] = motion.u.x.array.copy()
             else:
-                self.rates[i] = (motion.u.x.array - start[i]) / dt
+                self.rates[i] = np.asarray((motion.u.x.array - start[i]) / dt)
+        if not self._tools_at_end:
+            self._advance_tools()
         self.t += dt
         self.last_dt = dt
         self.num_steps += 1
@@ -279,15 +305,18 @@ class TimeStepper:
 
     # --- State
 
-    def _state(self) -> tuple[list[Array], list[list[Array]]]:
-        return (
+    def _state(self) -> _State:
+        return _State(
             [u.x.array.copy() for u in self.problem.u],
             [c.multipliers_on_nodes() for c in self.problem.contacts],
+            [tool.position for tool in self.tools],
         )
 
-    def _restore(self, state: tuple[list[Array], list[list[Array]]]) -> None:
-        for motion, unknowns in zip(self.motions, state[0], strict=True):
+    def _restore(self, state: _State) -> None:
+        for motion, unknowns in zip(self.motions, state.unknowns, strict=True):
             motion.u.x.array[:] = unknowns
             motion.move()
-        for contact, multipliers in zip(self.problem.contacts, state[1], strict=True):
+        for contact, multipliers in zip(self.problem.contacts, state.multipliers, strict=True):
             contact.set_multipliers_on_nodes(multipliers)
+        for tool, position in zip(self.tools, state.positions, strict=True):
+            tool.position = position

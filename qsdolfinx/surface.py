@@ -95,6 +95,11 @@ class Surface:
         return degree
 
     @property
+    def num_facet_vertices(self) -> int:
+        """Vertices of a facet."""
+        return _FACET_VERTICES[self.mesh.topology.cell_type]
+
+    @property
     def node_dofs(self) -> npt.NDArray[np.int64]:
         """Global unknowns of the contact nodes this rank owns, shape (nodes, gdim)."""
         return np.asarray(self._cpp_object.node_dofs)

@@ -1,0 +1,261 @@
+"""Rigid tools that are driven by a force: which displacement balances it."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.blocks import Sides
+from qsdolfinx.bulk import Body
+from qsdolfinx.contact import Contact
+from qsdolfinx.gap import WeightedGap
+from qsdolfinx.motion import Affine
+from qsdolfinx.rigid_surface import RigidSurface
+from qsdolfinx.solver import ConvergenceError
+
+Array = npt.NDArray[np.float64]
+
+#: Part of the driving force that may be left unbalanced.
+TOLERANCE = 1e-8
+
+#: Tools are brought to touch first if contact leaves more than this part of the force unbalanced.
+NEAR = 0.5
+
+_MAX_STEPS = 30
+_MAX_HALVINGS = 6
+
+
+class Pressed(typing.NamedTuple):
+    """What a driven tool presses on in one pass of a contact.
+
+    Attributes:
+        contact: The contact.
+        body: Index of the slave's body.
+        gap: The pass.
+        change: ∂ḡ/∂s, s being the tool's displacement along its direction.
+        modulus: E of the slave, stress.
+    """
+
+    contact: Contact
+    body: int
+    gap: WeightedGap
+    change: Array
+    modulus: float
+
+
+class Drive:
+    """Balance R_i(s) = force_i − Σ ∂ḡ/∂s_i · S λ = 0 of all driven tools i of a problem.
+
+    The displacements s are no unknowns of the matrix. They are found by Newton's method around the
+    solver: the derivative of the forces takes one solve with the factored tangent for each tool,
+    which also says how the bodies follow. Force over displacement is convex in unilateral contact
+    of linear bodies, so that this converges without any search once there is contact.
+
+    Args:
+        contacts: All contacts, paired and with a penalty, that know the motions of their tools.
+        sides: Bodies of each contact.
+        moduli: E of each contact, stress.
+
+    Raises:
+        ValueError: If a force pulls a tool that only unilateral contact holds.
+    """
+
+    def __init__(
+        self,
+        contacts: typing.Sequence[Contact],
+        sides: Sides,
+        moduli: typing.Sequence[float],
+    ) -> None:
+        self.tools: list[RigidSurface] = []
+        self._pressed: list[list[Pressed]] = []
+        forces = []
+        for contact, side, modulus in zip(contacts, sides, moduli, strict=True):
+            tool = contact.master
+            if not isinstance(tool, RigidSurface) or tool.driven is None:
+                continue
+            if not any(tool is known for known in self.tools):
+                self.tools.append(tool)
+                self._pressed.append([])
+                forces.append(tool.driven.force)
+            field = Affine(np.zeros((tool.gdim, tool.gdim)), tool.driven.direction)
+            i = next(i for i, known in enumerate(self.tools) if known is tool)
+            for p in contact.passes:
+                self._pressed[i].append(Pressed(contact, side[0], p, p.change(field), modulus))
+        self._force = np.array(forces)
+        for force, pressed in zip(forces, self._pressed, strict=True):
+            if force < 0 and not any(p.contact.law.linear for p in pressed):
+                raise ValueError("force: a negative one pulls the tool, which needs tied contact")
+        self._start = [tool.displacement.copy() for tool in self.tools]
+
+    def restore(self) -> None:
+        """Put the displacements back that were there at first. Collective."""
+        for tool, displacement in zip(self.tools, self._start, strict=True):
+            tool.displacement = displacement
+        self._tell()
+
+    def _tell(self) -> None:
+        for pressed in self._pressed:
+            for p in pressed:
+                p.contact.move_tool()
+
+    def _move(self, steps: Array) -> None:
+        for tool, step in zip(self.tools, steps, strict=True):
+            assert tool.driven is not None
+            tool.displacement = tool.displacement + step * tool.driven.direction
+        self._tell()
+
+    def _sum(self, values: Array) -> Array:
+        # From one rank to all, so that all take the same decisions.
+        comm = self.tools[0].comm
+        return np.asarray(comm.bcast(comm.reduce(values, op=MPI.SUM, root=0), root=0))
+
+    def _imbalance(self) -> Array:
+        """R at the last evaluation. Collective."""
+        held = [
+            sum(
+                np.sum(p.gap.weight[:, None] * p.gap.multiplier(p.contact.eps) * p.change)
+                for p in pressed
+            )
+            for pressed in self._pressed
+        ]
+        return np.asarray(self._force - self._sum(np.array(held)))
+
+    # --- Touching
+
+    def approach(self) -> None:
+        """Move tools far from balance to where springs would hold them (see Foundation).
+
+        Collective; contacts must have been evaluated.
+        """
+        far = np.abs(self._imbalance()) > NEAR * np.abs(self._force)
+        steps = [self._settle(i) if far[i] else 0.0 for i in range(len(self.tools))]
+        self._move(np.array(steps))
+
+    def _settle(self, i: int) -> float:
+        """How far a tool moves until springs E/ℓ at the slave hold it, ℓ the size of the patch."""
+        pressed = self._pressed[i]
+        gap, change, weight = (
+            np.concatenate(parts)
+            for parts in zip(
+                *(
+                    (
+                        p.gap.values.ravel(),
+                        p.change.ravel(),
+                        np.repeat(p.gap.weight, p.change.shape[1]),
+                    )
+                    for p in pressed
+                ),
+                strict=True,
+            )
+        )
+        tied = np.concatenate([np.full(p.change.size, p.gap.law.linear) for p in pressed])
+        E = max(p.modulus for p in pressed) or max(p.contact.eps for p in pressed)
+        comm, gdim = self.tools[i].comm, self.tools[i].gdim
+        scale = comm.allreduce(np.max(np.abs(gap), initial=0.0), op=MPI.MAX)
+        s, closed = 0.0, np.ones(len(gap), dtype=bool)
+        for _ in range(3):
+            area = float(self._sum(weight[closed].sum()))
+            spring = E / area ** (1 / (gdim - 1)) if area > 0 else E
+            for _ in range(_MAX_STEPS):
+                g = gap + s * change
+                closed = tied | (g >= -1e-12 * scale)
+                pressure = spring * weight * np.where(closed, g, 0.0)
+                stiffness = spring * weight * closed @ change**2
+                force, stiffness = self._sum(np.array([pressure @ change, stiffness]))
+                if stiffness > 0:
+                    step = (self._force[i] - force) / stiffness
+                else:
+                    first = np.min(-g[change > 0] / change[change > 0], initial=np.inf)
+                    step = comm.allreduce(first, op=MPI.MIN)
+                    if not np.isfinite(step):
+                        return 0.0
+                s += float(step)
+                if abs(force - self._force[i]) <= 1e-3 * abs(self._force[i]):
+                    break
+        return s
+
+    # --- Balance
+
+    def balance(
+        self,
+        bodies: typing.Sequence[Body],
+        respond: typing.Callable[[Array], Array],
+        follow: typing.Callable[[Array], None],
+    ) -> bool:
+        """Move the tools until the contact forces balance those that drive them. Collective.
+
+        Args:
+            bodies: All bodies, in equilibrium with the tools where they are.
+            respond: From loads on the owned unknowns of all bodies to their change.
+            follow: Changes the unknowns and brings the bodies into equilibrium again.
+
+        Returns:
+            Whether that was found.
+        """
+        for _ in range(_MAX_STEPS):
+            R = self._imbalance()
+            if np.all(np.abs(R) <= TOLERANCE * np.abs(self._force)):
+                return True
+            responses, J = self._tangent(bodies, respond)
+            if np.any(np.diag(J) >= 0):  # a tool that touches nothing
+                self.approach()
+                follow(np.zeros(sum(body.num_owned for body in bodies)))
+                continue
+            self._try(np.asarray(np.linalg.solve(J, -R)), responses, follow)
+        return False
+
+    def _try(
+        self, steps: Array, responses: list[Array], follow: typing.Callable[[Array], None]
+    ) -> None:
+        """Take Newton's step, or as much of it as the bodies can follow."""
+        for attempt in range(_MAX_HALVINGS + 1):
+            self._move(steps)
+            try:
+                follow(np.asarray(sum(s * y for s, y in zip(steps, responses, strict=True))))
+                return
+            except ConvergenceError:
+                self._move(-steps)
+                if attempt == _MAX_HALVINGS:
+                    raise
+                steps = steps / 2
+
+    def _tangent(
+        self, bodies: typing.Sequence[Body], respond: typing.Callable[[Array], Array]
+    ) -> tuple[list[Array], Array]:
+        """∂u/∂s_j of the owned unknowns, and ∂R_i/∂s_j. Collective."""
+        loads = [self._loads(i, bodies) for i in range(len(self.tools))]
+        # Displacement per unknown of each body: what changes of the unknowns do to the gaps.
+        scale = [1.0] * len(bodies)
+        for pressed in self._pressed:
+            for p in pressed:
+                scale[p.body] = p.contact.scale[0]
+        scales = np.concatenate(
+            [np.full(b.num_owned, s) for b, s in zip(bodies, scale, strict=True)]
+        )
+        responses = [respond(load) for load in loads]
+        direct = [
+            sum(
+                np.sum((p.gap.weight * p.contact.slope(p.gap))[:, None] * p.change**2)
+                for p in pressed
+            )
+            for pressed in self._pressed
+        ]
+        J = np.array([[(scales * load) @ y for y in responses] for load in loads]) - np.diag(direct)
+        return responses, self._sum(J)
+
+    def _loads(self, i: int, bodies: typing.Sequence[Body]) -> Array:
+        """−∂r/∂s_i, r the residual of all bodies, zero at Dirichlet conditions. Collective."""
+        vecs = [body.create_vec() for body in bodies]
+        for p in self._pressed[i]:
+            p.gap.add_forces(-p.contact.slope(p.gap)[:, None] * p.change, (vecs[p.body], None))
+        out = []
+        for body, vec in zip(bodies, vecs, strict=True):
+            load = np.zeros(body.num_owned)
+            load[body.free] = vec.array_r[body.free]
+            out.append(load)
+            vec.destroy()
+        return np.concatenate(out)
