@@ -84,13 +84,14 @@ void bind_surface(nb::module_& m)
       .def(
           "__init__",
           [](Surface* self, int comm, int gdim, int num_vertices, In<double> x, int degree,
-             In<std::int64_t> dofs, In<int> owner, In<double> inside, std::int64_t local_size)
+             In<std::int64_t> dofs, In<int> owner, In<double> inside, std::int64_t local_size,
+             bool axisymmetric)
           {
             new (self) Surface(MPI_Comm_f2c(comm), gdim, facet_type(num_vertices), view(x), degree,
-                               view(dofs), view(owner), view(inside), local_size);
+                               view(dofs), view(owner), view(inside), local_size, axisymmetric);
           },
           "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
-          "local_size"_a, "Collective. See surface.h.")
+          "local_size"_a, "axisymmetric"_a, "Collective. See surface.h.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range)
       .def_prop_ro("facet_x",
                    [](const Surface& s)

@@ -211,7 +211,7 @@ private:
       // A curved quadrilateral has more area than its projection.
       const double stretch
           = norm(area_vector(cut_.type(), v, here.xi[p])) / planar.jacobian(here.xi[p]);
-      points_.weight.push_back(share_ * w_[p] * stretch);
+      points_.weight.push_back(share_ * w_[p] * stretch * cut_.area_factor(x));
       points_.gap.push_back(gap);
       const Vec3 n = (cut_is_slave_ ? 1.0 : -1.0) * outward;
       points_.normal.insert(points_.normal.end(), n.begin(), n.end());

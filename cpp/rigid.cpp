@@ -75,7 +75,7 @@ PairingPoints qsdolfinx::sample_facets(const Surface& slave, const Rule& rule)
       append(out.normal, n.data(), 3);
       append(out.master.x, x.data(), 3);
       out.gap.push_back(0);
-      out.weight.push_back(reference_area * rule.w[p] * jacobian);
+      out.weight.push_back(reference_area * rule.w[p] * jacobian * slave.area_factor(x));
     }
   return out;
 }

@@ -19,15 +19,17 @@ std::span<const std::array<int, 2>> edges_of(FacetType type)
 }
 
 /// ∫ N_i da over one facet, da the outward area vector: per vertex the scalar area and the vector.
-/// Exact for planar facets; 3 × 3 Gauss points on the quadrilateral.
-std::array<std::array<double, 4>, 4> vertex_areas(FacetType type, std::span<const double> v,
-                                                  double orientation)
+/// Exact for planar facets, also of rings; 3 × 3 Gauss points on the quadrilateral.
+std::array<std::array<double, 4>, 4> vertex_areas(const Surface& surface, std::size_t facet)
 {
+  const FacetType type = surface.type();
+  const std::span<const double> v = surface.facet_x(facet);
+  const double orientation = surface.facets().orientation[facet];
   std::array<std::array<double, 4>, 4> out{};
   const int nv = static_cast<int>(type);
   const auto add = [&](std::array<double, 2> xi, double weight)
   {
-    const Vec3 a = area_vector(type, v, xi);
+    const Vec3 a = surface.area_factor(facet_point(type, v, xi)) * area_vector(type, v, xi);
     const auto N = shape_functions(type, xi);
     for (int i = 0; i < nv; ++i)
     {
@@ -37,7 +39,11 @@ std::array<std::array<double, 4>, 4> vertex_areas(FacetType type, std::span<cons
     }
   };
   if (type == FacetType::interval)
-    add({0.5, 0}, 1.0);
+  {
+    const double g = 0.5 / std::sqrt(3.0); // the radius of a ring is linear, as N_i is
+    add({0.5 - g, 0}, 0.5);
+    add({0.5 + g, 0}, 0.5);
+  }
   else if (type == FacetType::triangle)
     add({1.0 / 3, 1.0 / 3}, 0.5);
   else
@@ -55,8 +61,9 @@ std::array<std::array<double, 4>, 4> vertex_areas(FacetType type, std::span<cons
 
 Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
                  std::span<const std::int64_t> dofs, std::span<const int> owner,
-                 std::span<const double> inside, std::int64_t local_size)
-    : gdim_(gdim), type_(type), degree_(degree), local_size_(local_size)
+                 std::span<const double> inside, std::int64_t local_size, bool axisymmetric)
+    : gdim_(gdim), type_(type), degree_(degree), axisymmetric_(axisymmetric),
+      local_size_(local_size)
 {
   facets_.x.assign(x.begin(), x.end());
   facets_.dofs.assign(dofs.begin(), dofs.end());
@@ -115,7 +122,7 @@ void Surface::collect_nodes()
   std::vector<double> values(n * width);
   for (std::size_t f = 0; f < num_facets(); ++f)
   {
-    const auto areas = vertex_areas(type_, facet_x(f), facets_.orientation[f]);
+    const auto areas = vertex_areas(*this, f);
     for (int i = 0; i < nv; ++i)
     {
       double* out = values.data() + (f * nv + i) * width;

@@ -5,6 +5,7 @@
 #include "facet.h"
 #include <cstdint>
 #include <mpi.h>
+#include <numbers>
 #include <span>
 #include <vector>
 
@@ -62,9 +63,11 @@ public:
   /// @param owner rank that owns the unknowns of a node, [facet][node]
   /// @param inside a point of the body behind the facet, [facet][3]
   /// @param local_size number of unknowns of the body that this rank owns
+  /// @param axisymmetric coordinates are (r, z): facets stand for rings, areas are 2πr times
+  /// lengths
   Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
           std::span<const std::int64_t> dofs, std::span<const int> owner,
-          std::span<const double> inside, std::int64_t local_size);
+          std::span<const double> inside, std::int64_t local_size, bool axisymmetric);
   ~Surface();
   Surface(const Surface&) = delete;
   Surface& operator=(const Surface&) = delete;
@@ -74,6 +77,11 @@ public:
   FacetType type() const { return type_; }
   int num_vertices() const { return static_cast<int>(type_); }
   int degree() const { return degree_; }
+  /// Area that a unit of facet at x stands for: 2πr of a ring, otherwise 1.
+  double area_factor(const Vec3& x) const
+  {
+    return axisymmetric_ ? 2 * std::numbers::pi * x[0] : 1.0;
+  }
   /// Nodes of the trace on a facet.
   int num_trace() const { return trace_size(type_, degree_); }
   std::size_t num_facets() const { return facets_.size.size(); }
@@ -106,6 +114,7 @@ private:
   int gdim_;
   FacetType type_;
   int degree_;
+  bool axisymmetric_;
   std::int64_t local_size_;
   Facets facets_;
   Nodes nodes_;

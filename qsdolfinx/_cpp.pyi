@@ -23,6 +23,7 @@ class Surface:
         owner: Ranks,
         inside: Array,
         local_size: int,
+        axisymmetric: bool,
     ) -> None: ...
     @property
     def facet_size_range(self) -> list[float]: ...

@@ -54,6 +54,8 @@ class Body:
         self._K: PETSc.Mat | None = None
         #: Digest of everything that K depends on; empty if F is not linear.
         self.fingerprint = b""
+        #: Whether coordinates are (r, z); its contact surfaces know.
+        self.axisymmetric = False
         #: Number of times that K was assembled.
         self.num_assemblies = 0
 

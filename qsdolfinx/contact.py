@@ -487,5 +487,7 @@ def _check_surfaces(slave: Surface, master: Surface | RigidSurface) -> None:
         raise ValueError("slave and master: the meshes must be on the same ranks in the same order")
     if isinstance(master, RigidSurface):
         return
+    if slave.axisymmetric != master.axisymmetric:
+        raise ValueError("slave and master: both or none must be axisymmetric")
     if slave.mesh is master.mesh and np.intersect1d(slave.facets, master.facets).size:
         raise ValueError("slave and master share facets: a facet cannot be in contact with itself")

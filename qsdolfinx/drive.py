@@ -154,12 +154,12 @@ class Drive:
         )
         tied = np.concatenate([np.full(p.change.size, p.gap.law.linear) for p in pressed])
         E = max(p.modulus for p in pressed) or max(p.contact.eps for p in pressed)
-        comm, gdim = self.tools[i].comm, self.tools[i].gdim
+        comm, area_dim = self.tools[i].comm, pressed[0].contact.slave.area_dim
         scale = comm.allreduce(np.max(np.abs(gap), initial=0.0), op=MPI.MAX)
         s, closed = 0.0, np.ones(len(gap), dtype=bool)
         for _ in range(3):
             area = float(self._sum(weight[closed].sum()))
-            spring = E / area ** (1 / (gdim - 1)) if area > 0 else E
+            spring = E / area ** (1 / area_dim) if area > 0 else E
             for _ in range(_MAX_STEPS):
                 g = gap + s * change
                 closed = tied | (g >= -1e-12 * scale)

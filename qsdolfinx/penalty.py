@@ -42,7 +42,11 @@ def nodal_stiffness(
     dofs = surface.node_dofs - diagonal.owner_range[0]
     free = constrained.array_r[dofs] == 0
     stiffness = diagonal.array_r[dofs] / surface.node_area[:, None] / scale
-    modulus = stiffness * surface.node_area[:, None] ** (1 / (surface.gdim - 1))
+    if surface.axisymmetric:  # a ring's area says nothing of the size of its facet
+        size = np.full((len(stiffness), 1), np.mean(surface.facet_size_range))
+    else:
+        size = surface.node_area[:, None] ** (1 / surface.area_dim)
+    modulus = stiffness * size
     diagonal.destroy()
     sums = [stiffness[free].sum(), modulus[free].sum(), np.count_nonzero(free)]
     totals = surface.comm.allreduce(np.array(sums, dtype=np.float64), op=MPI.SUM)

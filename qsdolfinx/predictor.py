@@ -52,7 +52,7 @@ class Foundation:
         residual: typing.Sequence[Array],
     ) -> None:
         self._comm: MPI.Intracomm = contacts[0].comm
-        self._gdim = contacts[0].slave.gdim
+        self._area_dim = contacts[0].slave.area_dim
         self._moduli = np.asarray(moduli)
         self._motions = rigid.free_motions
         gap, weight, tied, number, change = [], [], [], [], []
@@ -79,7 +79,7 @@ class Foundation:
     def _springs(self, closed: npt.NDArray[np.bool_]) -> Array:
         """Stiffness at each row, for patches of these closed rows."""
         area = np.bincount(self._contact[closed], self._weight[closed], minlength=len(self._moduli))
-        size = self._comm.allreduce(area, op=MPI.SUM) ** (1 / (self._gdim - 1))
+        size = self._comm.allreduce(area, op=MPI.SUM) ** (1 / self._area_dim)
         eps = np.divide(self._moduli, size, out=self._moduli.copy(), where=size > 0)
         return np.asarray(eps[self._contact])
 

@@ -96,6 +96,10 @@ class ContactProblem:
         self.sides: list[Side] = [
             (body_of(self.u, c.slave.V, "slave"), self._master_body(c)) for c in contacts
         ]
+        for contact, sides in zip(contacts, self.sides, strict=True):
+            for i in sides:
+                if i is not None:
+                    self.bodies[i].axisymmetric = contact.slave.axisymmetric
         self._kind = kind
         self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
         self._rigid: RigidMotion | None = None

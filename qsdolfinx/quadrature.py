@@ -47,7 +47,7 @@ def check_quadrature(
     facets: list[Surface | RigidSurface] = [slave]
     if isinstance(master, Surface) or not master.is_analytic:
         facets.append(master)
-    return max(_degree(surface, 1) for surface in facets) + trace
+    return max(_degree(surface, 1) for surface in facets) + trace + int(slave.axisymmetric)
 
 
 def pair(
@@ -89,16 +89,19 @@ def _pair_facets(
 ) -> _cpp.PairingPoints:
     """Pairing points of two surfaces made of facets; see :func:`pair`."""
     kind_of_normals = NORMALS.index(normals)
+    axisymmetric = slave.axisymmetric
+    if isinstance(master, RigidSurface):
+        other = master.facets(axisymmetric)
+    else:
+        other = master._cpp_object
     if quadrature == "nodal":
-        return _cpp.pair_surfaces(
-            slave._cpp_object, master._cpp_object, both, radius, kind_of_normals
-        )
+        return _cpp.pair_surfaces(slave._cpp_object, other, both, radius, kind_of_normals)
     kind = basix.CellType.interval if slave.gdim == 2 else basix.CellType.triangle
     piece_x, piece_w = map(np.asarray, basix.make_quadrature(kind, degree))
     edge_x, edge_w = map(np.asarray, basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE))
     return _cpp.overlay_surfaces(
         slave._cpp_object,
-        master._cpp_object,
+        other,
         both,
         radius,
         kind_of_normals,

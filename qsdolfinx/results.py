@@ -95,7 +95,7 @@ class ContactResults(abc.ABC):
         """
         area = float(np.sum(self.slave.node_area[self.active()]))
         area = float(self.comm.allreduce(area, op=MPI.SUM))
-        return area, area / 2 if self.slave.gdim == 2 else math.sqrt(area / math.pi)
+        return area, area / 2 if self.slave.area_dim == 1 else math.sqrt(area / math.pi)
 
     def force(self, side: str) -> Array:
         """Total contact force on the body of one side, shape (gdim,). Collective.

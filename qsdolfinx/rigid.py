@@ -39,6 +39,10 @@ def rigid_modes(body: Body) -> Array:
     dofs, x = owned_vertices(V)
     gdim = V.mesh.geometry.dim
     rotations = [(0, 1)] if gdim == 2 else [(0, 1), (1, 2), (2, 0)]
+    if body.axisymmetric:  # along the axis alone
+        along = np.zeros(body.num_owned)
+        along[dofs[:, 1]] = 1
+        return along[None, :]
     modes = np.zeros((gdim + len(rotations), body.num_owned))
     for i in range(gdim):
         modes[i, dofs[:, i]] = 1

@@ -40,7 +40,7 @@ class RigidSurface(Tool):
     def __init__(self, comm: MPI.Intracomm, center: Array, shape: Shape | Facets) -> None:
         super().__init__(comm, center)
         self._shape = shape
-        self._surface: tuple[int, _cpp.Surface] | None = None
+        self._surface: tuple[tuple[int, bool], _cpp.Surface] | None = None
 
     # --- Shapes
 
@@ -218,7 +218,7 @@ class RigidSurface(Tool):
         Raises:
             ValueError: If the shape is analytic.
         """
-        low, high = self._cpp_object.facet_size_range
+        low, high = self.facets().facet_size_range
         return float(low), float(high)
 
     def distance(self, x: npt.ArrayLike) -> tuple[Array, Array]:
@@ -239,12 +239,20 @@ class RigidSurface(Tool):
         distance, normal = self._shape.distance((np.asarray(x, dtype=np.float64) - t) @ R)
         return distance, normal @ R.T
 
-    @property
-    def _cpp_object(self) -> _cpp.Surface:
-        """The facets where they are now. Collective after a change of position."""
-        if self._surface is None or self._surface[0] != self.version:
+    def facets(self, axisymmetric: bool = False) -> _cpp.Surface:
+        """The extension's surface where it is now. Collective after a change of position.
+
+        Args:
+            axisymmetric: Whether facets stand for rings.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        state = self.version, axisymmetric
+        if self._surface is None or self._surface[0] != state:
             R, t = self._embedded
-            self._surface = self.version, self._facets.surface(self.comm, self.gdim, R, t)
+            surface = self._facets.surface(self.comm, self.gdim, R, t, axisymmetric)
+            self._surface = state, surface
         return self._surface[1]
 
     @property

@@ -122,6 +122,8 @@ class TimeStepper:
         self.num_iterations = 0
         #: How the meshes of the bodies move.
         self.motions = [MeshMotion(u) for u in problem.u]
+        #: Called after each solve of a step, while the meshes are where it was made.
+        self.on_solved: typing.Callable[[], None] | None = None
         #: Rigid tools, each once.
         self.tools: list[RigidSurface] = []
         for contact in problem.contacts:
@@ -208,6 +210,8 @@ class TimeStepper:
                 self._run_solver()
         except ConvergenceError as error:
             return str(error), False
+        if self.on_solved is not None:
+            self.on_solved()
         return self._fault(dt)
 
     def _advance_tools(self) -> None:

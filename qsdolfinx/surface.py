@@ -40,6 +40,9 @@ class Surface:
         tag: The tag of the contact facets.
         facets: Instead of ``facet_tags`` and ``tag``, the facets' local indices. Facets of ghost
             cells may be given or not.
+        axisymmetric: Whether coordinates are (r, z), r ≥ 0: facets then stand for rings, areas are
+            2πr times lengths, and forces those on whole rings, as with
+            :func:`qsdolfinx.materials.axisymmetric_weight` in the bulk form.
 
     Raises:
         ValueError: If the space is scalar, of higher degree or discontinuous, if the surface is
@@ -54,13 +57,16 @@ class Surface:
         tag: int | None = None,
         *,
         facets: npt.ArrayLike | None = None,
+        axisymmetric: bool = False,
     ) -> None:
         if not isinstance(V, fem.FunctionSpace):
             raise TypeError(f"V: must be a dolfinx.fem.FunctionSpace, not {type(V).__name__}")
         comm = V.mesh.comm
         with collective_errors(comm):
-            _check_arguments(V, facet_tags, tag, facets)
+            _check_arguments(V, facet_tags, tag, facets, axisymmetric)
         self.V = V
+        #: Whether facets stand for rings.
+        self.axisymmetric = bool(axisymmetric)
         self.mesh = V.mesh
         fdim = V.mesh.topology.dim - 1
         V.mesh.topology.create_connectivity(fdim, fdim + 1)
@@ -69,7 +75,7 @@ class Surface:
             given = _given_facets(V.mesh, facet_tags, tag, facets)
         self.facets = _facets_of_owned_cells(V.mesh, given)
         self._linear: Surface | None = None
-        self._cpp_object = _create(V, self.facets)
+        self._cpp_object = _create(V, self.facets, self.axisymmetric)
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -118,6 +124,11 @@ class Surface:
     def node_normal(self) -> npt.NDArray[np.float64]:
         """Averaged outward unit normals at the owned nodes, shape (nodes, 3)."""
         return np.asarray(self._cpp_object.node_normal)
+
+    @property
+    def area_dim(self) -> int:
+        """Dimension of an area: 2, or 1 where it is a length (2D)."""
+        return 2 if self.axisymmetric else self.gdim - 1
 
     @property
     def area(self) -> float:
@@ -184,7 +195,7 @@ class Surface:
             return self
         if self._linear is None:
             V = fem.functionspace(self.mesh, ("Lagrange", 1, (self.gdim,)))
-            self._linear = Surface(V, facets=self.facets)
+            self._linear = Surface(V, facets=self.facets, axisymmetric=self.axisymmetric)
         return self._linear
 
     def update(self) -> None:
@@ -202,7 +213,7 @@ def update_surfaces(*surfaces: Surface) -> None:
     Raises:
         ValueError: If coordinates are not finite or a facet has no area.
     """
-    new = [_create(surface.V, surface.facets) for surface in surfaces]
+    new = [_create(surface.V, surface.facets, surface.axisymmetric) for surface in surfaces]
     for surface, cpp_object in zip(surfaces, new, strict=True):
         surface._cpp_object = cpp_object
         surface._linear = None
@@ -213,6 +224,7 @@ def _check_arguments(
     facet_tags: mesh.MeshTags | None,
     tag: int | None,
     facets: npt.ArrayLike | None,
+    axisymmetric: bool,
 ) -> None:
     """Refuse what a contact surface cannot be made of."""
     if np.issubdtype(PETSc.ScalarType, np.complexfloating):
@@ -234,6 +246,8 @@ def _check_arguments(
         )
     if V.mesh.geometry.cmap.degree != 1:
         raise ValueError("V: contact facets must be straight-sided: mesh geometry of degree 1")
+    if axisymmetric and (gdim != 2 or V.mesh.geometry.x[:, 0].min(initial=0.0) < -1e-10):
+        raise ValueError("axisymmetric: needs a 2D mesh with coordinates (r, z), r ≥ 0")
     if V.num_sub_spaces != gdim or V.dofmap.dof_layout.block_size != gdim:
         raise ValueError(
             f"V: contact needs a blocked vector space with {gdim} components, such as "
@@ -329,7 +343,9 @@ class _Geometry(typing.NamedTuple):
     inside: npt.NDArray[np.float64]
 
 
-def _create(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _cpp.Surface:
+def _create(
+    V: fem.FunctionSpace, facets: npt.NDArray[np.int32], axisymmetric: bool
+) -> _cpp.Surface:
     with collective_errors(V.mesh.comm):
         data = _facet_data(V, facets)
         _check_geometry(data)
@@ -340,6 +356,7 @@ def _create(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _cpp.Surface
         num_vertices=data.x.shape[1],
         degree=_trace_degree(V) or 1,
         local_size=index_map.size_local * V.dofmap.index_map_bs,
+        axisymmetric=axisymmetric,
         **{k: np.ascontiguousarray(a) for k, a in data._asdict().items()},
     )
 

@@ -74,7 +74,8 @@ def _solve_mass(surface: Surface, force: Array, t: fem.Function) -> None:
     nothing = (
         fem.Constant(V.mesh, np.float64(0)) * product * ufl.dx
     )  # for the diagonal off the surface
-    form = fem.form(product * ds + nothing)
+    ring = 2 * np.pi * ufl.SpatialCoordinate(V.mesh)[0] if surface.axisymmetric else 1
+    form = fem.form(ring * product * ds + nothing)
     matrix = fem_petsc.assemble_matrix(form)
     matrix.assemble()
     diagonal = matrix.getDiagonal()

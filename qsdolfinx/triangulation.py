@@ -40,7 +40,9 @@ class Facets:
     num_owned: int
     sign: Array
 
-    def surface(self, comm: MPI.Intracomm, gdim: int, R: Array, t: Array) -> _cpp.Surface:
+    def surface(
+        self, comm: MPI.Intracomm, gdim: int, R: Array, t: Array, axisymmetric: bool
+    ) -> _cpp.Surface:
         """The surface after x ↦ R x + t; the vertices get unknowns that nobody has. Collective."""
         x = self.x @ R.T + t
         behind = x.mean(axis=1) - self.sign[:, None] * area_vectors(x)
@@ -54,6 +56,7 @@ class Facets:
             owner=np.ascontiguousarray(self.owner),
             inside=np.ascontiguousarray(behind),
             local_size=self.num_owned * gdim,
+            axisymmetric=axisymmetric,
         )
 
 
