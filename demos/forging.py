@@ -22,6 +22,7 @@ Pressures are contact forces over nodal areas.
 """
 
 import argparse
+import contextlib
 import dataclasses
 import json
 import time
@@ -167,10 +168,10 @@ def build(comm, p):
         dies[1].height.value = -SPEED * t
 
     def solve(step):
-        if step == 0:
-            qs.solve_with_continuation(problem, work.m, M)
-        else:
-            problem.solve()
+        if step > 0:
+            with contextlib.suppress(qs.ConvergenceError):
+                return problem.solve()
+        return qs.solve_with_continuation(problem, work.m, M)
 
     stepper = qs.TimeStepper(problem, time_step, drive, solve=solve)
     return work, dies, contacts, problem, stepper
