@@ -42,6 +42,9 @@ RADIUS, HEIGHT = 10.0, 15.0  # mm
 DIE_RADIUS, DIE_HEIGHT = 18.0, 9.0
 K, M, SPEED = 50.0, 0.15, 10.0  # MPa sᵐ, -, mm/s
 E_DIE, NU_DIE = 2.1e5, 0.3
+PENALTY = (
+    5e4  # MPa: times 1/h. A stiffer one makes the nodes of the workpiece hop from dent to dent
+)
 SIZES = {"coarse": 2.5, "medium": 1.7, "fine": 1.2}  # mm, cells of the workpiece
 FORMULATIONS = ("master-slave", "quasi-symmetric", "double-pass", "two-half-pass")
 
@@ -152,6 +155,7 @@ def build(comm, p):
         contact = qs.Contact(
             *(sides[::-1] if p.swap else sides),
             p.formulation,
+            penalty=PENALTY / h,
             quadrature=p.quadrature,
             enforcement=p.enforcement,
             gap_tolerance=1e-5,

@@ -61,8 +61,8 @@ class Contact(ContactResults):
             analytic shape they are the same.
         law: ``Unilateral()`` or ``Tied()``.
         penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
-            contact nodes when the problem is first solved; if a body has velocities, whenever
-            contact has paired anew.
+            contact nodes when the problem is first solved; with an augmented Lagrangian and bodies
+            in velocities, whenever contact has paired anew.
         search_radius: Points further than this from the other surface are not paired (length). By
             default the largest facet size of the two surfaces; analytic shapes have no facets.
         quadrature: ``"nodal"``: the gap is sampled at nodes, as in (5), (6), (12).
@@ -349,9 +349,11 @@ class Contact(ContactResults):
     def needs_penalty(self) -> bool:
         """Whether an automatic penalty is to be computed, for the problem.
 
-        Once, unless a body has velocities: its stiffness depends on Δt and on how fast it flows.
+        Once: with another ε the gaps of the last step would be wrong ones. But an augmented
+        Lagrangian may have any, and that of bodies in velocities follows Δt and how fast they flow.
         """
-        return self._automatic and (self._penalty is None or "velocity" in self.unknown)
+        flows = self.augmented and "velocity" in self.unknown
+        return self._automatic and (self._penalty is None or flows)
 
     def set_automatic_penalty(self, penalty: float) -> None:
         """Set ε, stress per length, from the bodies' stiffness; for the problem."""
