@@ -103,7 +103,9 @@ def test_uniform_pressure(cell, tool, quadrature, enforcement):
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_uniform_pressure_with_degree_2(cell, tool):
-    scene = Pressed(cell, TOOLS[tool], n=2, degree=2, quadrature="overlay")
+    # On pieces of uneven quadrilaterals the rule is not exact for functions of degree 2.
+    uneven = 0.0 if (cell, tool) == ("hexahedron", "facets") else 0.08
+    scene = Pressed(cell, TOOLS[tool], 2, degree=2, quadrature="overlay", uneven=uneven)
     scene.is_uniform(0.01, 1e-3)
 
 
