@@ -318,7 +318,6 @@ def test_hertz(tool, quadrature):
     exact = peak * np.sqrt(np.maximum(1 - (x / a) ** 2, 0))
     error = np.sqrt(WORLD.allreduce(area @ (p - exact) ** 2) / WORLD.allreduce(area @ exact**2))
     radius = contact.patch()[1]
-    print(tool, quadrature, largest(p) / peak - 1, error, radius / a - 1, problem.num_iterations)
     assert abs(largest(p) / peak - 1) < 0.02
     assert error < 0.05
     assert abs(radius / a - 1) < 0.06
