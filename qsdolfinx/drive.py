@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 #: Part of the driving force that may be left unbalanced.
 TOLERANCE = 1e-8
 
-#: Tools are brought to touch first if contact leaves more than this part of the force unbalanced.
+#: Tools are brought to touch first if contact leaves more than this part of the force to be held.
 NEAR = 0.5
 
 _MAX_STEPS = 30
@@ -127,11 +127,11 @@ class Drive:
     # --- Touching
 
     def approach(self) -> None:
-        """Move tools far from balance to where springs would hold them (see Foundation).
+        """Move tools that hardly touch to where springs would hold them (see Foundation).
 
         Collective; contacts must have been evaluated.
         """
-        far = np.abs(self._imbalance()) > NEAR * np.abs(self._force)
+        far = self._imbalance() / self._force > NEAR
         steps = [self._settle(i) if far[i] else 0.0 for i in range(len(self.tools))]
         self._move(np.array(steps))
 

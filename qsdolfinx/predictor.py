@@ -70,6 +70,9 @@ class Foundation:
         self._G = np.concatenate(change)
         self._r = self._motions.T @ rigid.work(residual)
         self._eps = self._springs(np.ones(len(self._gap), dtype=bool))
+        # Bodies without loads may be pushed by others that are displaced.
+        pushed = np.linalg.norm(self._gradient(np.zeros(len(self._r))))
+        self._tolerance = _TOLERANCE * max(self.load, 1e-6 * float(pushed))
 
     @property
     def load(self) -> float:
@@ -100,7 +103,7 @@ class Foundation:
         values, vectors = np.linalg.eigh(self._hessian(q))
         stiff = values > 1e-10 * max(values.max(), 1e-300)
         along = vectors.T @ gradient
-        if np.linalg.norm(along[~stiff]) > _TOLERANCE * self.load:
+        if np.linalg.norm(along[~stiff]) > self._tolerance:
             return np.asarray(-vectors[:, ~stiff] @ along[~stiff])
         return np.asarray(-vectors[:, stiff] @ (along[stiff] / values[stiff]))
 
@@ -131,7 +134,7 @@ class Foundation:
         for _ in range(3):
             for _ in range(_MAX_STEPS):
                 gradient = self._gradient(q)
-                if np.linalg.norm(gradient) <= _TOLERANCE * self.load:
+                if np.linalg.norm(gradient) <= self._tolerance:
                     break
                 direction = self._direction(q, gradient)
                 step = self._step(q, direction)

@@ -13,11 +13,15 @@ E, NU = 7.0, 0.3
 class Pressed:
     """A block that may slide on all its sides, and a tool of some kind at its upper face."""
 
-    def __init__(self, cell, tool, n=3, degree=1, comm=WORLD, held=True, nu=NU, **options):
+    def __init__(
+        self, cell, tool, n=3, degree=1, comm=WORLD, held=True, nu=NU, uneven=0.08, **options
+    ):
         self.nu = nu
         self.gdim = gdim = 2 if cell in ("triangle", "quadrilateral") else 3
         self.axis = gdim - 1
         self.mesh = box(comm, [n] * gdim, cell, [0.0] * gdim, [1.0] * gdim)
+        x = self.mesh.geometry.x  # uneven facets, on which uniform stress is as exact
+        x[:, 0] += uneven * np.sin(np.pi * x[:, 0]) * np.cos(4 * x[:, 1]) * x[:, self.axis]
         self.V = fem.functionspace(self.mesh, ("Lagrange", degree, (gdim,)))
         self.u = fem.Function(self.V)
         self.F = elastic(self.u, E, nu)

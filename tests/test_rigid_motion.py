@@ -80,10 +80,10 @@ def test_position():
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("quadrature", QUADRATURES)
+@pytest.mark.parametrize("quadrature, degree", (("nodal", 1), ("overlay", 1), ("overlay", 2)))
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron", "hexahedron"))
-def test_as_a_body_that_is_moved(cell, formulation, quadrature, law):
+def test_as_a_body_that_is_moved(cell, formulation, quadrature, degree, law):
     """A deformable master all of whose nodes follow the same rigid motion gives the same."""
     gdim = 2 if cell == "triangle" else 3
     low, high = [-0.3] * (gdim - 1) + [1.0], [1.4] * gdim
@@ -91,12 +91,15 @@ def test_as_a_body_that_is_moved(cell, formulation, quadrature, law):
     facets = plane(other, gdim - 1, 1.0)
     part = mesh.create_submesh(other, gdim - 1, facets)[0]
     center = [0.5] * (gdim - 1) + [1.0]
-    options = {"formulation": formulation, "quadrature": quadrature, "penalty": 50.0, "n": 3}
+    options = {"formulation": formulation, "quadrature": quadrature, "penalty": 50.0}
+    # On uneven quadrilaterals the rule depends on where a piece begins, which the sub-mesh turns.
+    options["quadrature_degree"] = 8
 
     def tool(*_):
         return qs.RigidSurface.from_mesh(part, [0.5] * (gdim - 1) + [5.0], center)
 
-    scene = Pressed(cell, tool, law=law(), **options)
+    n = 4 - degree
+    scene = Pressed(cell, tool, n, degree, law=law(), **options)
     scene.tool.displacement[-1] = -0.03
     scene.tool.displacement[0] = 0.02
     scene.tool.rotation[-1 if gdim == 2 else 0] = 0.08
@@ -108,8 +111,8 @@ def test_as_a_body_that_is_moved(cell, formulation, quadrature, law):
     value.interpolate(lambda x: A @ x[:gdim] + b[:, None])
     every = np.arange(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts, dtype=np.int32)
     rigid = qs.Surface(V, facets=facets)
-    slave = Pressed(cell, flat, n=3)
-    contact = qs.Contact(slave.surface, rigid, formulation, law(), 50.0, quadrature=quadrature)
+    slave = Pressed(cell, flat, n, degree, quadrature=quadrature)
+    contact = qs.Contact(slave.surface, rigid, law=law(), **options)
     bcs = [slave.bcs, [fem.dirichletbc(value, every)]]
     problem = qs.ContactProblem([slave.F, elastic(u)], [slave.u, u], [contact], bcs)
     problem.solve()
@@ -315,7 +318,6 @@ def test_hertz(tool, quadrature):
     exact = peak * np.sqrt(np.maximum(1 - (x / a) ** 2, 0))
     error = np.sqrt(WORLD.allreduce(area @ (p - exact) ** 2) / WORLD.allreduce(area @ exact**2))
     radius = contact.patch()[1]
-    print(tool, quadrature, largest(p) / peak - 1, error, radius / a - 1, problem.num_iterations)
     assert abs(largest(p) / peak - 1) < 0.02
     assert error < 0.05
     assert abs(radius / a - 1) < 0.06
