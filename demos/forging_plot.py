@@ -61,7 +61,8 @@ def draw(axis, title, scene, scale):
     colors[on_face] = scale.to_rgba(pressure[nodes[on_face]].mean(axis=1))
     colors[:, 3] = 1.0
     add(axis, triangles, colors, linewidth=0.1, edgecolor=(0, 0, 0, 0.3))
-    _, triangles = boundary(work.mesh, work.mesh.geometry.x + [0, 0, LIFT])
+    lift = np.array([0, 0, LIFT])
+    _, triangles = boundary(work.mesh, work.mesh.geometry.x + lift)
     steel = np.tile([0.95, 0.55, 0.35, 1.0], (len(triangles), 1))
     add(axis, triangles, steel, linewidth=0.3, edgecolor=(0, 0, 0, 0.5))
     axis.set_title(title, fontsize=11)
