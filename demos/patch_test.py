@@ -77,6 +77,7 @@ def build(comm, p):
     of_master, of_slave = MATERIALS[p.material]
     master = Body(master_cube, of_master, 0.0, 1.0, 0.0, p.rotate)
     slave = Body(slave_cube, of_slave, 1.0, 2.0, p.overhang, p.rotate)
+    slave.tied_edges = p.material == "newtonian" and p.contact == "tied"
     set_conditions((master, slave), p.load, p.rotate)
     contact = qs.Contact(
         qs.Surface(slave.V, facets=slave.interface),
