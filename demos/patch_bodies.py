@@ -67,7 +67,11 @@ class Newtonian:
         v, p = ufl.split(w)
         deviator = qs.materials.newtonian(v, self.K)
         stress = deviator - p * ufl.Identity(len(v))
-        return stress, qs.materials.incompressible(w, deviator), ufl.TestFunctions(w.function_space)[0]
+        return (
+            stress,
+            qs.materials.incompressible(w, deviator),
+            ufl.TestFunctions(w.function_space)[0],
+        )
 
 
 MATERIALS = {  # of the master and the slave
