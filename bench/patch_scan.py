@@ -54,9 +54,8 @@ def main():
 
     rank = MPI.COMM_WORLD.rank
     if rank == 0:
-        print(
-            f"{'cell':13}{'load':14}{'jitter':>6}  worst mean  worst max  median mean  worst mean, master"
-        )
+        heads = "  worst mean  worst max  median mean  worst mean, master"
+        print(f"{'cell':13}{'load':14}{'jitter':>6}{heads}")
     everything = []
     for cell, load, jitter in itertools.product(
         CELLS[a.material], ("pressure", "displacement"), (0.0, 0.25)

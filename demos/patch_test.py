@@ -55,6 +55,8 @@ class Parameters:
     material: str = "elastic"
 
     def __post_init__(self):
+        if self.material not in MATERIALS:
+            raise ValueError(f"--material: must be one of {', '.join(MATERIALS)}")
         if self.material == "newtonian":
             if self.cell not in ("tetrahedron", "triangle"):
                 raise ValueError(
