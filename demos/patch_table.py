@@ -1,65 +1,100 @@
 """Table and picture of the patch test, see patch_test.py."""
 
 import numpy as np
-from patch_test import STRESS, Parameters, normal_traction, run
+from patch_bodies import STRESS
+from patch_test import Parameters, normal_traction, run
 
-PAPER = {  # load: mean and maximum error, in %
-    "pressure": {"quasi-symmetric": (3.6, 8.3), "master-slave": (8.0, 22.0)},
-    "displacement": {"quasi-symmetric": (4.8, 10.9), "master-slave": (10.0, 24.8)},
+PAPER = {  # material, load: mean and maximum error, in %
+    ("elastic", "pressure"): {"quasi-symmetric": (3.6, 8.3), "master-slave": (8.0, 22.0)},
+    ("elastic", "displacement"): {"quasi-symmetric": (4.8, 10.9), "master-slave": (10.0, 24.8)},
+    ("newtonian", "pressure"): {"quasi-symmetric": (5.3, 12.6), "master-slave": (10.3, 30.9)},
+    ("newtonian", "displacement"): {"quasi-symmetric": (7.2, 17.9), "master-slave": (15.0, 34.5)},
 }
-CONCLUSION = """\
-The percentages need not be the paper's: its meshes are shown in a figure but not published, and
-the error depends on where the nodes of one side lie on the facets of the other. What can be
-compared is the ratio of the two formulations. Checked: in every row the mean and maximum errors of
-quasi-symmetric contact are below those of master-slave contact; with overlay quadrature they are
-those of the arithmetic."""
-MESHES = (("tetrahedron", 4, 3), ("tetrahedron", 8, 3), ("hexahedron", 4, 3), ("hexahedron", 8, 3))
-
-
+MESHES = {
+    "elastic": (
+        ("tetrahedron", 4, 3),
+        ("tetrahedron", 8, 3),
+        ("hexahedron", 4, 3),
+        ("hexahedron", 8, 3),
+    ),
+    "newtonian": (("tetrahedron", 4, 3), ("tetrahedron", 8, 3)),
+}
 KINDS = {
     "quasi-symmetric": {"formulation": "quasi-symmetric"},
     "master-slave": {"formulation": "master-slave"},
     "overlay": {"formulation": "quasi-symmetric", "quadrature": "overlay"},
 }
+SUMMARY = ("tetrahedron", 8, 3)  # on the master's side
+MEAN_RATIO = 0.55  # allowed on the master's side, where errors are larger
+EXACT = 1e-7  # in %
+CONCLUSION = f"""\
+The percentages need not be the paper's: its meshes are shown in a figure but not published, and
+the error depends on where the nodes of one side lie on the facets of the other. What can be
+compared is the ratio of the two formulations. Checked: in every row the mean and maximum errors of
+quasi-symmetric contact are below those of master-slave contact, on the master's side the mean at
+most {MEAN_RATIO} times as large; with overlay quadrature, errors are those of the arithmetic."""
+
+
+class CheckError(Exception):
+    """A result is not what the table claims."""
+
+
+def check(condition, message):
+    """Also under python -O."""
+    if not condition:
+        raise CheckError(message)
 
 
 def table(comm):
-    """Print cases 1 and 2 beside the paper's Table 1, and check that quasi-symmetric is better.
+    """Print all cases of the paper's Table 1 beside it, and check what CONCLUSION says.
 
     Raises:
-        AssertionError: If in any row an error with quasi-symmetric contact is not the smaller, or
-            that with overlay quadrature is above 1e-9.
+        CheckError: If a check fails.
     """
 
     def say(line=""):
         if comm.rank == 0:
             print(line, flush=True)
 
-    def errors(result, side):
-        return 100 * result[f"{side}_mean_error"], 100 * result[f"{side}_max_error"]
-
     say("Error of the normal stress in the cells at the interface, mean / maximum in %")
     say("(master × slave cells along an edge)")
     say()
     head = "".join(f"{kind:>22}" for kind in ("quasi-symmetric", "master-slave"))
-    say(f"{'case':34}{head}{'ratio':>14}{'overlay':>20}")
-    for case, (load, paper) in enumerate(PAPER.items(), start=1):
-        qs_errors, ms_errors = paper["quasi-symmetric"], paper["master-slave"]
-        say_row(say, f"{case}. {load}: the paper's meshes", qs_errors, ms_errors)
-        for cell, n_master, n_slave in MESHES:
+    say(f"{'case':42}{head}{'ratio':>14}{'overlay':>20}")
+    summary = {}
+    for case, ((material, load), paper) in enumerate(PAPER.items(), start=1):
+        title = f"{case}. {material}, {load}: the paper's"
+        say_row(say, title, paper["quasi-symmetric"], paper["master-slave"])
+        references = {}
+        for cell, n_master, n_slave in MESHES[material]:
             results = [
-                run(Parameters(n_master, n_slave, cell, load=load, **kind), comm)[0]
+                run(Parameters(n_master, n_slave, cell, load=load, material=material, **kind), comm)
                 for kind in KINDS.values()
             ]
+            results = [result for result, _ in results]
+            references[n_master] = results[0]["reference_stress"]
             for side in ("slave", "master"):
-                quasi, ms, exact = (errors(result, side) for result in results)
-                say_row(say, f"   {cell} {n_master} × {n_slave}, {side}", quasi, ms, exact)
-                assert all(q < m for q, m in zip(quasi, ms, strict=True)), (
-                    "quasi-symmetric is not better"
-                )
-                assert max(exact) < 1e-7, "overlay is not exact"
+                rows = quasi, ms, exact = [errors(result, side) for result in results]
+                name = f"{cell} {n_master} × {n_slave}, {side}"
+                say_row(say, f"   {name}", quasi, ms, exact)
+                for q, m in zip(quasi, ms, strict=True):
+                    check(q < m, f"{name}: quasi-symmetric is not better")
+                allowed = MEAN_RATIO * ms[0]
+                check(side == "slave" or quasi[0] <= allowed, f"{name}: mean error above {allowed}")
+                check(max(exact) < EXACT, f"{name}: overlay is not exact")
+                if (cell, n_master, n_slave) == SUMMARY and side == "master":
+                    summary[material, load] = dict(zip(KINDS, rows, strict=True))
+        if material == "newtonian":
+            say_references(say, references)
+    say()
+    say_summary(say, summary)
     say()
     say(CONCLUSION)
+
+
+def errors(result, side):
+    """Mean and maximum, in %."""
+    return 100 * result[f"{side}_mean_error"], 100 * result[f"{side}_max_error"]
 
 
 def say_row(say, name, qs_errors, ms_errors, exact=None):
@@ -67,7 +102,28 @@ def say_row(say, name, qs_errors, ms_errors, exact=None):
     columns = [f"{mean:9.3f} /{maximum:8.3f}" for mean, maximum in (qs_errors, ms_errors)]
     ratios = [q / m for q, m in zip(qs_errors, ms_errors, strict=True)]
     last = "" if exact is None else f"{exact[0]:10.0e} /{exact[1]:7.0e}"
-    say(f"{name:34}{columns[0]:>22}{columns[1]:>22}{ratios[0]:8.2f} /{ratios[1]:5.2f}{last:>20}")
+    say(f"{name:42}{columns[0]:>22}{columns[1]:>22}{ratios[0]:8.2f} /{ratios[1]:5.2f}{last:>20}")
+
+
+def say_references(say, references):
+    """Print and check the stresses in single bodies."""
+    for n, stress in references.items():
+        say(f"   reference: stress in one body of {n} × {n} × 2 cells {stress:.12f}")
+        check(np.isclose(stress, STRESS, rtol=1e-10), "the stress in one body is not the load")
+
+
+def say_summary(say, summary):
+    """Print Table 1 in the paper's layout: columns are cases."""
+    cell, n_master, n_slave = SUMMARY
+    say("Table 1, mean / maximum in %; here: master's side,")
+    heads = (f"{material}, {load}" for material, load in PAPER)
+    say(f"{f'{cell} {n_master} × {n_slave}':24}" + "".join(f"{head:>25}" for head in heads))
+    for name in ("quasi-symmetric", "master-slave"):
+        for where, results in (("paper", PAPER), ("here", summary)):
+            pairs = ("{:.1f} / {:.1f}".format(*results[case][name]) for case in PAPER)
+            say(f"{f'{name}, {where}':24}" + "".join(f"{pair:>25}" for pair in pairs))
+    pairs = ("{:.0e} / {:.0e}".format(*summary[case]["overlay"]) for case in PAPER)
+    say(f"{'overlay, here':24}" + "".join(f"{pair:>25}" for pair in pairs))
 
 
 # --- Picture

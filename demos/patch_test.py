@@ -23,12 +23,12 @@ from mpi4py import MPI
 
 import numpy as np
 
-import ufl
-from dolfinx import fem, mesh
-
 import qsdolfinx as qs
 
-E_MASTER, E_SLAVE, STRESS = 3e4, 1.3e4, -65.0
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from patch_bodies import MATERIALS, STRESS, Body, create_block, set_conditions
+
 CELLS = ("tetrahedron", "hexahedron", "triangle", "quadrilateral")
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
 LAWS = {"tied": qs.Tied, "unilateral": qs.Unilateral}
@@ -52,181 +52,47 @@ class Parameters:
     enforcement: str = "penalty"
     rotate: float = 0.0
     overhang: float = 0.0
+    material: str = "elastic"
 
-
-def create_cube(comm, n, cell, bottom, jitter, rng):
-    """Unit cube of n × n × 1 cells whose interface nodes are moved in their plane.
-
-    Args:
-        comm: Communicator.
-        n: Cells along each edge of the interface.
-        cell: Cell type.
-        bottom: Height of the bottom; the interface is the plane at height 1.
-        jitter: Largest distance of a node from its place, in units of the cell size.
-        rng: Random generator, in the same state on all ranks.
-    """
-    kind = mesh.CellType[cell]
-    gdim = 2 if cell in ("triangle", "quadrilateral") else 3
-    corners = [[0.0] * (gdim - 1) + [bottom], [1.0] * (gdim - 1) + [bottom + 1]]
-    create = mesh.create_rectangle if gdim == 2 else mesh.create_box
-    cube = create(comm, corners, [n] * (gdim - 1) + [1], kind)
-
-    # One shift per lattice point, whichever ranks have the node.
-    length = jitter / n * np.sqrt(rng.random((n + 1, n + 1)))
-    angle = 2 * np.pi * rng.random((n + 1, n + 1))
-    x = cube.geometry.x
-    i, j = (np.rint(n * x[:, d]).astype(int) for d in (0, 1 if gdim == 3 else 2))
-    inner = np.isclose(x[:, gdim - 1], 1) & (i > 0) & (i < n)
-    if gdim == 3:
-        inner &= (j > 0) & (j < n)
-        x[inner, 1] += (length * np.sin(angle))[i[inner], j[inner]]
-    x[inner, 0] += (length * np.cos(angle))[i[inner], j[inner]]
-    return cube
-
-
-def locate(cube, axis, value):
-    """Boundary facets in a plane across an axis."""
-    fdim = cube.topology.dim - 1
-    return mesh.locate_entities_boundary(cube, fdim, lambda x: np.isclose(x[axis], value))
-
-
-def rotation(degrees, gdim):
-    """Matrix that turns by an angle, in 3D about the axis (1, 1, 0)."""
-    angle = np.deg2rad(degrees)
-    if gdim == 2:
-        plane = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        return np.block([[plane, np.zeros((2, 1))], [np.zeros((1, 2)), np.ones((1, 1))]])
-    across = np.array([[0, 0, 1], [0, 0, -1], [-1, 1, 0]]) / np.sqrt(2)  # x ↦ axis × x
-    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
-
-
-class Block:
-    """An elastic cube, its conditions and its contact surface.
-
-    Args:
-        cube: Mesh in its place before it is turned.
-        E: Young's modulus.
-        p: Parameters of the test.
-    """
-
-    def __init__(self, cube, E, p):
-        self.mesh, self.E = cube, E
-        self.gdim = gdim = cube.geometry.dim
-        up, bottom = gdim - 1, 0.0 if E == E_MASTER else 1.0
-        left = p.overhang if E == E_SLAVE else 0.0
-        sides = [(0, left)] + [(axis, 0.0) for axis in range(1, up)]
-        self.sides = [(axis, locate(cube, axis, at)) for axis, at in sides]
-        self.bottom, self.top = locate(cube, up, bottom), locate(cube, up, bottom + 1)
-        interface = self.top if E == E_MASTER else self.bottom
-        corner = np.isclose(cube.geometry.x[:, up], bottom + 1)
-        for axis in range(1, up):
-            corner &= np.isclose(cube.geometry.x[:, axis], 0)
-        turn = rotation(p.rotate, gdim)
-        self.normal = turn[:gdim, up]
-        cube.geometry.x[:] = cube.geometry.x @ turn.T
-        self.corner = cube.geometry.x[corner]
-        self.V = fem.functionspace(cube, ("Lagrange", 1, (gdim,)))
-        self.u = fem.Function(self.V)
-        self.exact = fem.Function(self.V)  # with the loads of the test; set when ε is known
-        self.F = ufl.inner(self.stress, ufl.grad(ufl.TestFunction(self.V))) * ufl.dx
-        self.bcs = []
-        self.surface = qs.Surface(self.V, facets=interface)
-
-    @property
-    def stress(self):
-        """Stress of the linear elastic body, ν = 0."""
-        return self.E * ufl.sym(ufl.grad(self.u))
-
-    def normal_stress(self):
-        """Stress across planes that were horizontal."""
-        n = ufl.as_vector(self.normal)
-        return ufl.dot(n, self.stress * n)
-
-    def set_exact(self, offset):
-        """The uniform solution, given the displacement at height 0 if the body went that far."""
-
-        def u(x):
-            height = self.normal @ x[: self.gdim]
-            return np.outer(self.normal, offset + STRESS / self.E * height)
-
-        self.exact.interpolate(u)
-
-    def slide(self, axis, facets):
-        """No displacement along an axis."""
-        V = self.V.sub(axis)
-        return fem.dirichletbc(0.0, fem.locate_dofs_topological(V, self.gdim - 1, facets), V)
-
-    def prescribe(self, facets):
-        """The exact displacement."""
-        dofs = fem.locate_dofs_topological(self.V, self.gdim - 1, facets)
-        return fem.dirichletbc(self.exact, dofs)
-
-    def prescribe_corners(self):
-        """The exact displacement at the two ends of an upper edge: holds the body, no more."""
-        ends = np.array(self.corner)
-
-        def at_ends(x):
-            out = np.zeros(x.shape[1], dtype=bool)
-            for end in ends:
-                out |= np.linalg.norm(x.T - end, axis=1) < 1e-10
-            return out
-
-        return fem.dirichletbc(self.exact, fem.locate_dofs_geometrical(self.V, at_ends))
-
-    def press(self):
-        """Pressure on the top."""
-        facets = np.sort(self.top)
-        tags = mesh.meshtags(self.mesh, self.gdim - 1, facets, np.ones_like(facets))
-        ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
-        v = ufl.TestFunction(self.V)
-        self.F -= STRESS * ufl.dot(ufl.as_vector(self.normal), v) * ds
-
-    def interface_stress(self):
-        """Mean normal stress of each owned cell with a facet on the interface."""
-        q = ufl.TestFunction(fem.functionspace(self.mesh, ("DG", 0)))
-        force = fem.assemble_vector(fem.form(self.normal_stress() * q * ufl.dx)).array
-        volume = fem.assemble_vector(fem.form(q * ufl.dx)).array
-        to_cell = self.mesh.topology.connectivity(self.gdim - 1, self.gdim)
-        cells = np.unique([to_cell.links(facet)[0] for facet in self.surface.facets]).astype(int)
-        return force[cells] / volume[cells]  # DG0 unknowns are numbered as cells
+    def __post_init__(self):
+        if self.material not in MATERIALS:
+            raise ValueError(f"--material: must be one of {', '.join(MATERIALS)}")
+        if self.material == "newtonian":
+            if self.cell not in ("tetrahedron", "triangle"):
+                raise ValueError(
+                    f"--cell: Newtonian cubes are of the MINI element, which needs tetrahedron or "
+                    f"triangle cells, not {self.cell}"
+                )
+            if self.overhang:
+                raise ValueError(
+                    "--overhang: Newtonian cubes have no uniform flow to compare with where one of "
+                    "them is not supported; use it with --material elastic"
+                )
 
 
 def build(comm, p):
-    """The two blocks, their contact and the problem."""
+    """The two cubes, their contact and the problem."""
     rng = np.random.default_rng(p.seed)
-    master_cube = create_cube(comm, p.master, p.cell, 0.0, p.jitter, rng)
-    slave_cube = create_cube(comm, p.slave, p.cell, 1.0, p.jitter, rng)
+    master_cube = create_block(comm, p.master, p.cell, 0.0, 1.0, p.jitter, rng)
+    slave_cube = create_block(comm, p.slave, p.cell, 1.0, 2.0, p.jitter, rng)
     slave_cube.geometry.x[:, 0] += p.overhang
-    master, slave = Block(master_cube, E_MASTER, p), Block(slave_cube, E_SLAVE, p)
-    if p.load == "pressure":
-        slave.press()
-    if p.rotate == 0:
-        up = slave.gdim - 1
-        master.bcs.append(master.slide(up, master.bottom))
-        for block in (master, slave):
-            block.bcs += [block.slide(*side) for side in block.sides]
-        if p.load == "displacement":
-            V = slave.V.sub(up)
-            collapsed = V.collapse()[0]
-            slave.lid = fem.Function(collapsed)
-            dofs = fem.locate_dofs_topological((V, collapsed), up, slave.top)
-            slave.bcs.append(fem.dirichletbc(slave.lid, dofs, V))
-    else:
-        # Conditions along one axis alone are none of DOLFINx: the exact displacement, where it
-        # holds the bodies and does not disturb the uniform stress.
-        master.bcs.append(master.prescribe(master.bottom))
-        lid = slave.prescribe(slave.top) if p.load == "displacement" else slave.prescribe_corners()
-        slave.bcs.append(lid)
+    of_master, of_slave = MATERIALS[p.material]
+    master = Body(master_cube, of_master, 0.0, 1.0, 0.0, p.rotate)
+    slave = Body(slave_cube, of_slave, 1.0, 2.0, p.overhang, p.rotate)
+    slave.tied_edges = p.material == "newtonian" and p.contact == "tied"
+    set_conditions((master, slave), p.load, p.rotate)
     contact = qs.Contact(
-        slave.surface,
-        master.surface,
+        qs.Surface(slave.V, facets=slave.interface),
+        qs.Surface(master.V, facets=master.interface),
         p.formulation,
         LAWS[p.contact](),
         p.penalty,
         quadrature=p.quadrature,
         quadrature_degree=p.quadrature_degree,
         enforcement=p.enforcement,
-        gap_tolerance=1e-13,
+        gap_tolerance=of_slave.gap_tolerance,
+        unknown=of_slave.unknown,
+        dt=of_slave.dt,
     )
     problem = qs.ContactProblem(
         [master.F, slave.F], [master.u, slave.u], [contact], [master.bcs, slave.bcs]
@@ -234,12 +100,34 @@ def build(comm, p):
     problem.set_up()  # an automatic penalty is known from here on
     # The compliance 1/ε is the penalty's; an augmented Lagrangian has none.
     compliance = 1 / contact.penalty if p.enforcement == "penalty" else 0.0
-    jump = STRESS * (1 / E_MASTER - 1 / E_SLAVE + compliance)
+    up = slave.up
+    strain = of_master.strain(slave.gdim)[up] - of_slave.strain(slave.gdim)[up]
     master.set_exact(0.0)
-    slave.set_exact(jump)
-    if p.rotate == 0 and p.load == "displacement":
-        slave.lid.x.array[:] = jump + 2 * STRESS / E_SLAVE
+    slave.set_exact(strain + STRESS * compliance / contact.scale[0])
     return master, slave, contact, problem
+
+
+def reference_stress(comm, p):
+    """Mean stress at the interface: of elastic cubes the analytical one, else that of one body.
+
+    The body is the union of the two cubes, on the mesh of the master, under the same load.
+    """
+    if p.material == "elastic":
+        return STRESS
+    rng = np.random.default_rng(p.seed)  # as the master's: the same nodes at height 1
+    union = create_block(comm, p.master, p.cell, 0.0, 2.0, p.jitter, rng)
+    body = Body(union, MATERIALS[p.material][0], 0.0, 2.0, 0.0, p.rotate)
+    set_conditions((body,), p.load, p.rotate)
+    body.set_exact(0.0)
+    problem = qs.ContactProblem([body.F], [body.u], [], [body.bcs])
+    problem.solve()
+    problem.destroy()
+    return mean_and_max(comm, body.interface_stress())[0]
+
+
+def count_unknowns(W):
+    """On all ranks."""
+    return W.dofmap.index_map.size_global * W.dofmap.index_map_bs
 
 
 def mean_and_max(comm, values):
@@ -251,8 +139,12 @@ def mean_and_max(comm, values):
 def normal_traction(contact, side, normal):
     """Normal contact force over nodal area at the owned nodes of one side."""
     surface = contact.slave if side == "slave" else contact.master
-    local = surface.node_dofs - surface.V.dofmap.index_map.local_range[0] * surface.gdim
-    return contact.traction(side).x.array[local] @ normal
+    V, values = surface.V, contact.traction(side).x.array
+    index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
+    if surface.collapsed_space is not V:  # back to the numbers of the mixed space
+        collapsed, values = values, np.zeros((index_map.size_local + index_map.num_ghosts) * bs)
+        values[V.collapse()[1]] = collapsed
+    return values[surface.node_dofs - index_map.local_range[0] * bs] @ normal
 
 
 def run(p, comm=MPI.COMM_WORLD):
@@ -265,22 +157,25 @@ def run(p, comm=MPI.COMM_WORLD):
     start = time.perf_counter()
     master, slave, contact, problem = build(comm, p)
     problem.solve()
+    reference = reference_stress(comm, p)
     forces = contact.force("slave"), contact.force("master")
     gap = np.nan_to_num(contact.gap())
     result = {
+        "material": p.material,
         "formulation": p.formulation,
         "load": p.load,
         "cell": p.cell,
         "n_master": p.master,
         "n_slave": p.slave,
-        "dofs": sum(b.V.dofmap.index_map.size_global * slave.gdim for b in (master, slave)),
+        "dofs": sum(count_unknowns(b.u.function_space) for b in (master, slave)),
         "penalty": contact.penalty,
+        "reference_stress": reference,
     }
     for name, block in (("slave", slave), ("master", master)):
-        error = np.abs(block.interface_stress() / STRESS - 1)
+        error = np.abs(block.interface_stress() / reference - 1)
         result[f"{name}_mean_error"], result[f"{name}_max_error"] = mean_and_max(comm, error)
     for name in ("slave", "master"):
-        error = np.abs(np.abs(normal_traction(contact, name, slave.normal) / STRESS) - 1)
+        error = np.abs(np.abs(normal_traction(contact, name, slave.normal) / reference) - 1)
         result[f"{name}_nodal_max_error"] = mean_and_max(comm, error)[1]
     size = np.linalg.norm(gap, axis=1) if gap.ndim == 2 else np.abs(gap)
     result |= {
@@ -329,10 +224,8 @@ def seed(text):
 
 
 def main():
-    sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
     import patch_table  # which runs this test
 
-    default = Parameters()
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -342,9 +235,8 @@ def main():
     add("--cell", choices=CELLS)
     add("--jitter", type=shift, metavar="F", help="move interior interface nodes by up to F × h")
     add("--seed", type=seed, metavar="S", help="of the jitter")
-    add(
-        "--formulation", choices=("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
-    )
+    add("--formulation", choices=FORMULATIONS)
+    add("--material", choices=tuple(MATERIALS))
     add("--load", choices=("pressure", "displacement"))
     add("--contact", choices=tuple(LAWS))
     add("--penalty", type=stiffness, metavar="auto|FLOAT", help="ε, stress per length")
@@ -359,9 +251,14 @@ def main():
     filename, picture = arguments.pop("json"), arguments.pop("plot")
     given = {name: value for name, value in arguments.items() if value is not None}
 
+    try:
+        p = Parameters(**given)
+    except ValueError as error:
+        parser.error(str(error))
+
     comm = MPI.COMM_WORLD
     if given or filename:
-        result, _ = run(dataclasses.replace(default, **given), comm)
+        result, _ = run(p, comm)
         if comm.rank == 0:
             print("\n".join(f"{key:24}{value}" for key, value in result.items()))
             if filename:

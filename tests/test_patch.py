@@ -6,10 +6,11 @@ import numpy as np
 import patch_table
 import patch_test
 import pytest
+from patch_bodies import E_MASTER
 from patch_test import Parameters, run
 from scenes import WORLD, spread_cells
 
-PENALTY = 1e3 * patch_test.E_MASTER
+PENALTY = 1e3 * E_MASTER
 
 # An independent serial prototype (NumPy) gave, in %: stress error of the interface cells, slave
 # mean and maximum, master mean and maximum, then the largest error of the nodal forces on each.
@@ -124,5 +125,7 @@ def test_table(capsys):
     patch_table.table(WORLD)
     printed = capsys.readouterr().out
     if WORLD.rank == 0:
-        assert printed.count("tetrahedron") == 8 and printed.count("hexahedron") == 8
-        assert "3.600" in printed and "24.800" in printed
+        assert printed.count("tetrahedron") == 17 and printed.count("hexahedron") == 8
+        for number in ("3.600", "24.800", "5.300", "34.500", "overlay, here"):
+            assert number in printed
+        assert printed.count("one body") == 4

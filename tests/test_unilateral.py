@@ -3,9 +3,8 @@
 from mpi4py import MPI
 
 import numpy as np
-import patch_test
 import pytest
-from patch_test import Block, Parameters, create_cube
+from patch_bodies import E_MASTER, E_SLAVE, Body, Elastic, create_block
 from scenes import CELLS, FORMULATIONS, WORLD, Pair, box, clamp, elastic, plane, slide, vector_space
 
 import ufl
@@ -18,9 +17,11 @@ def blocks_with_gap(cell, formulation, load, penalty, gap=0.01):
     """The patch test's blocks, a gap apart; the pressure load leaves the upper one free to move."""
     rng = np.random.default_rng(1)
     axis = 1 if cell in ("triangle", "quadrilateral") else 2
-    p = Parameters(cell=cell)
-    lower = Block(create_cube(WORLD, 6, cell, 0.0, 0.2, rng), patch_test.E_MASTER, p)
-    upper = Block(create_cube(WORLD, 4, cell, 1.0, 0.2, rng), patch_test.E_SLAVE, p)
+    lower, upper = (
+        Body(create_block(WORLD, n, cell, z, z + 1, 0.2, rng), Elastic(E), z, z + 1)
+        for n, z, E in ((6, 0.0, E_MASTER), (4, 1.0, E_SLAVE))
+    )
+    surfaces = [qs.Surface(block.V, facets=block.interface) for block in (upper, lower)]
     for block in (lower, upper):
         block.bcs += [block.slide(*side) for side in block.sides]
     lower.bcs.append(lower.slide(axis, lower.bottom))
@@ -29,8 +30,8 @@ def blocks_with_gap(cell, formulation, load, penalty, gap=0.01):
     else:
         upper.bcs.append(slide(upper.V, axis, upper.top, -2 * gap))
     upper.mesh.geometry.x[:, axis] += gap
-    upper.surface.update()
-    contact = qs.Contact(upper.surface, lower.surface, formulation, qs.Unilateral(), penalty)
+    surfaces[0].update()
+    contact = qs.Contact(*surfaces, formulation, qs.Unilateral(), penalty)
     u = [lower.u, upper.u]
     problem = qs.ContactProblem([lower.F, upper.F], u, [contact], [lower.bcs, upper.bcs])
     return contact, problem, axis
@@ -48,7 +49,7 @@ def test_closing_a_gap(cell, formulation, load, penalty):
     active = WORLD.allreduce(contact.num_active_local())
     assert iterations <= 8
     # Stress of the displaced blocks, less a little for the penalty and the uneven contact.
-    force = 65 if load == "pressure" else 0.01 / (1 / patch_test.E_MASTER + 1 / patch_test.E_SLAVE)
+    force = 65 if load == "pressure" else 0.01 / (1 / E_MASTER + 1 / E_SLAVE)
     assert np.isclose(forces[0][axis], force, rtol=1e-9 if load == "pressure" else 0.01)
     assert np.linalg.norm(forces[0] + forces[1]) < 1e-12 * force
     assert active > 0
