@@ -1,4 +1,4 @@
-"""The README's example runs as it stands."""
+"""The README's examples run as they stand."""
 
 import pathlib
 import re
@@ -9,12 +9,18 @@ import pytest
 README = pathlib.Path(__file__).resolve().parent.parent / "README.md"
 
 
-@pytest.fixture(scope="module")
-def names():
-    code = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[0]
+def names_after(marker):
+    """What the example that contains a word leaves behind."""
+    examples = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    code = next(example for example in examples if marker in example)
     out = {}
     exec(compile(code, "README.md", "exec"), out)
     return out
+
+
+@pytest.fixture(scope="module")
+def names():
+    return names_after("def block")
 
 
 def test_example(names):
@@ -28,3 +34,12 @@ def test_example(names):
     assert abs(total + opposite) < 1e-12 * total
     assert problem.snes.getIterationNumber() <= 8
     assert np.all(contact.active())
+
+
+def test_forging():
+    """The last force is that of the closed form, half a step before the end."""
+    names = names_after("TimeStepper")
+    height = 15 - 10 * 0.275
+    area = np.pi * 10**2 * 15 / height
+    expected = area * 50 * np.sqrt(3) ** 1.15 * (10 / height) ** 0.15
+    assert np.isclose(-names["force"][1], expected, rtol=0.01)
