@@ -28,10 +28,11 @@ from mpi4py import MPI
 import gmsh
 import numpy as np
 
-import qsdolfinx as qs
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.io import gmshio
+
+import qsdolfinx as qs
 
 RADIUS, HEIGHT = 10.0, 15.0
 
@@ -99,9 +100,7 @@ class Billet:
             )
             self.bcs.append(fem.dirichletbc(0.0, dofs, component))
         self.faces = [
-            qs.Surface(
-                V, facets=facets_at(self.mesh, p.dim - 1, z), axisymmetric=self.axisymmetric
-            )
+            qs.Surface(V, facets=facets_at(self.mesh, p.dim - 1, z), axisymmetric=self.axisymmetric)
             for z in (0.0, HEIGHT)
         ]
 
@@ -124,9 +123,7 @@ def build(comm, p):
     """Billet, dies, contacts and the stepper."""
     billet = Billet(comm, p)
     up = np.eye(p.dim)[-1]
-    dies = [
-        qs.RigidSurface.plane(comm, z * up, sign * up) for z, sign in ((0.0, 1), (HEIGHT, -1))
-    ]
+    dies = [qs.RigidSurface.plane(comm, z * up, sign * up) for z, sign in ((0.0, 1), (HEIGHT, -1))]
     speed = p.rate * HEIGHT
     dt = p.reduction * HEIGHT / speed / p.num_steps
     contacts = [
