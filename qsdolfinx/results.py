@@ -64,7 +64,10 @@ class ContactResults(abc.ABC):
         return typing.cast(Array, _flat(p.on_nodes(p.values, math.nan)))
 
     def penetration(self) -> float:
-        """Largest gap (length) of the slave, 0 if all are open; of a tied one in size. Collective."""
+        """Largest gap (length) of the slave, 0 if all are open; of a tied one its size.
+
+        Collective.
+        """
         gaps = self.gap()
         gaps = np.abs(gaps) if gaps.ndim == 2 else gaps
         local = float(np.max(gaps[np.isfinite(gaps)], initial=0.0))
