@@ -1,9 +1,9 @@
 """Upsetting of a Norton-Hoff cylinder between rigid frictionless dies, against the closed form.
 
 The billet (radius 10, height 15; MINI element in velocities) stays a cylinder, and the force on a
-die is F = π R² K √3^{m+1} (V/h)^m. The upper die comes down with the constant velocity V until half of
-the height is left. R and h are those for which the velocity is solved, as F is: with the midpoint
-scheme half a step ahead of the end of the last step.
+die is F = π R² K √3^{m+1} (V/h)^m. The upper die comes down with the constant velocity V until half
+of the height is left. R and h are those for which the velocity is solved, as F is: with the
+midpoint scheme half a step ahead of the end of the last step.
 
     python3 demos/upset_cylinder.py --m 0.15 --rate 1 --dim 2 --json upset.json
     mpirun -n 2 python3 demos/upset_cylinder.py --m 0.5 --dim 3

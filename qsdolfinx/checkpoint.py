@@ -249,7 +249,7 @@ def _leaves(V: fem.FunctionSpace) -> list[fem.FunctionSpace]:
 def _cell_topology(msh: mesh.Mesh) -> list[list[list[int]]]:
     """Vertices of the reference cell's entities of each dimension."""
     cell = getattr(basix.CellType, msh.topology.cell_type.name)
-    return typing.cast(list[list[list[int]]], basix.topology(cell))
+    return basix.topology(cell)
 
 
 def _leaf_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
