@@ -263,7 +263,9 @@ def _leaf_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
     bs = layout.block_size
     unrolled = V.dofmap.list
     if V.dofmap.bs == bs:
-        unrolled = (unrolled[:, :, None] * bs + np.arange(bs)).reshape(len(unrolled), -1)
+        # A rank may have no cells: reshape cannot guess then.
+        width = unrolled.shape[1] * bs
+        unrolled = (unrolled[:, :, None] * bs + np.arange(bs)).reshape(len(unrolled), width)
     keys, unknowns = [], []
     for dim, entities in enumerate(topology):
         for j, vertices in enumerate(entities):
