@@ -92,19 +92,10 @@ class TimeStepper:
     ) -> None:
         if not isinstance(problem, ContactProblem):
             raise TypeError(f"problem: must be a ContactProblem, not {type(problem).__name__}")
-        limits = check_limits(
-            problem.comm,
-            dt=dt,
-            dt_min=dt_min,
-            dt_max=dt_max,
-            growth=growth,
-            cutback=cutback,
-            easy=easy,
-            theta=theta,
-            num_pairings=num_pairings,
-            min_quality=min_quality,
-            max_penetration=max_penetration,
-        )
+        given = {"dt": dt, "dt_min": dt_min, "dt_max": dt_max, "growth": growth}
+        given |= {"cutback": cutback, "easy": easy, "theta": theta, "num_pairings": num_pairings}
+        given |= {"min_quality": min_quality, "max_penetration": max_penetration}
+        limits = check_limits(problem.comm, **given)
         self.problem = problem
         self.drive = drive or (lambda t, dt: None)
         self._solve = solve or (lambda step: problem.solve())
@@ -128,12 +119,9 @@ class TimeStepper:
         self.motions = [MeshMotion(u) for u in problem.u]
         #: Called once a step, when it has succeeded, while the meshes are where it was solved for.
         self.on_solved: typing.Callable[[], None] | None = None
+        masters = {id(c.master): c.master for c in problem.contacts}.values()
         #: Rigid tools, each once.
-        self.tools: list[RigidSurface] = []
-        for contact in problem.contacts:
-            tool = contact.master
-            if isinstance(tool, RigidSurface) and all(tool is not known for known in self.tools):
-                self.tools.append(tool)
+        self.tools = [tool for tool in masters if isinstance(tool, RigidSurface)]
         self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
         #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
         #: first zero. They are where the next step starts from.
@@ -234,17 +222,14 @@ class TimeStepper:
             self._run_solver()
         for _ in range(self.num_pairings - 1):
             self._check_shape(dt, start)  # it is paired there
-            self._advance_tools()
+            for tool in self.tools:
+                tool.advance()
             self._pair(known, dt, at_end=True)
             self._run_solver()
         self._check_shape(dt, start)
         self._check_penetration()
         if self.on_solved is not None:
             self.on_solved()
-
-    def _advance_tools(self) -> None:
-        for tool in self.tools:
-            tool.advance()
 
     def _run_solver(self) -> None:
         try:
@@ -307,7 +292,8 @@ class TimeStepper:
                 self.rates[i] = motion.u.x.array.copy()
             else:
                 self.rates[i] = np.asarray((motion.u.x.array - start.unknowns[i]) / dt)
-        self._advance_tools()
+        for tool in self.tools:
+            tool.advance()
         self.t = t
         self.last_dt = dt
         self.num_steps += 1
