@@ -8,7 +8,17 @@ import typing
 from mpi4py import MPI
 
 #: Exceptions that can be raised on other ranks from their text alone.
-_PLAIN = (ValueError, TypeError, RuntimeError, IndexError)
+_PLAIN = (
+    ValueError,
+    TypeError,
+    RuntimeError,
+    IndexError,
+    OSError,
+    FileNotFoundError,
+    FileExistsError,
+    NotADirectoryError,
+    PermissionError,
+)
 
 
 @contextlib.contextmanager

@@ -9,8 +9,7 @@ import typing
 
 from mpi4py import MPI
 
-import numpy as np
-
+from qsdolfinx.collective import collective_errors
 from qsdolfinx.stepper import TimeStepper
 
 
@@ -32,9 +31,7 @@ def step_row(stepper: TimeStepper) -> dict[str, float]:
         force = contact.force("slave")
         row |= {f"force_{i}_{axis}": float(f) for axis, f in zip("xyz", force, strict=False)}
         row[f"area_{i}"] = contact.patch()[0]
-        gaps = np.abs(contact.gap()) if contact.law.linear else contact.gap()
-        local = float(np.nanmax(gaps)) if np.isfinite(gaps).any() else 0.0
-        row[f"penetration_{i}"] = contact.comm.allreduce(max(local, 0.0), op=MPI.MAX)
+        row[f"penetration_{i}"] = contact.penetration()
     for i, motion in enumerate(stepper.motions):
         row[f"volume_{i}"] = motion.volume()
     return row
@@ -50,7 +47,8 @@ class History:
         filename: CSV file, or None.
         t_end: Time at which the run ends, for the bar.
         verbose: Whether to print.
-        append: Whether to go on with a file that is there, after a restart.
+        append: Whether to go on with a file that is there, after a restart: lines with ``t`` before
+            that of the first new one are kept.
     """
 
     def __init__(
@@ -61,40 +59,66 @@ class History:
         verbose: bool = True,
         append: bool = False,
     ) -> None:
-        #: All lines, on every rank.
+        #: All lines that were added, on every rank.
         self.rows: list[dict[str, float]] = []
-        self._writes = comm.rank == 0
+        self._comm, self._writes = comm, comm.rank == 0
         self._path = None if filename is None else pathlib.Path(filename)
-        self._append = append and self._path is not None and self._path.exists()
+        self._append = append
         self._verbose = verbose and self._writes
         self._bar = _bar(t_end) if self._verbose and sys.stderr.isatty() else None
 
     def add(self, row: typing.Mapping[str, float]) -> None:
-        """Add a line; the first one names the columns, its ``t`` moves the bar."""
+        """Add a line; the first one names the columns, its ``t`` moves the bar. Collective.
+
+        Raises:
+            ValueError: If its columns are not those of the lines before.
+            OSError: If it cannot be written.
+        """
+        with collective_errors(self._comm):
+            columns = list(self.rows[0] if self.rows else row)
+            if set(row) != set(columns):
+                raise ValueError(f"row: must have the columns {', '.join(columns)}")
+            if self._writes and self._path is not None:
+                self._write(self._path, columns, row)
         self.rows.append(dict(row))
-        if not self._writes:
-            return
-        if self._path is not None:
-            new = len(self.rows) == 1 and not self._append
-            with self._path.open("w" if new else "a", newline="") as file:
-                table = csv.DictWriter(file, list(self.rows[0]))
-                if new:
-                    table.writeheader()
-                table.writerow({k: repr(v) if isinstance(v, float) else v for k, v in row.items()})
         if self._bar is not None:
             self._bar.update(row["t"] - self._bar.n)
         elif self._verbose:
-            print(
-                ", ".join(
-                    f"{k} {v:.5g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()
-                ),
-                flush=True,
-            )
+            print(", ".join(f"{k} {_short(v)}" for k, v in row.items()), flush=True)
+
+    def _write(
+        self, path: pathlib.Path, columns: list[str], row: typing.Mapping[str, float]
+    ) -> None:
+        """Write a line; the first one after the lines before it, if they are to be kept."""
+        lines: list[typing.Mapping[str, typing.Any]] = [{k: _exact(v) for k, v in row.items()}]
+        if not self.rows:
+            if self._append and path.exists():
+                lines = _earlier(path, columns, row["t"]) + lines
+            lines.insert(0, {column: column for column in columns})
+        with path.open("a" if self.rows else "w", newline="") as file:
+            csv.DictWriter(file, columns).writerows(lines)
 
     def close(self) -> None:
         """End the progress bar."""
         if self._bar is not None:
             self._bar.close()
+
+
+def _exact(value: float) -> str:
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _short(value: float) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def _earlier(path: pathlib.Path, columns: list[str], t: float) -> list[dict[str, typing.Any]]:
+    """Lines of a file before a time: a run may have gone on after the checkpoint."""
+    with path.open(newline="") as file:
+        table = csv.DictReader(file)
+        if table.fieldnames is not None and list(table.fieldnames) != columns:
+            raise ValueError(f"filename: {path} has other columns")
+        return [line for line in table if float(line["t"]) < t]
 
 
 def _bar(t_end: float) -> typing.Any:

@@ -58,14 +58,19 @@ class MeshMotion:
         self._dofs = dofs[first]
         #: Coordinates of the mesh when the object was made, or as :meth:`set_reference` left them.
         self.reference: Array = np.array(geometry.x)
-        self._sign = np.sign(self._corners())
+        self._sign = np.sign(self._corners(self.reference))
         one = fem.Constant(self.mesh, np.float64(1.0))
         self._volume = fem.form(one * ufl.dx(domain=self.mesh))
 
-    def values(self) -> Array:
-        """The unknowns at the vertices, shape (geometry nodes, 3), in 2D with zeros."""
+    def values(self, x: Array | None = None) -> Array:
+        """Unknowns at the vertices, shape (geometry nodes, 3), in 2D with zeros.
+
+        Args:
+            x: All unknowns of this rank; by default those of u.
+        """
         out = np.zeros_like(self.reference)
-        out[self._nodes, : self.mesh.geometry.dim] = self.u.x.array[self._dofs]
+        x = self.u.x.array if x is None else x
+        out[self._nodes, : self.mesh.geometry.dim] = x[self._dofs]
         return out
 
     def move(self, displacement: Array | float = 0.0) -> None:
@@ -77,30 +82,37 @@ class MeshMotion:
         self.reference = x.copy()
         self.move()
 
-    def quality(self) -> float:
+    def quality(self, x: Array | None = None) -> float:
         """Worst shape of a cell: 1 at best, 0 flat, negative turned inside out. Collective.
 
         The determinant of the edges at a corner of unit edges' length, by the longest edge there.
+
+        Args:
+            x: Coordinates, shape (geometry nodes, 3); by default those of the mesh as it is.
         """
-        local = float(np.min(self._corners() * self._sign, initial=1.0))
+        x = np.asarray(self.mesh.geometry.x, dtype=np.float64) if x is None else x
+        corners = self._corners(x) * self._sign
+        # Coordinates that are not finite are no shape at all.
+        local = float(np.min(np.nan_to_num(corners, nan=-np.inf), initial=1.0))
         return float(self.mesh.comm.allreduce(local, op=MPI.MIN))
 
-    def _corners(self) -> Array:
+    def _corners(self, x: Array) -> Array:
         """Determinant of the edges at each cell's corners over that of the best shape."""
         geometry, kind = self.mesh.geometry, self.mesh.topology.cell_type
         gdim = geometry.dim
-        x = geometry.x[geometry.dofmap][:, :, :gdim]
+        x = x[geometry.dofmap][:, :, :gdim]
         simplex = kind in (mesh.CellType.triangle, mesh.CellType.tetrahedron)
         best = (np.sqrt(3) / 2 if gdim == 2 else np.sqrt(0.5)) if simplex else 1.0
         out = []
         for corner in map(list, _CORNERS[kind]):
-            edges = x[:, corner[1:]] - x[:, [corner[0]]]
-            if simplex:
-                pairs = x[:, :, None] - x[:, None, :]
-                longest = np.linalg.norm(pairs, axis=-1).max(axis=(1, 2))
-            else:
-                longest = np.linalg.norm(edges, axis=-1).max(axis=1)
-            out.append(np.linalg.det(edges) / longest**gdim / best)
+            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+                edges = x[:, corner[1:]] - x[:, [corner[0]]]
+                if simplex:
+                    pairs = x[:, :, None] - x[:, None, :]
+                    longest = np.linalg.norm(pairs, axis=-1).max(axis=(1, 2))
+                else:
+                    longest = np.linalg.norm(edges, axis=-1).max(axis=1)
+                out.append(np.linalg.det(edges) / longest**gdim / best)
         return np.array(out)
 
     def volume(self) -> float:

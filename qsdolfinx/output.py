@@ -18,10 +18,11 @@ Field = typing.Any
 class FieldWriter:
     """Writes fields of one body at several times, to XDMF or, with ADIOS2, to VTX.
 
-    Fields of degree 1 are written at the vertices, everything else as means of the cells. In XDMF
+    Fields of degree 1 are written at the vertices, everything else at the cells' midpoints. In XDMF
     the mesh is that of the first time, and the field ``displacement`` says where its vertices have
-    moved (ParaView: Warp By Vector); in VTX the mesh moves. VTX has one kind of field per file:
-    those of the cells go to a second one, ``NAME_cells.bp``.
+    moved (ParaView: Warp By Vector), unless a field of this name is given, such as the unknown of a
+    body in displacements, whose mesh stays; in VTX the mesh moves. VTX has one kind of field per
+    file: those of the cells go to a second one, ``NAME_cells.bp``.
 
     Args:
         filename: Ends in ``.xdmf`` or ``.bp``.
@@ -49,7 +50,9 @@ class FieldWriter:
         self._xdmf = self._vtx = None
         if path.suffix == ".xdmf":
             vector = fem.functionspace(msh, ("Lagrange", 1, (msh.geometry.dim,)))
-            self._displacement = fem.Function(vector, name="displacement")
+            self._displacement = (
+                None if "displacement" in fields else fem.Function(vector, name="displacement")
+            )
             self._xdmf = io.XDMFFile(msh.comm, str(path), "w")
             self._xdmf.write_mesh(msh)
         else:
@@ -87,12 +90,13 @@ class FieldWriter:
                 writer.write(t)
             return
         assert self._xdmf is not None
-        msh = self._msh
-        gdim = msh.geometry.dim
-        x = np.asarray(msh.geometry.x, dtype=np.float64)
-        # The file has the first mesh: the displacement is written as a function on it.
-        _set_at_vertices(self._displacement, (x - self._x0)[:, :gdim])
-        for function in (self._displacement, *(f for f, _ in (*self._points, *self._cells))):
+        functions = [function for function, _ in (*self._points, *self._cells)]
+        if self._displacement is not None:
+            # The file has the first mesh: the displacement is written as a function on it.
+            x = np.asarray(self._msh.geometry.x, dtype=np.float64)
+            _set_at_vertices(self._displacement, (x - self._x0)[:, : self._msh.geometry.dim])
+            functions.insert(0, self._displacement)
+        for function in functions:
             self._xdmf.write_function(function, t)
 
     def close(self) -> None:

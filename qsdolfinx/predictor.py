@@ -70,14 +70,12 @@ class Foundation:
         self._G = np.concatenate(change)
         self._r = self._motions.T @ rigid.work(residual)
         self._eps = self._springs(np.ones(len(self._gap), dtype=bool))
-        # Bodies without loads may be pushed by others that are displaced.
-        pushed = np.linalg.norm(self._gradient(np.zeros(len(self._r))))
-        self._tolerance = _TOLERANCE * max(self.load, 1e-6 * float(pushed))
-
-    @property
-    def load(self) -> float:
-        """Size of the loads on the rigid motions."""
-        return float(np.linalg.norm(self._r))
+        pressure = np.where(self._closed(np.zeros(len(self._r))), self._gap, 0.0)
+        forces = np.abs(self._G).T @ np.abs(pressure * self._eps * self._weight)
+        forces = self._comm.allreduce(forces, op=MPI.SUM)
+        #: Size of the loads and of the springs' forces at the start. Where springs press against
+        #: each other, as between two dies, their difference may be nothing but rounding errors.
+        self._size = float(np.linalg.norm(self._r) + np.linalg.norm(forces))
 
     def _springs(self, closed: npt.NDArray[np.bool_]) -> Array:
         """Stiffness at each row, for patches of these closed rows."""
@@ -103,7 +101,7 @@ class Foundation:
         values, vectors = np.linalg.eigh(self._hessian(q))
         stiff = values > 1e-10 * max(values.max(), 1e-300)
         along = vectors.T @ gradient
-        if np.linalg.norm(along[~stiff]) > self._tolerance:
+        if np.linalg.norm(along[~stiff]) > _TOLERANCE * self._size:
             return np.asarray(-vectors[:, ~stiff] @ along[~stiff])
         return np.asarray(-vectors[:, stiff] @ (along[stiff] / values[stiff]))
 
@@ -111,8 +109,9 @@ class Foundation:
         """Where Π is least along a direction; None if it falls for ever."""
         scale = self._comm.allreduce(np.max(np.abs(self._G @ direction), initial=0), op=MPI.MAX)
         reach = self._comm.allreduce(np.max(np.abs(self._gap), initial=0), op=MPI.MAX)
-        if scale == 0:
-            return None
+        largest = self._comm.allreduce(np.max(np.abs(self._G), initial=0), op=MPI.MAX)
+        if scale <= 1e-12 * largest * np.linalg.norm(direction):
+            return None  # sliding: gaps do not change but for rounding errors
         low, high = 0.0, max(reach, 1e-300) / scale
         for _ in range(_MAX_DOUBLINGS):
             if direction @ self._gradient(q + high * direction) > 0:
@@ -134,7 +133,7 @@ class Foundation:
         for _ in range(3):
             for _ in range(_MAX_STEPS):
                 gradient = self._gradient(q)
-                if np.linalg.norm(gradient) <= self._tolerance:
+                if np.linalg.norm(gradient) <= _TOLERANCE * self._size:
                     break
                 direction = self._direction(q, gradient)
                 step = self._step(q, direction)

@@ -52,13 +52,18 @@ def load_run(
 
     Raises:
         OSError: If there is no checkpoint.
-        ValueError: If it is of another run.
+        ValueError: If it is of another run; nothing is changed then.
     """
     contacts = stepper.problem.contacts
     meshes = _meshes(stepper)
     multipliers = _multipliers(contacts)
     functions_of_run = _functions(stepper, functions)
-    values = Checkpoint(stepper.problem.comm, folder).load(functions_of_run | multipliers, meshes)
+    checkpoint = Checkpoint(stepper.problem.comm, folder)
+    values = checkpoint.values()
+    for name, mine in (("positions", stepper.tools), ("penalties", contacts)):
+        if len(values.get(name, ())) != len(mine):
+            raise ValueError(f"stepper: the checkpoint {folder} is of other contacts or tools")
+    checkpoint.load(functions_of_run | multipliers, meshes)
     for motion, (_, x) in zip(stepper.motions, meshes.values(), strict=True):
         motion.set_reference(x)
     for name in _SCALARS:

@@ -63,6 +63,16 @@ class ContactResults(abc.ABC):
         p = self._pass_of(side)
         return typing.cast(Array, _flat(p.on_nodes(p.values, math.nan)))
 
+    def penetration(self) -> float:
+        """Largest gap (length) of the slave, 0 if all are open; of a tied one its size.
+
+        Collective.
+        """
+        gaps = self.gap()
+        gaps = np.abs(gaps) if gaps.ndim == 2 else gaps
+        local = float(np.max(gaps[np.isfinite(gaps)], initial=0.0))
+        return float(self.comm.allreduce(local, op=MPI.MAX))
+
     def multiplier(self, side: str = "slave") -> Array:
         """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as the gap.
 

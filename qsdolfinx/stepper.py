@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import typing
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.checks import check_positive
-from qsdolfinx.collective import check_agreement, collective_errors
+from qsdolfinx.collective import check_agreement
 from qsdolfinx.mesh_motion import MeshMotion
 from qsdolfinx.problem import ContactProblem
 from qsdolfinx.rigid_surface import RigidSurface
+from qsdolfinx.snapshot import Snapshot
 from qsdolfinx.solver import ConvergenceError
+from qsdolfinx.step_limits import check_limits
 
 Array = npt.NDArray[np.float64]
 
@@ -25,12 +24,16 @@ class StepError(RuntimeError):
     """No step could be made; unknowns, meshes and tools are those at the end of the last one."""
 
 
-class _State(typing.NamedTuple):
-    """What an attempt changes, at the start of the step."""
+class _Fault(Exception):
+    """What is wrong with the solution of an attempt.
 
-    unknowns: list[Array]
-    multipliers: list[list[Array]]
-    positions: list[Array]
+    Attributes:
+        hopeless: Whether a smaller Δt would not help.
+    """
+
+    def __init__(self, text: str, hopeless: bool = False) -> None:
+        super().__init__(text)
+        self.hopeless = hopeless
 
 
 class TimeStepper:
@@ -44,7 +47,8 @@ class TimeStepper:
     sees it deformed. Either way gaps are those at the end of the step.
 
     When the solver does not converge, a cell turns inside out or something penetrates too far, the
-    step is made again with a smaller Δt.
+    step is made again with a smaller Δt. Any other exception, such as one of ``drive``, is passed
+    on, and leaves the state at the end of the last step too.
 
     Args:
         problem: The problem. A body in velocities is one whose contacts say so.
@@ -65,7 +69,8 @@ class TimeStepper:
         min_quality: Shape of the worst cell, see MeshMotion.quality, at which to stop.
 
     Raises:
-        ValueError: If a number is out of range.
+        TypeError: If the problem is of another type.
+        ValueError: If a number is out of range, or differs between ranks.
     """
 
     def __init__(
@@ -85,27 +90,17 @@ class TimeStepper:
         max_penetration: float | None = None,
         min_quality: float = 0.02,
     ) -> None:
-        dt_min = dt / 1000 if dt_min is None else dt_min
-        dt_max = dt if dt_max is None else dt_max
-        numbers = {"dt": dt, "dt_min": dt_min, "dt_max": dt_max, "growth": growth}
-        numbers |= {"cutback": cutback, "num_pairings": num_pairings, "min_quality": min_quality}
-        if max_penetration is not None:
-            numbers["max_penetration"] = max_penetration
-        with collective_errors(problem.comm):
-            for name, number in numbers.items():
-                check_positive(name, number)
-            if not dt_min <= dt <= dt_max:
-                raise ValueError("dt: must be between dt_min and dt_max")
-            if not 0 <= theta <= 1:
-                raise ValueError(f"theta: must be between 0 and 1, not {theta!r}")
-            if growth < 1 or cutback >= 1:
-                raise ValueError("growth: must be at least 1; cutback: less than 1")
-        check_agreement(problem.comm, theta=theta, easy=easy, **numbers)
+        if not isinstance(problem, ContactProblem):
+            raise TypeError(f"problem: must be a ContactProblem, not {type(problem).__name__}")
+        given = {"dt": dt, "dt_min": dt_min, "dt_max": dt_max, "growth": growth}
+        given |= {"cutback": cutback, "easy": easy, "theta": theta, "num_pairings": num_pairings}
+        given |= {"min_quality": min_quality, "max_penetration": max_penetration}
+        limits = check_limits(problem.comm, **given)
         self.problem = problem
         self.drive = drive or (lambda t, dt: None)
         self._solve = solve or (lambda step: problem.solve())
         self.theta, self.num_pairings = float(theta), int(num_pairings)
-        self.dt_min, self.dt_max = float(dt_min), float(dt_max)
+        self.dt_min, self.dt_max = limits
         self.growth, self.cutback, self.easy = float(growth), float(cutback), int(easy)
         self.max_penetration, self.min_quality = max_penetration, float(min_quality)
         #: Time at the end of the last step.
@@ -122,15 +117,11 @@ class TimeStepper:
         self.num_iterations = 0
         #: How the meshes of the bodies move.
         self.motions = [MeshMotion(u) for u in problem.u]
-        #: Called after each solve of a step, while the meshes are where it was made.
+        #: Called once a step, when it has succeeded, while the meshes are where it was solved for.
         self.on_solved: typing.Callable[[], None] | None = None
+        masters = {id(c.master): c.master for c in problem.contacts}.values()
         #: Rigid tools, each once.
-        self.tools: list[RigidSurface] = []
-        for contact in problem.contacts:
-            tool = contact.master
-            if isinstance(tool, RigidSurface) and all(tool is not known for known in self.tools):
-                self.tools.append(tool)
-        self._tools_at_end = False
+        self.tools = [tool for tool in masters if isinstance(tool, RigidSurface)]
         self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
         #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
         #: first zero. They are where the next step starts from.
@@ -150,32 +141,51 @@ class TimeStepper:
         Raises:
             StepError: If it cannot be made, even with the smallest Δt, or a mesh is distorted.
         """
-        dt = min(self.dt, self.dt_max)
-        if t_end is not None:
-            left = t_end - self.t
-            # No tiny last step: the rest is made in one or two equal parts.
-            dt = left if left <= dt * (1 + 1e-9) else min(dt, max(left / 2, self.dt_min))
+        check_agreement(self.problem.comm, t_end=t_end)
+        planned = dt = self._planned(t_end)
         self.num_iterations = 0
-        start = self._state()
+        start = Snapshot(self.problem, self.motions, self.tools)
         while True:
-            reason, hopeless = self._attempt(dt)
-            if not reason:
+            # t + (t_end - t) need not be t_end.
+            lands = t_end is not None and dt == t_end - self.t
+            t = t_end if lands and t_end is not None else self.t + dt
+            try:
+                self._attempt(t, dt, start)
                 break
-            self._restore(start)
-            self.num_cutbacks += 1
-            dt *= self.cutback
-            if hopeless:
-                raise StepError(f"t = {self.t:g}: {reason}")
-            if dt < self.dt_min:
-                raise StepError(
-                    f"t = {self.t:g}: no step with Δt of at least dt_min = {self.dt_min:g} "
-                    f"succeeds; the last attempt: {reason}"
-                )
-        iterations = self.num_iterations
-        self._accept(dt, start.unknowns)
-        grown = dt * self.growth if iterations <= self.easy * self.num_pairings else dt
-        self.dt = min(grown, self.dt_max) if dt >= self.dt or grown < self.dt else self.dt
+            except (ConvergenceError, _Fault) as error:
+                start.restore()
+                self.num_cutbacks += 1
+                if isinstance(error, _Fault) and error.hopeless:
+                    raise StepError(f"t = {self.t:g}: {error}") from error
+                if dt * self.cutback < self.dt_min:
+                    raise StepError(
+                        f"t = {self.t:g}: no step with Δt of at least dt_min = {self.dt_min:g} "
+                        f"succeeds; the last attempt: {error}"
+                    ) from error
+                dt *= self.cutback
+            except Exception:
+                start.restore()
+                raise
+        self._accept(t, dt, start)
+        if dt < planned:
+            self.dt = dt
+        elif dt >= self.dt and self.num_iterations <= self.easy * self.num_pairings:
+            self.dt = min(dt * self.growth, self.dt_max)
         return dt
+
+    def _planned(self, t_end: float | None) -> float:
+        """Δt to try first, so that there is no tiny last step: the rest is one or two equal parts.
+
+        Raises:
+            ValueError: If t_end is not ahead.
+        """
+        dt = min(self.dt, self.dt_max)
+        if t_end is None:
+            return dt
+        left = t_end - self.t
+        if not left > 0:
+            raise ValueError(f"t_end: must be after t = {self.t:g}, not {t_end!r}")
+        return left if left <= dt * (1 + 1e-9) else min(dt, max(left / 2, self.dt_min))
 
     def run(self, t_end: float) -> typing.Iterator[float]:
         """Make steps until t_end; yields the time after each. Collective.
@@ -183,45 +193,43 @@ class TimeStepper:
         Raises:
             StepError: As :meth:`step`.
         """
-        while self.t < t_end * (1 - 1e-12):
+        while t_end - self.t > 1e-9 * self.dt:
             self.step(t_end)
             yield self.t
 
-    def _attempt(self, dt: float) -> tuple[str, bool]:
-        """Solve for a step; why it failed, empty if it did not, and whether a smaller one would."""
-        self._tools_at_end = False
-        try:
-            self.drive(self.t + dt, dt)
-            for contact in self.problem.contacts:
-                if contact.dt is not None:
-                    contact.set_dt(dt)
-            known = self.rates
-            for i, motion in enumerate(self.motions):
-                if not self.in_velocity[i]:
-                    motion.u.x.array[:] += dt * known[i]
-            if self.theta > 0 and self.num_steps == 0 and not any(p.any() for p in known):
-                self._pair_and_solve(known, dt)
-                known = [u.x.array.copy() for u in self.problem.u]
-            self._pair_and_solve(known, dt)
-            for _ in range(self.num_pairings - 1):
-                if not self._tools_at_end:
-                    self._advance_tools()
-                self._pair(known, dt, at_end=True)
-                self._run_solver()
-        except ConvergenceError as error:
-            return str(error), False
+    def _attempt(self, t: float, dt: float, start: Snapshot) -> None:
+        """Solve for a step to t.
+
+        Raises:
+            ConvergenceError: If the solver does not converge.
+            _Fault: If the end of the step is not acceptable.
+        """
+        self.drive(t, dt)
+        for contact in self.problem.contacts:
+            if contact.dt is not None:
+                contact.set_dt(dt)
+        for motion, flows, rate in zip(self.motions, self.in_velocity, self.rates, strict=True):
+            if not flows:
+                motion.u.x.array[:] += dt * rate
+        known = self.rates
+        self._pair(known, dt)
+        # A failed attempt may have left nodes unpaired, and so forgotten their multipliers.
+        start.restore_multipliers()
+        self._run_solver()
+        if self.theta > 0 and self.num_steps == 0 and any(self.in_velocity):
+            known = [u.x.array.copy() for u in self.problem.u]
+            self._pair(known, dt)
+            self._run_solver()
+        for _ in range(self.num_pairings - 1):
+            self._check_shape(dt, start)  # it is paired there
+            for tool in self.tools:
+                tool.advance()
+            self._pair(known, dt, at_end=True)
+            self._run_solver()
+        self._check_shape(dt, start)
+        self._check_penetration()
         if self.on_solved is not None:
             self.on_solved()
-        return self._fault(dt)
-
-    def _advance_tools(self) -> None:
-        for tool in self.tools:
-            tool.advance()
-        self._tools_at_end = True
-
-    def _pair_and_solve(self, known: list[Array], dt: float) -> None:
-        self._pair(known, dt, at_end=False)
-        self._run_solver()
 
     def _run_solver(self) -> None:
         try:
@@ -229,7 +237,7 @@ class TimeStepper:
         finally:
             self.num_iterations += self.problem.num_iterations
 
-    def _pair(self, known: list[Array], dt: float, at_end: bool) -> None:
+    def _pair(self, known: list[Array], dt: float, at_end: bool = False) -> None:
         """Pair with the surfaces where they are in the step, and put the meshes for the solver.
 
         Args:
@@ -239,88 +247,53 @@ class TimeStepper:
         """
         offsets = []
         for i, motion in enumerate(self.motions):
-            u = motion.u
-            kept = u.x.array.copy()
-            factor = dt if at_end else self.theta * dt
-            if self.in_velocity[i] and not at_end:
-                u.x.array[:] = known[i]
-            moved = motion.values() * (factor if self.in_velocity[i] else 1.0)
-            motion.move(moved)
-            offset = fem.Function(u.function_space)
-            offset.x.array[:] = -u.x.array * (factor if self.in_velocity[i] else 1.0)
-            offsets.append(offset)
-            u.x.array[:] = kept
+            moved = motion.u.x.array.copy()
+            if self.in_velocity[i]:
+                moved = moved * dt if at_end else known[i] * self.theta * dt
+            motion.move(motion.values(moved))
+            if motion.quality() <= 0:
+                raise _Fault(f"a cell of u[{i}] turns inside out on the way")
+            offsets.append(fem.Function(motion.u.function_space))
+            offsets[-1].x.array[:] = -moved
         for contact, (s, m) in zip(self.problem.contacts, self.problem.sides, strict=True):
             contact.update()
             contact.set_offset(offsets[s], None if m is None else offsets[m])
-        self._place(known, dt)
-
-    def _place(self, known: list[Array], dt: float) -> None:
-        """Meshes where the bodies are solved for."""
         for i, motion in enumerate(self.motions):
-            kept = motion.u.x.array.copy()
-            motion.u.x.array[:] = known[i]
-            motion.move(motion.values() * self.theta * dt if self.in_velocity[i] else 0.0)
-            motion.u.x.array[:] = kept
+            flows = self.in_velocity[i]
+            motion.move(motion.values(known[i] * self.theta * dt) if flows else 0.0)
 
-    def _fault(self, dt: float) -> tuple[str, bool]:
-        """What is wrong with the end of the step, and whether it would be with a smaller one."""
+    def _check_shape(self, dt: float, start: Snapshot) -> None:
+        """Refuse cells that would be distorted at the end of the step."""
         for i, motion in enumerate(self.motions):
-            solved_at = motion.mesh.geometry.x.copy()
-            motion.move()
-            before = motion.quality()
-            motion.move(motion.values() * (dt if self.in_velocity[i] else 1.0))
-            quality = motion.quality()
-            motion.mesh.geometry.x[:] = solved_at
+            x, flows = motion.u.x.array, self.in_velocity[i]
+            quality = motion.quality(motion.reference + motion.values(x * dt if flows else x))
             if quality < self.min_quality:
-                return (
+                old = 0.0 if flows else motion.values(start.unknowns[i])
+                raise _Fault(
                     f"the mesh of u[{i}] is distorted: its worst cell would have a quality of "
                     f"{quality:.3g}, below min_quality = {self.min_quality:g}",
-                    quality > 0.5 * before,
+                    hopeless=quality > 0.5 * motion.quality(motion.reference + old),
                 )
-        if self.max_penetration is not None:
-            deepest = self.penetration()
-            if deepest > self.max_penetration:
-                return (
-                    f"a penetration of {deepest:.3g}, above max_penetration = "
-                    f"{self.max_penetration:g}",
-                    False,
-                )
-        return "", False
 
-    def _accept(self, dt: float, start: list[Array]) -> None:
+    def _check_penetration(self) -> None:
+        """Refuse gaps that are too deep."""
+        if self.max_penetration is None:
+            return
+        deepest = max((c.penetration() for c in self.problem.contacts), default=0.0)
+        if deepest > self.max_penetration:
+            raise _Fault(
+                f"a penetration of {deepest:.3g}, above max_penetration = {self.max_penetration:g}"
+            )
+
+    def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):
             if self.in_velocity[i]:
                 motion.set_reference(motion.reference + dt * motion.values())
                 self.rates[i] = motion.u.x.array.copy()
             else:
-                self.rates[i] = np.asarray((motion.u.x.array - start[i]) / dt)
-        if not self._tools_at_end:
-            self._advance_tools()
-        self.t += dt
+                self.rates[i] = np.asarray((motion.u.x.array - start.unknowns[i]) / dt)
+        for tool in self.tools:
+            tool.advance()
+        self.t = t
         self.last_dt = dt
         self.num_steps += 1
-
-    def penetration(self) -> float:
-        """Largest gap (length, positive in penetration) of all contacts. Collective."""
-        gaps = [np.abs(c.gap()) if c.law.linear else c.gap() for c in self.problem.contacts]
-        local = max((float(np.nanmax(g)) for g in gaps if np.isfinite(g).any()), default=0.0)
-        return float(self.problem.comm.allreduce(max(local, 0.0), op=MPI.MAX))
-
-    # --- State
-
-    def _state(self) -> _State:
-        return _State(
-            [u.x.array.copy() for u in self.problem.u],
-            [c.multipliers_on_nodes() for c in self.problem.contacts],
-            [tool.position for tool in self.tools],
-        )
-
-    def _restore(self, state: _State) -> None:
-        for motion, unknowns in zip(self.motions, state.unknowns, strict=True):
-            motion.u.x.array[:] = unknowns
-            motion.move()
-        for contact, multipliers in zip(self.problem.contacts, state.multipliers, strict=True):
-            contact.set_multipliers_on_nodes(multipliers)
-        for tool, position in zip(self.tools, state.positions, strict=True):
-            tool.position = position

@@ -119,10 +119,13 @@ class Tool:
         if position.shape != (d, d + 1) or not np.isfinite(position).all():
             raise ValueError(f"position: must be finite, of shape ({d}, {d + 1})")
         R = position[:, :d]
-        if np.abs(R @ R.T - np.eye(d)).max() > 1e-6 or np.linalg.det(R) < 0:
+        error = np.abs(R @ R.T - np.eye(d)).max()
+        if error > 1e-6 or np.linalg.det(R) < 0:
             raise ValueError("position: the first columns must be a rotation")
-        U, _, V = np.linalg.svd(R)  # many steps would let rounding errors grow
-        self._matrix, self._shift = U @ V, position[:, d].copy()
+        if error > 1e-14:  # many steps would let rounding errors grow
+            U, _, V = np.linalg.svd(R)
+            R = U @ V
+        self._matrix, self._shift = R.copy(), position[:, d].copy()
         self.version += 1
 
     # --- Force

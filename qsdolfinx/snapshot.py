@@ -1,0 +1,45 @@
+"""What an attempt at a time step changes, to be put back if it fails."""
+
+from __future__ import annotations
+
+import typing
+
+from qsdolfinx.mesh_motion import MeshMotion
+from qsdolfinx.problem import ContactProblem
+from qsdolfinx.rigid_surface import RigidSurface
+
+
+class Snapshot:
+    """State at the start of a step.
+
+    Args:
+        problem: The problem.
+        motions: How the meshes of its bodies move.
+        tools: Rigid tools.
+    """
+
+    def __init__(
+        self,
+        problem: ContactProblem,
+        motions: typing.Sequence[MeshMotion],
+        tools: typing.Sequence[RigidSurface],
+    ) -> None:
+        self._contacts, self._motions, self._tools = problem.contacts, motions, tools
+        #: Unknowns of the bodies, ghosts included.
+        self.unknowns = [u.x.array.copy() for u in problem.u]
+        self._multipliers = [contact.multipliers_on_nodes() for contact in problem.contacts]
+        self._positions = [(tool.position, tool.displacement, tool.rotation) for tool in tools]
+
+    def restore(self) -> None:
+        """Put back unknowns, meshes, multipliers and tools."""
+        for motion, unknowns in zip(self._motions, self.unknowns, strict=True):
+            motion.u.x.array[:] = unknowns
+            motion.move()
+        self.restore_multipliers()
+        for tool, state in zip(self._tools, self._positions, strict=True):
+            tool.position, tool.displacement, tool.rotation = state
+
+    def restore_multipliers(self) -> None:
+        """Put the multipliers at the nodes that are paired now."""
+        for contact, multipliers in zip(self._contacts, self._multipliers, strict=True):
+            contact.set_multipliers_on_nodes(multipliers)

@@ -1,0 +1,157 @@
+"""Files for ParaView, and the table of a run."""
+
+import builtins
+import csv
+import pathlib
+import sys
+import xml.etree.ElementTree
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, raises_everywhere, vector_space
+from step_scenes import Upset
+
+import ufl
+from dolfinx import fem, io
+
+import qsdolfinx as qs
+
+TIMES = (0.5, 1.25)
+
+
+@pytest.fixture
+def folder(tmp_path_factory):
+    """A folder that all ranks know."""
+    return pathlib.Path(WORLD.bcast(str(tmp_path_factory.mktemp("out")), root=0))
+
+
+def write(filename, **more):
+    """A mesh that moves by t (y, 0), with u = t x and its divergence."""
+    msh = box(WORLD, (3, 2), "triangle", [0.0, 0.0], [1.0, 1.0])
+    x0 = msh.geometry.x.copy()
+    u = fem.Function(vector_space(msh), name="other")
+    writer = qs.FieldWriter(filename, msh, {"u": u, "div": ufl.div(u)} | more)
+    for t in TIMES:
+        u.interpolate(lambda x, t=t: t * x[:2])
+        msh.geometry.x[:, 0] = x0[:, 0] + t * x0[:, 1]
+        writer.write(t)
+    writer.close()
+    WORLD.barrier()
+
+
+def grids(filename):
+    """Names and times of the fields in an XDMF file."""
+    found = {}
+    for grid in xml.etree.ElementTree.parse(filename).iter("Grid"):
+        if grid.get("GridType") == "Collection":
+            found[grid.get("Name")] = [float(t.get("Value")) for t in grid.iter("Time")]
+    return found
+
+
+def dataset(filename, name):
+    """Sorted values of a dataset, on every rank."""
+    viewer = PETSc.ViewerHDF5().create(str(filename), "r", comm=WORLD)
+    group, _, last = name.rpartition("/")
+    viewer.pushGroup(group)
+    vec = PETSc.Vec().create(comm=WORLD)
+    vec.setName(last)
+    vec.load(viewer)
+    viewer.popGroup()
+    viewer.destroy()
+    return np.sort(np.concatenate(WORLD.allgather(vec.array_r)))
+
+
+def test_xdmf(folder):
+    write(folder / "fields.xdmf")
+    assert grids(folder / "fields.xdmf") == {k: list(TIMES) for k in ("displacement", "u", "div")}
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, 4), np.linspace(0, 1, 3)))
+    for t, name in zip(TIMES, ("0_5", "1_25"), strict=True):
+        # The second field was interpolated when the mesh had the first time's shape, or none.
+        div = dataset(folder / "fields.h5", f"/Function/div/{name}")
+        assert len(div) == 12 and np.all(np.isfinite(div))
+        moved = dataset(folder / "fields.h5", f"/Function/displacement/{name}")
+        expected = np.sort(np.concatenate([t * y, np.zeros(24)]))
+        np.testing.assert_allclose(moved, expected, atol=1e-14)
+    u = dataset(folder / "fields.h5", "/Function/u/0_5")
+    np.testing.assert_allclose(u, np.sort(np.concatenate([0.5 * x, 0.5 * y, np.zeros(12)])))
+
+
+def test_own_displacement(folder):
+    """That of a body in displacements takes the place of the mesh's."""
+    msh = box(WORLD, (2, 2), "triangle", [0.0, 0.0], [1.0, 1.0])
+    u = fem.Function(vector_space(msh))
+    u.interpolate(lambda x: 2 + x[:2])
+    writer = qs.FieldWriter(folder / "die.xdmf", msh, {"displacement": u})
+    writer.write(0.5)
+    writer.close()
+    assert grids(folder / "die.xdmf") == {"displacement": [0.5]}
+    assert np.isclose(dataset(folder / "die.h5", "/Function/displacement/0_5").max(), 3.0)
+
+
+@pytest.mark.skipif(not hasattr(io, "VTXWriter"), reason="DOLFINx without ADIOS2")
+def test_vtx(folder):
+    write(folder / "fields.bp")
+    assert (folder / "fields.bp").exists() and (folder / "fields_cells.bp").exists()
+
+
+def test_bad_names(folder, monkeypatch):
+    raises_everywhere(WORLD, ValueError, ".xdmf or .bp", lambda: write("fields.vtu"))
+    monkeypatch.delattr(io, "VTXWriter", raising=False)
+    raises_everywhere(WORLD, ValueError, "ADIOS2", lambda: write(folder / "fields.bp"))
+
+
+# --- Table
+
+
+def read(filename):
+    with open(filename, newline="") as file:
+        return [{k: float(v) for k, v in line.items()} for line in csv.DictReader(file)]
+
+
+def test_history(folder, capsys):
+    """All numbers exactly; lines after a checkpoint are written anew."""
+    case = Upset()
+    history = qs.History(WORLD, folder / "run.csv", t_end=0.1)
+    rows = []
+    for _ in case.stepper.run(0.15):
+        rows.append(qs.step_row(case.stepper) | {"third": np.float64(1) / 3})
+        history.add(rows[-1])
+    history.close()
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == (3 if WORLD.rank == 0 else 0)
+    assert all(line.startswith("step ") and ", t 0." in line for line in lines)
+    WORLD.barrier()
+    assert read(folder / "run.csv") == rows == history.rows
+    assert list(rows[0])[:5] == ["step", "t", "dt", "iterations", "cutbacks"]
+    again = qs.History(WORLD, folder / "run.csv", verbose=False, append=True)
+    other = rows[1] | {"dt": 0.07}
+    again.add(other)
+    again.add(rows[2])
+    WORLD.barrier()
+    assert read(folder / "run.csv") == [rows[0], other, rows[2]]
+    raises_everywhere(WORLD, ValueError, "row", lambda: again.add({"t": 1.0}))
+    fresh = qs.History(WORLD, folder / "run.csv", verbose=False, append=True)
+    raises_everywhere(WORLD, ValueError, "other columns", lambda: fresh.add({"t": 1.0}))
+    missing = qs.History(WORLD, folder / "none" / "run.csv", verbose=False)
+    raises_everywhere(WORLD, OSError, "none", lambda: missing.add(rows[0]))
+
+
+@pytest.mark.parametrize("with_tqdm", [True, False])
+def test_progress_bar_is_optional(with_tqdm, monkeypatch, capsys):
+    original = builtins.__import__
+
+    def without(name, *args, **kwargs):
+        if name == "tqdm" and not with_tqdm:
+            raise ImportError(name)
+        return original(name, *args, **kwargs)
+
+    if with_tqdm:
+        pytest.importorskip("tqdm")
+    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    history = qs.History(WORLD, t_end=1.0)
+    history.add({"t": 0.5})
+    history.close()
+    assert bool(capsys.readouterr().out) == (not with_tqdm and WORLD.rank == 0)
