@@ -1,15 +1,21 @@
-"""Contact patch test of Fourment & Popa (2005), Table 1, cases 1 and 2: two elastic cubes.
+"""Contact patch test of Fourment & Popa (2005), Table 1: two elastic or two Newtonian cubes.
 
 Two unit cubes (in 2D: squares) with structured meshes of n × n × 1 cells are stacked and pressed
-together. The lower one is the master, E = 3e4, the upper one the slave, E = 1.3e4; ν = 0. The
-normal displacement is zero at the bottom, and the tangential ones are zero on the planes x = 0 and
-y = 0 of both bodies, so that the exact solution is the uniform stress −65.
+together. The lower one is the master, the upper one the slave. The normal displacement is zero at
+the bottom, and the tangential ones are zero on the planes x = 0 and y = 0, so that the exact
+solution is the uniform stress −65.
 
-Without arguments both loads are solved with master-slave and quasi-symmetric contact, and a table
+Elastic, cases 1 and 2: E = 3e4 of the master and 1.3e4 of the slave, ν = 0. Newtonian, cases 3
+and 4: incompressible, viscosity K = 200, in velocities and pressure (MINI element) with Δt = 1; the
+other sides are free to move outwards. The reference is the stress in one body on a mesh of the
+height of both.
+
+Without arguments all cases are solved with master-slave and quasi-symmetric contact, and a table
 is printed beside the paper's. With arguments one case is solved:
 
     python3 demos/patch_test.py --master 8 --slave 3 --cell hexahedron --formulation master-slave
     mpirun -n 2 python3 demos/patch_test.py --load displacement --jitter 0.25 --json result.json
+    python3 demos/patch_test.py --material newtonian --quadrature overlay
 """
 
 import argparse
@@ -237,7 +243,7 @@ def main():
     add("--seed", type=seed, metavar="S", help="of the jitter")
     add("--formulation", choices=FORMULATIONS)
     add("--material", choices=tuple(MATERIALS))
-    add("--load", choices=("pressure", "displacement"))
+    add("--load", choices=("pressure", "displacement"), help="of Newtonian cubes: a velocity")
     add("--contact", choices=tuple(LAWS))
     add("--penalty", type=stiffness, metavar="auto|FLOAT", help="ε, stress per length")
     add("--quadrature", choices=("nodal", "overlay"), help="where the gap is sampled")

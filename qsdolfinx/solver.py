@@ -35,6 +35,9 @@ DIRECT_OPTIONS: dict[str, typing.Any] = {
     "ksp_type": "preonly",
     "pc_type": "lu",
     "pc_factor_mat_solver_type": "mumps",
+    # Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
+    # incompressible flow, need more; on several ranks how much also depends on timing.
+    "mat_mumps_icntl_14": 100,
 }
 
 

@@ -123,11 +123,11 @@ def test_ranks_do_not_matter(cell, quadrature, monkeypatch):
 
 def test_refused():
     for cell in ("hexahedron", "quadrilateral"):
-        with pytest.raises(ValueError, match="--cell.*tetrahedron or triangle"):
+        with pytest.raises(ValueError, match=r"--cell.*tetrahedron or triangle"):
             newtonian(cell=cell)
     with pytest.raises(ValueError, match="--overhang"):
         newtonian(overhang=0.3)
-    with pytest.raises(ValueError, match="--material.*elastic, newtonian"):
+    with pytest.raises(ValueError, match=r"--material.*elastic, newtonian"):
         Parameters(material="plastic")
     assert tuple(MATERIALS) == ("elastic", "newtonian")
 
