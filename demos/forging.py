@@ -25,6 +25,8 @@ import argparse
 import contextlib
 import dataclasses
 import json
+import pathlib
+import sys
 import time
 
 from mpi4py import MPI
@@ -37,6 +39,10 @@ from dolfinx import fem, mesh
 from dolfinx.io import gmshio
 
 import qsdolfinx as qs
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from forging_output import Energy, Output
 
 RADIUS, HEIGHT = 10.0, 15.0  # mm
 DIE_RADIUS, DIE_HEIGHT = 18.0, 9.0
@@ -61,6 +67,8 @@ class Parameters:
     size: str = "coarse"
     num_steps: int = 15
     swap: bool = False
+    output: str | None = None
+    restart: bool = False
     verbose: bool = False
 
 
@@ -136,6 +144,7 @@ class Die:
         self.V = fem.functionspace(self.mesh, ("Lagrange", 1, (3,)))
         self.u = fem.Function(self.V)
         stress = qs.materials.linear_elastic(self.u, E_DIE, NU_DIE)
+        self.stress = stress
         self.F = ufl.inner(stress, ufl.grad(ufl.TestFunction(self.V))) * ufl.dx
         self.bcs = [fix(self.V, axis, facets_at(self.mesh, axis, 0.0))[0] for axis in (0, 1)]
         back, self.height = fix(self.V, 2, facets_at(self.mesh, 2, z + sign * DIE_HEIGHT))
@@ -224,11 +233,36 @@ def run(p, comm=MPI.COMM_WORLD):
     start = time.perf_counter()
     scene = _, dies, contacts, _, stepper = build(comm, p)
     volume = stepper.motions[0].volume()
-    history = qs.History(comm, t_end=p.reduction * HEIGHT / SPEED, verbose=p.verbose)
+    work = scene[0]
+    strain = fem.Function(fem.functionspace(work.mesh, ("DG", 0)))
+    rate = fem.Function(strain.function_space)
+    points = strain.function_space.element.interpolation_points
+    expression = fem.Expression(work.rate, points() if callable(points) else points)
+    energy = Energy(work, dies, SPEED)
+
+    def on_solved():
+        rate.interpolate(expression)
+        energy.on_solved()
+
+    stepper.on_solved = on_solved
+    folder = pathlib.Path(p.output) if p.output else None
+    if p.restart:
+        qs.load_run(stepper, folder / "checkpoint", {"strain": strain})
+    output = Output(folder, scene, strain) if folder else None
+    history = qs.History(
+        comm,
+        folder and folder / "history.csv",
+        t_end=p.reduction * HEIGHT / SPEED,
+        verbose=p.verbose,
+        append=p.restart,
+    )
     iterations, imbalance = 0, 0.0
     for _ in stepper.run(p.reduction * HEIGHT / SPEED):
-        row = qs.step_row(stepper)
-        history.add(row)
+        strain.x.array[:] += stepper.last_dt * rate.x.array
+        push = abs(contacts[1].force("slave")[2])
+        history.add(qs.step_row(stepper) | energy.row(push, stepper.last_dt))
+        if output:
+            output.write()
         iterations += stepper.num_iterations
         for contact in contacts:
             forces = contact.force("slave"), contact.force("master")
@@ -236,6 +270,8 @@ def run(p, comm=MPI.COMM_WORLD):
                 imbalance, np.linalg.norm(forces[0] + forces[1]) / np.linalg.norm(forces[0])
             )
     history.close()
+    if output:
+        output.close()
     on_die = contacts[1].force("slave" if p.swap else "master")
     result = {
         "forming_force": 4 * abs(on_die[2]),
@@ -268,9 +304,13 @@ def main():
     parser.add_argument("--size", choices=tuple(SIZES), default=default.size)
     parser.add_argument("--steps", dest="num_steps", type=int, default=default.num_steps)
     parser.add_argument("--swap", action="store_true", help="the dies are the slaves")
+    parser.add_argument("--output", metavar="FOLDER", help="fields, history.csv and a checkpoint")
+    parser.add_argument("--restart", action="store_true", help="go on from --output's checkpoint")
     parser.add_argument("--json", metavar="FILE")
     a = vars(parser.parse_args())
     filename = a.pop("json")
+    if a["restart"] and not a["output"]:
+        parser.error("--restart needs the --output of the run before")
     result, _ = run(Parameters(**a, verbose=True))
     if MPI.COMM_WORLD.rank == 0:
         for key, value in result.items():

@@ -5,12 +5,13 @@ python3 demos/forging_plot.py --die-refinement 4 forging.png
 
 import argparse
 import dataclasses
+import pathlib
+import sys
 
 from mpi4py import MPI
 
 import matplotlib
 import numpy as np
-from forging import Parameters, run
 from matplotlib import cm, colors
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -18,6 +19,10 @@ from dolfinx import mesh
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from forging import Parameters, run
 
 VARIANTS = (
     ("master-slave, nodal", {"formulation": "master-slave", "quadrature": "nodal"}),

@@ -10,15 +10,18 @@ import numpy.typing as npt
 
 import basix
 from dolfinx import fem, io, mesh
+from ufl.core.expr import Expr
 
-#: A function, or anything of UFL that can be evaluated in the cells.
+#: A function, anything of UFL that can be evaluated in the cells, or what returns a new function.
 Field = typing.Any
 
 
 class FieldWriter:
     """Writes fields of one body at several times, to XDMF or, with ADIOS2, to VTX.
 
-    Fields of degree 1 are written at the vertices, everything else at the cells' midpoints. In XDMF
+    Functions of degree 1 are written at the vertices, other fields at the cells' midpoints unless
+    they are given as continuous. A field such as ``lambda: contact.traction("master")`` is called
+    for each time. In XDMF
     the mesh is that of the first time, and the field ``displacement`` says where its vertices have
     moved (ParaView: Warp By Vector), unless a field of this name is given, such as the unknown of a
     body in displacements, whose mesh stays; in VTX the mesh moves. VTX has one kind of field per
@@ -28,13 +31,18 @@ class FieldWriter:
         filename: Ends in ``.xdmf`` or ``.bp``.
         msh: The mesh.
         fields: Name and function, or UFL expression, of each field.
+        continuous: More of them, that have one value at a vertex, such as ``ufl.split(w)[0]``.
 
     Raises:
         ValueError: If the file name ends in something else, or DOLFINx has no ADIOS2 for VTX.
     """
 
     def __init__(
-        self, filename: str | pathlib.Path, msh: mesh.Mesh, fields: typing.Mapping[str, Field]
+        self,
+        filename: str | pathlib.Path,
+        msh: mesh.Mesh,
+        fields: typing.Mapping[str, Field],
+        continuous: typing.Mapping[str, Field] | None = None,
     ) -> None:
         path = pathlib.Path(filename)
         if path.suffix not in (".xdmf", ".bp"):
@@ -44,9 +52,11 @@ class FieldWriter:
         self._msh = msh
         self._x0: npt.NDArray[np.float64] = np.array(msh.geometry.x, dtype=np.float64)
         self._points: list[tuple[fem.Function, Field]] = []
-        self._cells: list[tuple[fem.Function, fem.Expression]] = []
+        self._cells: list[tuple[fem.Function, Field]] = []
         for name, field in fields.items():
-            self._add(name, field)
+            self._add(name, field, at_vertices=False)
+        for name, field in (continuous or {}).items():
+            self._add(name, field, at_vertices=True)
         self._xdmf = self._vtx = None
         if path.suffix == ".xdmf":
             vector = fem.functionspace(msh, ("Lagrange", 1, (msh.geometry.dim,)))
@@ -68,23 +78,22 @@ class FieldWriter:
                 if functions
             ]
 
-    def _add(self, name: str, field: Field) -> None:
-        shape = field.ufl_shape
-        if isinstance(field, fem.Function) and _is_linear(field.function_space):
-            space = fem.functionspace(self._msh, ("Lagrange", 1, shape))
-            self._points.append((fem.Function(space, name=name), field))
-            return
-        space = fem.functionspace(self._msh, ("DG", 0, shape))
-        points = space.element.interpolation_points
-        points = points() if callable(points) else points
-        self._cells.append((fem.Function(space, name=name), fem.Expression(field, points)))
+    def _add(self, name: str, field: Field, at_vertices: bool) -> None:
+        first = field() if _is_source(field) else field
+        linear = isinstance(first, fem.Function) and _is_linear(first.function_space)
+        element = ("Lagrange", 1) if at_vertices or linear else ("DG", 0)
+        space = fem.functionspace(self._msh, (*element, first.ufl_shape))
+        written = self._points if at_vertices or linear else self._cells
+        if not linear and not _is_source(field):
+            field = _expression(field, space)
+        written.append((fem.Function(space, name=name), field))
 
     def write(self, t: float) -> None:
         """Write all fields at time t. Collective."""
-        for function, field in self._points:
+        for function, field in (*self._points, *self._cells):
+            if _is_source(field):
+                field = _expression(field(), function.function_space)
             function.interpolate(field)
-        for function, expression in self._cells:
-            function.interpolate(expression)
         if self._vtx is not None:
             for writer in self._vtx:
                 writer.write(t)
@@ -104,6 +113,16 @@ class FieldWriter:
         for writer in (self._xdmf, *(self._vtx or [])):
             if writer is not None:
                 writer.close()
+
+
+def _is_source(field: Field) -> bool:
+    """Whether it is to be called for the function; those of UFL can be called, too."""
+    return callable(field) and not isinstance(field, fem.Expression | fem.Function | Expr)
+
+
+def _expression(field: Field, space: fem.FunctionSpace) -> fem.Expression:
+    points = space.element.interpolation_points
+    return fem.Expression(field, points() if callable(points) else points)
 
 
 def _is_linear(V: fem.FunctionSpace) -> bool:

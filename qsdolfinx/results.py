@@ -96,6 +96,31 @@ class ContactResults(abc.ABC):
         local = sum(p.energy(self.eps) for p in self.passes)
         return float(self.comm.allreduce(local, op=MPI.SUM))
 
+    def fields(self, side: str = "slave") -> dict[str, fem.Function]:
+        """Fields to look at: traction, gap (NaN where unpaired: 0) and status. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``. Gap and status belong to the side that carries the
+                multiplier: they are there for the slave, and in double-pass contact for both.
+
+        Returns:
+            Functions of degree 1, zero off the surface: ``"traction"`` (stress, a vector),
+            ``"gap"`` (length, positive in penetration; of tied contact the size of the jump) and
+            ``"status"`` (1 in contact).
+        """
+        out = {"traction": self.traction(side)}
+        if side == "slave" or self.formulation in TWO_PASSES:
+            surface = self._surface(side)
+            assert isinstance(surface, Surface)
+            linear = surface.linear
+            gap = np.nan_to_num(self.gap(side))
+            size = gap if gap.ndim == 1 else np.linalg.norm(gap, axis=1)
+            for name, values in (("gap", size), ("status", self.active(side).astype(np.float64))):
+                padded = np.zeros((len(values), linear.gdim))
+                padded[:, 0] = values
+                out[name] = linear.function(padded).sub(0).collapse()
+        return out
+
     def patch(self) -> tuple[float, float]:
         """Size of the contact at the last evaluation. Collective.
 
