@@ -2,7 +2,7 @@
 
 import numpy as np
 from patch_bodies import STRESS
-from patch_test import Parameters, normal_traction, run
+from patch_test import Parameters, normal_traction, reference_stress, run
 
 PAPER = {  # material, load: mean and maximum error, in %
     ("elastic", "pressure"): {"quasi-symmetric": (3.6, 8.3), "master-slave": (8.0, 22.0)},
@@ -67,12 +67,13 @@ def table(comm):
         say_row(say, title, paper["quasi-symmetric"], paper["master-slave"])
         references = {}
         for cell, n_master, n_slave in MESHES[material]:
+            shared = {"cell": cell, "load": load, "material": material}
             results = [
-                run(Parameters(n_master, n_slave, cell, load=load, material=material, **kind), comm)
+                run(Parameters(n_master, n_slave, **shared, **kind), comm)
                 for kind in KINDS.values()
             ]
             results = [result for result, _ in results]
-            references[n_master] = results[0]["reference_stress"]
+            references[n_master] = reference_stress(comm, Parameters(n_master, **shared))
             for side in ("slave", "master"):
                 rows = quasi, ms, exact = [errors(result, side) for result in results]
                 name = f"{cell} {n_master} × {n_slave}, {side}"

@@ -167,7 +167,6 @@ def run(p, comm=MPI.COMM_WORLD):
     forces = contact.force("slave"), contact.force("master")
     gap = np.nan_to_num(contact.gap())
     result = {
-        "material": p.material,
         "formulation": p.formulation,
         "load": p.load,
         "cell": p.cell,
@@ -175,7 +174,6 @@ def run(p, comm=MPI.COMM_WORLD):
         "n_slave": p.slave,
         "dofs": sum(count_unknowns(b.u.function_space) for b in (master, slave)),
         "penalty": contact.penalty,
-        "reference_stress": reference,
     }
     for name, block in (("slave", slave), ("master", master)):
         error = np.abs(block.interface_stress() / reference - 1)
@@ -266,7 +264,7 @@ def main():
     if given or filename:
         result, _ = run(p, comm)
         if comm.rank == 0:
-            print("\n".join(f"{key:24}{value}" for key, value in result.items()))
+            print("\n".join(f"{key:24}{value}" for key, value in result.items()), flush=True)
             if filename:
                 with open(filename, "w") as file:
                     json.dump(result, file, indent=2)

@@ -6,7 +6,7 @@ import numpy as np
 import patch_test
 import pytest
 from patch_bodies import MATERIALS, STRESS, VISCOSITY
-from patch_test import Parameters, run
+from patch_test import Parameters, reference_stress, run
 from scenes import WORLD, spread_cells
 
 CELLS = ("triangle", "tetrahedron")
@@ -23,7 +23,13 @@ def check_exact(result, tolerance=1e-8):
     for name in ERRORS:
         assert result[name] < tolerance, name
     assert result["force_imbalance"] < 1e-12
-    assert np.isclose(result["reference_stress"], STRESS, rtol=1e-10)
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("cell", CELLS)
+def test_reference(cell, load):
+    """A single body of both cubes has the stress of the uniform flow."""
+    assert np.isclose(reference_stress(WORLD, newtonian(5, 3, cell, load=load)), STRESS, rtol=1e-10)
 
 
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
@@ -139,3 +145,30 @@ def test_refused_on_the_command_line(capsys, monkeypatch):
         patch_test.main()
     assert stopped.value.code == 2
     assert "--cell: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+def test_keys(material):
+    """What checks of the JSON file rely on."""
+    result, _ = run(Parameters(3, 2, material=material))
+    assert list(result) == [
+        "formulation",
+        "load",
+        "cell",
+        "n_master",
+        "n_slave",
+        "dofs",
+        "penalty",
+        "slave_mean_error",
+        "slave_max_error",
+        "master_mean_error",
+        "master_max_error",
+        "slave_nodal_max_error",
+        "master_nodal_max_error",
+        "gap_max",
+        "snes_iterations",
+        "ksp_iterations",
+        "force_imbalance",
+        "contact_seconds",
+        "total_seconds",
+    ]
