@@ -25,6 +25,14 @@ class Energy:
         self.elastic = [fem.form(0.5 * ufl.inner(d.stress, ufl.grad(d.u)) * ufl.dx) for d in dies]
         self.power = self.work = self.dissipated = 0.0
 
+    def sums(self):
+        """What a checkpoint has to keep."""
+        return {"work": self.work, "dissipated": self.dissipated}
+
+    def restore(self, sums):
+        """Go on from these sums."""
+        self.work, self.dissipated = sums["work"], sums["dissipated"]
+
     def _total(self, form):
         return self.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM)
 
@@ -53,25 +61,27 @@ class Output:
         folder: The folder.
         scene: What :func:`build` returns.
         strain: Equivalent strain of the workpiece.
+        energy: Its sums are part of the checkpoint.
     """
 
-    def __init__(self, folder, scene, strain):
-        work, dies, contacts, problem, self.stepper = scene
-        self.folder, self.strain = folder, strain
-        if problem.comm.rank == 0:
-            folder.mkdir(parents=True, exist_ok=True)
-        problem.comm.barrier()
+    def __init__(self, folder, scene, strain, energy):
+        work, dies, contacts, _, self.stepper = scene
+        self.folder, self.strain, self.energy = folder, strain, energy
+        folder.mkdir(parents=True, exist_ok=True)
+        # A run that goes on writes files of its own: those before are still wanted.
+        part = f"_from_{self.stepper.num_steps}" if self.stepper.num_steps else ""
         velocity, pressure = ufl.split(work.w)
         stress = work.stress - pressure * ufl.Identity(3)
         sides = ("master", "slave") if contacts[0].slave is dies[0].surface else ("slave", "master")
         fields = {"strain_rate": work.rate, "strain": strain, "stress": stress}
         continuous = {"velocity": velocity, "pressure": pressure}
         continuous |= self._of_contacts(contacts, sides[0])
-        self.writers = [qs.FieldWriter(folder / "workpiece.xdmf", work.mesh, fields, continuous)]
+        path = folder / f"workpiece{part}.xdmf"
+        self.writers = [qs.FieldWriter(path, work.mesh, fields, continuous)]
         for name, die, contact in zip(("lower", "upper"), dies, contacts, strict=True):
             continuous = self._of_contacts([contact], sides[1])
             fields = {"displacement": die.u, "stress": die.stress}
-            path = folder / f"{name}_die.xdmf"
+            path = folder / f"{name}_die{part}.xdmf"
             self.writers.append(qs.FieldWriter(path, die.mesh, fields, continuous))
 
     @staticmethod
@@ -87,7 +97,8 @@ class Output:
         """Fields and checkpoint at the end of a step."""
         for writer in self.writers:
             writer.write(self.stepper.t)
-        qs.save_run(self.stepper, self.folder / "checkpoint", {"strain": self.strain})
+        functions, sums = {"strain": self.strain}, self.energy.sums()
+        qs.save_run(self.stepper, self.folder / "checkpoint", functions, sums)
 
     def close(self):
         for writer in self.writers:

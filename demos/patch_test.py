@@ -145,12 +145,7 @@ def mean_and_max(comm, values):
 def normal_traction(contact, side, normal):
     """Normal contact force over nodal area at the owned nodes of one side."""
     surface = contact.slave if side == "slave" else contact.master
-    V, values = surface.V, contact.traction(side).x.array
-    index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
-    if surface.collapsed_space is not V:  # back to the numbers of the mixed space
-        collapsed, values = values, np.zeros((index_map.size_local + index_map.num_ghosts) * bs)
-        values[V.collapse()[1]] = collapsed
-    return values[surface.node_dofs - index_map.local_range[0] * bs] @ normal
+    return surface.node_values(contact.traction(side)) @ normal
 
 
 def run(p, comm=MPI.COMM_WORLD):

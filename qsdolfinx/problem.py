@@ -34,6 +34,7 @@ from qsdolfinx.solver import (
     line_search,
     remove_options,
     set_options,
+    weak,
 )
 from qsdolfinx.surface import Surface
 
@@ -131,7 +132,7 @@ class ContactProblem:
         self.snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
         self.snes.setOptionsPrefix(prefix)
         self.snes.setFromOptions()
-        self.snes.setMonitor(self._monitor)
+        self.snes.setMonitor(weak(self._monitor))
 
     def _master_body(self, contact: Contact) -> int | None:
         """Index of the master's body, None of a rigid tool."""
@@ -360,8 +361,8 @@ class ContactProblem:
             if not body.linear:
                 matrix.destroy()
         self.snes.reset()
-        self.snes.setFunction(self._function, self._r)
-        self.snes.setJacobian(self._jacobian, self._matrix, self._matrix)
+        self.snes.setFunction(weak(self._function), self._r)
+        self.snes.setJacobian(weak(self._jacobian), self._matrix, self._matrix)
         pc = self.snes.getKSP().getPC()
         if pc.getType() == PETSc.PC.Type.FIELDSPLIT:
             # A reset takes the options from the splits: start from scratch.
@@ -386,8 +387,10 @@ class ContactProblem:
         """Free PETSc's objects and options; the problem cannot be used again. Collective.
 
         In parallel PETSc's objects are not freed when Python drops them. A program that makes many
-        problems should call this for each.
+        problems should call this for each. A second call does nothing.
         """
+        if not self.snes:
+            return
         self._destroy_matrices()
         remove_options(self.snes.getOptionsPrefix())
         self.snes.destroy()

@@ -21,6 +21,7 @@ def save_run(
     stepper: TimeStepper,
     folder: str | pathlib.Path,
     functions: typing.Mapping[str, fem.Function] | None = None,
+    values: typing.Mapping[str, typing.Any] | None = None,
 ) -> None:
     """Write all that the steps to come depend on. Collective; see Checkpoint.save.
 
@@ -28,13 +29,15 @@ def save_run(
         stepper: The run, after a step.
         folder: Folder of the checkpoint; one that is there is replaced when the new one is whole.
         functions: Functions of the user's own, such as accumulated strains.
+        values: Numbers of the user's own, such as accumulated work; what JSON can hold.
     """
     multipliers = _multipliers(stepper.problem.contacts)
-    values: dict[str, typing.Any] = {name: getattr(stepper, name) for name in _SCALARS}
-    values["positions"] = [tool.position.tolist() for tool in stepper.tools]
-    values["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
+    state: dict[str, typing.Any] = {name: getattr(stepper, name) for name in _SCALARS}
+    state["positions"] = [tool.position.tolist() for tool in stepper.tools]
+    state["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
+    state["user"] = dict(values or {})
     Checkpoint(stepper.problem.comm, folder).save(
-        _functions(stepper, functions) | multipliers, _meshes(stepper), values
+        _functions(stepper, functions) | multipliers, _meshes(stepper), state
     )
 
 
@@ -42,13 +45,16 @@ def load_run(
     stepper: TimeStepper,
     folder: str | pathlib.Path,
     functions: typing.Mapping[str, fem.Function] | None = None,
-) -> None:
+) -> dict[str, typing.Any]:
     """Go on from a checkpoint, on any number of ranks. Collective.
 
     Args:
         stepper: The run, made anew just as before.
         folder: Folder of the checkpoint.
         functions: As for save_run.
+
+    Returns:
+        The user's values that save_run was given.
 
     Raises:
         OSError: If there is no checkpoint.
@@ -77,9 +83,10 @@ def load_run(
             contact.set_automatic_penalty(penalty)
         arrays = []
         for j, p in enumerate(contact.passes):
-            at_nodes = _at_nodes(p.slave.linear, multipliers[f"multiplier_{i}_{j}"])
+            at_nodes = p.slave.linear.node_values(multipliers[f"multiplier_{i}_{j}"])
             arrays.append(at_nodes[:, : p.augmented.shape[1]])
         contact.set_multipliers_on_nodes(arrays)
+    return typing.cast(dict[str, typing.Any], values["user"])
 
 
 def _functions(
@@ -108,17 +115,3 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
             padded[:, : values.shape[1]] = values
             out[f"multiplier_{i}_{j}"] = surface.function(padded)
     return out
-
-
-def _at_nodes(surface: typing.Any, function: fem.Function) -> npt.NDArray[np.float64]:
-    """Values of a function that ``surface.function`` made, at the nodes this rank owns."""
-    with_numbers = surface.function(
-        np.arange(surface.gdim * len(surface.node_area)).reshape(-1, surface.gdim) + 1.0
-    )
-    index_map = with_numbers.function_space.dofmap.index_map
-    owned = index_map.size_local * with_numbers.function_space.dofmap.index_map_bs
-    numbers = with_numbers.x.array[:owned]
-    out = np.zeros(surface.gdim * len(surface.node_area))
-    at = np.flatnonzero(numbers)
-    out[np.rint(numbers[at]).astype(int) - 1] = function.x.array[at]
-    return out.reshape(-1, surface.gdim)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import typing
+import weakref
 
 from petsc4py import PETSc
 
@@ -116,6 +117,23 @@ def remove_options(prefix: str) -> None:
     for key, value in _put.pop(prefix, {}).items():
         if database.getString(key, "") == value:
             database.delValue(key)
+
+
+def weak(method: typing.Callable[..., None]) -> typing.Callable[..., None]:
+    """The bound method without a reference to its object.
+
+    PETSc's objects keep their callbacks where Python's garbage collector cannot see them: a solver
+    that refers to the object it belongs to would never be freed.
+    """
+    reference = weakref.WeakMethod(method)
+
+    def call(*args: typing.Any) -> None:
+        found = reference()
+        if found is None:
+            raise ReferenceError("the problem that this solver belongs to is gone: keep it")
+        found(*args)
+
+    return call
 
 
 @contextlib.contextmanager

@@ -164,6 +164,19 @@ class Surface:
             out.x.array[:] = vector.array[parent]
         return out
 
+    def node_values(self, function: fem.Function) -> npt.NDArray[np.float64]:
+        """Values at the owned contact nodes, shape (nodes, gdim); the inverse of :meth:`function`.
+
+        Args:
+            function: In V, collapsed if V is a sub-space, such as ``Contact.traction``.
+        """
+        index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+        values = function.x.array
+        if self._collapsed is not None:
+            values = np.zeros((index_map.size_local + index_map.num_ghosts) * bs)
+            values[self._collapsed[1]] = function.x.array
+        return np.asarray(values[self.node_dofs - index_map.local_range[0] * bs], dtype=np.float64)
+
     @functools.cached_property
     def _collapsed(self) -> tuple[fem.FunctionSpace, npt.NDArray[np.int32]] | None:
         """Collapsed space and its map if V is a sub-space. Collective at first."""

@@ -12,7 +12,25 @@ import pytest
 here = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(here), str(here.parent / "demos")]
 
+import qsdolfinx as qs  # noqa: E402
+
 comm = MPI.COMM_WORLD.Dup()
+
+
+@pytest.fixture(autouse=True)
+def destroy_problems(monkeypatch):
+    """Free what each test solved: in parallel PETSc would keep it to the end."""
+    problems = []
+    create = qs.ContactProblem.__init__
+
+    def init(self, *args, **kwargs):
+        create(self, *args, **kwargs)
+        problems.append(self)
+
+    monkeypatch.setattr(qs.ContactProblem, "__init__", init)
+    yield problems
+    for problem in problems:
+        problem.destroy()
 
 
 @pytest.hookimpl(trylast=True)

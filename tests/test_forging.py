@@ -1,12 +1,16 @@
 """The forging demo: dies finer than the workpiece, under each formulation."""
 
+import csv
 import dataclasses
 import functools
+import itertools
 
 import numpy as np
 import pytest
 from forging import FORMULATIONS, Parameters, run
 from scenes import WORLD
+
+import qsdolfinx as qs
 
 KEYS = (
     "forming_force",
@@ -68,3 +72,33 @@ def test_enforcement():
     """The penalty costs little: the dies are where they should be to its compliance."""
     forces = [forge(enforcement=e)["forming_force"] for e in ("penalty", "augmented-lagrangian")]
     assert np.isclose(*forces, rtol=5e-3)
+
+
+def test_restart(tmp_path, monkeypatch):
+    """A run that was stopped and goes on has the same history, energies included."""
+    root = WORLD.bcast(tmp_path)
+    p = dataclasses.replace(Parameters(), die_refinement=2.0, reduction=0.04, num_steps=2)
+
+    def history(folder):
+        WORLD.barrier()
+        with (folder / "history.csv").open(newline="") as file:
+            return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+
+    whole, _ = run(dataclasses.replace(p, output=str(root / "whole")), WORLD)
+    stopped = dataclasses.replace(p, output=str(root / "stopped"))
+    steps = qs.TimeStepper.run
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            qs.TimeStepper, "run", lambda self, t_end: itertools.islice(steps(self, t_end), 1)
+        )
+        run(stopped, WORLD)
+    resumed, _ = run(dataclasses.replace(stopped, restart=True), WORLD)
+    rows, expected = history(root / "stopped"), history(root / "whole")
+    assert len(rows) == len(expected) == 2
+    for row, other in zip(rows, expected, strict=True):
+        for key, value in other.items():
+            if "force" not in key or key.endswith("z"):  # the others are differences of large ones
+                assert np.isclose(row[key], value, rtol=1e-9, atol=1e-12), key
+    assert np.isclose(resumed["forming_force"], whole["forming_force"], rtol=1e-12)
+    names = {path.name for path in (root / "stopped").iterdir()}
+    assert {"workpiece.xdmf", "workpiece_from_1.xdmf", "upper_die_from_1.xdmf"} <= names

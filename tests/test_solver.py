@@ -1,5 +1,8 @@
 """ContactProblem: assembly, linear solvers, options and failure."""
 
+import gc
+import weakref
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -257,3 +260,14 @@ def test_destroy():
     problem = Pair("quadrilateral").problem(petsc_options_prefix=prefix)
     problem.solve()
     assert problem.snes.getTolerances()[3] == 50
+
+
+def test_freed(destroy_problems):
+    """A problem that is dropped without destroy() does not live on in PETSc's callbacks."""
+    problem = Pair("triangle").problem()
+    problem.solve()
+    alive = weakref.ref(problem)
+    del problem
+    destroy_problems.clear()
+    gc.collect()
+    assert alive() is None
