@@ -1,6 +1,7 @@
 // Python bindings. Communicators come as Fortran handles (mpi4py's comm.py2f()), PETSc objects as
 // the `handle` of petsc4py's, so that no header or binary interface of mpi4py or petsc4py is
 // needed.
+#include "friction.h"
 #include "insertion.h"
 #include "overlay.h"
 #include "pairing.h"
@@ -203,6 +204,12 @@ void bind_gap(nb::module_& m)
                    [](const GapOperator& g) { return copy(g.row_area(), {g.num_rows()}); })
       .def_prop_ro("initial_gap",
                    [](const GapOperator& g) { return copy(g.initial_gap(), {g.num_rows()}); })
+      .def_prop_ro("slave_sum",
+                   [](const GapOperator& g)
+                   {
+                     const std::size_t width = g.kind() == GapKind::normal ? g.gdim() : 1;
+                     return copy(g.slave_sum(), {g.num_rows(), width});
+                   })
       .def(
           "apply",
           [](GapOperator& g, Handle slave, Handle master, std::array<double, 2> scale)
@@ -234,6 +241,19 @@ void bind_gap(nb::module_& m)
       },
       "gap"_a, "stiffness"_a, "blocks"_a, "scale"_a, "slave_only"_a, "pattern"_a,
       "Add Gᵀ D G to the blocks (ss, sm, ms, mm).");
+  m.def(
+      "insert_friction",
+      [](const GapOperator& jump, const GapOperator& normal, In<double> stiffness,
+         In<double> coupling, std::array<Handle, 4> blocks, std::array<double, 2> scale,
+         bool slave_only)
+      {
+        ContactBlocks mats;
+        for (std::size_t i = 0; i < 4; ++i)
+          mats[i] = reinterpret_cast<Mat>(blocks[i]);
+        insert_friction(jump, normal, view(stiffness), view(coupling), mats, scale, slave_only);
+      },
+      "jump"_a, "normal"_a, "stiffness"_a, "coupling"_a, "blocks"_a, "scale"_a, "slave_only"_a,
+      "Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm).");
 }
 } // namespace
 

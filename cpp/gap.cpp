@@ -276,6 +276,17 @@ void GapOperator::build_scatters(const Surface& slave, const Surface* master)
   }
 }
 
+std::vector<double> GapOperator::slave_sum() const
+{
+  const std::size_t width = kind_ == GapKind::normal ? gdim_ : 1;
+  std::vector<double> sum(num_rows() * width, 0);
+  for (std::size_t r = 0; r < num_rows(); ++r)
+    for (std::int64_t e = sides_[0].offset[r]; e < sides_[0].offset[r + 1]; ++e)
+      for (std::size_t i = 0; i < width; ++i)
+        sum[r * width + i] += sides_[0].coefficient[e * width + i];
+  return sum;
+}
+
 std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 2> scale)
 {
   std::vector<double> g(num_rows() * width(), 0);

@@ -65,6 +65,9 @@ public:
   const std::vector<double>& row_area() const { return row_area_; }
   /// Initial weighted gap d of each row (zero for a jump).
   const std::vector<double>& initial_gap() const { return initial_gap_; }
+  /// Sum of the slave's coefficients of each row: for the normal part the mean normal times what is
+  /// covered of the row's area, [row][gdim]; for the jump that part itself, [row].
+  std::vector<double> slave_sum() const;
   /// Sides with unknowns: 2, or 1 if the master is rigid.
   int num_sides() const { return num_sides_; }
   /// 0: slave, 1: master.

@@ -8,6 +8,7 @@ as in (12), are the paper's.
 from qsdolfinx import materials
 from qsdolfinx.contact import Contact
 from qsdolfinx.continuation import solve_with_continuation
+from qsdolfinx.friction import Coulomb, CoulombTresca, Friction, Norton, Sticking, Tresca
 from qsdolfinx.history import History, step_row
 from qsdolfinx.laws import Law, Tied, Unilateral
 from qsdolfinx.output import FieldWriter
@@ -23,15 +24,21 @@ __all__ = [
     "Contact",
     "ContactProblem",
     "ConvergenceError",
+    "Coulomb",
+    "CoulombTresca",
     "FieldWriter",
+    "Friction",
     "History",
     "Law",
+    "Norton",
     "Pairing",
     "RigidSurface",
     "StepError",
+    "Sticking",
     "Surface",
     "Tied",
     "TimeStepper",
+    "Tresca",
     "Unilateral",
     "load_run",
     "materials",

@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.contact import Contact
+from qsdolfinx.gap import WeightedGap
+from qsdolfinx.slip import Slip
 
 Array = npt.NDArray[np.float64]
 
@@ -20,6 +22,8 @@ DEPTH = 40
 class Augmentation:
     """Fixed-point iteration λ̂ ↦ λ(λ̂), λ = [λ̂ + ε ḡ]₊ being that of the solution for λ̂.
 
+    With friction τ̂ ↦ τ(τ̂) goes with it.
+
     While the active set stays and bodies are linear, the map is affine, and the combination of
     earlier updates with the least residual λ − λ̂ (Anderson, 1965) converges like GMRES: a moderate
     ε does with few updates. When the active set changes, it starts anew.
@@ -29,8 +33,7 @@ class Augmentation:
     """
 
     def __init__(self, contacts: typing.Sequence[Contact]) -> None:
-        self._passes = [p for contact in contacts for p in contact.passes]
-        self._eps = [contact.eps for contact in contacts for _ in contact.passes]
+        self._parts = [(contact, part) for contact in contacts for part in contact.parts]
         self._contacts = contacts
         self._comm = contacts[0].comm
         self._residuals: list[Array] = []
@@ -39,8 +42,8 @@ class Augmentation:
 
     def update(self) -> None:
         """Set λ̂ for the next solve. Collective."""
-        images = [p.multiplier(eps) for p, eps in zip(self._passes, self._eps, strict=True)]
-        old = np.concatenate([p.augmented.ravel() for p in self._passes])
+        images = [_multiplier(contact, part) for contact, part in self._parts]
+        old = np.concatenate([part.augmented.ravel() for _, part in self._parts])
         image = np.concatenate([i.ravel() for i in images])
         active = [contact.active_state() for contact in self._contacts]
         if self._comm.allreduce(active != self._active, op=MPI.LOR):
@@ -49,13 +52,16 @@ class Augmentation:
         self._residuals = [*self._residuals, image - old][-DEPTH:]
         self._images = [*self._images, image][-DEPTH:]
         combined = sum(a * i for a, i in zip(self._coefficients(), self._images, strict=True))
-        parts = np.split(combined, np.cumsum([p.augmented.size for p in self._passes])[:-1])
-        for p, part in zip(self._passes, parts, strict=True):
-            p.augmented = p.law.admissible(part.reshape(p.augmented.shape))
+        sizes = np.cumsum([part.augmented.size for _, part in self._parts])
+        for (_, part), values in zip(self._parts, np.split(combined, sizes[:-1]), strict=True):
+            values = values.reshape(part.augmented.shape)
+            part.augmented = values if isinstance(part, Slip) else part.law.admissible(values)
 
     def _coefficients(self) -> Array:
         """Of the combination with the least residual; they sum to 1. Collective."""
-        weight = np.concatenate([np.repeat(p.weight, p.augmented.shape[1]) for p in self._passes])
+        weight = np.concatenate(
+            [np.repeat(part.weight, part.augmented.shape[1]) for _, part in self._parts]
+        )
         last = self._residuals[-1]
         count = len(self._residuals) - 1
         differences = np.array([r - last for r in self._residuals[:-1]])
@@ -66,3 +72,8 @@ class Augmentation:
         gram = products[:, :-1] / np.outer(scale, scale)
         earlier = np.linalg.lstsq(gram, -products[:, -1] / scale, rcond=1e-12)[0] / scale
         return np.append(earlier, 1 - earlier.sum())
+
+
+def _multiplier(contact: Contact, part: WeightedGap | Slip) -> Array:
+    """λ or τ at the last evaluation."""
+    return part.response.traction if isinstance(part, Slip) else part.multiplier(contact.eps)

@@ -7,6 +7,8 @@ import typing
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import numpy as np
+
 from qsdolfinx.bulk import Body
 from qsdolfinx.contact import Contact
 
@@ -87,6 +89,23 @@ def forbid_allocation(mat: PETSc.Mat) -> None:
     """Make PETSc raise if an entry is ever inserted outside the pattern."""
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+
+
+def is_symmetric(mat: PETSc.Mat) -> bool:
+    """Whether xᵀ A y = yᵀ A x for two vectors without any order. Collective."""
+    x, y = mat.createVecs()
+    Ax, Ay = x.duplicate(), x.duplicate()
+    for seed, vec in enumerate((x, y)):
+        # The same on any partition, and never by chance in A's null space.
+        index = np.arange(*vec.owner_range)
+        vec.array[:] = np.sin(1.0 + (seed + 1.7) * (index % 9973) ** 1.3)
+    mat.mult(x, Ax)
+    mat.mult(y, Ay)
+    size = Ax.norm() * y.norm() + Ay.norm() * x.norm()
+    out = abs(y.dot(Ax) - x.dot(Ay)) <= 1e-12 * size
+    for vec in (x, y, Ax, Ay):
+        vec.destroy()
+    return bool(out)
 
 
 def _contact_pattern(matrices: typing.Sequence[PETSc.Mat], i: int, j: int) -> PETSc.Mat:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import time
 import typing
 
 from mpi4py import MPI
@@ -14,16 +12,21 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
+from qsdolfinx.assembly import ContactAssembly
 from qsdolfinx.checks import check_choice, check_positive
 from qsdolfinx.collective import check_agreement, collective_errors
+from qsdolfinx.contact_arguments import check_friction, check_surfaces
+from qsdolfinx.friction import Friction
 from qsdolfinx.gap import WeightedGap, handle_of
 from qsdolfinx.kinematics import Kinematics
 from qsdolfinx.laws import Law, Unilateral
+from qsdolfinx.motion import Affine
 from qsdolfinx.pairing import Pairing
 from qsdolfinx.quadrature import NORMALS, QUADRATURES, check_quadrature, pair
-from qsdolfinx.results import TWO_PASSES, ContactResults
+from qsdolfinx.results import TWO_PASSES
 from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.surface import Surface, update_surfaces
+from qsdolfinx.tangential import Tangential
 
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T")
@@ -35,7 +38,7 @@ ENFORCEMENTS = ("penalty", "augmented-lagrangian")
 TOUCHING = 1e-12
 
 
-class Contact(ContactResults):
+class Contact(ContactAssembly):
     """Contact of a slave surface with a master surface by the penalty method.
 
     The energy is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations differ in where
@@ -81,7 +84,13 @@ class Contact(ContactResults):
         unknown: What the unknowns of the bodies are: ``"displacement"`` or ``"velocity"``, (2) and
             (3), or one of them for the slave and the master, such as a forged workpiece and an
             elastic die, ``("velocity", "displacement")``.
-        dt: Δt, time, if a body has velocities; :meth:`set_dt` changes it.
+        dt: Δt, time, if a body has velocities or friction depends on rates; :meth:`set_dt` changes
+            it.
+        friction: ``qs.Coulomb``, ``qs.Tresca``, ``qs.CoulombTresca``, ``qs.Norton``,
+            ``qs.Sticking``, or None. Slip counts from the end of the last step: a step is a solve
+            of the problem, unless the solve is part of ``ContactProblem.one_step``.
+        friction_penalty: ε in tangential direction (stress per length); by default that of the
+            gaps. Not used by ``qs.Norton``.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
@@ -104,12 +113,14 @@ class Contact(ContactResults):
         gap_tolerance: float = 1e-8,
         unknown: str | typing.Sequence[str] = "displacement",
         dt: float | None = None,
+        friction: Friction | None = None,
+        friction_penalty: float | None = None,
     ) -> None:
         law = Unilateral() if law is None else law
         # Without surfaces there is no communicator of ours to agree on the error with.
         comm = next((s.comm for s in (slave, master) if isinstance(s, Surface)), MPI.COMM_WORLD)
         with collective_errors(comm):
-            _check_surfaces(slave, master)
+            check_surfaces(slave, master)
             check_choice("formulation", formulation, FORMULATIONS)
             if isinstance(master, RigidSurface) and formulation in TWO_PASSES:
                 raise ValueError(
@@ -128,7 +139,8 @@ class Contact(ContactResults):
             if search_radius is not None:
                 check_positive("search_radius", search_radius)
             check_positive("gap_tolerance", gap_tolerance)
-            kinematics = Kinematics(unknown, dt)
+            check_friction(friction, friction_penalty, law, slave)
+            kinematics = Kinematics(unknown, dt, friction is not None and friction.needs_dt)
             degree = check_quadrature(slave, master, quadrature, quadrature_degree)
         check_agreement(
             comm,
@@ -143,6 +155,8 @@ class Contact(ContactResults):
             gap_tolerance=gap_tolerance,
             unknown=kinematics.unknown,
             dt=dt,
+            friction=friction,
+            friction_penalty=friction_penalty,
         )
         self.slave = slave
         self.master = master
@@ -155,10 +169,12 @@ class Contact(ContactResults):
         self.gap_tolerance = float(gap_tolerance)
         self._kinematics = kinematics
         self._offset: tuple[PETSc.Vec | None, PETSc.Vec | None] | None = None
-        self.passes: list[WeightedGap] = []
+        self.passes = []
+        self.tangential = None
+        if friction is not None:
+            self.tangential = Tangential(friction, slave, friction_penalty)
         #: Counts the pairings made so far.
         self.version = 0
-        #: Wall time (s) that this rank has spent in pairing, gaps and insertion.
         self.seconds = 0.0
         self._given_radius = None if search_radius is None else float(search_radius)
         self._automatic = penalty == "auto"
@@ -182,7 +198,7 @@ class Contact(ContactResults):
         if isinstance(self.master, RigidSurface):
             self.master.check_state()
             self._tool_version = self.master.version
-        with self._clock():
+        with self.clock():
             with_facets: list[Surface | RigidSurface] = [self.slave]
             if isinstance(self.master, Surface) or not self.master.is_analytic:
                 with_facets.append(self.master)
@@ -220,6 +236,8 @@ class Contact(ContactResults):
                         augmented=self.augmented,
                     )
                 )
+            if self.tangential is not None:
+                self.tangential.pair(self.passes, self.quadrature == "overlay")
             if kept:
                 self.set_multipliers_on_nodes(kept)
             self._set_motion()
@@ -250,7 +268,10 @@ class Contact(ContactResults):
                 velocities.
         """
         with collective_errors(self.comm):
-            Kinematics(self.unknown, dt)
+            if self._kinematics.dt is not None:
+                check_positive("dt", dt)
+            else:
+                Kinematics(self.unknown, dt)
         check_agreement(self.comm, dt=dt)
         self._kinematics.dt = dt
         self._set_motion()
@@ -269,6 +290,9 @@ class Contact(ContactResults):
         Raises:
             ValueError: If a space is not that of the body.
         """
+        for vec in self._offset or ():
+            if vec is not None:
+                vec.destroy()
         self._offset = (
             self._known("slave", self.slave, slave),
             self._known("master", self.master, master),
@@ -298,14 +322,6 @@ class Contact(ContactResults):
                 u = self.ordered(p, self._offset)
                 p.offset = p.operator.apply(handle_of(u[0]), handle_of(u[1]))
 
-    @contextlib.contextmanager
-    def _clock(self) -> typing.Iterator[None]:
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds += time.perf_counter() - start
-
     @property
     def search_radius(self) -> float:
         """Distance (length) beyond which a node is not paired."""
@@ -325,6 +341,56 @@ class Contact(ContactResults):
     def num_unpaired(self) -> int:
         """Nodes that were searched and found no partner, over all passes and ranks. Collective."""
         return int(self.comm.allreduce(sum(p.points.num_unpaired for p in self.passes)))
+
+    # --- Friction
+
+    @property
+    def friction(self) -> Friction | None:
+        """The law of friction, None without."""
+        return None if self.tangential is None else self.tangential.friction
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether what contact adds to the tangent is symmetric."""
+        same_scale = isinstance(self.master, RigidSurface) or self.scale[0] == self.scale[1]
+        potential = self.friction is None or self.friction.symmetric
+        return self.formulation != "two-half-pass" and same_scale and potential
+
+    def set_start(
+        self,
+        slave: fem.Function | None,
+        master: fem.Function | None,
+        moved: Affine | None = None,
+    ) -> None:
+        """Say where the step began whose slip is to be found; for time stepping. Collective.
+
+        After pairing it begins where the meshes are, with unknowns of zero.
+
+        Args:
+            slave: Unknowns of the slave's body at the start, as for :meth:`set_offset`.
+            master: The same for the master.
+            moved: Motion that a rigid tool has made in this step already, as a field over the
+                places where it is now.
+        """
+        if self.tangential is None:
+            return
+        known = (
+            self._known("slave", self.slave, slave),
+            self._known("master", self.master, master),
+        )
+        for slip in self.slips:
+            of_slave, of_master = self.ordered(slip.gap, known)
+            slip.start = slip.jump_of((of_slave, of_master))
+            if moved is not None:
+                slip.start -= slip.change(moved)
+        for vec in known:
+            if vec is not None:
+                vec.destroy()
+
+    def end_step(self) -> None:
+        """Let slip count from the last evaluation on, and friction from what it is there."""
+        if self.tangential is not None:
+            self.tangential.end_step()
 
     # --- Penalty
 
@@ -358,138 +424,3 @@ class Contact(ContactResults):
     def set_automatic_penalty(self, penalty: float) -> None:
         """Set ε, stress per length, from the bodies' stiffness; for the problem."""
         self._penalty = penalty
-
-    # --- Evaluation, for the problem; of a rigid tool there is None in the place of what is given
-
-    def move_tool(self) -> None:
-        """Take over the motion of a rigid tool. Collective.
-
-        Raises:
-            ValueError: If it is not finite or differs between ranks.
-            RuntimeError: If the tool has another position than when contact was last paired.
-        """
-        if not isinstance(self.master, RigidSurface):
-            return
-        if self._tool_version != self.master.version:
-            raise RuntimeError("the tool has been moved for good: call contact.update()")
-        self.master.check_state()
-        with self._clock():
-            for p in self.passes:
-                p.shift = p.change(self.master.motion)
-
-    def evaluate(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
-        """Compute gaps for the unknowns of the two bodies. Collective."""
-        with self._clock():
-            for p in self.passes:
-                p.evaluate(self.ordered(p, (slave, master)))
-
-    def add_residual(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
-        """Add ∂Φ/∂u at the last evaluation to the residuals of the two bodies. Collective."""
-        with self._clock():
-            for p in self.passes:
-                p.add_forces(p.multiplier(self.eps), self.ordered(p, (slave, master)))
-
-    def add_tangent(self, blocks: tuple[PETSc.Mat | None, ...]) -> None:
-        """Add ∂²Φ/∂u² at the last evaluation to the blocks (ss, sm, ms, mm); not assembled here."""
-        with self._clock():
-            for p in self.passes:
-                p.add_stiffness(self.slope(p), self.ordered(p, blocks), pattern=False)
-
-    def add_pattern(self, blocks: tuple[PETSc.Mat | None, ...]) -> None:
-        """Add zeros wherever :meth:`add_tangent` may ever add anything."""
-        for p in self.passes:
-            p.add_stiffness(np.zeros(len(p.values)), self.ordered(p, blocks), pattern=True)
-
-    def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
-        """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
-        for p in self.passes:
-            vecs = self.ordered(p, (slave, master))
-            p.operator.constrain(handle_of(vecs[0]), handle_of(vecs[1]))
-
-    def num_active_local(self) -> int:
-        """Closed rows on this rank at the last evaluation."""
-        return sum(int(np.count_nonzero(self.slope(p))) for p in self.passes)
-
-    def active_state(self) -> bytes:
-        """What the tangent depends on beside ε: which rows of this rank are closed."""
-        if self.law.linear:
-            return b""
-        return b"".join((self.slope(p) > 0).tobytes() for p in self.passes)
-
-    @property
-    def eps(self) -> float:
-        """The penalty as a number.
-
-        Raises:
-            RuntimeError: If an automatic penalty has not been computed yet.
-        """
-        if self._penalty is None:
-            raise RuntimeError('penalty="auto" is computed by the first solve, which has not been')
-        return self._penalty
-
-    def slope(self, p: WeightedGap) -> Array:
-        """∂λ/∂ḡ at the rows of a pass, at the last evaluation."""
-        return p.slope(self.eps, self._touching)
-
-    def ordered(self, p: WeightedGap, of_bodies: tuple[T, ...]) -> tuple[T, ...]:
-        """Things of the slave's and the master's body in the order of a pass."""
-        return of_bodies if p.slave is self.slave else of_bodies[::-1]
-
-    # --- Augmented Lagrangian, for the problem
-
-    @property
-    def augmented(self) -> bool:
-        """Whether the multiplier is augmented until the gap is closed."""
-        return self.enforcement == "augmented-lagrangian"
-
-    def violation(self) -> float:
-        """Largest gap (length) at the last evaluation that a multiplier holds. Collective."""
-        local = max(p.violation(self.eps) for p in self.passes)
-        return float(self.comm.allreduce(local, op=MPI.MAX))
-
-    @property
-    def allowed_gap(self) -> float:
-        """Gap (length) at which augmentation ends: ``gap_tolerance`` × the smallest facet."""
-        return self.gap_tolerance * self._facet_size
-
-    def known_multipliers(self) -> list[Array]:
-        """Copies of λ̂, one array for each pass; see :meth:`set_known_multipliers`."""
-        return [p.augmented.copy() for p in self.passes]
-
-    def set_known_multipliers(self, multipliers: typing.Sequence[Array]) -> None:
-        """Put back what :meth:`known_multipliers` gave."""
-        for p, multiplier in zip(self.passes, multipliers, strict=True):
-            p.augmented = multiplier.copy()
-
-    def multipliers_on_nodes(self) -> list[Array]:
-        """λ̂ at all owned nodes of each pass's slave; they stay the same when contact pairs anew."""
-        return [np.asarray(p.on_nodes(p.augmented, 0.0)) for p in self.passes]
-
-    def set_multipliers_on_nodes(self, multipliers: typing.Sequence[Array]) -> None:
-        """Put back what :meth:`multipliers_on_nodes` gave."""
-        for p, multiplier in zip(self.passes, multipliers, strict=True):
-            p.augmented = np.array(multiplier[p.row_node], dtype=np.float64)
-
-    def reset(self) -> None:
-        """Forget the multipliers: the next solve starts from λ̂ = 0, not from the last solution."""
-        for p in self.passes:
-            p.augmented = np.zeros_like(p.augmented)
-
-
-def _check_surfaces(slave: Surface, master: Surface | RigidSurface) -> None:
-    """Refuse surfaces that cannot be in contact."""
-    if isinstance(slave, RigidSurface):
-        raise TypeError("slave: must be a qsdolfinx.Surface; a rigid tool can be the master only")
-    for name, surface in (("slave", slave), ("master", master)):
-        if not isinstance(surface, Surface | RigidSurface):
-            raise TypeError(f"{name}: must be a qsdolfinx.Surface, not {type(surface).__name__}")
-    if slave.gdim != master.gdim:
-        raise ValueError("slave and master have different geometric dimensions")
-    if MPI.Comm.Compare(slave.comm, master.comm) not in (MPI.IDENT, MPI.CONGRUENT):
-        raise ValueError("slave and master: the meshes must be on the same ranks in the same order")
-    if isinstance(master, RigidSurface):
-        return
-    if slave.axisymmetric != master.axisymmetric:
-        raise ValueError("slave and master: both or none must be axisymmetric")
-    if slave.mesh is master.mesh and np.intersect1d(slave.facets, master.facets).size:
-        raise ValueError("slave and master share facets: a facet cannot be in contact with itself")

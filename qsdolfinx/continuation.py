@@ -69,7 +69,8 @@ def solve_with_continuation(
     multipliers = [contact.known_multipliers() for contact in problem.contacts]
     before = [constant.value.item() for constant in constants]
     damped = problem.has_full_steps
-    with line_search(problem.snes, LINE_SEARCH) if damped else contextlib.nullcontext():
+    search = line_search(problem.snes, LINE_SEARCH) if damped else contextlib.nullcontext()
+    with problem.one_step(), search:
         try:
             moving = problem.comm.allreduce(any(np.any(x) for x in start), op=MPI.LOR)
             if moving and before == targets:

@@ -61,7 +61,8 @@ class Drive:
         moduli: E of each contact, stress.
 
     Raises:
-        ValueError: If a force pulls a tool that only unilateral contact holds.
+        ValueError: If a force pulls a tool that only unilateral contact holds, or a contact with
+            the tool has friction, whose part in the balance is not known here.
     """
 
     def __init__(
@@ -77,6 +78,11 @@ class Drive:
             tool = contact.master
             if not isinstance(tool, RigidSurface) or tool.driven is None:
                 continue
+            if contact.friction is not None:
+                raise ValueError(
+                    "friction: not with a tool that is driven by a force; prescribe its "
+                    "displacement, and read the force from contact.force()"
+                )
             if not any(tool is known for known in self.tools):
                 self.tools.append(tool)
                 self._pressed.append([])

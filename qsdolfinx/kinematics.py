@@ -8,6 +8,8 @@ from qsdolfinx.checks import check_choice, check_positive
 
 UNKNOWNS = ("displacement", "velocity")
 
+_UNUSED = 'needs unknown="velocity" on at least one side, or friction that depends on slip rates'
+
 
 class Kinematics:
     """u = x for a body with displacements x, u = x Δt, (2), for one with velocities.
@@ -17,13 +19,16 @@ class Kinematics:
 
     Args:
         unknown: ``"displacement"`` or ``"velocity"``, or one of them for the slave and the master.
-        dt: Δt, time; None if neither body has velocities.
+        dt: Δt, time; None if nothing needs it.
+        rates: Whether friction depends on rates, and so needs Δt too.
 
     Raises:
         ValueError: If a name is unknown or Δt is not positive, missing, or not used.
     """
 
-    def __init__(self, unknown: str | typing.Sequence[str], dt: float | None) -> None:
+    def __init__(
+        self, unknown: str | typing.Sequence[str], dt: float | None, rates: bool = False
+    ) -> None:
         both = (unknown, unknown) if isinstance(unknown, str) else tuple(unknown)
         if len(both) != 2:
             raise ValueError("unknown: must be one name, or one for the slave and the master")
@@ -31,10 +36,10 @@ class Kinematics:
             check_choice("unknown", name, UNKNOWNS)
         #: Of the slave and of the master.
         self.unknown: tuple[str, str] = (both[0], both[1])
-        if "velocity" in both:
+        if "velocity" in both or rates:
             check_positive("dt", dt)
         elif dt is not None:
-            raise ValueError('dt: needs unknown="velocity" on at least one side')
+            raise ValueError(f"dt: {_UNUSED}")
         self._dt = None if dt is None else float(dt)
 
     @property
@@ -45,7 +50,7 @@ class Kinematics:
     @dt.setter
     def dt(self, value: float) -> None:
         if self._dt is None:
-            raise ValueError('dt: needs unknown="velocity" on at least one side')
+            raise ValueError(f"dt: {_UNUSED}")
         check_positive("dt", value)
         self._dt = float(value)
 

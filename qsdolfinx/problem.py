@@ -17,7 +17,7 @@ from dolfinx import fem
 
 from qsdolfinx.arguments import body_of, check_arguments, check_sequences, communicator
 from qsdolfinx.augmentation import Augmentation
-from qsdolfinx.blocks import Blocks, Side, forbid_allocation
+from qsdolfinx.blocks import Blocks, Side, forbid_allocation, is_symmetric
 from qsdolfinx.bulk import Body
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
@@ -111,6 +111,8 @@ class ContactProblem:
         self._assembled: list[object] | None = None
         self._evaluated: Array = np.zeros(0)
         self._moduli: list[float] = []
+        self._steps_within = 0
+        self._bulk_symmetric = True
         #: Norm of the residual at each iteration of the last solve.
         self.residual_history: list[float] = []
         #: Active rows of each contact at each iteration of the last solve, over all ranks.
@@ -165,6 +167,22 @@ class ContactProblem:
                     scales[i] = scale
         return scales
 
+    @contextlib.contextmanager
+    def one_step(self) -> typing.Iterator[None]:
+        """Make all solves inside the block attempts at one step. Collective.
+
+        Friction counts slip from the end of the last step. Without this block each solve that
+        succeeds is a step.
+        """
+        self._steps_within += 1
+        try:
+            yield
+        finally:
+            self._steps_within -= 1
+        if self._steps_within == 0:
+            for contact in self.contacts:
+                contact.end_step()
+
     def set_up(self) -> None:
         """Compute automatic penalties and build the matrices, as solve() does. Collective."""
         for body in self.bodies:
@@ -173,9 +191,13 @@ class ContactProblem:
             self._rebuild()
         for contact in self.contacts:
             contact.move_tool()
+            if contact.tangential is not None:
+                contact.tangential.read_parameters()
 
     def solve(self) -> list[fem.Function]:
         """Solve for all bodies, from their present u. Collective.
+
+        With friction it is the next step of the history, see :meth:`one_step`.
 
         Returns:
             The unknowns, which hold the solution.
@@ -183,8 +205,16 @@ class ContactProblem:
         Raises:
             ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
         """
+        with self.one_step():
+            self._solve()
+        return self.u
+
+    def _solve(self) -> None:
         start = [body.u.x.array.copy() for body in self.bodies]
         multipliers = [contact.known_multipliers() for contact in self.contacts]
+        for contact in self.contacts:
+            for slip in contact.slips:
+                slip.begin_solve()
         self._begin_solve()
         self.residual_history, self.active_history, self.violation_history = [], [], []
         self.num_iterations = self.num_linear_iterations = 0
@@ -204,7 +234,6 @@ class ContactProblem:
             self._restore(start)
             raise
         self.active_history = self._all_active()
-        return self.u
 
     def _equilibrate(self) -> None:
         """Solve for the multipliers at hand, with tools that a force drives in balance."""
@@ -253,6 +282,9 @@ class ContactProblem:
     def _run_snes(self) -> None:
         """Solve for the multipliers at hand, with full steps or else with a line search."""
         first_guess = self._x.copy()
+        for contact in self.contacts:
+            for slip in contact.slips:
+                slip.begin_iterations()
         self.snes.solve(None, self._x)
         self._count()
         if self.snes.getConvergedReason() < 0 and self.has_full_steps:
@@ -329,6 +361,7 @@ class ContactProblem:
         self._destroy_matrices()
         matrices = [body.matrix() for body in self.bodies]
         markers = [body.constrained_marker() for body in self.bodies]
+        self._bulk_symmetric = all([is_symmetric(matrix) for matrix in matrices])
         self._moduli = []
         for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
             contact.constrain(markers[s], None if m is None else markers[m])
@@ -424,6 +457,9 @@ class ContactProblem:
         moved = not np.array_equal(x.array_r, self._evaluated)
         if self.comm.allreduce(moved, op=MPI.LOR):
             self._evaluate(x.array_r)
+        for contact in self.contacts:
+            for slip in contact.slips:
+                slip.turn()
         self._assemble()
 
     def _assemble(self) -> None:
@@ -436,14 +472,21 @@ class ContactProblem:
         constant = all(body.linear for body in self.bodies)
         state: list[object] = [body.fingerprint for body in self.bodies]
         for contact in self.contacts:
-            state += [contact.eps, contact.scale, contact.active_state()]
+            state += [contact.eps, contact.scale, contact.tangent_state()]
         if constant and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
             return
         self.blocks.assemble()
         self._hold.add_to(self.blocks)
         if self._kind == "mpi":
             self.blocks.nest.convert(PETSc.Mat.Type.AIJ, self._matrix)
+        assert self._matrix is not None
+        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
         self._assembled = state
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric, as its matrix is told."""
+        return self._bulk_symmetric and all(contact.symmetric for contact in self.contacts)
 
     def _monitor(self, snes: PETSc.SNES, iteration: int, norm: float) -> None:
         self.residual_history.append(norm)

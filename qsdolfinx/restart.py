@@ -13,6 +13,7 @@ from dolfinx import fem, mesh
 from qsdolfinx.checkpoint import Checkpoint
 from qsdolfinx.contact import Contact
 from qsdolfinx.stepper import TimeStepper
+from qsdolfinx.tangential import Tangential
 
 _SCALARS = ("t", "dt", "last_dt", "num_steps", "num_cutbacks")
 
@@ -35,6 +36,7 @@ def save_run(
     state: dict[str, typing.Any] = {name: getattr(stepper, name) for name in _SCALARS}
     state["positions"] = [tool.position.tolist() for tool in stepper.tools]
     state["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
+    state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
     state["user"] = dict(values or {})
     Checkpoint(stepper.problem.comm, folder).save(
         _functions(stepper, functions) | multipliers, _meshes(stepper), state
@@ -82,10 +84,12 @@ def load_run(
         if penalty is not None and contact.penalty is None:
             contact.set_automatic_penalty(penalty)
         arrays = []
-        for j, p in enumerate(contact.passes):
-            at_nodes = p.slave.linear.node_values(multipliers[f"multiplier_{i}_{j}"])
-            arrays.append(at_nodes[:, : p.augmented.shape[1]])
+        for j, part in enumerate(contact.parts):
+            at_nodes = part.slave.linear.node_values(multipliers[f"multiplier_{i}_{j}"])
+            arrays.append(at_nodes[:, : part.augmented.shape[1]])
         contact.set_multipliers_on_nodes(arrays)
+        if contact.tangential is not None:
+            _load_slip(contact.tangential, i, multipliers, values["dissipated"][i])
     return typing.cast(dict[str, typing.Any], values["user"])
 
 
@@ -104,14 +108,29 @@ def _meshes(stepper: TimeStepper) -> dict[str, tuple[mesh.Mesh, npt.NDArray[np.f
 
 
 def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
-    """λ̂ of all passes as functions of degree 1; normal ones in the first component."""
+    """λ̂, τ̂ and slip as functions of degree 1; normal ones in the first component."""
     out = {}
     for i, contact in enumerate(contacts):
-        for j, (p, values) in enumerate(
-            zip(contact.passes, contact.multipliers_on_nodes(), strict=True)
+        for j, (part, values) in enumerate(
+            zip(contact.parts, contact.multipliers_on_nodes(), strict=True)
         ):
-            surface = p.slave.linear
+            surface = part.slave.linear
             padded = np.zeros((len(values), surface.gdim))
             padded[:, : values.shape[1]] = values
             out[f"multiplier_{i}_{j}"] = surface.function(padded)
+        if contact.tangential is not None:
+            for j, (slip, slipped) in enumerate(
+                zip(contact.slips, contact.tangential.slipped, strict=True)
+            ):
+                out[f"slip_{i}_{j}"] = slip.slave.linear.function(slipped)
     return out
+
+
+def _load_slip(
+    tangential: Tangential, i: int, functions: dict[str, fem.Function], dissipated: float
+) -> None:
+    """Put back what friction has done so far."""
+    for j, slip in enumerate(tangential.slips):
+        tangential.slipped[j] = slip.slave.linear.node_values(functions[f"slip_{i}_{j}"])
+    first = tangential.slips[0].slave.comm.rank == 0
+    tangential.dissipated = dissipated if first else 0.0

@@ -19,12 +19,15 @@ from qsdolfinx.checks import check_choice, check_vector
 from qsdolfinx.gap import WeightedGap
 from qsdolfinx.motion import Affine, affine_vec, skew
 from qsdolfinx.rigid_surface import RigidSurface
+from qsdolfinx.slip import Slip
 from qsdolfinx.surface import Surface
+from qsdolfinx.tangential import Tangential
 from qsdolfinx.traction import MASSES, nodal_forces, recover
 
 Array = npt.NDArray[np.float64]
 
 SIDES = ("slave", "master")
+PARTS = ("whole", "normal", "tangential")
 TWO_PASSES = ("double-pass", "two-half-pass")
 
 
@@ -35,6 +38,18 @@ class ContactResults(abc.ABC):
     master: Surface | RigidSurface
     formulation: str
     passes: list[WeightedGap]
+    #: Friction, None without.
+    tangential: Tangential | None
+
+    @property
+    def slips(self) -> list[Slip]:
+        """Slips of the passes; none without friction."""
+        return [] if self.tangential is None else self.tangential.slips
+
+    @property
+    @abc.abstractmethod
+    def dt(self) -> float | None:
+        """Δt, time; None if there is none."""
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -88,13 +103,64 @@ class ContactResults(abc.ABC):
 
     @property
     def energy(self) -> float:
-        """Energy Φ at the last evaluation; of the augmented Lagrangian where that is used.
+        """Energy Φ of the gaps at the last evaluation; of the augmented Lagrangian if that is used.
 
         Two-half-pass contact has no energy: this is then the sum of what its halves would have.
         Collective.
         """
         local = sum(p.energy(self.eps) for p in self.passes)
         return float(self.comm.allreduce(local, op=MPI.SUM))
+
+    # --- Friction
+
+    def tangential_multiplier(self, side: str = "slave") -> Array:
+        """τ (stress) at the nodes of this rank, (nodes, gdim); friction on the slave is −τ.
+
+        Args:
+            side: As for :meth:`gap`.
+
+        Raises:
+            ValueError: If the contact has no friction.
+        """
+        slip = self._slips_of(side)
+        return np.asarray(slip.gap.on_nodes(slip.response.traction, 0.0), dtype=np.float64)
+
+    def slip(self, side: str = "slave") -> Array:
+        """Slip (length) over all steps at the nodes of this rank, shape (nodes, gdim).
+
+        Displacement of the slave against the master while in contact, less what is elastic with
+        the penalty; see :meth:`tangential_multiplier`.
+        """
+        self._slips_of(side)
+        assert self.tangential is not None
+        return self.tangential.slip(0 if side == "slave" else 1)
+
+    def slipping(self, side: str = "slave") -> npt.NDArray[np.bool_]:
+        """Nodes of this rank that are in contact and slip, shape (nodes,)."""
+        slip = self._slips_of(side)
+        return np.asarray(slip.gap.on_nodes(slip.response.slipping, False), dtype=bool)
+
+    def dissipation(self, side: str = "slave") -> Array:
+        """Energy that friction took at each node of this rank in the last step, shape (nodes,)."""
+        slip = self._slips_of(side)
+        return np.asarray(slip.gap.on_nodes(slip.dissipation(), 0.0), dtype=np.float64)
+
+    def step_dissipation(self) -> float:
+        """Energy that friction took in the last step. Collective."""
+        local = sum(float(slip.dissipation().sum()) for slip in self.slips)
+        return float(self.comm.allreduce(local, op=MPI.SUM))
+
+    def dissipated_energy(self) -> float:
+        """Energy that friction has taken in all steps that have ended. Collective."""
+        return 0.0 if self.tangential is None else self.tangential.dissipated_energy()
+
+    def _slips_of(self, side: str) -> Slip:
+        p = self._pass_of(side)
+        if not self.slips:
+            raise ValueError("friction: this contact has none")
+        return self.slips[self.passes.index(p)]
+
+    # --- Fields and forces
 
     def fields(self, side: str = "slave") -> dict[str, fem.Function]:
         """Fields to look at: traction, gap (NaN where unpaired: 0) and status. Collective.
@@ -106,16 +172,24 @@ class ContactResults(abc.ABC):
         Returns:
             Functions of degree 1, zero off the surface: ``"traction"`` (stress, a vector),
             ``"gap"`` (length, positive in penetration; of tied contact the size of the jump) and
-            ``"status"`` (1 in contact).
+            ``"status"`` (1 in contact). With friction also ``"tangential_traction"``, and with gap
+            and status ``"slip"`` (length, a vector); the status is then 1 where the node sticks and
+            2 where it slips.
         """
         out = {"traction": self.traction(side)}
+        if self.slips:
+            out["tangential_traction"] = self.traction(side, part="tangential")
         if side == "slave" or self.formulation in TWO_PASSES:
             surface = self._surface(side)
             assert isinstance(surface, Surface)
             linear = surface.linear
             gap = np.nan_to_num(self.gap(side))
             size = gap if gap.ndim == 1 else np.linalg.norm(gap, axis=1)
-            for name, values in (("gap", size), ("status", self.active(side).astype(np.float64))):
+            status = self.active(side).astype(np.float64)
+            if self.slips:
+                status += self.slipping(side)
+                out["slip"] = linear.function(self.slip(side))
+            for name, values in (("gap", size), ("status", status)):
                 padded = np.zeros((len(values), linear.gdim))
                 padded[:, 0] = values
                 out[name] = linear.function(padded).sub(0).collapse()
@@ -171,13 +245,15 @@ class ContactResults(abc.ABC):
                 field.destroy()
         return np.array(out)
 
-    def traction(self, side: str, mass: str = "lumped") -> fem.Function:
+    def traction(self, side: str, mass: str = "lumped", part: str = "whole") -> fem.Function:
         """Traction t (stress) recovered from the contact forces. Collective.
 
         Args:
             side: ``"slave"`` or ``"master"``: the traction that acts on this body.
             mass: ``"lumped"``: t_k = f_k / S_k; ``"consistent"``: the function of degree 1 that
                 does the work of the forces, M t = f with M_kl = ∫ N_k N_l ds.
+            part: Of the forces: ``"whole"``, those of the gaps, ``"normal"``, or those of friction,
+                ``"tangential"``.
 
         Returns:
             Function of degree 1, zero off the surface. Its space is that of the surface, collapsed
@@ -185,23 +261,29 @@ class ContactResults(abc.ABC):
             nodal forces f_k are then those conjugate to this space.
         """
         check_choice("mass", mass, MASSES)
+        check_choice("part", part, PARTS)
         surface = self._surface(side)
         if isinstance(surface, RigidSurface):
             raise ValueError(
                 "side: a rigid tool has no traction; what acts on it is minus that of the slave"
             )
-        with self._force_vec(side) as vec:
+        with self._force_vec(side, part) as vec:
             return recover(surface, vec, mass)
 
     @contextlib.contextmanager
-    def _force_vec(self, side: str) -> typing.Iterator[PETSc.Vec]:
-        """Contact forces on the unknowns of one side's body."""
+    def _force_vec(self, side: str, part: str = "whole") -> typing.Iterator[PETSc.Vec]:
+        """Contact forces on the unknowns of one side's body, of which the reverse is assembled."""
         self._surface(side)
         master = self.master.create_vec() if isinstance(self.master, Surface) else None
         vecs = self.slave.create_vec(), master
-        for p in self.passes:
-            p.add_forces(-p.multiplier(self.eps), vecs if p.slave is self.slave else vecs[::-1])
-        yield vecs[SIDES.index(side)]
+        for p in self.passes if part != "tangential" else ():
+            p.add_forces(p.multiplier(self.eps), vecs if p.slave is self.slave else vecs[::-1])
+        for slip in self.slips if part != "normal" else ():
+            slip.add_forces(vecs if slip.slave is self.slave else vecs[::-1])
+        wanted = vecs[SIDES.index(side)]
+        assert wanted is not None
+        wanted.scale(-1)
+        yield wanted
         for vec in vecs:
             if vec is not None:
                 vec.destroy()

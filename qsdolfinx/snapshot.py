@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import typing
 
+import numpy as np
+
 from qsdolfinx.mesh_motion import MeshMotion
+from qsdolfinx.motion import Affine
 from qsdolfinx.problem import ContactProblem
 from qsdolfinx.rigid_surface import RigidSurface
 
@@ -29,6 +32,17 @@ class Snapshot:
         self.unknowns = [u.x.array.copy() for u in problem.u]
         self._multipliers = [contact.multipliers_on_nodes() for contact in problem.contacts]
         self._positions = [(tool.position, tool.displacement, tool.rotation) for tool in tools]
+
+    def motion_since(self, tool: RigidSurface) -> Affine:
+        """Displacement of a tool since then, as a field over the places where it is now."""
+        before = next(
+            position
+            for known, (position, *_) in zip(self._tools, self._positions, strict=True)
+            if known is tool
+        )
+        d = before.shape[0]
+        back = (tool.position[:, :d] @ before[:, :d].T).T
+        return Affine(np.eye(d) - back, back @ tool.position[:, d] - before[:, d])
 
     def restore(self) -> None:
         """Put back unknowns, meshes, multipliers and tools."""

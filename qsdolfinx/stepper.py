@@ -145,13 +145,24 @@ class TimeStepper:
         planned = dt = self._planned(t_end)
         self.num_iterations = 0
         start = Snapshot(self.problem, self.motions, self.tools)
+        with self.problem.one_step():
+            t, dt = self._try(t_end, dt, start)
+        self._accept(t, dt, start)
+        if dt < planned:
+            self.dt = dt
+        elif dt >= self.dt and self.num_iterations <= self.easy * self.num_pairings:
+            self.dt = min(dt * self.growth, self.dt_max)
+        return dt
+
+    def _try(self, t_end: float | None, dt: float, start: Snapshot) -> tuple[float, float]:
+        """Make attempts until one succeeds; returns its end and its Δt."""
         while True:
             # t + (t_end - t) need not be t_end.
             lands = t_end is not None and dt == t_end - self.t
             t = t_end if lands and t_end is not None else self.t + dt
             try:
                 self._attempt(t, dt, start)
-                break
+                return t, dt
             except (ConvergenceError, _Fault) as error:
                 start.restore()
                 self.num_cutbacks += 1
@@ -166,12 +177,6 @@ class TimeStepper:
             except Exception:
                 start.restore()
                 raise
-        self._accept(t, dt, start)
-        if dt < planned:
-            self.dt = dt
-        elif dt >= self.dt and self.num_iterations <= self.easy * self.num_pairings:
-            self.dt = min(dt * self.growth, self.dt_max)
-        return dt
 
     def _planned(self, t_end: float | None) -> float:
         """Δt to try first, so that there is no tiny last step: the rest is one or two equal parts.
@@ -212,19 +217,19 @@ class TimeStepper:
             if not flows:
                 motion.u.x.array[:] += dt * rate
         known = self.rates
-        self._pair(known, dt)
+        self._pair(known, dt, start)
         # A failed attempt may have left nodes unpaired, and so forgotten their multipliers.
         start.restore_multipliers()
         self._run_solver()
         if self.theta > 0 and self.num_steps == 0 and any(self.in_velocity):
             known = [u.x.array.copy() for u in self.problem.u]
-            self._pair(known, dt)
+            self._pair(known, dt, start)
             self._run_solver()
         for _ in range(self.num_pairings - 1):
             self._check_shape(dt, start)  # it is paired there
             for tool in self.tools:
                 tool.advance()
-            self._pair(known, dt, at_end=True)
+            self._pair(known, dt, start, at_end=True)
             self._run_solver()
         self._check_shape(dt, start)
         self._check_penetration()
@@ -237,15 +242,16 @@ class TimeStepper:
         finally:
             self.num_iterations += self.problem.num_iterations
 
-    def _pair(self, known: list[Array], dt: float, at_end: bool = False) -> None:
+    def _pair(self, known: list[Array], dt: float, start: Snapshot, at_end: bool = False) -> None:
         """Pair with the surfaces where they are in the step, and put the meshes for the solver.
 
         Args:
             known: Velocities of the last step, or so.
             dt: Δt.
+            start: State at the start of the step.
             at_end: Pair where the solution at hand says the surfaces are at the end of the step.
         """
-        offsets = []
+        offsets, starts = [], []
         for i, motion in enumerate(self.motions):
             moved = motion.u.x.array.copy()
             if self.in_velocity[i]:
@@ -255,9 +261,15 @@ class TimeStepper:
                 raise _Fault(f"a cell of u[{i}] turns inside out on the way")
             offsets.append(fem.Function(motion.u.function_space))
             offsets[-1].x.array[:] = -moved
+            starts.append(fem.Function(motion.u.function_space))
+            starts[-1].x.array[:] = 0.0 if self.in_velocity[i] else start.unknowns[i]
         for contact, (s, m) in zip(self.problem.contacts, self.problem.sides, strict=True):
             contact.update()
             contact.set_offset(offsets[s], None if m is None else offsets[m])
+            if contact.tangential is not None:
+                tool = contact.master if isinstance(contact.master, RigidSurface) else None
+                moved_tool = None if tool is None else start.motion_since(tool)
+                contact.set_start(starts[s], None if m is None else starts[m], moved_tool)
         for i, motion in enumerate(self.motions):
             flows = self.in_velocity[i]
             motion.move(motion.values(known[i] * self.theta * dt) if flows else 0.0)

@@ -18,6 +18,13 @@ Array = npt.NDArray[np.float64]
 MASSES = ("lumped", "consistent")
 
 
+def facet_measure(surface: Surface) -> ufl.Measure:
+    """Measure of the surface's facets. Collective."""
+    facets, msh = np.sort(surface.facets), surface.mesh
+    tags = mesh.meshtags(msh, msh.topology.dim - 1, facets, np.ones_like(facets))
+    return ufl.Measure("ds", domain=msh, subdomain_data=tags)(1)
+
+
 def nodal_forces(surface: Surface, force: PETSc.Vec) -> Array:
     """Forces on the contact nodes of ``surface.linear``, shape (nodes, gdim). Collective.
 
@@ -66,10 +73,7 @@ def recover(surface: Surface, force: PETSc.Vec, mass: str) -> fem.Function:
 
 def _solve_mass(surface: Surface, force: Array, t: fem.Function) -> None:
     """Solve ∫ t·v ds = f(v) on the surface, from a first guess t. Collective."""
-    V = t.function_space
-    facets = np.sort(surface.facets)
-    tags = mesh.meshtags(V.mesh, V.mesh.topology.dim - 1, facets, np.ones_like(facets))
-    ds = ufl.Measure("ds", domain=V.mesh, subdomain_data=tags)(1)
+    V, ds = t.function_space, facet_measure(surface)
     product = ufl.inner(ufl.TrialFunction(V), ufl.TestFunction(V))
     nothing = (
         fem.Constant(V.mesh, np.float64(0)) * product * ufl.dx

@@ -1,0 +1,199 @@
+"""What a contact adds to a problem: gaps, forces, tangent, and multipliers that are augmented."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.gap import WeightedGap, handle_of
+from qsdolfinx.laws import Law
+from qsdolfinx.results import ContactResults
+from qsdolfinx.rigid_surface import RigidSurface
+from qsdolfinx.slip import Slip
+
+Array = npt.NDArray[np.float64]
+T = typing.TypeVar("T")
+
+
+class ContactAssembly(ContactResults):
+    """Evaluation for the problem; of a rigid tool there is None in the place of what is given."""
+
+    law: Law
+    enforcement: str
+    gap_tolerance: float
+    _penalty: float | None
+    _touching: float
+    _facet_size: float
+    _tool_version: int
+    #: Wall time (s) that this rank has spent in pairing, gaps and insertion.
+    seconds: float
+
+    @contextlib.contextmanager
+    def clock(self) -> typing.Iterator[None]:
+        """Count the block's time as contact's."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds += time.perf_counter() - start
+
+    def move_tool(self) -> None:
+        """Take over the motion of a rigid tool. Collective.
+
+        Raises:
+            ValueError: If it is not finite or differs between ranks.
+            RuntimeError: If the tool has another position than when contact was last paired.
+        """
+        if not isinstance(self.master, RigidSurface):
+            return
+        if self._tool_version != self.master.version:
+            raise RuntimeError("the tool has been moved for good: call contact.update()")
+        self.master.check_state()
+        with self.clock():
+            for p in self.passes:
+                p.shift = p.change(self.master.motion)
+            for slip in self.slips:
+                slip.shift = slip.change(self.master.motion)
+
+    def evaluate(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+        """Compute gaps for the unknowns of the two bodies. Collective."""
+        with self.clock():
+            for p in self.passes:
+                p.evaluate(self.ordered(p, (slave, master)))
+            for slip in self.slips:
+                p = slip.gap
+                slip.evaluate(
+                    self.ordered(p, (slave, master)),
+                    p.multiplier(self.eps)[:, 0],
+                    self.slope(p) > 0,
+                    self.tangential_penalty,
+                    self.dt,
+                    self._facet_size,
+                )
+
+    def add_residual(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+        """Add contact's virtual work to the residuals of the two bodies. Collective.
+
+        That is ∂Φ/∂u at the last evaluation, and the work of friction.
+        """
+        with self.clock():
+            for p in self.passes:
+                p.add_forces(p.multiplier(self.eps), self.ordered(p, (slave, master)))
+            for slip in self.slips:
+                slip.add_forces(self.ordered(slip.gap, (slave, master)))
+
+    def add_tangent(self, blocks: tuple[PETSc.Mat | None, ...]) -> None:
+        """Add the residual's derivative to the blocks (ss, sm, ms, mm); not assembled here."""
+        with self.clock():
+            for p in self.passes:
+                p.add_stiffness(self.slope(p), self.ordered(p, blocks), pattern=False)
+            for slip in self.slips:
+                slip.add_stiffness(self.slope(slip.gap), self.ordered(slip.gap, blocks))
+
+    def add_pattern(self, blocks: tuple[PETSc.Mat | None, ...]) -> None:
+        """Add zeros wherever :meth:`add_tangent` may ever add anything."""
+        for p in self.passes:
+            p.add_stiffness(np.zeros(len(p.values)), self.ordered(p, blocks), pattern=True)
+
+    def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+        """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
+        for p in self.passes:
+            vecs = self.ordered(p, (slave, master))
+            p.operator.constrain(handle_of(vecs[0]), handle_of(vecs[1]))
+
+    def num_active_local(self) -> int:
+        """Closed rows on this rank at the last evaluation."""
+        return sum(int(np.count_nonzero(self.slope(p))) for p in self.passes)
+
+    def active_state(self) -> bytes:
+        """Which rows of this rank are closed, and which of them slip."""
+        if self.law.linear:
+            return b""
+        rows = [(self.slope(p) > 0).tobytes() for p in self.passes]
+        return b"".join(rows + [slip.state() for slip in self.slips])
+
+    def tangent_state(self) -> bytes:
+        """What the tangent of linear bodies depends on beside ε."""
+        return self.active_state() + b"".join(slip.tangent_state() for slip in self.slips)
+
+    @property
+    def eps(self) -> float:
+        """The penalty as a number.
+
+        Raises:
+            RuntimeError: If an automatic penalty has not been computed yet.
+        """
+        if self._penalty is None:
+            raise RuntimeError('penalty="auto" is computed by the first solve, which has not been')
+        return self._penalty
+
+    @property
+    def tangential_penalty(self) -> float:
+        """ε in tangential direction; only with friction."""
+        assert self.tangential is not None
+        return self.tangential.penalty(self.eps)
+
+    def slope(self, p: WeightedGap) -> Array:
+        """∂λ/∂ḡ at the rows of a pass, at the last evaluation."""
+        return p.slope(self.eps, self._touching)
+
+    def ordered(self, p: WeightedGap, of_bodies: tuple[T, ...]) -> tuple[T, ...]:
+        """Things of the slave's and the master's body in the order of a pass."""
+        return of_bodies if p.slave is self.slave else of_bodies[::-1]
+
+    # --- Augmented Lagrangian, for the problem
+
+    @property
+    def augmented(self) -> bool:
+        """Whether the multiplier is augmented until the gap is closed."""
+        return self.enforcement == "augmented-lagrangian"
+
+    def violation(self) -> float:
+        """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
+        gaps = [p.violation(self.eps) for p in self.passes]
+        local = max(gaps + [slip.violation(self.tangential_penalty) for slip in self.slips])
+        return float(self.comm.allreduce(local, op=MPI.MAX))
+
+    @property
+    def allowed_gap(self) -> float:
+        """Gap (length) at which augmentation ends: ``gap_tolerance`` × the smallest facet."""
+        return self.gap_tolerance * self._facet_size
+
+    @property
+    def parts(self) -> list[WeightedGap | Slip]:
+        """All that has multipliers: gaps of the passes, then their slips."""
+        return [*self.passes, *self.slips]
+
+    def known_multipliers(self) -> list[Array]:
+        """Copies of λ̂ and τ̂, one array for each part; see :meth:`set_known_multipliers`."""
+        return [part.augmented.copy() for part in self.parts]
+
+    def set_known_multipliers(self, multipliers: typing.Sequence[Array]) -> None:
+        """Put back what :meth:`known_multipliers` gave."""
+        for part, multiplier in zip(self.parts, multipliers, strict=True):
+            part.augmented = multiplier.copy()
+
+    def multipliers_on_nodes(self) -> list[Array]:
+        """λ̂ and τ̂ at all owned nodes of each part's slave; the same when contact pairs anew."""
+        return [
+            np.asarray((part.gap if isinstance(part, Slip) else part).on_nodes(part.augmented, 0.0))
+            for part in self.parts
+        ]
+
+    def set_multipliers_on_nodes(self, multipliers: typing.Sequence[Array]) -> None:
+        """Put back what :meth:`multipliers_on_nodes` gave; τ̂ turns with the surface."""
+        for part, multiplier in zip(self.parts, multipliers, strict=True):
+            at_rows = np.array(multiplier[part.row_node], dtype=np.float64)
+            part.augmented = part.turned(at_rows) if isinstance(part, Slip) else at_rows
+
+    def reset(self) -> None:
+        """Forget the multipliers: the next solve starts from λ̂ = 0 and no friction."""
+        for part in self.parts:
+            part.augmented = np.zeros_like(part.augmented)
