@@ -15,18 +15,13 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from qsdolfinx.arguments import body_of, check_arguments, check_sequences, communicator
+from qsdolfinx.arguments import check_arguments, check_sequences, communicator
 from qsdolfinx.augmentation import Augmentation
-from qsdolfinx.blocks import Blocks, Side, forbid_allocation, is_symmetric
 from qsdolfinx.bulk import Body
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
-from qsdolfinx.hold import Hold
-from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
 from qsdolfinx.predictor import BALANCED, Foundation
-from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
-from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.solver import (
     NOT_BALANCED,
     NOT_CLOSED,
@@ -36,7 +31,7 @@ from qsdolfinx.solver import (
     set_options,
     weak,
 )
-from qsdolfinx.surface import Surface
+from qsdolfinx.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()
@@ -45,7 +40,7 @@ _counter = itertools.count()
 MAX_AUGMENTATIONS = 100
 
 
-class ContactProblem:
+class ContactProblem(ContactSystem):
     """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
 
     Φ is the energy of all contacts. Every body has its own mesh. The unknowns of a rank are those
@@ -90,29 +85,8 @@ class ContactProblem:
             if not isinstance(petsc_options, (dict, type(None))):
                 raise TypeError("petsc_options: must be a dictionary of options without the prefix")
         check_agreement(communicator(u), contacts=len(contacts), kind=kind)
-        self.bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
-        self.u = list(u)
-        self.contacts = list(contacts)
-        #: Bodies of the slave and the master of each contact; None for a rigid tool.
-        self.sides: list[Side] = [
-            (body_of(self.u, c.slave.V, "slave"), self._master_body(c)) for c in contacts
-        ]
-        for contact, sides in zip(contacts, self.sides, strict=True):
-            for i in sides:
-                if i is not None:
-                    self.bodies[i].axisymmetric = contact.slave.axisymmetric
-        self._kind = kind
-        self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
-        self._rigid: RigidMotion | None = None
-        self._hold: Hold | None = None
-        self.blocks: Blocks | None = None
-        self._matrix: PETSc.Mat | None = None
-        self._paired: list[int] = []
-        self._assembled: list[object] | None = None
-        self._evaluated: Array = np.zeros(0)
-        self._moduli: list[float] = []
+        super().__init__([Body(*given) for given in zip(F, u, bcs, J, strict=True)], contacts, kind)
         self._steps_within = 0
-        self._bulk_symmetric = True
         #: Norm of the residual at each iteration of the last solve.
         self.residual_history: list[float] = []
         #: Active rows of each contact at each iteration of the last solve, over all ranks.
@@ -124,8 +98,6 @@ class ContactProblem:
         #: Iterations of the linear solver in them.
         self.num_linear_iterations = 0
 
-        self._x = PETSc.Vec().createMPI((self._offsets[-1], PETSc.DETERMINE), comm=self.comm)
-        self._r = self._x.duplicate()
         prefix = petsc_options_prefix
         prefix = f"qsdolfinx_{next(_counter)}_" if prefix is None else prefix
         #: Whether the line search is the default and not the user's choice.
@@ -135,37 +107,6 @@ class ContactProblem:
         self.snes.setOptionsPrefix(prefix)
         self.snes.setFromOptions()
         self.snes.setMonitor(weak(self._monitor))
-
-    def _master_body(self, contact: Contact) -> int | None:
-        """Index of the master's body, None of a rigid tool."""
-        if isinstance(contact.master, RigidSurface):
-            return None
-        return body_of(self.u, contact.master.V, "master")
-
-    @property
-    def comm(self) -> MPI.Intracomm:
-        """Communicator of the bodies."""
-        return self.bodies[0].comm
-
-    @property
-    def unknowns(self) -> list[str]:
-        """``"displacement"`` or ``"velocity"``, for each body, as its contacts say."""
-        unknowns = ["displacement"] * len(self.bodies)
-        for contact, sides in zip(self.contacts, self.sides, strict=True):
-            for i, unknown in zip(sides, contact.unknown, strict=True):
-                if i is not None:
-                    unknowns[i] = unknown
-        return unknowns
-
-    @property
-    def _scales(self) -> list[float]:
-        """Displacement per unknown of each body."""
-        scales = [1.0] * len(self.bodies)
-        for contact, sides in zip(self.contacts, self.sides, strict=True):
-            for i, scale in zip(sides, contact.scale, strict=True):
-                if i is not None:
-                    scales[i] = scale
-        return scales
 
     @contextlib.contextmanager
     def one_step(self) -> typing.Iterator[None]:
@@ -352,47 +293,9 @@ class ContactProblem:
         for body, array in zip(self.bodies, arrays, strict=True):
             body.u.x.array[:] = array
 
-    def _part(self, array: Array, i: int) -> Array:
-        """The part of an array of owned unknowns that is body i's."""
-        return array[self._offsets[i] : self._offsets[i + 1]]
-
     def _rebuild(self) -> None:
-        """Penalties, patterns and matrices after the contacts have paired. Collective."""
-        self._destroy_matrices()
-        matrices = [body.matrix() for body in self.bodies]
-        markers = [body.constrained_marker() for body in self.bodies]
-        self._bulk_symmetric = all([is_symmetric(matrix) for matrix in matrices])
-        self._moduli = []
-        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
-            contact.constrain(markers[s], None if m is None else markers[m])
-            deformable = [(contact.slave, s)]
-            if isinstance(contact.master, Surface) and m is not None:
-                deformable.append((contact.master, m))
-            stiffness, modulus = zip(
-                *(
-                    nodal_stiffness(surface, matrices[i], markers[i], self._scales[i])
-                    for surface, i in deformable
-                ),
-                strict=True,
-            )
-            if contact.needs_penalty:
-                contact.set_automatic_penalty(
-                    automatic_penalty(stiffness, modulus, contact.quadrature, contact.augmented)
-                )
-            self._moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
-        self.blocks = Blocks(self.bodies, self.contacts, self.sides, matrices)
-        self._matrix = self.blocks.nest
-        if self._kind == "mpi":
-            self._matrix = self.blocks.nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-            forbid_allocation(self._matrix)
-        self._rigid = RigidMotion(self.bodies)
-        self._hold = Hold(self._rigid, self.bodies, self.contacts, self.sides)
-        self._set_near_nullspaces()
-        for marker in markers:
-            marker.destroy()
-        for body, matrix in zip(self.bodies, matrices, strict=True):
-            if not body.linear:
-                matrix.destroy()
+        super()._rebuild()
+        assert self.blocks is not None
         self.snes.reset()
         self.snes.setFunction(weak(self._function), self._r)
         self.snes.setJacobian(weak(self._jacobian), self._matrix, self._matrix)
@@ -403,18 +306,6 @@ class ContactProblem:
             pc.setFromOptions()
             index_sets = self.blocks.nest.getNestISs()[0]
             pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
-        self._paired = [c.version for c in self.contacts]
-        self._assembled = None
-
-    def _destroy_matrices(self) -> None:
-        """Free the matrices; in parallel petsc4py would keep them. Collective."""
-        if self._matrix is not None and self._kind == "mpi":
-            self._matrix.destroy()
-        if self.blocks is not None:
-            self.blocks.destroy()
-        if self._rigid is not None:
-            self._rigid.destroy()
-        self.blocks = self._matrix = self._rigid = None
 
     def destroy(self) -> None:
         """Free PETSc's objects and options; the problem cannot be used again. Collective.
@@ -434,21 +325,6 @@ class ContactProblem:
 
     # --- Callbacks
 
-    def _evaluate(self, x: Array) -> Array:
-        """Residual at the owned unknowns x; leaves u, gaps and multipliers at x. Collective."""
-        self._evaluated = x.copy()
-        residuals = [body.residual(self._part(x, i)) for i, body in enumerate(self.bodies)]
-        self._bulk_residuals = [residual.copy() for residual in residuals]
-        forces = [body.force for body in self.bodies]
-        for force in forces:
-            force.zeroEntries()
-        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
-            contact.evaluate(self.bodies[s].x, None if m is None else self.bodies[m].x)
-            contact.add_residual(forces[s], None if m is None else forces[m])
-        for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
-            residual[body.free] += force.array_r[body.free]
-        return np.concatenate(residuals)
-
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         f.array[:] = self._evaluate(x.array_r)
 
@@ -461,32 +337,6 @@ class ContactProblem:
             for slip in contact.slips:
                 slip.turn()
         self._assemble()
-
-    def _assemble(self) -> None:
-        """Tangent at the last evaluation, unless it is there already.
-
-        For linear bodies it depends on the active set alone: while that stays, the linear solver
-        keeps its factors.
-        """
-        assert self.blocks is not None and self._hold is not None
-        constant = all(body.linear for body in self.bodies)
-        state: list[object] = [body.fingerprint for body in self.bodies]
-        for contact in self.contacts:
-            state += [contact.eps, contact.scale, contact.tangent_state()]
-        if constant and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
-            return
-        self.blocks.assemble()
-        self._hold.add_to(self.blocks)
-        if self._kind == "mpi":
-            self.blocks.nest.convert(PETSc.Mat.Type.AIJ, self._matrix)
-        assert self._matrix is not None
-        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
-        self._assembled = state
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether the tangent is symmetric, as its matrix is told."""
-        return self._bulk_symmetric and all(contact.symmetric for contact in self.contacts)
 
     def _monitor(self, snes: PETSc.SNES, iteration: int, norm: float) -> None:
         self.residual_history.append(norm)
@@ -518,23 +368,3 @@ class ContactProblem:
             for i in range(len(self.bodies)):
                 displacement = self._rigid.displacement(motion, i)
                 self._part(self._x.array, i)[:] += displacement / self._scales[i]
-
-    def _set_near_nullspaces(self) -> None:
-        """Rigid modes of each body on its block, and of all together on the AIJ matrix."""
-        assert self.blocks is not None and self._rigid is not None and self._matrix is not None
-        for i, modes in enumerate(self._rigid.modes):
-            block = self.blocks.block(i, i)
-            if modes and block is not None:
-                set_near_nullspace(block, modes)
-        if self._kind == "nest" or not all(self._rigid.modes):
-            return
-        gdim = self.bodies[0].V.mesh.geometry.dim
-        if all(body.V.dofmap.index_map_bs == gdim for body in self.bodies):
-            self._matrix.setBlockSize(gdim)  # multigrid's
-        vecs = []
-        for parts in zip(*map(rigid_modes, self.bodies), strict=True):
-            vecs.append(self._x.duplicate())
-            vecs[-1].array[:] = np.concatenate(parts)
-        set_near_nullspace(self._matrix, orthonormal(vecs))
-        for vec in vecs:
-            vec.destroy()

@@ -16,14 +16,15 @@ from dolfinx import fem, la, mesh
 
 from qsdolfinx import _cpp
 from qsdolfinx.collective import collective_errors
+from qsdolfinx.surface_arguments import (
+    FACET_VERTICES,
+    cell_of,
+    check_arguments,
+    facets_of_owned_cells,
+    given_facets,
+    trace_degree,
+)
 from qsdolfinx.unknowns import dofs_at, facet_places, vertex_x
-
-_FACET_VERTICES = {
-    mesh.CellType.triangle: 2,
-    mesh.CellType.quadrilateral: 2,
-    mesh.CellType.tetrahedron: 3,
-    mesh.CellType.hexahedron: 4,
-}
 
 
 class Surface:
@@ -63,7 +64,7 @@ class Surface:
             raise TypeError(f"V: must be a dolfinx.fem.FunctionSpace, not {type(V).__name__}")
         comm = V.mesh.comm
         with collective_errors(comm):
-            _check_arguments(V, facet_tags, tag, facets, axisymmetric)
+            check_arguments(V, facet_tags, tag, facets, axisymmetric)
         self.V = V
         #: Whether facets stand for rings.
         self.axisymmetric = bool(axisymmetric)
@@ -72,8 +73,8 @@ class Surface:
         V.mesh.topology.create_connectivity(fdim, fdim + 1)
         V.mesh.topology.create_connectivity(fdim + 1, fdim)
         with collective_errors(comm):
-            given = _given_facets(V.mesh, facet_tags, tag, facets)
-        self.facets = _facets_of_owned_cells(V.mesh, given)
+            given = given_facets(V.mesh, facet_tags, tag, facets)
+        self.facets = facets_of_owned_cells(V.mesh, given)
         self._linear: Surface | None = None
         self._cpp_object = _create(V, self.facets, self.axisymmetric)
 
@@ -96,14 +97,14 @@ class Surface:
     @property
     def degree(self) -> int:
         """Degree of the trace, 1 or 2."""
-        degree = _trace_degree(self.V)
+        degree = trace_degree(self.V)
         assert degree is not None
         return degree
 
     @property
     def num_facet_vertices(self) -> int:
         """Vertices of a facet."""
-        return _FACET_VERTICES[self.mesh.topology.cell_type]
+        return FACET_VERTICES[self.mesh.topology.cell_type]
 
     @property
     def node_dofs(self) -> npt.NDArray[np.int64]:
@@ -232,121 +233,6 @@ def update_surfaces(*surfaces: Surface) -> None:
         surface._linear = None
 
 
-def _check_arguments(
-    V: fem.FunctionSpace,
-    facet_tags: mesh.MeshTags | None,
-    tag: int | None,
-    facets: npt.ArrayLike | None,
-    axisymmetric: bool,
-) -> None:
-    """Refuse what a contact surface cannot be made of."""
-    if np.issubdtype(PETSc.ScalarType, np.complexfloating):
-        raise TypeError("PETSc is complex: contact needs PETSc (petsc4py) with real scalars")
-    if (facets is None) == (facet_tags is None):
-        raise TypeError("give either facet_tags with tag, or facets")
-    if facet_tags is not None:
-        if not isinstance(facet_tags, mesh.MeshTags):
-            kind = type(facet_tags).__name__
-            raise TypeError(f"facet_tags: must be a dolfinx.mesh.MeshTags, not {kind}")
-        if not isinstance(tag, (int, np.integer)):
-            raise TypeError(f"tag: must be the number of the contact facets' tag, not {tag!r}")
-    cell = V.mesh.topology.cell_type
-    gdim = V.mesh.geometry.dim
-    if cell not in _FACET_VERTICES or V.mesh.topology.dim != gdim:
-        raise ValueError(
-            "V: contact needs a mesh of triangles or quadrilaterals in 2D, of tetrahedra or "
-            f"hexahedra in 3D, not {cell.name} cells in {gdim}D"
-        )
-    if V.mesh.geometry.cmap.degree != 1:
-        raise ValueError("V: contact facets must be straight-sided: mesh geometry of degree 1")
-    if axisymmetric and (gdim != 2 or V.mesh.geometry.x[:, 0].min(initial=0.0) < -1e-10):
-        raise ValueError("axisymmetric: needs a 2D mesh with coordinates (r, z), r ≥ 0")
-    if V.num_sub_spaces != gdim or V.dofmap.dof_layout.block_size != gdim:
-        raise ValueError(
-            f"V: contact needs a blocked vector space with {gdim} components, such as "
-            f'functionspace(mesh, ("Lagrange", 1, ({gdim},)))'
-        )
-    if _trace_degree(V) is None:
-        raise ValueError(
-            "V: the trace of the space on the facets must be continuous Lagrange of degree 1 or 2 "
-            "(or P1 with a cell bubble)"
-        )
-
-
-def _trace_degree(V: fem.FunctionSpace) -> int | None:
-    """Degree of the trace of a Lagrange space on facets, 1 or 2; None if it is anything else."""
-    layout, tdim = V.dofmap.dof_layout, V.mesh.topology.dim
-    per_entity = [layout.num_entity_dofs(d) for d in range(tdim)]
-    if per_entity[0] != 1:
-        return None
-    if not any(per_entity[1:]):
-        return 1
-    simplex = V.mesh.topology.cell_type in (mesh.CellType.triangle, mesh.CellType.tetrahedron)
-    quadratic = [1, 1] if tdim == 2 else [1, 1, 0 if simplex else 1]
-    return 2 if per_entity == quadratic else None
-
-
-def _given_facets(
-    msh: mesh.Mesh,
-    facet_tags: mesh.MeshTags | None,
-    tag: int | None,
-    facets: npt.ArrayLike | None,
-) -> npt.NDArray[np.int32]:
-    """Local indices of the facets that the user named on this rank."""
-    fdim = msh.topology.dim - 1
-    if facet_tags is not None:
-        assert tag is not None
-        if facet_tags.dim != fdim:
-            raise ValueError(f"facet_tags: must be of dimension {fdim}, not {facet_tags.dim}")
-        if _cpp_of(facet_tags.topology) is not _cpp_of(msh.topology):
-            raise ValueError("facet_tags: must be tags of the mesh of V")
-        return np.asarray(facet_tags.find(tag), dtype=np.int32)
-    found = np.atleast_1d(np.asarray(facets))
-    if found.size and not np.issubdtype(found.dtype, np.integer):
-        raise ValueError("facets: must hold integers, the local indices of facets")
-    index_map = msh.topology.index_map(fdim)
-    count = index_map.size_local + index_map.num_ghosts
-    if found.ndim != 1 or (found.size and (found.min() < 0 or found.max() >= count)):
-        raise ValueError(f"facets: must be a 1D array of local facet indices below {count}")
-    return np.unique(found).astype(np.int32)
-
-
-def _cpp_of(wrapper: typing.Any) -> typing.Any:
-    """DOLFINx's C++ object; depending on its version some come without a wrapper."""
-    return getattr(wrapper, "_cpp_object", wrapper)
-
-
-def _mark(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
-    """Flags over this rank's facets, ghosts included, set where any rank names the facet."""
-    marker = la.vector(msh.topology.index_map(msh.topology.dim - 1), 1, dtype=np.float64)
-    marker.array[:] = 0
-    marker.array[facets] = 1
-    marker.scatter_reverse(la.InsertMode.add)
-    marker.scatter_forward()
-    return np.asarray(marker.array > 0)
-
-
-def _facets_of_owned_cells(msh: mesh.Mesh, given: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """The named facets whose cell this rank owns, whichever rank named them."""
-    tdim = msh.topology.dim
-    if msh.comm.allreduce(given.size, op=MPI.SUM) == 0:
-        raise ValueError("the contact surface is empty: no facet has this tag or is in facets")
-    named = _mark(msh, given)
-    exterior = _mark(msh, mesh.exterior_facet_indices(msh.topology))
-    inner = msh.comm.allreduce(int(np.count_nonzero(named & ~exterior)), op=MPI.SUM)
-    if inner:
-        raise ValueError(f"{inner} of the facets named are not on the boundary of the mesh")
-    facets = np.flatnonzero(named).astype(np.int32)
-    cells = _cell_of(msh, facets)
-    return facets[cells < msh.topology.index_map(tdim).size_local]
-
-
-def _cell_of(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """The one cell of each boundary facet."""
-    connectivity = msh.topology.connectivity(msh.topology.dim - 1, msh.topology.dim)
-    return np.asarray(connectivity.array[connectivity.offsets[facets]], dtype=np.int32)
-
-
 class _Geometry(typing.NamedTuple):
     """What the kernels know of this rank's facets; see cpp/surface.h."""
 
@@ -367,7 +253,7 @@ def _create(
         comm=V.mesh.comm.py2f(),
         gdim=V.mesh.geometry.dim,
         num_vertices=data.x.shape[1],
-        degree=_trace_degree(V) or 1,
+        degree=trace_degree(V) or 1,
         local_size=index_map.size_local * V.dofmap.index_map_bs,
         axisymmetric=axisymmetric,
         **{k: np.ascontiguousarray(a) for k, a in data._asdict().items()},
@@ -377,15 +263,15 @@ def _create(
 def _facet_data(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _Geometry:
     """Vertex coordinates, unknowns and their owners of this rank's facets, in reference order."""
     msh, tdim, gdim = V.mesh, V.mesh.topology.dim, V.mesh.geometry.dim
-    nv, n = _FACET_VERTICES[msh.topology.cell_type], len(facets)
-    cells = _cell_of(msh, facets)
+    nv, n = FACET_VERTICES[msh.topology.cell_type], len(facets)
+    cells = cell_of(msh, facets)
     cell_type = getattr(basix.CellType, msh.topology.cell_type.name)
     reference = np.array(basix.topology(cell_type)[tdim - 1])
     per_cell = msh.topology.connectivity(tdim, tdim - 1).array.reshape(-1, len(reference))
     local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
     vertices = reference[local].reshape(n, nv)
     x = vertex_x(msh, cells[:, None], vertices).reshape(n, nv, 3)
-    degree = _trace_degree(V)
+    degree = trace_degree(V)
     assert degree is not None
     places = facet_places(V, degree)[local]
     dofs = dofs_at(V, cells[:, None], places).reshape(n, places.shape[1], gdim)
