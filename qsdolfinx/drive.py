@@ -15,6 +15,7 @@ from qsdolfinx.contact import Contact
 from qsdolfinx.gap import WeightedGap
 from qsdolfinx.motion import Affine
 from qsdolfinx.rigid_surface import RigidSurface
+from qsdolfinx.slip import Slip
 from qsdolfinx.solver import ConvergenceError
 
 Array = npt.NDArray[np.float64]
@@ -38,6 +39,8 @@ class Pressed(typing.NamedTuple):
         gap: The pass.
         change: ∂ḡ/∂s, s being the tool's displacement along its direction.
         modulus: E of the slave, stress.
+        slip: The pass's slip, None without friction.
+        slip_change: ∂g/∂s.
     """
 
     contact: Contact
@@ -45,10 +48,37 @@ class Pressed(typing.NamedTuple):
     gap: WeightedGap
     change: Array
     modulus: float
+    slip: Slip | None
+    slip_change: Array
+
+    def held(self) -> float:
+        """This rank's part of the force that the tool is held with, at the last evaluation."""
+        out = np.sum(self._weight * self.gap.multiplier(self.contact.eps) * self.change)
+        if self.slip is not None:
+            out += np.sum(self._weight * self.slip.response.traction * self.slip_change)
+        return float(out)
+
+    def multipliers(self, gap: Array, jump: Array) -> tuple[Array, Array]:
+        """Changes of S λ and S τ with given changes of gap and jump."""
+        change = self.contact.slope(self.gap)[:, None] * gap
+        if self.slip is None:
+            return self._weight * change, np.zeros_like(jump)
+        response = self.slip.response
+        friction = np.einsum("rij,rj->ri", response.stiffness, jump) + response.coupling * change
+        return self._weight * change, self._weight * friction
+
+    def changed(self, gap: Array, jump: Array) -> float:
+        """This rank's part of the change of the force that the tool is held with."""
+        normal, friction = self.multipliers(gap, jump)
+        return float(np.sum(normal * self.change) + np.sum(friction * self.slip_change))
+
+    @property
+    def _weight(self) -> Array:
+        return self.gap.weight[:, None]
 
 
 class Drive:
-    """Balance R_i(s) = force_i − Σ ∂ḡ/∂s_i · S λ = 0 of all driven tools i of a problem.
+    """Balance R_i(s) = force_i − Σ (∂ḡ/∂s_i·S λ + ∂g/∂s_i·S τ) = 0 of all driven tools i.
 
     The displacements s are no unknowns of the matrix. They are found by Newton's method around the
     solver: the derivative of the forces takes one solve with the factored tangent for each tool,
@@ -61,8 +91,7 @@ class Drive:
         moduli: E of each contact, stress.
 
     Raises:
-        ValueError: If a force pulls a tool that only unilateral contact holds, or a contact with
-            the tool has friction, whose part in the balance is not known here.
+        ValueError: If a force pulls a tool that only unilateral contact holds.
     """
 
     def __init__(
@@ -78,19 +107,19 @@ class Drive:
             tool = contact.master
             if not isinstance(tool, RigidSurface) or tool.driven is None:
                 continue
-            if contact.friction is not None:
-                raise ValueError(
-                    "friction: not with a tool that is driven by a force; prescribe its "
-                    "displacement, and read the force from contact.force()"
-                )
             if not any(tool is known for known in self.tools):
                 self.tools.append(tool)
                 self._pressed.append([])
                 forces.append(tool.driven.force)
             field = Affine(np.zeros((tool.gdim, tool.gdim)), tool.driven.direction)
             i = next(i for i, known in enumerate(self.tools) if known is tool)
-            for p in contact.passes:
-                self._pressed[i].append(Pressed(contact, side[0], p, p.change(field), modulus))
+            for j, p in enumerate(contact.passes):
+                slip = contact.slips[j] if contact.slips else None
+                none = np.zeros((len(p.values), tool.gdim))
+                slip_change = none if slip is None else slip.tangential(slip.change(field))
+                self._pressed[i].append(
+                    Pressed(contact, side[0], p, p.change(field), modulus, slip, slip_change)
+                )
         self._force = np.array(forces)
         for force, pressed in zip(forces, self._pressed, strict=True):
             if force < 0 and not any(p.contact.law.linear for p in pressed):
@@ -121,13 +150,7 @@ class Drive:
 
     def _imbalance(self) -> Array:
         """R at the last evaluation. Collective."""
-        held = [
-            sum(
-                np.sum(p.gap.weight[:, None] * p.gap.multiplier(p.contact.eps) * p.change)
-                for p in pressed
-            )
-            for pressed in self._pressed
-        ]
+        held = [sum(p.held() for p in pressed) for pressed in self._pressed]
         return np.asarray(self._force - self._sum(np.array(held)))
 
     # --- Touching
@@ -233,31 +256,35 @@ class Drive:
         self, bodies: typing.Sequence[Body], respond: typing.Callable[[Array], Array]
     ) -> tuple[list[Array], Array]:
         """∂u/∂s_j of the owned unknowns, and ∂R_i/∂s_j. Collective."""
-        loads = [self._loads(i, bodies) for i in range(len(self.tools))]
-        # Displacement per unknown of each body: what changes of the unknowns do to the gaps.
-        scale = [1.0] * len(bodies)
-        for pressed in self._pressed:
-            for p in pressed:
-                scale[p.body] = p.contact.scale[0]
-        scales = np.concatenate(
-            [np.full(b.num_owned, s) for b, s in zip(bodies, scale, strict=True)]
-        )
-        responses = [respond(load) for load in loads]
-        direct = [
-            sum(
-                np.sum((p.gap.weight * p.contact.slope(p.gap))[:, None] * p.change**2)
-                for p in pressed
-            )
-            for pressed in self._pressed
-        ]
-        J = np.array([[(scales * load) @ y for y in responses] for load in loads]) - np.diag(direct)
+        responses = [respond(self._loads(i, bodies)) for i in range(len(self.tools))]
+        J = np.zeros((len(self.tools), len(self.tools)))
+        for j, response in enumerate(responses):
+            parts = np.split(response, np.cumsum([body.num_owned for body in bodies])[:-1])
+            vecs = [body.create_vec() for body in bodies]
+            for vec, part in zip(vecs, parts, strict=True):
+                vec.array[:] = part
+            for i, pressed in enumerate(self._pressed):
+                for p in pressed:
+                    # Operators are applied on all ranks, whether they have rows or not.
+                    gap = p.gap.operator.apply(vecs[p.body].handle, 0, p.gap.scale)
+                    jump = p.slip_change * 0.0
+                    if p.slip is not None:
+                        jump = p.slip.tangential(p.slip.jump_of((vecs[p.body], None)))
+                    if i == j:
+                        gap, jump = gap + p.change, jump + p.slip_change
+                    J[i, j] -= p.changed(gap, jump)
+            for vec in vecs:
+                vec.destroy()
         return responses, self._sum(J)
 
     def _loads(self, i: int, bodies: typing.Sequence[Body]) -> Array:
         """−∂r/∂s_i, r the residual of all bodies, zero at Dirichlet conditions. Collective."""
         vecs = [body.create_vec() for body in bodies]
         for p in self._pressed[i]:
-            p.gap.add_forces(-p.contact.slope(p.gap)[:, None] * p.change, (vecs[p.body], None))
+            normal, friction = p.multipliers(p.change, p.slip_change)
+            p.gap.operator.add_transpose(-normal, vecs[p.body].handle, 0, False)
+            if p.slip is not None:
+                p.slip.operator.add_transpose(-friction, vecs[p.body].handle, 0, False)
         out = []
         for body, vec in zip(bodies, vecs, strict=True):
             load = np.zeros(body.num_owned)

@@ -187,6 +187,9 @@ class ContactProblem(ContactSystem):
 
     def _respond(self, load: Array) -> Array:
         """Change of the owned unknowns under a small load, by the tangent at the solution."""
+        for contact in self.contacts:
+            for slip in contact.slips:
+                slip.begin_iterations()  # the exact tangent
         self._assemble()
         ksp = self.snes.getKSP()
         ksp.setOperators(self._matrix, self._matrix)

@@ -177,9 +177,9 @@ class Slip:
         friction from then on, until the solve ends.
 
         A slipping node has no stiffness along its slip, so that Newton's method may throw it to and
-        fro over the state in which it sticks. After its n-th turn a node has the rigidity of
-        Kačanov's iteration, |τ|/|g| in all directions, for 2^n iterations: from there on it follows
-        slowly but surely.
+        fro over the state in which it sticks. After a turn a node has the rigidity of Kačanov's
+        iteration, |τ|/|g| in all directions, which follows slowly but surely: for 2 iterations
+        the first time, then for 4. Of longer times some solves take too many iterations.
         """
         self._openings += self._was_closed & ~self.closed
         self._was_closed = self.closed
@@ -188,7 +188,7 @@ class Slip:
         self._last = self.response.traction.copy()
         self._turns[back] += 1
         self._wait = np.maximum(self._wait - 1, 0)
-        self._wait[back] = 2 ** np.minimum(self._turns[back], 5)
+        self._wait[back] = 2 * np.minimum(self._turns[back], 2)
 
     def _without(self) -> npt.NDArray[np.bool_]:
         """Rows that have lost their friction; see :meth:`turn`."""

@@ -117,3 +117,29 @@ def test_steady_sliding(num_pairings, deformable):
     # Seen from the slave, which comes to rest, the master goes ahead.
     np.testing.assert_allclose(slip, -DRAG, rtol=0.02)
     np.testing.assert_allclose(energy, MU * normal * DRAG, rtol=0.02)
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+@pytest.mark.parametrize("law", (qs.Coulomb(MU), qs.Tresca(0.01), qs.Sticking()))
+def test_tool_driven_by_a_force(law, enforcement):
+    """Friction takes its part in the balance of a tool that is pushed at an angle."""
+    msh = box(WORLD, (9, 6), "triangle", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    contact = qs.Contact(surface, tool, friction=law, enforcement=enforcement)
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, 0.0))]])
+    direction = np.array([0.3, -1.0]) / np.hypot(0.3, 1.0)
+    tool.drive(0.08, direction)
+    problem.solve()
+    first = contact.force("master") @ direction
+    tool.displacement = tool.displacement + np.array([0.5, 0.0])  # slip as well
+    problem.solve()
+    force = contact.force("slave")
+    held = contact.force("master") @ direction
+    slipping = WORLD.allreduce(int(contact.slipping().sum()))
+    np.testing.assert_allclose([first, held], -0.08, rtol=1e-7)
+    assert (slipping == 0) == isinstance(law, qs.Sticking)
+    if isinstance(law, qs.Coulomb):
+        np.testing.assert_allclose(force[0] / -force[1], MU, rtol=1e-6)
