@@ -8,10 +8,10 @@ b = 0.680778, peak pressure p0 = 9.35135; within c = b √(1 − Q/(μP)) = 0.49
 
 Both flat backs carry tractions: p, then q (the upper one along +x, the lower one along −x), and
 with q a linear pressure 3 q x/R that takes the moment Q R of Q about the contact; without that the
-contact pressure would have to move by Q R/P = 0.75, more than b (--tilting). So nothing tips and the
-contact transmits P and Q; three unknowns at the lower back's corners fix the rigid motion. Turned by
-180° about the contact the problem is the same, which a clamped back would spoil: the bodies are
-strained alike at the contact, and the stick zone stays in the middle.
+contact pressure would have to move by Q R/P = 0.75, more than b (--tilting). So nothing tips, and
+the contact transmits P and Q; three unknowns at the lower back's corners fix the rigid motion.
+Turned by 180° about the contact the problem is the same, which a clamped back would spoil: the
+bodies are strained alike at the contact, and the stick zone stays in the middle.
 
 Triangles are graded to h at the contact on the slave, the upper body, and to ratio × h on the
 master; --swap makes the lower body the slave.
