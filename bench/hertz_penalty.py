@@ -14,7 +14,8 @@ from mpi4py import MPI
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "demos"))
 
-from hertz import E, Parameters, run
+from hertz import Parameters, run
+from hertz_bodies import E
 
 FACTORS = (1, 3, 5, 10, 30, 100)
 
