@@ -72,8 +72,8 @@ def test_sticking_alone():
 def test_augmented_lagrangian():
     """Friction at full slip, and where it sticks that of a stiff penalty (100 at nodes)."""
     options = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
-    result, table = run(Parameters(push=8e-3, **options))
-    _, other = run(Parameters(push=8e-3))
+    result, table = run(Parameters(push=1.2e-2, **options))
+    _, other = run(Parameters(push=1.2e-2))
     assert result["friction_force_error"] < 1e-6
     assert result["force_balance_error"] < 1e-10
     assert abs(result["energy_error"]) < 1e-3
@@ -94,7 +94,7 @@ def test_ranks_do_not_matter(partition, monkeypatch):
 def test_command(monkeypatch, tmp_path, capsys):
     """--json writes the keys, and --plot a picture."""
     names = [WORLD.bcast(str(tmp_path / name)) for name in ("block.json", "block.png")]
-    arguments = ["block_on_block.py", "--push", "8e-3", "--json", names[0], "--plot", names[1]]
+    arguments = ["block_on_block.py", "--push", "1.2e-2", "--json", names[0], "--plot", names[1]]
     monkeypatch.setattr(sys, "argv", arguments)
     block_on_block.main()
     WORLD.barrier()

@@ -198,7 +198,7 @@ def test_slip_and_history():
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
 def test_nothing_moves(cell):
     """Nodes that slipped are on their limit; a step without motion is one of stick for all."""
-    pair, problem, load = problem_of(cell, "coulomb", shift=0.3, n=(4, 3))
+    pair, problem, _ = problem_of(cell, "coulomb", shift=0.3, n=(4, 3))
     contact = pair.contact
     slipped = WORLD.allreduce(int(contact.slipping().sum()))
     problem._evaluate(problem._x.array_r)  # the start of the next step
