@@ -8,8 +8,8 @@ friction is μ N, but not all of it is along x: when it was pressed, the upper b
 sides, and friction held it. So it is dragged further, by steps that are 25 times as large, until T,
 the force along x, changes by less than 1e-7 μ N in a step. By then it slips along x, and T = μ N.
 
-T is the reaction at the dragged nodes, where no contact force acts; N is the load that is applied.
-Points and normals stay as they are paired at first (small sliding).
+T is the reaction at the dragged nodes, where no contact force acts; N is what is applied. Points
+and normals stay as they are paired at first (small sliding).
 
     python3 demos/block_on_block.py
     mpirun -n 2 python3 demos/block_on_block.py --quadrature overlay --mu 0.5 --json block.json
@@ -153,8 +153,8 @@ def state(p, upper, contact):
         energies += dissipation[~slipping].sum(), dissipation[slipping].sum()
         least = min(least, dissipation.min(initial=0.0))
     areas, energies = comm.allreduce(areas, op=MPI.SUM), comm.allreduce(energies, op=MPI.SUM)
-    forces = contact.force("slave"), contact.force("master")
-    balance = [np.linalg.norm(forces[0] + forces[1]) / LOAD, abs(forces[0][2] / LOAD - 1)]
+    force = contact.force("slave")
+    unbalanced = force + contact.force("master"), [force[2] - LOAD]
     return {
         "shift": float(upper.shift.value),
         "ratio": upper.reaction() / (p.mu * LOAD),
@@ -164,7 +164,7 @@ def state(p, upper, contact):
         "step_energy": contact.step_dissipation(),
         "stick_energy": energies[0],
         "least": comm.allreduce(least, op=MPI.MIN),
-        "balance": max(balance),
+        "balance": max(np.linalg.norm(f) for f in unbalanced) / LOAD,
     }
 
 
@@ -182,15 +182,9 @@ def sizes(p, table):
 
 
 def run(p, comm=MPI.COMM_WORLD, look=None):
-    """Press and drag.
+    """Press and drag; returns what --json writes, and the states after the steps.
 
-    Args:
-        p: Parameters.
-        comm: Communicator.
-        look: Called with the upper block, the contact and the state after each step.
-
-    Returns:
-        What --json writes, and the states after the steps.
+    look is called with the upper block, the contact and the state after each step.
     """
     upper, contact, problem = build(comm, p)
     table = []
@@ -281,11 +275,10 @@ def main():
     add("--plot", metavar="FILE", help="draw the friction in three states (needs matplotlib)")
     arguments = vars(parser.parse_args())
     filename, picture = arguments.pop("json"), arguments.pop("plot")
-    if not arguments["mu"] > 0:
-        parser.error("--mu must be positive")
     p = Parameters(**arguments)
-    look = Recorder() if picture else None
-    result, table = run(p, look=look)
+    if not p.mu > 0:
+        parser.error("--mu must be positive")
+    result, table = run(p, look=(look := Recorder() if picture else None))
     if MPI.COMM_WORLD.rank == 0:
         print("   shift    T / μN   sticks   slips   energy taken  iterations")
         for row in table:
