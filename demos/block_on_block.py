@@ -115,9 +115,8 @@ class Dragged(Block):
 
 def build(comm, p):
     """The upper block, contact and problem."""
-    n = p.n
-    upper = Dragged(comm, (6 * n, 6 * n, 3 * n))
-    lower = Block(comm, (6 * n, 5 * n, 2 * n), [0.0, 0.0, -0.5], [2.0, 1.7, 0.0])
+    upper = Dragged(comm, (6 * p.n, 6 * p.n, 3 * p.n))
+    lower = Block(comm, (6 * p.n, 5 * p.n, 2 * p.n), [0.0, 0.0, -0.5], [2.0, 1.7, 0.0])
     options = {"quadrature": p.quadrature, "enforcement": p.enforcement}
     if p.formulation in TWO_PASSES:
         # Multipliers on both sides cannot close every gap of meshes that do not match.
