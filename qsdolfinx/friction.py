@@ -20,6 +20,10 @@ Parameter: typing.TypeAlias = float | fem.Constant | fem.Function
 #: Slip rate, in facet sizes per Δt, below which Norton's law is linear by default.
 REST = 1e-3
 
+#: Part of the limit by which a trial has to exceed it to slip. A node that has slipped starts the
+#: next step on its limit, where rounding would decide whether Newton's method sets out from stick.
+ON_LIMIT = 1e-10
+
 
 class Rows(typing.NamedTuple):
     """What a friction law knows of the rows of a weighted gap.
@@ -128,7 +132,7 @@ class Limited(Friction):
         eps = rows.penalty[:, None]
         trial = rows.traction + eps * rows.slip
         size = np.linalg.norm(trial, axis=1)
-        slipping = rows.closed & (size > limit)
+        slipping = rows.closed & (size > limit * (1 + ON_LIMIT))
         safe = np.where(size > 0, size, 1.0)
         factor = np.where(slipping, limit / safe, 1.0) * rows.closed
         traction = np.where(factor[:, None] > 0, factor[:, None] * trial, 0.0)

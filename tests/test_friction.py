@@ -210,6 +210,18 @@ def test_slip_and_history():
     assert mean[4] < mean[3] - 0.1
 
 
+@pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
+def test_nothing_moves(cell):
+    """Nodes that slipped are on their limit; a step without motion is one of stick for all."""
+    pair, problem, _ = problem_of(cell, "coulomb", shift=0.3, n=(4, 3))
+    contact = pair.contact
+    slipped = WORLD.allreduce(int(contact.slipping().sum()))
+    problem._evaluate(problem._x.array_r)  # the start of the next step
+    again = WORLD.allreduce(int(contact.slipping().sum()))
+    taken = contact.step_dissipation()
+    assert slipped > 0 and again == 0 and taken == 0
+
+
 def test_solves_of_one_step():
     """Solves inside one_step() are attempts: the history starts from the same state."""
     results = []
