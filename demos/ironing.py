@@ -51,7 +51,7 @@ HEIGHT = 1.0  # of the slab
 WIDTH, THICKNESS, RADIUS = 1.6, 0.8, 4.0  # of the indenter and its edge
 MARGIN = 3.0  # of the slab beside the indenter, at the start and at the end
 PRESSING = 6  # steps
-RUN_IN, PLATEAU = 4, 12  # facets of the slab
+RUN_IN = 4  # facets of the slab
 ENFORCEMENTS = ("penalty", "augmented-lagrangian")
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
 
@@ -69,6 +69,7 @@ class Parameters:
     ratio: float = 1.37
     depth: float = 0.06
     steps: int = 119
+    facets: int = 12  # of the plateau
     swap: bool = False
     output: str | None = None
     verbose: bool = False
@@ -76,10 +77,10 @@ class Parameters:
     def plan(self):
         """Steps of the run-in and of the plateau."""
         sliding = self.steps - PRESSING
-        plateau = sliding * PLATEAU // (PLATEAU + RUN_IN)
-        while math.gcd(plateau, PLATEAU) > 1:
+        plateau = sliding * self.facets // (self.facets + RUN_IN)
+        while math.gcd(plateau, self.facets) > 1:
             plateau -= 1
-        if plateau < 2 * PLATEAU:
+        if plateau < 2 * self.facets:
             raise ValueError(f"steps: {self.steps} are less than two per facet of the slide")
         return sliding - plateau, plateau
 
@@ -136,7 +137,7 @@ class Body:
 
 def create_bodies(comm, p):
     """The indenter, where its slide begins, and the slab."""
-    slide = (RUN_IN + PLATEAU) * p.h
+    slide = (RUN_IN + p.facets) * p.h
     n = math.ceil((slide + WIDTH + 2 * MARGIN) / p.h)
     layers = max(3, round(0.7 * HEIGHT / p.h))
     slab = Body(
@@ -168,7 +169,7 @@ def create_bodies(comm, p):
 
 def build(comm, p):
     """Indenter, slab, contact, and the stepper, whose time counts steps."""
-    per_step = PLATEAU / p.plan()[1] * p.h
+    per_step = p.facets / p.plan()[1] * p.h
     bodies = indenter, slab = create_bodies(comm, p)
     penalty = p.penalty
     if penalty is None:
@@ -206,11 +207,7 @@ def build(comm, p):
 
 
 def slide(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Press and drag, and call ``on_step(row, scene)`` after each step.
-
-    Returns:
-        Rows of all steps, and the scene, what :func:`build` returns.
-    """
+    """Press and drag, calling ``on_step(row, scene)``; returns all rows and what build() does."""
     scene = indenter, slab, contact, stepper = build(comm, p)
     rows, last = [], np.zeros(4)
     run_in, plateau = p.plan()
@@ -288,7 +285,7 @@ def main():
         plot(p, picture)
         if not filename:
             return
-    result, *_ = run(p)
+    result = run(p)[0]
     if MPI.COMM_WORLD.rank == 0:
         print("\n".join(f"{key:24}{value:.6g}" for key, value in result.items()))
         if filename:
