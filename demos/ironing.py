@@ -20,9 +20,9 @@ the indenter's top. Keys of the JSON object:
 - steps: made in all, --steps and what cutbacks add;
 - cutbacks: attempts that failed.
 
-|Fx/Fy| is not μ even without errors. In steady sliding the bodies' energy stays, and all the work
-Fx V is dissipated, ∫ μ p |slip rate|. The slab's surface is compressed under the indenter, so that
-it slips by less than V, and |Fx/Fy| is too low by about that strain. It does not go away with h.
+|Fx/Fy| is not μ even without errors, and h does not matter. In steady sliding all the work Fx V is
+dissipated, ∫ μ p |slip rate|, and the slab's surface under the indenter slips by less than V: by
+1.0 % at the default depth. Against that, Fy is less than ∫ p, by 0.1 %; by more if it is deeper.
 """
 
 import argparse
