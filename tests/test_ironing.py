@@ -1,0 +1,89 @@
+"""The ironing demo, short and coarse: forces, their oscillation, energies, ranks."""
+
+import functools
+import math
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from ironing import FORMULATIONS, PRESSING, Parameters, build, on_plateau, run
+from scenes import WORLD, spread_cells
+
+COARSE = {"h": 0.14, "steps": 37, "facets": 5}
+
+
+@functools.cache
+def iron(formulation, quadrature):
+    """Result, parameters, rows, and forces at the end, of a short run."""
+    p = Parameters(formulation, quadrature, **COARSE)
+    result, rows, (indenter, slab, contact, _) = run(p, WORLD)
+    forces = [body.reaction() for body in (indenter, slab)]
+    forces += [contact.force(side) for side in ("slave", "master")]
+    return result, p, rows, forces
+
+
+CASES = [(f, q) for f in FORMULATIONS for q in ("nodal", "overlay")]
+
+
+@pytest.mark.parametrize(("formulation", "quadrature"), CASES)
+def test_every_formulation(formulation, quadrature):
+    """No cutback, the force ratio of Coulomb's law, and the books of the energy."""
+    result, p, rows, forces = iron(formulation, quadrature)
+    assert tuple(result) == ("force_ratio_error", "force_oscillation", "steps", "cutbacks")
+    assert result["steps"] == p.steps and result["cutbacks"] == 0
+    assert result["force_ratio_error"] < 0.02
+    columns, before = on_plateau(p, rows)
+    assert np.isclose(columns.slide[-1] - before.slide, p.facets)
+    # What holds the indenter is what contact does to it; the same below, if contact is balanced.
+    one_sided = formulation == "two-half-pass"
+    np.testing.assert_allclose(forces[0], -forces[2], rtol=1e-6)
+    np.testing.assert_allclose(forces[1], -forces[3], rtol=1e-6)
+    if not one_sided:
+        np.testing.assert_allclose(forces[0], -forces[1], rtol=1e-6)
+    assert np.all(np.diff([row.dissipated for row in rows], prepend=0.0) >= 0)
+    work = columns.work[-1] - before.work
+    dissipated = columns.dissipated[-1] - before.dissipated
+    elastic = columns.elastic[-1] - before.elastic
+    assert work > 0 and abs(elastic) < 1e-3 * work
+    # At nodes master-slave normals jump from facet to facet, which few steps do not follow well.
+    rough = quadrature == "nodal" and formulation in ("master-slave", "double-pass")
+    allowed = 0.1 if one_sided else 0.03 if rough else 0.01
+    assert abs(dissipated + elastic - work) < allowed * work
+
+
+def test_oscillation():
+    """Overlay below half of nodal quasi-symmetric contact, and that below master-slave."""
+    one_sided = iron("master-slave", "nodal")[0]["force_oscillation"]
+    nodal, overlay = (
+        iron("quasi-symmetric", q)[0]["force_oscillation"] for q in ("nodal", "overlay")
+    )
+    assert overlay <= 0.5 * nodal
+    assert nodal <= one_sided
+
+
+@pytest.mark.parametrize("steps", (60, 119, 200))
+def test_plan(steps):
+    """Every step of the plateau samples another place of the slab's facet."""
+    p = Parameters(steps=steps)
+    run_in, plateau = p.plan()
+    assert PRESSING + run_in + plateau == steps
+    assert math.gcd(plateau, p.facets) == 1 and plateau > 2 * p.facets
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+def test_ranks_do_not_matter(quadrature, enforcement, monkeypatch):
+    """Pressed and dragged by a few steps, the slab being the slave."""
+    p = Parameters(quadrature=quadrature, enforcement=enforcement, swap=True, **COARSE)
+    values = []
+    for comm in (MPI.COMM_SELF, WORLD):
+        with spread_cells(monkeypatch, "scattered"):
+            indenter, slab, contact, stepper = build(comm, p)
+        for _ in stepper.run(PRESSING + 3.0):
+            pass
+        energies = [contact.dissipated_energy(), indenter.energy(), slab.energy()]
+        slipping = comm.allreduce(int(contact.slipping().sum()))
+        values.append([*indenter.reaction(), *energies, slipping])
+    assert values[0][-1] > 0
+    np.testing.assert_allclose(values[1], values[0], rtol=1e-7)
