@@ -70,9 +70,10 @@ class Contact(ContactMotion):
         quadrature_degree: Degree of the rule on the pieces of the overlay; by default that of the
             integrand on affine facets.
         normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
-            (the default at nodes); ``"averaged"`` at the nodes of the other, or of the cut,
-            surface; ``"bisector"`` of the normals of both (the default on the overlay). Those of an
-            analytic shape are always its own, at the point that is closest.
+            (the default at nodes without friction); ``"averaged"`` at the nodes of the other, or of
+            the cut, surface; ``"bisector"`` of the normals of both (the default on the overlay, and
+            with friction, which takes closing a gap along a tilted facet's normal for slip). Those
+            of an analytic shape are always its own, at the point that is closest.
         enforcement: ``"penalty"``, or ``"augmented-lagrangian"``: multipliers are updated until
             they leave no gap larger than the tolerance. They are kept for the next solve, also
             when contact pairs anew; :meth:`reset` forgets them.
@@ -125,7 +126,8 @@ class Contact(ContactMotion):
                 )
             check_choice("quadrature", quadrature, QUADRATURES)
             if normals is None:
-                normals = "bisector" if quadrature == "overlay" else "facet"
+                averaging = quadrature == "overlay" or friction is not None
+                normals = "bisector" if averaging else "facet"
             check_choice("normals", normals, NORMALS)
             check_choice("enforcement", enforcement, ENFORCEMENTS)
             if not isinstance(law, Law):
