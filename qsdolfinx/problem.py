@@ -31,6 +31,7 @@ from qsdolfinx.solver import (
     NOT_BALANCED,
     NOT_CLOSED,
     ConvergenceError,
+    forget_failure,
     line_search,
     remove_options,
     set_options,
@@ -289,6 +290,7 @@ class ContactProblem:
         self._count()
         if self.snes.getConvergedReason() < 0 and self.has_full_steps:
             first_guess.copy(self._x)
+            forget_failure(self.snes)
             with line_search(self.snes):
                 self.snes.solve(None, self._x)
             self._count()
@@ -302,11 +304,13 @@ class ContactProblem:
         self.num_linear_iterations += self.snes.getLinearSolveIterations()
 
     def _raise_error(self, reason: int) -> typing.NoReturn:
+        linear_reason = self.snes.getKSP().getConvergedReason()
+        forget_failure(self.snes)
         raise ConvergenceError(
             reason,
             self.residual_history,
             self._all_active(),
-            self.snes.getKSP().getConvergedReason(),
+            linear_reason,
             self.violation_history,
         )
 
