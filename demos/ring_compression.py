@@ -1,9 +1,9 @@
 """Ring compression test: a ring between two flat dies, whose inner diameter tells the friction.
 
 The ring has the proportions 6:3:2 of outer diameter, inner diameter and height (30, 15 and 10). It
-is a Norton-Hoff body in velocities, axisymmetric, with the MINI element, between rigid dies, of which
-the upper one comes down with constant velocity V. Only contact holds the ring. Friction factors are
-of the flow stress at the nominal strain rate, V over the height.
+is a Norton-Hoff body in velocities, axisymmetric, with the MINI element, between rigid dies, of
+which the upper one comes down with constant velocity V. Only contact holds the ring. Friction
+factors are of the flow stress at the nominal strain rate, V over the height.
 
 Without friction every point moves with r √(h₀/h), and so does the inner radius. With friction it
 grows less, and from a friction factor of about 0.1 on it shrinks (Male & Cockcroft 1964).
@@ -23,9 +23,12 @@ Keys of the JSON object, at the end of the compression:
 - volume_change: relative;
 - steps, snes_iterations.
 
-Lengths are in mm, stresses in MPa. What folds from the sides on to a die is in contact too. --table
-prints the change of the inner diameter over the reduction for several friction factors (Tresca). On the terminal there is also the balance of energy: the work of the dies is what the ring dissipates
-and what friction takes.
+Lengths are in mm, stresses in MPa. What folds from the sides on to a die is in contact too.
+
+--table prints the change of the inner diameter over the reduction for several friction factors
+(Tresca). On the terminal there is also the balance of energy: the work of the dies is what the ring
+dissipates and what friction takes, to rounding where no node comes to a die or leaves it, and to
+the order of the time step where sides fold.
 """
 
 import argparse

@@ -281,7 +281,15 @@ class ContactProblem:
             self.snes.setTolerances(rtol, atol, stol, max_it)
 
     def _run_snes(self) -> None:
-        """Solve for the multipliers at hand, with full steps or else with a line search."""
+        """Solve for the multipliers at hand."""
+        self._iterate()
+        slips = [slip for contact in self.contacts for slip in contact.slips]
+        with self._same_accuracy():
+            while slips and self.comm.allreduce(any([s.give_back() for s in slips]), op=MPI.LOR):
+                self._iterate()
+
+    def _iterate(self) -> None:
+        """Newton's method, with full steps or else with a line search."""
         first_guess = self._x.copy()
         for contact in self.contacts:
             for slip in contact.slips:
@@ -291,6 +299,10 @@ class ContactProblem:
         if self.snes.getConvergedReason() < 0 and self.has_full_steps:
             first_guess.copy(self._x)
             forget_failure(self.snes)
+            for contact in self.contacts:
+                for slip in contact.slips:
+                    slip.begin_attempt()
+                    slip.begin_iterations()
             with line_search(self.snes):
                 self.snes.solve(None, self._x)
             self._count()
