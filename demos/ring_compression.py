@@ -6,7 +6,8 @@ which the upper one comes down with constant velocity V. Only contact holds the 
 factors are of the flow stress at the nominal strain rate, V over the height.
 
 Without friction every point moves with r √(h₀/h), and so does the inner radius. With friction it
-grows less, and from a friction factor of about 0.1 on it shrinks (Male & Cockcroft 1964).
+grows less, hardly changes at friction factors from 0.15 to 0.2, and shrinks with more (Male &
+Cockcroft 1964).
 
     python3 demos/ring_compression.py --friction tresca --m-bar 0.4 --json ring.json
     python3 demos/ring_compression.py --table
