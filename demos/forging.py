@@ -1,12 +1,14 @@
 """Forging: a hot-steel cylinder upset between elastic dies with finer contact faces.
 
 A quarter of a Norton-Hoff cylinder (radius 10 mm, height 15 mm; K = 50 MPa sᵐ, m = 0.15) in
-velocities, MINI element, between two elastic dies (E = 2.1e5 MPa) in displacements, all without
-friction. The lower die stands, the top of the upper one comes down at 10 mm/s. The faces of the
-dies are --die-refinement times finer than the workpiece, which carries the multipliers (--swap: the
-dies do). No Dirichlet condition holds the workpiece up or down: contact does.
+velocities, MINI element, between two elastic dies (E = 2.1e5 MPa) in displacements. The lower die
+stands, the top of the upper one comes down at 10 mm/s. The faces of the dies are --die-refinement
+times finer than the workpiece, which carries the multipliers (--swap: the dies do). No Dirichlet
+condition holds the workpiece up or down: contact does. There is no friction unless --friction names
+a law; friction factors are of the flow stress at the nominal strain rate, velocity over height.
 
     mpirun -n 2 python3 demos/forging.py --die-refinement 4 --quadrature overlay --json forging.json
+    mpirun -n 2 python3 demos/forging.py --friction coulomb-tresca --mu 0.2 --m-bar 0.4
 
 Keys of the JSON object (forces of the whole cylinder):
 
@@ -18,7 +20,7 @@ Keys of the JSON object (forces of the whole cylinder):
 - volume_change: of the workpiece, relative;
 - steps, snes_iterations, total_seconds.
 
-Pressures are contact forces over nodal areas.
+Pressures are contact forces over nodal areas. How much the workpiece barrels is on the terminal.
 """
 
 import argparse
@@ -42,7 +44,8 @@ import qsdolfinx as qs
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from forging_output import Energy, Output
+from forging_output import Energy, Output, barrelling, measure
+from forming_friction import Friction, FrictionParameters, add_arguments
 
 RADIUS, HEIGHT = 10.0, 15.0  # mm
 DIE_RADIUS, DIE_HEIGHT = 18.0, 9.0
@@ -56,7 +59,7 @@ FORMULATIONS = ("master-slave", "quasi-symmetric", "double-pass", "two-half-pass
 
 
 @dataclasses.dataclass
-class Parameters:
+class Parameters(FrictionParameters):
     """One forging; lengths in mm."""
 
     die_refinement: float = 4.0
@@ -158,6 +161,7 @@ def build(comm, p):
     work = Workpiece(comm, h)
     dies = [Die(comm, 0.0, -1, h / p.die_refinement), Die(comm, HEIGHT, 1, h / p.die_refinement)]
     time_step = p.reduction * HEIGHT / SPEED / p.num_steps
+    friction = Friction(p, work.mesh, K, M)
     contacts = []
     for face, die in zip((work.lower, work.upper), dies, strict=True):
         sides, unknown = (face, die.surface), ("velocity", "displacement")
@@ -170,6 +174,7 @@ def build(comm, p):
             gap_tolerance=1e-5,
             unknown=unknown[::-1] if p.swap else unknown,
             dt=time_step,
+            friction=friction.law(),
         )
         contacts.append(contact)
     bodies = [work, *dies]
@@ -179,6 +184,7 @@ def build(comm, p):
 
     def drive(t, dt):
         dies[1].height.value = -SPEED * t
+        friction.set_rate(SPEED / (HEIGHT - SPEED * (t - dt / 2)))
 
     def solve(step):
         if step > 0:
@@ -191,34 +197,6 @@ def build(comm, p):
 
 
 # --- Results
-
-
-def inner_pressure(contact, side):
-    """Pressure at the die's owned nodes within 70 % of the contact's radius."""
-    comm = contact.comm
-    surface = contact.slave if side == "slave" else contact.master
-    pressure = np.abs(surface.node_values(contact.traction(side))[:, 2])
-    # The radius of the disc on which a uniform pressure has this mean square distance.
-    distance = np.linalg.norm(surface.node_x[:, :2], axis=1)
-    force = comm.allreduce(pressure @ surface.node_area)
-    second = comm.allreduce(distance**2 @ (pressure * surface.node_area))
-    return pressure[distance <= 0.7 * np.sqrt(2 * second / force)]
-
-
-def measure(comm, p, contacts):
-    """Pressures on both dies together."""
-    side = "slave" if p.swap else "master"
-    values = np.concatenate([inner_pressure(contact, side) for contact in contacts])
-    count, total = comm.allreduce(np.array([len(values), values.sum()]))
-    mean = total / count
-    squares, few = comm.allreduce(
-        np.array([np.sum((values - mean) ** 2), np.count_nonzero(values < 0.1 * mean)])
-    )
-    return {
-        "die_traction_peak": comm.allreduce(values.max(initial=0.0), op=MPI.MAX),
-        "die_traction_roughness": np.sqrt(squares / count) / mean,
-        "unloaded_die_nodes": few / count,
-    }
 
 
 def run(p, comm=MPI.COMM_WORLD):
@@ -236,7 +214,7 @@ def run(p, comm=MPI.COMM_WORLD):
     rate = fem.Function(strain.function_space)
     points = strain.function_space.element.interpolation_points
     expression = fem.Expression(work.rate, points() if callable(points) else points)
-    energy = Energy(work, dies, SPEED)
+    energy = Energy(work, dies, contacts, SPEED)
 
     def on_solved():
         rate.interpolate(expression)
@@ -274,7 +252,7 @@ def run(p, comm=MPI.COMM_WORLD):
     result = {
         "forming_force": 4 * abs(on_die[2]),
         "force_balance_error": imbalance,
-        **measure(comm, p, contacts),
+        **measure(comm, p.swap, contacts),
         "volume_change": stepper.motions[0].volume() / volume - 1,
         "steps": stepper.num_steps,
         "snes_iterations": iterations,
@@ -302,6 +280,7 @@ def main():
     parser.add_argument("--size", choices=tuple(SIZES), default=default.size)
     parser.add_argument("--steps", dest="num_steps", type=int, default=default.num_steps)
     parser.add_argument("--swap", action="store_true", help="the dies are the slaves")
+    add_arguments(parser)
     parser.add_argument("--output", metavar="FOLDER", help="fields, history.csv and a checkpoint")
     parser.add_argument("--restart", action="store_true", help="go on from --output's checkpoint")
     parser.add_argument("--json", metavar="FILE")
@@ -309,8 +288,10 @@ def main():
     filename = a.pop("json")
     if a["restart"] and not a["output"]:
         parser.error("--restart needs the --output of the run before")
-    result, _ = run(Parameters(**a, verbose=True))
+    result, scene = run(Parameters(**a, verbose=True))
+    radii = barrelling(scene[0])
     if MPI.COMM_WORLD.rank == 0:
+        print("largest radius at mid height {:.5g}, at the dies {:.5g}".format(*radii))
         for key, value in result.items():
             print(f"{key:24}{value:.6g}")
         if filename:

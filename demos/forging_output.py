@@ -1,11 +1,57 @@
-"""What the forging demo writes beside its table: energy, fields, checkpoints."""
+"""What the forging demo measures, and writes beside its table: energy, fields, checkpoints."""
 
 from mpi4py import MPI
 
+import numpy as np
+
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+
+
+def inner_pressure(contact, side):
+    """Pressure at the die's owned nodes within 70 % of the contact's radius."""
+    comm = contact.comm
+    surface = contact.slave if side == "slave" else contact.master
+    pressure = np.abs(surface.node_values(contact.traction(side))[:, 2])
+    # The radius of the disc on which a uniform pressure has this mean square distance.
+    distance = np.linalg.norm(surface.node_x[:, :2], axis=1)
+    force = comm.allreduce(pressure @ surface.node_area)
+    second = comm.allreduce(distance**2 @ (pressure * surface.node_area))
+    return pressure[distance <= 0.7 * np.sqrt(2 * second / force)]
+
+
+def measure(comm, swap, contacts):
+    """Pressures on both dies together."""
+    side = "slave" if swap else "master"
+    values = np.concatenate([inner_pressure(contact, side) for contact in contacts])
+    count, total = comm.allreduce(np.array([len(values), values.sum()]))
+    mean = total / count
+    squares, few = comm.allreduce(
+        np.array([np.sum((values - mean) ** 2), np.count_nonzero(values < 0.1 * mean)])
+    )
+    return {
+        "die_traction_peak": comm.allreduce(values.max(initial=0.0), op=MPI.MAX),
+        "die_traction_roughness": np.sqrt(squares / count) / mean,
+        "unloaded_die_nodes": few / count,
+    }
+
+
+def barrelling(work):
+    """Largest radius of the workpiece at mid height and at the dies. Collective."""
+    msh = work.mesh
+    x = msh.geometry.x
+    radius, comm = np.hypot(x[:, 0], x[:, 1]), msh.comm
+    faces = [mesh.entities_to_geometry(msh, 2, s.facets).ravel() for s in (work.lower, work.upper)]
+    at_dies = np.concatenate(faces)
+    low, high = (
+        comm.allreduce(sign * (sign * x[at_dies, 2]).max(initial=-np.inf), op=op)
+        for sign, op in ((-1, MPI.MIN), (1, MPI.MAX))
+    )
+    middle = np.abs(x[:, 2] - (low + high) / 2) < 0.15 * (high - low)
+    local = [radius[middle].max(initial=0.0), radius[at_dies].max(initial=0.0)]
+    return tuple(comm.allreduce(value, op=MPI.MAX) for value in local)
 
 
 class Energy:
@@ -14,11 +60,13 @@ class Energy:
     Args:
         work: The workpiece.
         dies: The dies.
+        contacts: Between them; what their friction takes is a column of its own.
         speed: Velocity of the drive.
     """
 
-    def __init__(self, work, dies, speed):
+    def __init__(self, work, dies, contacts, speed):
         self.speed = speed
+        self.contacts = [contact for contact in contacts if contact.friction is not None]
         self.comm = work.mesh.comm
         rate = qs.materials.strain(ufl.split(work.w)[0])
         self.dissipation = fem.form(ufl.inner(work.stress, rate) * ufl.dx)
@@ -45,13 +93,11 @@ class Energy:
         self.work += force * self.speed * dt
         self.dissipated += self.power * dt
         elastic = sum(map(self._total, self.elastic))
-        lost = self.work - self.dissipated - elastic
-        return {
-            "work": self.work,
-            "dissipated": self.dissipated,
-            "elastic": elastic,
-            "energy_error": lost / self.work,
-        }
+        row = {"work": self.work, "dissipated": self.dissipated, "elastic": elastic}
+        if self.contacts:
+            row["friction"] = sum(contact.dissipated_energy() for contact in self.contacts)
+        lost = self.work - sum(value for key, value in row.items() if key != "work")
+        return row | {"energy_error": lost / self.work}
 
 
 class Output:

@@ -187,11 +187,15 @@ class ContactAssembly(ContactResults):
             for part in self.parts
         ]
 
-    def set_multipliers_on_nodes(self, multipliers: typing.Sequence[Array]) -> None:
-        """Put back what :meth:`multipliers_on_nodes` gave; τ̂ turns with the surface."""
+    def set_multipliers_on_nodes(
+        self, multipliers: typing.Sequence[Array], turn: bool = True
+    ) -> None:
+        """Put back what :meth:`multipliers_on_nodes` gave; τ̂ turns with the surface if asked."""
         for part, multiplier in zip(self.parts, multipliers, strict=True):
             at_rows = np.array(multiplier[part.row_node], dtype=np.float64)
-            part.augmented = part.turned(at_rows) if isinstance(part, Slip) else at_rows
+            if turn and isinstance(part, Slip):
+                at_rows = part.turned(at_rows)
+            part.augmented = at_rows
 
     def reset(self) -> None:
         """Forget the multipliers: the next solve starts from λ̂ = 0 and no friction."""

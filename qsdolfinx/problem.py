@@ -26,6 +26,7 @@ from qsdolfinx.solver import (
     NOT_BALANCED,
     NOT_CLOSED,
     ConvergenceError,
+    forget_failure,
     line_search,
     remove_options,
     set_options,
@@ -224,7 +225,15 @@ class ContactProblem(ContactSystem):
             self.snes.setTolerances(rtol, atol, stol, max_it)
 
     def _run_snes(self) -> None:
-        """Solve for the multipliers at hand, with full steps or else with a line search."""
+        """Solve for the multipliers at hand."""
+        self._iterate()
+        slips = [slip for contact in self.contacts for slip in contact.slips]
+        with self._same_accuracy():
+            while slips and self.comm.allreduce(any([s.give_back() for s in slips]), op=MPI.LOR):
+                self._iterate()
+
+    def _iterate(self) -> None:
+        """Newton's method, with full steps or else with a line search."""
         first_guess = self._x.copy()
         for contact in self.contacts:
             for slip in contact.slips:
@@ -233,6 +242,11 @@ class ContactProblem(ContactSystem):
         self._count()
         if self.snes.getConvergedReason() < 0 and self.has_full_steps:
             first_guess.copy(self._x)
+            forget_failure(self.snes)
+            for contact in self.contacts:
+                for slip in contact.slips:
+                    slip.begin_attempt()
+                    slip.begin_iterations()
             with line_search(self.snes):
                 self.snes.solve(None, self._x)
             self._count()
@@ -246,11 +260,13 @@ class ContactProblem(ContactSystem):
         self.num_linear_iterations += self.snes.getLinearSolveIterations()
 
     def _raise_error(self, reason: int) -> typing.NoReturn:
+        linear_reason = self.snes.getKSP().getConvergedReason()
+        forget_failure(self.snes)
         raise ConvergenceError(
             reason,
             self.residual_history,
             self._all_active(),
-            self.snes.getKSP().getConvergedReason(),
+            linear_reason,
             self.violation_history,
         )
 

@@ -80,6 +80,7 @@ def load_run(
         tool.position = np.array(position)
     for i, rate in enumerate(stepper.rates):
         rate[:] = functions_of_run[f"rate_{i}"].x.array
+    _pair(stepper)
     for i, (contact, penalty) in enumerate(zip(contacts, values["penalties"], strict=True)):
         if penalty is not None and contact.penalty is None:
             contact.set_automatic_penalty(penalty)
@@ -87,10 +88,21 @@ def load_run(
         for j, part in enumerate(contact.parts):
             at_nodes = part.slave.linear.node_values(multipliers[f"multiplier_{i}_{j}"])
             arrays.append(at_nodes[:, : part.augmented.shape[1]])
-        contact.set_multipliers_on_nodes(arrays)
+        # The next step turns τ̂ to its tangent planes; turned here as well it would be another.
+        contact.set_multipliers_on_nodes(arrays, turn=False)
         if contact.tangential is not None:
             _load_slip(contact.tangential, i, multipliers, values["dissipated"][i])
     return typing.cast(dict[str, typing.Any], values["user"])
+
+
+def _pair(stepper: TimeStepper) -> None:
+    """Pair with the bodies where they are, so that all nodes in contact can have multipliers."""
+    for motion, flows in zip(stepper.motions, stepper.in_velocity, strict=True):
+        motion.move(0.0 if flows else motion.values())
+    for contact in stepper.problem.contacts:
+        contact.update()
+    for motion in stepper.motions:
+        motion.move()
 
 
 def _functions(

@@ -158,7 +158,12 @@ class Slip:
     # --- Newton's method
 
     def begin_solve(self) -> None:
-        """Forget which rows have opened."""
+        """Forget which rows have opened, and to which friction was given back."""
+        self._given_back: npt.NDArray[np.bool_] = np.zeros(len(self.row_node), dtype=bool)
+        self.begin_attempt()
+
+    def begin_attempt(self) -> None:
+        """Forget which rows have opened: with another line search they need not."""
         rows = len(self.row_node)
         self._was_closed: npt.NDArray[np.bool_] = np.zeros(rows, dtype=bool)
         self._openings = np.zeros(rows, dtype=np.int64)
@@ -174,7 +179,7 @@ class Slip:
         """Note which rows opened, and which slip the other way than in the last iteration.
 
         A row that a law with a jump has let open so often that it may do so for ever has no
-        friction from then on, until the solve ends.
+        friction from then on, until the solve ends or :meth:`give_back` is called.
 
         A slipping node has no stiffness along its slip, so that Newton's method may throw it to and
         fro over the state in which it sticks. After a turn a node has the rigidity of Kačanov's
@@ -189,6 +194,19 @@ class Slip:
         self._turns[back] += 1
         self._wait = np.maximum(self._wait - 1, 0)
         self._wait[back] = 2 * np.minimum(self._turns[back], 2)
+
+    def give_back(self) -> bool:
+        """Give friction back, once in a solve, to closed rows that have lost it.
+
+        For the end of Newton's method: rows also open because it is far from the solution.
+
+        Returns:
+            Whether this rank has such rows.
+        """
+        rows = self._without() & self.closed & ~self._given_back
+        self._openings[rows] = 0
+        self._given_back |= rows
+        return bool(rows.any())
 
     def _without(self) -> npt.NDArray[np.bool_]:
         """Rows that have lost their friction; see :meth:`turn`."""

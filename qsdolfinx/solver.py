@@ -87,6 +87,18 @@ def reason_name(reasons: type, value: int) -> str:
     return max(names, key=len, default="UNKNOWN")
 
 
+def forget_failure(snes: PETSc.SNES) -> None:
+    """Let a direct solver whose factorisation failed start anew. Collective.
+
+    Otherwise PETSc's interface to MUMPS refuses all matrices that come after the one that failed,
+    be it for memory that the first one's analysis did not foresee.
+    """
+    ksp = snes.getKSP()
+    failed = ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED
+    if failed and ksp.getPC().getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
+        ksp.getPC().reset()
+
+
 #: What set_options has put into PETSc's database, by prefix.
 _put: dict[str, dict[str, str]] = {}
 

@@ -5,10 +5,13 @@ import dataclasses
 import functools
 import itertools
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from forging import FORMULATIONS, Parameters, run
-from scenes import WORLD
+from forging_output import barrelling
+from scenes import WORLD, largest
 
 import qsdolfinx as qs
 
@@ -74,17 +77,77 @@ def test_enforcement():
     assert np.isclose(*forces, rtol=5e-3)
 
 
-def test_restart(tmp_path, monkeypatch):
-    """A run that was stopped and goes on has the same history, energies included."""
+LAWS = {
+    "norton": {"alpha": 0.3},
+    "coulomb-tresca": {"mu": 0.3, "m_bar": 0.6},
+    "sticking": {},
+}
+
+
+@functools.cache
+def forge_with_friction(friction):
+    """Result, history, radii at mid height and at the dies, and dissipation at the nodes."""
+    rows, least = [], [0.0]
+    add = qs.History.add
+
+    def keep(history, row):
+        rows.append(dict(row))
+        add(history, row)
+
+    steps = qs.TimeStepper.run
+
+    def watch(stepper, t_end):
+        for t in steps(stepper, t_end):
+            contacts = [c for c in stepper.problem.contacts if c.friction is not None]
+            least.extend(c.dissipation().min(initial=0.0) for c in contacts)
+            yield t
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(qs.History, "add", keep)
+        patch.setattr(qs.TimeStepper, "run", watch)
+        p = dataclasses.replace(
+            Parameters(), friction=friction, die_refinement=1.5, reduction=0.08, num_steps=2
+        )
+        result, scene = run(dataclasses.replace(p, **LAWS.get(friction, {})), WORLD)
+    return result, rows, barrelling(scene[0]), WORLD.allreduce(min(least), op=MPI.MIN)
+
+
+@pytest.mark.parametrize("friction", LAWS)
+def test_friction(friction):
+    """Friction makes the force larger and the workpiece a barrel; energies add up."""
+    (free, before, straight, _), (result, rows, radii, least) = (
+        forge_with_friction(f) for f in ("none", friction)
+    )
+    assert tuple(result) == KEYS
+    assert result["forming_force"] > 1.02 * free["forming_force"]
+    assert straight[0] / straight[1] < 1.001
+    assert radii[0] / radii[1] > 1.01
+    assert result["force_balance_error"] < 1e-8
+    assert least >= 0
+    assert [row["cutbacks"] for row in rows] == [0, 0]
+    # What is lacking is what the penalty stores while the dies close in.
+    assert 0 < rows[-1]["energy_error"] < (0.05 if friction == "sticking" else 0.03)
+    assert "friction" not in before[-1]
+    taken = [row["friction"] for row in rows]
+    if friction == "sticking":
+        assert abs(taken[1]) < 1e-6 * rows[1]["work"]
+    else:
+        assert 0.01 * rows[1]["work"] < taken[0] + taken[1] and taken[0] < taken[1]
+
+
+@pytest.mark.parametrize("friction", ("none", "norton", "coulomb-tresca"))
+def test_restart(tmp_path, monkeypatch, friction):
+    """A run that was stopped and goes on has the same history, energies and slip included."""
     root = WORLD.bcast(tmp_path)
     p = dataclasses.replace(Parameters(), die_refinement=2.0, reduction=0.04, num_steps=2)
+    p = dataclasses.replace(p, friction=friction, **LAWS.get(friction, {}))
 
     def history(folder):
         WORLD.barrier()
         with (folder / "history.csv").open(newline="") as file:
             return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
 
-    whole, _ = run(dataclasses.replace(p, output=str(root / "whole")), WORLD)
+    whole, scene = run(dataclasses.replace(p, output=str(root / "whole")), WORLD)
     stopped = dataclasses.replace(p, output=str(root / "stopped"))
     steps = qs.TimeStepper.run
     with monkeypatch.context() as patch:
@@ -92,7 +155,7 @@ def test_restart(tmp_path, monkeypatch):
             qs.TimeStepper, "run", lambda self, t_end: itertools.islice(steps(self, t_end), 1)
         )
         run(stopped, WORLD)
-    resumed, _ = run(dataclasses.replace(stopped, restart=True), WORLD)
+    resumed, again = run(dataclasses.replace(stopped, restart=True), WORLD)
     rows, expected = history(root / "stopped"), history(root / "whole")
     assert len(rows) == len(expected) == 2
     for row, other in zip(rows, expected, strict=True):
@@ -100,5 +163,15 @@ def test_restart(tmp_path, monkeypatch):
             if "force" not in key or key.endswith("z"):  # the others are differences of large ones
                 assert np.isclose(row[key], value, rtol=1e-9, atol=1e-12), key
     assert np.isclose(resumed["forming_force"], whole["forming_force"], rtol=1e-12)
+    for contact, other in zip(again[2], scene[2], strict=True):
+        if friction != "none":
+            assert ("friction" in rows[0]) and rows[0]["friction"] > 0
+            for values in ("slip", "tangential_multiplier", "dissipation"):
+                found, wanted = (getattr(c, values)() for c in (contact, other))
+                np.testing.assert_allclose(
+                    found, wanted, rtol=1e-8, atol=1e-8 * largest(wanted), err_msg=values
+                )
+            energies = contact.dissipated_energy(), other.dissipated_energy()
+            assert np.isclose(*energies, rtol=1e-10)
     names = {path.name for path in (root / "stopped").iterdir()}
     assert {"workpiece.xdmf", "workpiece_from_1.xdmf", "upper_die_from_1.xdmf"} <= names

@@ -209,6 +209,23 @@ def test_failing_linear_solver_is_named():
     raises_everywhere(WORLD, qs.ConvergenceError, "linear solver", problem.solve)
 
 
+def test_goes_on_after_a_failed_factorisation():
+    """A matrix that cannot be factorised does not spoil the solves after it."""
+    pair = Pair("quadrilateral", n=(6, 5))
+    stiffness = fem.Constant(pair.meshes[1], 1.0)
+    pair.F[1] = elastic(pair.u[1], E=stiffness)
+    problem = pair.problem()
+    problem.solve()
+    solution = pair.u[1].x.array.copy()
+    stiffness.value = 0.0
+    with pytest.raises(qs.ConvergenceError, match="PCSETUP_FAILED"):
+        problem.solve()
+    stiffness.value = 1.0
+    problem.solve()
+    error = largest(pair.u[1].x.array - solution)
+    assert error < 1e-10
+
+
 def test_options_of_one_problem_do_not_reach_another():
     pair = Pair("triangle")
     first = pair.problem(petsc_options_prefix="same_", petsc_options={"snes_max_it": 7})

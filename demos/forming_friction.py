@@ -1,0 +1,66 @@
+"""Friction between workpiece and dies in the forming demos: arguments, and laws made from them.
+
+Shear yield stress and consistency are the workpiece's: Tresca's limit is m̄ σ₀/√3, Norton's law is
+α K |Δv|^(q−1) Δv with the q of the workpiece's rate sensitivity.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+FRICTIONS = ("none", "norton", "coulomb", "tresca", "coulomb-tresca", "sticking")
+
+
+@dataclasses.dataclass
+class FrictionParameters:
+    """Which law, and its parameters; those of the other laws are not used."""
+
+    friction: str = "none"
+    mu: float = 0.3
+    m_bar: float = 0.3
+    alpha: float = 0.3
+
+
+def add_arguments(parser):
+    """Arguments named as the fields of FrictionParameters."""
+    default = FrictionParameters()
+    add = parser.add_argument
+    add("--friction", choices=FRICTIONS, default=default.friction)
+    add("--mu", type=float, default=default.mu, help="Coulomb's coefficient")
+    add("--m-bar", type=float, default=default.m_bar, help="friction factor, of shear yield stress")
+    add("--alpha", type=float, default=default.alpha, help="of Norton's law, of the consistency")
+
+
+class Friction:
+    """A law for a Norton-Hoff workpiece, with limits that follow its flow stress.
+
+    Args:
+        p: FrictionParameters.
+        msh: Mesh of the workpiece.
+        K: Consistency of the workpiece.
+        m: Rate sensitivity of the workpiece.
+    """
+
+    def __init__(self, p, msh, K, m):
+        self.p, self.K, self.m = p, K, m
+        self.flow_stress, self.limit = fem.Constant(msh, 0.0), fem.Constant(msh, 0.0)
+
+    def set_rate(self, rate):
+        """Take over the flow stress σ₀ = K √3^{m+1} ε̇^m of a strain rate."""
+        self.flow_stress.value = self.K * np.sqrt(3) ** (self.m + 1) * rate**self.m
+        self.limit.value = self.p.m_bar * self.flow_stress.value / np.sqrt(3)
+
+    def law(self):
+        """For one contact; None for no friction."""
+        return {
+            "none": lambda: None,
+            "norton": lambda: qs.Norton(self.p.alpha, self.K, self.m),
+            "coulomb": lambda: qs.Coulomb(self.p.mu),
+            "tresca": lambda: qs.Tresca(self.limit),
+            "coulomb-tresca": lambda: qs.CoulombTresca(self.p.mu, self.p.m_bar, self.flow_stress),
+            "sticking": qs.Sticking,
+        }[self.p.friction]()
