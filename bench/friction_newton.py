@@ -1,10 +1,11 @@
-"""Newton's method with friction: what the two remedies of qsdolfinx/slip.py are good for.
+"""Newton's method with friction: what the remedies of qsdolfinx/stick_slip.py are good for.
 
 Two elastic blocks with wavy contact surfaces are pressed together, dragged and dragged back by the
 displacement of the upper one's top, in four steps. Printed are, for each law, the solves that do
 not converge (with the line search that ContactProblem tries then) and Newton iterations per solve,
-over cells, mesh sizes, formulations and quadratures: as it is, without Kačanov's rigidity for nodes
-whose slip turns, and without taking friction from nodes that open again and again.
+over cells, mesh sizes, formulations and quadratures: as it is; if nodes whose slip turns are not
+made to stick; if they do not get Kačanov's rigidity either; and if nodes that open again and again
+keep their friction.
 
     python3 bench/friction_newton.py [--cells triangle …]
 """
@@ -20,7 +21,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
-import qsdolfinx.slip
+from qsdolfinx import stick_slip
 
 COMM = MPI.COMM_WORLD
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
@@ -92,19 +93,14 @@ def scene(cell, n, formulation, quadrature, law):
     return iterations, failures
 
 
-def without_turns(slip):
-    """Slip.turn without Kačanov's rigidity."""
-    turn(slip)
-    slip._wait[:] = 0
-
-
-turn, openings = qs.slip.Slip.turn, qs.slip.MAX_OPENINGS
 VARIANTS = {
-    "as it is": (turn, openings),
-    "without Kačanov": (without_turns, openings),
-    "without giving up": (turn, np.inf),
-    "without both": (without_turns, np.inf),
+    "as it is": {},
+    "never made to stick": {"MAX_STICKS": 0},
+    "nor Kačanov's rigidity": {"MAX_STICKS": 0, "MAX_WAIT": 0},
+    "jumps for ever": {"MAX_OPENINGS": np.inf},
+    "none of them": {"MAX_STICKS": 0, "MAX_WAIT": 0, "MAX_OPENINGS": np.inf},
 }
+DEFAULTS = {name: getattr(stick_slip, name) for name in ("MAX_STICKS", "MAX_WAIT", "MAX_OPENINGS")}
 
 
 def main():
@@ -119,8 +115,9 @@ def main():
     say(" " * 16 + f"{'failed':>13} {'its/solve':>11}" * len(VARIANTS))
     for name, law in LAWS.items():
         cells_of_row = []
-        for patched, limit in VARIANTS.values():
-            qs.slip.Slip.turn, qs.slip.MAX_OPENINGS = patched, limit
+        for changes in VARIANTS.values():
+            for constant, value in (DEFAULTS | changes).items():
+                setattr(stick_slip, constant, value)
             iterations, failures = [], 0
             product = itertools.product(cases, FORMULATIONS, ("nodal", "overlay"))
             for (cell, n), formulation, quadrature in product:

@@ -33,6 +33,7 @@ class Rows(typing.NamedTuple):
         traction: Multiplier τ̂ that the trial starts from (stress), tangential, (rows, gdim).
         pressure: Normal multiplier λ ≥ 0 (stress), (rows,).
         closed: Rows in contact, (rows,).
+        unlimited: Rows to be evaluated as if there were no limit, (rows,).
         penalty: ε of each row in tangential direction (stress per length), (rows,).
         projector: On the tangent plane, (rows, gdim, gdim).
         cover: Part of the row's area that pairing points stand for: what g is to be divided by for
@@ -46,6 +47,7 @@ class Rows(typing.NamedTuple):
     traction: Array
     pressure: Array
     closed: npt.NDArray[np.bool_]
+    unlimited: npt.NDArray[np.bool_]
     penalty: Array
     projector: Array
     cover: Array
@@ -80,7 +82,7 @@ class Friction(abc.ABC):
 
     A law with a limit that does not vanish with the pressure lets τ jump to zero when a node opens.
     Where such a node can be neither open nor closed with the whole of τ, it is closed without any:
-    see ``Slip.turn``.
+    see ``StickSlip``.
 
     The virtual work of contact is Σ S_k (λ_k δḡ_k + τ_k · δg_k), g_k being the tangential part of
     (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), Δu the displacement since the step began.
@@ -129,6 +131,7 @@ class Limited(Friction):
     def respond(self, rows: Rows) -> Response:
         """τ and its derivatives."""
         limit, slope = self.limit(rows)
+        limit = np.where(rows.unlimited, np.inf, limit)
         eps = rows.penalty[:, None]
         trial = rows.traction + eps * rows.slip
         size = np.linalg.norm(trial, axis=1)

@@ -22,6 +22,7 @@ from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
 from qsdolfinx.predictor import BALANCED, Foundation
+from qsdolfinx.slip import Slip
 from qsdolfinx.solver import (
     NOT_BALANCED,
     NOT_CLOSED,
@@ -39,6 +40,9 @@ _counter = itertools.count()
 
 #: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
 MAX_AUGMENTATIONS = 100
+
+#: Solves with friction in a row in which nodes that slip to and fro may be made to stick.
+MAX_ATTEMPTS = 3
 
 
 class ContactProblem(ContactSystem):
@@ -154,9 +158,8 @@ class ContactProblem(ContactSystem):
     def _solve(self) -> None:
         start = [body.u.x.array.copy() for body in self.bodies]
         multipliers = [contact.known_multipliers() for contact in self.contacts]
-        for contact in self.contacts:
-            for slip in contact.slips:
-                slip.begin_solve()
+        for slip in self._slips:
+            slip.stick_slip.begin_solve()
         self._begin_solve()
         self.residual_history, self.active_history, self.violation_history = [], [], []
         self.num_iterations = self.num_linear_iterations = 0
@@ -188,9 +191,8 @@ class ContactProblem(ContactSystem):
 
     def _respond(self, load: Array) -> Array:
         """Change of the owned unknowns under a small load, by the tangent at the solution."""
-        for contact in self.contacts:
-            for slip in contact.slips:
-                slip.begin_iterations()  # the exact tangent
+        for slip in self._slips:
+            slip.stick_slip.begin_iterations(False)  # the exact tangent
         self._assemble()
         ksp = self.snes.getKSP()
         ksp.setOperators(self._matrix, self._matrix)
@@ -226,27 +228,37 @@ class ContactProblem(ContactSystem):
 
     def _run_snes(self) -> None:
         """Solve for the multipliers at hand."""
-        self._iterate()
-        slips = [slip for contact in self.contacts for slip in contact.slips]
+        self._iterate(0)
+        if not self._slips:
+            return
+        attempt = 0
         with self._same_accuracy():
-            while slips and self.comm.allreduce(any([s.give_back() for s in slips]), op=MPI.LOR):
-                self._iterate()
+            while self.comm.allreduce(any([slip.unsettled() for slip in self._slips]), op=MPI.LOR):
+                attempt += 1
+                self._iterate(attempt)
 
-    def _iterate(self) -> None:
-        """Newton's method, with full steps or else with a line search."""
+    @property
+    def _slips(self) -> list[Slip]:
+        """Slips of all contacts; none without friction."""
+        return [slip for contact in self.contacts for slip in contact.slips]
+
+    def _iterate(self, attempt: int) -> None:
+        """Newton's method, with full steps or else with a line search.
+
+        Args:
+            attempt: Counts those with friction from the same first guess on.
+        """
         first_guess = self._x.copy()
-        for contact in self.contacts:
-            for slip in contact.slips:
-                slip.begin_iterations()
+        for slip in self._slips:
+            slip.stick_slip.begin_iterations(self.has_full_steps and attempt < MAX_ATTEMPTS)
         self.snes.solve(None, self._x)
         self._count()
         if self.snes.getConvergedReason() < 0 and self.has_full_steps:
             first_guess.copy(self._x)
             forget_failure(self.snes)
-            for contact in self.contacts:
-                for slip in contact.slips:
-                    slip.begin_attempt()
-                    slip.begin_iterations()
+            for slip in self._slips:
+                slip.stick_slip.begin_attempt()
+                slip.stick_slip.begin_iterations(False)
             with line_search(self.snes):
                 self.snes.solve(None, self._x)
             self._count()
@@ -254,6 +266,8 @@ class ContactProblem(ContactSystem):
         if self.snes.getConvergedReason() <= 0:
             self._raise_error(self.snes.getConvergedReason())
         self._evaluate(self._x.array_r)  # a line search may have ended elsewhere
+        for slip in self._slips:
+            slip.stick_slip.end_iterations()
 
     def _count(self) -> None:
         self.num_iterations += self.snes.getIterationNumber()
@@ -352,9 +366,8 @@ class ContactProblem(ContactSystem):
         moved = not np.array_equal(x.array_r, self._evaluated)
         if self.comm.allreduce(moved, op=MPI.LOR):
             self._evaluate(x.array_r)
-        for contact in self.contacts:
-            for slip in contact.slips:
-                slip.turn()
+        for slip in self._slips:
+            slip.note()
         self._assemble()
 
     def _monitor(self, snes: PETSc.SNES, iteration: int, norm: float) -> None:

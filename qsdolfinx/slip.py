@@ -13,12 +13,10 @@ from qsdolfinx import _cpp
 from qsdolfinx.friction import Friction, Response, Rows
 from qsdolfinx.gap import Vecs, WeightedGap, handle_of
 from qsdolfinx.motion import Affine, affine_vec
+from qsdolfinx.stick_slip import StickSlip
 from qsdolfinx.surface import Surface
 
 Array = npt.NDArray[np.float64]
-
-#: Times that a row may open in a solve before it loses the friction that jumps when it opens.
-MAX_OPENINGS = 3
 
 
 class Slip:
@@ -65,6 +63,9 @@ class Slip:
         self.closed: npt.NDArray[np.bool_] = np.zeros(shape[0], dtype=bool)
         #: Whether the step of the last evaluation has been ended.
         self.ended = True
+        #: How Newton's method fares.
+        self.stick_slip = StickSlip(friction, *shape)
+        self._stuck: npt.NDArray[np.bool_] = np.zeros(shape[0], dtype=bool)
         #: What the law answered at the last evaluation.
         self.response = Response(
             np.zeros(shape),
@@ -74,8 +75,6 @@ class Slip:
             np.zeros(shape),
             np.zeros(shape[0]),
         )
-        self.begin_solve()
-        self.begin_iterations()
 
     @property
     def slave(self) -> Surface:
@@ -140,77 +139,31 @@ class Slip:
         """
         self.jump = self.jump_of(u) + self.shift
         self.closed, self.ended = closed, False
-        self.response = self.friction.respond(
-            Rows(
-                self.values,
-                self.augmented,
-                pressure,
-                closed & ~self._without(),
-                penalty * self.gap.relative_penalty,
-                self.projector,
-                self.cover,
-                dt,
-                facet_size,
-                self.parameters,
-            )
+        rows = Rows(
+            self.values,
+            self.augmented,
+            pressure,
+            closed & ~self.stick_slip.without_friction,
+            np.zeros_like(closed),
+            penalty * self.gap.relative_penalty,
+            self.projector,
+            self.cover,
+            dt,
+            facet_size,
+            self.parameters,
         )
+        self.response = self.friction.respond(rows)
+        self._stuck = self.stick_slip.made_to_stick(self.response)
+        if self._stuck.any():
+            self.response = self.friction.respond(rows._replace(unlimited=self._stuck))
 
-    # --- Newton's method
+    def note(self) -> None:
+        """Say that there is going to be a tangent at the last evaluation."""
+        self.stick_slip.note(self.response, self.closed, self._stuck)
 
-    def begin_solve(self) -> None:
-        """Forget which rows have opened, and to which friction was given back."""
-        self._given_back: npt.NDArray[np.bool_] = np.zeros(len(self.row_node), dtype=bool)
-        self.begin_attempt()
-
-    def begin_attempt(self) -> None:
-        """Forget which rows have opened: with another line search they need not."""
-        rows = len(self.row_node)
-        self._was_closed: npt.NDArray[np.bool_] = np.zeros(rows, dtype=bool)
-        self._openings = np.zeros(rows, dtype=np.int64)
-
-    def begin_iterations(self) -> None:
-        """Forget how slip has turned in earlier iterations."""
-        rows = len(self.row_node)
-        self._last: Array = np.zeros((rows, self.gap.slave.gdim))
-        self._turns: npt.NDArray[np.int64] = np.zeros(rows, dtype=np.int64)
-        self._wait: npt.NDArray[np.int64] = np.zeros(rows, dtype=np.int64)
-
-    def turn(self) -> None:
-        """Note which rows opened, and which slip the other way than in the last iteration.
-
-        A row that a law with a jump has let open so often that it may do so for ever has no
-        friction from then on, until the solve ends or :meth:`give_back` is called.
-
-        A slipping node has no stiffness along its slip, so that Newton's method may throw it to and
-        fro over the state in which it sticks. After a turn a node has the rigidity of Kačanov's
-        iteration, |τ|/|g| in all directions, which follows slowly but surely: for 2 iterations
-        the first time, then for 4. Of longer times some solves take too many iterations.
-        """
-        self._openings += self._was_closed & ~self.closed
-        self._was_closed = self.closed
-        back = np.sum(self.response.traction * self._last, axis=1) < 0
-        back &= self.response.slipping
-        self._last = self.response.traction.copy()
-        self._turns[back] += 1
-        self._wait = np.maximum(self._wait - 1, 0)
-        self._wait[back] = 2 * np.minimum(self._turns[back], 2)
-
-    def give_back(self) -> bool:
-        """Give friction back, once in a solve, to closed rows that have lost it.
-
-        For the end of Newton's method: rows also open because it is far from the solution.
-
-        Returns:
-            Whether this rank has such rows.
-        """
-        rows = self._without() & self.closed & ~self._given_back
-        self._openings[rows] = 0
-        self._given_back |= rows
-        return bool(rows.any())
-
-    def _without(self) -> npt.NDArray[np.bool_]:
-        """Rows that have lost their friction; see :meth:`turn`."""
-        return self._openings >= (MAX_OPENINGS if self.friction.jumps else np.inf)
+    def unsettled(self) -> bool:
+        """Whether rows were made to stick or are given friction back: to go on with the solve."""
+        return bool(self._stuck.any()) | self.stick_slip.give_back(self.closed)
 
     def violation(self, penalty: float) -> float:
         """Largest |τ − τ̂| / ε (length) on this rank; 0 of a law without a limit to keep."""
@@ -227,7 +180,7 @@ class Slip:
 
     def add_stiffness(self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
         """Add Jᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm)."""
-        careful = (self._wait > 0)[:, None]
+        careful = self.stick_slip.careful[:, None]
         secant = self.response.secant[:, None, None] * self.projector
         stiffness = np.where(careful[:, None], secant, self.response.stiffness)
         stiffness = self.weight[:, None, None] * stiffness
@@ -259,7 +212,7 @@ class Slip:
     def tangent_state(self) -> bytes:
         """What the tangent depends on."""
         law = self.response.stiffness.tobytes() + self.response.coupling.tobytes()
-        return law + (self._wait > 0).tobytes()
+        return law + self.stick_slip.careful.tobytes()
 
     def end_step(self) -> None:
         """Let the next step begin where this one ended."""
