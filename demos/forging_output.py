@@ -43,8 +43,10 @@ def barrelling(work):
     msh = work.mesh
     x = msh.geometry.x
     radius, comm = np.hypot(x[:, 0], x[:, 1]), msh.comm
-    faces = [mesh.entities_to_geometry(msh, 2, s.facets).ravel() for s in (work.lower, work.upper)]
-    at_dies = np.concatenate(faces)
+    # DOLFINx divides by the number of facets, which some rank may have none of.
+    faces = [surface.facets for surface in (work.lower, work.upper) if len(surface.facets)]
+    nodes = [mesh.entities_to_geometry(msh, 2, facets).ravel() for facets in faces]
+    at_dies = np.concatenate([np.zeros(0, dtype=np.int32), *nodes])
     low, high = (
         comm.allreduce(sign * (sign * x[at_dies, 2]).max(initial=-np.inf), op=op)
         for sign, op in ((-1, MPI.MIN), (1, MPI.MAX))

@@ -135,6 +135,19 @@ def test_friction(friction):
         assert 0.01 * rows[1]["work"] < taken[0] + taken[1] and taken[0] < taken[1]
 
 
+def state_of_friction(contacts):
+    """Numbers that tell slip, τ and dissipation of two runs apart, on any partition. Collective."""
+    sums = []
+    for contact in contacts if contacts[0].friction is not None else ():
+        surface = contact.slave
+        wave = np.sin(surface.node_x @ [[1.0, 0.3], [0.7, -1.1], [0.2, 0.5]]).T * surface.node_area
+        for values in (contact.slip(), contact.tangential_multiplier(), contact.dissipation()):
+            size = np.abs(values) if values.ndim == 1 else np.linalg.norm(values, axis=1)
+            sums += [*WORLD.allreduce(wave @ size), largest(values)]
+        sums.append(contact.dissipated_energy())
+    return sums
+
+
 @pytest.mark.parametrize("friction", ("none", "norton", "coulomb-tresca"))
 def test_restart(tmp_path, monkeypatch, friction):
     """A run that was stopped and goes on has the same history, energies and slip included."""
@@ -156,6 +169,7 @@ def test_restart(tmp_path, monkeypatch, friction):
         )
         run(stopped, WORLD)
     resumed, again = run(dataclasses.replace(stopped, restart=True), WORLD)
+    states = [state_of_friction(contacts) for contacts in (again[2], scene[2])]
     rows, expected = history(root / "stopped"), history(root / "whole")
     assert len(rows) == len(expected) == 2
     for row, other in zip(rows, expected, strict=True):
@@ -163,15 +177,7 @@ def test_restart(tmp_path, monkeypatch, friction):
             if "force" not in key or key.endswith("z"):  # the others are differences of large ones
                 assert np.isclose(row[key], value, rtol=1e-9, atol=1e-12), key
     assert np.isclose(resumed["forming_force"], whole["forming_force"], rtol=1e-12)
-    for contact, other in zip(again[2], scene[2], strict=True):
-        if friction != "none":
-            assert ("friction" in rows[0]) and rows[0]["friction"] > 0
-            for values in ("slip", "tangential_multiplier", "dissipation"):
-                found, wanted = (getattr(c, values)() for c in (contact, other))
-                np.testing.assert_allclose(
-                    found, wanted, rtol=1e-8, atol=1e-8 * largest(wanted), err_msg=values
-                )
-            energies = contact.dissipated_energy(), other.dissipated_energy()
-            assert np.isclose(*energies, rtol=1e-10)
+    np.testing.assert_allclose(states[0], states[1], rtol=1e-9)
+    assert ("friction" in rows[0]) == (friction != "none")
     names = {path.name for path in (root / "stopped").iterdir()}
     assert {"workpiece.xdmf", "workpiece_from_1.xdmf", "upper_die_from_1.xdmf"} <= names
