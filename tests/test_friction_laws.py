@@ -28,6 +28,7 @@ def rows_of(law, slip, traction, pressure, penalty=10.0, cover=1.0):
         np.asarray(traction) @ basis,
         np.asarray(pressure, dtype=float),
         np.asarray(pressure) > 0,
+        np.zeros(n, dtype=bool),
         np.full(n, penalty),
         projector,
         np.full(n, cover),
@@ -113,6 +114,18 @@ def test_return_mapping(name):
     assert np.abs(across[closed]).max() < 1e-12
     work = np.sum(response.traction * response.dissipative, axis=1)
     assert np.all(work >= 0) and np.all(work[slips] > 0) and not np.any(work[closed & ~slips])
+
+
+def test_made_to_stick():
+    """Rows without a limit have the trial multiplier and the penalty's rigidity."""
+    law = LAWS["coulomb"]
+    rows, _ = random_rows(law)
+    response = law.respond(rows._replace(unlimited=rows.closed))
+    trial = rows.traction + rows.penalty[:, None] * rows.slip
+    np.testing.assert_allclose(response.traction[rows.closed], trial[rows.closed])
+    stiffness = rows.penalty[:, None, None] * rows.projector
+    np.testing.assert_allclose(response.stiffness[rows.closed], stiffness[rows.closed])
+    assert not response.slipping.any() and not response.coupling.any()
 
 
 @pytest.mark.parametrize("name", ("norton", "norton-linear", "norton-v0"))
