@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import time
 import typing
 
 from mpi4py import MPI
@@ -17,6 +15,7 @@ from qsdolfinx.laws import Law
 from qsdolfinx.results import ContactResults
 from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.slip import Slip
+from qsdolfinx.timing import Stopwatch
 
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T")
@@ -32,17 +31,13 @@ class ContactAssembly(ContactResults):
     _touching: float
     _facet_size: float
     _tool_version: int
-    #: Wall time (s) that this rank has spent in pairing, gaps and insertion.
-    seconds: float
+    #: Wall time that this rank has spent in pairing, gaps and insertion.
+    watch: Stopwatch
 
-    @contextlib.contextmanager
-    def clock(self) -> typing.Iterator[None]:
-        """Count the block's time as contact's."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds += time.perf_counter() - start
+    @property
+    def seconds(self) -> float:
+        """Wall time (s) that this rank has spent in pairing, gaps and insertion."""
+        return sum(self.watch.seconds.values())
 
     def move_tool(self) -> None:
         """Take over the motion of a rigid tool. Collective.
@@ -56,7 +51,7 @@ class ContactAssembly(ContactResults):
         if self._tool_version != self.master.version:
             raise RuntimeError("the tool has been moved for good: call contact.update()")
         self.master.check_state()
-        with self.clock():
+        with self.watch.stage("gap"):
             for p in self.passes:
                 p.shift = p.change(self.master.motion)
             for slip in self.slips:
@@ -64,7 +59,7 @@ class ContactAssembly(ContactResults):
 
     def evaluate(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Compute gaps for the unknowns of the two bodies. Collective."""
-        with self.clock():
+        with self.watch.stage("gap"):
             for p in self.passes:
                 p.evaluate(self.ordered(p, (slave, master)))
             for slip in self.slips:
@@ -83,7 +78,7 @@ class ContactAssembly(ContactResults):
 
         That is ∂Φ/∂u at the last evaluation, and the work of friction.
         """
-        with self.clock():
+        with self.watch.stage("gap"):
             for p in self.passes:
                 p.add_forces(p.multiplier(self.eps), self.ordered(p, (slave, master)))
             for slip in self.slips:
@@ -91,7 +86,7 @@ class ContactAssembly(ContactResults):
 
     def add_tangent(self, blocks: tuple[PETSc.Mat | None, ...]) -> None:
         """Add the residual's derivative to the blocks (ss, sm, ms, mm); not assembled here."""
-        with self.clock():
+        with self.watch.stage("insertion"):
             for p in self.passes:
                 p.add_stiffness(self.slope(p), self.ordered(p, blocks), pattern=False)
             for slip in self.slips:
@@ -99,8 +94,9 @@ class ContactAssembly(ContactResults):
 
     def add_pattern(self, blocks: tuple[PETSc.Mat | None, ...]) -> None:
         """Add zeros wherever :meth:`add_tangent` may ever add anything."""
-        for p in self.passes:
-            p.add_stiffness(np.zeros(len(p.values)), self.ordered(p, blocks), pattern=True)
+        with self.watch.stage("insertion"):
+            for p in self.passes:
+                p.add_stiffness(np.zeros(len(p.values)), self.ordered(p, blocks), pattern=True)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""

@@ -16,6 +16,8 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
+from qsdolfinx.timing import Stopwatch
+
 Array = npt.NDArray[np.float64]
 
 
@@ -56,6 +58,8 @@ class Body:
         self.fingerprint = b""
         #: Whether coordinates are (r, z); its contact surfaces know.
         self.axisymmetric = False
+        #: Wall time that this rank has spent in assembly.
+        self.watch = Stopwatch()
         #: Number of times that K was assembled.
         self.num_assemblies = 0
 
@@ -163,20 +167,23 @@ class Body:
                 thing.destroy()
 
     def _assemble_matrix(self, matrix: PETSc.Mat) -> None:
-        matrix.zeroEntries()
-        # mypy sees another of the functions that this name dispatches to.
-        fem_petsc.assemble_matrix(matrix, self._tangent_form, self.bcs)  # type: ignore[arg-type]
-        matrix.assemble()
+        form = self._tangent_form
+        with self.watch.stage("bulk assembly"):
+            matrix.zeroEntries()
+            # mypy sees another of the functions that this name dispatches to.
+            fem_petsc.assemble_matrix(matrix, form, self.bcs)  # type: ignore[arg-type]
+            matrix.assemble()
         self.num_assemblies += 1
 
     def _assemble_vector(self, lift: bool = False) -> Array:
         """F at u on the owned unknowns; with lift, as if the constrained ones had their values."""
-        self._b.array[:] = 0
-        fem.assemble_vector(self._b.array, self._residual_form)
-        if lift:
-            form, x = self._tangent_form, self.u.x.array
-            fem.apply_lifting(self._b.array, [form], [self.bcs], x0=[x], alpha=-1.0)
-        self._b.scatter_reverse(la.InsertMode.add)
+        with self.watch.stage("bulk assembly"):
+            self._b.array[:] = 0
+            fem.assemble_vector(self._b.array, self._residual_form)
+            if lift:
+                form, x = self._tangent_form, self.u.x.array
+                fem.apply_lifting(self._b.array, [form], [self.bcs], x0=[x], alpha=-1.0)
+            self._b.scatter_reverse(la.InsertMode.add)
         return np.array(self._b.array[: self.num_owned])
 
     def _state_of_K(self) -> bytes:

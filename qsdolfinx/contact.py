@@ -23,6 +23,7 @@ from qsdolfinx.results import TWO_PASSES
 from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.surface import Surface, update_surfaces
 from qsdolfinx.tangential import Tangential
+from qsdolfinx.timing import Stopwatch
 
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T")
@@ -173,7 +174,7 @@ class Contact(ContactMotion):
             self.tangential = Tangential(friction, slave, friction_penalty)
         #: Counts the pairings made so far.
         self.version = 0
-        self.seconds = 0.0
+        self.watch = Stopwatch()
         self._given_radius = None if search_radius is None else float(search_radius)
         self._automatic = penalty == "auto"
         self._penalty = None if penalty == "auto" else float(penalty)
@@ -196,7 +197,7 @@ class Contact(ContactMotion):
         if isinstance(self.master, RigidSurface):
             self.master.check_state()
             self._tool_version = self.master.version
-        with self.clock():
+        with self.watch.stage("pairing"):
             with_facets: list[Surface | RigidSurface] = [self.slave]
             if isinstance(self.master, Surface) or not self.master.is_analytic:
                 with_facets.append(self.master)

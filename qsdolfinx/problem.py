@@ -198,7 +198,8 @@ class ContactProblem(ContactSystem):
         ksp.setOperators(self._matrix, self._matrix)
         b, y = self._x.duplicate(), self._x.duplicate()
         b.array[:] = load
-        ksp.solve(b, y)
+        with self.watch.stage("solve"):
+            ksp.solve(b, y)
         if ksp.getConvergedReason() < 0:
             self._raise_error(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
         change = y.array_r.copy()
@@ -251,7 +252,8 @@ class ContactProblem(ContactSystem):
         first_guess = self._x.copy()
         for slip in self._slips:
             slip.stick_slip.begin_iterations(self.has_full_steps and attempt < MAX_ATTEMPTS)
-        self.snes.solve(None, self._x)
+        with self.watch.stage("solve"):
+            self.snes.solve(None, self._x)
         self._count()
         if self.snes.getConvergedReason() < 0 and self.has_full_steps:
             first_guess.copy(self._x)
@@ -259,7 +261,7 @@ class ContactProblem(ContactSystem):
             for slip in self._slips:
                 slip.stick_slip.begin_attempt()
                 slip.stick_slip.begin_iterations(False)
-            with line_search(self.snes):
+            with line_search(self.snes), self.watch.stage("solve"):
                 self.snes.solve(None, self._x)
             self._count()
         first_guess.destroy()

@@ -19,6 +19,7 @@ from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
 from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
 from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.surface import Surface
+from qsdolfinx.timing import Span, Stopwatch, spans
 
 Array = npt.NDArray[np.float64]
 
@@ -49,6 +50,8 @@ class ContactSystem:
                 if i is not None:
                     self.bodies[i].axisymmetric = contact.slave.axisymmetric
         self._kind = kind
+        #: Wall time that this rank has spent in conversion and in the solver.
+        self.watch = Stopwatch()
         self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
         self._rigid: RigidMotion | None = None
         self._hold: Hold | None = None
@@ -93,6 +96,19 @@ class ContactSystem:
                     scales[i] = scale
         return scales
 
+    @property
+    def timings(self) -> dict[str, Span]:
+        """Wall time (s) since the problem was made, of the contacts since they were. Collective.
+
+        Returns:
+            The most and the least that any rank has spent in each stage: ``"pairing"``, ``"gap"``,
+            ``"insertion"`` of contact blocks, ``"bulk assembly"``, ``"conversion"`` of the MatNest,
+            and ``"solve"``, which is what is left of the nonlinear solver: the linear one. The
+            stages of PETSc's ``-log_view`` are the same.
+        """
+        watches = [*(b.watch for b in self.bodies), *(c.watch for c in self.contacts), self.watch]
+        return spans(self.comm, watches)
+
     # --- Matrices
 
     def _rebuild(self) -> None:
@@ -122,7 +138,8 @@ class ContactSystem:
         self.blocks = Blocks(self.bodies, self.contacts, self.sides, matrices)
         self._matrix = self.blocks.nest
         if self._kind == "mpi":
-            self._matrix = self.blocks.nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+            with self.watch.stage("conversion"):
+                self._matrix = self.blocks.nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
             forbid_allocation(self._matrix)
         self._rigid = RigidMotion(self.bodies)
         self._hold = Hold(self._rigid, self.bodies, self.contacts, self.sides)
@@ -182,7 +199,8 @@ class ContactSystem:
         self.blocks.assemble()
         self._hold.add_to(self.blocks)
         if self._kind == "mpi":
-            self.blocks.nest.convert(PETSc.Mat.Type.AIJ, self._matrix)
+            with self.watch.stage("conversion"):
+                self.blocks.nest.convert(PETSc.Mat.Type.AIJ, self._matrix)
         assert self._matrix is not None
         self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
         self._assembled = state

@@ -1,0 +1,68 @@
+"""Wall time by stage, in Python and in PETSc's -log_view alike."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+#: Stages, in the order of the work; -log_view has them with "contact: " before the name.
+STAGES = ("pairing", "gap", "insertion", "bulk assembly", "conversion", "solve")
+
+#: Those that a problem without contact has not.
+CONTACT_STAGES = ("pairing", "gap", "insertion", "conversion")
+
+
+class Span(typing.NamedTuple):
+    """Wall time (s) of a stage, of the ranks that spent most and least in it."""
+
+    max: float
+    min: float
+
+
+class Stopwatch:
+    """Wall time (s) that this rank has spent in each stage.
+
+    A stage that begins inside another one stops that one's time, as PETSc's stages do.
+    """
+
+    _running: typing.ClassVar[list[tuple[Stopwatch, str]]] = []
+    _since: typing.ClassVar[float] = 0.0
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> typing.Iterator[None]:
+        """Count the block's time."""
+        petsc = PETSc.Log.Stage(f"contact: {name}")
+        self._book()
+        Stopwatch._running.append((self, name))
+        petsc.push()
+        try:
+            yield
+        finally:
+            petsc.pop()
+            self._book()
+            Stopwatch._running.pop()
+
+    @staticmethod
+    def _book() -> None:
+        """Give the time since the last change to the stage that runs."""
+        now = time.perf_counter()
+        if Stopwatch._running:
+            watch, name = Stopwatch._running[-1]
+            watch.seconds[name] += now - Stopwatch._since
+        Stopwatch._since = now
+
+
+def spans(comm: MPI.Intracomm, watches: typing.Sequence[Stopwatch]) -> dict[str, Span]:
+    """Sums of several stopwatches, over ranks. Collective."""
+    out = {}
+    for name in STAGES:
+        local = sum(watch.seconds[name] for watch in watches)
+        out[name] = Span(comm.allreduce(local, op=MPI.MAX), comm.allreduce(local, op=MPI.MIN))
+    return out
