@@ -18,15 +18,18 @@ from dolfinx import fem
 from qsdolfinx.arguments import check_arguments, check_sequences, communicator
 from qsdolfinx.augmentation import Augmentation
 from qsdolfinx.bulk import Body
+from qsdolfinx.checks import check_choice
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
 from qsdolfinx.predictor import BALANCED, Foundation
+from qsdolfinx.presets import BLOCK, PRESETS, pick
 from qsdolfinx.slip import Slip
 from qsdolfinx.solver import (
     NOT_BALANCED,
     NOT_CLOSED,
     ConvergenceError,
+    chosen_by_user,
     forget_failure,
     line_search,
     remove_options,
@@ -61,9 +64,13 @@ class ContactProblem(ContactSystem):
         J: For each body the derivative of F, or None to derive it. Forms that are linear in u are
             found by UFL, and their matrix is assembled once.
         petsc_options_prefix: Prefix of the solver's options; by default a new one for each problem.
-        petsc_options: PETSc options without the prefix. Without any ``ksp_`` or ``pc_`` option,
-            MUMPS factorises the matrix.
+        petsc_options: PETSc options without the prefix, on top of those of the solver.
         kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
+        solver: Linear solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
+            not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
+            moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
+            the MatNest), or ``"auto"``: direct unless the problem is large, which is then printed;
+            nothing of all this if there is any ``ksp_`` or ``pc_`` option.
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
@@ -80,16 +87,20 @@ class ContactProblem(ContactSystem):
         *,
         petsc_options_prefix: str | None = None,
         petsc_options: dict[str, typing.Any] | None = None,
-        kind: str = "mpi",
+        kind: str | None = None,
+        solver: str = "auto",
     ) -> None:
         with collective_errors(communicator(u)):
             check_sequences(F=F, u=u, contacts=contacts, bcs=bcs, J=J)
             bcs = [[] for _ in u] if bcs is None else bcs
             J = [None for _ in u] if J is None else J
+            check_choice("solver", solver, ("auto", *PRESETS))
+            if kind is None:
+                kind = "nest" if solver == "fieldsplit" else "mpi"
             check_arguments(F, u, contacts, bcs, J, kind)
             if not isinstance(petsc_options, (dict, type(None))):
                 raise TypeError("petsc_options: must be a dictionary of options without the prefix")
-        check_agreement(communicator(u), contacts=len(contacts), kind=kind)
+        check_agreement(communicator(u), contacts=len(contacts), kind=kind, solver=solver)
         super().__init__([Body(*given) for given in zip(F, u, bcs, J, strict=True)], contacts, kind)
         self._steps_within = 0
         #: Norm of the residual at each iteration of the last solve.
@@ -105,13 +116,37 @@ class ContactProblem(ContactSystem):
 
         prefix = petsc_options_prefix
         prefix = f"qsdolfinx_{next(_counter)}_" if prefix is None else prefix
+        remove_options(prefix)
+        self._given = dict(petsc_options or {})
+        #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
+        self.solver = self._pick(solver, prefix, petsc_options or {})
         #: Whether the line search is the default and not the user's choice.
-        self.has_full_steps = set_options(prefix, petsc_options or {})
+        self.has_full_steps = set_options(prefix, petsc_options or {}, self._linear_options())
         #: PETSc's nonlinear solver.
         self.snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
         self.snes.setOptionsPrefix(prefix)
         self.snes.setFromOptions()
         self.snes.setMonitor(weak(self._monitor))
+
+    def _pick(self, solver: str, prefix: str, given: dict[str, typing.Any]) -> str:
+        if solver != "auto":
+            return solver
+        if chosen_by_user(prefix, given):
+            return "options"
+        gdim = self.bodies[0].V.mesh.geometry.dim
+        has_modes = all(body.V.dofmap.index_map_bs == gdim for body in self.bodies)
+        name, reason = pick(self._x.getSize(), gdim, has_modes)
+        if name != "direct":
+            PETSc.Sys.Print(f'qsdolfinx: solver="{name}": {reason}', comm=self.comm)
+        return name
+
+    def _linear_options(self) -> dict[str, typing.Any]:
+        """The preset's options."""
+        options = dict(PRESETS.get(self.solver, {}))
+        if self.solver == "fieldsplit":
+            for i in range(len(self.bodies)):
+                options |= {f"fieldsplit_{i}_{key}": value for key, value in BLOCK.items()}
+        return options
 
     @contextlib.contextmanager
     def one_step(self) -> typing.Iterator[None]:
@@ -371,6 +406,10 @@ class ContactProblem(ContactSystem):
         for slip in self._slips:
             slip.note()
         self._assemble()
+        if self.solver in ("amg", "fieldsplit"):
+            kind = PETSc.KSP.Type.CG if self.symmetric else PETSc.KSP.Type.GMRES
+            if "ksp_type" not in self._given:
+                self.snes.getKSP().setType(kind)
 
     def _monitor(self, snes: PETSc.SNES, iteration: int, norm: float) -> None:
         self.residual_history.append(norm)

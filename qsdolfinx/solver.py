@@ -31,16 +31,6 @@ NOT_BALANCED = -1001
 
 _NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED"}
 
-#: Defaults of the linear solver, unless the user chooses anything about it.
-DIRECT_OPTIONS: dict[str, typing.Any] = {
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
-    # Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
-    # incompressible flow, need more; on several ranks how much also depends on timing.
-    "mat_mumps_icntl_14": 100,
-}
-
 
 class ConvergenceError(RuntimeError):
     """The nonlinear solver did not converge; the unknowns are as they were before.
@@ -103,19 +93,28 @@ def forget_failure(snes: PETSc.SNES) -> None:
 _put: dict[str, dict[str, str]] = {}
 
 
-def set_options(prefix: str, given: dict[str, typing.Any]) -> bool:
+def chosen_by_user(prefix: str, given: dict[str, typing.Any]) -> bool:
+    """Whether options or the command line say anything about the linear solver."""
+    keys = (*given, *PETSc.Options(prefix).getAll())
+    return any(key.startswith(("ksp_", "pc_")) for key in keys)
+
+
+def set_options(prefix: str, given: dict[str, typing.Any], linear: dict[str, typing.Any]) -> bool:
     """Put a problem's options into PETSc's database.
 
     They stay there, because preconditioners look up some of theirs late; those of an earlier
-    problem with this prefix are removed. Defaults give way to the command line.
+    problem with this prefix have to be removed before. Defaults give way to the command line.
+
+    Args:
+        prefix: Of the options.
+        given: The user's.
+        linear: Defaults of the linear solver.
 
     Returns:
         Whether the full steps are our default and not the user's choice.
     """
-    remove_options(prefix)
     database = PETSc.Options(prefix)
-    chosen = any(key.startswith(("ksp_", "pc_")) for key in (*given, *database.getAll()))
-    defaults = SNES_OPTIONS if chosen else SNES_OPTIONS | DIRECT_OPTIONS
+    defaults = SNES_OPTIONS | linear
     put = {key: value for key, value in defaults.items() if not database.hasName(key)} | given
     for key, value in put.items():
         database.setValue(key, value)

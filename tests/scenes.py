@@ -174,6 +174,14 @@ class Pair:
         return qs.ContactProblem(self.F, self.u, [self.contact], self.bcs, **options)
 
 
+def drag_top(pair, shift, press=-0.1):
+    """Set the displacement of the upper block's top, along x and up."""
+    top = plane(pair.meshes[1], pair.gdim - 1, 1.0)
+    value = np.zeros(pair.gdim)
+    value[0], value[-1] = shift, press
+    pair.bcs[1][:] = [clamp(pair.V[1], top, value)]
+
+
 def gathered(comm, values):
     """Values of all ranks, on every rank."""
     return np.concatenate(comm.allgather(values))

@@ -8,7 +8,7 @@ from scenes import (
     CELLS,
     WORLD,
     Pair,
-    clamp,
+    drag_top,
     largest,
     mini_space,
     plane,
@@ -50,16 +50,8 @@ def pair_of(cell, friction, formulation="quasi-symmetric", options=None, **kwarg
     if friction.needs_dt:
         options["dt"] = 0.5
     pair = Pair(cell, formulation, contact_options=options, **kwargs)
-    drag(pair, 0.0)
+    drag_top(pair, 0.0)
     return pair
-
-
-def drag(pair, shift, press=-0.1):
-    """Set the displacement of the upper block's top."""
-    top = plane(pair.meshes[1], pair.gdim - 1, 1.0)
-    value = np.zeros(pair.gdim)
-    value[0], value[-1] = shift, press
-    pair.bcs[1][:] = [clamp(pair.V[1], top, value)]
 
 
 def problem_of(cell, law, formulation="quasi-symmetric", options=None, shift=0.05, **kwargs):
@@ -164,7 +156,7 @@ def test_sticking_is_tied(cell, quadrature, formulation):
     for law, more in ((qs.Tied(), {}), (qs.Unilateral(), {"friction": qs.Sticking()})):
         options = {"quadrature": quadrature, **more}
         pair = Pair(cell, formulation, law, contact_options=options)
-        drag(pair, 0.01)
+        drag_top(pair, 0.01)
         problem = pair.problem()
         problem.solve()
         forces.append(pair.contact.force("slave"))
@@ -305,7 +297,7 @@ def test_other_spaces(space, formulation):
         quadrature="overlay",
         friction=qs.Coulomb(mu),
     )
-    drag(pair, 1.0)
+    drag_top(pair, 1.0)
     problem = pair.problem()
     problem.solve()
     # Both blocks are 1 long: nearly ∫ (0.1 + 0.2 x) p dx.

@@ -1,0 +1,57 @@
+"""Linear solvers by name, and which one is taken when none is named."""
+
+from __future__ import annotations
+
+import typing
+
+#: Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
+#: incompressible flow, need more; on several ranks how much also depends on timing.
+_EXTRA_MEMORY = 100
+
+_AMG: dict[str, typing.Any] = {
+    "pc_type": "gamg",
+    "pc_gamg_threshold": 0.02,
+    "pc_gamg_aggressive_coarsening": 1,
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "jacobi",
+}
+
+_KRYLOV: dict[str, typing.Any] = {
+    "ksp_type": "cg",  # GMRES where the tangent is not symmetric
+    "ksp_rtol": 1e-8,
+    "ksp_gmres_restart": 100,
+}
+
+PRESETS: dict[str, dict[str, typing.Any]] = {
+    "direct": {
+        "ksp_type": "preonly",
+        "pc_type": "lu",
+        "pc_factor_mat_solver_type": "mumps",
+        "mat_mumps_icntl_14": _EXTRA_MEMORY,
+    },
+    "amg": _KRYLOV | _AMG,
+    # One V-cycle for each body, one body after the other and back.
+    "fieldsplit": _KRYLOV
+    | {"pc_type": "fieldsplit", "pc_fieldsplit_type": "symmetric_multiplicative"},
+}
+
+#: Options of each body's block with "fieldsplit", after "fieldsplit_I_".
+BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | _AMG
+
+#: Unknowns in 2D and 3D from which on multigrid is taken: see ``bench/presets.py``.
+LARGE = {2: 1_000_000, 3: 60_000}
+
+
+def pick(unknowns: int, dim: int, has_modes: bool) -> tuple[str, str]:
+    """The preset for a problem, and why.
+
+    Args:
+        unknowns: Number of unknowns, over all ranks.
+        dim: Of space.
+        has_modes: Whether all bodies are in displacements or velocities alone.
+    """
+    if not has_modes:
+        return "direct", "a body has other unknowns than displacements"
+    if unknowns < LARGE[dim]:
+        return "direct", f"{unknowns} unknowns in {dim}D are fewer than {LARGE[dim]}"
+    return "amg", f"{unknowns} unknowns in {dim}D are {LARGE[dim]} or more"
