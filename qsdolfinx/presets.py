@@ -39,7 +39,7 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
 BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | _AMG
 
 #: Unknowns in 2D and 3D from which on multigrid is taken: see ``bench/presets.py``.
-LARGE = {2: 1_000_000, 3: 60_000}
+LARGE = {2: 1_000_000, 3: 40_000}
 
 
 def pick(unknowns: int, dim: int, has_modes: bool) -> tuple[str, str]:
