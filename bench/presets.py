@@ -1,0 +1,87 @@
+"""Time and Krylov iterations of the solver presets over the size of a problem.
+
+Two elastic blocks on non-matching meshes, n and 4n/5 cells along an edge of the lower and the upper
+one, squares or cubes, are pressed together by a displacement: unilateral quasi-symmetric contact
+with an augmented Lagrangian. Printed are wall seconds of the solve, from forms to closed gaps,
+Newton and Krylov iterations.
+
+    python3 bench/presets.py --dim 3 --cells 10 20 30
+    mpirun -n 2 python3 bench/presets.py --dim 2 --cells 100 200 400
+"""
+
+import argparse
+import time
+
+from mpi4py import MPI
+
+import numpy as np
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+COMM = MPI.COMM_WORLD
+E = 3e4, 1.3e4  # of the lower and the upper block
+
+
+def block(dim, n, low, modulus, far, press):
+    """Form, displacement, conditions and contact surface of one block."""
+    corner = np.append(np.zeros(dim - 1), low)
+    cell = mesh.CellType.quadrilateral if dim == 2 else mesh.CellType.hexahedron
+    create = mesh.create_rectangle if dim == 2 else mesh.create_box
+    msh = create(COMM, [corner, corner + 1], [n] * dim, cell)
+    V = fem.functionspace(msh, ("Lagrange", 1, (dim,)))
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    strain = ufl.sym(ufl.grad(u))
+    stress = modulus / 1.3 * (strain + 0.75 * ufl.tr(strain) * ufl.Identity(dim))
+    held, touching = (
+        mesh.locate_entities_boundary(msh, dim - 1, lambda x, z=z: np.isclose(x[dim - 1], z))
+        for z in (far, 1.0)
+    )
+    value = np.append(np.zeros(dim - 1), press)
+    bc = fem.dirichletbc(value, fem.locate_dofs_topological(V, dim - 1, held), V)
+    return ufl.inner(stress, ufl.grad(v)) * ufl.dx, u, [bc], qs.Surface(V, facets=touching)
+
+
+def measure(dim, n, solver, enforcement):
+    """Seconds, Newton and Krylov iterations, unknowns."""
+    COMM.barrier()
+    start = time.perf_counter()
+    lower = block(dim, n, 0.0, E[0], 0.0, 0.0)
+    upper = block(dim, 4 * n // 5, 1.0, E[1], 2.0, -0.02)
+    contact = qs.Contact(upper[3], lower[3], enforcement=enforcement)
+    bodies = lower, upper
+    forms, u, bcs = ([body[i] for body in bodies] for i in range(3))
+    problem = qs.ContactProblem(forms, u, [contact], bcs, solver=solver)
+    problem.solve()
+    seconds = COMM.allreduce(time.perf_counter() - start, op=MPI.MAX)
+    counts = problem.num_iterations, problem.num_linear_iterations
+    unknowns = problem._x.getSize()
+    problem.destroy()
+    return seconds, counts, unknowns
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--dim", type=int, choices=(2, 3), default=3)
+    parser.add_argument("--cells", type=int, nargs="+", default=(10, 16, 24))
+    parser.add_argument("--solvers", nargs="+", default=("direct", "amg", "fieldsplit"))
+    parser.add_argument(
+        "--enforcement", choices=("penalty", "augmented-lagrangian"), default="augmented-lagrangian"
+    )
+    p = parser.parse_args()
+    say = print if COMM.rank == 0 else lambda *args, **kwargs: None
+    say(f"{'unknowns':>10}" + "".join(f"{name + ': s':>14}{'its':>11}" for name in p.solvers))
+    for n in p.cells:
+        columns = []
+        for solver in p.solvers:
+            seconds, (newton, krylov), unknowns = measure(p.dim, n, solver, p.enforcement)
+            columns.append(f"{seconds:14.2f}{f'{newton}/{krylov}':>11}")
+        say(f"{unknowns:10}" + "".join(columns), flush=True)
+
+
+if __name__ == "__main__":
+    main()
