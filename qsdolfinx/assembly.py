@@ -71,7 +71,14 @@ class ContactAssembly(ContactResults):
                     self.tangential_penalty,
                     self.dt,
                     self._facet_size,
+                    self._in_displacement(p),
                 )
+
+    def _in_displacement(self, p: WeightedGap) -> tuple[bool, bool]:
+        """Whether the bodies of a pass have displacements; a rigid tool moves as its slave does."""
+        kinds = self.unknown[:1] * 2 if isinstance(self.master, RigidSurface) else self.unknown
+        slave, master = self.ordered(p, kinds)
+        return slave == "displacement", master == "displacement"
 
     def add_residual(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Add contact's virtual work to the residuals of the two bodies. Collective.

@@ -56,9 +56,9 @@ class Contact(ContactMotion):
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface, or a rigid tool.
-        formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
-            carries no multiplier, so that only the first and the last are possible; with an
-            analytic shape they are the same.
+        formulation: ``"master-slave"``, ``"double-pass"``, ``"quasi-symmetric"`` or
+            ``"two-half-pass"``. A rigid tool carries no multiplier, so that only the first and the
+            third are possible; with an analytic shape they are the same.
         law: ``Unilateral()`` or ``Tied()``.
         penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
             contact nodes when the problem is first solved; with an augmented Lagrangian and bodies
@@ -237,10 +237,23 @@ class Contact(ContactMotion):
                 )
             if self.tangential is not None:
                 self.tangential.pair(self.passes, self.quadrature == "overlay")
+                if self.version > 0:
+                    self._continue_step()
             if kept:
                 self.set_multipliers_on_nodes(kept)
             self.set_motion()
             self.version += 1
+
+    def _continue_step(self) -> None:
+        """Let slip count from where the bodies and the tool are now, however they got there.
+
+        Bodies in total displacements keep their unknowns when contact pairs anew, unless whoever
+        has moved their mesh sets them to zero; which of the two the next evaluation tells.
+        """
+        for slip in self.slips:
+            slip.starts_there = True
+            if isinstance(self.master, RigidSurface) and self.unknown[0] == "displacement":
+                slip.start = slip.change(self.master.motion)
 
     # --- Pairing points
 

@@ -29,7 +29,7 @@ class ContactMotion(ContactAssembly):
 
     @property
     def dt(self) -> float | None:
-        """Δt, time; None if neither body has velocities."""
+        """Δt, time; None if nothing depends on it."""
         return self._kinematics.dt
 
     @property
@@ -41,8 +41,8 @@ class ContactMotion(ContactAssembly):
         """Set Δt (time) for the solves to come. Collective.
 
         Raises:
-            ValueError: If it is not a positive number, the same on all ranks, or no body has
-                velocities.
+            ValueError: If it is not a positive number, the same on all ranks, or nothing
+                depends on it.
         """
         with collective_errors(self.comm):
             if self._kinematics.dt is not None:
@@ -123,7 +123,7 @@ class ContactMotion(ContactAssembly):
         )
         for slip in self.slips:
             of_slave, of_master = self.ordered(slip.gap, known)
-            slip.start = slip.jump_of((of_slave, of_master))
+            slip.start, slip.starts_there = slip.jump_of((of_slave, of_master)), False
             if moved is not None:
                 slip.start -= slip.change(moved)
         for vec in known:

@@ -91,7 +91,7 @@ class Drive:
         moduli: E of each contact, stress.
 
     Raises:
-        ValueError: If a force pulls a tool that only unilateral contact holds.
+        ValueError: If a force pulls a tool that only unilateral contact without friction holds.
     """
 
     def __init__(
@@ -122,7 +122,8 @@ class Drive:
                 )
         self._force = np.array(forces)
         for force, pressed in zip(forces, self._pressed, strict=True):
-            if force < 0 and not any(p.contact.law.linear for p in pressed):
+            holds = [p.contact.law.linear or p.slip is not None for p in pressed]
+            if force < 0 and not any(holds):
                 raise ValueError("force: a negative one pulls the tool, which needs tied contact")
         self._start = [tool.displacement.copy() for tool in self.tools]
 

@@ -191,7 +191,7 @@ class CoulombTresca(Limited):
 
     Args:
         mu: Coefficient of friction μ.
-        m_bar: Friction factor m̄, from 0 to 1.
+        m_bar: Friction factor m̄, from 0 to 1; of a Constant or Function that is not checked.
         flow_stress: σ₀, stress.
     """
 
@@ -199,9 +199,10 @@ class CoulombTresca(Limited):
     jumps = False
 
     def __init__(self, mu: Parameter, m_bar: Parameter, flow_stress: Parameter) -> None:
-        if isinstance(m_bar, (int, float)) and m_bar > 1:
-            raise ValueError(f"m_bar: must be from 0 to 1, not {m_bar!r}")
         super().__init__(mu=mu, m_bar=m_bar, flow_stress=flow_stress)
+        factor = self.parameters["m_bar"]
+        if isinstance(factor, float) and factor > 1:
+            raise ValueError(f"m_bar: must be from 0 to 1, not {m_bar!r}")
 
     def limit(self, rows: Rows) -> tuple[Array, Array]:
         """κ = min(μ λ, m̄ σ₀/√3)."""
@@ -241,6 +242,9 @@ class Norton(Friction):
             check_positive("v0", v0)
         super().__init__(alpha=alpha, K=K)
         self.q, self.v0 = float(q), v0
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()[:-1]}, q={self.q}, v0={self.v0})"
 
     def respond(self, rows: Rows) -> Response:
         """τ and its derivatives."""

@@ -19,8 +19,10 @@ _AMG: dict[str, typing.Any] = {
 _KRYLOV: dict[str, typing.Any] = {
     "ksp_type": "cg",  # GMRES where the tangent is not symmetric
     "ksp_rtol": 1e-8,
-    "ksp_gmres_restart": 100,
 }
+
+#: Iterations after which GMRES starts anew.
+GMRES_RESTART = 100
 
 PRESETS: dict[str, dict[str, typing.Any]] = {
     "direct": {
@@ -42,16 +44,20 @@ BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | _AMG
 LARGE = {2: 1_000_000, 3: 40_000}
 
 
-def pick(unknowns: int, dim: int, has_modes: bool) -> tuple[str, str]:
+def pick(unknowns: int, dim: int, has_modes: bool, kind: str) -> tuple[str, str]:
     """The preset for a problem, and why.
 
     Args:
         unknowns: Number of unknowns, over all ranks.
         dim: Of space.
         has_modes: Whether all bodies are in displacements or velocities alone.
+        kind: ``"mpi"`` or ``"nest"``, the matrix that the solver sees.
     """
     if not has_modes:
         return "direct", "a body has other unknowns than displacements"
     if unknowns < LARGE[dim]:
         return "direct", f"{unknowns} unknowns in {dim}D are fewer than {LARGE[dim]}"
-    return "amg", f"{unknowns} unknowns in {dim}D are {LARGE[dim]} or more"
+    return (
+        "amg" if kind == "mpi" else "fieldsplit",
+        f"{unknowns} unknowns in {dim}D are {LARGE[dim]} or more",
+    )

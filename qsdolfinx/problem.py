@@ -23,7 +23,7 @@ from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
 from qsdolfinx.predictor import BALANCED, Foundation
-from qsdolfinx.presets import BLOCK, PRESETS, pick
+from qsdolfinx.presets import BLOCK, GMRES_RESTART, PRESETS, pick
 from qsdolfinx.slip import Slip
 from qsdolfinx.solver import (
     NOT_BALANCED,
@@ -97,6 +97,8 @@ class ContactProblem(ContactSystem):
             check_choice("solver", solver, ("auto", *PRESETS))
             if kind is None:
                 kind = "nest" if solver == "fieldsplit" else "mpi"
+            if solver == "amg" and kind == "nest":
+                raise ValueError('kind: solver="amg" needs the AIJ matrix; use "fieldsplit"')
             check_arguments(F, u, contacts, bcs, J, kind)
             if not isinstance(petsc_options, (dict, type(None))):
                 raise TypeError("petsc_options: must be a dictionary of options without the prefix")
@@ -117,7 +119,8 @@ class ContactProblem(ContactSystem):
         prefix = petsc_options_prefix
         prefix = f"qsdolfinx_{next(_counter)}_" if prefix is None else prefix
         remove_options(prefix)
-        self._given = dict(petsc_options or {})
+        given = petsc_options or {}
+        self._has_ksp_type = "ksp_type" in given or PETSc.Options(prefix).hasName("ksp_type")
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
         self.solver = self._pick(solver, prefix, petsc_options or {})
         #: Whether the line search is the default and not the user's choice.
@@ -135,7 +138,7 @@ class ContactProblem(ContactSystem):
             return "options"
         gdim = self.bodies[0].V.mesh.geometry.dim
         has_modes = all(body.V.dofmap.index_map_bs == gdim for body in self.bodies)
-        name, reason = pick(self._x.getSize(), gdim, has_modes)
+        name, reason = pick(self._x.getSize(), gdim, has_modes, self._kind)
         if name != "direct":
             PETSc.Sys.Print(f'qsdolfinx: solver="{name}": {reason}', comm=self.comm)
         return name
@@ -209,6 +212,9 @@ class ContactProblem(ContactSystem):
             for contact, kept in zip(self.contacts, multipliers, strict=True):
                 contact.set_known_multipliers(kept)
             self._drive.restore()
+            for slip in self._slips:
+                slip.stick_slip.begin_solve()
+                slip.stick_slip.end_iterations()
             if isinstance(error, ConvergenceError):
                 self._evaluate(self._start)  # gaps and multipliers too
             self._restore(start)
@@ -285,8 +291,10 @@ class ContactProblem(ContactSystem):
             attempt: Counts those with friction from the same first guess on.
         """
         first_guess = self._x.copy()
+        database = PETSc.Options(self.snes.getOptionsPrefix())
+        full_steps = database.getString("snes_linesearch_type", "") == "basic"
         for slip in self._slips:
-            slip.stick_slip.begin_iterations(self.has_full_steps and attempt < MAX_ATTEMPTS)
+            slip.stick_slip.begin_iterations(full_steps and attempt < MAX_ATTEMPTS)
         with self.watch.stage("solve"):
             self.snes.solve(None, self._x)
         self._count()
@@ -408,8 +416,10 @@ class ContactProblem(ContactSystem):
         self._assemble()
         if self.solver in ("amg", "fieldsplit"):
             kind = PETSc.KSP.Type.CG if self.symmetric else PETSc.KSP.Type.GMRES
-            if "ksp_type" not in self._given:
-                self.snes.getKSP().setType(kind)
+            ksp = self.snes.getKSP()
+            if not self._has_ksp_type and ksp.getType() != kind:
+                ksp.setType(kind)
+                ksp.setGMRESRestart(GMRES_RESTART)
 
     def _monitor(self, snes: PETSc.SNES, iteration: int, norm: float) -> None:
         self.residual_history.append(norm)

@@ -48,6 +48,11 @@ class ContactResults(abc.ABC):
 
     @property
     @abc.abstractmethod
+    def unknown(self) -> tuple[str, str]:
+        """``"displacement"`` or ``"velocity"``, of the slave's and of the master's body."""
+
+    @property
+    @abc.abstractmethod
     def dt(self) -> float | None:
         """Δt, time; None if there is none."""
 
@@ -69,7 +74,7 @@ class ContactResults(abc.ABC):
         """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
 
         Args:
-            side: Side that carries the multiplier; ``"master"`` with double-pass contact only.
+            side: Side that carries the multiplier; ``"master"`` with two multipliers only.
 
         Returns:
             In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes,
@@ -136,12 +141,18 @@ class ContactResults(abc.ABC):
         return self.tangential.slip(0 if side == "slave" else 1)
 
     def slipping(self, side: str = "slave") -> npt.NDArray[np.bool_]:
-        """Nodes of this rank that are in contact and slip, shape (nodes,)."""
+        """Nodes of this rank that are in contact and slip, shape (nodes,).
+
+        Among them are nodes that have lost the friction of a law that jumps when they open.
+        """
         slip = self._slips_of(side)
-        return np.asarray(slip.gap.on_nodes(slip.response.slipping, False), dtype=bool)
+        return np.asarray(slip.gap.on_nodes(slip.slipping, False), dtype=bool)
 
     def dissipation(self, side: str = "slave") -> Array:
-        """Energy that friction took at each node of this rank in the last step, shape (nodes,)."""
+        """Energy that friction took at each node of this rank in the last step, shape (nodes,).
+
+        0 after contact has paired anew.
+        """
         slip = self._slips_of(side)
         return np.asarray(slip.gap.on_nodes(slip.dissipation(), 0.0), dtype=np.float64)
 
@@ -283,10 +294,12 @@ class ContactResults(abc.ABC):
         wanted = vecs[SIDES.index(side)]
         assert wanted is not None
         wanted.scale(-1)
-        yield wanted
-        for vec in vecs:
-            if vec is not None:
-                vec.destroy()
+        try:
+            yield wanted
+        finally:
+            for vec in vecs:
+                if vec is not None:
+                    vec.destroy()
 
     def _surface(self, side: str) -> Surface | RigidSurface:
         if side not in SIDES:

@@ -53,6 +53,10 @@ class Slip:
         #: Weighted jump of the last evaluation and where it was when the step began.
         self.jump: Array = np.zeros(shape)
         self.start: Array = np.zeros(shape)
+        #: Whether that place is not known yet: it is where the bodies are at the next evaluation.
+        self.starts_there = False
+        #: Jump that the next step starts from if this one ends at the last evaluation.
+        self._carried: Array = np.zeros(shape)
         #: What a rigid tool's motion adds to the jump.
         self.shift: Array = np.zeros(shape)
         #: τ̂, what the trial multiplier starts from.
@@ -126,6 +130,7 @@ class Slip:
         penalty: float,
         dt: float | None,
         facet_size: float,
+        in_displacement: tuple[bool, bool],
     ) -> None:
         """Compute slip and response for unknowns u. Collective.
 
@@ -136,8 +141,20 @@ class Slip:
             penalty: ε in tangential direction.
             dt: Δt.
             facet_size: Of the smallest facet.
+            in_displacement: Whether the slave's and the master's body have (total) displacements;
+                what moves with velocities starts each step from where it is.
         """
-        self.jump = self.jump_of(u) + self.shift
+        self.jump = self.jump_of(u)
+        self._carried = self.jump
+        if not all(in_displacement):
+            scales = [s * kept for s, kept in zip(self.gap.scale, in_displacement, strict=True)]
+            handles = handle_of(u[0]), handle_of(u[1])
+            self._carried = self.operator.apply(*handles, (scales[0], scales[1]))
+        if self.starts_there:
+            self.start, self.starts_there = self.start + self._carried, False
+        self.jump = self.jump + self.shift
+        if in_displacement[0]:
+            self._carried = self._carried + self.shift
         self.closed, self.ended = closed, False
         rows = Rows(
             self.values,
@@ -205,6 +222,11 @@ class Slip:
         work = np.sum(self.response.traction * self.response.dissipative, axis=1)
         return np.asarray(self.weight * work * (0.5 if self.gap.slave_only else 1.0))
 
+    @property
+    def slipping(self) -> npt.NDArray[np.bool_]:
+        """Rows in contact that slip, those included that have lost their friction."""
+        return self.response.slipping | (self.closed & self.stick_slip.without_friction)
+
     def state(self) -> bytes:
         """Which rows of this rank slip."""
         return self.response.slipping.tobytes()
@@ -212,10 +234,10 @@ class Slip:
     def tangent_state(self) -> bytes:
         """What the tangent depends on."""
         law = self.response.stiffness.tobytes() + self.response.coupling.tobytes()
-        return law + self.stick_slip.careful.tobytes()
+        return law + np.where(self.stick_slip.careful, self.response.secant, -1.0).tobytes()
 
     def end_step(self) -> None:
         """Let the next step begin where this one ended."""
         self.augmented = self.response.traction.copy()
-        self.start = self.jump.copy()
+        self.start = self._carried.copy()
         self.ended = True

@@ -50,6 +50,9 @@ class Snapshot:
             motion.u.x.array[:] = unknowns
             motion.move()
         self.restore_multipliers()
+        for contact in self._contacts:
+            for slip in contact.slips:
+                slip.ended = True  # the attempt's slip is none
         for tool, state in zip(self._tools, self._positions, strict=True):
             tool.position, tool.displacement, tool.rotation = state
 

@@ -27,7 +27,8 @@ class StickSlip:
     state in which it sticks. A node whose slip has turned is evaluated as if it had to stick, so
     that the next step says whether it can, or which way it slips (as in primal-dual active-set
     methods). After some turns, or under a line search, which must not see residuals of another
-    law, it has the rigidity of Kačanov's iteration instead, |τ|/|g| in all directions.
+    law, it has the rigidity of Kačanov's iteration instead, |τ| over the slip that the trial stands
+    for, |τ̂ + ε g|/ε, in all directions.
 
     A law whose limit does not vanish with the pressure lets τ jump to zero where a node opens. A
     node that can then be neither open nor closed with all of τ has no friction, from the time that

@@ -202,6 +202,24 @@ class Surface:
         out.array[:] = vec.array_r[parent[:owned]]
         return out
 
+    def nodal_vec(self, values: npt.ArrayLike) -> PETSc.Vec:
+        """New vector of the body with given values at the contact nodes. Collective.
+
+        Args:
+            values: Shape (nodes, gdim); linear in between, if the trace has degree 2.
+        """
+        out = self.create_vec()
+        if self.degree == 1:
+            out.array[self.node_dofs - out.owner_range[0]] = values
+            return out
+        interpolated = fem.Function(self.collapsed_space)
+        interpolated.interpolate(self.linear.function(values))
+        index_map, bs = self.collapsed_space.dofmap.index_map, self.collapsed_space.dofmap.bs
+        owned = index_map.size_local * bs
+        to = slice(None) if self._collapsed is None else self._collapsed[1][:owned]
+        out.array[to] = interpolated.x.array[:owned]
+        return out
+
     @property
     def linear(self) -> Surface:
         """The same facets with a space of degree 1; this surface if it has one. Collective."""

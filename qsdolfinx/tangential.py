@@ -15,10 +15,10 @@ from dolfinx import fem, la
 
 from qsdolfinx.collective import collective_errors
 from qsdolfinx.friction import Friction
-from qsdolfinx.gap import WeightedGap, handle_of
+from qsdolfinx.gap import WeightedGap
 from qsdolfinx.slip import Slip
 from qsdolfinx.surface import Surface
-from qsdolfinx.traction import facet_measure, nodal_forces
+from qsdolfinx.traction import facet_measure
 
 Array = npt.NDArray[np.float64]
 
@@ -111,35 +111,33 @@ class Tangential:
         values = means[:, 0] / means[:, 1]
         out = []
         for slip in self.slips:
-            if slip.gap.slave is not self._slave:
-                values = self._on_other_side(values)
-            out.append(values[slip.row_node])
+            if slip.gap.slave is self._slave:
+                out.append(values[slip.row_node])
+            else:
+                out.append(self._on_other_side(values, slip))
         return out
 
-    def _on_other_side(self, values: Array) -> Array:
-        """Values at the slave's nodes carried to the master's by the first pass. Collective."""
-        first = self.slips[0]
-        master = first.gap.master
-        assert isinstance(master, Surface)
-        shape = (len(first.row_node), self._slave.gdim)
-        at_rows = np.zeros(shape)
-        at_rows[:, 0], at_rows[:, 1] = values[first.row_node], 1.0
-        vecs = self._slave.create_vec(), master.create_vec()
-        weighted = np.ascontiguousarray(first.weight[:, None] * at_rows)
-        first.operator.add_transpose(weighted, handle_of(vecs[0]), handle_of(vecs[1]), False)
-        sums = nodal_forces(master, vecs[1])
-        for vec in vecs:
+    def _on_other_side(self, values: Array, slip: Slip) -> Array:
+        """Mean over what the rows of the second pass face of values at the slave's nodes.
+
+        Collective.
+        """
+        padded = np.zeros((len(values), self._slave.gdim))
+        padded[:, 0], padded[:, 1] = values, 1.0
+        faced, own = self._slave.nodal_vec(padded), slip.slave.create_vec()
+        # The slave of the contact is the master of this pass, which counts negative.
+        sums = -slip.operator.apply(own.handle, faced.handle)
+        for vec in (faced, own):
             vec.destroy()
-        mean = values.mean() if len(values) else 0.0  # where nothing is paired nothing needs it
-        return np.divide(
-            sums[:, 0], sums[:, 1], out=np.full(len(sums), mean), where=sums[:, 1] != 0
-        )
+        return np.asarray(sums[:, 0] / sums[:, 1])
 
     # --- Steps
 
     def end_step(self) -> None:
         """Let the next step begin where this one ended."""
         for slip, slipped in zip(self.slips, self.slipped, strict=True):
+            if slip.ended:
+                continue
             slipped += self._slip_of_step(slip)
             self.dissipated += float(slip.dissipation().sum())
             slip.end_step()

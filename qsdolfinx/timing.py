@@ -12,9 +12,6 @@ from petsc4py import PETSc
 #: Stages, in the order of the work; -log_view has them with "contact: " before the name.
 STAGES = ("pairing", "gap", "insertion", "bulk assembly", "conversion", "solve")
 
-#: Those that a problem without contact has not.
-CONTACT_STAGES = ("pairing", "gap", "insertion", "conversion")
-
 
 class Span(typing.NamedTuple):
     """Wall time (s) of a stage, of the ranks that spent most and least in it."""

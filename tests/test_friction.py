@@ -316,6 +316,22 @@ def test_other_spaces(space, formulation):
     assert max(errors) < (0.02 if "-pass" in formulation else 1e-10)
 
 
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+def test_function_on_the_other_side(quadrature):
+    """Master nodes far from any slave node take the function where they face the slave."""
+    pair = Pair("quadrilateral", n=(12, 2))
+    mu = fem.Function(fem.functionspace(pair.meshes[1], ("Lagrange", 1)))
+    mu.interpolate(lambda x: 0.1 + x[0])
+    options = {"quadrature": quadrature, "friction": qs.Coulomb(mu)}
+    contact = qs.Contact(pair.slave, pair.master, "double-pass", **options)
+    second = contact.slips[1]
+    x = pair.master.node_x[second.row_node, 0]
+    error = largest((second.parameters["mu"] - 0.1 - x)[(x > 0.4) & (x < 0.6)])
+    rows = WORLD.allreduce(len(x))
+    # The slave's nodes have means over two facets, which are exact but at the ends.
+    assert rows == 13 and error < 0.04
+
+
 def test_bad_friction():
     pair = Pair("quadrilateral")
     other = fem.Function(fem.functionspace(pair.meshes[0], ("Lagrange", 1)))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, clamp, elastic, plane, vector_space
+from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 from step_scenes import Upset, refuse, same
 
 from dolfinx import fem
@@ -143,3 +143,55 @@ def test_tool_driven_by_a_force(law, enforcement):
     assert (slipping == 0) == isinstance(law, qs.Sticking)
     if isinstance(law, qs.Coulomb):
         np.testing.assert_allclose(force[0] / -force[1], MU, rtol=1e-6)
+
+
+def dragged(unknown="displacement", friction=None):
+    """A block pressed and dragged by a plane."""
+    friction = friction or qs.Coulomb(MU)
+    msh = box(WORLD, (5, 4), "triangle", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    dt = 1.0 if unknown == "velocity" or friction.needs_dt else None
+    contact = qs.Contact(surface, tool, friction=friction, unknown=unknown, dt=dt)
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, 0.0))]])
+    tool.displacement = [0.3, -PRESS]
+    problem.solve()
+    return problem, contact
+
+
+def test_velocities_start_each_step_anew():
+    """A body in velocities solved again as it is: the same friction, and as much slip again."""
+    problem, contact = dragged("velocity", qs.Norton(1.0, 0.1, 1.0))
+    forces, energies = [contact.force("slave")], [contact.step_dissipation()]
+    problem.solve()
+    forces.append(contact.force("slave"))
+    energies.append(contact.step_dissipation())
+    assert energies[0] > 0
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-8)
+    np.testing.assert_allclose(energies[1], energies[0], rtol=1e-8)
+
+
+def test_pairing_anew_is_no_slip():
+    """contact.update() with total displacements: nothing has moved."""
+    problem, contact = dragged()
+    before = contact.slip(), contact.force("slave"), contact.dissipated_energy()
+    contact.update()
+    problem.solve()
+    after = contact.slip(), contact.force("slave"), contact.dissipated_energy()
+    moved = largest(before[0])
+    assert moved > 0.01
+    np.testing.assert_allclose(after[0], before[0], atol=1e-9)
+    np.testing.assert_allclose(after[1], before[1], rtol=1e-8)
+    np.testing.assert_allclose(after[2], before[2], rtol=1e-8)
+
+
+def test_a_step_ends_once():
+    problem, contact = dragged()
+    before = contact.dissipated_energy(), largest(contact.slip())
+    with problem.one_step():
+        pass
+    contact.end_step()
+    after = contact.dissipated_energy(), largest(contact.slip())
+    assert before[0] > 0 and after == before

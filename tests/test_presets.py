@@ -49,7 +49,8 @@ def test_pick(monkeypatch, capfd):
     mixed = Pair("triangle", space=mini_space).problem().solver
     assert names == ["direct", "amg", "options"] and mixed == "direct"
     assert (printed.count("solver") == 1 and "10 or more" in printed) or WORLD.rank > 0
-    reason = presets.pick(10**9, 3, False)
+    assert presets.pick(10**9, 3, True, "nest")[0] == "fieldsplit"
+    reason = presets.pick(10**9, 3, False, "mpi")
     assert reason[0] == "direct" and "displacements" in reason[1]
 
 
