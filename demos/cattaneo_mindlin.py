@@ -286,6 +286,10 @@ def main():
     filename, picture = arguments.pop("json"), arguments.pop("plot")
     given = {name: value for name, value in arguments.items() if value is not None}
     p = dataclasses.replace(default, **given)
+    if p.steps < 1:
+        parser.error("--steps: at least 1")
+    if filename and not pathlib.Path(filename).absolute().parent.is_dir():
+        parser.error("--json: no such folder")
     result, more, _ = run(p)
     if MPI.COMM_WORLD.rank == 0:
         print("\n".join(f"{key:30}{value}" for key, value in (result | more).items()))

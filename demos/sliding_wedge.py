@@ -216,6 +216,8 @@ def main():
     arguments = vars(parser.parse_args())
     filename = arguments.pop("json")
     p = Parameters(**arguments)
+    if not 0 <= p.mu < 10:
+        parser.error("--mu: from 0 to below 10, where the wedge would jam")
     result, table = run(p)
     if MPI.COMM_WORLD.rank == 0:
         print("   shift       F / G  of contact  nodes closed  slipping  iterations")
@@ -228,6 +230,8 @@ def main():
         if filename:
             with open(filename, "w") as file:
                 json.dump(result, file, indent=2)
+    if table[-1]["slipping"] != table[-1]["active"]:
+        raise SystemExit("not all nodes slip yet: the closed form does not hold; --push further")
 
 
 if __name__ == "__main__":
