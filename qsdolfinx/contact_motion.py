@@ -86,7 +86,7 @@ class ContactMotion(ContactAssembly):
                 dofmap = function.function_space.dofmap
                 owned = dofmap.index_map.size_local * dofmap.index_map_bs
                 if vec is None or len(vec.array_r) != owned:
-                    raise ValueError(f"{name}: the offset must be on the space of the body")
+                    raise ValueError(f"{name}: the function must be on the space of the body")
                 vec.array[:] = function.x.array[:owned]
         return vec
 
@@ -107,7 +107,7 @@ class ContactMotion(ContactAssembly):
     ) -> None:
         """Say where the step began whose slip is to be found; for time stepping. Collective.
 
-        After pairing it begins where the meshes are, with unknowns of zero.
+        Without this, after pairing anew, it begins where the bodies are at the next evaluation.
 
         Args:
             slave: Unknowns of the slave's body at the start, as for :meth:`set_offset`.

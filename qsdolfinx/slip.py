@@ -97,7 +97,7 @@ class Slip:
 
     @property
     def values(self) -> Array:
-        """G of the last evaluation (length), shape (rows, gdim)."""
+        """Slip g of the last evaluation (length), shape (rows, gdim)."""
         return self.tangential(self.jump - self.start)
 
     def tangential(self, vectors: Array) -> Array:
