@@ -7,6 +7,7 @@
 #include "pairing.h"
 #include "projection.h"
 #include "rigid.h"
+#include "rows.h"
 #include "search.h"
 #include "surface.h"
 
@@ -255,6 +256,30 @@ void bind_gap(nb::module_& m)
       "jump"_a, "normal"_a, "stiffness"_a, "coupling"_a, "blocks"_a, "scale"_a, "slave_only"_a,
       "Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm).");
 }
+
+void bind_rows(nb::module_& m)
+{
+  m.def(
+      "put_rows",
+      [](Handle block, Handle matrix, In<std::int32_t> rows,
+         std::array<In<std::int64_t>, 2> row_numbers, std::array<In<std::int64_t>, 2> columns,
+         int mode)
+      {
+        put_rows(reinterpret_cast<Mat>(block), reinterpret_cast<Mat>(matrix), view(rows),
+                 {view(row_numbers[0]), view(row_numbers[1])}, {view(columns[0]), view(columns[1])},
+                 static_cast<RowMode>(mode));
+      },
+      "block"_a, "matrix"_a, "rows"_a, "row_numbers"_a, "column_numbers"_a, "mode"_a,
+      "Put rows of one body's block into the matrix of all bodies.");
+  m.def(
+      "count_entries",
+      [](Handle block)
+      {
+        const std::vector<std::int32_t> counts = count_entries(reinterpret_cast<Mat>(block));
+        return copy(counts, {2, counts.size() / 2});
+      },
+      "block"_a, "Number of entries in own and in other columns, [2][row].");
+}
 } // namespace
 
 NB_MODULE(_cpp, m)
@@ -264,4 +289,5 @@ NB_MODULE(_cpp, m)
   bind_pairing(m);
   bind_rigid(m);
   bind_gap(m);
+  bind_rows(m);
 }

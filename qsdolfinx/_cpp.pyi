@@ -124,3 +124,12 @@ def insert_friction(
     scale: tuple[float, float],
     slave_only: bool,
 ) -> None: ...
+def put_rows(
+    block: int,
+    matrix: int,
+    rows: Ranks,
+    row_numbers: tuple[Indices, Indices],
+    column_numbers: tuple[Indices, Indices],
+    mode: int,
+) -> None: ...
+def count_entries(block: int) -> Ranks: ...

@@ -1,4 +1,4 @@
-"""The tangent as a MatNest: bulk and contact on the diagonal, contact alone off it."""
+"""Contact's blocks of the tangent as a MatNest, with bulk on its diagonal if wanted."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 from qsdolfinx.bulk import Body
 from qsdolfinx.contact import Contact
@@ -18,13 +19,14 @@ Sides = typing.Sequence[Side]
 
 
 class Blocks:
-    """MatNest with the union of the patterns of bulk and contact, fixed until contact pairs anew.
+    """MatNest with a pattern that stays until contact pairs anew.
 
     Args:
         bodies: The bodies.
         contacts: Contacts with the penalty already known.
         sides: Bodies of each contact.
-        matrices: Bulk block of each body, for its pattern.
+        matrices: Bulk block of each body, for its layout, and its pattern if it is wanted.
+        bulk: Whether the blocks on the diagonal take in the bulk.
     """
 
     def __init__(
@@ -33,7 +35,9 @@ class Blocks:
         contacts: typing.Sequence[Contact],
         sides: Sides,
         matrices: typing.Sequence[PETSc.Mat],
+        bulk: bool,
     ) -> None:
+        self._bulk = bulk
         self._bodies = bodies
         self._contacts = contacts
         self._sides = sides
@@ -44,7 +48,7 @@ class Blocks:
             contact.add_pattern(self._of(*side))
         for (i, j), mat in self._mats.items():
             mat.assemble()
-            if i == j:
+            if i == j and bulk:
                 mat.axpy(1.0, matrices[i], structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
                 mat.setLGMap(*matrices[i].getLGMap())
             mat.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
@@ -66,18 +70,38 @@ class Blocks:
         """Block of bodies i and j, None where no contact couples them."""
         return self._mats.get((i, j))
 
+    def diagonal(self, i: int) -> npt.NDArray[np.float64]:
+        """Diagonal of body i's block on this rank. Collective."""
+        diagonal = self._mats[i, i].getDiagonal()
+        out: npt.NDArray[np.float64] = diagonal.array_r.copy()
+        diagonal.destroy()
+        return out
+
+    def set_diagonal(self, i: int, values: npt.NDArray[np.float64]) -> None:
+        """Replace the diagonal of body i's block. Collective."""
+        diagonal = self._mats[i, i].getDiagonal()
+        diagonal.array[:] = values
+        self._mats[i, i].setDiagonal(diagonal)
+        diagonal.destroy()
+
     def destroy(self) -> None:
         """Free the matrices. Collective."""
         self.nest.destroy()
         for mat in self._mats.values():
             mat.destroy()
 
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Bodies of each block that there is."""
+        return list(self._mats)
+
     def assemble(self) -> None:
         """Fill all blocks for the bodies' and the contacts' present state. Collective."""
         for mat in self._mats.values():
             mat.zeroEntries()
         for i, body in enumerate(self._bodies):
-            body.add_tangent(self._mats[i, i])
+            if self._bulk:
+                body.add_tangent(self._mats[i, i])
         for contact, side in zip(self._contacts, self._sides, strict=True):
             contact.add_tangent(self._of(*side))
         for mat in self._mats.values():

@@ -153,12 +153,17 @@ class Body:
 
     def matrix(self) -> PETSc.Mat:
         """The bulk block alone, for the u at hand; do not modify. Collective."""
-        if self.linear:
-            assert self._K is not None
-            return self._K
-        matrix = fem_petsc.create_matrix(self._tangent_form)
-        self._assemble_matrix(matrix)
-        return matrix
+        if self._K is None:
+            self._K = fem_petsc.create_matrix(self._tangent_form)
+        if not self.linear:
+            self._assemble_matrix(self._K)
+        return self._K
+
+    def free_matrix(self) -> None:
+        """Free what :meth:`matrix` gave, unless it is still needed. Collective."""
+        if not self.linear and self._K is not None:
+            self._K.destroy()
+            self._K = None
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""

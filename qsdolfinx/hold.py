@@ -5,7 +5,6 @@ from __future__ import annotations
 import typing
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -13,10 +12,12 @@ import numpy.typing as npt
 from qsdolfinx.blocks import Blocks, Sides
 from qsdolfinx.bulk import Body
 from qsdolfinx.contact import Contact
+from qsdolfinx.monolithic import Monolithic
 from qsdolfinx.rigid import RigidMotion, displacement_space
 from qsdolfinx.unknowns import owned_vertices
 
 Array = npt.NDArray[np.float64]
+Tangent = Blocks | Monolithic
 
 #: What is added to the diagonal of the tangent, relative to its mean.
 SHIFT = 1e-9
@@ -80,27 +81,29 @@ class Hold:
         values, vectors = np.linalg.eigh(stiffness)
         return np.asarray(self._motions @ vectors[:, values <= _NONE * np.trace(whole)])
 
-    def add_to(self, blocks: Blocks) -> None:
-        """Add to the diagonal blocks of the bodies that move in such a motion. Collective."""
-        free = self.free_motions()
+    def add_to(self, tangent: Tangent, contact: bool = True) -> None:
+        """Add to the diagonal blocks of the bodies that move in such a motion. Collective.
+
+        Args:
+            tangent: The tangent, assembled.
+            contact: Whether it has contact in it.
+        """
+        free = self.free_motions() if contact else self._motions
         first = 0
         for i, body in enumerate(self._bodies):
             count = len(self._rigid.modes[i])
             if free.shape[1] and np.abs(free[first : first + count]).max(initial=0.0) > 1e-8:
-                block = blocks.block(i, i)
-                assert block is not None
-                _shift(body, block)
+                _shift(body, tangent, i)
             first += count
 
 
-def _shift(body: Body, block: PETSc.Mat) -> None:
+def _shift(body: Body, tangent: Tangent, i: int) -> None:
     """Add a part of the mean diagonal at the free displacements of the vertices. Collective."""
     V = displacement_space(body.V)
     assert V is not None
     dofs = np.setdiff1d(owned_vertices(V)[0].ravel(), body.owned_constrained)
-    diagonal = block.getDiagonal()
-    values = diagonal.array[dofs]
+    diagonal = tangent.diagonal(i)
+    values = diagonal[dofs]
     total = body.comm.allreduce(np.array([np.abs(values).sum(), len(values)]), op=MPI.SUM)
-    diagonal.array[dofs] = values + SHIFT * total[0] / total[1]
-    block.setDiagonal(diagonal)
-    diagonal.destroy()
+    diagonal[dofs] = values + SHIFT * total[0] / total[1]
+    tangent.set_diagonal(i, diagonal)

@@ -8,6 +8,9 @@ import typing
 #: incompressible flow, need more; on several ranks how much also depends on timing.
 _EXTRA_MEMORY = 100
 
+#: Relative tolerance of a linear solve outside of Newton's method.
+EXACT = 1e-8
+
 _AMG: dict[str, typing.Any] = {
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.02,
@@ -16,9 +19,18 @@ _AMG: dict[str, typing.Any] = {
     "mg_levels_pc_type": "jacobi",
 }
 
+#: Of multigrid for all bodies together. Its coarse spaces are those of the bodies without contact,
+#: see :class:`qsdolfinx.krylov.Krylov`; coarse levels, where contact is stiff beside them, are
+#: visited twice.
+_TOGETHER: dict[str, typing.Any] = {
+    "pc_gamg_reuse_interpolation": True,
+    "pc_mg_cycle_type": "w",
+    "pc_gamg_coarse_eq_limit": 1000,
+}
+
 _KRYLOV: dict[str, typing.Any] = {
     "ksp_type": "cg",  # GMRES where the tangent is not symmetric
-    "ksp_rtol": 1e-8,
+    "ksp_rtol": EXACT,  # between Newton steps; theirs follows the residual
 }
 
 #: Iterations after which GMRES starts anew.
@@ -31,11 +43,14 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
         "pc_factor_mat_solver_type": "mumps",
         "mat_mumps_icntl_14": _EXTRA_MEMORY,
     },
-    "amg": _KRYLOV | _AMG,
+    "amg": _KRYLOV | _AMG | _TOGETHER,
     # One V-cycle for each body, one body after the other and back.
     "fieldsplit": _KRYLOV
     | {"pc_type": "fieldsplit", "pc_fieldsplit_type": "symmetric_multiplicative"},
 }
+
+#: Presets whose Krylov solver is prepared by :class:`qsdolfinx.krylov.Krylov`.
+ITERATIVE = ("amg", "fieldsplit")
 
 #: Options of each body's block with "fieldsplit", after "fieldsplit_I_".
 BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | _AMG

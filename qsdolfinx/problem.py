@@ -22,8 +22,9 @@ from qsdolfinx.checks import check_choice
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
+from qsdolfinx.krylov import Krylov
 from qsdolfinx.predictor import BALANCED, Foundation
-from qsdolfinx.presets import BLOCK, GMRES_RESTART, PRESETS, pick
+from qsdolfinx.presets import BLOCK, ITERATIVE, PRESETS, pick
 from qsdolfinx.slip import Slip
 from qsdolfinx.solver import (
     NOT_BALANCED,
@@ -120,7 +121,7 @@ class ContactProblem(ContactSystem):
         prefix = f"qsdolfinx_{next(_counter)}_" if prefix is None else prefix
         remove_options(prefix)
         given = petsc_options or {}
-        self._has_ksp_type = "ksp_type" in given or PETSc.Options(prefix).hasName("ksp_type")
+        chosen = {*given, *PETSc.Options(prefix).getAll()}
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
         self.solver = self._pick(solver, prefix, petsc_options or {})
         #: Whether the line search is the default and not the user's choice.
@@ -130,6 +131,11 @@ class ContactProblem(ContactSystem):
         self.snes.setOptionsPrefix(prefix)
         self.snes.setFromOptions()
         self.snes.setMonitor(weak(self._monitor))
+        self._norms: list[float] = []
+        #: Prepares the linear solves of an iterative preset.
+        self._krylov: Krylov | None = None
+        if self.solver in ITERATIVE:
+            self._krylov = Krylov(self.snes, chosen, all(body.linear for body in self.bodies))
 
     def _pick(self, solver: str, prefix: str, given: dict[str, typing.Any]) -> str:
         if solver != "auto":
@@ -239,6 +245,8 @@ class ContactProblem(ContactSystem):
         ksp.setOperators(self._matrix, self._matrix)
         b, y = self._x.duplicate(), self._x.duplicate()
         b.array[:] = load
+        if self._krylov is not None:
+            self._krylov.set_exact()
         with self.watch.stage("solve"):
             ksp.solve(b, y)
         if ksp.getConvergedReason() < 0:
@@ -377,6 +385,8 @@ class ContactProblem(ContactSystem):
         self.snes.reset()
         self.snes.setFunction(weak(self._function), self._r)
         self.snes.setJacobian(weak(self._jacobian), self._matrix, self._matrix)
+        if self._krylov is not None:
+            self._krylov.forget()
         pc = self.snes.getKSP().getPC()
         if pc.getType() == PETSc.PC.Type.FIELDSPLIT:
             # A reset takes the options from the splits: start from scratch.
@@ -413,16 +423,19 @@ class ContactProblem(ContactSystem):
             self._evaluate(x.array_r)
         for slip in self._slips:
             slip.note()
-        self._assemble()
-        if self.solver in ("amg", "fieldsplit"):
-            kind = PETSc.KSP.Type.CG if self.symmetric else PETSc.KSP.Type.GMRES
-            ksp = self.snes.getKSP()
-            if not self._has_ksp_type and ksp.getType() != kind:
-                ksp.setType(kind)
-                ksp.setGMRESRestart(GMRES_RESTART)
+        fingerprints = [body.fingerprint for body in self.bodies]
+        if self.solver == "amg" and self._krylov.needs_hierarchy(fingerprints):
+            self._assemble_bulk()
+            with self.watch.stage("solve"):
+                self._krylov.make_hierarchy(self._matrix, fingerprints)
+        changed = self._assemble()
+        if self._krylov is not None:
+            self._krylov.choose_type(self.symmetric)
+            self._krylov.set_tolerance(self._norms, changed)
 
     def _monitor(self, snes: PETSc.SNES, iteration: int, norm: float) -> None:
         self.residual_history.append(norm)
+        self._norms = [*(self._norms if iteration else []), norm]
         self.active_history.append([contact.num_active_local() for contact in self.contacts])
 
     # --- First guess and near-nullspace

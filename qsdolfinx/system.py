@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.arguments import body_of
-from qsdolfinx.blocks import Blocks, Side, forbid_allocation, is_symmetric
+from qsdolfinx.blocks import Blocks, Side, is_symmetric
 from qsdolfinx.bulk import Body
 from qsdolfinx.contact import Contact
-from qsdolfinx.hold import Hold
+from qsdolfinx.hold import Hold, Tangent
+from qsdolfinx.monolithic import Monolithic
 from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
 from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
 from qsdolfinx.rigid_surface import RigidSurface
@@ -56,6 +57,7 @@ class ContactSystem:
         self._rigid: RigidMotion | None = None
         self._hold: Hold | None = None
         self.blocks: Blocks | None = None
+        self._tangent: Tangent | None = None
         self._matrix: PETSc.Mat | None = None
         self._paired: list[int] = []
         self._assembled: list[object] | None = None
@@ -135,32 +137,30 @@ class ContactSystem:
                     automatic_penalty(stiffness, modulus, contact.quadrature, contact.augmented)
                 )
             self._moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
-        self.blocks = Blocks(self.bodies, self.contacts, self.sides, matrices)
-        self._matrix = self.blocks.nest
-        if self._kind == "mpi":
-            with self.watch.stage("conversion"):
-                self._matrix = self.blocks.nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-            forbid_allocation(self._matrix)
+        nest = self._kind == "nest"
+        self.blocks = Blocks(self.bodies, self.contacts, self.sides, matrices, bulk=nest)
+        if nest:
+            self._tangent, self._matrix = self.blocks, self.blocks.nest
+            for body in self.bodies:
+                body.free_matrix()
+        else:
+            monolithic = Monolithic(self.bodies, self.blocks, matrices, self.watch)
+            self._tangent, self._matrix = monolithic, monolithic.matrix
         self._rigid = RigidMotion(self.bodies)
         self._hold = Hold(self._rigid, self.bodies, self.contacts, self.sides)
         self._set_near_nullspaces()
         for marker in markers:
             marker.destroy()
-        for body, matrix in zip(self.bodies, matrices, strict=True):
-            if not body.linear:
-                matrix.destroy()
         self._paired = [c.version for c in self.contacts]
         self._assembled = None
 
     def _destroy_matrices(self) -> None:
         """Free the matrices; in parallel petsc4py would keep them. Collective."""
-        if self._matrix is not None and self._kind == "mpi":
-            self._matrix.destroy()
-        if self.blocks is not None:
-            self.blocks.destroy()
+        for thing in {self._tangent, self.blocks} - {None}:
+            thing.destroy()
         if self._rigid is not None:
             self._rigid.destroy()
-        self.blocks = self._matrix = self._rigid = None
+        self.blocks = self._tangent = self._matrix = self._rigid = None
 
     # --- Evaluation
 
@@ -183,27 +183,34 @@ class ContactSystem:
             residual[body.free] += force.array_r[body.free]
         return np.concatenate(residuals)
 
-    def _assemble(self) -> None:
-        """Tangent at the last evaluation, unless it is there already.
+    def _assemble(self) -> bool:
+        """Tangent at the last evaluation, unless it is there already. Collective.
 
         For linear bodies it depends on the active set alone: while that stays, the linear solver
         keeps its factors.
+
+        Returns:
+            Whether it has changed.
         """
-        assert self.blocks is not None and self._hold is not None
+        assert self._tangent is not None and self._hold is not None and self._matrix is not None
         constant = all(body.linear for body in self.bodies)
         state: list[object] = [body.fingerprint for body in self.bodies]
         for contact in self.contacts:
             state += [contact.eps, contact.scale, contact.tangent_state()]
         if constant and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
-            return
-        self.blocks.assemble()
-        self._hold.add_to(self.blocks)
-        if self._kind == "mpi":
-            with self.watch.stage("conversion"):
-                self.blocks.nest.convert(PETSc.Mat.Type.AIJ, self._matrix)
-        assert self._matrix is not None
+            return False
+        self._tangent.assemble()
+        self._hold.add_to(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
         self._assembled = state
+        return True
+
+    def _assemble_bulk(self) -> None:
+        """The tangent without contact, as AIJ. Collective."""
+        assert isinstance(self._tangent, Monolithic) and self._hold is not None
+        self._tangent.assemble(contact=False)
+        self._hold.add_to(self._tangent, contact=False)
+        self._assembled = None
 
     @property
     def symmetric(self) -> bool:

@@ -133,9 +133,9 @@ def test_supported_bodies_get_no_shift(held, monkeypatch):
     matrices, added = [], []
     original = hold._shift
 
-    def count(body, block):
+    def count(*args):
         added.append(1)
-        original(body, block)
+        original(*args)
 
     monkeypatch.setattr(hold, "_shift", count)
     for shift in (0.0, 1e-3):
@@ -161,9 +161,9 @@ def test_only_the_body_that_moves_gets_a_shift(monkeypatch):
     shifted = []
     original = hold._shift
 
-    def record(body, block):
+    def record(body, *args):
         shifted.append(body)
-        original(body, block)
+        original(body, *args)
 
     monkeypatch.setattr(hold, "_shift", record)
     case = Upset(die=True, held=False)

@@ -67,7 +67,12 @@ def test_finite_differences(cell, formulation, law, options):
     problem._assemble()
     product, nested = d.duplicate(), d.duplicate()
     problem._matrix.mult(d, product)
-    problem.blocks.nest.mult(d, nested)
+    problem.blocks.nest.mult(d, nested)  # contact alone
+    for i, body in enumerate(problem.bodies):
+        part, force = body.create_vec(), body.create_vec()
+        part.array[:] = problem._part(d.array_r, i)
+        body.matrix().mult(part, force)
+        problem._part(nested.array, i)[:] += force.array_r
 
     step = 1e-7
     residuals = [problem._evaluate(x.array_r + sign * step * d.array_r) for sign in (1, -1)]
