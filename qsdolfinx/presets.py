@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import typing
 
+from qsdolfinx.schur_options import SCHUR
+
 #: Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
 #: incompressible flow, need more; on several ranks how much also depends on timing.
 _EXTRA_MEMORY = 100
@@ -35,6 +37,7 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
     # One V-cycle for each body, one body after the other and back.
     "fieldsplit": _KRYLOV
     | {"pc_type": "fieldsplit", "pc_fieldsplit_type": "symmetric_multiplicative"},
+    "schur": SCHUR,
 }
 
 #: Options of each body's block with "fieldsplit", after "fieldsplit_I_".

@@ -24,6 +24,7 @@ from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
 from qsdolfinx.predictor import BALANCED, Foundation
 from qsdolfinx.presets import BLOCK, GMRES_RESTART, PRESETS, pick
+from qsdolfinx.schur import Forms, Schur, check_schur
 from qsdolfinx.slip import Slip
 from qsdolfinx.solver import (
     NOT_BALANCED,
@@ -89,6 +90,7 @@ class ContactProblem(ContactSystem):
         petsc_options: dict[str, typing.Any] | None = None,
         kind: str | None = None,
         solver: str = "auto",
+        pressure_preconditioner: Forms = None,
     ) -> None:
         with collective_errors(communicator(u)):
             check_sequences(F=F, u=u, contacts=contacts, bcs=bcs, J=J)
@@ -100,6 +102,7 @@ class ContactProblem(ContactSystem):
             if solver == "amg" and kind == "nest":
                 raise ValueError('kind: solver="amg" needs the AIJ matrix; use "fieldsplit"')
             check_arguments(F, u, contacts, bcs, J, kind)
+            check_schur(u, solver, kind, pressure_preconditioner)
             if not isinstance(petsc_options, (dict, type(None))):
                 raise TypeError("petsc_options: must be a dictionary of options without the prefix")
         check_agreement(communicator(u), contacts=len(contacts), kind=kind, solver=solver)
@@ -123,6 +126,9 @@ class ContactProblem(ContactSystem):
         self._has_ksp_type = "ksp_type" in given or PETSc.Options(prefix).hasName("ksp_type")
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
         self.solver = self._pick(solver, prefix, petsc_options or {})
+        self._schur = None
+        if self.solver == "schur":
+            self._schur = Schur(self.bodies, pressure_preconditioner)
         #: Whether the line search is the default and not the user's choice.
         self.has_full_steps = set_options(prefix, petsc_options or {}, self._linear_options())
         #: PETSc's nonlinear solver.
@@ -382,6 +388,9 @@ class ContactProblem(ContactSystem):
             # A reset takes the options from the splits: start from scratch.
             pc.setType(PETSc.PC.Type.NONE)
             pc.setFromOptions()
+            if self._schur is not None:
+                self._schur.split(pc, self._scales)
+                return
             index_sets = self.blocks.nest.getNestISs()[0]
             pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
 
@@ -394,6 +403,8 @@ class ContactProblem(ContactSystem):
         if not self.snes:
             return
         self._destroy_matrices()
+        if self._schur is not None:
+            self._schur.destroy()
         remove_options(self.snes.getOptionsPrefix())
         self.snes.destroy()
         self._x.destroy()
@@ -414,6 +425,8 @@ class ContactProblem(ContactSystem):
         for slip in self._slips:
             slip.note()
         self._assemble()
+        if self._schur is not None:
+            self._schur.update(self.snes.getKSP(), self._matrix)
         if self.solver in ("amg", "fieldsplit"):
             kind = PETSc.KSP.Type.CG if self.symmetric else PETSc.KSP.Type.GMRES
             ksp = self.snes.getKSP()

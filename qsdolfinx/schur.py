@@ -1,0 +1,334 @@
+"""Velocity–pressure bodies by a Schur complement: the linear solver ``"schur"``.
+
+The velocities of all bodies, with contact and with the displacements of bodies that have nothing
+else, are one block A; the pressures of all bodies are the other. PETSc's PCFIELDSPLIT eliminates
+the first, and its Schur complement S = C - B A⁻¹ Bᵀ is replaced by a mass matrix of the pressures,
+weighted by the inverse of the viscosity, which is of the same spectrum on any mesh.
+"""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import basix
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+
+from qsdolfinx.bulk import Body
+from qsdolfinx.rigid import displacement_space, orthonormal
+from qsdolfinx.unknowns import owned_vertices
+
+Array = npt.NDArray[np.float64]
+Forms = typing.Sequence[ufl.Form | None] | None
+
+NAMES = "velocity", "pressure"
+
+
+def layout(V: fem.FunctionSpace) -> tuple[int | None, int | None]:
+    """Which sub-spaces are velocity and pressure; (None, None) of displacements alone.
+
+    Raises:
+        ValueError: If V is neither a vector field nor one of these with a scalar field.
+    """
+    gdim = V.mesh.geometry.dim
+    if V.num_sub_spaces == gdim and V.dofmap.index_map_bs == gdim:
+        return None, None
+    parts = [V.sub(i).num_sub_spaces for i in range(V.num_sub_spaces)]
+    if sorted(parts) != [0, gdim]:
+        raise ValueError('solver: "schur" is for bodies in velocity and pressure, or displacements')
+    return parts.index(gdim), parts.index(0)
+
+
+def check_schur(u: typing.Sequence[fem.Function], solver: str, kind: str, forms: Forms) -> None:
+    """Refuse what ``"schur"`` is not for: bodies without a pressure, forms that do not fit."""
+    if solver not in ("schur", "auto") and forms is not None:
+        raise ValueError(f'pressure_preconditioner: is for solver="schur", not {solver!r}')
+    if solver == "schur":
+        if kind == "nest":
+            raise ValueError('kind: solver="schur" needs the AIJ matrix')
+        _check_bodies(u, forms)
+
+
+def _check_bodies(u: typing.Sequence[fem.Function], forms: Forms) -> None:
+    pressures = [layout(function.function_space)[1] for function in u]
+    if all(pressure is None for pressure in pressures):
+        raise ValueError(
+            'solver: "schur" needs a body in velocity and pressure, see materials.mini_space; '
+            'for displacements there is "amg"'
+        )
+    if forms is None:
+        return
+    if not isinstance(forms, typing.Sequence) or len(forms) != len(u):
+        raise ValueError(f"pressure_preconditioner: must have an entry for each of {len(u)} bodies")
+    for i, (form, pressure, function) in enumerate(zip(forms, pressures, u, strict=True)):
+        if form is None:
+            continue
+        if not isinstance(form, ufl.Form):
+            raise TypeError(f"pressure_preconditioner: entry {i} must be a UFL form or None")
+        spaces = [argument.ufl_function_space() for argument in form.arguments()]
+        if pressure is None or spaces != [function.function_space] * 2:
+            raise ValueError(
+                f"pressure_preconditioner: entry {i} must be bilinear on the space of u[{i}], "
+                "and that must have a pressure"
+            )
+
+
+def _test_and_trial(form: ufl.Form) -> tuple[typing.Any, typing.Any]:
+    test, trial = sorted(form.arguments(), key=lambda argument: int(argument.number()))
+    return test, trial
+
+
+class PressureMass:
+    """Mass matrix of one body's pressure that stands for its Schur complement.
+
+    Its weight is found from the tangent J, cell by cell. Put into J for trial and test function,
+    fields v = E x of constant strain rate E, of no volume change and norm 1, give a = 2η, the mean
+    over such E of the tangent stress; with a unit pressure as one of both, J gives b, the factor of
+    p div v; with two unit pressures c, the compressibility. The weight is c - b₁ b₂ / a. That is
+    -1/(2η) in ``materials.incompressible``, for the viscosity η of the present iterate.
+
+    Args:
+        body: A body with velocity and pressure.
+        given: Bilinear form on the body's space to use instead, such as -p q / (2η) dx.
+    """
+
+    def __init__(self, body: Body, given: ufl.Form | None) -> None:
+        self._body = body
+        velocity, pressure = layout(body.V)
+        assert velocity is not None and pressure is not None
+        self._velocity_first = velocity < pressure
+        self._gdim = body.V.mesh.geometry.dim
+        #: Space of the pressure, and its unknowns among those of the body.
+        self.Q, dofs = body.V.sub(pressure).collapse()
+        owned = np.asarray(dofs)[: self.Q.dofmap.index_map.size_local]
+        #: Owned unknowns of the body that are pressures, ascending.
+        self.dofs = np.sort(owned)
+        if np.any(owned != self.dofs):
+            raise NotImplementedError("pressures are not numbered as in the body's space")
+        self._constrained = np.flatnonzero(np.isin(owned, body.owned_constrained))
+        p, q = ufl.TrialFunction(self.Q), ufl.TestFunction(self.Q)
+        self._weight = fem.Function(fem.functionspace(body.V.mesh, ("DG", 0, (5,))))
+        self._probes: fem.Form | None = None
+        if given is None:
+            form = self._weight[0] * p * q * ufl.dx
+            self._probes = self._create_probes()
+        else:
+            test, trial = _test_and_trial(given)
+            form = ufl.replace(given, {test: self._pressure(q), trial: self._pressure(p)})
+        self._form = fem.form(form)
+        self.matrix: PETSc.Mat = fem_petsc.create_matrix(self._form)
+
+    def _join(self, v: typing.Any, p: typing.Any) -> typing.Any:
+        """Value of the body's space."""
+        parts = [*(v[i] for i in range(self._gdim)), p]
+        return ufl.as_vector(parts if self._velocity_first else [parts[-1], *parts[:-1]])
+
+    def _pressure(self, p: typing.Any) -> typing.Any:
+        return self._join(ufl.as_vector([0.0] * self._gdim), p)
+
+    def _create_probes(self) -> fem.Form:
+        """Linear form in five piecewise constants: a, b₁, b₂, c and the volume."""
+        msh, gdim = self._body.V.mesh, self._gdim
+        x = ufl.SpatialCoordinate(msh)
+        z = ufl.TestFunction(self._weight.function_space)
+        tangent = self._body.tangent_form
+        cells = ufl.Form([i for i in tangent.integrals() if i.integral_type() == "cell"])
+        test, trial = _test_and_trial(cells)
+
+        def put(first: typing.Any, second: typing.Any, place: int) -> ufl.Form:
+            return ufl.replace(cells, {test: z[place] * first, trial: second})
+
+        fields = [
+            self._join(field, 0.0) for field in volume_preserving(x, gdim, self._body.axisymmetric)
+        ]
+        along = self._join(ufl.as_vector([0.0] * (gdim - 1) + [x[gdim - 1]]), 0.0)
+        one = self._pressure(1.0)
+        form = z[4] * ufl.dx(domain=msh)
+        for field in fields:
+            form += 1 / len(fields) * put(field, field, 0)
+        return fem.form(form + put(along, one, 1) + put(one, along, 2) + put(one, one, 3))
+
+    def assemble(self) -> None:
+        """Assemble for the unknowns at hand. Collective."""
+        with self._body.watch.stage("bulk assembly"):
+            if self._probes is not None:
+                values = fem.assemble_vector(self._probes).array.reshape(-1, 5)
+                a, b1, b2, c, volume = values.T
+                volume = np.where(volume == 0, 1.0, volume)  # of ghost cells
+                ratio = np.divide(b1 * b2, a, out=np.zeros_like(a), where=a != 0)
+                self._weight.x.array[::5] = (c - ratio) / volume
+            self.matrix.zeroEntries()
+            fem_petsc.assemble_matrix(self.matrix, self._form)  # type: ignore[arg-type]
+            self.matrix.assemble()
+            rows = self._constrained + self.matrix.getOwnershipRange()[0]
+            self.matrix.zeroRowsColumns(rows.astype(np.int32), diag=1.0)
+
+
+def volume_preserving(x: typing.Any, gdim: int, axisymmetric: bool) -> list[typing.Any]:
+    """Velocity fields of constant strain rate, without volume change and of norm 1."""
+    if gdim == 2:
+        stretch = (x[0], -2 * x[1]) if axisymmetric else (x[0], -x[1])
+        size = np.sqrt(6.0) if axisymmetric else np.sqrt(2.0)
+        shear = (0.0 * x[0], np.sqrt(2.0) * x[0])
+        return [ufl.as_vector([s / size for s in stretch]), ufl.as_vector(shear)]
+    fields = [
+        ufl.as_vector([x[0] / np.sqrt(2.0), -x[1] / np.sqrt(2.0), 0.0]),
+        ufl.as_vector([c * x[i] / np.sqrt(6.0) for i, c in enumerate((1.0, 1.0, -2.0))]),
+    ]
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        shear3 = [0.0, 0.0, 0.0]
+        shear3[i] = np.sqrt(2.0) * x[j]
+        fields.append(ufl.as_vector(shear3))
+    return fields
+
+
+class Schur:
+    """Splits, near-nullspaces and the pressure's matrix of a problem's preconditioner.
+
+    Args:
+        bodies: The bodies.
+        forms: For each body a form instead of the automatic pressure mass matrix, or None.
+    """
+
+    def __init__(self, bodies: typing.Sequence[Body], forms: Forms = None) -> None:
+        self._bodies = bodies
+        self._comm = bodies[0].comm
+        #: Pressure mass matrix of each body, None of displacements.
+        self.masses = [
+            None
+            if layout(body.V)[1] is None
+            else PressureMass(body, None if forms is None else forms[i])
+            for i, body in enumerate(bodies)
+        ]
+        self._matrix: PETSc.Mat | None = None
+        self._made = False
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        for mass in self.masses:
+            if mass is not None:
+                mass.matrix.destroy()
+        if self._matrix is not None:
+            self._matrix.destroy()
+        self._matrix = None
+
+    def split(self, pc: PETSc.PC, scales: typing.Sequence[float]) -> None:
+        """Hand the splits to a new PCFIELDSPLIT. Collective.
+
+        Args:
+            pc: The preconditioner.
+            scales: Displacement per unknown of each body.
+        """
+        self._made = False
+        start = _first(self._comm, sum(body.num_owned for body in self._bodies))
+        velocity, pressure, modes, vertices = [], [], [], []
+        for body, mass, scale in zip(self._bodies, self.masses, scales, strict=True):
+            dofs = np.zeros(0, np.int64) if mass is None else mass.dofs
+            pressure.append(start + dofs)
+            others = np.setdiff1d(np.arange(body.num_owned), dofs)
+            velocity.append(start + others)
+            values, with_modes = velocity_modes(body)
+            modes.append(values[:, others] / scale)
+            vertices.append(with_modes[others])
+            start += body.num_owned
+        gdim = self._bodies[0].V.mesh.geometry.dim
+        self._modes, self._vertices = np.hstack(modes), np.concatenate(vertices)
+        parts = [np.concatenate(part).astype(np.int32) for part in (velocity, pressure)]
+        sets = [PETSc.IS().createGeneral(part, comm=self._comm) for part in parts]
+        sets[0].setBlockSize(gdim)
+        self._compose(sets[0], self._modes)
+        pc.setFieldSplitIS(*zip(NAMES, sets, strict=True))
+        for index_set in sets:
+            index_set.destroy()
+
+    def _compose(self, index_set: PETSc.IS, modes: Array) -> None:
+        """Make the block of an index set know these modes. Collective."""
+        vecs = []
+        for mode in modes:
+            vecs.append(PETSc.Vec().createMPI((mode.size, PETSc.DETERMINE), comm=self._comm))
+            vecs[-1].array[:] = mode
+        space = PETSc.NullSpace().create(vectors=orthonormal(vecs), comm=self._comm)
+        index_set.compose("nearnullspace", space)
+        space.destroy()
+        for vec in vecs:
+            vec.destroy()
+
+    def update(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
+        """Compute the pressure's matrix for the unknowns at hand. Collective."""
+        masses = [mass for mass in self.masses if mass is not None]
+        for mass in masses:
+            mass.assemble()
+        if len(masses) == 1:
+            self._matrix = masses[0].matrix
+        else:
+            size = range(len(masses))
+            nest = PETSc.Mat().createNest(
+                [[masses[i].matrix if i == j else None for j in size] for i in size],
+                comm=self._comm,
+            )
+            out = self._matrix or PETSc.Mat()
+            self._matrix = nest.convert(PETSc.Mat.Type.AIJ, out)
+            nest.destroy()
+        if not self._made:
+            self._set_up(ksp, matrix)
+            self._made = True
+
+    def _set_up(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
+        """Split the velocity block once more, bubbles from vertices. Collective."""
+        pc = ksp.getPC()
+        pc.setFieldSplitSchurPreType(PETSc.PC.FieldSplitSchurPreType.USER, self._matrix)
+        ksp.setOperators(matrix, matrix)
+        pc.setUp()
+        inner = pc.getFieldSplitSchurGetSubKSP()[0].getPC()
+        if inner.getType() != PETSc.PC.Type.FIELDSPLIT:
+            return
+        start = _first(self._comm, self._vertices.size)
+        gdim = self._bodies[0].V.mesh.geometry.dim
+        sets = []
+        for chosen in (self._vertices, ~self._vertices):
+            part = (start + np.flatnonzero(chosen)).astype(np.int32)
+            sets.append(PETSc.IS().createGeneral(part, comm=self._comm))
+            sets[-1].setBlockSize(gdim)
+        self._compose(sets[0], self._modes[:, self._vertices])
+        inner.setFieldSplitIS(*zip(("vertices", "bubbles"), sets, strict=True))
+        for index_set in sets:
+            index_set.destroy()
+
+
+def _first(comm: typing.Any, count: int) -> int:
+    """Global number of this rank's first of its unknowns."""
+    return int(comm.exscan(count) or 0)
+
+
+def velocity_modes(body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Translations and rotations, shape (modes, owned unknowns), and where they have values.
+
+    In axisymmetric bodies too: they are none there, but locally, which is what multigrid asks for.
+    """
+    velocity = layout(body.V)[0]
+    V, dofs = body.V, np.arange(body.num_owned)
+    if velocity is not None:
+        V, whole = body.V.sub(velocity).collapse()
+        dofs = np.asarray(whole)
+    gdim = V.mesh.geometry.dim
+    if V.element.basix_element.family == basix.ElementFamily.P:
+        x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
+        places = dofs[: x.shape[0] * gdim].reshape(-1, gdim)
+    else:
+        space = displacement_space(body.V)
+        assert space is not None
+        places, x = owned_vertices(space)
+    rotations = [(0, 1)] if gdim == 2 else [(0, 1), (1, 2), (2, 0)]
+    modes = np.zeros((gdim + len(rotations), body.num_owned))
+    for i in range(gdim):
+        modes[i, places[:, i]] = 1
+    for mode, (i, j) in zip(modes[gdim:], rotations, strict=True):
+        mode[places[:, i]] = -x[:, j]
+        mode[places[:, j]] = x[:, i]
+    return modes, np.isin(np.arange(body.num_owned), places)

@@ -1,0 +1,41 @@
+"""PETSc options of the linear solver ``"schur"``."""
+
+from __future__ import annotations
+
+import typing
+
+_MULTIGRID: dict[str, typing.Any] = {
+    "ksp_type": "preonly",
+    "pc_type": "gamg",
+    "pc_gamg_threshold": 0.02,
+    "pc_gamg_aggressive_coarsening": 1,
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "jacobi",
+}
+
+#: Of the velocities: bubbles by blocks of one cell, and multigrid for the vertices.
+_VELOCITY: dict[str, typing.Any] = {
+    "ksp_type": "preonly",
+    "pc_type": "fieldsplit",
+    "pc_fieldsplit_type": "symmetric_multiplicative",
+    "fieldsplit_bubbles_ksp_type": "preonly",
+    "fieldsplit_bubbles_pc_type": "pbjacobi",
+} | {f"fieldsplit_vertices_{key}": value for key, value in _MULTIGRID.items()}
+
+#: Of the pressures: a mass matrix, on which a few steps of Chebyshev's are exact enough.
+_PRESSURE: dict[str, typing.Any] = {
+    "ksp_type": "chebyshev",
+    "ksp_max_it": 4,
+    "pc_type": "jacobi",
+}
+
+SCHUR: dict[str, typing.Any] = {
+    "ksp_type": "fgmres",
+    "ksp_rtol": 1e-8,
+    "ksp_gmres_restart": 100,
+    "pc_type": "fieldsplit",
+    "pc_fieldsplit_type": "schur",
+    "pc_fieldsplit_schur_fact_type": "upper",
+}
+SCHUR |= {f"fieldsplit_velocity_{key}": value for key, value in _VELOCITY.items()}
+SCHUR |= {f"fieldsplit_pressure_{key}": value for key, value in _PRESSURE.items()}
