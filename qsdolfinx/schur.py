@@ -21,8 +21,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from qsdolfinx.bulk import Body
-from qsdolfinx.rigid import displacement_space, orthonormal
-from qsdolfinx.unknowns import owned_vertices
+from qsdolfinx.schur_velocity import VelocityBlock
 
 Array = npt.NDArray[np.float64]
 Forms = typing.Sequence[ufl.Form | None] | None
@@ -42,7 +41,12 @@ def layout(V: fem.FunctionSpace) -> tuple[int | None, int | None]:
     parts = [V.sub(i).num_sub_spaces for i in range(V.num_sub_spaces)]
     if sorted(parts) != [0, gdim]:
         raise ValueError('solver: "schur" is for bodies in velocity and pressure, or displacements')
-    return parts.index(gdim), parts.index(0)
+    velocity = parts.index(gdim)
+    sub = V.sub(velocity).collapse()[0]
+    edges = sub.dofmap.dof_layout.num_entity_dofs(1)
+    if sub.element.basix_element.family != basix.ElementFamily.P and edges > 0:
+        raise ValueError('solver: "schur" is for velocities of Lagrange or MINI elements')
+    return velocity, parts.index(0)
 
 
 def check_schur(u: typing.Sequence[fem.Function], solver: str, kind: str, forms: Forms) -> None:
@@ -227,37 +231,20 @@ class Schur:
         """
         self._made = False
         start = _first(self._comm, sum(body.num_owned for body in self._bodies))
-        velocity, pressure, modes, vertices = [], [], [], []
-        for body, mass, scale in zip(self._bodies, self.masses, scales, strict=True):
+        velocity, pressure, pressures = [], [], []
+        for body, mass in zip(self._bodies, self.masses, strict=True):
             dofs = np.zeros(0, np.int64) if mass is None else mass.dofs
+            pressures.append(dofs)
             pressure.append(start + dofs)
-            others = np.setdiff1d(np.arange(body.num_owned), dofs)
-            velocity.append(start + others)
-            values, with_modes = velocity_modes(body)
-            modes.append(values[:, others] / scale)
-            vertices.append(with_modes[others])
+            velocity.append(start + np.setdiff1d(np.arange(body.num_owned), dofs))
             start += body.num_owned
-        gdim = self._bodies[0].V.mesh.geometry.dim
-        self._modes, self._vertices = np.hstack(modes), np.concatenate(vertices)
-        parts = [np.concatenate(part).astype(np.int32) for part in (velocity, pressure)]
-        sets = [PETSc.IS().createGeneral(part, comm=self._comm) for part in parts]
-        sets[0].setBlockSize(gdim)
-        self._compose(sets[0], self._modes)
-        pc.setFieldSplitIS(*zip(NAMES, sets, strict=True))
-        for index_set in sets:
+        self._velocity = VelocityBlock(self._bodies, pressures, scales)
+        for name, parts in zip(NAMES, (velocity, pressure), strict=True):
+            index_set = PETSc.IS().createGeneral(
+                np.concatenate(parts).astype(np.int32), comm=self._comm
+            )
+            pc.setFieldSplitIS((name, index_set))
             index_set.destroy()
-
-    def _compose(self, index_set: PETSc.IS, modes: Array) -> None:
-        """Make the block of an index set know these modes. Collective."""
-        vecs = []
-        for mode in modes:
-            vecs.append(PETSc.Vec().createMPI((mode.size, PETSc.DETERMINE), comm=self._comm))
-            vecs[-1].array[:] = mode
-        space = PETSc.NullSpace().create(vectors=orthonormal(vecs), comm=self._comm)
-        index_set.compose("nearnullspace", space)
-        space.destroy()
-        for vec in vecs:
-            vec.destroy()
 
     def update(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         """Compute the pressure's matrix for the unknowns at hand. Collective."""
@@ -280,55 +267,16 @@ class Schur:
             self._made = True
 
     def _set_up(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
-        """Split the velocity block once more, bubbles from vertices. Collective."""
+        """Give the parts of a new preconditioner what options cannot. Collective."""
         pc = ksp.getPC()
         pc.setFieldSplitSchurPreType(PETSc.PC.FieldSplitSchurPreType.USER, self._matrix)
         ksp.setOperators(matrix, matrix)
         pc.setUp()
         inner = pc.getFieldSplitSchurGetSubKSP()[0].getPC()
-        if inner.getType() != PETSc.PC.Type.FIELDSPLIT:
-            return
-        start = _first(self._comm, self._vertices.size)
-        gdim = self._bodies[0].V.mesh.geometry.dim
-        sets = []
-        for chosen in (self._vertices, ~self._vertices):
-            part = (start + np.flatnonzero(chosen)).astype(np.int32)
-            sets.append(PETSc.IS().createGeneral(part, comm=self._comm))
-            sets[-1].setBlockSize(gdim)
-        self._compose(sets[0], self._modes[:, self._vertices])
-        inner.setFieldSplitIS(*zip(("vertices", "bubbles"), sets, strict=True))
-        for index_set in sets:
-            index_set.destroy()
+        if inner.getType() == PETSc.PC.Type.PYTHON:
+            inner.setPythonContext(self._velocity)
 
 
 def _first(comm: typing.Any, count: int) -> int:
     """Global number of this rank's first of its unknowns."""
     return int(comm.exscan(count) or 0)
-
-
-def velocity_modes(body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Translations and rotations, shape (modes, owned unknowns), and where they have values.
-
-    In axisymmetric bodies too: they are none there, but locally, which is what multigrid asks for.
-    """
-    velocity = layout(body.V)[0]
-    V, dofs = body.V, np.arange(body.num_owned)
-    if velocity is not None:
-        V, whole = body.V.sub(velocity).collapse()
-        dofs = np.asarray(whole)
-    gdim = V.mesh.geometry.dim
-    if V.element.basix_element.family == basix.ElementFamily.P:
-        x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
-        places = dofs[: x.shape[0] * gdim].reshape(-1, gdim)
-    else:
-        space = displacement_space(body.V)
-        assert space is not None
-        places, x = owned_vertices(space)
-    rotations = [(0, 1)] if gdim == 2 else [(0, 1), (1, 2), (2, 0)]
-    modes = np.zeros((gdim + len(rotations), body.num_owned))
-    for i in range(gdim):
-        modes[i, places[:, i]] = 1
-    for mode, (i, j) in zip(modes[gdim:], rotations, strict=True):
-        mode[places[:, i]] = -x[:, j]
-        mode[places[:, j]] = x[:, i]
-    return modes, np.isin(np.arange(body.num_owned), places)

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 import typing
 
-_MULTIGRID: dict[str, typing.Any] = {
-    "ksp_type": "preonly",
-    "pc_type": "gamg",
-    "pc_gamg_threshold": 0.02,
-    "pc_gamg_aggressive_coarsening": 1,
-    "mg_levels_ksp_type": "chebyshev",
-    "mg_levels_pc_type": "jacobi",
-}
-
-#: Of the velocities: bubbles by blocks of one cell, and multigrid for the vertices.
+#: Of the velocities: ``qsdolfinx.schur_velocity``, with multigrid on what bubbles leave.
 _VELOCITY: dict[str, typing.Any] = {
     "ksp_type": "preonly",
-    "pc_type": "fieldsplit",
-    "pc_fieldsplit_type": "symmetric_multiplicative",
-    "fieldsplit_bubbles_ksp_type": "preonly",
-    "fieldsplit_bubbles_pc_type": "pbjacobi",
-} | {f"fieldsplit_vertices_{key}": value for key, value in _MULTIGRID.items()}
+    "pc_type": "python",
+    "vertices_pc_type": "gamg",
+    "vertices_pc_gamg_threshold": 0.02,
+    "vertices_pc_gamg_aggressive_coarsening": 1,
+    "vertices_mg_levels_ksp_type": "chebyshev",
+    "vertices_mg_levels_pc_type": "sor",
+}
 
 #: Of the pressures: a mass matrix, on which a few steps of Chebyshev's are exact enough.
 _PRESSURE: dict[str, typing.Any] = {
