@@ -17,9 +17,12 @@ _VELOCITY: dict[str, typing.Any] = {
 
 #: Of the pressures: a mass matrix, on which a few steps of Chebyshev's are exact enough.
 _PRESSURE: dict[str, typing.Any] = {
-    "ksp_type": "chebyshev",
-    "ksp_max_it": 4,
-    "pc_type": "jacobi",
+    "ksp_type": "preonly",
+    "pc_type": "ksp",  # a KSP right here would iterate on the Schur complement itself
+    "ksp_ksp_type": "chebyshev",
+    "ksp_ksp_max_it": 4,
+    "ksp_ksp_norm_type": "none",
+    "ksp_pc_type": "jacobi",
 }
 
 SCHUR: dict[str, typing.Any] = {
