@@ -12,7 +12,8 @@ _VELOCITY: dict[str, typing.Any] = {
     "vertices_pc_gamg_threshold": 0.02,
     "vertices_pc_gamg_aggressive_coarsening": 1,
     "vertices_mg_levels_ksp_type": "chebyshev",
-    "vertices_mg_levels_pc_type": "sor",
+    # Aggregates of two nodes leave zeros on the diagonal, which others divide by.
+    "vertices_mg_levels_pc_type": "jacobi",
 }
 
 #: Of the pressures: a mass matrix, on which a few steps of Chebyshev's are exact enough.
@@ -29,6 +30,7 @@ SCHUR: dict[str, typing.Any] = {
     "ksp_type": "fgmres",
     "ksp_rtol": 1e-8,
     "ksp_gmres_restart": 100,
+    "ksp_max_it": 500,  # a step that asks for more is a wild one, and better damped
     "pc_type": "fieldsplit",
     "pc_fieldsplit_type": "schur",
     "pc_fieldsplit_schur_fact_type": "upper",
