@@ -30,7 +30,9 @@ def facets(msh, axis, value):
 
 def hold(V, axis, at_axis, at, value=0.0):
     """Dirichlet condition on a component at a plane."""
-    dofs = fem.locate_dofs_topological(V.sub(axis), V.mesh.topology.dim - 1, facets(V.mesh, at_axis, at))
+    dofs = fem.locate_dofs_topological(
+        V.sub(axis), V.mesh.topology.dim - 1, facets(V.mesh, at_axis, at)
+    )
     return fem.dirichletbc(value, dofs, V.sub(axis))
 
 
@@ -41,7 +43,13 @@ def block(dim, n):
     w, m, V = fem.Function(W), fem.Constant(msh, 1.0), W.sub(0)
     stress = qs.materials.norton_hoff(ufl.split(w)[0], 1.0, m, 1e-3)
     bcs = [hold(V, axis, axis, 0.0) for axis in range(dim)]
-    return qs.materials.incompressible(w, stress), w, bcs, qs.Surface(V, facets=facets(msh, dim - 1, 1.0)), m
+    return (
+        qs.materials.incompressible(w, stress),
+        w,
+        bcs,
+        qs.Surface(V, facets=facets(msh, dim - 1, 1.0)),
+        m,
+    )
 
 
 def tool(dim, n):

@@ -46,8 +46,13 @@ BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | _AMG
 #: Unknowns in 2D and 3D from which on multigrid is taken: see ``bench/presets.py``.
 LARGE = {2: 1_000_000, 3: 40_000}
 
+#: The same of velocity–pressure bodies, and of "schur".
+LARGE_FLOW = {2: 100_000, 3: 20_000}
 
-def pick(unknowns: int, dim: int, has_modes: bool, kind: str) -> tuple[str, str]:
+
+def pick(
+    unknowns: int, dim: int, has_modes: bool, kind: str, is_flow: bool = False
+) -> tuple[str, str]:
     """The preset for a problem, and why.
 
     Args:
@@ -55,7 +60,14 @@ def pick(unknowns: int, dim: int, has_modes: bool, kind: str) -> tuple[str, str]
         dim: Of space.
         has_modes: Whether all bodies are in displacements or velocities alone.
         kind: ``"mpi"`` or ``"nest"``, the matrix that the solver sees.
+        is_flow: Whether there are bodies in velocity and pressure, for ``"schur"``.
     """
+    if is_flow and kind == "mpi":
+        if unknowns < LARGE_FLOW[dim]:
+            reason = f"{unknowns} unknowns of flow in {dim}D are fewer than {LARGE_FLOW[dim]}"
+            return "direct", reason
+        reason = f"{unknowns} unknowns of velocity and pressure in {dim}D are"
+        return "schur", f"{reason} {LARGE_FLOW[dim]} or more"
     if not has_modes:
         return "direct", "a body has other unknowns than displacements"
     if unknowns < LARGE[dim]:

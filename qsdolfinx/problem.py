@@ -24,7 +24,7 @@ from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
 from qsdolfinx.predictor import BALANCED, Foundation
 from qsdolfinx.presets import BLOCK, GMRES_RESTART, PRESETS, pick
-from qsdolfinx.schur import Forms, Schur, check_schur
+from qsdolfinx.schur import Forms, Schur, check_schur, has_schur
 from qsdolfinx.slip import Slip
 from qsdolfinx.solver import (
     NOT_BALANCED,
@@ -70,8 +70,13 @@ class ContactProblem(ContactSystem):
         solver: Linear solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
             not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
             moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
-            the MatNest), or ``"auto"``: direct unless the problem is large, which is then printed;
-            nothing of all this if there is any ``ksp_`` or ``pc_`` option.
+            the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with multigrid for
+            velocities and displacements, and pressure mass matrices), or ``"auto"``: direct unless
+            the problem is large, which is then printed; nothing of all this if there is any
+            ``ksp_`` or ``pc_`` option.
+        pressure_preconditioner: For ``"schur"``: for each body None or a bilinear form on its space
+            that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
+            sign. By default it is found from the tangent, at the viscosity of each iterate.
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
@@ -144,7 +149,8 @@ class ContactProblem(ContactSystem):
             return "options"
         gdim = self.bodies[0].V.mesh.geometry.dim
         has_modes = all(body.V.dofmap.index_map_bs == gdim for body in self.bodies)
-        name, reason = pick(self._x.getSize(), gdim, has_modes, self._kind)
+        size, flows = self._x.getSize(), has_schur(self.u)
+        name, reason = pick(size, gdim, has_modes, self._kind, flows)
         if name != "direct":
             PETSc.Sys.Print(f'qsdolfinx: solver="{name}": {reason}', comm=self.comm)
         return name

@@ -52,19 +52,25 @@ class VelocityBlock:
         self._rows = np.concatenate(rows)[self._vertices]
         self._has_bubbles = self._comm.allreduce(int((~self._vertices).sum())) > 0
         self._made = False
+        self._S: PETSc.Mat | None = None
+        self._bv: PETSc.Mat | None = None
+        self._vb: PETSc.Mat | None = None
+        self._bb: PETSc.Mat | None = None
+        self._inverse: PETSc.Mat | None = None
+        self._half: PETSc.Mat | None = None
+        self._product: PETSc.Mat | None = None
 
-    def setUp(self, pc: PETSc.PC) -> None:  # noqa: N802
+    def setUp(self, pc: PETSc.PC) -> None:
         """Eliminate the bubbles of a new matrix. Collective."""
         matrix = pc.getOperators()[1]
         if not self._made:
             self._create(pc, matrix)
         S = self._S = matrix.createSubMatrix(*[self._is_v] * 2, submat=self._S)
         if self._has_bubbles:
-            self._bv = matrix.createSubMatrix(self._is_b, self._is_v, submat=self._bv)
-            self._vb = matrix.createSubMatrix(self._is_v, self._is_b, submat=self._vb)
-            self._invert_bubbles(matrix)
-            self._half = self._inverse.matMult(self._bv, self._half)
-            self._product = self._vb.matMult(self._half, self._product)
+            bv = self._bv = matrix.createSubMatrix(self._is_b, self._is_v, submat=self._bv)
+            vb = self._vb = matrix.createSubMatrix(self._is_v, self._is_b, submat=self._vb)
+            half = self._half = self._inverted(matrix).matMult(bv, self._half)
+            self._product = vb.matMult(half, self._product)
             S.axpy(-1.0, self._product, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         S.diagonalScale(self._scale, None)
         if not self._made:
@@ -82,7 +88,6 @@ class VelocityBlock:
             for chosen in (self._vertices, ~self._vertices)
         ]
         self._is_v, self._is_b = sets
-        self._S = self._bv = self._vb = self._bb = self._half = self._product = None
         sizes = (int(self._vertices.sum()), PETSc.DETERMINE)
         self._scale, self._r, self._x, self._w = (
             PETSc.Vec().createMPI(sizes, comm=self._comm) for _ in range(4)
@@ -102,37 +107,35 @@ class VelocityBlock:
         for vec in vecs:
             vec.destroy()
 
-    def _invert_bubbles(self, matrix: PETSc.Mat) -> None:
+    def _inverted(self, matrix: PETSc.Mat) -> PETSc.Mat:
         """Inverse of the bubbles' block, which is one of gdim rows for each cell. Collective."""
-        self._bb = matrix.createSubMatrix(self._is_b, self._is_b, submat=self._bb)
-        first, last = self._bb.getOwnershipRange()
-        local = self._bb.getDiagonalBlock().getValuesCSR()
+        bb = self._bb = matrix.createSubMatrix(self._is_b, self._is_b, submat=self._bb)
+        first, last = bb.getOwnershipRange()
+        pointer, column, value = bb.getDiagonalBlock().getValuesCSR()
         gdim, count = self._gdim, last - first
+        row = np.repeat(np.arange(count), np.diff(pointer))
+        inside = row // gdim == column // gdim
+        row, column, value = row[inside], column[inside], value[inside]
         blocks = np.zeros((count // gdim, gdim, gdim))
-        rows = np.repeat(np.arange(count), np.diff(local[0]))
-        inside = rows // gdim == local[1] // gdim
-        blocks[rows[inside] // gdim, rows[inside] % gdim, local[1][inside] % gdim] = local[2][inside]
-        columns = first + gdim * np.repeat(np.arange(count) // gdim, gdim) + np.tile(
-            np.arange(gdim), count
-        )
-        csr = (
-            (gdim * np.arange(count + 1)).astype(np.int32),
-            columns.astype(np.int32),
-            np.linalg.inv(blocks).ravel(),
-        )
-        if self._half is None:
+        blocks[row // gdim, row % gdim, column % gdim] = value
+        block = np.repeat(np.arange(count // gdim), gdim * gdim)
+        columns = first + gdim * block + np.tile(np.arange(gdim), count)
+        pointer = gdim * np.arange(count + 1)
+        csr = pointer.astype(np.int32), columns.astype(np.int32), np.linalg.inv(blocks).ravel()
+        if self._inverse is None:
             size = (count, PETSc.DETERMINE)
             self._inverse = PETSc.Mat().createAIJ((size, size), csr=csr, comm=self._comm)
         else:
             self._inverse.setValuesCSR(*csr)
             self._inverse.assemble()
+        return self._inverse
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, x: PETSc.Vec) -> None:
         """Approximate solution. Collective."""
         v = self._vertices
         values = r.array_r
         self._r.array[:] = values[v]
-        if self._has_bubbles:
+        if self._inverse is not None and self._vb is not None:
             self._y.array[:] = values[~v]
             self._inverse.mult(self._y, self._z)
             self._vb.mult(self._z, self._w)
@@ -141,7 +144,7 @@ class VelocityBlock:
         self._solver.apply(self._r, self._x)
         out = x.array
         out[v] = self._x.array_r
-        if self._has_bubbles:
+        if self._half is not None:
             self._half.mult(self._x, self._y)
             out[~v] = self._z.array_r - self._y.array_r
 
@@ -149,13 +152,16 @@ class VelocityBlock:
         """Free PETSc's objects. Collective."""
         if not self._made:
             return
-        things = (self._solver, self._is_v, self._is_b, self._scale, self._r, self._x, self._w)
-        mats = (self._S, self._bv, self._vb, self._bb, self._half, self._product)
-        for thing in (*things, self._z, self._y, *mats):
-            if thing is not None:
-                thing.destroy()
-        if self._has_bubbles:
-            self._inverse.destroy()
+        for thing in (self._solver, self._is_v, self._is_b):
+            thing.destroy()
+        for vec in (self._scale, self._r, self._x, self._w, self._y, self._z):
+            vec.destroy()
+        mats = self._S, self._bv, self._vb, self._bb, self._inverse, self._half, self._product
+        for mat in mats:
+            if mat is not None:
+                mat.destroy()
+        self._S = self._bv = self._vb = self._bb = None
+        self._inverse = self._half = self._product = None
         self._made = False
 
 
@@ -170,9 +176,10 @@ def velocity_modes(body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
         V, whole = next(part for part in parts if part.num_sub_spaces > 0).collapse()
         dofs = np.asarray(whole)
     gdim = V.mesh.geometry.dim
+    places: npt.NDArray[np.int32]
     if V.element.basix_element.family == basix.ElementFamily.P:
         x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
-        places = dofs[: x.shape[0] * gdim].reshape(-1, gdim)
+        places = np.asarray(dofs[: x.shape[0] * gdim].reshape(-1, gdim), dtype=np.int32)
     else:
         space = displacement_space(body.V)
         assert space is not None
