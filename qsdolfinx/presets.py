@@ -47,7 +47,7 @@ BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | _AMG
 LARGE = {2: 1_000_000, 3: 40_000}
 
 #: The same of velocity–pressure bodies, and of "schur".
-LARGE_FLOW = {2: 100_000, 3: 20_000}
+LARGE_FLOW = {2: 150_000, 3: 20_000}
 
 
 def pick(
