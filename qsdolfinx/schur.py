@@ -125,6 +125,8 @@ class Schur:
 
     def update(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         """Compute the pressure's matrix for the unknowns at hand. Collective."""
+        if ksp.getPC().getType() != PETSc.PC.Type.FIELDSPLIT:
+            return  # the user's options say so
         masses = [mass for mass in self.masses if mass is not None]
         for body, mass in zip(self._bodies, self.masses, strict=True):
             if mass is not None:
