@@ -7,9 +7,17 @@ Newton and Krylov iterations.
 
     python3 bench/presets.py --dim 3 --cells 10 20 30
     mpirun -n 2 python3 bench/presets.py --dim 2 --cells 100 200 400
+
+With --scene flow the lower block is viscoplastic, in velocity and pressure, see flow_scene.py; for
+--m below 1 it is solved by continuation, and iterations are those of all its solves.
+
+    python3 bench/presets.py --scene flow --dim 3 --cells 6 8 10 --m 0.15
 """
 
 import argparse
+import math
+import pathlib
+import sys
 import time
 
 from mpi4py import MPI
@@ -21,8 +29,13 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from flow_scene import flow
+
 COMM = MPI.COMM_WORLD
 E = 3e4, 1.3e4  # of the lower and the upper block
+SOLVERS = {"elastic": ("direct", "amg", "fieldsplit"), "flow": ("direct", "schur")}
 
 
 def block(dim, n, low, modulus, far, press):
@@ -44,19 +57,33 @@ def block(dim, n, low, modulus, far, press):
     return ufl.inner(stress, ufl.grad(v)) * ufl.dx, u, [bc], qs.Surface(V, facets=touching)
 
 
-def measure(dim, n, solver, enforcement):
-    """Seconds, Newton and Krylov iterations, unknowns."""
-    COMM.barrier()
-    start = time.perf_counter()
+def elastic(dim, n, solver, enforcement):
+    """Two elastic blocks."""
     lower = block(dim, n, 0.0, E[0], 0.0, 0.0)
     upper = block(dim, 4 * n // 5, 1.0, E[1], 2.0, -0.02)
     contact = qs.Contact(upper[3], lower[3], enforcement=enforcement)
     bodies = lower, upper
     forms, u, bcs = ([body[i] for body in bodies] for i in range(3))
-    problem = qs.ContactProblem(forms, u, [contact], bcs, solver=solver)
-    problem.solve()
+    return qs.ContactProblem(forms, u, [contact], bcs, solver=solver)
+
+
+def measure(p, n, solver):
+    """Seconds, Newton and Krylov iterations, unknowns."""
+    COMM.barrier()
+    start = time.perf_counter()
+    if p.scene == "elastic":
+        problem = elastic(p.dim, n, solver, p.enforcement)
+        steps = [None]
+    else:
+        problem, m = flow(p.dim, n, solver, p.enforcement, p.mu)
+        steps = np.geomspace(1.0, p.m, 1 if p.m == 1 else 1 + math.ceil(math.log(1 / p.m, 4)))
+    counts = np.zeros(2, dtype=int)
+    for step in steps:
+        if step is not None:
+            m.value = step
+        problem.solve()
+        counts += problem.num_iterations, problem.num_linear_iterations
     seconds = COMM.allreduce(time.perf_counter() - start, op=MPI.MAX)
-    counts = problem.num_iterations, problem.num_linear_iterations
     unknowns = problem._x.getSize()
     problem.destroy()
     return seconds, counts, unknowns
@@ -68,17 +95,21 @@ def main():
     )
     parser.add_argument("--dim", type=int, choices=(2, 3), default=3)
     parser.add_argument("--cells", type=int, nargs="+", default=(10, 16, 24))
-    parser.add_argument("--solvers", nargs="+", default=("direct", "amg", "fieldsplit"))
+    parser.add_argument("--scene", choices=tuple(SOLVERS), default="elastic")
+    parser.add_argument("--solvers", nargs="+", help="default: all that the scene is for")
+    parser.add_argument("--m", type=float, default=1.0, help="rate sensitivity of --scene flow")
+    parser.add_argument("--mu", type=float, default=0.0, help="Coulomb friction of --scene flow")
     parser.add_argument(
         "--enforcement", choices=("penalty", "augmented-lagrangian"), default="augmented-lagrangian"
     )
     p = parser.parse_args()
+    p.solvers = p.solvers or SOLVERS[p.scene]
     say = print if COMM.rank == 0 else lambda *args, **kwargs: None
     say(f"{'unknowns':>10}" + "".join(f"{name + ': s':>14}{'its':>11}" for name in p.solvers))
     for n in p.cells:
         columns = []
         for solver in p.solvers:
-            seconds, (newton, krylov), unknowns = measure(p.dim, n, solver, p.enforcement)
+            seconds, (newton, krylov), unknowns = measure(p, n, solver)
             columns.append(f"{seconds:14.2f}{f'{newton}/{krylov}':>11}")
         say(f"{unknowns:10}" + "".join(columns), flush=True)
 

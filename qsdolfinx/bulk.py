@@ -87,6 +87,11 @@ class Body:
         """Communicator of the mesh."""
         return self.V.mesh.comm
 
+    @property
+    def tangent_form(self) -> ufl.Form:
+        """Derivative of F, with derivatives expanded unless the user gave it."""
+        return self._tangent_ufl
+
     def create_vec(self) -> PETSc.Vec:
         """New zero vector of the owned unknowns. Collective."""
         index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs

@@ -19,6 +19,10 @@ SAFETY = 0.3
 #: Bounds of the relative tolerance of a linear solve.
 _TIGHTEST, _LOOSEST = 1e-12, 0.1
 
+#: Steps of the smoother on all levels between the finest and the coarsest, where they cost little
+#: and aggregates of aggregates need them.
+COARSE_SWEEPS = 8
+
 #: A hierarchy is made anew when a linear solve takes this many times the iterations of its first.
 STALE = 1.5
 
@@ -38,6 +42,7 @@ class Krylov:
         self._linear = linear
         self._chooses_type = "ksp_type" not in given
         self._chooses_tolerance = not {"ksp_rtol", "ksp_atol", "snes_ksp_ew"} & set(given)
+        self._chooses_smoothing = not any(option.startswith("mg_levels_") for option in given)
         self.forget()
 
     def forget(self) -> None:
@@ -72,13 +77,16 @@ class Krylov:
         pc.reset()
         pc.setOperators(bulk, bulk)
         pc.setUp()
+        if self._chooses_smoothing:
+            for level in range(1, pc.getMGLevels() - 1):
+                pc.getMGSmoother(level).setTolerances(max_it=COARSE_SWEEPS)
         self.forget()
         self._hierarchy = fingerprints
 
     def choose_type(self, symmetric: bool) -> None:
         """Conjugate gradients, or GMRES for a tangent that is not symmetric."""
         kind = PETSc.KSP.Type.CG if symmetric else PETSc.KSP.Type.GMRES
-        if not self._chooses_type or self._ksp.getType() == kind:
+        if not self._chooses_type or self._ksp.getType() in (kind, PETSc.KSP.Type.FGMRES):
             return
         self._ksp.setType(kind)
         if not symmetric:

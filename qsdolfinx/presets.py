@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import typing
 
+from qsdolfinx.schur_options import SCHUR
+
 #: Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
 #: incompressible flow, need more; on several ranks how much also depends on timing.
 _EXTRA_MEMORY = 100
@@ -11,21 +13,17 @@ _EXTRA_MEMORY = 100
 #: Relative tolerance of a linear solve outside of Newton's method.
 EXACT = 1e-8
 
+#: Aggregation with the bodies' rigid modes. Without smoothed prolongators its set-up costs a fifth;
+#: the W-cycle makes up for that, and for contact, which is stiff beside the coarse levels.
 _AMG: dict[str, typing.Any] = {
     "pc_type": "gamg",
+    "pc_gamg_agg_nsmooths": 0,
     "pc_gamg_threshold": 0.02,
     "pc_gamg_aggressive_coarsening": 1,
+    "pc_gamg_coarse_eq_limit": 1000,
+    "pc_mg_cycle_type": "w",
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "jacobi",
-}
-
-#: Of multigrid for all bodies together. Its coarse spaces are those of the bodies without contact,
-#: see :class:`qsdolfinx.krylov.Krylov`; coarse levels, where contact is stiff beside them, are
-#: visited twice.
-_TOGETHER: dict[str, typing.Any] = {
-    "pc_gamg_reuse_interpolation": True,
-    "pc_mg_cycle_type": "w",
-    "pc_gamg_coarse_eq_limit": 1000,
 }
 
 _KRYLOV: dict[str, typing.Any] = {
@@ -43,14 +41,16 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
         "pc_factor_mat_solver_type": "mumps",
         "mat_mumps_icntl_14": _EXTRA_MEMORY,
     },
-    "amg": _KRYLOV | _AMG | _TOGETHER,
+    # Coarse spaces are those of the bodies without contact: qsdolfinx.krylov.Krylov.
+    "amg": _KRYLOV | _AMG | {"pc_gamg_reuse_interpolation": True},
     # One V-cycle for each body, one body after the other and back.
     "fieldsplit": _KRYLOV
     | {"pc_type": "fieldsplit", "pc_fieldsplit_type": "symmetric_multiplicative"},
+    "schur": SCHUR,
 }
 
 #: Presets whose Krylov solver is prepared by :class:`qsdolfinx.krylov.Krylov`.
-ITERATIVE = ("amg", "fieldsplit")
+ITERATIVE = ("amg", "fieldsplit", "schur")
 
 #: Options of each body's block with "fieldsplit", after "fieldsplit_I_".
 BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | _AMG
@@ -58,8 +58,13 @@ BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | _AMG
 #: Unknowns in 2D and 3D from which on multigrid is taken: see ``bench/presets.py``.
 LARGE = {2: 1_000_000, 3: 40_000}
 
+#: The same of velocity–pressure bodies, and of "schur".
+LARGE_FLOW = {2: 150_000, 3: 20_000}
 
-def pick(unknowns: int, dim: int, has_modes: bool, kind: str) -> tuple[str, str]:
+
+def pick(
+    unknowns: int, dim: int, has_modes: bool, kind: str, is_flow: bool = False
+) -> tuple[str, str]:
     """The preset for a problem, and why.
 
     Args:
@@ -67,7 +72,14 @@ def pick(unknowns: int, dim: int, has_modes: bool, kind: str) -> tuple[str, str]
         dim: Of space.
         has_modes: Whether all bodies are in displacements or velocities alone.
         kind: ``"mpi"`` or ``"nest"``, the matrix that the solver sees.
+        is_flow: Whether there are bodies in velocity and pressure, for ``"schur"``.
     """
+    if is_flow and kind == "mpi":
+        if unknowns < LARGE_FLOW[dim]:
+            reason = f"{unknowns} unknowns of flow in {dim}D are fewer than {LARGE_FLOW[dim]}"
+            return "direct", reason
+        reason = f"{unknowns} unknowns of velocity and pressure in {dim}D are"
+        return "schur", f"{reason} {LARGE_FLOW[dim]} or more"
     if not has_modes:
         return "direct", "a body has other unknowns than displacements"
     if unknowns < LARGE[dim]:

@@ -25,6 +25,7 @@ from qsdolfinx.drive import Drive
 from qsdolfinx.krylov import Krylov
 from qsdolfinx.predictor import BALANCED, Foundation
 from qsdolfinx.presets import BLOCK, ITERATIVE, PRESETS, pick
+from qsdolfinx.schur import Forms, Schur, check_schur, has_schur
 from qsdolfinx.slip import Slip
 from qsdolfinx.solver import (
     NOT_BALANCED,
@@ -70,8 +71,13 @@ class ContactProblem(ContactSystem):
         solver: Linear solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
             not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
             moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
-            the MatNest), or ``"auto"``: direct unless the problem is large, which is then printed;
-            nothing of all this if there is any ``ksp_`` or ``pc_`` option.
+            the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with multigrid for
+            velocities and displacements, and pressure mass matrices), or ``"auto"``: direct unless
+            the problem is large, which is then printed; nothing of all this if there is any
+            ``ksp_`` or ``pc_`` option.
+        pressure_preconditioner: For ``"schur"``: for each body None or a bilinear form on its space
+            that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
+            sign. By default it is found from the tangent, at the viscosity of each iterate.
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
@@ -90,6 +96,7 @@ class ContactProblem(ContactSystem):
         petsc_options: dict[str, typing.Any] | None = None,
         kind: str | None = None,
         solver: str = "auto",
+        pressure_preconditioner: Forms = None,
     ) -> None:
         with collective_errors(communicator(u)):
             check_sequences(F=F, u=u, contacts=contacts, bcs=bcs, J=J)
@@ -101,6 +108,7 @@ class ContactProblem(ContactSystem):
             if solver == "amg" and kind == "nest":
                 raise ValueError('kind: solver="amg" needs the AIJ matrix; use "fieldsplit"')
             check_arguments(F, u, contacts, bcs, J, kind)
+            check_schur(u, solver, kind, pressure_preconditioner)
             if not isinstance(petsc_options, (dict, type(None))):
                 raise TypeError("petsc_options: must be a dictionary of options without the prefix")
         check_agreement(communicator(u), contacts=len(contacts), kind=kind, solver=solver)
@@ -124,6 +132,9 @@ class ContactProblem(ContactSystem):
         chosen = {*given, *PETSc.Options(prefix).getAll()}
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
         self.solver = self._pick(solver, prefix, petsc_options or {})
+        self._schur = None
+        if self.solver == "schur":
+            self._schur = Schur(self.bodies, pressure_preconditioner)
         #: Whether the line search is the default and not the user's choice.
         self.has_full_steps = set_options(prefix, petsc_options or {}, self._linear_options())
         #: PETSc's nonlinear solver.
@@ -144,7 +155,8 @@ class ContactProblem(ContactSystem):
             return "options"
         gdim = self.bodies[0].V.mesh.geometry.dim
         has_modes = all(body.V.dofmap.index_map_bs == gdim for body in self.bodies)
-        name, reason = pick(self._x.getSize(), gdim, has_modes, self._kind)
+        size, flows = self._x.getSize(), has_schur(self.u)
+        name, reason = pick(size, gdim, has_modes, self._kind, flows)
         if name != "direct":
             PETSc.Sys.Print(f'qsdolfinx: solver="{name}": {reason}', comm=self.comm)
         return name
@@ -392,6 +404,9 @@ class ContactProblem(ContactSystem):
             # A reset takes the options from the splits: start from scratch.
             pc.setType(PETSc.PC.Type.NONE)
             pc.setFromOptions()
+            if self._schur is not None:
+                self._schur.split(pc, self._scales)
+                return
             index_sets = self.blocks.nest.getNestISs()[0]
             pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
 
@@ -404,6 +419,8 @@ class ContactProblem(ContactSystem):
         if not self.snes:
             return
         self._destroy_matrices()
+        if self._schur is not None:
+            self._schur.destroy()
         remove_options(self.snes.getOptionsPrefix())
         self.snes.destroy()
         self._x.destroy()
@@ -429,6 +446,8 @@ class ContactProblem(ContactSystem):
             with self.watch.stage("solve"):
                 self._krylov.make_hierarchy(self._matrix, fingerprints)
         changed = self._assemble()
+        if self._schur is not None:
+            self._schur.update(self.snes.getKSP(), self._matrix)
         if self._krylov is not None:
             self._krylov.choose_type(self.symmetric)
             self._krylov.set_tolerance(self._norms, changed)
