@@ -157,6 +157,16 @@ void bind_pairing(nb::module_& m)
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a,
       "edge_x"_a, "edge_w"_a, "Pairing points on the overlay; collective.");
   m.def(
+      "closest_facets",
+      [](const Surface& nodes, const Surface& surface, double radius)
+      {
+        const ClosestFacets c = closest_facets(nodes, surface, radius);
+        const std::size_t n = c.found.size();
+        return nb::make_tuple(copy(c.found, {n}), copy(c.x, {n, 3}));
+      },
+      "nodes"_a, "surface"_a, "radius"_a,
+      "Which owned nodes find a facet of the other surface, and the closest points; collective.");
+  m.def(
       "closest_point",
       [](int num_vertices, In<double> vertices, std::array<double, 3> p)
       {
