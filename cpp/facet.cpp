@@ -4,48 +4,6 @@
 
 using namespace qsdolfinx;
 
-std::array<double, 4> qsdolfinx::shape_functions(FacetType type, std::array<double, 2> xi)
-{
-  const auto [s, t] = xi;
-  switch (type)
-  {
-  case FacetType::interval:
-    return {1 - s, s, 0, 0};
-  case FacetType::triangle:
-    return {1 - s - t, s, t, 0};
-  default:
-    return {(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t};
-  }
-}
-
-Vec3 qsdolfinx::facet_point(FacetType type, std::span<const double> v, std::array<double, 2> xi)
-{
-  const auto N = shape_functions(type, xi);
-  Vec3 x{0, 0, 0};
-  for (int i = 0; i < static_cast<int>(type); ++i)
-    x = x + N[i] * facet_vertex(v, i);
-  return x;
-}
-
-Vec3 qsdolfinx::area_vector(FacetType type, std::span<const double> v, std::array<double, 2> xi)
-{
-  const Vec3 x0 = facet_vertex(v, 0), a = facet_vertex(v, 1) - x0;
-  if (type == FacetType::interval)
-    return {a[1], -a[0], 0};
-  const Vec3 b = facet_vertex(v, 2) - x0;
-  if (type == FacetType::triangle)
-    return cross(a, b);
-  const Vec3 c = facet_vertex(v, 3) - facet_vertex(v, 1) - facet_vertex(v, 2) + x0;
-  return cross(a + xi[1] * c, b + xi[0] * c);
-}
-
-std::array<double, 2> qsdolfinx::facet_centre(FacetType type)
-{
-  if (type == FacetType::triangle)
-    return {1.0 / 3, 1.0 / 3};
-  return {0.5, type == FacetType::interval ? 0.0 : 0.5};
-}
-
 int qsdolfinx::trace_size(FacetType type, int degree)
 {
   if (degree == 1)
