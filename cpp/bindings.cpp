@@ -30,11 +30,11 @@ std::span<const T> view(const In<T>& a)
   return {a.data(), a.size()};
 }
 
-/// NumPy array that owns a copy of the data.
+/// NumPy array that owns the data: a copy, unless they are temporary.
 template <typename T>
-nb::object copy(const std::vector<T>& data, std::initializer_list<std::size_t> shape)
+nb::object copy(std::vector<T> data, std::initializer_list<std::size_t> shape)
 {
-  auto* owned = new std::vector<T>(data);
+  auto* owned = new std::vector<T>(std::move(data));
   nb::capsule owner(owned, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
   return nb::cast(nb::ndarray<nb::numpy, T>(owned->data(), shape, owner));
 }
@@ -93,6 +93,9 @@ void bind_surface(nb::module_& m)
           },
           "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
           "local_size"_a, "axisymmetric"_a, "Collective. See surface.h.")
+      .def(
+          "move", [](Surface& s, In<double> x, In<double> inside) { s.move(view(x), view(inside)); },
+          "x"_a, "inside"_a, "Other coordinates of the facets; collective.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range)
       .def_prop_ro("facet_x",
                    [](const Surface& s)
@@ -116,6 +119,24 @@ void bind_surface(nb::module_& m)
                    [](const Surface& s) { return copy(s.nodes().area, {s.nodes().size()}); })
       .def_prop_ro("node_normal",
                    [](const Surface& s) { return copy(s.nodes().normal, {s.nodes().size(), 3}); });
+
+  m.def(
+      "mean_of_rows",
+      [](In<double> x, In<std::int32_t> rows)
+      {
+        const std::size_t n = rows.shape(0), width = rows.shape(1);
+        std::vector<double> out(3 * n, 0.0);
+        for (std::size_t i = 0; i < n; ++i)
+          for (std::size_t j = 0; j < width; ++j)
+            for (std::size_t k = 0; k < 3; ++k)
+              out[3 * i + k] += x.data()[3 * rows.data()[i * width + j] + k] / width;
+        return copy(std::move(out), {n, 3});
+      },
+      "x"_a, "rows"_a, "Means of points (x is [point][3]), one of each row of their numbers.");
+  m.def(
+      "count_degenerate", [](int num_vertices, In<double> x)
+      { return count_degenerate(facet_type(num_vertices), view(x)); }, "num_vertices"_a, "x"_a,
+      "Facets without area, or not convex.");
 }
 
 void bind_pairing(nb::module_& m)

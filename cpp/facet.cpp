@@ -54,3 +54,36 @@ std::array<double, max_trace> qsdolfinx::trace_functions(FacetType type, int deg
   return {f[0] * g[0], f[1] * g[0], f[0] * g[1], f[1] * g[1], f[2] * g[0],
           f[0] * g[2], f[1] * g[2], f[2] * g[1], f[2] * g[2]};
 }
+
+std::int64_t qsdolfinx::count_degenerate(FacetType type, std::span<const double> x)
+{
+  const int nv = static_cast<int>(type);
+  const std::array<int, 4> cyclic{0, 1, nv == 4 ? 3 : 2, 2};
+  std::int64_t count = 0;
+  for (std::size_t first = 0; first < x.size(); first += 3 * nv)
+  {
+    const auto v = x.subspan(first, 3 * nv);
+    double square = 0; // of the size
+    for (int i = 0; i < nv; ++i)
+      for (int j = 0; j < i; ++j)
+      {
+        const Vec3 d = facet_vertex(v, i) - facet_vertex(v, j);
+        square = std::max(square, dot(d, d));
+      }
+    // The area vectors at all corners must point to one side.
+    std::array<Vec3, 4> areas{};
+    Vec3 whole{0, 0, 0};
+    for (int i = 0; i < nv && nv > 2; ++i)
+    {
+      const Vec3 c = facet_vertex(v, cyclic[i]);
+      areas[i] = cross(facet_vertex(v, cyclic[(i + 1) % nv]) - c,
+                       facet_vertex(v, cyclic[(i + nv - 1) % nv]) - c);
+      whole = whole + areas[i];
+    }
+    bool good = square > 0;
+    for (int i = 0; i < nv && nv > 2; ++i)
+      good = good && dot(areas[i], whole) > 1e-14 * square * norm(whole);
+    count += !good;
+  }
+  return count;
+}
