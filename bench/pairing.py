@@ -5,7 +5,7 @@ an edge. In the same run, one after the other, the best of the repeats:
 
 - update: all that `contact.update()` does: coordinates read anew, nodal areas and normals, search,
   pairing points, the operator of the weighted gap;
-- pairing: of these the search and the pairing points (exact closest points, ties, normals, weights);
+- pairing: of these the search and the pairing points (closest points, ties, normals, weights);
 - search: closest facets alone, the tree included: exact projection, ties, the test of normals;
 - libigl (if it can be imported): an AABB tree of the triangles, built and asked for the distances;
 - DOLFINx: bounding-box and midpoint trees, closest facet and its distance (GJK), which takes a
@@ -14,7 +14,9 @@ an edge. In the same run, one after the other, the best of the repeats:
 
 libigl knows triangles only. Columns a+b are seconds for building and asking a tree, per node.
 "agreement" is the largest difference of the closest distances, libigl's or else DOLFINx's, over
-the size of the surface; nodes beside the surface have no partner here and are left out.
+the size of the surface; nodes beside the surface have no partner here and are left out. Facets
+whose distances differ by less than 1e-10 of their size are ties here, so that any number of ranks
+takes the same one: that is what is left of the difference from libigl's.
 
     python3 bench/pairing.py --json pairing.json
 """
@@ -29,16 +31,16 @@ os.environ["IGL_NUM_THREADS"] = "1"  # before libigl counts the cores
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
-from mpi4py import MPI  # noqa: E402
+from mpi4py import MPI
 
-import numpy as np  # noqa: E402
-from scipy.spatial import cKDTree  # noqa: E402
+import numpy as np
+from scipy.spatial import cKDTree
 
-import basix.ufl  # noqa: E402
-from dolfinx import fem, geometry, mesh  # noqa: E402
+import basix.ufl
+from dolfinx import fem, geometry, mesh
 
-import qsdolfinx as qs  # noqa: E402
-from qsdolfinx import _cpp  # noqa: E402
+import qsdolfinx as qs
+from qsdolfinx import _cpp
 
 try:
     import igl

@@ -94,8 +94,9 @@ void bind_surface(nb::module_& m)
           "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
           "local_size"_a, "axisymmetric"_a, "Collective. See surface.h.")
       .def(
-          "move", [](Surface& s, In<double> x, In<double> inside) { s.move(view(x), view(inside)); },
-          "x"_a, "inside"_a, "Other coordinates of the facets; collective.")
+          "move",
+          [](Surface& s, In<double> x, In<double> inside) { s.move(view(x), view(inside)); }, "x"_a,
+          "inside"_a, "Other coordinates of the facets; collective.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range)
       .def_prop_ro("facet_x",
                    [](const Surface& s)

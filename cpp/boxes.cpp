@@ -48,7 +48,8 @@ void BoxTree::build(std::size_t first, std::size_t last)
   const Vec3 extent = middles.high - middles.low;
   const auto axis = static_cast<std::size_t>(std::ranges::max_element(extent) - extent.begin());
   const std::size_t half = first + (last - first) / 2;
-  const auto at = [this](std::size_t i) { return entries_.begin() + static_cast<std::ptrdiff_t>(i); };
+  const auto at
+      = [this](std::size_t i) { return entries_.begin() + static_cast<std::ptrdiff_t>(i); };
   std::nth_element(at(first), at(half), at(last), [axis](const Entry& a, const Entry& b)
                    { return middle(a.box, axis) < middle(b.box, axis); });
   build(first, half);

@@ -90,8 +90,7 @@ std::vector<Patch> qsdolfinx::find_patches(const Surface& slave,
           break;
       for (int i = 0; i < points->num_multipliers; ++i)
         if (const std::int64_t dof = on_slave[i * d]; dof >= end - size && dof < end)
-          out.push_back(
-              {points, first, last, i, static_cast<std::int64_t>(slave.node_index(dof))});
+          out.push_back({points, first, last, i, static_cast<std::int64_t>(slave.node_index(dof))});
     }
   }
   return out;

@@ -23,8 +23,7 @@ struct Patch
 };
 
 /// All patches of several sets of points, in the order of the points. Collective.
-std::vector<Patch> find_patches(const Surface& slave,
-                                std::span<const PairingPoints* const> sets);
+std::vector<Patch> find_patches(const Surface& slave, std::span<const PairingPoints* const> sets);
 
 /// Σ_p w_p N_k over a patch.
 double cover(const Patch& patch);

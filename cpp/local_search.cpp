@@ -60,16 +60,16 @@ const Candidate* LocalSearch::closest(const Vec3& p, const Vec3& normal)
     return nullptr;
   if (ties.size() == 1)
     return &ties.front();
-  return &*std::ranges::min_element(
-      ties, {}, [this](const Candidate& c) { return name_of(surface_.facet_x(c.facet)); });
+  return &*std::ranges::min_element(ties, {}, [this](const Candidate& c)
+                                    { return name_of(surface_.facet_x(c.facet)); });
 }
 
 bool LocalSearch::beside(const Candidate& c, const Vec3& p) const
 {
   const Vec3 n = surface_.normal(c.facet, c.point.xi), d = p - c.point.x;
   const double height = dot(d, n), offset = norm(d - height * n);
-  return offset > std::max(overhang_tolerance * surface_.facets().size[c.facet],
-                           2 * std::abs(height))
+  return offset
+             > std::max(overhang_tolerance * surface_.facets().size[c.facet], 2 * std::abs(height))
          && surface_.on_surface_boundary(c.facet, c.point.xi);
 }
 

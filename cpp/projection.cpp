@@ -76,10 +76,10 @@ struct Patch
     const double half = norm(c) / 2;
     const double s = norm(a + 0.5 * c) - half, t = norm(b + 0.5 * c) - half;
     const double ab = dot(a, b), ac = dot(a, c), bc = dot(b, c);
-    const double off
-        = std::max({std::abs(ab), std::abs(ab + ac), std::abs(ab + bc), std::abs(ab + ac + bc + 4 * half * half)});
-    const double far = std::sqrt(
-        std::max({dot(x0 - p, x0 - p), dot(x1 - p, x1 - p), dot(x2 - p, x2 - p), dot(x3 - p, x3 - p)}));
+    const double off = std::max({std::abs(ab), std::abs(ab + ac), std::abs(ab + bc),
+                                 std::abs(ab + ac + bc + 4 * half * half)});
+    const double far = std::sqrt(std::max(
+        {dot(x0 - p, x0 - p), dot(x1 - p, x1 - p), dot(x2 - p, x2 - p), dot(x3 - p, x3 - p)}));
     return s > 0 && t > 0 && s * t > off + 2 * half * far;
   }
 
@@ -119,7 +119,8 @@ struct Patch
     {
       const Vec3 xs = a + here[1] * c, xt = b + here[0] * c;
       const Vec3 r = x0 - p + here[0] * a + here[1] * xt;
-      if (const double square = dot(r, r); square < least)
+      // A distance says little of ξ: where Newton's method has ended, ξ counts.
+      if (const double square = dot(r, r); square < (inside ? 1 + 1e-13 : 1.0) * least)
       {
         least = square;
         best = here;

@@ -48,9 +48,7 @@ class FacetLayout(typing.NamedTuple):
         places = facet_places(V, degree)[local]
         dofs = dofs_at(V, cells[:, None], places).reshape(n, places.shape[1], gdim)
         cell_points = np.ascontiguousarray(msh.geometry.dofmap[cells], dtype=np.int32)
-        return cls(
-            points.reshape(n, nv), cell_points.reshape(n, -1), *_global_numbers(V, dofs)
-        )
+        return cls(points.reshape(n, nv), cell_points.reshape(n, -1), *_global_numbers(V, dofs))
 
     def checked_coordinates(self, msh: mesh.Mesh) -> tuple[Array, Array]:
         """Where the vertices are now, (facets, vertices, 3), and points of the body behind them.
@@ -66,9 +64,7 @@ class FacetLayout(typing.NamedTuple):
                 "V: coordinates of cells at contact facets are not finite (NaN, infinity)"
             )
         if flat := _cpp.count_degenerate(x.shape[1], x):
-            raise ValueError(
-                f"V: {flat} contact facets are degenerate (zero area, or not convex)"
-            )
+            raise ValueError(f"V: {flat} contact facets are degenerate (zero area, or not convex)")
         return x, inside
 
 
