@@ -48,7 +48,7 @@ class FacetLayout(typing.NamedTuple):
         places = facet_places(V, degree)[local]
         dofs = dofs_at(V, cells[:, None], places).reshape(n, places.shape[1], gdim)
         cell_points = np.ascontiguousarray(msh.geometry.dofmap[cells], dtype=np.int32)
-        return cls(points.reshape(n, nv), cell_points.reshape(n, -1), *_global_numbers(V, dofs))
+        return cls(points.reshape(n, nv), cell_points, *_global_numbers(V, dofs))
 
     def checked_coordinates(self, msh: mesh.Mesh) -> tuple[Array, Array]:
         """Where the vertices are now, (facets, vertices, 3), and points of the body behind them.
