@@ -55,23 +55,23 @@ FACET = {"triangle": "tetrahedron", "quadrilateral": "hexahedron"}
 def wavy(n, facet, side, seed):
     """Surface of n × n squares, or twice as many triangles, at a wavy height 0.
 
-    Only the layer of cells that the surface needs: a hexahedron under each square, or one point
-    under it and the two tetrahedra that reach there.
+    Only the cells that the surface needs: a layer of hexahedra, or tetrahedra that all reach to one
+    point far below.
     """
     ticks = np.linspace(0, 1, n + 1)
     top = np.array(np.meshgrid(ticks, ticks, [0.0], indexing="ij")).reshape(3, -1).T
     rng = np.random.default_rng(seed)
     waves, phases = rng.normal(size=(4, 2)) * 5, rng.random(4) * 6
     top[:, 2] += 0.02 * np.sin(top[:, :2] @ waves.T + phases).sum(axis=1)
-    down = np.array([0, 0, 1.0 if side == "slave" else -1.0]) / n
+    down = np.array([0, 0, 1.0 if side == "slave" else -1.0])
     i, j = (a.ravel() for a in np.meshgrid(range(n), range(n), indexing="ij"))
     corners = np.stack([(i + a) * (n + 1) + j + b for a in (0, 1) for b in (0, 1)], axis=1)
     if facet == "quadrilateral":
-        x = np.concatenate([top, top + down])
+        x = np.concatenate([top, top + down / n])
         cells = np.concatenate([corners, corners + len(top)], axis=1)
     else:
-        x = np.concatenate([top, top[corners].mean(axis=1) + down])
-        apex = len(top) + np.arange(n * n)
+        x = np.concatenate([top, [top.mean(axis=0) + 3 * down]])
+        apex = np.full(n * n, len(top))
         cells = np.concatenate(
             [np.column_stack([corners[:, list(c)], apex]) for c in ((0, 1, 3), (0, 2, 3))]
         )
