@@ -31,11 +31,11 @@ std::span<const T> view(const In<T>& a)
   return {a.data(), a.size()};
 }
 
-/// NumPy array that owns a copy of the data.
+/// NumPy array that owns the data: a copy, unless they are temporary.
 template <typename T>
-nb::object copy(const std::vector<T>& data, std::initializer_list<std::size_t> shape)
+nb::object copy(std::vector<T> data, std::initializer_list<std::size_t> shape)
 {
-  auto* owned = new std::vector<T>(data);
+  auto* owned = new std::vector<T>(std::move(data));
   nb::capsule owner(owned, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
   return nb::cast(nb::ndarray<nb::numpy, T>(owned->data(), shape, owner));
 }
@@ -94,6 +94,10 @@ void bind_surface(nb::module_& m)
           },
           "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
           "local_size"_a, "axisymmetric"_a, "Collective. See surface.h.")
+      .def(
+          "move",
+          [](Surface& s, In<double> x, In<double> inside) { s.move(view(x), view(inside)); }, "x"_a,
+          "inside"_a, "Other coordinates of the facets; collective.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range)
       .def_prop_ro("facet_x",
                    [](const Surface& s)
@@ -117,6 +121,24 @@ void bind_surface(nb::module_& m)
                    [](const Surface& s) { return copy(s.nodes().area, {s.nodes().size()}); })
       .def_prop_ro("node_normal",
                    [](const Surface& s) { return copy(s.nodes().normal, {s.nodes().size(), 3}); });
+
+  m.def(
+      "mean_of_rows",
+      [](In<double> x, In<std::int32_t> rows)
+      {
+        const std::size_t n = rows.shape(0), width = rows.shape(1);
+        std::vector<double> out(3 * n, 0.0);
+        for (std::size_t i = 0; i < n; ++i)
+          for (std::size_t j = 0; j < width; ++j)
+            for (std::size_t k = 0; k < 3; ++k)
+              out[3 * i + k] += x.data()[3 * rows.data()[i * width + j] + k] / width;
+        return copy(std::move(out), {n, 3});
+      },
+      "x"_a, "rows"_a, "Means of points (x is [point][3]), one of each row of their numbers.");
+  m.def(
+      "count_degenerate", [](int num_vertices, In<double> x)
+      { return count_degenerate(facet_type(num_vertices), view(x)); }, "num_vertices"_a, "x"_a,
+      "Facets without area, or not convex.");
 }
 
 void bind_pairing(nb::module_& m)
@@ -157,6 +179,16 @@ void bind_pairing(nb::module_& m)
       },
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a,
       "edge_x"_a, "edge_w"_a, "Pairing points on the overlay; collective.");
+  m.def(
+      "closest_facets",
+      [](const Surface& nodes, const Surface& surface, double radius)
+      {
+        const ClosestFacets c = closest_facets(nodes, surface, radius);
+        const std::size_t n = c.found.size();
+        return nb::make_tuple(copy(c.found, {n}), copy(c.x, {n, 3}));
+      },
+      "nodes"_a, "surface"_a, "radius"_a,
+      "Which owned nodes find a facet of the other surface, and the closest points; collective.");
   m.def(
       "closest_point",
       [](int num_vertices, In<double> vertices, std::array<double, 3> p)

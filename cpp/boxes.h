@@ -1,13 +1,9 @@
-// Axis-aligned boxes and a tree of them (Boost's R-tree).
+// Axis-aligned boxes and a tree of them.
 #pragma once
 
 #include "facet.h"
 #include <algorithm>
-#include <boost/geometry.hpp>
-#include <boost/geometry/geometries/box.hpp>
-#include <boost/geometry/geometries/point.hpp>
-#include <boost/geometry/index/rtree.hpp>
-#include <utility>
+#include <cstdint>
 #include <vector>
 
 namespace qsdolfinx
@@ -24,10 +20,13 @@ struct Box
 inline Box box_of(std::span<const double> x)
 {
   Box box{{x[0], x[1], x[2]}, {x[0], x[1], x[2]}};
-  for (std::size_t i = 3; i < x.size(); ++i)
+  for (std::size_t i = 3; i < x.size(); i += 3)
   {
-    box.low[i % 3] = std::min(box.low[i % 3], x[i]);
-    box.high[i % 3] = std::max(box.high[i % 3], x[i]);
+    for (std::size_t j = 0; j < 3; ++j)
+    {
+      box.low[j] = std::min(box.low[j], x[i + j]);
+      box.high[j] = std::max(box.high[j], x[i + j]);
+    }
   }
   return box;
 }
@@ -41,43 +40,91 @@ inline bool boxes_are_near(std::span<const double> rank_box, const Box& box, dou
   return true;
 }
 
-/// R-tree of numbered boxes, bulk loaded.
+/// Square of a point's distance from a box.
+inline double squared_distance(const Box& box, const Vec3& p)
+{
+  double sum = 0;
+  for (std::size_t j = 0; j < 3; ++j)
+  {
+    const double d = std::max({box.low[j] - p[j], p[j] - box.high[j], 0.0});
+    sum += d * d;
+  }
+  return sum;
+}
+
+/// Balanced binary tree of numbered boxes in one array, halved at the median of the longest side.
+/// Queries allocate nothing, and the tree is the same whatever order of boxes the median leaves.
 class BoxTree
 {
 public:
-  using Point = boost::geometry::model::point<double, 3, boost::geometry::cs::cartesian>;
-  using Entry = std::pair<boost::geometry::model::box<Point>, std::size_t>;
-  using Tree = boost::geometry::index::rtree<Entry, boost::geometry::index::quadratic<16>>;
-
-  explicit BoxTree(const std::vector<Box>& boxes)
-  {
-    std::vector<Entry> entries;
-    entries.reserve(boxes.size());
-    for (const Box& b : boxes)
-      entries.emplace_back(as_boost(b, 0), entries.size());
-    tree_ = Tree(entries.begin(), entries.end());
-  }
+  explicit BoxTree(const std::vector<Box>& boxes);
 
   /// Numbers of the boxes within the radius of a box, coordinate by coordinate, ascending.
-  void near(const Box& box, double radius, std::vector<std::size_t>& out) const
-  {
-    namespace index = boost::geometry::index;
-    out.clear();
-    for (auto it = tree_.qbegin(index::intersects(as_boost(box, radius))); it != tree_.qend(); ++it)
-      out.push_back(it->second);
-    std::sort(out.begin(), out.end());
-  }
+  void near(const Box& box, double radius, std::vector<std::size_t>& out) const;
 
-  const Tree& tree() const { return tree_; }
+  /// Call visit(i) for the boxes within the limit of p, those in near branches first. It returns
+  /// the limit from then on.
+  template <typename Visit>
+  void nearest(const Vec3& p, double limit, Visit visit) const
+  {
+    if (nodes_.empty())
+      return;
+    struct Branch
+    {
+      std::uint32_t node;
+      double square;
+    };
+    std::array<Branch, max_depth> stack;
+    std::size_t depth = 0;
+    double square = limit * limit;
+    stack[depth++] = {0, squared_distance(nodes_[0].box, p)};
+    while (depth > 0)
+    {
+      Branch here = stack[--depth];
+      while (here.square <= square && nodes_[here.node].count == 0)
+      {
+        Branch left{here.node + 1, 0}, right{nodes_[here.node].first, 0};
+        left.square = squared_distance(nodes_[left.node].box, p);
+        right.square = squared_distance(nodes_[right.node].box, p);
+        if (right.square < left.square)
+          std::swap(left, right);
+        if (right.square <= square)
+          stack[depth++] = right;
+        here = left;
+      }
+      if (here.square > square)
+        continue;
+      const Node& leaf = nodes_[here.node];
+      for (std::uint32_t i = leaf.first; i < leaf.first + leaf.count; ++i)
+      {
+        if (leaf.count > 1 && squared_distance(entries_[i].box, p) > square)
+          continue;
+        limit = visit(entries_[i].number);
+        square = limit * limit;
+      }
+    }
+  }
 
 private:
-  static boost::geometry::model::box<Point> as_boost(const Box& b, double r)
+  struct Entry
   {
-    return {{b.low[0] - r, b.low[1] - r, b.low[2] - r},
-            {b.high[0] + r, b.high[1] + r, b.high[2] + r}};
-  }
+    Box box;
+    std::size_t number;
+  };
+  /// The left branch of a node is the next one.
+  struct Node
+  {
+    Box box;
+    std::uint32_t first; ///< first entry of a leaf; right branch of others
+    std::uint32_t count; ///< entries of a leaf; 0 of others
+  };
+  static constexpr std::size_t leaf_size = 4;
+  static constexpr std::size_t max_depth = 64;
 
-  Tree tree_;
+  void build(std::size_t first, std::size_t last);
+
+  std::vector<Entry> entries_;
+  std::vector<Node> nodes_;
 };
 
 } // namespace qsdolfinx

@@ -4,48 +4,6 @@
 
 using namespace qsdolfinx;
 
-std::array<double, 4> qsdolfinx::shape_functions(FacetType type, std::array<double, 2> xi)
-{
-  const auto [s, t] = xi;
-  switch (type)
-  {
-  case FacetType::interval:
-    return {1 - s, s, 0, 0};
-  case FacetType::triangle:
-    return {1 - s - t, s, t, 0};
-  default:
-    return {(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t};
-  }
-}
-
-Vec3 qsdolfinx::facet_point(FacetType type, std::span<const double> v, std::array<double, 2> xi)
-{
-  const auto N = shape_functions(type, xi);
-  Vec3 x{0, 0, 0};
-  for (int i = 0; i < static_cast<int>(type); ++i)
-    x = x + N[i] * facet_vertex(v, i);
-  return x;
-}
-
-Vec3 qsdolfinx::area_vector(FacetType type, std::span<const double> v, std::array<double, 2> xi)
-{
-  const Vec3 x0 = facet_vertex(v, 0), a = facet_vertex(v, 1) - x0;
-  if (type == FacetType::interval)
-    return {a[1], -a[0], 0};
-  const Vec3 b = facet_vertex(v, 2) - x0;
-  if (type == FacetType::triangle)
-    return cross(a, b);
-  const Vec3 c = facet_vertex(v, 3) - facet_vertex(v, 1) - facet_vertex(v, 2) + x0;
-  return cross(a + xi[1] * c, b + xi[0] * c);
-}
-
-std::array<double, 2> qsdolfinx::facet_centre(FacetType type)
-{
-  if (type == FacetType::triangle)
-    return {1.0 / 3, 1.0 / 3};
-  return {0.5, type == FacetType::interval ? 0.0 : 0.5};
-}
-
 int qsdolfinx::trace_size(FacetType type, int degree)
 {
   if (degree == 1)
@@ -95,4 +53,37 @@ std::array<double, max_trace> qsdolfinx::trace_functions(FacetType type, int deg
   const auto f = line(xi[0]), g = line(xi[1]);
   return {f[0] * g[0], f[1] * g[0], f[0] * g[1], f[1] * g[1], f[2] * g[0],
           f[0] * g[2], f[1] * g[2], f[2] * g[1], f[2] * g[2]};
+}
+
+std::int64_t qsdolfinx::count_degenerate(FacetType type, std::span<const double> x)
+{
+  const int nv = static_cast<int>(type);
+  const std::array<int, 4> cyclic{0, 1, nv == 4 ? 3 : 2, 2};
+  std::int64_t count = 0;
+  for (std::size_t first = 0; first < x.size(); first += 3 * nv)
+  {
+    const auto v = x.subspan(first, 3 * nv);
+    double square = 0; // of the size
+    for (int i = 0; i < nv; ++i)
+      for (int j = 0; j < i; ++j)
+      {
+        const Vec3 d = facet_vertex(v, i) - facet_vertex(v, j);
+        square = std::max(square, dot(d, d));
+      }
+    // The area vectors at all corners must point to one side.
+    std::array<Vec3, 4> areas{};
+    Vec3 whole{0, 0, 0};
+    for (int i = 0; i < nv && nv > 2; ++i)
+    {
+      const Vec3 c = facet_vertex(v, cyclic[i]);
+      areas[i] = cross(facet_vertex(v, cyclic[(i + 1) % nv]) - c,
+                       facet_vertex(v, cyclic[(i + nv - 1) % nv]) - c);
+      whole = whole + areas[i];
+    }
+    bool good = square > 0;
+    for (int i = 0; i < nv && nv > 2; ++i)
+      good = good && dot(areas[i], whole) > 1e-14 * square * norm(whole);
+    count += !good;
+  }
+  return count;
 }

@@ -1,8 +1,8 @@
 #include "gap.h"
 #include "exchange.h"
+#include "gap_rows.h"
 
 #include <algorithm>
-#include <map>
 #include <tuple>
 
 using namespace qsdolfinx;
@@ -70,128 +70,6 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
   return out;
 }
 
-/// Points of this rank and from others.
-using PointSets = std::array<const PairingPoints*, 2>;
-
-/// Call visit(points, first, last, multiplier, row node) for every multiplier of this rank and
-/// every range of points that lie on the same two facets.
-template <typename Visit>
-void for_each_row(const Surface& slave, const PointSets& sets,
-                  std::pair<std::int64_t, std::int64_t> owned, Visit visit)
-{
-  for (const PairingPoints* points : sets)
-  {
-    const int nk = points->num_multipliers, d = points->gdim;
-    const auto facet = [d](const PairingSide& side, std::size_t p)
-    {
-      const std::size_t width = static_cast<std::size_t>(side.num_nodes) * d;
-      return std::span(side.dofs).subspan(p * width, width);
-    };
-    for (std::size_t first = 0, last; first < points->size(); first = last)
-    {
-      const auto on_slave = facet(points->slave, first), on_master = facet(points->master, first);
-      for (last = first + 1; last < points->size(); ++last)
-        if (!std::ranges::equal(facet(points->slave, last), on_slave)
-            || !std::ranges::equal(facet(points->master, last), on_master))
-          break;
-      for (int i = 0; i < nk; ++i)
-        if (const std::int64_t dof = on_slave[i * d]; dof >= owned.first && dof < owned.second)
-          visit(*points, first, last, i, static_cast<std::int64_t>(slave.node_index(dof)));
-    }
-  }
-}
-
-/// Σ_p w_p N_k over a range of points.
-double cover(const PairingPoints& points, std::size_t first, std::size_t last, int multiplier)
-{
-  double sum = 0;
-  for (std::size_t p = first; p < last; ++p)
-    sum += points.weight[p] * points.multiplier_values[p * points.num_multipliers + multiplier];
-  return sum;
-}
-
-/// One term of a row before equal columns are merged.
-struct Term
-{
-  std::int64_t row;
-  const std::int64_t* dofs;    // unknowns of the column node
-  std::array<double, 3> value; // Σ w N_k N_column (n) / S_k, negative for the master
-};
-
-/// Terms of one side's columns in all rows, sorted by row and column.
-/// @param area what the gap of each slave node is divided by
-std::vector<Term> row_terms(const Surface& slave, const PointSets& sets, int side, GapKind kind,
-                            std::pair<std::int64_t, std::int64_t> owned,
-                            const std::vector<double>& area)
-{
-  std::vector<Term> terms;
-  for_each_row(
-      slave, sets, owned,
-      [&](const PairingPoints& points, std::size_t first, std::size_t last, int k, std::int64_t row)
-      {
-        const PairingSide& columns = side == 0 ? points.slave : points.master;
-        const int nc = columns.num_nodes, nk = points.num_multipliers;
-        const double sign = (side == 0 ? 1.0 : -1.0) / area[row];
-        for (int j = 0; j < nc; ++j)
-        {
-          Term term{row, &columns.dofs[(first * nc + j) * points.gdim], {0, 0, 0}};
-          bool any = false;
-          for (std::size_t p = first; p < last; ++p)
-          {
-            const double N = points.multiplier_values[p * nk + k];
-            const double M = columns.shape_values[p * nc + j];
-            const double w = sign * points.weight[p] * N * M;
-            any = any || (N != 0 && M != 0);
-            for (int i = 0; i < 3; ++i)
-              term.value[i] += w * (kind == GapKind::normal ? points.normal[3 * p + i] : 1.0);
-          }
-          if (any)
-            terms.push_back(term);
-        }
-      });
-  std::stable_sort(terms.begin(), terms.end(), [](const Term& a, const Term& b)
-                   { return std::pair(a.row, *a.dofs) < std::pair(b.row, *b.dofs); });
-  return terms;
-}
-
-/// Rows of one side in compressed form.
-void compress(GapOperator::Side& out, const std::vector<Term>& terms, int d, GapKind kind,
-              std::span<const std::int64_t> row_node)
-{
-  std::map<std::int64_t, std::int32_t> numbering;
-  for (const Term& t : terms)
-    numbering.emplace(*t.dofs, 0);
-  std::int32_t next = 0;
-  for (auto& [dof, number] : numbering)
-    number = next++;
-  out.dofs.resize(numbering.size() * d);
-
-  const int width = kind == GapKind::normal ? d : 1;
-  out.offset.assign(1, 0);
-  std::size_t t = 0;
-  for (std::int64_t row : row_node)
-  {
-    for (; t < terms.size() && terms[t].row == row; ++t)
-    {
-      const Term& term = terms[t];
-      const std::int32_t column = numbering.at(*term.dofs);
-      const bool first = out.column.size() == static_cast<std::size_t>(out.offset.back())
-                         || out.column.back() != column;
-      if (first)
-      {
-        out.column.push_back(column);
-        out.coefficient.insert(out.coefficient.end(), width, 0.0);
-        for (int i = 0; i < d; ++i)
-          out.dofs[column * d + i] = static_cast<PetscInt>(term.dofs[i]);
-      }
-      double* c = &out.coefficient[out.coefficient.size() - width];
-      for (int i = 0; i < width; ++i)
-        c[i] += term.value[i];
-    }
-    out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
-  }
-  out.free_dofs = out.dofs;
-}
 } // namespace
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,
@@ -215,46 +93,31 @@ GapOperator::~GapOperator()
   }
 }
 
-void GapOperator::build_rows(const Surface& slave, const PointSets& sets, bool by_cover)
+void GapOperator::build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
+                             bool by_cover)
 {
-  std::int64_t end = 0, size = slave.local_size();
-  MPI_Scan(&size, &end, 1, MPI_INT64_T, MPI_SUM, slave.comm());
-  const std::pair owned{end - size, end};
-
+  const std::vector<Patch> patches = find_patches(slave, sets);
   std::vector<double> area = slave.nodes().area;
   if (by_cover)
   {
     std::ranges::fill(area, 0.0);
-    for_each_row(slave, sets, owned,
-                 [&](const PairingPoints& points, std::size_t first, std::size_t last, int k,
-                     std::int64_t node) { area[node] += cover(points, first, last, k); });
+    for (const Patch& patch : patches)
+      area[patch.node] += cover(patch);
   }
-  const std::array terms{row_terms(slave, sets, 0, kind_, owned, area),
-                         row_terms(slave, sets, 1, kind_, owned, area)};
-  for (const Term& t : terms[0])
-    if (row_node_.empty() || row_node_.back() != t.row)
-      row_node_.push_back(t.row);
-  for (int side = 0; side < 2; ++side)
-    compress(sides_[side], terms[side], gdim_, kind_, row_node_);
+  const RowTerms of_slave(patches, 0, kind_, area), of_master(patches, 1, kind_, area);
+  const std::vector<std::int64_t> row_of = of_slave.rows(area.size(), row_node_);
+  of_slave.compress(sides_[0], gdim_, row_of, row_node_.size());
+  of_master.compress(sides_[1], gdim_, row_of, row_node_.size());
 
   for (std::int64_t node : row_node_)
     row_area_.push_back(area[node]);
   initial_gap_.assign(row_node_.size(), 0);
   if (kind_ == GapKind::jump)
     return;
-  for_each_row(slave, sets, owned,
-               [&](const PairingPoints& points, std::size_t first, std::size_t last, int k,
-                   std::int64_t node)
-               {
-                 const auto row = std::lower_bound(row_node_.begin(), row_node_.end(), node);
-                 if (row == row_node_.end() || *row != node)
-                   return; // its function vanishes at all these points
-                 for (std::size_t p = first; p < last; ++p)
-                   initial_gap_[row - row_node_.begin()]
-                       += points.weight[p]
-                          * points.multiplier_values[p * points.num_multipliers + k] * points.gap[p]
-                          / area[node];
-               });
+  for (const Patch& patch : patches)
+    if (const std::int64_t row = row_of[patch.node]; row >= 0) // else its function vanishes there
+      for (std::size_t p = patch.first; p < patch.last; ++p)
+        initial_gap_[row] += patch.weight(p) * patch.points->gap[p] / area[patch.node];
 }
 
 void GapOperator::build_scatters(const Surface& slave, const Surface* master)

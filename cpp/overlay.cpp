@@ -77,9 +77,11 @@ struct ShapeValues
   std::vector<Vec2> xi;
   std::vector<std::array<double, 4>> N;
 
-  ShapeValues(FacetType type, const PlanarFacet& facet, const Polygon& polygon,
-              const std::vector<Vec2>& q, const std::vector<double>& w, const Rule& edge)
+  void compute(FacetType type, const PlanarFacet& facet, const Polygon& polygon,
+               const std::vector<Vec2>& q, const std::vector<double>& w, const Rule& edge)
   {
+    xi.clear();
+    N.clear();
     for (const Vec2& p : q)
     {
       xi.push_back(facet.invert(p));
@@ -130,9 +132,9 @@ public:
 private:
   BoxTree facet_tree() const
   {
-    std::vector<Box> boxes;
-    for (std::size_t f = 0; f < nearby_.size(); ++f)
-      boxes.push_back(box_of(nearby_.facet_x(f)));
+    std::vector<Box> boxes(nearby_.size());
+    for (std::size_t f = 0; f < boxes.size(); ++f)
+      boxes[f] = box_of(nearby_.facet_x(f));
     return BoxTree(boxes);
   }
 
@@ -198,8 +200,9 @@ private:
     q_.clear();
     w_.clear();
     append_points(piece.polygon, rules_.piece, q_, w_);
-    const ShapeValues here(cut_.type(), planar, piece.polygon, q_, w_, rules_.edge);
-    const ShapeValues there(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
+    here_.compute(cut_.type(), planar, piece.polygon, q_, w_, rules_.edge);
+    there_.compute(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
+    const ShapeValues &here = here_, &there = there_;
     for (std::size_t p = 0; p < q_.size(); ++p)
     {
       const Vec3 x = facet_point(cut_.type(), v, here.xi[p]);
@@ -260,6 +263,7 @@ private:
   Polygon polygon_;
   std::vector<Vec2> q_;
   std::vector<double> w_;
+  ShapeValues here_, there_;
 };
 } // namespace
 

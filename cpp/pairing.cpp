@@ -36,6 +36,7 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
   MPI_Comm_rank(at.comm(), &rank);
 
   const Nodes& nodes = at.nodes();
+  points.reserve(points.size() + nodes.size());
   for (std::size_t k = 0; k < nodes.size(); ++k)
   {
     if (!found.found[k])
@@ -78,6 +79,21 @@ PairingPoints::PairingPoints(const Surface& s, const Surface& m)
     throw std::invalid_argument("slave and master have different geometric dimensions");
   slave.num_nodes = s.num_trace();
   master.num_nodes = m.num_trace();
+}
+
+void PairingPoints::reserve(std::size_t n)
+{
+  for (PairingSide* side : {&slave, &master})
+  {
+    const std::size_t places = n * side->num_nodes;
+    side->x.reserve(3 * n);
+    side->dofs.reserve(places * gdim);
+    side->owner.reserve(places);
+    side->shape_values.reserve(places);
+  }
+  normal.reserve(3 * n);
+  gap.reserve(n);
+  weight.reserve(n);
 }
 
 PairingPoints PairingPoints::none_like() const

@@ -38,6 +38,8 @@ struct PairingPoints
   std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
 
   std::size_t size() const { return weight.size(); }
+  /// Room for n points in all, so that appending allocates nothing.
+  void reserve(std::size_t n);
   /// No points, but with as many places in each.
   PairingPoints none_like() const;
 };

@@ -18,7 +18,7 @@ void clip_by_line(const Polygon& in, const Vec2& a, const Vec2& b, Polygon& out)
   const Vec2 t = b - a;
   for (std::size_t i = 0; i < in.size(); ++i)
   {
-    const Vec2 &p = in[i], &q = in[(i + 1) % in.size()];
+    const Vec2 &p = in[i], &q = in[i + 1 < in.size() ? i + 1 : 0];
     const double dp = cross(t, p - a), dq = cross(t, q - a);
     if (dp >= 0)
       out.push_back(p);
@@ -50,13 +50,15 @@ void qsdolfinx::intersect(const Polygon& a, const Polygon& b, Polygon& out)
       out = {{low, 0}, {high, 0}};
     return;
   }
-  out = a;
-  Polygon in;
-  for (std::size_t i = 0; i < b.size() && !out.empty(); ++i)
+  // Cut to and fro between two polygons.
+  Polygon first = a, second;
+  Polygon *in = &first, *cut = &second;
+  for (std::size_t i = 0; i < b.size() && !in->empty(); ++i)
   {
-    std::swap(in, out);
-    clip_by_line(in, b[i], b[(i + 1) % b.size()], out);
+    clip_by_line(*in, b[i], b[(i + 1) % b.size()], *cut);
+    std::swap(in, cut);
   }
+  out = *in;
   if (out.size() < 3)
     out.clear();
 }
@@ -139,7 +141,7 @@ PlanarFacet::PlanarFacet(FacetType type, std::span<const double> v, const Frame&
     polygon_ = {q[0], q[1], q[3], q[2]};
   }
   if (measure(polygon_) < 0)
-    std::reverse(polygon_.begin(), polygon_.end());
+    polygon_.reverse();
 }
 
 Vec2 PlanarFacet::invert(const Vec2& q) const

@@ -2,6 +2,9 @@
 #pragma once
 
 #include "facet.h"
+#include <algorithm>
+#include <cstdint>
+#include <initializer_list>
 #include <vector>
 
 namespace qsdolfinx
@@ -15,7 +18,29 @@ inline Vec2 operator*(double s, const Vec2& a) { return {s * a[0], s * a[1]}; }
 inline double cross(const Vec2& a, const Vec2& b) { return a[0] * b[1] - a[1] * b[0]; }
 
 /// Convex polygon, corners anticlockwise. On a line: two corners (s, 0), the smaller s first.
-using Polygon = std::vector<Vec2>;
+class Polygon
+{
+public:
+  Polygon() = default;
+  Polygon(std::initializer_list<Vec2> corners)
+  {
+    for (const Vec2& q : corners)
+      push_back(q);
+  }
+
+  std::size_t size() const { return size_; }
+  bool empty() const { return size_ == 0; }
+  Vec2& operator[](std::size_t i) { return corners_[i]; }
+  const Vec2& operator[](std::size_t i) const { return corners_[i]; }
+  void clear() { size_ = 0; }
+  void push_back(const Vec2& q) { corners_.at(size_++) = q; }
+  void reverse() { std::reverse(corners_.begin(), corners_.begin() + size_); }
+
+private:
+  // A line cuts at most half the sides: 4 corners become 6, 9, 13, 19 along 4 lines.
+  std::array<Vec2, 20> corners_;
+  std::uint32_t size_ = 0;
+};
 
 /// Area of a polygon, length of an interval.
 double measure(const Polygon& polygon);

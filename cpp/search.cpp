@@ -1,7 +1,6 @@
 #include "search.h"
-#include "boxes.h"
 #include "exchange.h"
-#include "projection.h"
+#include "local_search.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,69 +8,9 @@
 #include <memory>
 
 using namespace qsdolfinx;
-namespace bg = boost::geometry;
 
 namespace
 {
-BoxTree facet_tree(const Surface& surface)
-{
-  std::vector<Box> boxes;
-  for (std::size_t f = 0; f < surface.num_facets(); ++f)
-    boxes.push_back(box_of(surface.facet_x(f)));
-  return BoxTree(boxes);
-}
-
-/// A facet's answer to one node.
-struct Candidate
-{
-  std::size_t facet;
-  ClosestPoint point;
-  bool beside; ///< the node is beside the surface, see overhang_tolerance
-};
-
-/// Facets of this rank that are closest to p, ties included.
-void local_candidates(const Surface& surface, const BoxTree& boxes, const Vec3& p,
-                      const Vec3& normal, double radius, std::vector<Candidate>& out)
-{
-  out.clear();
-  const BoxTree::Tree& tree = boxes.tree();
-  if (tree.empty())
-    return;
-  double limit = radius;
-  const BoxTree::Point query(p[0], p[1], p[2]);
-  for (auto it = tree.qbegin(bg::index::nearest(query, static_cast<unsigned>(tree.size())));
-       it != tree.qend(); ++it)
-  {
-    if (bg::distance(query, it->first) > limit)
-      break;
-    const std::size_t f = it->second;
-    const ClosestPoint c = closest_point(surface.type(), surface.facet_x(f), p);
-    if (c.distance > limit)
-      continue;
-    const Vec3 n = surface.normal(f, c.xi);
-    if (!(dot(n, normal) < 0))
-      continue;
-    const double size = surface.facets().size[f];
-    const Vec3 d = p - c.x;
-    const double height = dot(d, n), offset = norm(d - height * n);
-    const bool beside = offset > std::max(overhang_tolerance * size, 2 * std::abs(height))
-                        && surface.on_surface_boundary(f, c.xi);
-    out.push_back({f, c, beside});
-    limit = std::min(limit, c.distance + tie_tolerance * size);
-  }
-  std::erase_if(out, [limit](const Candidate& c) { return c.point.distance > limit; });
-}
-
-/// A facet's vertices in lexicographic order: a name for the facet that no partition changes.
-void sort_vertices(std::span<double> x)
-{
-  const auto vertex = [x](std::size_t i) { return x.subspan(3 * i, 3); };
-  for (std::size_t i = 1; i < x.size() / 3; ++i)
-    for (std::size_t j = i; j > 0 && std::ranges::lexicographical_compare(vertex(j), vertex(j - 1));
-         --j)
-      std::ranges::swap_ranges(vertex(j), vertex(j - 1));
-}
-
 /// Nodes sent to every rank whose facets might be within the radius.
 struct Queries
 {
@@ -93,21 +32,34 @@ std::vector<int> ranks_near(std::span<const double> boxes, std::span<const doubl
   return out;
 }
 
-Queries send_queries(const Surface& nodes, const Surface& surface, double radius)
+/// Sends the nodes that may be near facets of other ranks; the others are `here`: they may be near
+/// this rank's facets alone.
+Queries send_queries(const Surface& nodes, const Surface& surface, double radius,
+                     std::vector<std::size_t>& here)
 {
   const auto boxes = all_bounding_boxes(surface.comm(), surface.facets().x);
+  int rank;
+  MPI_Comm_rank(surface.comm(), &rank);
   Queries q;
-  std::vector<int> dest;
+  std::vector<int> dest, near;
   std::vector<double> data;
   const Nodes& n = nodes.nodes();
   const std::vector<int> neighbours = ranks_near(boxes, n.x, radius);
+  here.reserve(n.size());
   for (std::size_t k = 0; k < n.size(); ++k)
   {
     const std::span<const double> x = std::span(n.x).subspan(3 * k, 3);
+    near.clear();
     for (int r : neighbours)
+      if (boxes_are_near(std::span(boxes).subspan(6 * r, 6), box_of(x), radius))
+        near.push_back(r);
+    if (near.size() == 1 && near[0] == rank)
     {
-      if (!boxes_are_near(std::span(boxes).subspan(6 * r, 6), box_of(x), radius))
-        continue;
+      here.push_back(k);
+      continue;
+    }
+    for (int r : near)
+    {
       q.node.push_back(static_cast<std::int64_t>(k));
       dest.push_back(r);
       data.insert(data.end(), x.begin(), x.end());
@@ -138,18 +90,18 @@ struct Answers
   double tie(std::size_t i) const { return tie_tolerance * values[i * width() + 1]; }
   std::span<const double> name(std::size_t i) const { return value(i).subspan(9 + nv); }
 
-  void append(std::int64_t q, const Surface& s, const Candidate& c)
+  void append(std::int64_t q, const Surface& s, const Candidate& c, bool is_beside)
   {
     query.push_back(q);
     const Vec3 n = s.normal(c.facet, c.point.xi);
     const auto N = shape_functions(s.type(), c.point.xi);
-    values.insert(values.end(), {c.point.distance, s.facets().size[c.facet], 1.0 * c.beside});
+    values.insert(values.end(), {c.point.distance, s.facets().size[c.facet], 1.0 * is_beside});
     values.insert(values.end(), c.point.x.begin(), c.point.x.end());
     values.insert(values.end(), n.begin(), n.end());
     values.insert(values.end(), N.begin(), N.begin() + nv);
     const auto v = s.facet_x(c.facet);
-    values.insert(values.end(), v.begin(), v.end());
-    sort_vertices(std::span(values).last(v.size()));
+    const auto name = name_of(v);
+    values.insert(values.end(), name.begin(), name.begin() + v.size());
     const auto d = s.facets().vertex_dofs.begin() + c.facet * nv * gdim;
     dofs.insert(dofs.end(), d, d + nv * gdim);
     const auto o = s.facets().vertex_owner.begin() + c.facet * nv;
@@ -157,7 +109,7 @@ struct Answers
   }
 };
 
-Answers answer_queries(const Surface& surface, const Queries& q, double radius)
+Answers answer_queries(const Surface& surface, LocalSearch& search, const Queries& q)
 {
   // The sender numbers its queries; the answer carries that number and the sender's rank back.
   int rank;
@@ -172,16 +124,14 @@ Answers answer_queries(const Surface& surface, const Queries& q, double radius)
 
   Answers mine{surface.num_vertices(), surface.gdim(), {}, {}, {}, {}};
   std::vector<int> dest;
-  const BoxTree tree = facet_tree(surface);
-  std::vector<Candidate> candidates;
   for (std::size_t i = 0; i < q.exchange->num_received(); ++i)
   {
     const double* d = q.data.data() + 6 * i;
-    local_candidates(surface, tree, {d[0], d[1], d[2]}, {d[3], d[4], d[5]}, radius, candidates);
-    for (const Candidate& c : candidates)
+    const Vec3 p{d[0], d[1], d[2]};
+    for (const Candidate& c : search.candidates(p, {d[3], d[4], d[5]}))
     {
       dest.push_back(static_cast<int>(received[2 * i]));
-      mine.append(received[2 * i + 1], surface, c);
+      mine.append(received[2 * i + 1], surface, c, search.beside(c, p));
     }
   }
   Exchange back(surface.comm(), dest);
@@ -219,30 +169,56 @@ std::vector<std::int64_t> choose(const Answers& a, const Queries& q, std::size_t
   }
   return best;
 }
+/// Take over a facet of this rank.
+void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candidate& c)
+{
+  const std::size_t nv = surface.num_vertices(), width = nv * surface.gdim();
+  const Vec3 n = surface.normal(c.facet, c.point.xi);
+  const auto N = shape_functions(surface.type(), c.point.xi);
+  out.found[k] = 1;
+  std::ranges::copy(c.point.x, out.x.begin() + 3 * k);
+  std::ranges::copy(n, out.normal.begin() + 3 * k);
+  std::copy_n(N.begin(), nv, out.shape_values.begin() + nv * k);
+  std::copy_n(surface.facets().vertex_dofs.begin() + c.facet * width, width,
+              out.dofs.begin() + k * width);
+  std::copy_n(surface.facets().vertex_owner.begin() + c.facet * nv, nv, out.owner.begin() + k * nv);
+}
+
+/// Take over an answer.
+void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answer)
+{
+  const std::size_t nv = a.nv, width = nv * a.gdim;
+  const auto v = a.value(answer);
+  out.found[k] = 1;
+  std::copy_n(v.begin() + 3, 3, out.x.begin() + 3 * k);
+  std::copy_n(v.begin() + 6, 3, out.normal.begin() + 3 * k);
+  std::copy_n(v.begin() + 9, nv, out.shape_values.begin() + nv * k);
+  std::copy_n(a.dofs.begin() + answer * width, width, out.dofs.begin() + k * width);
+  std::copy_n(a.owner.begin() + answer * nv, nv, out.owner.begin() + k * nv);
+}
 } // namespace
 
 ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& surface, double radius)
 {
-  const Queries q = send_queries(nodes, surface, radius);
-  const Answers a = answer_queries(surface, q, radius);
-  const std::size_t n = nodes.nodes().size();
-  const auto best = choose(a, q, n);
-
-  const std::size_t nv = surface.num_vertices(), gdim = surface.gdim();
+  const Nodes& from = nodes.nodes();
+  const std::size_t n = from.size(), nv = surface.num_vertices(), gdim = surface.gdim();
   ClosestFacets out{std::vector<std::uint8_t>(n, 0), std::vector<std::int64_t>(n * nv * gdim, -1),
                     std::vector<int>(n * nv, -1),    std::vector<double>(n * nv, 0),
                     std::vector<double>(n * 3, 0),   std::vector<double>(n * 3, 0)};
+  std::vector<std::size_t> here;
+  const Queries q = send_queries(nodes, surface, radius, here);
+  LocalSearch search(surface, radius);
+  const Answers a = answer_queries(surface, search, q);
+  const auto best = choose(a, q, n);
   for (std::size_t k = 0; k < n; ++k)
+    if (best[k] >= 0 && !a.beside(best[k]))
+      take(out, k, a, best[k]);
+  for (std::size_t k : here)
   {
-    if (best[k] < 0 || a.beside(best[k]))
-      continue;
-    const auto v = a.value(best[k]);
-    out.found[k] = 1;
-    std::copy_n(v.begin() + 3, 3, out.x.begin() + 3 * k);
-    std::copy_n(v.begin() + 6, 3, out.normal.begin() + 3 * k);
-    std::copy_n(v.begin() + 9, nv, out.shape_values.begin() + nv * k);
-    std::copy_n(a.dofs.begin() + best[k] * nv * gdim, nv * gdim, out.dofs.begin() + k * nv * gdim);
-    std::copy_n(a.owner.begin() + best[k] * nv, nv, out.owner.begin() + k * nv);
+    const Vec3 p = facet_vertex(from.x, static_cast<int>(k));
+    const Candidate* c = search.closest(p, facet_vertex(from.normal, static_cast<int>(k)));
+    if (c && !search.beside(*c, p))
+      take(out, k, surface, *c);
   }
   return out;
 }

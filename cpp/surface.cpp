@@ -1,5 +1,4 @@
 #include "surface.h"
-#include "exchange.h"
 
 #include <algorithm>
 #include <limits>
@@ -80,9 +79,19 @@ Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double
   MPI_Comm_dup(comm, &comm_);
   // mpi4py's communicators return error codes, which nothing here would look at.
   MPI_Comm_set_errhandler(comm_, MPI_ERRORS_ARE_FATAL);
+  number_nodes();
   orient_and_measure(inside);
-  collect_nodes();
+  measure_nodes();
   mark_boundary();
+}
+
+void Surface::move(std::span<const double> x, std::span<const double> inside)
+{
+  if (x.size() != facets_.x.size())
+    throw std::invalid_argument("Surface::move: other facets than before");
+  std::ranges::copy(x, facets_.x.begin());
+  orient_and_measure(inside);
+  measure_nodes();
 }
 
 Surface::~Surface()
@@ -97,7 +106,7 @@ void Surface::orient_and_measure(std::span<const double> inside)
 {
   const int nv = num_vertices();
   const std::size_t n = inside.size() / 3;
-  facets_.size.resize(n, 0);
+  facets_.size.assign(n, 0);
   facets_.orientation.resize(n);
   for (std::size_t f = 0; f < n; ++f)
   {
@@ -113,13 +122,28 @@ void Surface::orient_and_measure(std::span<const double> inside)
   }
 }
 
-void Surface::collect_nodes()
+void Surface::number_nodes()
 {
   // A rank may own a node without owning any facet at it: every facet tells its vertices' owners.
+  to_owner_ = std::make_unique<Exchange>(comm_, facets_.vertex_owner);
+  const auto dofs = to_owner_->forward<std::int64_t>(facets_.vertex_dofs, gdim_);
+  std::vector<std::size_t> order(to_owner_->num_received());
+  std::iota(order.begin(), order.end(), 0);
+  std::ranges::sort(order, {}, [&](std::size_t i) { return dofs[i * gdim_]; });
+  node_of_record_.resize(order.size());
+  for (std::size_t i : order)
+  {
+    if (nodes_.dofs.empty() || dofs[i * gdim_] != nodes_.dofs[nodes_.dofs.size() - gdim_])
+      nodes_.dofs.insert(nodes_.dofs.end(), &dofs[i * gdim_], &dofs[i * gdim_] + gdim_);
+    node_of_record_[i] = nodes_.dofs.size() / gdim_ - 1;
+  }
+}
+
+void Surface::measure_nodes()
+{
   const int nv = num_vertices();
-  const std::size_t n = facets_.vertex_owner.size();
   constexpr int width = 7; // x, area, area vector
-  std::vector<double> values(n * width);
+  std::vector<double> values(facets_.vertex_owner.size() * width);
   for (std::size_t f = 0; f < num_facets(); ++f)
   {
     const auto areas = vertex_areas(*this, f);
@@ -130,42 +154,32 @@ void Surface::collect_nodes()
       std::copy_n(areas[i].data(), 4, out + 3);
     }
   }
-  Exchange to_owner(comm_, facets_.vertex_owner);
-  const auto dofs = to_owner.forward<std::int64_t>(facets_.vertex_dofs, gdim_);
-  const auto data = to_owner.forward<double>(values, width);
+  const auto data = to_owner_->forward<double>(values, width);
 
-  std::vector<std::size_t> order(to_owner.num_received());
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(),
-                   [&](auto a, auto b) { return dofs[a * gdim_] < dofs[b * gdim_]; });
-  for (std::size_t r = 0; r < order.size(); ++r)
+  const std::size_t n = nodes_.dofs.size() / gdim_;
+  nodes_.x.resize(3 * n);
+  nodes_.area.assign(n, 0);
+  nodes_.normal.assign(3 * n, 0);
+  for (std::size_t i = 0; i < node_of_record_.size(); ++i)
   {
-    const std::size_t i = order[r];
-    if (r == 0 || dofs[i * gdim_] != dofs[order[r - 1] * gdim_])
-    {
-      nodes_.dofs.insert(nodes_.dofs.end(), &dofs[i * gdim_], &dofs[i * gdim_] + gdim_);
-      nodes_.x.insert(nodes_.x.end(), &data[i * width], &data[i * width] + 3);
-      nodes_.area.push_back(0);
-      nodes_.normal.insert(nodes_.normal.end(), 3, 0.0);
-    }
-    nodes_.area.back() += data[i * width + 3];
+    const double* record = data.data() + i * width;
+    const std::size_t k = node_of_record_[i];
+    std::copy_n(record, 3, nodes_.x.begin() + 3 * k);
+    nodes_.area[k] += record[3];
     for (int j = 0; j < 3; ++j)
-      nodes_.normal[nodes_.normal.size() - 3 + j] += data[i * width + 4 + j];
+      nodes_.normal[3 * k + j] += record[4 + j];
   }
-  for (std::size_t k = 0; k < nodes_.size(); ++k)
+  for (std::size_t k = 0; k < n; ++k)
   {
     const Vec3 a = facet_vertex(nodes_.normal, static_cast<int>(k));
     const double length = norm(a);
     for (int j = 0; j < 3; ++j)
       nodes_.normal[3 * k + j] = length > 0 ? a[j] / length : 0.0;
   }
-  std::vector<double> normals;
-  for (std::size_t i = 0; i < to_owner.num_received(); ++i)
-  {
-    const std::size_t k = node_index(dofs[i * gdim_]);
-    normals.insert(normals.end(), &nodes_.normal[3 * k], &nodes_.normal[3 * k] + 3);
-  }
-  facets_.vertex_normal = to_owner.reverse<double>(normals, 3);
+  std::vector<double> normals(3 * node_of_record_.size());
+  for (std::size_t i = 0; i < node_of_record_.size(); ++i)
+    std::copy_n(nodes_.normal.begin() + 3 * node_of_record_[i], 3, normals.begin() + 3 * i);
+  facets_.vertex_normal = to_owner_->reverse<double>(normals, 3);
 }
 
 void Surface::mark_boundary()
@@ -210,18 +224,13 @@ void Surface::mark_boundary()
     for (std::size_t e = 0; e < ne; ++e)
       if (facets_.edge_on_boundary[f * ne + e])
         flags[f * nv + edges[e][0]] = flags[f * nv + edges[e][1]] = 1;
-  std::vector<std::int64_t> first_dofs(facets_.vertex_owner.size());
-  for (std::size_t i = 0; i < first_dofs.size(); ++i)
-    first_dofs[i] = facets_.vertex_dofs[i * gdim_];
-  Exchange to_owner(comm_, facets_.vertex_owner);
-  const auto dofs = to_owner.forward<std::int64_t>(first_dofs, 1);
-  auto answers = to_owner.forward<std::uint8_t>(flags, 1);
+  auto answers = to_owner_->forward<std::uint8_t>(flags, 1);
   std::vector<std::uint8_t> on_boundary(nodes_.size(), 0);
-  for (std::size_t i = 0; i < dofs.size(); ++i)
-    on_boundary[node_index(dofs[i])] |= answers[i];
-  for (std::size_t i = 0; i < dofs.size(); ++i)
-    answers[i] = on_boundary[node_index(dofs[i])];
-  facets_.vertex_on_boundary = to_owner.reverse<std::uint8_t>(answers, 1);
+  for (std::size_t i = 0; i < answers.size(); ++i)
+    on_boundary[node_of_record_[i]] |= answers[i];
+  for (std::size_t i = 0; i < answers.size(); ++i)
+    answers[i] = on_boundary[node_of_record_[i]];
+  facets_.vertex_on_boundary = to_owner_->reverse<std::uint8_t>(answers, 1);
 }
 
 Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi) const

@@ -2,8 +2,10 @@
 // their unknowns.
 #pragma once
 
+#include "exchange.h"
 #include "facet.h"
 #include <cstdint>
+#include <memory>
 #include <mpi.h>
 #include <numbers>
 #include <span>
@@ -69,6 +71,8 @@ public:
           std::span<const std::int64_t> dofs, std::span<const int> owner,
           std::span<const double> inside, std::int64_t local_size, bool axisymmetric);
   ~Surface();
+  /// Let the facets have other coordinates; collective. @param x, inside as above
+  void move(std::span<const double> x, std::span<const double> inside);
   Surface(const Surface&) = delete;
   Surface& operator=(const Surface&) = delete;
 
@@ -107,7 +111,8 @@ public:
 
 private:
   void orient_and_measure(std::span<const double> inside);
-  void collect_nodes();
+  void number_nodes();
+  void measure_nodes();
   void mark_boundary();
 
   MPI_Comm comm_;
@@ -118,6 +123,8 @@ private:
   std::int64_t local_size_;
   Facets facets_;
   Nodes nodes_;
+  std::unique_ptr<Exchange> to_owner_;      ///< from the vertices of facets to their owners
+  std::vector<std::size_t> node_of_record_; ///< node of each vertex that this rank was told of
 };
 
 } // namespace qsdolfinx

@@ -190,7 +190,8 @@ class Contact(ContactMotion):
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
         """
-        update_surfaces(*(s for s in (self.slave, self.master) if isinstance(s, Surface)))
+        with self.watch.stage("pairing"):
+            update_surfaces(*(s for s in (self.slave, self.master) if isinstance(s, Surface)))
         self._pair()
 
     def _pair(self) -> None:

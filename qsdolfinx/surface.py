@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import typing
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -11,20 +10,18 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-import basix
 from dolfinx import fem, la, mesh
 
 from qsdolfinx import _cpp
 from qsdolfinx.collective import collective_errors
+from qsdolfinx.facets import FacetLayout
 from qsdolfinx.surface_arguments import (
     FACET_VERTICES,
-    cell_of,
     check_arguments,
     facets_of_owned_cells,
     given_facets,
     trace_degree,
 )
-from qsdolfinx.unknowns import dofs_at, facet_places, vertex_x
 
 
 class Surface:
@@ -76,7 +73,22 @@ class Surface:
             given = given_facets(V.mesh, facet_tags, tag, facets)
         self.facets = facets_of_owned_cells(V.mesh, given)
         self._linear: Surface | None = None
-        self._cpp_object = _create(V, self.facets, self.axisymmetric)
+        with collective_errors(comm):
+            self._layout = FacetLayout.of(V, self.facets)
+            x, inside = self._layout.checked_coordinates(V.mesh)
+        index_map = V.dofmap.index_map
+        self._cpp_object = _cpp.Surface(
+            comm=comm.py2f(),
+            gdim=self.gdim,
+            num_vertices=self.num_facet_vertices,
+            x=x,
+            degree=self.degree,
+            dofs=self._layout.dofs,
+            owner=self._layout.owner,
+            inside=inside,
+            local_size=index_map.size_local * V.dofmap.index_map_bs,
+            axisymmetric=self.axisymmetric,
+        )
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -245,88 +257,10 @@ def update_surfaces(*surfaces: Surface) -> None:
     Raises:
         ValueError: If coordinates are not finite or a facet has no area.
     """
-    new = [_create(surface.V, surface.facets, surface.axisymmetric) for surface in surfaces]
-    for surface, cpp_object in zip(surfaces, new, strict=True):
-        surface._cpp_object = cpp_object
+    new = []
+    for surface in surfaces:
+        with collective_errors(surface.comm):
+            new.append(surface._layout.checked_coordinates(surface.mesh))
+    for surface, (x, inside) in zip(surfaces, new, strict=True):
+        surface._cpp_object.move(x, inside)
         surface._linear = None
-
-
-class _Geometry(typing.NamedTuple):
-    """What the kernels know of this rank's facets; see cpp/surface.h."""
-
-    x: npt.NDArray[np.float64]
-    dofs: npt.NDArray[np.int64]
-    owner: npt.NDArray[np.int32]
-    inside: npt.NDArray[np.float64]
-
-
-def _create(
-    V: fem.FunctionSpace, facets: npt.NDArray[np.int32], axisymmetric: bool
-) -> _cpp.Surface:
-    with collective_errors(V.mesh.comm):
-        data = _facet_data(V, facets)
-        _check_geometry(data)
-    index_map = V.dofmap.index_map
-    return _cpp.Surface(
-        comm=V.mesh.comm.py2f(),
-        gdim=V.mesh.geometry.dim,
-        num_vertices=data.x.shape[1],
-        degree=trace_degree(V) or 1,
-        local_size=index_map.size_local * V.dofmap.index_map_bs,
-        axisymmetric=axisymmetric,
-        **{k: np.ascontiguousarray(a) for k, a in data._asdict().items()},
-    )
-
-
-def _facet_data(V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> _Geometry:
-    """Vertex coordinates, unknowns and their owners of this rank's facets, in reference order."""
-    msh, tdim, gdim = V.mesh, V.mesh.topology.dim, V.mesh.geometry.dim
-    nv, n = FACET_VERTICES[msh.topology.cell_type], len(facets)
-    cells = cell_of(msh, facets)
-    cell_type = getattr(basix.CellType, msh.topology.cell_type.name)
-    reference = np.array(basix.topology(cell_type)[tdim - 1])
-    per_cell = msh.topology.connectivity(tdim, tdim - 1).array.reshape(-1, len(reference))
-    local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
-    vertices = reference[local].reshape(n, nv)
-    x = vertex_x(msh, cells[:, None], vertices).reshape(n, nv, 3)
-    degree = trace_degree(V)
-    assert degree is not None
-    places = facet_places(V, degree)[local]
-    dofs = dofs_at(V, cells[:, None], places).reshape(n, places.shape[1], gdim)
-    inside = msh.geometry.x[msh.geometry.dofmap[cells]].mean(axis=1).astype(np.float64)
-    return _Geometry(x, *_global_numbers(V, dofs), inside.reshape(n, 3))
-
-
-def _global_numbers(
-    V: fem.FunctionSpace, dofs: npt.NDArray[np.int32]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
-    """Global unknowns, shape as given, and the ranks that own them, one axis less."""
-    index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
-    block = (dofs // bs).astype(np.int32)
-    numbers = index_map.local_to_global(block.ravel()).reshape(dofs.shape) * bs + dofs % bs
-    owners = np.concatenate(
-        [np.full(index_map.size_local, V.mesh.comm.rank, dtype=np.int32), index_map.owners]
-    )
-    return numbers.astype(np.int64), owners[block[..., 0]].astype(np.int32)
-
-
-def _check_geometry(data: _Geometry) -> None:
-    """Refuse coordinates that are not finite and facets without area."""
-    x, nv = data.x, data.x.shape[1]
-    if not (np.isfinite(x).all() and np.isfinite(data.inside).all()):
-        raise ValueError("V: coordinates of cells at contact facets are not finite (NaN, infinity)")
-    size = np.max(np.linalg.norm(x[:, :, None] - x[:, None, :], axis=-1), axis=(1, 2), initial=0.0)
-    if nv == 2:
-        flat = size <= 0
-    else:
-        # Corners in cyclic order: the area vectors at all of them must point to one side.
-        corners = x[:, [0, 1, 2]] if nv == 3 else x[:, [0, 1, 3, 2]]
-        ahead, behind = (np.roll(corners, shift, axis=1) - corners for shift in (-1, 1))
-        areas = np.cross(ahead, behind)
-        whole = areas.sum(axis=1)
-        inner = np.einsum("fci,fi->fc", areas, whole).min(axis=1)
-        flat = ~(inner > 1e-14 * size**2 * np.linalg.norm(whole, axis=1))
-    if flat.any():
-        raise ValueError(
-            f"V: {np.count_nonzero(flat)} contact facets are degenerate (zero area, or not convex)"
-        )

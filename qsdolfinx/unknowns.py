@@ -76,12 +76,17 @@ def facet_places(V: fem.FunctionSpace, degree: int) -> Indices:
     return np.array(places, dtype=np.int32)
 
 
-def vertex_x(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> npt.NDArray[np.float64]:
-    """Coordinates of cell vertices, shape (..., 3)."""
+def vertex_points(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> Indices:
+    """Rows of the mesh geometry at cell vertices."""
     layout = msh.geometry.cmap.create_dof_layout()
     count = NUM_CELL_VERTICES[msh.topology.cell_type]
     place = np.array([layout.entity_dofs(0, v)[0] for v in range(count)])[vertices]
-    return np.asarray(msh.geometry.x[msh.geometry.dofmap[cells, place]], dtype=np.float64)
+    return np.asarray(msh.geometry.dofmap[cells, place], dtype=np.int32)
+
+
+def vertex_x(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> npt.NDArray[np.float64]:
+    """Coordinates of cell vertices, shape (..., 3)."""
+    return np.asarray(msh.geometry.x[vertex_points(msh, cells, vertices)], dtype=np.float64)
 
 
 def owned_vertices(V: fem.FunctionSpace) -> tuple[Indices, npt.NDArray[np.float64]]:

@@ -28,9 +28,7 @@ def curved(comm, cell, n, low, high, base, seed, amplitude, partition):
 
 def all_facets(surface):
     """Vertex coordinates of the facets of all ranks, shape (facets, vertices, 3)."""
-    from qsdolfinx.surface import _facet_data
-
-    return gathered(surface.comm, _facet_data(surface.V, surface.facets).x)
+    return gathered(surface.comm, surface._cpp_object.facet_x)
 
 
 def dot(a, b):

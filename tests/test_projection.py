@@ -66,6 +66,29 @@ def test_closest_point(num_vertices, reach):
         assert distance <= closest_by_search(vertices, p) * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("warp", (0.02, 0.1))
+def test_gently_warped_quadrilaterals(warp):
+    """Where one minimum may be proved to be the only one: none of a fine grid's is nearer."""
+    rng = np.random.default_rng(7)
+    s, t = (a.ravel() for a in np.meshgrid(*[np.linspace(0, 1, 201)] * 2))
+    shapes = shape_functions(4, (s, t)).T
+    for _ in range(60):
+        vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=float)
+        vertices += warp * rng.uniform(-1, 1, vertices.shape)
+        # Above the inside, and beyond edges and corners.
+        p = np.array([0.5, 0.5, 0]) + [0.8, 0.8, 0.6] * rng.uniform(-1, 1, 3)
+        distance, xi, x = _cpp.closest_point(4, vertices, p)
+        assert np.isclose(distance, np.linalg.norm(x - p), rtol=1e-13)
+        assert distance <= np.linalg.norm(shapes @ vertices - p, axis=1).min() * (1 + 1e-13)
+        # Stationary: the way back is across the patch, or out of it at an edge.
+        a, b = vertices[1] - vertices[0], vertices[2] - vertices[0]
+        c = vertices[3] - vertices[1] - b
+        for i, tangent in enumerate((a + xi[1] * c, b + xi[0] * c)):
+            slope = (x - p) @ tangent
+            assert (xi[i] > 0 or slope > -1e-12) and (xi[i] < 1 or slope < 1e-12)
+            assert not 0 < xi[i] < 1 or abs(slope) < 1e-12
+
+
 @pytest.mark.parametrize("num_vertices", (2, 3, 4))
 def test_points_of_the_facet_are_their_own_projection(num_vertices):
     rng = np.random.default_rng(5)

@@ -135,6 +135,24 @@ def test_update_follows_the_mesh():
     assert np.isclose(after, 3 * area)
 
 
+@pytest.mark.parametrize("cell", CELLS)
+def test_update_is_a_new_surface(cell):
+    """Bit by bit, also where a reflection turns the facets over."""
+    msh, facets = wavy(cell, "scattered")
+    updated = qs.Surface(vector_space(msh), facets=facets)
+    x = msh.geometry.x
+    x[:, 0] *= -1.5
+    x[:, 1] += 0.3 * np.sin(2 * x[:, 0])
+    updated.update()
+    new = qs.Surface(updated.V, facets=facets)
+    names = "node_dofs", "node_x", "node_area", "node_normal", "facet_size_range"
+    pairs = {name: (getattr(updated, name), getattr(new, name)) for name in names}
+    outward = new.node_normal[:, 0]
+    for name, (a, b) in pairs.items():
+        np.testing.assert_array_equal(a, b, err_msg=name)
+    assert (outward < 0).all()  # the face x = 1 is now x = -1.5
+
+
 def test_same_on_any_number_of_ranks():
     """Positions, areas and normals do not depend on the partition."""
     tables = []
