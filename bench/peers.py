@@ -148,6 +148,7 @@ def parse():
     add("--install", metavar="FOLDER", help="take them from here; install what is missing")
     add("--python", help="interpreter for Kratos and NGSolve; by default the one that runs this")
     add("--factor", type=float, default=10.0, help="penalty over E/h, where there is one")
+    add("--rtol", type=float, default=1e-6, help="residual at which Newton ends, with a penalty")
     add("--direct", action="store_true", help="direct solvers of the others as well")
     add("--repeats", type=int, default=1)
     add("--timeout", type=int, default=3600, help="seconds for one run")
@@ -170,7 +171,9 @@ def main():
                 jobs.append((name, run, None, {"error": f"missing: {how[name]}"}))
                 continue
             call = [*command(name, how.get(name)), *arguments]
-            call += ["--factor", p.factor] if takes_penalty else []
+            if takes_penalty:
+                call += ["--factor", p.factor]
+                call += [] if name == "calculix" else ["--rtol", p.rtol]  # it has a rule of its own
             # A tiny job first: forms are compiled, and what cannot run at all is found out.
             trial = measure([*call, "--sizes", "3,2"], name == "ours", p.timeout)
             versions[name] = trial.get("version", versions.get(name))
@@ -196,6 +199,7 @@ def main():
             "machine": machine(),
             "versions": versions,
             "factor": p.factor,
+            "rtol": p.rtol,
             "repeats": p.repeats,
             "rows": results,
         }

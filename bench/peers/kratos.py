@@ -90,10 +90,10 @@ def settings(p, sizes):
                 else "ALMContactFrictionless",
                 "fancy_convergence_criterion": True,
                 "silent_strategy": False,
-                "contact_residual_relative_tolerance": 1e-6,
+                "contact_residual_relative_tolerance": p.rtol,
             },
             "convergence_criterion": "contact_residual_criterion",
-            "residual_relative_tolerance": 1e-6,
+            "residual_relative_tolerance": p.rtol,
             "linear_solver_settings": LINEAR[p.linear],
         },
         "processes": {
@@ -160,6 +160,7 @@ def main():
     parser.add_argument("--linear", choices=tuple(LINEAR), default="amgcl")
     parser.add_argument("--factor", type=float, help="penalty over E/h; otherwise Kratos' own")
     parser.add_argument("--slave", choices=NAMES, default="upper")
+    parser.add_argument("--rtol", type=float, default=1e-6, help="where Newton's method ends")
     p = parser.parse_args()
     sizes = [int(n) for n in p.sizes.split(",")]
     KM.ParallelUtilities.SetNumThreads(1)

@@ -15,8 +15,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 import cubes
 
-#: Relative residuals at which Newton's method and CG end, and the gap that counts as closed.
-NEWTON, LINEAR, TOUCHING = 1e-6, 1e-8, 1e-12
+#: Relative residual at which CG ends, and the gap that counts as closed.
+LINEAR, TOUCHING = 1e-8, 1e-12
 
 
 def create_mesh(sizes):
@@ -82,7 +82,7 @@ def solve(p, sizes):
         residual.data = ng.Projector(free, True) * residual
         norm = residual.Norm()
         first = first or norm
-        if norm <= NEWTON * first:
+        if norm <= p.rtol * first:
             break
         a.AssembleLinearization(gf.vec)
         if p.linear == "cg":
@@ -107,6 +107,7 @@ def main():
     parser.add_argument("--factor", type=float, default=10.0, help="penalty over E/h")
     parser.add_argument("--slave", choices=("lower", "upper"), default="upper")
     parser.add_argument("--order", type=int, default=4, help="of the quadrature of the contact")
+    parser.add_argument("--rtol", type=float, default=1e-6, help="where Newton's method ends")
     p = parser.parse_args()
     ng.SetNumThreads(1)
     row = solve(p, [int(n) for n in p.sizes.split(",")])

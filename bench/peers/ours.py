@@ -60,7 +60,8 @@ def solve(p, sizes):
         gap_tolerance=p.gap_tolerance,
     )
     forms, u, bcs = ([body[i] for body in bodies] for i in range(3))
-    problem = qs.ContactProblem(forms, u, [contact], bcs, solver=p.solver)
+    options = None if p.rtol is None else {"snes_rtol": p.rtol}
+    problem = qs.ContactProblem(forms, u, [contact], bcs, solver=p.solver, petsc_options=options)
     before = time.perf_counter()
     problem.solve()
     now = time.perf_counter()
@@ -90,6 +91,7 @@ def main():
     add("--factor", type=float, help="penalty over E/h; otherwise the automatic one")
     add("--gap-tolerance", type=float, default=1e-8)
     add("--solver", default="amg")
+    add("--rtol", type=float, help="residual at which Newton's method ends")
     p = parser.parse_args()
     row = solve(p, [int(n) for n in p.sizes.split(",")])
     if COMM.rank == 0:
