@@ -91,7 +91,8 @@ def measure(arguments, own, limit):
     if process.returncode == 124:
         return {"error": f"not finished after {limit} s"}
     if process.returncode != 0 or not results:
-        return {"error": lines[-1].strip()[:200] or f"ended with {process.returncode}"}
+        told = [line for line in lines if "error" in line.lower()] or lines
+        return {"error": told[0].strip()[:100] or f"ended with {process.returncode}"}
     return row | json.loads(results[-1])
 
 

@@ -24,7 +24,7 @@ LINEAR = {
     "amgcl": {
         "solver_type": "amgcl",
         "krylov_type": "cg",
-        "smoother_type": "spai0",
+        "smoother_type": "ilu0",
         "coarsening_type": "smoothed_aggregation",
         "tolerance": 1e-8,
         "max_iteration": 1000,

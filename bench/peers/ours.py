@@ -9,9 +9,11 @@ import sys
 import time
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 
+import dolfinx
 import ufl
 from dolfinx import fem, mesh
 
@@ -94,6 +96,8 @@ def main():
     add("--rtol", type=float, help="residual at which Newton's method ends")
     p = parser.parse_args()
     row = solve(p, [int(n) for n in p.sizes.split(",")])
+    petsc = ".".join(map(str, PETSc.Sys.getVersion()))
+    row["version"] = f"with DOLFINx {dolfinx.__version__} and PETSc {petsc}"
     if COMM.rank == 0:
         cubes.report(**row)
 
