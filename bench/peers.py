@@ -1,0 +1,211 @@
+"""The same contact job through qsdolfinx, CalculiX, Kratos and NGSolve, in one run.
+
+Two unit cubes of hexahedra whose meshes do not match, pressed together by a displacement: see
+bench/peers/README.md for what is compared. Printed for each program: CPU seconds (user and system,
+of the process and its children), wall seconds, peak memory, Newton and Krylov iterations, and the
+total force. The programs run one after the other, each in a process of its own on one core; of
+repeats the one with the fewest CPU seconds counts. A program that is not there is reported.
+
+    scripts/with-dolfinx python3 bench/peers.py --install FOLDER --sizes 22,18 35,28 --json FILE
+    scripts/with-dolfinx python3 bench/peers.py --peers ours calculix --factor 1000
+"""
+
+import argparse
+import datetime
+import json
+import os
+import pathlib
+import platform
+import subprocess
+import sys
+import time
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "peers"))
+
+import cubes
+import install
+
+#: Where the drivers are.
+HERE = pathlib.Path(__file__).resolve().parent / "peers"
+
+#: What is run of each program: name, arguments of its driver, and whether it takes the penalty.
+RUNS = {
+    "ours": [
+        ("overlay, augmented", ["--quadrature", "overlay"], False),
+        ("nodal, augmented", ["--quadrature", "nodal"], False),
+        ("overlay, penalty", ["--quadrature", "overlay", "--enforcement", "penalty"], True),
+        ("nodal, penalty", ["--quadrature", "nodal", "--enforcement", "penalty"], True),
+    ],
+    "calculix": [
+        ("CG, incomplete Cholesky", ["--linear", "ITERATIVE CHOLESKY"], True),
+        ("SPOOLES", ["--linear", "SPOOLES"], True),
+        ("PaStiX", ["--linear", "PASTIX"], True),
+    ],
+    "kratos": [
+        ("penalty, AMGCL", [], True),
+        ("ALM, sparse LU", ["--contact", "alm", "--linear", "sparse_lu"], False),
+    ],
+    "ngsolve": [
+        ("CG, Jacobi", ["--linear", "cg"], True),
+        ("sparse Cholesky", ["--linear", "sparsecholesky"], True),
+    ],
+}
+#: Direct solvers, only with --direct.
+DIRECT = "SPOOLES", "PaStiX", "ALM, sparse LU", "sparse Cholesky"
+#: The run that leaves no gap, beside which forces are put.
+REFERENCE = "overlay, augmented"
+
+
+def command(name, how):
+    """What starts a program's driver."""
+    if name == "ours":
+        return [sys.executable, HERE / "ours.py"]
+    if name == "calculix":
+        return [sys.executable, HERE / "calculix.py", "--ccx", how]
+    return [how, HERE / ("ngsolve_.py" if name == "ngsolve" else "kratos.py")]
+
+
+def measure(arguments, own, limit):
+    """Run a driver; its row, or the reason why there is none."""
+    start = time.perf_counter()
+    environment = dict(os.environ, OMP_NUM_THREADS="1") if own else install.environment()
+    with subprocess.Popen(
+        [str(a) for a in ("timeout", limit, *arguments)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        env=environment,
+    ) as process:
+        text = process.stdout.read()
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    row = {
+        "cpu": usage.ru_utime + usage.ru_stime,
+        "wall": time.perf_counter() - start,
+        "peak": usage.ru_maxrss / 1024,
+    }
+    lines = text.strip().split("\n")
+    results = [line.removeprefix("RESULT ") for line in lines if line.startswith("RESULT ")]
+    if process.returncode == 124:
+        return {"error": f"not finished after {limit} s"}
+    if process.returncode != 0 or not results:
+        told = [line for line in lines if "error" in line.lower()] or lines
+        return {"error": told[0].strip()[:100] or f"ended with {process.returncode}"}
+    return row | json.loads(results[-1])
+
+
+def machine():
+    """What the numbers were measured on."""
+    model = platform.processor()
+    with open("/proc/cpuinfo") as file:
+        names = [line.split(":")[1].strip() for line in file if line.startswith("model name")]
+    return {
+        "cpu": names[0] if names else model,
+        "cores": os.cpu_count(),
+        "system": platform.system(),
+        "python": platform.python_version(),
+        "load": os.getloadavg()[0],
+    }
+
+
+def show(rows, sizes):
+    """Print the table of one pair of meshes."""
+    exact = [r["force"] for r in rows if r["run"] == REFERENCE and "force" in r]
+    print(f"\n{sizes[0]}³ and {sizes[1]}³ hexahedra, {cubes.unknowns(sizes):,} unknowns")
+    print(
+        f"{'':36}{'CPU s':>8}{'wall s':>8}{'MiB':>7}{'Newton':>8}{'Krylov':>8}"
+        f"{'force':>10}{'off %':>8}"
+    )
+    for r in rows:
+        title = f"{r['program']}: {r['run']}"
+        if "error" in r:
+            print(f"{title:36}  {r['error']}")
+            continue
+        off = f"{100 * (r['force'] / exact[0] - 1):8.3f}" if exact else ""
+        print(
+            f"{title:36}{r['cpu']:8.2f}{r['wall']:8.2f}{r['peak']:7.0f}{r['newton']:8}"
+            f"{r.get('krylov') or '–':>8}{r['force']:10.3f}{off}"
+        )
+    for r in rows:
+        if "stages" in r:
+            stages = ", ".join(f"{name} {s:.2f}" for name, s in r["stages"].items())
+            print(f"  {r['run']}, wall s: {stages}")
+
+
+def best(runs):
+    """The run with the fewest CPU seconds; a failure only if all failed."""
+    return min(runs, key=lambda row: row.get("cpu", float("inf")))
+
+
+def parse():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("--sizes", nargs="+", default=["22,18", "35,28"], help="cells along an edge, LOWER,UPPER")
+    add("--peers", nargs="+", choices=tuple(RUNS), default=tuple(RUNS))
+    add("--install", metavar="FOLDER", help="take them from here; install what is missing")
+    add("--python", help="interpreter for Kratos and NGSolve; by default the one that runs this")
+    add("--factor", type=float, default=10.0, help="penalty over E/h, where there is one")
+    add("--rtol", type=float, default=1e-6, help="residual at which Newton ends, with a penalty")
+    add("--direct", action="store_true", help="direct solvers of the others as well")
+    add("--repeats", type=int, default=1)
+    add("--timeout", type=int, default=3600, help="seconds for one run")
+    add("--json", metavar="FILE")
+    p = parser.parse_args()
+    p.sizes = [tuple(int(n) for n in sizes.split(",")) for sizes in p.sizes]
+    return p
+
+
+def main():
+    p = parse()
+    others = [name for name in p.peers if name != "ours"]
+    how = install.prepare(others, p.install, p.python, lambda text: print(text, flush=True))
+    jobs, versions = [], {}
+    for name in p.peers:
+        for run, arguments, takes_penalty in RUNS[name]:
+            if run in DIRECT and not p.direct:
+                continue
+            if isinstance(how.get(name), install.Missing):
+                jobs.append((name, run, None, {"error": f"missing: {how[name]}"}))
+                continue
+            call = [*command(name, how.get(name)), *arguments]
+            if takes_penalty:
+                call += ["--factor", p.factor]
+                call += [] if name == "calculix" else ["--rtol", p.rtol]  # it has a rule of its own
+            # A tiny job first: forms are compiled, and what cannot run at all is found out.
+            trial = measure([*call, "--sizes", "3,2"], name == "ours", p.timeout)
+            versions[name] = trial.get("version", versions.get(name))
+            jobs.append((name, run, call, trial))
+    results = []
+    for sizes in p.sizes:
+        runs = {i: [] for i in range(len(jobs))}
+        for _ in range(p.repeats):
+            for i, (name, _, call, trial) in enumerate(jobs):
+                given = ["--sizes", ",".join(map(str, sizes))]
+                failed = "error" in trial
+                row = trial if failed else measure([*call, *given], name == "ours", p.timeout)
+                runs[i].append(row)
+        rows = [
+            {"sizes": sizes, "program": name, "run": run} | best(runs[i])
+            for i, (name, run, _, _) in enumerate(jobs)
+        ]
+        show(rows, sizes)
+        results += rows
+    if p.json:
+        result = {
+            "date": datetime.date.today().isoformat(),
+            "machine": machine(),
+            "versions": versions,
+            "factor": p.factor,
+            "rtol": p.rtol,
+            "repeats": p.repeats,
+            "rows": results,
+        }
+        pathlib.Path(p.json).write_text(json.dumps(result, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,126 @@
+"""The job through CalculiX: writes its input, runs ccx, reads what it printed.
+
+Surface-to-surface penalty contact, linear pressure-overclosure; C3D8, fully integrated. Only ccx is
+measured, not the writing of its input.
+
+    python3 bench/peers/calculix.py --sizes 22,18 --ccx ccx --linear "ITERATIVE CHOLESKY"
+"""
+
+import argparse
+import os
+import pathlib
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+import cubes
+
+
+def lines(rows):
+    return "\n".join(", ".join(map(str, row)) for row in rows)
+
+
+def write_deck(path, sizes, penalty, linear, slave):
+    """The input file; the cubes are named A, below, and B."""
+    names, bodies = "AB", [cubes.cube(n, float(i)) for i, n in enumerate(sizes)]
+    first_node, first_cell = 1, 1
+    with open(path, "w") as out:
+        for name, body, modulus in zip(names, bodies, cubes.E, strict=True):
+            numbers = np.arange(len(body.x)) + first_node
+            out.write("*NODE\n")
+            np.savetxt(out, np.column_stack([numbers, body.x]), fmt="%d, %.17g, %.17g, %.17g")
+            cells = np.column_stack([np.arange(len(body.cells)) + first_cell, body.cells])
+            cells[:, 1:] += first_node
+            out.write(f"*ELEMENT, TYPE=C3D8, ELSET={name}\n")
+            np.savetxt(out, cells, fmt="%d", delimiter=", ")
+            held = body.low if name == "A" else body.high
+            out.write(f"*NSET, NSET=HELD{name}\n{lines((np.unique(held) + first_node)[:, None])}\n")
+            # Faces S1 and S2 are those of the first and the last four nodes.
+            touching, side = (body.high_cells, "S2") if name == "A" else (body.low_cells, "S1")
+            out.write(f"*SURFACE, NAME=FACE{name}, TYPE=ELEMENT\n")
+            out.write(f"{lines([(c + first_cell, side) for c in touching])}\n")
+            out.write(f"*MATERIAL, NAME=M{name}\n*ELASTIC\n{modulus}, {cubes.NU}\n")
+            out.write(f"*SOLID SECTION, ELSET={name}, MATERIAL=M{name}\n")
+            first_node += len(body.x)
+            first_cell += len(body.cells)
+        master = "B" if slave == "A" else "A"
+        out.write(f"""*SURFACE INTERACTION, NAME=I
+*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR
+{penalty:.17g}
+*CONTACT PAIR, INTERACTION=I, TYPE=SURFACE TO SURFACE
+FACE{slave}, FACE{master}
+*BOUNDARY
+HELDA, 1, 3
+HELDB, 1, 2
+*STEP, INC=100
+*STATIC, SOLVER={linear}
+1., 1.
+*BOUNDARY
+HELDB, 3, 3, {cubes.PRESS}
+*NODE PRINT, NSET=HELDA, TOTALS=ONLY
+RF
+*END STEP
+""")
+
+
+def run(command, folder):
+    """Run ccx on job.inp; returns its output, user + system seconds, wall seconds, peak MiB."""
+    environment = {"OMP_NUM_THREADS": "1"} | dict(os.environ)
+    start = time.perf_counter()
+    with open(folder / "log", "w") as log:
+        process = subprocess.Popen(
+            [*shlex.split(command), "-i", "job"],
+            cwd=folder,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=environment,
+        )
+        _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    wall = time.perf_counter() - start
+    text = (folder / "log").read_text(errors="replace")
+    if process.returncode != 0 or "Job finished" not in text:
+        errors = [line.strip() for line in text.split("\n") if "ERROR" in line]
+        raise SystemExit(errors[-1] if errors else f"ccx ended with {process.returncode}")
+    return text, usage.ru_utime + usage.ru_stime, wall, usage.ru_maxrss / 1024
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--sizes", required=True)
+    parser.add_argument("--ccx", default="ccx")
+    parser.add_argument("--linear", default="ITERATIVE CHOLESKY")
+    parser.add_argument("--factor", type=float, default=10.0, help="penalty over E/h")
+    parser.add_argument("--slave", choices=("lower", "upper"), default="upper")
+    p = parser.parse_args()
+    sizes = [int(n) for n in p.sizes.split(",")]
+    penalty = cubes.penalty(sizes, p.factor)
+    with tempfile.TemporaryDirectory() as name:
+        folder = pathlib.Path(name)
+        write_deck(folder / "job.inp", sizes, penalty, p.linear, "BA"[p.slave == "lower"])
+        text, cpu, wall, peak = run(p.ccx, folder)
+        reactions = (folder / "job.dat").read_text().split("\n")
+    total = [
+        line.split() for line in reactions if re.fullmatch(r"( +-?\d\.\d+E[+-]\d+){3} *", line)
+    ]
+    version = re.search(r"Version ([\w.]+)", text)
+    cubes.report(
+        force=float(total[-1][2]),
+        newton=len(re.findall(r"^ *iteration +\d+ *$", text, re.M)),
+        krylov=sum(int(n) for n in re.findall(r"# of iterations = *(\d+)", text)),
+        cpu=cpu,
+        wall=wall,
+        peak=peak,
+        version=version and version.group(1),
+    )
+
+
+if __name__ == "__main__":
+    main()

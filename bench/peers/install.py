@@ -1,0 +1,186 @@
+"""Installs the other programs into a folder of their own; the system is left alone.
+
+Kratos and NGSolve come from the Python package index, into a virtual environment; CalculiX from
+Debian, its package and all it depends on unpacked, and started by the C library that came with it.
+"""
+
+import os
+import pathlib
+import subprocess
+import sys
+
+PACKAGES = {
+    "kratos": ["KratosMultiphysics", "KratosContactStructuralMechanicsApplication"],
+    "ngsolve": ["ngsolve"],
+}
+PACKAGES["kratos"].append("KratosLinearSolversApplication")
+MODULES = {
+    "kratos": "KratosMultiphysics.ContactStructuralMechanicsApplication",
+    "ngsolve": "ngsolve",
+}
+
+#: Debian's releases; the newest that has calculix-ccx is taken, but first that of the system.
+SUITES = "trixie", "bookworm", "bullseye"
+OTHER_NAMES = "stable", "testing", "unstable", "sid", "forky"
+
+KEYRINGS = [f"/usr/share/keyrings/debian-archive-keyring.{end}" for end in ("pgp", "gpg")]
+
+
+class Missing(Exception):
+    """A program is not there; the text says why."""
+
+
+def run(*command, **kwargs):
+    """Output of a command.
+
+    Raises:
+        Missing: If it fails, with the last line of what it said.
+    """
+    try:
+        done = subprocess.run(
+            [str(c) for c in command],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            check=False,
+            **kwargs,
+        )
+    except OSError as error:
+        raise Missing(f"{command[0]}: {error.strerror}") from error
+    if done.returncode != 0:
+        errors = [line for line in done.stdout.split("\n") if line.strip()] or ["no output"]
+        told = [line for line in errors if "error" in line.lower() or line.startswith("E:")]
+        raise Missing(f"{pathlib.Path(str(command[0])).name}: {(told or errors)[-1].strip()}")
+    return done.stdout
+
+
+def environment():
+    """That of a program which has nothing to do with our own Python; one thread."""
+    names = "PYTHONPATH", "PYTHONHOME", "PYTHONSAFEPATH"
+    kept = {name: value for name, value in os.environ.items() if name not in names}
+    return kept | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def python_peer(name, folder, python):
+    """Interpreter that can import Kratos or NGSolve.
+
+    Args:
+        name: ``"kratos"`` or ``"ngsolve"``.
+        folder: Where to install it if it is not there, or None.
+        python: Interpreter to make the virtual environment of, or to use as it is without a folder.
+    """
+    interpreter = pathlib.Path(folder, name, "bin", "python") if folder else python
+    check = interpreter, "-c", f"import {MODULES[name]}"
+    if not folder:
+        run(*check, env=environment())
+        return interpreter
+    try:
+        run(*check, env=environment())
+    except Missing:
+        # Debian's Python cannot give a virtual environment a pip of its own: its pip fills it.
+        run(python, "-m", "venv", "--clear", "--without-pip", pathlib.Path(folder, name))
+        pip = python, "-m", "pip", "--python", interpreter, "install", "--quiet"
+        run(*pip, "--only-binary", ":all:", "--disable-pip-version-check", *PACKAGES[name])
+        run(*check, env=environment())
+    return interpreter
+
+
+def calculix(folder):
+    """Command that starts ccx: unpacked into the folder if that is given, or else as on PATH."""
+    if not folder:
+        check_ccx("ccx")
+        return "ccx"
+    script = pathlib.Path(folder, "calculix", "ccx")
+    if not script.exists():
+        reasons = []
+        keys = [k for k in KEYRINGS if pathlib.Path(k).exists()]
+        signed = f"[signed-by={keys[0]}] " if keys else ""
+        for suite, uri in sources():
+            try:
+                unpack(script.parent, f"deb {signed}{uri} {suite} main\n")
+                break
+            except Missing as reason:
+                reasons.append(f"{suite}: {reason}")
+        else:
+            raise Missing("; ".join(reasons) or "no Debian package source in apt's settings")
+        write_script(script)
+    check_ccx(script)
+    return str(script)
+
+
+def check_ccx(command):
+    """Raises Missing if it does not start; asked for its version, it ends with an error."""
+    said = run("sh", "-c", '"$1" -v 2>&1 || true', "sh", command)
+    if "Version" not in said:
+        raise Missing(said.strip().split("\n")[-1])
+
+
+def sources():
+    """Releases of Debian to try, the system's own first: name, and address as its apt has it."""
+    form = "$(REPO_URI)|$(RELEASE)|$(COMPONENT)"
+    targets = run("apt-get", "indextargets", "--format", form, "Created-By: Packages")
+    found = {}
+    for line in targets.split("\n"):
+        uri, release, component = [*line.split("|"), "", ""][:3]
+        if component == "main" and release in (*SUITES, *OTHER_NAMES):
+            found.setdefault(release, uri)
+    own = list(found)
+    return [
+        (suite, found.get(suite, found[own[0]])) for suite in dict.fromkeys((*own, *SUITES)) if own
+    ]
+
+
+def unpack(folder, source):
+    """Download and unpack calculix-ccx with all it depends on; with an apt state of its own."""
+    apt = folder.absolute() / "apt"
+    for name in ("lists/partial", "archives/partial", "parts"):
+        (apt / name).mkdir(parents=True, exist_ok=True)
+    (apt / "status").write_text("")  # as if nothing were installed
+    (apt / "sources.list").write_text(source)
+    settings = {
+        "Dir::State": apt,
+        "Dir::State::lists": apt / "lists",
+        "Dir::State::status": apt / "status",
+        "Dir::Cache": apt,
+        "Dir::Etc::sourcelist": apt / "sources.list",
+        "Dir::Etc::sourceparts": apt / "parts",
+        "APT::Sandbox::User": "root",
+        "APT::Get::AllowUnauthenticated": "false",
+    }
+    options = [item for key, value in settings.items() for item in ("-o", f"{key}={value}")]
+    run("apt-get", *options, "update")
+    wanted = "--download-only", "--no-install-recommends", "install", "calculix-ccx"
+    run("apt-get", *options, "--yes", *wanted)
+    for package in sorted((apt / "archives").glob("*.deb")):
+        run("dpkg-deb", "--extract", package, folder / "root")
+
+
+def write_script(script):
+    """A script that starts ccx with the libraries that were unpacked beside it."""
+    root = script.parent.absolute() / "root"
+    loaders = [p for p in root.glob("**/ld-linux*.so.*") if p.is_file() and not p.is_symlink()]
+    binaries = list(root.glob("usr/bin/ccx*"))
+    if not loaders or not binaries:
+        raise Missing("the packages have no C library or no ccx")
+    folders = {p.parent for p in root.glob("**/lib*.so.*")}
+    path = ":".join(str(p) for p in sorted(folders, key=lambda p: len(p.parts)))
+    script.write_text(
+        f'#!/bin/sh\nexec "{loaders[0]}" --library-path "{path}" "{binaries[0]}" "$@"\n'
+    )
+    script.chmod(0o755)
+
+
+def prepare(names, folder, python, say):
+    """How to start each program: a command prefix, or the reason why it is missing."""
+    python = python or sys.executable
+    found = {}
+    for name in names:
+        say(f"looking for {name}")
+        try:
+            found[name] = (
+                calculix(folder) if name == "calculix" else python_peer(name, folder, python)
+            )
+        except Missing as reason:
+            found[name] = reason
+    return found
