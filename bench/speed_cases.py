@@ -232,4 +232,3 @@ class Upsetting(Pair):
             for side in SIDES
         }
         return out | {"energy": float(np.sqrt(energy))}
-

@@ -6,8 +6,7 @@ import typing
 
 import numpy as np
 
-HERE = pathlib.Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "demos")]
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "demos"))
 
 import forging
 from speed_cases import SIDES, Assembled, Case, Kind
@@ -127,4 +126,3 @@ class Forging(Case):
                 )
             out[side] = float(np.sqrt(squares[0] / squares[1]))
         return out
-
