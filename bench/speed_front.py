@@ -32,13 +32,15 @@ class Point(typing.NamedTuple):
 class Standing(typing.NamedTuple):
     """Where a kind is in a comparison; ``distance`` is inf without any solution.
 
-    The distance is the largest of the levels on which the kind is better than on faster ones.
+    The distance is the largest of the levels on which the kind is better than on faster ones;
+    ``at_best`` is that of the most accurate level.
     """
 
     on_front: int
     levels: int
     missing: int
     distance: float
+    at_best: float
     time_factor: float
     error: float
     seconds: float
@@ -120,6 +122,7 @@ def standings(result, measure, among=None):
             len(mine),
             len(result["levels"]) - len(mine),
             max((min(pair) for pair in pairs), default=np.inf),
+            min(pairs[-1]) if pairs else np.inf,
             max((time for time, _ in pairs), default=np.inf),
             finest.error if finest else np.inf,
             finest.seconds if finest else np.inf,

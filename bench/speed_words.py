@@ -20,20 +20,26 @@ def listed(texts, none="none"):
 
 def verdict(results, kind, among=None):
     """Whether a kind is on the front or near it everywhere, and where it is not."""
-    near, far = [], []
-    for result, measure, title in comparisons(results):
-        at = standings(result, measure, among)[kind]
-        if at.distance <= NEAR:
-            near.append(title)
-        elif np.isfinite(at.distance):
-            far.append(f"{title} (distance {at.distance:.2f})")
-        else:
-            far.append(f"{title} (no solution)")
-    total = len(near) + len(far)
-    if not far:
-        return f"**{name(kind)}: yes**, in all {total} comparisons."
-    yes = f"yes in {len(near)} of {total} comparisons ({listed(near)}), " if near else ""
-    return f"**{name(kind)}: no**; {yes}not in {listed(far)}."
+    found = [(title, standings(r, m, among)[kind]) for r, m, title in comparisons(results)]
+    everywhere = far_from([(title, at.distance) for title, at in found])
+    best = far_from([(title, at.at_best) for title, at in found])
+    answer = "no" if everywhere else "yes"
+    return (
+        f"**{name(kind)}: {answer}**, "
+        f"in {len(found) - len(everywhere)} of {len(found)} comparisons on all levels"
+        f"{', not in ' + listed(everywhere) if everywhere else ''}; "
+        f"in {len(found) - len(best)} on its most accurate level alone"
+        f"{', not in ' + listed(best) if best else ''}."
+    )
+
+
+def far_from(distances):
+    """Comparisons in which a kind is not near the front, with how far it is."""
+    return [
+        f"{title} ({f'{value:.2f}' if np.isfinite(value) else 'no solution'})"
+        for title, value in distances
+        if value > NEAR
+    ]
 
 
 def ranking(results, among):
@@ -56,9 +62,9 @@ def choice(results, usable):
         for part in (equal, ranks[len(equal) :])
     )
     return (
-        f"- **Take** one of these: {best}. Of the {len(usable)} kinds that are usable in all cases "
-        "they have, within 10 %, the smallest distance from those kinds' front in the case that "
-        f"suits them worst (in brackets). The others: {rest}."
+        f"- **Take** {best}. Of the {len(usable)} kinds that are usable in all cases "
+        f"{'this has' if len(equal) == 1 else 'these have, within 10 %,'} the smallest distance "
+        f"from those kinds' front in the case that suits worst (in brackets). The others: {rest}."
     )
 
 
