@@ -29,8 +29,8 @@ levels of five cases: what a solve costs, and how wrong the contact traction is.
     {commands}
     python3 bench/speed_report.py
 
-of `bench/results/speed_vs_error_*.json`; nothing here is typed by hand. Seconds are CPU seconds of
-all ranks, waiting included, from the bodies in hand to the solution (pairing to solve; no meshes, no
+of `bench/results/speed_vs_error_*.json`; no number is typed by hand. Seconds are CPU seconds of all
+ranks, waiting included, from the bodies in hand to the solution (pairing to solve; no meshes, no
 errors), the least of up to three runs. Errors are those of the recovered traction in L2, of the
 **worse** of the two sides unless another measure is named. Penalties and tolerances are the
 library's automatic ones, if a case says nothing else.
