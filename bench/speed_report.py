@@ -40,8 +40,9 @@ library's automatic ones, if a case says nothing else.
 **Distance from the front.** A solve is on the Pareto front if no other one is as fast and as
 accurate. What lies between two levels counts too, on a straight line in log-log axes. A kind's
 distance is the factor by which it would have to be faster *or* more accurate, whichever is less, on
-the worst of its levels; levels that are no more accurate than a faster one do not count. {floor} A
-few milliseconds are much of the smallest solves: 10 % of time mean nothing there.
+the worst of its levels; levels that are no more accurate than a faster one do not count.
+{floor} A few milliseconds are
+much of the smallest solves: 10 % of time mean nothing there.
 """
 
 

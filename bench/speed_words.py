@@ -42,30 +42,33 @@ def far_from(distances):
     ]
 
 
-def ranking(results, among):
-    """Kinds with their worst distance from the front of these, and where; the best first."""
-    worst = {}
-    for result, measure, title in comparisons(results):
+def ranking(results, among, mean):
+    """Kinds with a mean of their distances from the front of these; the best first."""
+    found = {}
+    for result, measure, _ in comparisons(results):
         for kind, at in standings(result, measure, among).items():
-            worst.setdefault(kind, []).append((at.distance, title))
-    return sorted((*max(values), kind) for kind, values in worst.items())
+            found.setdefault(kind, []).append(at.distance)
+    return sorted((mean(values), kind) for kind, values in found.items())
 
 
 def choice(results, usable):
-    """What to take."""
+    """What to take: lines of Markdown."""
     if not usable:
-        return "- No kind of contact is usable in every case."
-    ranks = ranking(results, usable)
-    equal = [r for r in ranks if r[0] <= NEAR * ranks[0][0]]
-    best, rest = (
-        listed(f"{name(kind)} ({worst:.2f}, {title})" for worst, title, kind in part)
-        for part in (equal, ranks[len(equal) :])
-    )
-    return (
-        f"- **Take** {best}. Of the {len(usable)} kinds that are usable in all cases "
-        f"{'this has' if len(equal) == 1 else 'these have, within 10 %,'} the smallest distance "
-        f"from those kinds' front in the case that suits worst (in brackets). The others: {rest}."
-    )
+        return ["- No kind of contact is usable in every case."]
+    lines = [
+        f"- **What to take of the {len(usable)} kinds that are usable in all cases**, by their "
+        "distance from these kinds' front, the best first:"
+    ]
+    for text, mean in (
+        ("geometric mean of the comparisons", lambda values: np.exp(np.mean(np.log(values)))),
+        ("worst comparison", max),
+    ):
+        ranks = ranking(results, usable, mean)
+        near = [f"**{name(k)}** ({v:.2f})" for v, k in ranks if v <= NEAR * ranks[0][0]]
+        rest = [f"{name(k)} ({v:.2f})" for v, k in ranks[len(near) :]]
+        equal = ", equal within 10 %" if len(near) > 1 else ""
+        lines.append(f"  - {text}: {listed(near)}{equal}; then {listed(rest)}.")
+    return lines
 
 
 def never_near(results):
@@ -109,7 +112,7 @@ def words(results):
     said = faults(results)
     usable = [kind for kind, reasons in said.items() if not reasons]
     lines = [
-        choice(results, usable),
+        *choice(results, usable),
         "- **On the front of all 16 kinds, or within 10 % of it, for the worse of the two sides?**",
         *(f"  - {verdict(results, kind)}" for kind in (AUGMENTED, OVERLAY, MASTER_SLAVE, PRESENT)),
     ]
@@ -121,7 +124,7 @@ def words(results):
         gains(results, AUGMENTED, OVERLAY, "What the augmented Lagrangian buys"),
         gains(results, OVERLAY, MASTER_SLAVE, "What the second side buys on the overlay"),
         nodal_enough(results),
-        "- **Dominated everywhere**, by more than 10 % on some level: "
+        "- **Dominated everywhere** by more than 10 %, without a point on any front: "
         f"{listed(map(name, never_near(results)))}.",
         "- **Not usable in some case**, for lack of a solution or for an error above "
         f"{100 * USELESS:.0f} % on the finest level:",
