@@ -1,137 +1,196 @@
 """Speed against error: every formulation, quadrature and enforcement on four mesh levels.
 
-Patch test (hexahedra, non-matching, jittered) and Hertz contact in 2D (cylinder on block, slave
-coarser). Seconds are those of the whole solve and of contact in it (pairing, gaps, insertion), the
-best of the repeats; errors are those of the recovered traction on each side: the largest nodal one
-in the patch test, L2 for Hertz. One table for each case, and one log-log figure.
+Five cases: patch, hertz2d, hertz3d, upsetting, forging, see speed_cases.py and speed_forging.py.
+Measured are CPU seconds of all ranks, from the bodies in hand to the solution: contact and problem
+are made, and the problem is solved, or all steps are made. Meshes and errors are not in it. The
+least of up to --repeats runs counts; runs are repeated as long as they took less than two seconds
+in all. A kind of contact that has no solution on two levels, or takes 20 times as long as the
+fastest, is not tried on finer ones.
 
-    python3 bench/speed_vs_error.py --json speed.json --plot speed
+Writes speed_vs_error_CASE.json to --json-dir. Then bench/speed_report.py makes
+docs/speed-vs-error.md and its figures of them.
+
+    python3 bench/speed_vs_error.py
+    mpirun -n 2 python3 bench/speed_vs_error.py --cases patch hertz2d --levels 0 1 2 --repeats 1
 """
 
 import argparse
+import datetime
+import gc
+import importlib.metadata
 import itertools
 import json
+import os
 import pathlib
+import platform
+import re
+import shlex
 import sys
+import time
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "demos"))
+import numpy as np
 
-import hertz
-import patch_test
+import dolfinx
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from speed_cases import Hertz2D, Hertz3D, Kind, Patch, Upsetting
+from speed_forging import Forging
+
+import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
+ROOT = pathlib.Path(__file__).resolve().parent.parent
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
-KINDS = tuple(
-    itertools.product(FORMULATIONS, ("nodal", "overlay"), ("penalty", "augmented-lagrangian"))
-)
+ENFORCEMENTS = ("penalty", "augmented-lagrangian")
+KINDS = [Kind(*k) for k in itertools.product(FORMULATIONS, ("nodal", "overlay"), ENFORCEMENTS)]
+CASES = {
+    "patch": Patch,
+    "hertz2d": Hertz2D,
+    "hertz3d": Hertz3D,
+    "upsetting": Upsetting,
+    "forging": Forging,
+}
+#: CPU seconds after which a run is not repeated.
+LONG = 2.0
+#: Levels without a solution after which finer ones are not tried.
+PATIENCE = 2
+#: Times as slow as the fastest on its level is what is not tried on finer ones.
+SLOW = 20
 
 
-def run_patch(n, formulation, quadrature, enforcement):
-    p = patch_test.Parameters(
-        master=5 * n,
-        slave=3 * n,
-        cell="hexahedron",
-        jitter=0.25,
-        formulation=formulation,
-        quadrature=quadrature,
-        enforcement=enforcement,
+def run_once(scene, kind):
+    """One timed run: seconds, iterations and errors."""
+    gc.collect()
+    COMM.barrier()
+    cpu, wall = time.process_time(), time.perf_counter()
+    contacts, problem, solve = scene.assemble(kind)
+    try:
+        newton, reason = solve(), ""
+    except (qs.ConvergenceError, qs.StepError) as error:
+        newton, reason = None, str(error).split("; residuals")[0]
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    row = {
+        "status": "no solution" if reason else "ok",
+        "reason": reason,
+        "cpu_seconds": COMM.allreduce(cpu),
+        "wall_seconds": COMM.allreduce(wall, op=MPI.MAX),
+        "contact_wall_seconds": COMM.allreduce(sum(c.seconds for c in contacts), op=MPI.MAX),
+        "newton": newton,
+    }
+    # The library's stopwatch tells wall time.
+    row["contact_share"] = min(row["contact_wall_seconds"] / row["wall_seconds"], 1.0)
+    row["errors"] = {} if reason else scene.errors(contacts)
+    problem.destroy()
+    return row
+
+
+def run(scene, kind, repeats):
+    """The fastest of some runs."""
+    best, spent = None, 0.0
+    for count in range(1, repeats + 1):
+        row = run_once(scene, kind)
+        spent += row["cpu_seconds"]
+        if best is None or row["cpu_seconds"] < best["cpu_seconds"]:
+            best = row
+        best["runs"] = count
+        if spent > LONG or best["status"] != "ok":
+            break
+    return best
+
+
+def measure(case, levels, repeats, kinds=tuple(KINDS), say=lambda row: None):
+    """All rows of a case, and numbers on its reference."""
+    cls = CASES[case]
+    shared = cls.prepare(COMM, levels)
+    compiled = cls(COMM, min(levels), shared)
+    for kind in kinds[:2]:  # forms are compiled before anything is timed
+        run_once(compiled, kind)
+    rows, given_up = [], {}
+    for level in sorted(levels):
+        scene = cls(COMM, level, shared)
+        for kind in kinds:
+            row = {"level": level, "h": scene.h, "dofs": scene.dofs, **kind._asdict()}
+            if kind in given_up:
+                row |= {"status": "not tried", "reason": given_up[kind]}
+            else:
+                row |= run(scene, kind, repeats)
+            rows.append(row)
+            say(row)
+        given_up |= hopeless(rows, level)
+    return rows, cls.describe(shared)
+
+
+def hopeless(rows, level):
+    """Kinds not to be tried on levels finer than this one, and why."""
+    out = {}
+    here = [r for r in rows if r["level"] == level and r["status"] != "not tried"]
+    fastest = min((r["cpu_seconds"] for r in here if r["status"] == "ok"), default=np.inf)
+    for row in here:
+        kind = Kind(*(row[name] for name in Kind._fields))
+        mine = [r for r in rows if all(r[name] == row[name] for name in Kind._fields)]
+        if sum(r["status"] == "no solution" for r in mine) >= PATIENCE:
+            out[kind] = "no solution on coarser levels"
+        elif row["cpu_seconds"] > SLOW * fastest:
+            ratio = row["cpu_seconds"] / fastest
+            out[kind] = f"{ratio:.0f} times as slow as the fastest on the level before"
+    return out
+
+
+def cpu_model():
+    """As Linux has it."""
+    try:
+        lines = pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def version_of_this():
+    """Of the installed package, or else of the source tree."""
+    try:
+        return importlib.metadata.version("qsdolfinx")
+    except importlib.metadata.PackageNotFoundError:
+        text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+        return re.search(r'^version = "(.*)"$', text, re.MULTILINE)[1]
+
+
+def circumstances():
+    """Machine, versions, date, ranks and command."""
+    return {
+        "machine": {
+            "cpu": cpu_model(),
+            "cores": len(os.sched_getaffinity(0)),
+            "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS"),
+        },
+        "versions": {
+            "dolfinx": dolfinx.__version__,
+            "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+            "qsdolfinx": version_of_this(),
+            "python": platform.python_version(),
+        },
+        "date": datetime.date.today().isoformat(),
+        "ranks": COMM.size,
+        "command": shlex.join(["python3", "bench/speed_vs_error.py", *sys.argv[1:]]),
+    }
+
+
+def line(row):
+    """Of the terminal."""
+    start = (
+        f"{row['level']:2}{row['dofs']:8}  {row['formulation']:16}{row['quadrature']:9}"
+        f"{row['enforcement']:21}"
     )
-    r, _ = patch_test.run(p, COMM)
-    return {side: r[f"{side}_nodal_max_error"] for side in ("slave", "master")} | r
-
-
-def run_hertz(n, formulation, quadrature, enforcement):
-    p = hertz.Parameters(
-        h=0.2 / n,
-        ratio=1.5,
-        formulation=formulation,
-        quadrature=quadrature,
-        enforcement=enforcement,
-    )
-    r, _ = hertz.run(p, COMM)
-    return {side: r[f"l2_error_{side}"] for side in ("slave", "master")} | r
-
-
-CASES = {"patch": (run_patch, (1, 2, 4, 8)), "hertz": (run_hertz, (1, 2, 4, 8))}
-
-
-def measure(case, repeats):
-    """Rows of one case; None in the place of errors where there is no solution."""
-    run, levels = CASES[case]
-    rows = []
-    for level, kind in itertools.product(levels, KINDS):
-        best = None
-        for _ in range(repeats):
-            try:
-                r = run(level, *kind)
-            except hertz.qs.ConvergenceError:
-                continue
-            if best is None or r["total_seconds"] < best["total_seconds"]:
-                best = r
-        row = dict(
-            zip(
-                ("case", "level", "formulation", "quadrature", "enforcement"),
-                (case, level, *kind),
-                strict=True,
-            )
-        )
-        keys = ("dofs", "slave", "master", "total_seconds", "contact_seconds", "snes_iterations")
-        rows.append(row | {key: None if best is None else best[key] for key in keys})
-    return rows
-
-
-def table(rows):
-    """Text of one case."""
-    lines = [
-        f"{'formulation':17}{'quadrature':11}{'enforcement':22}{'dofs':>7}{'slave':>10}{'master':>10}"
-        f"{'total s':>9}{'contact s':>10}{'its':>4}"
-    ]
-    for r in rows:
-        start = f"{r['formulation']:17}{r['quadrature']:11}{r['enforcement']:22}"
-        if r["dofs"] is None:
-            lines.append(start + "  no solution")
-            continue
-        lines.append(
-            start + f"{r['dofs']:7}{r['slave']:10.1e}{r['master']:10.1e}{r['total_seconds']:9.3f}"
-            f"{r['contact_seconds']:10.4f}{r['snes_iterations']:4}"
-        )
-    return "\n".join(lines)
-
-
-def plot(case, rows, filename):
-    """Error on both sides over seconds."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(11, 5), sharey=True, layout="constrained")
-    colors = dict(
-        zip(FORMULATIONS, ("tab:red", "tab:green", "tab:blue", "tab:purple"), strict=True)
-    )
-    for axis, side in zip(axes, ("slave", "master"), strict=True):
-        for kind in KINDS:
-            mine = [
-                r for r in rows if (r["formulation"], r["quadrature"], r["enforcement"]) == kind
-            ]
-            mine = [r for r in mine if r["dofs"] is not None]
-            axis.loglog(
-                [r["total_seconds"] for r in mine],
-                [max(r[side], 1e-15) for r in mine],
-                "o-" if kind[1] == "overlay" else "s--",
-                color=colors[kind[0]],
-                alpha=1.0 if kind[2] == "penalty" else 0.4,
-                label=f"{kind[0]}, {kind[1]}" + ("" if kind[2] == "penalty" else ", augmented"),
-                ms=4,
-            )
-        axis.set_xlabel("seconds")
-        axis.set_title(f"{case}: {side} side", fontsize=10)
-        axis.grid(which="both", alpha=0.3)
-    axes[0].set_ylabel("error of the recovered traction")
-    axes[1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    figure.savefig(filename, dpi=110)
+    if row["status"] != "ok":
+        spent = f" after {row['cpu_seconds']:.1f} s" if "cpu_seconds" in row else ""
+        return f"{start}{row['status']}{spent}: {row['reason']}"
+    errors = "".join(f" {name} {value:.2e}" for name, value in row["errors"].items())
+    seconds = f"{row['cpu_seconds']:8.3f} s, contact {100 * row['contact_share']:4.1f} %"
+    return f"{start}{seconds}, Newton {row['newton']:3},{errors}"
 
 
 def main():
@@ -139,23 +198,39 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cases", nargs="+", choices=tuple(CASES), default=list(CASES))
-    parser.add_argument("--repeats", type=int, default=2)
-    parser.add_argument("--json", metavar="FILE")
     parser.add_argument(
-        "--plot", metavar="PREFIX", help="writes PREFIX_patch.png, PREFIX_hertz.png"
+        "--levels", nargs="+", type=int, help="mesh levels, 0 is the coarsest; 0 1 2 3 by default"
     )
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--json-dir", type=pathlib.Path, default=ROOT / "bench" / "results")
     a = parser.parse_args()
-    everything = []
+    if a.levels is not None and min(a.levels) < 0:
+        parser.error("--levels must not be negative")
+    if a.repeats < 1:
+        parser.error("--repeats must be at least 1")
+    say = print if COMM.rank == 0 else lambda *args, **kwargs: None
     for case in a.cases:
-        rows = measure(case, a.repeats)
-        everything += rows
+        start = time.perf_counter()
+        levels = sorted(set(a.levels or CASES[case].levels))
+        say(f"\n{CASES[case].title}: level, unknowns, CPU seconds, errors", flush=True)
+        rows, reference = measure(case, levels, a.repeats, say=lambda r: say(line(r), flush=True))
+        result = {
+            "case": case,
+            "title": CASES[case].title,
+            "text": CASES[case].text,
+            "measures": CASES[case].measures,
+            "reference": reference,
+            "levels": levels,
+            "measured_in_seconds": time.perf_counter() - start,
+            **circumstances(),
+            "rows": rows,
+        }
+        say(f"{case}: {result['measured_in_seconds']:.0f} s")
         if COMM.rank == 0:
-            print(f"\n{case}, {COMM.size} ranks\n{table(rows)}", flush=True)
-            if a.plot:
-                plot(case, rows, f"{a.plot}_{case}.png")
-    if COMM.rank == 0 and a.json:
-        with open(a.json, "w") as file:
-            json.dump(everything, file, indent=2)
+            a.json_dir.mkdir(parents=True, exist_ok=True)
+            text = json.dumps(result, indent=1, ensure_ascii=False)
+            filename = a.json_dir / f"speed_vs_error_{case}.json"
+            filename.write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

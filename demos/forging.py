@@ -155,11 +155,20 @@ class Die:
         self.surface = qs.Surface(self.V, facets=facets_at(self.mesh, 2, z))
 
 
+def create_bodies(comm, h, die_refinement):
+    """The workpiece, with cells of size h, and the two dies."""
+    fine = h / die_refinement
+    return Workpiece(comm, h), [Die(comm, 0.0, -1, fine), Die(comm, HEIGHT, 1, fine)]
+
+
 def build(comm, p):
     """Workpiece, dies, contacts and the stepper."""
     h = SIZES[p.size]
-    work = Workpiece(comm, h)
-    dies = [Die(comm, 0.0, -1, h / p.die_refinement), Die(comm, HEIGHT, 1, h / p.die_refinement)]
+    return assemble(p, h, *create_bodies(comm, h, p.die_refinement))
+
+
+def assemble(p, h, work, dies):
+    """The same of bodies that are there; h (mm) is what the penalty is for."""
     time_step = p.reduction * HEIGHT / SPEED / p.num_steps
     friction = Friction(p, work.mesh, K, M)
     contacts = []
