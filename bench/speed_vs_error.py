@@ -15,28 +15,20 @@ docs/speed-vs-error.md and its figures of them.
 """
 
 import argparse
-import datetime
 import gc
-import importlib.metadata
 import itertools
 import json
-import os
 import pathlib
-import platform
-import re
-import shlex
 import sys
 import time
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 
-import dolfinx
-
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
+from machine import circumstances
 from speed_cases import Hertz2D, Hertz3D, Kind, Patch, Upsetting
 from speed_forging import Forging
 
@@ -140,45 +132,6 @@ def hopeless(rows, level):
     return out
 
 
-def cpu_model():
-    """As Linux has it."""
-    try:
-        lines = pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
-
-
-def version_of_this():
-    """Of the installed package, or else of the source tree."""
-    try:
-        return importlib.metadata.version("qsdolfinx")
-    except importlib.metadata.PackageNotFoundError:
-        text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-        return re.search(r'^version = "(.*)"$', text, re.MULTILINE)[1]
-
-
-def circumstances():
-    """Machine, versions, date, ranks and command."""
-    return {
-        "machine": {
-            "cpu": cpu_model(),
-            "cores": len(os.sched_getaffinity(0)),
-            "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS"),
-        },
-        "versions": {
-            "dolfinx": dolfinx.__version__,
-            "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
-            "qsdolfinx": version_of_this(),
-            "python": platform.python_version(),
-        },
-        "date": datetime.date.today().isoformat(),
-        "ranks": COMM.size,
-        "command": shlex.join(["python3", "bench/speed_vs_error.py", *sys.argv[1:]]),
-    }
-
-
 def line(row):
     """Of the terminal."""
     start = (
@@ -222,7 +175,7 @@ def main():
             "reference": reference,
             "levels": levels,
             "measured_in_seconds": time.perf_counter() - start,
-            **circumstances(),
+            **circumstances(COMM.size),
             "rows": rows,
         }
         say(f"{case}: {result['measured_in_seconds']:.0f} s")

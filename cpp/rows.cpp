@@ -73,8 +73,8 @@ std::vector<std::int32_t> qsdolfinx::count_entries(Mat block)
     PetscInt count = 0;
     const PetscInt* columns = nullptr;
     check(MatGetRow(block, row, &count, &columns, nullptr));
-    counts[i] = static_cast<std::int32_t>(std::count_if(
-        columns, columns + count, [&](PetscInt c) { return c >= begin && c < end; }));
+    counts[i] = static_cast<std::int32_t>(
+        std::count_if(columns, columns + count, [&](PetscInt c) { return c >= begin && c < end; }));
     counts[size + i] = static_cast<std::int32_t>(count) - counts[i];
     check(MatRestoreRow(block, row, &count, &columns, nullptr));
   }

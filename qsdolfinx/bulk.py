@@ -54,6 +54,8 @@ class Body:
         self._residual_form = fem.form(F)
         self._tangent_form = fem.form(tangent)
         self._K: PETSc.Mat | None = None
+        #: PETSc's type of the bulk block; "baij" takes less memory.
+        self.matrix_type: str = PETSc.Mat.Type.AIJ
         #: Digest of everything that K depends on; empty if F is not linear.
         self.fingerprint = b""
         #: Whether coordinates are (r, z); its contact surfaces know.
@@ -118,7 +120,7 @@ class Body:
         fingerprint = self._state_of_K()
         if self.comm.allreduce(fingerprint != self.fingerprint, op=MPI.LOR):
             if self._K is None:
-                self._K = fem_petsc.create_matrix(self._tangent_form)
+                self._K = fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
             self._assemble_matrix(self._K)
             self.fingerprint = fingerprint
         kept = self.u.x.array.copy()
@@ -159,7 +161,7 @@ class Body:
     def matrix(self) -> PETSc.Mat:
         """The bulk block alone, for the u at hand; do not modify. Collective."""
         if self._K is None:
-            self._K = fem_petsc.create_matrix(self._tangent_form)
+            self._K = fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
         if not self.linear:
             self._assemble_matrix(self._K)
         return self._K

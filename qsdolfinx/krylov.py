@@ -41,7 +41,8 @@ class Krylov:
         self._snes = snes
         self._linear = linear
         self._chooses_type = "ksp_type" not in given
-        self._chooses_tolerance = not {"ksp_rtol", "ksp_atol", "snes_ksp_ew"} & set(given)
+        #: Whether the user leaves the tolerance of linear solves to this class.
+        self.chooses_tolerance = not {"ksp_rtol", "ksp_atol", "snes_ksp_ew"} & set(given)
         self._chooses_smoothing = not any(option.startswith("mg_levels_") for option in given)
         self.forget()
 
@@ -108,7 +109,7 @@ class Krylov:
             changed: Whether the tangent has changed since the last linear solve.
         """
         self._solved = True
-        if not self._chooses_tolerance or not norms or norms[-1] == 0:
+        if not self.chooses_tolerance or not norms or norms[-1] == 0:
             return
         rtol, atol, _, _ = self._snes.getTolerances()
         last = SAFETY * max(atol, rtol * norms[0]) / norms[-1]
@@ -122,5 +123,5 @@ class Krylov:
 
     def set_exact(self) -> None:
         """The tolerance of a linear solve outside of Newton's method."""
-        if self._chooses_tolerance:
+        if self.chooses_tolerance:
             self._ksp.setTolerances(rtol=EXACT)

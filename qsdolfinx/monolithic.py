@@ -114,7 +114,7 @@ class Monolithic:
         return slice(start, start + self._bodies[i].num_owned)
 
     def _put(self, block: PETSc.Mat, pair: Pair, rows: Rows, mode: Mode) -> None:
-        numbers = [self._numbers[k] for k in pair]
+        numbers = self._numbers[pair[0]], self._numbers[pair[1]]
         _cpp.put_rows(handle_of(block), handle_of(self.matrix), rows, *numbers, mode)
 
     def _put_contact(self, mode: Mode) -> None:

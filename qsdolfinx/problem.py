@@ -6,7 +6,6 @@ import contextlib
 import itertools
 import typing
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -16,41 +15,29 @@ import ufl
 from dolfinx import fem
 
 from qsdolfinx.arguments import check_arguments, check_sequences, communicator
-from qsdolfinx.augmentation import Augmentation
 from qsdolfinx.bulk import Body
 from qsdolfinx.checks import check_choice
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
 from qsdolfinx.krylov import Krylov
+from qsdolfinx.newton import Newton
 from qsdolfinx.predictor import BALANCED, Foundation
 from qsdolfinx.presets import BLOCK, ITERATIVE, PRESETS, pick
 from qsdolfinx.schur import Forms, Schur, check_schur, has_schur
-from qsdolfinx.slip import Slip
 from qsdolfinx.solver import (
-    NOT_BALANCED,
-    NOT_CLOSED,
     ConvergenceError,
     chosen_by_user,
-    forget_failure,
-    line_search,
     remove_options,
     set_options,
     weak,
 )
-from qsdolfinx.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()
 
-#: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
-MAX_AUGMENTATIONS = 100
 
-#: Solves with friction in a row in which nodes that slip to and fro may be made to stick.
-MAX_ATTEMPTS = 3
-
-
-class ContactProblem(ContactSystem):
+class ContactProblem(Newton):
     """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
 
     Φ is the energy of all contacts. Every body has its own mesh. The unknowns of a rank are those
@@ -114,37 +101,21 @@ class ContactProblem(ContactSystem):
         check_agreement(communicator(u), contacts=len(contacts), kind=kind, solver=solver)
         super().__init__([Body(*given) for given in zip(F, u, bcs, J, strict=True)], contacts, kind)
         self._steps_within = 0
-        #: Norm of the residual at each iteration of the last solve.
-        self.residual_history: list[float] = []
-        #: Active rows of each contact at each iteration of the last solve, over all ranks.
-        self.active_history: list[list[int]] = []
-        #: Largest gap that an augmented multiplier leaves, after each of its updates.
-        self.violation_history: list[float] = []
-        #: Newton iterations of the last solve, over all updates of the multipliers.
-        self.num_iterations = 0
-        #: Iterations of the linear solver in them.
-        self.num_linear_iterations = 0
-
         prefix = petsc_options_prefix
         prefix = f"qsdolfinx_{next(_counter)}_" if prefix is None else prefix
         remove_options(prefix)
         given = petsc_options or {}
         chosen = {*given, *PETSc.Options(prefix).getAll()}
-        #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
         self.solver = self._pick(solver, prefix, petsc_options or {})
         self._schur = None
         if self.solver == "schur":
             self._schur = Schur(self.bodies, pressure_preconditioner)
-        #: Whether the line search is the default and not the user's choice.
         self.has_full_steps = set_options(prefix, petsc_options or {}, self._linear_options())
-        #: PETSc's nonlinear solver.
-        self.snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
+        self.snes = PETSc.SNES().create(comm=self.comm)
         self.snes.setOptionsPrefix(prefix)
         self.snes.setFromOptions()
         self.snes.setMonitor(weak(self._monitor))
-        self._norms: list[float] = []
-        #: Prepares the linear solves of an iterative preset.
-        self._krylov: Krylov | None = None
+        self._krylov = None
         if self.solver in ITERATIVE:
             self._krylov = Krylov(self.snes, chosen, all(body.linear for body in self.bodies))
 
@@ -224,7 +195,8 @@ class ContactProblem(ContactSystem):
                 self._evaluate(self._start)
                 self._drive.approach()
             self._predict()
-            self._equilibrate()
+            with self._first_accuracy():
+                self._equilibrate()
             self._augment()
         except Exception as error:
             for contact, kept in zip(self.contacts, multipliers, strict=True):
@@ -238,142 +210,6 @@ class ContactProblem(ContactSystem):
             self._restore(start)
             raise
         self.active_history = self._all_active()
-
-    def _equilibrate(self) -> None:
-        """Solve for the multipliers at hand, with tools that a force drives in balance."""
-        self._run_snes()
-        if self._drive.tools:
-            with self._same_accuracy():
-                balanced = self._drive.balance(self.bodies, self._respond, self._follow)
-            if not balanced:
-                self._raise_error(NOT_BALANCED)
-
-    def _respond(self, load: Array) -> Array:
-        """Change of the owned unknowns under a small load, by the tangent at the solution."""
-        for slip in self._slips:
-            slip.stick_slip.begin_iterations(False)  # the exact tangent
-        self._assemble()
-        ksp = self.snes.getKSP()
-        ksp.setOperators(self._matrix, self._matrix)
-        b, y = self._x.duplicate(), self._x.duplicate()
-        b.array[:] = load
-        if self._krylov is not None:
-            self._krylov.set_exact()
-        with self.watch.stage("solve"):
-            ksp.solve(b, y)
-        if ksp.getConvergedReason() < 0:
-            self._raise_error(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
-        change = y.array_r.copy()
-        b.destroy()
-        y.destroy()
-        return change
-
-    def _follow(self, change: Array) -> None:
-        """Solve from changed unknowns; without success they are as before."""
-        before = self._x.array.copy()
-        self._x.array[:] += change
-        try:
-            self._run_snes()
-        except ConvergenceError:
-            self._x.array[:] = before
-            raise
-
-    @contextlib.contextmanager
-    def _same_accuracy(self) -> typing.Iterator[None]:
-        """Solve as exactly as at first, not by the same factor again."""
-        rtol, atol, stol, max_it = self.snes.getTolerances()
-        self.snes.setTolerances(rtol, max(atol, rtol * self._first_norm), stol, max_it)
-        try:
-            yield
-        finally:
-            self.snes.setTolerances(rtol, atol, stol, max_it)
-
-    def _run_snes(self) -> None:
-        """Solve for the multipliers at hand."""
-        self._iterate(0)
-        if not self._slips:
-            return
-        attempt = 0
-        with self._same_accuracy():
-            while self.comm.allreduce(any([slip.unsettled() for slip in self._slips]), op=MPI.LOR):
-                attempt += 1
-                self._iterate(attempt)
-
-    @property
-    def _slips(self) -> list[Slip]:
-        """Slips of all contacts; none without friction."""
-        return [slip for contact in self.contacts for slip in contact.slips]
-
-    def _iterate(self, attempt: int) -> None:
-        """Newton's method, with full steps or else with a line search.
-
-        Args:
-            attempt: Counts those with friction from the same first guess on.
-        """
-        first_guess = self._x.copy()
-        database = PETSc.Options(self.snes.getOptionsPrefix())
-        full_steps = database.getString("snes_linesearch_type", "") == "basic"
-        for slip in self._slips:
-            slip.stick_slip.begin_iterations(full_steps and attempt < MAX_ATTEMPTS)
-        with self.watch.stage("solve"):
-            self.snes.solve(None, self._x)
-        self._count()
-        if self.snes.getConvergedReason() < 0 and self.has_full_steps:
-            first_guess.copy(self._x)
-            forget_failure(self.snes)
-            for slip in self._slips:
-                slip.stick_slip.begin_attempt()
-                slip.stick_slip.begin_iterations(False)
-            with line_search(self.snes), self.watch.stage("solve"):
-                self.snes.solve(None, self._x)
-            self._count()
-        first_guess.destroy()
-        if self.snes.getConvergedReason() <= 0:
-            self._raise_error(self.snes.getConvergedReason())
-        self._evaluate(self._x.array_r)  # a line search may have ended elsewhere
-        for slip in self._slips:
-            slip.stick_slip.end_iterations()
-
-    def _count(self) -> None:
-        self.num_iterations += self.snes.getIterationNumber()
-        self.num_linear_iterations += self.snes.getLinearSolveIterations()
-
-    def _raise_error(self, reason: int) -> typing.NoReturn:
-        linear_reason = self.snes.getKSP().getConvergedReason()
-        forget_failure(self.snes)
-        raise ConvergenceError(
-            reason,
-            self.residual_history,
-            self._all_active(),
-            linear_reason,
-            self.violation_history,
-        )
-
-    def _all_active(self) -> list[list[int]]:
-        counts = np.array(self.active_history, dtype=np.int64)
-        return typing.cast(list[list[int]], self.comm.allreduce(counts, op=MPI.SUM).tolist())
-
-    def _augment(self) -> None:
-        """Update λ̂ and solve again, until the gaps that multipliers hold are closed."""
-        contacts = [contact for contact in self.contacts if contact.augmented]
-        if not contacts:
-            return
-        augmentation = Augmentation(contacts)
-        with self._same_accuracy():
-            while True:
-                gaps = [contact.violation() for contact in contacts]
-                self.violation_history.append(max(gaps))
-                if all(g <= c.allowed_gap for g, c in zip(gaps, contacts, strict=True)):
-                    return
-                if len(self.violation_history) > MAX_AUGMENTATIONS:
-                    self._raise_error(NOT_CLOSED)
-                augmentation.update()
-                self._equilibrate()
-
-    @property
-    def num_augmentations(self) -> int:
-        """Updates of the multipliers in the last solve."""
-        return max(len(self.violation_history) - 1, 0)
 
     # --- State
 
@@ -428,35 +264,6 @@ class ContactProblem(ContactSystem):
         for body in self.bodies:
             body.destroy()
 
-    # --- Callbacks
-
-    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        f.array[:] = self._evaluate(x.array_r)
-
-    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
-        # SNES usually asks for the tangent where it evaluated the residual last.
-        moved = not np.array_equal(x.array_r, self._evaluated)
-        if self.comm.allreduce(moved, op=MPI.LOR):
-            self._evaluate(x.array_r)
-        for slip in self._slips:
-            slip.note()
-        fingerprints = [body.fingerprint for body in self.bodies]
-        if self.solver == "amg" and self._krylov.needs_hierarchy(fingerprints):
-            self._assemble_bulk()
-            with self.watch.stage("solve"):
-                self._krylov.make_hierarchy(self._matrix, fingerprints)
-        changed = self._assemble()
-        if self._schur is not None:
-            self._schur.update(self.snes.getKSP(), self._matrix)
-        if self._krylov is not None:
-            self._krylov.choose_type(self.symmetric)
-            self._krylov.set_tolerance(self._norms, changed)
-
-    def _monitor(self, snes: PETSc.SNES, iteration: int, norm: float) -> None:
-        self.residual_history.append(norm)
-        self._norms = [*(self._norms if iteration else []), norm]
-        self.active_history.append([contact.num_active_local() for contact in self.contacts])
-
     # --- First guess and near-nullspace
 
     def _predict(self) -> None:
@@ -467,7 +274,7 @@ class ContactProblem(ContactSystem):
         """
         assert self._rigid is not None
         residual = self._evaluate(self._x.array_r)
-        self._first_norm = float(np.sqrt(self.comm.allreduce(residual @ residual, op=MPI.SUM)))
+        self._first_norm = self._norm(residual)
         motions = self._rigid.free_motions
         if not self.contacts or motions.shape[1] == 0 or min(self._moduli) == 0:
             return

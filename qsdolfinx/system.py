@@ -51,6 +51,9 @@ class ContactSystem:
                 if i is not None:
                     self.bodies[i].axisymmetric = contact.slave.axisymmetric
         self._kind = kind
+        for body in self.bodies:
+            if kind == "mpi" and body.V.dofmap.index_map_bs > 1:
+                body.matrix_type = PETSc.Mat.Type.BAIJ
         #: Wall time that this rank has spent in conversion and in the solver.
         self.watch = Stopwatch()
         self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
@@ -156,8 +159,10 @@ class ContactSystem:
 
     def _destroy_matrices(self) -> None:
         """Free the matrices; in parallel petsc4py would keep them. Collective."""
-        for thing in {self._tangent, self.blocks} - {None}:
-            thing.destroy()
+        if isinstance(self._tangent, Monolithic):
+            self._tangent.destroy()
+        if self.blocks is not None:
+            self.blocks.destroy()
         if self._rigid is not None:
             self._rigid.destroy()
         self.blocks = self._tangent = self._matrix = self._rigid = None

@@ -13,11 +13,12 @@ from scenes import WORLD
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parent.parent / "bench"))
 
+from machine import circumstances
 from speed_cases import Kind
 from speed_forging import Forging
 from speed_front import curves as curves_of
 from speed_front import factors, faults, front, points, standings
-from speed_vs_error import circumstances, hopeless, measure, run_once
+from speed_vs_error import hopeless, measure, run_once
 
 NODAL, OVERLAY, AUGMENTED, TWO = (
     Kind("quasi-symmetric", "nodal", "penalty"),
@@ -90,7 +91,7 @@ def result():
     rows, reference = measure("hertz2d", [0, 1], 1, kinds)
     return (
         made_up(NODAL=[None])
-        | circumstances()
+        | circumstances(1)
         | {
             "title": "Hertz 2D",
             "case": "hertz2d",

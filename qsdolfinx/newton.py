@@ -1,0 +1,287 @@
+"""Newton's method and the updates of augmented multipliers."""
+
+from __future__ import annotations
+
+import contextlib
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.augmentation import Augmentation
+from qsdolfinx.bulk import Body
+from qsdolfinx.contact import Contact
+from qsdolfinx.drive import Drive
+from qsdolfinx.krylov import Krylov
+from qsdolfinx.schur import Schur
+from qsdolfinx.slip import Slip
+from qsdolfinx.solver import (
+    NOT_BALANCED,
+    NOT_CLOSED,
+    ConvergenceError,
+    forget_failure,
+    line_search,
+)
+from qsdolfinx.system import ContactSystem
+
+Array = npt.NDArray[np.float64]
+
+#: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
+MAX_AUGMENTATIONS = 100
+
+#: Residual after an update of the multipliers, relative to that before, with which the next may be
+#: made. Anderson's combination of earlier updates needs no more.
+INNER = 1e-3
+
+#: Residual, relative to the first one, below which rounding errors are.
+ROUNDING = 1e-13
+
+#: Solves with friction in a row in which nodes that slip to and fro may be made to stick.
+MAX_ATTEMPTS = 3
+
+
+class Newton(ContactSystem):
+    """Solves a :class:`ContactSystem` from where it is; see :class:`ContactProblem`.
+
+    Args:
+        bodies: The bodies.
+        contacts: Contacts between them.
+        kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
+    """
+
+    #: PETSc's nonlinear solver.
+    snes: PETSc.SNES
+    #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
+    solver: str
+    #: Whether the line search is the default and not the user's choice.
+    has_full_steps: bool
+    #: Prepares the linear solves of an iterative preset.
+    _krylov: Krylov | None
+    _schur: Schur | None
+    _drive: Drive
+    _first_norm: float
+
+    def __init__(
+        self, bodies: typing.Sequence[Body], contacts: typing.Sequence[Contact], kind: str
+    ) -> None:
+        super().__init__(bodies, contacts, kind)
+        #: Norm of the residual at each iteration of the last solve.
+        self.residual_history: list[float] = []
+        #: Active rows of each contact at each iteration of the last solve, over all ranks.
+        self.active_history: list[list[int]] = []
+        #: Largest gap that an augmented multiplier leaves, after each of its updates.
+        self.violation_history: list[float] = []
+        #: Newton iterations of the last solve, over all updates of the multipliers.
+        self.num_iterations = 0
+        #: Iterations of the linear solver in them.
+        self.num_linear_iterations = 0
+        self._norms: list[float] = []
+
+    @property
+    def num_augmentations(self) -> int:
+        """Updates of the multipliers in the last solve."""
+        return max(len(self.violation_history) - 1, 0)
+
+    def _equilibrate(self) -> None:
+        """Solve for the multipliers at hand, with tools that a force drives in balance."""
+        self._run_snes()
+        if self._drive.tools:
+            with self._same_accuracy():
+                balanced = self._drive.balance(self.bodies, self._respond, self._follow)
+            if not balanced:
+                self._raise_error(NOT_BALANCED)
+
+    def _respond(self, load: Array) -> Array:
+        """Change of the owned unknowns under a small load, by the tangent at the solution."""
+        for slip in self._slips:
+            slip.stick_slip.begin_iterations(False)  # the exact tangent
+        self._assemble()
+        ksp = self.snes.getKSP()
+        ksp.setOperators(self._matrix, self._matrix)
+        b, y = self._x.duplicate(), self._x.duplicate()
+        b.array[:] = load
+        if self._krylov is not None:
+            self._krylov.set_exact()
+        with self.watch.stage("solve"):
+            ksp.solve(b, y)
+        if ksp.getConvergedReason() < 0:
+            self._raise_error(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
+        change = y.array_r.copy()
+        b.destroy()
+        y.destroy()
+        return change
+
+    def _follow(self, change: Array) -> None:
+        """Solve from changed unknowns; without success they are as before."""
+        before = self._x.array.copy()
+        self._x.array[:] += change
+        try:
+            self._run_snes()
+        except ConvergenceError:
+            self._x.array[:] = before
+            raise
+
+    @contextlib.contextmanager
+    def _accuracy(self, rtol: float, atol: float) -> typing.Iterator[None]:
+        """End Newton's method inside the block by these norms of the residual."""
+        kept = self.snes.getTolerances()
+        self.snes.setTolerances(rtol, atol, *kept[2:])
+        try:
+            yield
+        finally:
+            self.snes.setTolerances(*kept)
+
+    @property
+    def _final_norm(self) -> float:
+        """Norm of the residual that a solution may have."""
+        rtol, atol, _, _ = self.snes.getTolerances()
+        return max(atol, rtol * self._first_norm)
+
+    def _same_accuracy(self) -> contextlib.AbstractContextManager[None]:
+        """Solve as exactly as at first, not by the same factor again."""
+        return self._accuracy(self.snes.getTolerances()[0], self._final_norm)
+
+    def _first_accuracy(self) -> contextlib.AbstractContextManager[None]:
+        """Of the solve before the first update of multipliers."""
+        if self._is_loose:
+            return self._accuracy(INNER, self._final_norm)
+        return contextlib.nullcontext()
+
+    def _run_snes(self) -> None:
+        """Solve for the multipliers at hand."""
+        self._iterate(0)
+        if not self._slips:
+            return
+        attempt = 0
+        with self._same_accuracy():
+            while self.comm.allreduce(any([slip.unsettled() for slip in self._slips]), op=MPI.LOR):
+                attempt += 1
+                self._iterate(attempt)
+
+    @property
+    def _slips(self) -> list[Slip]:
+        """Slips of all contacts; none without friction."""
+        return [slip for contact in self.contacts for slip in contact.slips]
+
+    def _iterate(self, attempt: int) -> None:
+        """Newton's method, with full steps or else with a line search.
+
+        Args:
+            attempt: Counts those with friction from the same first guess on.
+        """
+        first_guess = self._x.copy()
+        database = PETSc.Options(self.snes.getOptionsPrefix())
+        full_steps = database.getString("snes_linesearch_type", "") == "basic"
+        for slip in self._slips:
+            slip.stick_slip.begin_iterations(full_steps and attempt < MAX_ATTEMPTS)
+        with self.watch.stage("solve"):
+            self.snes.solve(None, self._x)
+        self._count()
+        if self.snes.getConvergedReason() < 0 and self.has_full_steps:
+            first_guess.copy(self._x)
+            forget_failure(self.snes)
+            for slip in self._slips:
+                slip.stick_slip.begin_attempt()
+                slip.stick_slip.begin_iterations(False)
+            with line_search(self.snes), self.watch.stage("solve"):
+                self.snes.solve(None, self._x)
+            self._count()
+        first_guess.destroy()
+        if self.snes.getConvergedReason() <= 0:
+            self._raise_error(self.snes.getConvergedReason())
+        self._evaluate(self._x.array_r)  # a line search may have ended elsewhere
+        for slip in self._slips:
+            slip.stick_slip.end_iterations()
+
+    def _count(self) -> None:
+        self.num_iterations += self.snes.getIterationNumber()
+        self.num_linear_iterations += self.snes.getLinearSolveIterations()
+
+    def _raise_error(self, reason: int) -> typing.NoReturn:
+        linear_reason = self.snes.getKSP().getConvergedReason()
+        forget_failure(self.snes)
+        raise ConvergenceError(
+            reason,
+            self.residual_history,
+            self._all_active(),
+            linear_reason,
+            self.violation_history,
+        )
+
+    def _norm(self, residual: Array) -> float:
+        return float(np.sqrt(self.comm.allreduce(residual @ residual, op=MPI.SUM)))
+
+    def _all_active(self) -> list[list[int]]:
+        counts = np.array(self.active_history, dtype=np.int64)
+        return typing.cast(list[list[int]], self.comm.allreduce(counts, op=MPI.SUM).tolist())
+
+    def _augment(self) -> None:
+        """Update λ̂ and solve again, until the gaps that multipliers hold are closed."""
+        contacts = [contact for contact in self.contacts if contact.augmented]
+        if not contacts:
+            return
+        augmentation = Augmentation(contacts)
+        final, loose = self._final_norm, self._is_loose
+        while True:
+            gaps = [contact.violation() for contact in contacts]
+            self.violation_history.append(max(gaps))
+            if all(g <= c.allowed_gap for g, c in zip(gaps, contacts, strict=True)):
+                if not loose or self._norms[-1] <= final:
+                    return
+                loose = False
+                with self._accuracy(0.0, final):
+                    self._equilibrate()
+                continue
+            if len(self.violation_history) > MAX_AUGMENTATIONS:
+                self._raise_error(NOT_CLOSED)
+            augmentation.update()
+            # What the update adds is to be solved for, however small it is.
+            norm = INNER * self._norm(self._evaluate(self._x.array_r))
+            norm = norm if loose else min(norm, final)
+            with self._accuracy(0.0, max(norm, INNER * final, ROUNDING * self._first_norm)):
+                self._equilibrate()
+
+    @property
+    def _is_loose(self) -> bool:
+        """Whether solves between updates of the multipliers need not be exact."""
+        inexact = self._krylov is not None and self._krylov.chooses_tolerance
+        augmented = any(contact.augmented for contact in self.contacts)
+        return inexact and augmented and not self._slips and not self._drive.tools
+
+    # --- Callbacks
+
+    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        f.array[:] = self._evaluate(x.array_r)
+
+    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
+        # SNES usually asks for the tangent where it evaluated the residual last.
+        moved = not np.array_equal(x.array_r, self._evaluated)
+        if self.comm.allreduce(moved, op=MPI.LOR):
+            self._evaluate(x.array_r)
+        for slip in self._slips:
+            slip.note()
+        if self.solver == "amg":
+            self._prepare_multigrid()
+        changed = self._assemble()
+        if self._schur is not None:
+            self._schur.update(self.snes.getKSP(), self._matrix)
+        if self._krylov is not None:
+            self._krylov.choose_type(self.symmetric)
+            self._krylov.set_tolerance(self._norms, changed)
+
+    def _prepare_multigrid(self) -> None:
+        """Choose multigrid's coarse spaces where there are none that fit. Collective."""
+        fingerprints = [body.fingerprint for body in self.bodies]
+        assert self._krylov is not None
+        if self._krylov.needs_hierarchy(fingerprints):
+            self._assemble_bulk()
+            with self.watch.stage("solve"):
+                self._krylov.make_hierarchy(self._matrix, fingerprints)
+
+    def _monitor(self, snes: PETSc.SNES, iteration: int, norm: float) -> None:
+        self.residual_history.append(norm)
+        self._norms = [*(self._norms if iteration else []), norm]
+        self.active_history.append([contact.num_active_local() for contact in self.contacts])
