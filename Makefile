@@ -10,13 +10,14 @@ TEST_TIMEOUT = 1500
 # The command of `make demo`.
 DEMO = python3 demos/patch_test.py --plot patch_test.png
 
-.PHONY: help demo test lint format image clean
+.PHONY: help demo test bench-check lint format image clean
 .NOTPARALLEL:
 
 help:
 	@echo 'make demo      run the patch test and draw patch_test.png'
 	@echo 'make test      run the tests with $(RANKS) MPI ranks'
 	@echo 'make test-N    run them with N ranks (RANKS="1 4": with 1 and 4; PYTEST="-k gap": some of them)'
+	@echo 'make bench-check  compare ratios of speed and memory with recorded ones'
 	@echo 'make lint      check style and types'
 	@echo 'make format    format Python and C++'
 	@echo 'make image     build a container image and run the tests in it (docker, podman or buildah)'
@@ -32,6 +33,9 @@ test-1:
 
 test-%:
 	$(DOLFINX) timeout --foreground $(TEST_TIMEOUT) mpirun -n $* python3 -m pytest $(PYTEST)
+
+bench-check:
+	$(DOLFINX) python3 bench/check.py
 
 lint:
 	@scripts/lint

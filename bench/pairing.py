@@ -26,6 +26,8 @@ import argparse
 import gc
 import json
 import os
+import pathlib
+import sys
 import time
 
 os.environ["IGL_NUM_THREADS"] = "1"  # before libigl counts the cores
@@ -37,6 +39,10 @@ from scipy.spatial import cKDTree
 
 import basix.ufl
 from dolfinx import fem, geometry, mesh
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from machine import circumstances
 
 import qsdolfinx as qs
 from qsdolfinx import _cpp
@@ -254,7 +260,7 @@ def main():
             worst = max(worst, row.get("libigl", {}).get("agreement", 0.0))
     if a.json:
         with open(a.json, "w") as file:
-            json.dump(result, file, indent=2)
+            json.dump(circumstances(1) | result, file, indent=1)
     if worst > TARGET:
         raise SystemExit(f"distances differ from libigl's by {worst:.1e} of the surface")
 

@@ -147,6 +147,8 @@ class Monolithic:
         limits = np.array([[size], [total - size]], dtype=PETSc.IntType)
         room = np.minimum(room, limits)
         matrix.setPreallocationNNZ((room[0], room[1]))
+        # On a rank without rows PETSc takes it for unset, and assembly would wait for the others.
+        matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
         return matrix
 
 
