@@ -1,0 +1,100 @@
+"""Whether anything has become slower: ratios measured in one run against recorded ones.
+
+Every figure is a ratio of two measurements of this run, or a count, so that the machine matters
+little: contact against one body without it (seconds, memory, Krylov iterations; bench/scaling.py),
+pairing against SciPy's k-d tree (bench/pairing.py), the overlay against nodal quadrature. The least
+of the repeats counts. Ends with 1 if a figure is more than 25 % worse than the recorded one.
+
+    make bench-check
+    python3 bench/check.py --record
+"""
+
+import argparse
+import json
+import pathlib
+import sys
+import types
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from scaling import CONTACT, start
+
+RECORD = pathlib.Path(__file__).resolve().parent / "results" / "ratios.json"
+#: How much worse than recorded a figure may be.
+ALLOWED = 1.25
+CELLS = 20
+
+
+def scene(quadrature, enforcement):
+    """Options of bench/scaling.py."""
+    return types.SimpleNamespace(
+        cell="hexahedron", quadrature=quadrature, enforcement=enforcement, no_fixed=True
+    )
+
+
+def ratios_of_solving():
+    """Contact against a bonded body of as many unknowns, on one rank."""
+    out = {}
+    overlay = scene("overlay", "penalty")
+    bonded = start("bonded", CELLS, 1, overlay)
+    for name, model, options in (
+        ("tied", "tied", overlay),
+        ("unilateral", "unilateral", overlay),
+        ("unilateral, augmented", "unilateral", scene("overlay", "augmented-lagrangian")),
+        ("unilateral, nodal", "unilateral", scene("nodal", "penalty")),
+    ):
+        row = start(model, CELLS, 1, options)
+        out[f"{name}: seconds over bonded"] = row["seconds"] / bonded["seconds"]
+        out[f"{name}: memory over bonded"] = row["MiB"] / bonded["MiB"]
+        out[f"{name}: Krylov iterations over bonded"] = row["iterations"] / bonded["iterations"]
+        contact = sum(row["stages"][stage] for stage in CONTACT)
+        out[f"{name}: contact over bulk assembly"] = contact / row["stages"]["bulk assembly"]
+    return out
+
+
+def ratios_of_pairing():
+    """Pairing against the nearest vertex by SciPy."""
+    from pairing import measure
+
+    out = {}
+    for facet in ("triangle", "quadrilateral"):
+        row = measure(facet, 100, 3, 0)
+        tree = sum(row["k-d tree"].values())
+        for step in ("update", "pairing"):
+            out[f"{step}, {facet}: time over k-d tree"] = row["qsdolfinx"][step] / tree
+    return out
+
+
+def least(runs):
+    """Of each figure."""
+    return {name: min(run[name] for run in runs) for name in runs[0]}
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--record", action="store_true", help="write what is measured")
+    parser.add_argument("--repeats", type=int, default=3)
+    p = parser.parse_args()
+    figures = least([ratios_of_solving() for _ in range(p.repeats)])
+    figures |= least([ratios_of_pairing() for _ in range(p.repeats)])
+    if p.record:
+        from machine import circumstances
+
+        RECORD.write_text(json.dumps(circumstances(1) | {"ratios": figures}, indent=1) + "\n")
+    recorded = json.loads(RECORD.read_text())["ratios"]
+    worse = 0
+    print(f"{'':55}{'recorded':>10}{'now':>10}")
+    for name, value in figures.items():
+        before = recorded.get(name)
+        bad = before is not None and value > ALLOWED * before
+        worse += bad
+        was = f"{before:10.3f}" if before is not None else f"{'-':>10}"
+        print(f"{name:55}{was}{value:10.3f}{'  worse' if bad else ''}")
+    print(f"{worse} of {len(figures)} figures are more than {ALLOWED - 1:.0%} worse")
+    sys.exit(worse > 0)
+
+
+if __name__ == "__main__":
+    main()
