@@ -33,8 +33,8 @@ Array = npt.NDArray[np.float64]
 MAX_AUGMENTATIONS = 100
 
 #: Residual after an update of the multipliers, relative to that before, with which the next may be
-#: made. Anderson's combination of earlier updates needs no more.
-INNER = 1e-3
+#: made. With 1e-3 Anderson's combination of earlier updates can fail on the errors.
+INNER = 1e-4
 
 #: Residual, relative to the first one, below which rounding errors are.
 ROUNDING = 1e-13

@@ -83,3 +83,14 @@ def test_a_gap_that_cannot_be_closed_is_told():
     total = WORLD.allreduce(int(error is not None))
     assert total == WORLD.size
     assert error.reason_name == "GAP_NOT_CLOSED" and len(error.violation_history) > 100
+
+
+@pytest.mark.parametrize("solver", ("direct", "amg"))
+def test_loose_newton(solver):
+    """What an update of the multipliers adds is solved for, be it below Newton's tolerance."""
+    pair, _ = scene("hexahedron")
+    problem = pair.problem(solver=solver, petsc_options={"snes_rtol": 1e-4})
+    problem.solve()
+    updates, gap = problem.num_augmentations, problem.violation_history[-1]
+    assert gap <= pair.contact.allowed_gap
+    assert updates < 15

@@ -64,3 +64,38 @@ def test_options_on_top():
     _, problem = solution("triangle", "amg", options={"ksp_type": "fgmres", "ksp_rtol": 1e-9})
     ksp = problem.snes.getKSP()
     assert ksp.getType() == "fgmres" and np.isclose(ksp.getTolerances()[0], 1e-9)
+
+
+@pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
+def test_multigrid_over_the_size(law):
+    """Krylov iterations of a Newton step hardly grow, and bulk matrices are assembled once."""
+    most, assemblies = [], []
+    for n in ((5, 4), (15, 12)):
+        pair = Pair("hexahedron", n=n, contact_options={})
+        options = {"law": law(), "quadrature": "overlay", "enforcement": "augmented-lagrangian"}
+        pair.contact = qs.Contact(pair.slave, pair.master, **options)
+        problem = pair.problem(solver="amg", petsc_options={"ksp_rtol": 1e-8})
+        counts = []
+        problem.snes.getKSP().setMonitor(lambda ksp, i, norm, counts=counts: counts.append(i))
+        problem.solve()
+        most.append(max(counts))
+        assemblies += [body.num_assemblies for body in problem.bodies]
+        problem.destroy()
+    assert 3 < most[0] and most[1] < min(2.2 * most[0], 60)  # cells are flat slabs
+    assert set(assemblies) == {1}
+
+
+def test_inexact_steps():
+    """Fewer Krylov iterations than with exact ones, for the same solution."""
+    counts, found = [], []
+    for options in ({}, {"ksp_rtol": 1e-10}):
+        pair = Pair("hexahedron", n=(8, 6), contact_options={})
+        pair.contact = qs.Contact(pair.slave, pair.master, enforcement="augmented-lagrangian")
+        problem = pair.problem(solver="amg", petsc_options=options)
+        problem.solve()
+        counts.append(problem.num_linear_iterations)
+        found.append(problem._x.array_r.copy())
+        problem.destroy()
+    error = largest(found[0] - found[1]) / largest(found[1])
+    assert counts[0] < 0.75 * counts[1]
+    assert error < 1e-7
