@@ -68,9 +68,8 @@ bool LocalSearch::beside(const Candidate& c, const Vec3& p) const
 {
   const Vec3 n = surface_.normal(c.facet, c.point.xi), d = p - c.point.x;
   const double height = dot(d, n), offset = norm(d - height * n);
-  return offset
-             > std::max(overhang_tolerance * surface_.facets().size[c.facet], 2 * std::abs(height))
-         && surface_.on_surface_boundary(c.facet, c.point.xi);
+  return offset > overhang_tolerance * surface_.facets().size[c.facet]
+         && (offset > 2 * std::abs(height) || surface_.on_surface_boundary(c.facet, c.point.xi));
 }
 
 bool LocalSearch::faces(const Candidate& c, const Vec3& normal) const

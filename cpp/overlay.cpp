@@ -97,9 +97,11 @@ struct ShapeValues
       for (int i = 0; i < 4; ++i)
         missing[i] -= w[p] * N[p][i];
     }
+    // Functions sum to one also where a nearly folded facet's integrals are not quite exact.
+    const double rest = (missing[0] + missing[1] + missing[2] + missing[3]) / 4;
     for (auto& values : N)
       for (int i = 0; i < 4; ++i)
-        values[i] += missing[i] / area;
+        values[i] += (missing[i] - rest) / area;
   }
 };
 
@@ -151,6 +153,8 @@ private:
       if (dot(n, outward) >= 0)
         continue;
       PlanarFacet other(nearby_.type, nearby_.facet_x(g), frame);
+      if (!other.unfolded()) // warped, and seen from the side: it faces this one in part at most
+        continue;
       intersect(other.polygon(), planar.polygon(), polygon_);
       const double piece = measure(polygon_);
       if (!(piece > sliver_tolerance * area))
@@ -158,7 +162,8 @@ private:
       covered += piece;
       pieces_.push_back({g, std::move(other), polygon_});
     }
-    folded_ = covered > (1 + 1e-9) * area;
+    // Only where the whole facet is covered once it is known that no two pieces overlap.
+    overlapping_ = pieces_.size() > 1 && std::abs(covered - area) > 1e-9 * area;
   }
 
   /// Signed distance of the other facet from q, along the outward normal of the facet that is cut.
@@ -209,7 +214,7 @@ private:
       const Vec3 y = facet_point(nearby_.type, z, there.xi[p]);
       const Vec3 outward = normal(f, here.xi[p], piece.other, there.xi[p]);
       const double gap = dot(y - x, outward);
-      if (std::abs(gap) > radius_ || (folded_ && is_hidden(piece, q_[p], gap, x, outward)))
+      if (std::abs(gap) > radius_ || (overlapping_ && is_hidden(piece, q_[p], gap, x, outward)))
         continue;
       // A curved quadrilateral has more area than its projection.
       const double stretch
@@ -257,7 +262,7 @@ private:
   const OverlayRules& rules_;
   // Of the facet at hand.
   std::vector<Piece> pieces_;
-  bool folded_ = false;
+  bool overlapping_ = false; // whether pieces may
   // Reused storage.
   std::vector<std::size_t> candidates_;
   Polygon polygon_;

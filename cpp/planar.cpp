@@ -8,6 +8,7 @@ namespace
 {
 constexpr double inverse_tolerance = 1e-14;
 constexpr int inverse_max_iterations = 30;
+constexpr double fold_tolerance = 1e-6; // smallest Jacobian over the largest
 
 bool is_interval(const Polygon& p) { return p.size() == 2; }
 
@@ -103,6 +104,8 @@ void qsdolfinx::append_points(const Polygon& p, const Rule& rule, std::vector<Ve
   {
     const Vec2 s = p[k] - p[0], t = p[k + 1] - p[0];
     const double area = 0.5 * cross(s, t);
+    if (area <= 0) // vertices that coincide but for rounding
+      continue;
     for (std::size_t i = 0; i < rule.w.size(); ++i)
     {
       x.push_back(p[0] + rule.x[i][0] * s + rule.x[i][1] * t);
@@ -139,6 +142,10 @@ PlanarFacet::PlanarFacet(FacetType type, std::span<const double> v, const Frame&
     if (affine_)
       c_ = {0, 0};
     polygon_ = {q[0], q[1], q[3], q[2]};
+    // The Jacobian is linear in ξ and in η: its extremes are those at the corners.
+    const auto [low, high] = std::minmax(
+        {cross(a_, b_), cross(a_, b_ + c_), cross(a_ + c_, b_), cross(a_ + c_, b_ + c_)});
+    unfolded_ = low > fold_tolerance * high || high < fold_tolerance * low;
   }
   if (measure(polygon_) < 0)
     polygon_.reverse();

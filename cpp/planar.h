@@ -82,6 +82,9 @@ public:
   /// Whether the map from the reference facet is affine; else it is that of a general
   /// quadrilateral.
   bool affine() const { return affine_; }
+  /// Whether the map turns nowhere over. A quadrilateral that is not flat may fold where it is seen
+  /// from the side; nothing can then be inverted or clipped.
+  bool unfolded() const { return unfolded_; }
   /// Reference coordinates of a point of the facet, by Newton's method if the map is not affine.
   Vec2 invert(const Vec2& q) const;
   /// |∂q/∂ξ|, area per reference area.
@@ -95,7 +98,7 @@ public:
 private:
   FacetType type_;
   Vec2 x0_, a_, b_{0, 0}, c_{0, 0}; // q = x0 + ξ a + η b + ξη c
-  bool affine_ = true;
+  bool affine_ = true, unfolded_ = true;
   Polygon polygon_;
 };
 

@@ -21,9 +21,27 @@ ClosestPoint make(FacetType type, std::span<const double> v, std::array<double, 
   return {xi, x, norm(x - p)};
 }
 
+/// Distances that differ by less are equal, and places that are nearer to each other the same;
+/// parts of a quadrilateral's size.
+constexpr double minima_tie = 1e-10, same_place = 1e-3;
+
 void keep_nearer(ClosestPoint& best, const ClosestPoint& other)
 {
   if (other.distance < best.distance)
+    best = other;
+}
+
+/// Keeps one of two minima of a patch. Of two that are equally far, but in different places, it is
+/// the one whose coordinates come first, in whatever order the facet's vertices are.
+void keep_minimum(ClosestPoint& best, const ClosestPoint& other, double size)
+{
+  const Vec3 d = other.x - best.x;
+  const bool tie = std::abs(other.distance - best.distance) <= minima_tie * size;
+  if (!tie || dot(d, d) <= same_place * same_place * size * size)
+    return keep_nearer(best, other);
+  const double* first
+      = std::ranges::find_if(d, [&](double c) { return std::abs(c) > same_place * size / 2; });
+  if (first != d.end() && *first < 0)
     best = other;
 }
 
@@ -83,13 +101,15 @@ struct Patch
     return s > 0 && t > 0 && s * t > off + 2 * half * far;
   }
 
+  double size() const { return norm(x3 - x0) + norm(x2 - x1); }
+
   /// Closest point of the four edges.
   ClosestPoint on_edges() const
   {
     ClosestPoint best = at({segment_parameter(x0, x1, p), 0});
-    keep_nearer(best, at({0, segment_parameter(x0, x2, p)}));
-    keep_nearer(best, at({1, segment_parameter(x1, x3, p)}));
-    keep_nearer(best, at({segment_parameter(x2, x3, p), 1}));
+    keep_minimum(best, at({0, segment_parameter(x0, x2, p)}), size());
+    keep_minimum(best, at({1, segment_parameter(x1, x3, p)}), size());
+    keep_minimum(best, at({segment_parameter(x2, x3, p), 1}), size());
     return best;
   }
 
@@ -160,13 +180,13 @@ ClosestPoint on_quadrilateral(std::span<const double> v, const Vec3& p)
   ClosestPoint best = patch.on_edges();
   if (convex && patch.rises_inward(best))
     return best;
-  keep_nearer(best, patch.at(xi));
+  keep_minimum(best, patch.at(xi), patch.size());
   for (double s : {0.25, 0.75})
     for (double t : {0.25, 0.75})
     {
       xi = {s, t};
       patch.newton(xi);
-      keep_nearer(best, patch.at(xi));
+      keep_minimum(best, patch.at(xi), patch.size());
     }
   return best;
 }

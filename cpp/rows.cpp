@@ -1,6 +1,7 @@
 #include "rows.h"
 
 #include <algorithm>
+#include <functional>
 #include <stdexcept>
 
 using namespace qsdolfinx;

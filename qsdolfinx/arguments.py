@@ -29,6 +29,16 @@ def check_sequences(**arguments: typing.Any) -> None:
             raise TypeError(f"{name}: must be a list, not {type(value).__name__}")
 
 
+def check_options(prefix: typing.Any, options: typing.Any) -> None:
+    """Refuse options that PETSc's database cannot hold."""
+    if not isinstance(prefix, (str, type(None))):
+        raise TypeError(f"petsc_options_prefix: must be a string, not {prefix!r}")
+    if options is not None and not (
+        isinstance(options, dict) and all(isinstance(key, str) for key in options)
+    ):
+        raise TypeError("petsc_options: must be a dictionary of options without the prefix")
+
+
 def _contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
     """Whether a C++ function space is that of V or one of its sub-spaces."""
     part = getattr(part, "_cpp_object", part)
@@ -65,6 +75,8 @@ def check_arguments(
         raise ValueError(f'kind: must be "mpi" or "nest", not {kind!r}')
     if any(not isinstance(contact, Contact) for contact in contacts):
         raise ValueError("contacts: must be a list of qsdolfinx.Contact")
+    if len({id(contact) for contact in contacts}) < len(contacts):
+        raise ValueError("contacts: one of them is in the list twice")
     comm = u[0].function_space.mesh.comm
     for i, function in enumerate(u):
         if any(function.function_space == other.function_space for other in u[:i]):
@@ -72,6 +84,8 @@ def check_arguments(
         other = function.function_space.mesh.comm
         if MPI.Comm.Compare(comm, other) not in (MPI.IDENT, MPI.CONGRUENT):
             raise ValueError("u: all meshes must be on the same ranks in the same order")
+    if not all(isinstance(bc, fem.DirichletBC) for entry in bcs for bc in entry):
+        raise TypeError("bcs: must be a list of lists of dolfinx.fem.DirichletBC")
     for i, (function, conditions) in enumerate(zip(u, bcs, strict=True)):
         if not all(_contains(function.function_space, bc.function_space) for bc in conditions):
             raise ValueError(f"bcs: entry {i} has a condition on a space other than that of u[{i}]")

@@ -10,18 +10,19 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.collective import collective_errors
 from qsdolfinx.gap import WeightedGap, handle_of
 from qsdolfinx.laws import Law
-from qsdolfinx.results import ContactResults
 from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.slip import Slip
+from qsdolfinx.status import ContactFields
 from qsdolfinx.timing import Stopwatch
 
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T")
 
 
-class ContactAssembly(ContactResults):
+class ContactAssembly(ContactFields):
     """Evaluation for the problem; of a rigid tool there is None in the place of what is given."""
 
     law: Law
@@ -29,6 +30,8 @@ class ContactAssembly(ContactResults):
     gap_tolerance: float
     _penalty: float | None
     _touching: float
+    #: Whether a gap that is open by rounding alone counts as open; for the problem.
+    strict: bool = False
     _facet_size: float
     _tool_version: int
     #: Wall time that this rank has spent in pairing, gaps and insertion.
@@ -86,8 +89,10 @@ class ContactAssembly(ContactResults):
         That is ∂Φ/∂u at the last evaluation, and the work of friction.
         """
         with self.watch.stage("gap"):
-            for p in self.passes:
-                p.add_forces(p.multiplier(self.eps), self.ordered(p, (slave, master)))
+            with collective_errors(self.comm):  # a law may be the user's
+                multipliers = [p.multiplier(self.eps) for p in self.passes]
+            for p, multiplier in zip(self.passes, multipliers, strict=True):
+                p.add_forces(multiplier, self.ordered(p, (slave, master)))
             for slip in self.slips:
                 slip.add_forces(self.ordered(slip.gap, (slave, master)))
 
@@ -145,7 +150,7 @@ class ContactAssembly(ContactResults):
 
     def slope(self, p: WeightedGap) -> Array:
         """∂λ/∂ḡ at the rows of a pass, at the last evaluation."""
-        return p.slope(self.eps, self._touching)
+        return p.slope(self.eps, 0.0 if self.strict else self._touching)
 
     def ordered(self, p: WeightedGap, of_bodies: tuple[T, ...]) -> tuple[T, ...]:
         """Things of the slave's and the master's body in the order of a pass."""

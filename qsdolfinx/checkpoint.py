@@ -16,6 +16,7 @@ import basix
 from dolfinx import fem, mesh
 
 from qsdolfinx.collective import collective_errors
+from qsdolfinx.compat import cell_nodes, coordinate_element
 
 Array = npt.NDArray[np.float64]
 Keys = npt.NDArray[np.int64]
@@ -63,6 +64,22 @@ class Checkpoint:
             if self._comm.rank == 0:
                 shutil.rmtree(aside, ignore_errors=True)
                 aside.mkdir(parents=True)
+        try:
+            self._write(aside, functions, meshes, dict(values), identities)
+        except Exception:
+            if self._comm.rank == 0:  # nobody writes any more
+                shutil.rmtree(aside, ignore_errors=True)
+            raise
+
+    def _write(
+        self,
+        aside: pathlib.Path,
+        functions: typing.Mapping[str, fem.Function],
+        meshes: typing.Mapping[str, tuple[mesh.Mesh, Array]],
+        values: dict[str, typing.Any],
+        identities: dict[str, list[int]],
+    ) -> None:
+        """Write all files into the new folder, and put it in the place of the old one."""
         with collective_errors(self._comm):
             arrays: dict[str, npt.NDArray[typing.Any]] = {}
             for name, function in functions.items():
@@ -77,7 +94,7 @@ class Checkpoint:
             np.savez(aside / f"{self._comm.rank}.npz", **arrays)  # type: ignore[arg-type]
         with collective_errors(self._comm):
             if self._comm.rank == 0:
-                content = {"ranks": self._comm.size, "values": dict(values), "of": identities}
+                content = {"ranks": self._comm.size, "values": values, "of": identities}
                 (aside / _MANIFEST).write_text(json.dumps(content))
                 self._replace(aside)
 
@@ -194,7 +211,7 @@ def _identities(
 def _digest(comm: MPI.Intracomm, msh: mesh.Mesh) -> int:
     """Sum of digests of the cells' sorted input numbers. Collective."""
     count = msh.topology.index_map(msh.topology.dim).size_local
-    nodes = np.sort(msh.geometry.input_global_indices[msh.geometry.dofmap[:count]], axis=1)
+    nodes = np.sort(msh.geometry.input_global_indices[cell_nodes(msh)[:count]], axis=1)
     digest = np.zeros(count, dtype=np.uint64)
     for column in nodes.astype(np.uint64).T:
         digest = (digest + column + np.uint64(1)) * np.uint64(6364136223846793005)
@@ -257,9 +274,9 @@ def _leaf_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
     msh, layout = V.mesh, V.dofmap.dof_layout
     topology = _cell_topology(msh)
     vertex_count = len(topology[0])
-    geometry_layout = msh.geometry.cmap.create_dof_layout()
+    geometry_layout = coordinate_element(msh).create_dof_layout()
     places = [geometry_layout.entity_dofs(0, v)[0] for v in range(vertex_count)]
-    nodes = msh.geometry.input_global_indices[msh.geometry.dofmap[:, places]]
+    nodes = msh.geometry.input_global_indices[cell_nodes(msh)[:, places]]
     bs = layout.block_size
     unrolled = V.dofmap.list
     if V.dofmap.bs == bs:

@@ -32,9 +32,8 @@ def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
         comm: Communicator of the ranks that take part.
 
     Raises:
-        Exception: Whatever was raised inside the block on any rank. Other ranks than the one that
-            raised it get a RuntimeError in its place if it is not a built-in exception made from
-            a single text.
+        Exception: Whatever was raised inside the block on any rank. Ranks that did not raise it get
+            a RuntimeError in its place if it is not a built-in exception made from a single text.
     """
     error: Exception | None = None
     try:
@@ -49,6 +48,9 @@ def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
         assert error is not None
         raise error
     kind = {k.__name__: k for k in _PLAIN}.get(name)
+    if kind is None and type(error).__name__ == name:
+        assert error is not None
+        raise error
     raise (RuntimeError(f"{name}: {text}") if kind is None else kind(text)) from error
 
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.advice import advise
 from qsdolfinx.checks import check_choice, check_positive
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact_arguments import check_friction, check_surfaces
@@ -17,8 +18,10 @@ from qsdolfinx.friction import Friction
 from qsdolfinx.gap import WeightedGap
 from qsdolfinx.kinematics import Kinematics
 from qsdolfinx.laws import Law, Unilateral
+from qsdolfinx.overclosure import Overclosure
 from qsdolfinx.pairing import Pairing
 from qsdolfinx.quadrature import NORMALS, QUADRATURES, check_quadrature, pair
+from qsdolfinx.report import ContactReport, make_report
 from qsdolfinx.results import TWO_PASSES
 from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.surface import Surface, update_surfaces
@@ -89,11 +92,21 @@ class Contact(ContactMotion):
             of the problem, unless the solve is part of ``ContactProblem.one_step``.
         friction_penalty: ε in tangential direction (stress per length); by default that of the
             gaps. Not used by ``qs.Norton``.
+        initial_overclosure: What becomes of penetration at the first pairing, before anything has
+            moved. ``"resolve"``: it is a misfit as any other, and the next solve presses the bodies
+            apart (an interference fit; :meth:`allow_overclosure` does so gradually). ``"ignore"``:
+            it counts as no gap, without strain, for good: each node keeps its depth. ``"error"``:
+            it is refused. Points deeper than the search radius are not paired, and not seen. A tie
+            leaves any gap as it is; with it the first two are the same.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
             surfaces share facets or differ in dimension or communicator.
         TypeError: If a surface or the law is of another type.
+
+    Warns:
+        ContactWarning: If hardly anything is paired, the master is much finer and sampled at nodes,
+            or the surfaces penetrate each other deeply.
     """
 
     def __init__(
@@ -113,6 +126,7 @@ class Contact(ContactMotion):
         dt: float | None = None,
         friction: Friction | None = None,
         friction_penalty: float | None = None,
+        initial_overclosure: str = "resolve",
     ) -> None:
         law = Unilateral() if law is None else law
         # Without surfaces there is no communicator of ours to agree on the error with.
@@ -139,6 +153,7 @@ class Contact(ContactMotion):
                 check_positive("search_radius", search_radius)
             check_positive("gap_tolerance", gap_tolerance)
             check_friction(friction, friction_penalty, law, slave)
+            overclosure = Overclosure(initial_overclosure)
             kinematics = Kinematics(unknown, dt, friction is not None and friction.needs_dt)
             degree = check_quadrature(slave, master, quadrature, quadrature_degree)
         check_agreement(
@@ -156,6 +171,7 @@ class Contact(ContactMotion):
             dt=dt,
             friction=friction,
             friction_penalty=friction_penalty,
+            initial_overclosure=initial_overclosure,
         )
         self.slave = slave
         self.master = master
@@ -169,6 +185,8 @@ class Contact(ContactMotion):
         self._kinematics = kinematics
         self._offset = None
         self.passes = []
+        #: Penetration at the first pairing: its ``depth``, and the ``part`` that is let be.
+        self.overclosure = overclosure
         self.tangential = None
         if friction is not None:
             self.tangential = Tangential(friction, slave, friction_penalty)
@@ -178,7 +196,13 @@ class Contact(ContactMotion):
         self._given_radius = None if search_radius is None else float(search_radius)
         self._automatic = penalty == "auto"
         self._penalty = None if penalty == "auto" else float(penalty)
+        #: How ε was chosen.
+        self.penalty_source = "automatic, at the first solve" if penalty == "auto" else "given"
+        #: Mean K_kk / S_k (stress per length) at the contact nodes of the slave and of a deformable
+        #: master, when matrices were last made.
+        self.stiffness: tuple[float, ...] = ()
         self._pair()
+        advise(self)
 
     # --- Pairing
 
@@ -236,6 +260,9 @@ class Contact(ContactMotion):
                         augmented=self.augmented,
                     )
                 )
+            if self.version == 0:
+                self.overclosure.read(self.passes, self._facet_size)
+            self.overclosure.apply(self.passes)
             if self.tangential is not None:
                 self.tangential.pair(self.passes, self.quadrature == "overlay")
                 if self.version > 0:
@@ -244,6 +271,18 @@ class Contact(ContactMotion):
                 self.set_multipliers_on_nodes(kept)
             self.set_motion()
             self.version += 1
+
+    def allow_overclosure(self, part: float) -> None:
+        """Set the part of the initial overclosure that is not resolved, from 0 to 1. Collective.
+
+        Ramped from 1 to 0 over some solves, or in a stepper's ``drive``, it shrinks an interference
+        fit on gradually, where bodies are nonlinear or overclosed by much of an element.
+
+        Raises:
+            ValueError: If it is not from 0 to 1, the same on all ranks.
+        """
+        self.overclosure.allow(self.comm, part)
+        self.overclosure.apply(self.passes)
 
     def _continue_step(self) -> None:
         """Let slip count from where the bodies and the tool are now, however they got there.
@@ -304,6 +343,11 @@ class Contact(ContactMotion):
         """ε, stress per length; None as long as an automatic one has not been computed."""
         return self._penalty
 
+    @property
+    def has_automatic_penalty(self) -> bool:
+        """Whether ε is, or is going to be, computed from the stiffness of the bodies."""
+        return self._automatic
+
     def set_penalty(self, penalty: float) -> None:
         """Set ε, stress per length, for the solves to come. Collective.
 
@@ -315,6 +359,7 @@ class Contact(ContactMotion):
         check_agreement(self.comm, penalty=penalty)
         self._penalty = float(penalty)
         self._automatic = False
+        self.penalty_source = "given"
 
     @property
     def needs_penalty(self) -> bool:
@@ -326,6 +371,17 @@ class Contact(ContactMotion):
         flows = self.augmented and "velocity" in self.unknown
         return self._automatic and (self._penalty is None or flows)
 
-    def set_automatic_penalty(self, penalty: float) -> None:
-        """Set ε, stress per length, from the bodies' stiffness; for the problem."""
-        self._penalty = penalty
+    def set_automatic_penalty(self, penalty: float, source: str) -> None:
+        """Set ε, stress per length, from the bodies' stiffness as ``source`` says; internal."""
+        self._penalty, self.penalty_source = penalty, source
+
+    # --- Report
+
+    def report(self) -> ContactReport:
+        """What the contact is and does, to print as a table. Collective.
+
+        Pairing, gaps and active nodes as at the last evaluation, penalty and what it means for
+        linear solvers, nodes that no force reaches. The same on all ranks; it costs about as much
+        as a nodal pairing.
+        """
+        return make_report(self)

@@ -50,4 +50,4 @@ def check_friction(friction: typing.Any, penalty: typing.Any, law: Law, slave: S
         raise ValueError("friction: tied contact sticks already; leave it out, or use Unilateral()")
     for name, value in friction.parameters.items():
         if isinstance(value, fem.Function) and value.function_space.mesh is not slave.mesh:
-            raise ValueError(f"{name}: the Function must be on the mesh of the slave")
+            raise ValueError(f"friction: {name}: the Function must be on the mesh of the slave")

@@ -7,7 +7,7 @@ from petsc4py import PETSc
 from dolfinx import fem
 
 from qsdolfinx.assembly import ContactAssembly
-from qsdolfinx.checks import check_positive
+from qsdolfinx.checks import check_positive, check_type
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.gap import handle_of
 from qsdolfinx.kinematics import Kinematics
@@ -36,6 +36,11 @@ class ContactMotion(ContactAssembly):
     def scale(self) -> tuple[float, float]:
         """Displacement per unknown of the slave's and the master's body: 1 or Δt."""
         return self._kinematics.scale
+
+    @property
+    def offset(self) -> tuple[PETSc.Vec | None, PETSc.Vec | None]:
+        """Displacements (length) beside those of the unknowns, see :meth:`set_offset`."""
+        return self._offset or (None, None)
 
     def set_dt(self, dt: float) -> None:
         """Set Δt (time) for the solves to come. Collective.
@@ -83,6 +88,7 @@ class ContactMotion(ContactAssembly):
         vec = surface.create_vec() if isinstance(surface, Surface) else None
         with collective_errors(self.comm):
             if function is not None:
+                check_type(name, function, fem.Function, "a dolfinx.fem.Function, or None")
                 dofmap = function.function_space.dofmap
                 owned = dofmap.index_map.size_local * dofmap.index_map_bs
                 if vec is None or len(vec.array_r) != owned:

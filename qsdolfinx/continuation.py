@@ -9,18 +9,26 @@ import typing
 from mpi4py import MPI
 
 import numpy as np
+import numpy.typing as npt
 
 from dolfinx import fem
 
+from qsdolfinx.checks import check_type
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.problem import ContactProblem
 from qsdolfinx.solver import ConvergenceError, line_search
+
+Array = npt.NDArray[np.float64]
 
 #: Largest factor between the rate sensitivities of two solves.
 FACTOR = 4.0
 
 #: Smallest part of the way that is tried.
 SMALLEST_STEP = 1 / 64
+
+#: Largest last step of Newton's method, relative to the unknowns, after which a solve from the
+#: unknowns at hand is taken for converged, and how many solves may follow each other until then.
+SETTLED, MAX_SOLVES = 1e-3, 10
 
 #: Line search. Where a body hardly flows, full steps change the viscosity for small m by orders of
 #: magnitude, until the matrix is singular to working precision. Of PETSc's line searches this is
@@ -54,6 +62,7 @@ def solve_with_continuation(
     Raises:
         ConvergenceError: If the smallest step fails; unknowns, multipliers and m are as before.
     """
+    check_type("problem", problem, ContactProblem, "a ContactProblem")
     constants = [m] if isinstance(m, fem.Constant) else m
     values = [target] if isinstance(target, (int, float, np.number)) else target
     with collective_errors(problem.comm):
@@ -75,17 +84,45 @@ def solve_with_continuation(
             moving = problem.comm.allreduce(any(np.any(x) for x in start), op=MPI.LOR)
             if moving and before == targets:
                 with contextlib.suppress(ConvergenceError):
-                    problem.solve()
-                    return [(1.0, problem.num_iterations)]
+                    iterations = _settle(problem)
+                    if iterations is not None:
+                        return [(1.0, iterations)]
+                _restore(problem, start, multipliers)
             return _follow(problem, set_to, min(targets))
-        except Exception:
-            for u, array in zip(problem.u, start, strict=True):
-                u.x.array[:] = array
-            for contact, kept in zip(problem.contacts, multipliers, strict=True):
-                contact.set_known_multipliers(kept)
+        except BaseException:  # Ctrl-C, too
+            _restore(problem, start, multipliers)
             for constant, value in zip(constants, before, strict=True):
                 constant.value = value
             raise
+
+
+def _restore(
+    problem: ContactProblem, start: typing.Sequence[Array], multipliers: typing.Sequence[typing.Any]
+) -> None:
+    """Put unknowns and multipliers back."""
+    for u, array in zip(problem.u, start, strict=True):
+        u.x.array[:] = array
+    for contact, kept in zip(problem.contacts, multipliers, strict=True):
+        contact.set_known_multipliers(kept)
+
+
+def _settle(problem: ContactProblem) -> int | None:
+    """Solve from the unknowns at hand, and again until Newton's steps have become small.
+
+    SNES measures its tolerance by the first residual. Where the rate jumps that is the new velocity
+    times the old viscosity, beside which anything is small.
+
+    Returns:
+        Newton iterations, or None if they have not become small.
+    """
+    iterations = 0
+    for _ in range(MAX_SOLVES):
+        problem.solve()
+        iterations += problem.num_iterations
+        update, x = problem.snes.getSolutionUpdate(), problem.snes.getSolution()
+        if update.norm() <= SETTLED * x.norm():
+            return iterations
+    return None
 
 
 def _follow(

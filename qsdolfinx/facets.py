@@ -11,6 +11,7 @@ import basix
 from dolfinx import fem, mesh
 
 from qsdolfinx import _cpp
+from qsdolfinx.compat import cell_nodes
 from qsdolfinx.surface_arguments import FACET_VERTICES, cell_of, trace_degree
 from qsdolfinx.unknowns import dofs_at, facet_places, vertex_points
 
@@ -47,7 +48,7 @@ class FacetLayout(typing.NamedTuple):
         assert degree is not None
         places = facet_places(V, degree)[local]
         dofs = dofs_at(V, cells[:, None], places).reshape(n, places.shape[1], gdim)
-        cell_points = np.ascontiguousarray(msh.geometry.dofmap[cells], dtype=np.int32)
+        cell_points = np.ascontiguousarray(cell_nodes(msh)[cells], dtype=np.int32)
         return cls(points.reshape(n, nv), cell_points, *_global_numbers(V, dofs))
 
     def checked_coordinates(self, msh: mesh.Mesh) -> tuple[Array, Array]:

@@ -70,6 +70,7 @@ class WeightedGap:
         self.points = points
         self.law = law
         self.slave_only = slave_only
+        self.by_cover = by_cover
         self.operator = _cpp.GapOperator(
             slave._cpp_object,
             master._cpp_object if isinstance(master, Surface) else None,
@@ -87,6 +88,8 @@ class WeightedGap:
         shape = (self.operator.num_rows, self.operator.width)
         #: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
         self.values: Array = np.zeros(shape)
+        #: Gap (length) at each row that is no penetration: overclosure that is let be.
+        self.allowance: Array = np.zeros(shape[0])
         if not law.jump:
             self.values[:, 0] = -self.operator.initial_gap
         #: Displacement per unknown of the slave's and of the master's body.
@@ -103,7 +106,12 @@ class WeightedGap:
         self.values = self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.scale)
         self.values += self.offset + self.shift
         if not self.law.jump:
-            self.values[:, 0] -= self.operator.initial_gap
+            self.values[:, 0] -= self.operator.initial_gap + self.allowance
+
+    def allow(self, allowance: Array) -> None:
+        """Set the gaps (length) of the rows that count as none."""
+        self.values[:, 0] += self.allowance - allowance
+        self.allowance = allowance
 
     def change(self, field: Affine) -> Array:
         """How ḡ changes when a rigid tool is displaced by this field. Collective."""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import os
 import pathlib
 import sys
 import typing
 
 from mpi4py import MPI
 
+from qsdolfinx.checks import check_file, check_type
 from qsdolfinx.collective import collective_errors
+from qsdolfinx.progress import bar
 from qsdolfinx.stepper import TimeStepper
 
 
@@ -20,6 +23,7 @@ def step_row(stepper: TimeStepper) -> dict[str, float]:
         Step, time, Δt, Newton iterations and failed attempts; for each contact the force on the
         slave, the area in contact and the deepest penetration; the volume of each mesh.
     """
+    check_type("stepper", stepper, TimeStepper, "a TimeStepper")
     row: dict[str, float] = {
         "step": stepper.num_steps,
         "t": stepper.t,
@@ -49,6 +53,9 @@ class History:
         verbose: Whether to print.
         append: Whether to go on with a file that is there, after a restart: lines with ``t`` before
             that of the first new one are kept.
+
+    Raises:
+        OSError: If the folder of the file is missing.
     """
 
     def __init__(
@@ -62,10 +69,11 @@ class History:
         #: All lines that were added, on every rank.
         self.rows: list[dict[str, float]] = []
         self._comm, self._writes = comm, comm.rank == 0
-        self._path = None if filename is None else pathlib.Path(filename)
+        with collective_errors(comm):
+            self._path = None if filename is None else check_file("filename", filename)
         self._append = append
         self._verbose = verbose and self._writes
-        self._bar = _bar(t_end) if self._verbose and sys.stderr.isatty() else None
+        self._bar = bar(t_end) if self._verbose and sys.stderr.isatty() else None
 
     def add(self, row: typing.Mapping[str, float]) -> None:
         """Add a line; the first one names the columns, its ``t`` moves the bar. Collective.
@@ -75,6 +83,9 @@ class History:
             OSError: If it cannot be written.
         """
         with collective_errors(self._comm):
+            check_type("row", row, typing.Mapping, "a dictionary")
+            if "t" not in row:
+                raise ValueError("row: needs a column t, the time")
             columns = list(self.rows[0] if self.rows else row)
             if set(row) != set(columns):
                 raise ValueError(f"row: must have the columns {', '.join(columns)}")
@@ -95,8 +106,15 @@ class History:
             if self._append and path.exists():
                 lines = _earlier(path, columns, row["t"]) + lines
             lines.insert(0, {column: column for column in columns})
-        with path.open("a" if self.rows else "w", newline="") as file:
-            csv.DictWriter(file, columns).writerows(lines)
+        if self.rows:
+            _append(path, columns, lines)
+            return
+        aside = path.with_name(path.name + ".new")
+        try:
+            _append(aside, columns, lines, "w")
+            aside.replace(path)
+        finally:
+            aside.unlink(missing_ok=True)
 
     def close(self) -> None:
         """End the progress bar."""
@@ -112,6 +130,23 @@ def _short(value: float) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
+def _append(
+    path: pathlib.Path,
+    columns: list[str],
+    lines: list[typing.Mapping[str, typing.Any]],
+    mode: str = "a",
+) -> None:
+    """Add lines to a file, whole ones or none."""
+    size = path.stat().st_size if mode == "a" and path.exists() else 0
+    try:
+        with path.open(mode, newline="") as file:
+            csv.DictWriter(file, columns).writerows(lines)
+    except OSError:
+        if path.exists():
+            os.truncate(path, size)
+        raise
+
+
 def _earlier(path: pathlib.Path, columns: list[str], t: float) -> list[dict[str, typing.Any]]:
     """Lines of a file before a time: a run may have gone on after the checkpoint."""
     with path.open(newline="") as file:
@@ -119,12 +154,3 @@ def _earlier(path: pathlib.Path, columns: list[str], t: float) -> list[dict[str,
         if table.fieldnames is not None and list(table.fieldnames) != columns:
             raise ValueError(f"filename: {path} has other columns")
         return [line for line in table if float(line["t"]) < t]
-
-
-def _bar(t_end: float) -> typing.Any:
-    """Progress bar over time, None without tqdm."""
-    try:
-        import tqdm
-    except ImportError:
-        return None
-    return tqdm.tqdm(total=t_end, unit="t", bar_format="{l_bar}{bar}| t = {n:.4g} of {total:.4g}")

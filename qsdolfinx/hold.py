@@ -9,6 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.additive import Additive
 from qsdolfinx.blocks import Blocks, Sides
 from qsdolfinx.bulk import Body
 from qsdolfinx.contact import Contact
@@ -17,7 +18,7 @@ from qsdolfinx.rigid import RigidMotion, displacement_space
 from qsdolfinx.unknowns import owned_vertices
 
 Array = npt.NDArray[np.float64]
-Tangent = Blocks | Monolithic
+Tangent = Blocks | Monolithic | Additive
 
 #: What is added to the diagonal of the tangent, relative to its mean.
 SHIFT = 1e-9

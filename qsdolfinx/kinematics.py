@@ -29,8 +29,8 @@ class Kinematics:
     def __init__(
         self, unknown: str | typing.Sequence[str], dt: float | None, rates: bool = False
     ) -> None:
-        both = (unknown, unknown) if isinstance(unknown, str) else tuple(unknown)
-        if len(both) != 2:
+        both = (unknown, unknown) if isinstance(unknown, str) else unknown
+        if not isinstance(both, typing.Sequence) or len(both) != 2:
             raise ValueError("unknown: must be one name, or one for the slave and the master")
         for name in both:
             check_choice("unknown", name, UNKNOWNS)

@@ -1,4 +1,4 @@
-"""The Krylov solvers of large problems: their type, their tolerance, and multigrid's hierarchy."""
+"""The Krylov solvers of large problems: type, tolerance, and when multigrid's spaces are stale."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from qsdolfinx.additive import Additive
+from qsdolfinx.multigrid import Multigrid
 from qsdolfinx.presets import EXACT, GMRES_RESTART
 
 #: Relative tolerance of a linear solve after which the active set may still change.
@@ -18,10 +20,6 @@ SAFETY = 0.3
 
 #: Bounds of the relative tolerance of a linear solve.
 _TIGHTEST, _LOOSEST = 1e-12, 0.1
-
-#: Steps of the smoother on all levels between the finest and the coarsest, where they cost little
-#: and aggregates of aggregates need them.
-COARSE_SWEEPS = 8
 
 #: A hierarchy is made anew when a linear solve takes this many times the iterations of its first.
 STALE = 1.5
@@ -43,11 +41,14 @@ class Krylov:
         self._chooses_type = "ksp_type" not in given
         #: Whether the user leaves the tolerance of linear solves to this class.
         self.chooses_tolerance = not {"ksp_rtol", "ksp_atol", "snes_ksp_ew"} & set(given)
-        self._chooses_smoothing = not any(option.startswith("mg_levels_") for option in given)
+        self._multigrid: Multigrid | None = None
         self.forget()
 
     def forget(self) -> None:
-        """There is a new matrix. Collective."""
+        """Free multigrid: there is, or will be, a new matrix. Collective."""
+        if self._multigrid is not None:
+            self._multigrid.destroy()
+        self._multigrid = None
         self._hierarchy: list[bytes] | None = None
         self._first_pace: float | None = None
         self._solved = False
@@ -67,35 +68,40 @@ class Krylov:
             stale = pace > STALE * self._first_pace
         return self._hierarchy != fingerprints or stale
 
-    def make_hierarchy(self, bulk: PETSc.Mat, fingerprints: list[bytes]) -> None:
+    def make_hierarchy(
+        self, tangent: Additive, modes: typing.Sequence[list[PETSc.Vec]], fingerprints: list[bytes]
+    ) -> None:
         """Choose multigrid's coarse spaces for the bodies without contact. Collective.
 
-        Aggregates of unknowns then lie within one body each, and the coarse spaces have its rigid
-        modes: bodies can slide along each other on all levels. Contact enters the coarse matrices
-        (Galerkin), whose spaces stay while its active set changes.
+        They stay while contact's active set changes.
+
+        Args:
+            tangent: The tangent, of the bulk alone.
+            modes: Rigid modes of each body.
+            fingerprints: What linear bodies' tangents depend on.
         """
-        pc = self._ksp.getPC()
-        pc.reset()
-        pc.setOperators(bulk, bulk)
-        pc.setUp()
-        if self._chooses_smoothing:
-            for level in range(1, pc.getMGLevels() - 1):
-                pc.getMGSmoother(level).setTolerances(max_it=COARSE_SWEEPS)
         self.forget()
+        self._multigrid = Multigrid(self._ksp.getPC(), tangent, modes)
         self._hierarchy = fingerprints
+
+    def update(self) -> None:
+        """Follow a tangent that has changed. Collective."""
+        if self._multigrid is not None:
+            self._multigrid.update()
 
     def choose_type(self, symmetric: bool) -> None:
         """Conjugate gradients, or GMRES for a tangent that is not symmetric."""
         kind = PETSc.KSP.Type.CG if symmetric else PETSc.KSP.Type.GMRES
-        if not self._chooses_type or self._ksp.getType() in (kind, PETSc.KSP.Type.FGMRES):
+        if not self._chooses_type or self._ksp.getType() == PETSc.KSP.Type.FGMRES:
             return
-        self._ksp.setType(kind)
-        if not symmetric:
-            self._ksp.setGMRESRestart(GMRES_RESTART)
-            self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
-        else:
-            self._ksp.setPCSide(PETSc.PC.Side.LEFT)
-        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        if self._ksp.getType() != kind:
+            self._ksp.setType(kind)
+            if not symmetric:
+                self._ksp.setGMRESRestart(GMRES_RESTART)
+                self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
+            else:
+                self._ksp.setPCSide(PETSc.PC.Side.LEFT)
+        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # Newton's method ends by it
 
     def set_tolerance(self, norms: typing.Sequence[float], changed: bool) -> None:
         """Solve as exactly as it takes to end, or to find out which contacts close.

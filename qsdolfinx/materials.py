@@ -18,7 +18,7 @@ import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
-from qsdolfinx.checks import check_positive
+from qsdolfinx.checks import check_positive, check_type
 
 #: A number, a fem.Constant, a fem.Function or any other scalar of UFL.
 Scalar = typing.Any
@@ -82,6 +82,7 @@ def linear_elastic(u: Expression, E: Scalar, nu: Scalar, axisymmetric: bool = Fa
         axisymmetric: Whether the coordinates are (r, z).
     """
     _check_positive(E=E)
+    _check_scalar("nu", nu)
     value = _value(nu)
     if value is not None and not -1 < value < 0.5:
         raise ValueError(f"nu: must be above -1 and below 0.5, not {value!r}")
@@ -104,6 +105,8 @@ def neo_hookean_energy(
         lmbda: Lamé's first parameter at small strains, a stress.
         axisymmetric: Whether the coordinates are (r, z).
     """
+    _check_positive(mu=mu)
+    _check_scalar("lmbda", lmbda)
     F = _deformation_gradient(u, axisymmetric)
     log_J = ufl.ln(ufl.det(F))
     # The sum of the squared stretches; the one across the plane is 1.
@@ -124,6 +127,7 @@ def neo_hookean(u: Expression, mu: Scalar, lmbda: Scalar, axisymmetric: bool = F
         axisymmetric: Whether the coordinates are (r, z).
     """
     _check_positive(mu=mu)
+    _check_scalar("lmbda", lmbda)
     F = _deformation_gradient(u, axisymmetric)
     inverse = ufl.inv(F).T
     return mu * (F - inverse) + lmbda * ufl.ln(ufl.det(F)) * inverse
@@ -229,7 +233,9 @@ def incompressible(w: fem.Function, stress: Expression, dx: ufl.Measure | None =
     axisymmetric = gdim == 2 and shape == (3, 3)
     if shape != (gdim, gdim) and not axisymmetric:
         raise ValueError(f"stress: must be a tensor of UFL for velocities in {gdim}D")
-    if dx is None:
+    if dx is not None:
+        check_type("dx", dx, ufl.Measure, "a measure of UFL")
+    else:
         # UFL would estimate far more for a power.
         degree = 2 * gdim + axisymmetric
         dx = ufl.Measure("dx", domain=msh, metadata={"quadrature_degree": degree})
@@ -257,5 +263,14 @@ def _check_positive(**parameters: Scalar) -> None:
         value = _value(given)
         if value is not None:
             check_positive(name, value)
-        elif getattr(given, "ufl_shape", None) != ():
-            raise TypeError(f"{name}: must be a number, a Constant, a Function or a scalar of UFL")
+        else:
+            _check_scalar(name, given)
+
+
+def _check_scalar(name: str, given: Scalar) -> None:
+    """Refuse what is neither a finite number or Constant nor a scalar of UFL."""
+    value = _value(given)
+    if value is None and getattr(given, "ufl_shape", None) != ():
+        raise TypeError(f"{name}: must be a number, a Constant, a Function or a scalar of UFL")
+    if value is not None and not math.isfinite(value):
+        raise ValueError(f"{name}: must be finite, not {value!r}")

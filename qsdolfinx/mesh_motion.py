@@ -10,6 +10,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 
+from qsdolfinx.compat import cell_nodes
 from qsdolfinx.rigid import displacement_space
 from qsdolfinx.unknowns import NUM_CELL_VERTICES, vertex_dofs
 
@@ -54,7 +55,8 @@ class MeshMotion:
         cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)[:, None]
         vertices = np.arange(NUM_CELL_VERTICES[topology.cell_type], dtype=np.int32)[None, :]
         dofs = vertex_dofs(V, cells, vertices).reshape(-1, geometry.dim)
-        self._nodes, first = np.unique(geometry.dofmap[cells[:, 0]].ravel(), return_index=True)
+        nodes = cell_nodes(self.mesh)[cells[:, 0]]
+        self._nodes, first = np.unique(nodes.ravel(), return_index=True)
         self._dofs = dofs[first]
         #: Coordinates of the mesh when the object was made, or as :meth:`set_reference` left them.
         self.reference: Array = np.array(geometry.x)
@@ -100,7 +102,7 @@ class MeshMotion:
         """Determinant of the edges at each cell's corners over that of the best shape."""
         geometry, kind = self.mesh.geometry, self.mesh.topology.cell_type
         gdim = geometry.dim
-        x = x[geometry.dofmap][:, :, :gdim]
+        x = x[cell_nodes(self.mesh)][:, :, :gdim]
         simplex = kind in (mesh.CellType.triangle, mesh.CellType.tetrahedron)
         best = (np.sqrt(3) / 2 if gdim == 2 else np.sqrt(0.5)) if simplex else 1.0
         out = []

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.additive import Additive
 from qsdolfinx.augmentation import Augmentation
 from qsdolfinx.bulk import Body
 from qsdolfinx.contact import Contact
@@ -38,6 +39,9 @@ INNER = 1e-4
 
 #: Residual, relative to the first one, below which rounding errors are.
 ROUNDING = 1e-13
+
+#: Iterations in which nodes that are open by rounding alone count as closed.
+LENIENT = 4
 
 #: Solves with friction in a row in which nodes that slip to and fro may be made to stick.
 MAX_ATTEMPTS = 3
@@ -78,12 +82,24 @@ class Newton(ContactSystem):
         self.num_iterations = 0
         #: Iterations of the linear solver in them.
         self.num_linear_iterations = 0
+        #: What was raised in one of PETSc's callbacks.
+        self.failure: BaseException | None = None
         self._norms: list[float] = []
+        #: Residual before a first guess was made over that after, at most 1.
+        self._predicted = 1.0
 
     @property
     def num_augmentations(self) -> int:
         """Updates of the multipliers in the last solve."""
         return max(len(self.violation_history) - 1, 0)
+
+    def _assemble(self) -> bool:
+        """Tangent at the last evaluation, and multigrid for it; whether it has changed."""
+        changed = super()._assemble()
+        if changed and self._krylov is not None:
+            with self.watch.stage("solve"):
+                self._krylov.update()
+        return changed
 
     def _equilibrate(self) -> None:
         """Solve for the multipliers at hand, with tools that a force drives in balance."""
@@ -177,18 +193,15 @@ class Newton(ContactSystem):
         full_steps = database.getString("snes_linesearch_type", "") == "basic"
         for slip in self._slips:
             slip.stick_slip.begin_iterations(full_steps and attempt < MAX_ATTEMPTS)
-        with self.watch.stage("solve"):
-            self.snes.solve(None, self._x)
-        self._count()
+        self._run()
         if self.snes.getConvergedReason() < 0 and self.has_full_steps:
             first_guess.copy(self._x)
             forget_failure(self.snes)
             for slip in self._slips:
                 slip.stick_slip.begin_attempt()
                 slip.stick_slip.begin_iterations(False)
-            with line_search(self.snes), self.watch.stage("solve"):
-                self.snes.solve(None, self._x)
-            self._count()
+            with line_search(self.snes):
+                self._run()
         first_guess.destroy()
         if self.snes.getConvergedReason() <= 0:
             self._raise_error(self.snes.getConvergedReason())
@@ -196,9 +209,47 @@ class Newton(ContactSystem):
         for slip in self._slips:
             slip.stick_slip.end_iterations()
 
-    def _count(self) -> None:
+    def _run(self) -> None:
+        """One run of SNES; its absolute tolerance is at least what rounding leaves."""
+        rtol, self._atol, _, _ = self.snes.getTolerances()
+        self.snes.setTolerances(rtol=rtol * self._predicted)
+        try:
+            with self.watch.stage("solve"):
+                self._call_snes()
+        finally:
+            self.snes.setTolerances(rtol=rtol, atol=self._atol)
+            self._set_strict(False)
         self.num_iterations += self.snes.getIterationNumber()
         self.num_linear_iterations += self.snes.getLinearSolveIterations()
+
+    def _call_snes(self) -> None:
+        """Let SNES solve; what a callback raises is raised as it is."""
+        try:
+            self.snes.solve(None, self._x)
+        except PETSc.Error:
+            self._replace_locked()
+            failure, self.failure = self.failure, None
+            if failure is None:
+                raise
+            raise failure from None
+
+    def _replace_locked(self) -> None:
+        """Vectors that PETSc has locked for a callback that raised stay locked: take new ones."""
+        new = [vec.duplicate() for vec in (self._x, self._r)]
+        self._x.copy(new[0])
+        self._x.destroy()
+        self._r.destroy()
+        self._x, self._r = new
+        self._paired = [-1]  # the next solve sets up the solver again
+
+    def _set_strict(self, strict: bool) -> None:
+        """Say whether gaps that are open by rounding alone count as open, without friction.
+
+        At first they count as closed, or bodies that just touch would fall through each other. But
+        they bear no force: with light loads Newton's method would never end with such a tangent.
+        """
+        for contact in self.contacts:
+            contact.strict = strict and contact.tangential is None
 
     def _raise_error(self, reason: int) -> typing.NoReturn:
         linear_reason = self.snes.getKSP().getConvergedReason()
@@ -211,8 +262,9 @@ class Newton(ContactSystem):
             self.violation_history,
         )
 
-    def _norm(self, residual: Array) -> float:
-        return float(np.sqrt(self.comm.allreduce(residual @ residual, op=MPI.SUM)))
+    def _norm(self, owned: Array) -> float:
+        """2-norm of a vector whose owned values these are. Collective."""
+        return float(np.sqrt(self.comm.allreduce(owned @ owned, op=MPI.SUM)))
 
     def _all_active(self) -> list[list[int]]:
         counts = np.array(self.active_history, dtype=np.int64)
@@ -263,9 +315,10 @@ class Newton(ContactSystem):
             self._evaluate(x.array_r)
         for slip in self._slips:
             slip.note()
-        if self.solver == "amg":
-            self._prepare_multigrid()
+        self._prepare_multigrid()
+        self._set_strict(snes.getIterationNumber() >= LENIENT)
         changed = self._assemble()
+        snes.setTolerances(atol=max(self._atol, self._rounding()))
         if self._schur is not None:
             self._schur.update(self.snes.getKSP(), self._matrix)
         if self._krylov is not None:
@@ -274,12 +327,14 @@ class Newton(ContactSystem):
 
     def _prepare_multigrid(self) -> None:
         """Choose multigrid's coarse spaces where there are none that fit. Collective."""
+        if not isinstance(self._tangent, Additive):
+            return
         fingerprints = [body.fingerprint for body in self.bodies]
-        assert self._krylov is not None
+        assert self._krylov is not None and self._rigid is not None
         if self._krylov.needs_hierarchy(fingerprints):
             self._assemble_bulk()
             with self.watch.stage("solve"):
-                self._krylov.make_hierarchy(self._matrix, fingerprints)
+                self._krylov.make_hierarchy(self._tangent, self._rigid.modes, fingerprints)
 
     def _monitor(self, snes: PETSc.SNES, iteration: int, norm: float) -> None:
         self.residual_history.append(norm)

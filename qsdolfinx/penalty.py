@@ -22,6 +22,11 @@ FACTORS = {"nodal": 100.0, "overlay": 5.0}
 #: keeps Krylov solvers fast.
 AUGMENTED_FACTOR = 10.0
 
+#: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
+#: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,
+#: is no longer small beside the tolerances. tests/test_report.py measures both.
+MODERATE, EXTREME = 30.0, 1e7
+
 
 def nodal_stiffness(
     surface: Surface, matrix: PETSc.Mat, constrained: PETSc.Vec, scale: float
@@ -86,3 +91,22 @@ def automatic_penalty(
             "contact surfaces; give a number instead"
         )
     return penalty
+
+
+def source(
+    stiffness: typing.Sequence[float],
+    modulus: typing.Sequence[float],
+    quadrature: str,
+    augmented: bool,
+) -> str:
+    """What :func:`automatic_penalty` has done, in words; arguments as there."""
+    sides = ("slave", "master")
+    if augmented:
+        sizes = [E / k if 0 < k < math.inf else math.inf for k, E in zip(stiffness, modulus)]
+        soft, fine = sides[np.argmin(modulus)], sides[np.argmin(sizes)]
+        return (
+            f"automatic: {AUGMENTED_FACTOR:g} x modulus {min(modulus):.4g} of the {soft} / "
+            f"facet size {min(sizes):.4g} of the {fine}"
+        )
+    soft = sides[np.argmin(stiffness)]
+    return f"automatic: {FACTORS[quadrature]:g} x stiffness {min(stiffness):.4g} of the {soft}"

@@ -13,9 +13,9 @@ _EXTRA_MEMORY = 100
 #: Relative tolerance of a linear solve outside of Newton's method.
 EXACT = 1e-8
 
-#: Aggregation with the bodies' rigid modes. Without smoothed prolongators its set-up costs a fifth;
-#: the W-cycle makes up for that, and for contact, which is stiff beside the coarse levels.
-_AMG: dict[str, typing.Any] = {
+#: Aggregation with the rigid modes. Without smoothed prolongators its set-up costs a fifth; the
+#: W-cycle makes up for that, and for contact, which is stiff beside the coarse levels.
+AGGREGATION: dict[str, typing.Any] = {
     "pc_type": "gamg",
     "pc_gamg_agg_nsmooths": 0,
     "pc_gamg_threshold": 0.02,
@@ -25,6 +25,38 @@ _AMG: dict[str, typing.Any] = {
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "jacobi",
 }
+
+#: Below the first coarse matrix, which takes two W-cycles. Sweeps cost little there.
+_BELOW = AGGREGATION | {
+    "ksp_type": "richardson",
+    "ksp_max_it": 2,
+    "ksp_norm_type": "none",
+    "pc_gamg_aggressive_coarsening": 0,
+    "pc_gamg_reuse_interpolation": True,
+    "mg_levels_ksp_max_it": 4,
+}
+
+#: Prefix of the options of each body's first coarsening, after the problem's.
+FIRST = "aggregation_"
+
+#: That coarsening alone; its matrices are not solved with.
+_FIRST = AGGREGATION | {
+    "pc_gamg_parallel_coarse_grid_solver": True,  # otherwise all of it moves to one rank
+    "mg_levels_ksp_type": "richardson",
+    "mg_levels_pc_type": "none",
+    "mg_coarse_ksp_type": "preonly",
+    "mg_coarse_pc_type": "none",
+}
+
+#: :class:`qsdolfinx.multigrid.Multigrid`.
+_TWO_LEVELS: dict[str, typing.Any] = {
+    "pc_type": "mg",
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_ksp_max_it": 2,
+    "mg_levels_pc_type": "jacobi",
+}
+_TWO_LEVELS |= {f"mg_coarse_{key}": value for key, value in _BELOW.items()}
+_TWO_LEVELS |= {FIRST + key: value for key, value in _FIRST.items()}
 
 _KRYLOV: dict[str, typing.Any] = {
     "ksp_type": "cg",  # GMRES where the tangent is not symmetric
@@ -41,8 +73,7 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
         "pc_factor_mat_solver_type": "mumps",
         "mat_mumps_icntl_14": _EXTRA_MEMORY,
     },
-    # Coarse spaces are those of the bodies without contact: qsdolfinx.krylov.Krylov.
-    "amg": _KRYLOV | _AMG | {"pc_gamg_reuse_interpolation": True},
+    "amg": _KRYLOV | _TWO_LEVELS,
     # One V-cycle for each body, one body after the other and back.
     "fieldsplit": _KRYLOV
     | {"pc_type": "fieldsplit", "pc_fieldsplit_type": "symmetric_multiplicative"},
@@ -53,7 +84,7 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
 ITERATIVE = ("amg", "fieldsplit", "schur")
 
 #: Options of each body's block with "fieldsplit", after "fieldsplit_I_".
-BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | _AMG
+BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | AGGREGATION
 
 #: Unknowns in 2D and 3D from which on multigrid is taken: see ``bench/presets.py``.
 LARGE = {2: 1_000_000, 3: 40_000}

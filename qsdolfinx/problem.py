@@ -14,16 +14,19 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from qsdolfinx.arguments import check_arguments, check_sequences, communicator
+from qsdolfinx.arguments import check_arguments, check_options, check_sequences, communicator
+from qsdolfinx.balance import check_balance
 from qsdolfinx.bulk import Body
-from qsdolfinx.checks import check_choice
+from qsdolfinx.checks import check_choice, check_flag
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
 from qsdolfinx.krylov import Krylov
+from qsdolfinx.log import say, summary
 from qsdolfinx.newton import Newton
 from qsdolfinx.predictor import BALANCED, Foundation
 from qsdolfinx.presets import BLOCK, ITERATIVE, PRESETS, pick
+from qsdolfinx.reach import check_reach
 from qsdolfinx.schur import Forms, Schur, check_schur, has_schur
 from qsdolfinx.solver import (
     ConvergenceError,
@@ -43,7 +46,7 @@ class ContactProblem(Newton):
     Φ is the energy of all contacts. Every body has its own mesh. The unknowns of a rank are those
     of its part of body 0, then of body 1, and so on. The tangent is a MatNest (``blocks.nest``)
     with the bulk forms and contact on the diagonal and contact alone elsewhere; with
-    ``kind="mpi"`` it is converted to AIJ for the linear solver.
+    ``kind="mpi"`` it is one AIJ matrix, or with ``"amg"`` a sum that is never formed.
 
     Args:
         F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``.
@@ -60,11 +63,13 @@ class ContactProblem(Newton):
             moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
             the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with multigrid for
             velocities and displacements, and pressure mass matrices), or ``"auto"``: direct unless
-            the problem is large, which is then printed; nothing of all this if there is any
+            the problem is large, which is then logged; nothing of all this if there is any
             ``ksp_`` or ``pc_`` option.
         pressure_preconditioner: For ``"schur"``: for each body None or a bilinear form on its space
             that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
             sign. By default it is found from the tangent, at the viscosity of each iterate.
+        verbose: Whether to log a line about every solve (rank 0, logger ``"qsdolfinx"``, which
+            prints as long as logging has no handlers).
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
@@ -84,6 +89,7 @@ class ContactProblem(Newton):
         kind: str | None = None,
         solver: str = "auto",
         pressure_preconditioner: Forms = None,
+        verbose: bool = False,
     ) -> None:
         with collective_errors(communicator(u)):
             check_sequences(F=F, u=u, contacts=contacts, bcs=bcs, J=J)
@@ -93,13 +99,22 @@ class ContactProblem(Newton):
             if kind is None:
                 kind = "nest" if solver == "fieldsplit" else "mpi"
             if solver == "amg" and kind == "nest":
-                raise ValueError('kind: solver="amg" needs the AIJ matrix; use "fieldsplit"')
+                raise ValueError('kind: solver="amg" needs kind="mpi"; use "fieldsplit"')
             check_arguments(F, u, contacts, bcs, J, kind)
             check_schur(u, solver, kind, pressure_preconditioner)
-            if not isinstance(petsc_options, (dict, type(None))):
-                raise TypeError("petsc_options: must be a dictionary of options without the prefix")
-        check_agreement(communicator(u), contacts=len(contacts), kind=kind, solver=solver)
+            check_options(petsc_options_prefix, petsc_options)
+            check_flag("verbose", verbose)
+        check_agreement(
+            communicator(u),
+            contacts=len(contacts),
+            kind=kind,
+            solver=solver,
+            petsc_options_prefix=petsc_options_prefix,
+            petsc_options=petsc_options,
+            verbose=verbose,
+        )
         super().__init__([Body(*given) for given in zip(F, u, bcs, J, strict=True)], contacts, kind)
+        self.verbose = bool(verbose)
         self._steps_within = 0
         prefix = petsc_options_prefix
         prefix = f"qsdolfinx_{next(_counter)}_" if prefix is None else prefix
@@ -107,6 +122,7 @@ class ContactProblem(Newton):
         given = petsc_options or {}
         chosen = {*given, *PETSc.Options(prefix).getAll()}
         self.solver = self._pick(solver, prefix, petsc_options or {})
+        self._sums = self.solver == "amg" and "pc_type" not in chosen
         self._schur = None
         if self.solver == "schur":
             self._schur = Schur(self.bodies, pressure_preconditioner)
@@ -129,12 +145,14 @@ class ContactProblem(Newton):
         size, flows = self._x.getSize(), has_schur(self.u)
         name, reason = pick(size, gdim, has_modes, self._kind, flows)
         if name != "direct":
-            PETSc.Sys.Print(f'qsdolfinx: solver="{name}": {reason}', comm=self.comm)
+            say(self.comm, f'solver="{name}": {reason}')
         return name
 
     def _linear_options(self) -> dict[str, typing.Any]:
         """The preset's options."""
         options = dict(PRESETS.get(self.solver, {}))
+        if self.solver == "amg" and not self._sums:  # the user has another preconditioner
+            options = {key: value for key, value in options.items() if key.startswith("ksp_")}
         if self.solver == "fieldsplit":
             for i in range(len(self.bodies)):
                 options |= {f"fieldsplit_{i}_{key}": value for key, value in BLOCK.items()}
@@ -177,8 +195,12 @@ class ContactProblem(Newton):
 
         Raises:
             ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
+
+        Warns:
+            BalanceWarning: If the forces on the two sides differ by much (two-half-pass).
+            ReachWarning: If nodes that were too far away to be paired may have been in contact.
         """
-        with self.one_step():
+        with self.one_step(), summary(self):
             self._solve()
         return self.u
 
@@ -198,10 +220,11 @@ class ContactProblem(Newton):
             with self._first_accuracy():
                 self._equilibrate()
             self._augment()
-        except Exception as error:
+        except BaseException as error:  # Ctrl-C, too
             for contact, kept in zip(self.contacts, multipliers, strict=True):
                 contact.set_known_multipliers(kept)
-            self._drive.restore()
+            if isinstance(error, Exception) or self.comm.size == 1:  # else on this rank alone
+                self._drive.restore()
             for slip in self._slips:
                 slip.stick_slip.begin_solve()
                 slip.stick_slip.end_iterations()
@@ -210,6 +233,9 @@ class ContactProblem(Newton):
             self._restore(start)
             raise
         self.active_history = self._all_active()
+        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
+            check_balance(contact)
+            check_reach(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
 
     # --- State
 
@@ -228,13 +254,13 @@ class ContactProblem(Newton):
             body.u.x.array[:] = array
 
     def _rebuild(self) -> None:
+        if self._krylov is not None:
+            self._krylov.forget()
         super()._rebuild()
         assert self.blocks is not None
         self.snes.reset()
         self.snes.setFunction(weak(self._function), self._r)
         self.snes.setJacobian(weak(self._jacobian), self._matrix, self._matrix)
-        if self._krylov is not None:
-            self._krylov.forget()
         pc = self.snes.getKSP().getPC()
         if pc.getType() == PETSc.PC.Type.FIELDSPLIT:
             # A reset takes the options from the splits: start from scratch.
@@ -254,6 +280,8 @@ class ContactProblem(Newton):
         """
         if not self.snes:
             return
+        if self._krylov is not None:
+            self._krylov.forget()
         self._destroy_matrices()
         if self._schur is not None:
             self._schur.destroy()
@@ -275,6 +303,7 @@ class ContactProblem(Newton):
         assert self._rigid is not None
         residual = self._evaluate(self._x.array_r)
         self._first_norm = self._norm(residual)
+        self._predicted = 1.0
         motions = self._rigid.free_motions
         if not self.contacts or motions.shape[1] == 0 or min(self._moduli) == 0:
             return
@@ -290,3 +319,7 @@ class ContactProblem(Newton):
             for i in range(len(self.bodies)):
                 displacement = self._rigid.displacement(motion, i)
                 self._part(self._x.array, i)[:] += displacement / self._scales[i]
+            # A stiff penalty makes much of the guess's gaps: what counts are the loads.
+            guessed = self._norm(self._evaluate(self._x.array_r))
+            if 0 < self._first_norm < guessed:
+                self._predicted = self._first_norm / guessed

@@ -40,7 +40,8 @@ def check_quadrature(
             'edges\' unknowns of a displacement of degree 2; use quadrature="overlay"'
         )
     if degree is not None:
-        if not isinstance(degree, (int, np.integer)) or degree < 1:
+        whole = isinstance(degree, (int, np.integer)) and not isinstance(degree, bool)
+        if not whole or degree < 1:
             raise ValueError(f"quadrature_degree: must be a positive integer, not {degree!r}")
         return int(degree)
     trace = max(_degree(surface, order) for surface, order in traces)

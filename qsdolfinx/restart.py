@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pathlib
 import typing
 
@@ -11,6 +12,8 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from qsdolfinx.checkpoint import Checkpoint
+from qsdolfinx.checks import check_path, check_type
+from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.contact import Contact
 from qsdolfinx.stepper import TimeStepper
 from qsdolfinx.tangential import Tangential
@@ -32,10 +35,12 @@ def save_run(
         functions: Functions of the user's own, such as accumulated strains.
         values: Numbers of the user's own, such as accumulated work; what JSON can hold.
     """
+    _check(stepper, folder, functions, values)
     multipliers = _multipliers(stepper.problem.contacts)
     state: dict[str, typing.Any] = {name: getattr(stepper, name) for name in _SCALARS}
     state["positions"] = [tool.position.tolist() for tool in stepper.tools]
     state["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
+    state["automatic"] = [contact.has_automatic_penalty for contact in stepper.problem.contacts]
     state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
     state["user"] = dict(values or {})
     Checkpoint(stepper.problem.comm, folder).save(
@@ -62,13 +67,15 @@ def load_run(
         OSError: If there is no checkpoint.
         ValueError: If it is of another run; nothing is changed then.
     """
+    _check(stepper, folder, functions, {})
     contacts = stepper.problem.contacts
     meshes = _meshes(stepper)
     multipliers = _multipliers(contacts)
     functions_of_run = _functions(stepper, functions)
     checkpoint = Checkpoint(stepper.problem.comm, folder)
     values = checkpoint.values()
-    for name, mine in (("positions", stepper.tools), ("penalties", contacts)):
+    of_contacts = ("penalties", contacts), ("automatic", contacts)
+    for name, mine in (("positions", stepper.tools), *of_contacts):
         if len(values.get(name, ())) != len(mine):
             raise ValueError(f"stepper: the checkpoint {folder} is of other contacts or tools")
     checkpoint.load(functions_of_run | multipliers, meshes)
@@ -82,8 +89,10 @@ def load_run(
         rate[:] = functions_of_run[f"rate_{i}"].x.array
     _pair(stepper)
     for i, (contact, penalty) in enumerate(zip(contacts, values["penalties"], strict=True)):
-        if penalty is not None and contact.penalty is None:
-            contact.set_automatic_penalty(penalty)
+        if penalty is not None and values["automatic"][i]:
+            contact.set_automatic_penalty(penalty, "automatic, before the restart")
+        elif penalty is not None:
+            contact.set_penalty(penalty)
         arrays = []
         for j, part in enumerate(contact.parts):
             at_nodes = part.slave.linear.node_values(multipliers[f"multiplier_{i}_{j}"])
@@ -93,6 +102,25 @@ def load_run(
         if contact.tangential is not None:
             _load_slip(contact.tangential, i, multipliers, values["dissipated"][i])
     return typing.cast(dict[str, typing.Any], values["user"])
+
+
+def _check(
+    stepper: typing.Any, folder: typing.Any, functions: typing.Any, values: typing.Any
+) -> None:
+    """Refuse arguments of another type or that differ between ranks. Collective."""
+    check_type("stepper", stepper, TimeStepper, "a TimeStepper")
+    comm = stepper.problem.comm
+    with collective_errors(comm):
+        check_path("folder", folder)
+        check_type("functions", functions or {}, typing.Mapping, "a dictionary of Functions")
+        for name, function in (functions or {}).items():
+            check_type(f"functions: {name!r}", function, fem.Function, "a dolfinx.fem.Function")
+        check_type("values", values or {}, typing.Mapping, "a dictionary")
+        try:
+            json.dumps(dict(values or {}))
+        except (TypeError, ValueError) as error:
+            raise TypeError(f"values: must be what JSON can hold: {error}") from None
+    check_agreement(comm, folder=str(folder), functions=list(functions or {}))
 
 
 def _pair(stepper: TimeStepper) -> None:

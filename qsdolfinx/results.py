@@ -16,6 +16,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.checks import check_choice, check_vector
+from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.gap import WeightedGap
 from qsdolfinx.motion import Affine, affine_vec, skew
 from qsdolfinx.rigid_surface import RigidSurface
@@ -171,40 +172,7 @@ class ContactResults(abc.ABC):
             raise ValueError("friction: this contact has none")
         return self.slips[self.passes.index(p)]
 
-    # --- Fields and forces
-
-    def fields(self, side: str = "slave") -> dict[str, fem.Function]:
-        """Fields to look at: traction, gap (NaN where unpaired: 0) and status. Collective.
-
-        Args:
-            side: ``"slave"`` or ``"master"``. Gap and status belong to the side that carries the
-                multiplier: they are there for the slave, and in double-pass contact for both.
-
-        Returns:
-            Functions of degree 1, zero off the surface: ``"traction"`` (stress, a vector),
-            ``"gap"`` (length, positive in penetration; of tied contact the size of the jump) and
-            ``"status"`` (1 in contact). With friction also ``"tangential_traction"``, and with gap
-            and status ``"slip"`` (length, a vector); the status is then 1 where the node sticks and
-            2 where it slips.
-        """
-        out = {"traction": self.traction(side)}
-        if self.slips:
-            out["tangential_traction"] = self.traction(side, part="tangential")
-        if side == "slave" or self.formulation in TWO_PASSES:
-            surface = self._surface(side)
-            assert isinstance(surface, Surface)
-            linear = surface.linear
-            gap = np.nan_to_num(self.gap(side))
-            size = gap if gap.ndim == 1 else np.linalg.norm(gap, axis=1)
-            status = self.active(side).astype(np.float64)
-            if self.slips:
-                status += self.slipping(side)
-                out["slip"] = linear.function(self.slip(side))
-            for name, values in (("gap", size), ("status", status)):
-                padded = np.zeros((len(values), linear.gdim))
-                padded[:, 0] = values
-                out[name] = linear.function(padded).sub(0).collapse()
-        return out
+    # --- Forces
 
     def patch(self) -> tuple[float, float]:
         """Size of the contact at the last evaluation. Collective.
@@ -223,7 +191,7 @@ class ContactResults(abc.ABC):
         Args:
             side: ``"slave"`` or ``"master"``.
         """
-        surface = self._surface(side)
+        surface = self._agreed(side)
         if isinstance(surface, RigidSurface):
             return -self.force("slave")
         with self._force_vec(side) as vec:
@@ -240,11 +208,13 @@ class ContactResults(abc.ABC):
         Returns:
             Shape (3,), in 2D (1,).
         """
-        surface = self._surface(side)
+        surface = self._agreed(side)
         gdim = self.slave.gdim
         if about is None:
             about = self.master.center if isinstance(self.master, RigidSurface) else np.zeros(gdim)
-        point = check_vector("about", about, gdim)
+        with collective_errors(self.comm):
+            point = check_vector("about", about, gdim)
+        check_agreement(self.comm, about=point.tolist())
         if isinstance(surface, RigidSurface):
             return -self.moment("slave", point)
         out = []
@@ -271,9 +241,11 @@ class ContactResults(abc.ABC):
             if that is a sub-space; for displacements of degree 2 a new one of degree 1, and the
             nodal forces f_k are then those conjugate to this space.
         """
-        check_choice("mass", mass, MASSES)
-        check_choice("part", part, PARTS)
-        surface = self._surface(side)
+        with collective_errors(self.comm):
+            check_choice("mass", mass, MASSES)
+            check_choice("part", part, PARTS)
+        check_agreement(self.comm, mass=mass, part=part)
+        surface = self._agreed(side)
         if isinstance(surface, RigidSurface):
             raise ValueError(
                 "side: a rigid tool has no traction; what acts on it is minus that of the slave"
@@ -284,7 +256,6 @@ class ContactResults(abc.ABC):
     @contextlib.contextmanager
     def _force_vec(self, side: str, part: str = "whole") -> typing.Iterator[PETSc.Vec]:
         """Contact forces on the unknowns of one side's body, of which the reverse is assembled."""
-        self._surface(side)
         master = self.master.create_vec() if isinstance(self.master, Surface) else None
         vecs = self.slave.create_vec(), master
         for p in self.passes if part != "tangential" else ():
@@ -300,6 +271,13 @@ class ContactResults(abc.ABC):
             for vec in vecs:
                 if vec is not None:
                     vec.destroy()
+
+    def _agreed(self, side: str) -> Surface | RigidSurface:
+        """The surface of one side, the same on all ranks. Collective."""
+        with collective_errors(self.comm):
+            surface = self._surface(side)
+        check_agreement(self.comm, side=side)
+        return surface
 
     def _surface(self, side: str) -> Surface | RigidSurface:
         if side not in SIDES:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx import mesh
 
 from qsdolfinx import _cpp, triangulation
-from qsdolfinx.checks import check_positive, check_vector
+from qsdolfinx.checks import check_array, check_flag, check_positive, check_type, check_vector
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.shapes import Plane, Round, Shape
 from qsdolfinx.tool import Tool, padded, unit_vector
@@ -59,6 +59,7 @@ class RigidSurface(Tool):
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the normal is zero.
         """
+        _check_comm(comm)
         with collective_errors(comm):
             x = _point("point", point)
             n = unit_vector("normal", normal, len(x))
@@ -87,9 +88,11 @@ class RigidSurface(Tool):
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the axis is zero, or the radius is not positive.
         """
+        _check_comm(comm)
         with collective_errors(comm):
             x = _point("point", point)
             check_positive("radius", radius)
+            check_flag("inside", inside)
             a = None if len(x) == 2 else unit_vector("axis", axis, 3)
         axis_list = None if a is None else a.tolist()
         check_agreement(comm, point=x.tolist(), axis=axis_list, radius=radius, inside=inside)
@@ -111,9 +114,11 @@ class RigidSurface(Tool):
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the radius is not positive.
         """
+        _check_comm(comm)
         with collective_errors(comm):
             x = _point("center", center)
             check_positive("radius", radius)
+            check_flag("inside", inside)
         check_agreement(comm, center=x.tolist(), radius=radius, inside=inside)
         return cls(comm, x, Round(padded(x), float(radius), bool(inside)))
 
@@ -141,6 +146,7 @@ class RigidSurface(Tool):
                 index is out of range, or a facet has no area, or neighbours are oriented in
                 opposite ways.
         """
+        _check_comm(comm)
         facets, mean = triangulation.scatter(comm, x, triangles)
         return cls(comm, _center(comm, center, mean), facets)
 
@@ -165,6 +171,7 @@ class RigidSurface(Tool):
             ValueError: If the file cannot be read or is no STL file, or as :meth:`triangulated`.
         """
         x, triangles = None, None
+        _check_comm(comm)
         with collective_errors(comm):
             if comm.rank == 0:
                 x, triangles = triangulation.read_stl(filename)
@@ -236,7 +243,8 @@ class RigidSurface(Tool):
         if not isinstance(self._shape, Shape):
             raise ValueError("distance: is known in closed form for analytic shapes only")
         R, t = self._embedded
-        distance, normal = self._shape.distance((np.asarray(x, dtype=np.float64) - t) @ R)
+        points = check_array("x", x, (None, 3))
+        distance, normal = self._shape.distance((points - t) @ R)
         return distance, normal @ R.T
 
     def facets(self, axisymmetric: bool = False) -> _cpp.Surface:
@@ -260,6 +268,11 @@ class RigidSurface(Tool):
         if not isinstance(self._shape, Facets):
             raise ValueError("an analytic shape has no facets")
         return self._shape
+
+
+def _check_comm(comm: MPI.Intracomm) -> None:
+    """Refuse what is no communicator; there is none to agree on that with."""
+    check_type("comm", comm, MPI.Intracomm, "a communicator of mpi4py")
 
 
 def _point(name: str, value: npt.ArrayLike) -> Array:

@@ -14,6 +14,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from qsdolfinx.bulk import Body
+from qsdolfinx.compat import collapse, num_entity_dofs
 
 
 def layout(V: fem.FunctionSpace) -> tuple[int | None, int | None]:
@@ -30,7 +31,7 @@ def layout(V: fem.FunctionSpace) -> tuple[int | None, int | None]:
         raise ValueError('solver: "schur" is for bodies in velocity and pressure, or displacements')
     velocity = parts.index(gdim)
     sub = V.sub(velocity).collapse()[0]
-    edges = sub.dofmap.dof_layout.num_entity_dofs(1)
+    edges = num_entity_dofs(sub, 1)
     if sub.element.basix_element.family != basix.ElementFamily.P and edges > 0:
         raise ValueError('solver: "schur" is for velocities of Lagrange or MINI elements')
     return velocity, parts.index(0)
@@ -62,8 +63,8 @@ class PressureMass:
         self._velocity_first = velocity < pressure
         self._gdim = body.V.mesh.geometry.dim
         #: Space of the pressure, and its unknowns among those of the body.
-        self.Q, dofs = body.V.sub(pressure).collapse()
-        owned = np.asarray(dofs)[: self.Q.dofmap.index_map.size_local]
+        self.Q, dofs = collapse(body.V.sub(pressure))
+        owned = dofs[: self.Q.dofmap.index_map.size_local]
         #: Owned unknowns of the body that are pressures, ascending.
         self.dofs = np.sort(owned)
         if np.any(owned != self.dofs):

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import basix
 
 from qsdolfinx.bulk import Body
+from qsdolfinx.compat import collapse
 from qsdolfinx.rigid import displacement_space, orthonormal, set_near_nullspace
 from qsdolfinx.unknowns import owned_vertices
 
@@ -170,11 +171,11 @@ def velocity_modes(body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
 
     In axisymmetric bodies too: they are none there, but locally, which is what multigrid asks for.
     """
-    V, dofs = body.V, np.arange(body.num_owned)
+    V = body.V
+    dofs: npt.NDArray[np.int64] = np.arange(body.num_owned)
     if V.dofmap.index_map_bs != V.mesh.geometry.dim:
         parts = (V.sub(i) for i in range(V.num_sub_spaces))
-        V, whole = next(part for part in parts if part.num_sub_spaces > 0).collapse()
-        dofs = np.asarray(whole)
+        V, dofs = collapse(next(part for part in parts if part.num_sub_spaces > 0))
     gdim = V.mesh.geometry.dim
     places: npt.NDArray[np.int32]
     if V.element.basix_element.family == basix.ElementFamily.P:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx import _cpp
+from qsdolfinx.collective import collective_errors
 from qsdolfinx.friction import Friction, Response, Rows
 from qsdolfinx.gap import Vecs, WeightedGap, handle_of
 from qsdolfinx.motion import Affine, affine_vec
@@ -169,10 +170,11 @@ class Slip:
             facet_size,
             self.parameters,
         )
-        self.response = self.friction.respond(rows)
-        self._stuck = self.stick_slip.made_to_stick(self.response)
-        if self._stuck.any():
-            self.response = self.friction.respond(rows._replace(unlimited=self._stuck))
+        with collective_errors(self.slave.comm):  # a law may be the user's
+            self.response = self.friction.respond(rows)
+            self._stuck = self.stick_slip.made_to_stick(self.response)
+            if self._stuck.any():
+                self.response = self.friction.respond(rows._replace(unlimited=self._stuck))
 
     def note(self) -> None:
         """Say that there is going to be a tangent at the last evaluation."""

@@ -6,6 +6,7 @@ import typing
 
 import numpy as np
 
+from qsdolfinx.contact_state import ContactState
 from qsdolfinx.mesh_motion import MeshMotion
 from qsdolfinx.motion import Affine
 from qsdolfinx.problem import ContactProblem
@@ -31,6 +32,7 @@ class Snapshot:
         #: Unknowns of the bodies, ghosts included.
         self.unknowns = [u.x.array.copy() for u in problem.u]
         self._multipliers = [contact.multipliers_on_nodes() for contact in problem.contacts]
+        self._shown = [ContactState(contact) for contact in problem.contacts]
         self._positions = [(tool.position, tool.displacement, tool.rotation) for tool in tools]
 
     def motion_since(self, tool: RigidSurface) -> Affine:
@@ -45,14 +47,12 @@ class Snapshot:
         return Affine(np.eye(d) - back, back @ tool.position[:, d] - before[:, d])
 
     def restore(self) -> None:
-        """Put back unknowns, meshes, multipliers and tools."""
+        """Put back unknowns, meshes, tools, and what the contacts show."""
         for motion, unknowns in zip(self._motions, self.unknowns, strict=True):
             motion.u.x.array[:] = unknowns
             motion.move()
-        self.restore_multipliers()
-        for contact in self._contacts:
-            for slip in contact.slips:
-                slip.ended = True  # the attempt's slip is none
+        for shown in self._shown:
+            shown.restore()
         for tool, state in zip(self._tools, self._positions, strict=True):
             tool.position, tool.displacement, tool.rotation = state
 

@@ -142,7 +142,12 @@ def weak(method: typing.Callable[..., None]) -> typing.Callable[..., None]:
         found = reference()
         if found is None:
             raise ReferenceError("the problem that this solver belongs to is gone: keep it")
-        found(*args)
+        try:
+            found(*args)
+        except BaseException as error:
+            owner: typing.Any = found.__self__  # type: ignore[attr-defined]
+            owner.failure = error  # PETSc would make an error of its own of it
+            raise
 
     return call
 

@@ -6,7 +6,7 @@ import typing
 
 from mpi4py import MPI
 
-from qsdolfinx.checks import check_positive
+from qsdolfinx.checks import check_positive, check_vector
 from qsdolfinx.collective import check_agreement, collective_errors
 
 #: Numbers that must be whole.
@@ -43,7 +43,8 @@ def check_limits(
             check_positive("max_penetration", max_penetration)
         if not numbers["dt_min"] <= dt <= numbers["dt_max"]:
             raise ValueError("dt: must be between dt_min and dt_max")
-        if not isinstance(theta, (int, float)) or not 0 <= theta <= 1:
+        number = isinstance(theta, (int, float)) and not isinstance(theta, bool)
+        if not number or not 0 <= theta <= 1:
             raise ValueError(f"theta: must be between 0 and 1, not {theta!r}")
         if numbers["growth"] < 1:
             raise ValueError(f"growth: must be at least 1, not {numbers['growth']!r}")
@@ -51,3 +52,14 @@ def check_limits(
             raise ValueError(f"cutback: must be less than 1, not {numbers['cutback']!r}")
     check_agreement(comm, dt=dt, theta=theta, max_penetration=max_penetration, **numbers)
     return float(numbers["dt_min"]), float(numbers["dt_max"])
+
+
+def check_end(comm: MPI.Intracomm, t_end: typing.Any) -> None:
+    """Refuse an end that is no finite time or differs between ranks. Collective.
+
+    Raises:
+        ValueError: With the argument's name.
+    """
+    with collective_errors(comm):
+        check_vector("t_end", [t_end], 1)
+    check_agreement(comm, t_end=t_end)

@@ -9,19 +9,21 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.collective import check_agreement
+from qsdolfinx.checks import check_callable, check_flag, check_type
+from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.mesh_motion import MeshMotion
 from qsdolfinx.problem import ContactProblem
+from qsdolfinx.progress import progress as progress_bar
 from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.snapshot import Snapshot
 from qsdolfinx.solver import ConvergenceError
-from qsdolfinx.step_limits import check_limits
+from qsdolfinx.step_limits import check_end, check_limits
 
 Array = npt.NDArray[np.float64]
 
 
 class StepError(RuntimeError):
-    """No step could be made; unknowns, meshes and tools are those at the end of the last one."""
+    """No step could be made; all is as at the end of the last one, what contacts show included."""
 
 
 class _Fault(Exception):
@@ -54,7 +56,8 @@ class TimeStepper:
         problem: The problem. A body in velocities is one whose contacts say so.
         dt: First Δt, time.
         drive: Called as ``drive(t + Δt, Δt)`` before each attempt: sets loads, Dirichlet values,
-            and displacements of rigid tools over the step.
+            and displacements of rigid tools over the step. What it raises on one rank is raised on
+            all, unless others wait for that rank in a collective call of its own.
         solve: Called instead of ``problem.solve``, with the step's number from 0 on.
         theta: Part of the step, from 0 to 1, after which bodies in velocities are solved for.
         num_pairings: How often contact pairs in a step; after the first, the end of the step that
@@ -67,6 +70,7 @@ class TimeStepper:
         max_penetration: Largest gap (length, positive in penetration) at the end of a step; not
             limited by default.
         min_quality: Shape of the worst cell, see MeshMotion.quality, at which to stop.
+        progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
 
     Raises:
         TypeError: If the problem is of another type.
@@ -89,13 +93,18 @@ class TimeStepper:
         easy: int = 8,
         max_penetration: float | None = None,
         min_quality: float = 0.02,
+        progress: bool = False,
     ) -> None:
-        if not isinstance(problem, ContactProblem):
-            raise TypeError(f"problem: must be a ContactProblem, not {type(problem).__name__}")
+        check_type("problem", problem, ContactProblem, "a ContactProblem")
+        with collective_errors(problem.comm):
+            check_callable("drive", drive)
+            check_callable("solve", solve)
+            check_flag("progress", progress)
         given = {"dt": dt, "dt_min": dt_min, "dt_max": dt_max, "growth": growth}
         given |= {"cutback": cutback, "easy": easy, "theta": theta, "num_pairings": num_pairings}
         given |= {"min_quality": min_quality, "max_penetration": max_penetration}
         limits = check_limits(problem.comm, **given)
+        check_agreement(problem.comm, progress=progress)
         self.problem = problem
         self.drive = drive or (lambda t, dt: None)
         self._solve = solve or (lambda step: problem.solve())
@@ -103,6 +112,7 @@ class TimeStepper:
         self.dt_min, self.dt_max = limits
         self.growth, self.cutback, self.easy = float(growth), float(cutback), int(easy)
         self.max_penetration, self.min_quality = max_penetration, float(min_quality)
+        self.progress = bool(progress)
         #: Time at the end of the last step.
         self.t = 0.0
         #: Δt that will be tried next.
@@ -142,6 +152,8 @@ class TimeStepper:
             StepError: If it cannot be made, even with the smallest Δt, or a mesh is distorted.
         """
         check_agreement(self.problem.comm, t_end=t_end)
+        if t_end is not None:
+            check_end(self.problem.comm, t_end)
         planned = dt = self._planned(t_end)
         self.num_iterations = 0
         start = Snapshot(self.problem, self.motions, self.tools)
@@ -174,7 +186,7 @@ class TimeStepper:
                         f"succeeds; the last attempt: {error}"
                     ) from error
                 dt *= self.cutback
-            except Exception:
+            except BaseException:  # Ctrl-C, too
                 start.restore()
                 raise
 
@@ -198,9 +210,12 @@ class TimeStepper:
         Raises:
             StepError: As :meth:`step`.
         """
-        while t_end - self.t > 1e-9 * self.dt:
-            self.step(t_end)
-            yield self.t
+        check_end(self.problem.comm, t_end)
+        with progress_bar(self.problem.comm, self.progress, self.t, t_end) as show:
+            while t_end - self.t > 1e-9 * self.dt:
+                self.step(t_end)
+                show(self.t)
+                yield self.t
 
     def _attempt(self, t: float, dt: float, start: Snapshot) -> None:
         """Solve for a step to t.
@@ -209,7 +224,8 @@ class TimeStepper:
             ConvergenceError: If the solver does not converge.
             _Fault: If the end of the step is not acceptable.
         """
-        self.drive(t, dt)
+        with collective_errors(self.problem.comm):
+            self.drive(t, dt)
         for contact in self.problem.contacts:
             if contact.dt is not None:
                 contact.set_dt(dt)
@@ -234,7 +250,8 @@ class TimeStepper:
         self._check_shape(dt, start)
         self._check_penetration()
         if self.on_solved is not None:
-            self.on_solved()
+            with collective_errors(self.problem.comm):
+                self.on_solved()
 
     def _run_solver(self) -> None:
         try:

@@ -13,7 +13,9 @@ import numpy.typing as npt
 from dolfinx import fem, la, mesh
 
 from qsdolfinx import _cpp
-from qsdolfinx.collective import collective_errors
+from qsdolfinx.checks import check_array, check_type
+from qsdolfinx.collective import check_agreement, collective_errors
+from qsdolfinx.compat import collapse
 from qsdolfinx.facets import FacetLayout
 from qsdolfinx.surface_arguments import (
     FACET_VERTICES,
@@ -22,6 +24,9 @@ from qsdolfinx.surface_arguments import (
     given_facets,
     trace_degree,
 )
+
+#: Of the facets' nodes, and of a point inside each facet's cell.
+Coordinates = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 
 class Surface:
@@ -32,8 +37,8 @@ class Surface:
 
     Args:
         V: Blocked vector space of the body's displacement or velocity, one component per space
-            dimension, whose trace on the facets is continuous P1 or Q1: Lagrange of degree 1, P1
-            with a cell bubble, or such a sub-space ``W.sub(i)`` of a mixed space.
+            dimension, whose trace on the facets is continuous: Lagrange of degree 1 or 2, P1 with a
+            cell bubble, or such a sub-space ``W.sub(i)`` of a mixed space.
         facet_tags: Tags of the facets of ``V.mesh``.
         tag: The tag of the contact facets.
         facets: Instead of ``facet_tags`` and ``tag``, the facets' local indices. Facets of ghost
@@ -43,7 +48,7 @@ class Surface:
             :func:`qsdolfinx.materials.axisymmetric_weight` in the bulk form.
 
     Raises:
-        ValueError: If the space is scalar, of higher degree or discontinuous, if the surface is
+        ValueError: If the space is scalar, of a degree above 2 or discontinuous, if the surface is
             empty, not on the boundary, has coordinates that are not finite or facets without area.
         TypeError: If both or none of ``facet_tags`` and ``facets`` are given, or PETSc is complex.
     """
@@ -62,6 +67,7 @@ class Surface:
         comm = V.mesh.comm
         with collective_errors(comm):
             check_arguments(V, facet_tags, tag, facets, axisymmetric)
+        check_agreement(comm, axisymmetric=axisymmetric)
         self.V = V
         #: Whether facets stand for rings.
         self.axisymmetric = bool(axisymmetric)
@@ -76,6 +82,7 @@ class Surface:
         with collective_errors(comm):
             self._layout = FacetLayout.of(V, self.facets)
             x, inside = self._layout.checked_coordinates(V.mesh)
+        self._coordinates = x, inside
         index_map = V.dofmap.index_map
         self._cpp_object = _cpp.Surface(
             comm=comm.py2f(),
@@ -89,6 +96,17 @@ class Surface:
             local_size=index_map.size_local * V.dofmap.index_map_bs,
             axisymmetric=self.axisymmetric,
         )
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Coordinates of the facets and points inside their cells, as they were read last."""
+        return self._coordinates
+
+    @coordinates.setter
+    def coordinates(self, value: Coordinates) -> None:
+        self._cpp_object.move(*value)
+        self._coordinates = value
+        self._linear = None
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -160,13 +178,18 @@ class Surface:
         Args:
             values: Values at the owned nodes, shape (nodes, gdim).
 
+        Raises:
+            ValueError: If they are no numbers, or of another shape.
+
         Returns:
             Function in V, collapsed if V is a sub-space.
         """
+        with collective_errors(self.comm):
+            at_nodes = check_array("values", values, self.node_dofs.shape)
         index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
         vector = la.vector(index_map, bs, dtype=np.float64)
         vector.array[:] = 0
-        vector.array[self.node_dofs - index_map.local_range[0] * bs] = values
+        vector.array[self.node_dofs - index_map.local_range[0] * bs] = at_nodes
         vector.scatter_forward()
         if self._collapsed is None:
             out = fem.Function(self.V)
@@ -182,7 +205,17 @@ class Surface:
 
         Args:
             function: In V, collapsed if V is a sub-space, such as ``Contact.traction``.
+
+        Raises:
+            TypeError: If it is no Function.
+            ValueError: If it is in another space.
         """
+        check_type("function", function, fem.Function, "a dolfinx.fem.Function")
+        expected = self.collapsed_space.dofmap.index_map
+        dofmap = function.function_space.dofmap
+        sizes = [(m.size_local, m.num_ghosts) for m in (expected, dofmap.index_map)]
+        if sizes[0] != sizes[1] or dofmap.index_map_bs != self.gdim:
+            raise ValueError("function: must be in the space of the surface")
         index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
         values = function.x.array
         if self._collapsed is not None:
@@ -191,12 +224,11 @@ class Surface:
         return np.asarray(values[self.node_dofs - index_map.local_range[0] * bs], dtype=np.float64)
 
     @functools.cached_property
-    def _collapsed(self) -> tuple[fem.FunctionSpace, npt.NDArray[np.int32]] | None:
+    def _collapsed(self) -> tuple[fem.FunctionSpace, npt.NDArray[np.int64]] | None:
         """Collapsed space and its map if V is a sub-space. Collective at first."""
         if self.V.dofmap.bs == self.gdim:
             return None
-        space, parent = self.V.collapse()
-        return space, np.asarray(parent, dtype=np.int32)
+        return collapse(self.V)
 
     @property
     def collapsed_space(self) -> fem.FunctionSpace:
@@ -262,5 +294,4 @@ def update_surfaces(*surfaces: Surface) -> None:
         with collective_errors(surface.comm):
             new.append(surface._layout.checked_coordinates(surface.mesh))
     for surface, (x, inside) in zip(surfaces, new, strict=True):
-        surface._cpp_object.move(x, inside)
-        surface._linear = None
+        surface.coordinates = x, inside

@@ -12,6 +12,9 @@ import numpy.typing as npt
 
 from dolfinx import fem, la, mesh
 
+from qsdolfinx.checks import check_flag
+from qsdolfinx.compat import coordinate_element, num_entity_dofs
+
 #: Vertices of a facet of each type of cell.
 FACET_VERTICES = {
     mesh.CellType.triangle: 2,
@@ -33,11 +36,12 @@ def check_arguments(
         raise TypeError("PETSc is complex: contact needs PETSc (petsc4py) with real scalars")
     if (facets is None) == (facet_tags is None):
         raise TypeError("give either facet_tags with tag, or facets")
+    check_flag("axisymmetric", axisymmetric)
     if facet_tags is not None:
         if not isinstance(facet_tags, mesh.MeshTags):
             kind = type(facet_tags).__name__
             raise TypeError(f"facet_tags: must be a dolfinx.mesh.MeshTags, not {kind}")
-        if not isinstance(tag, (int, np.integer)):
+        if not isinstance(tag, (int, np.integer)) or isinstance(tag, bool):
             raise TypeError(f"tag: must be the number of the contact facets' tag, not {tag!r}")
     cell = V.mesh.topology.cell_type
     gdim = V.mesh.geometry.dim
@@ -46,8 +50,10 @@ def check_arguments(
             "V: contact needs a mesh of triangles or quadrilaterals in 2D, of tetrahedra or "
             f"hexahedra in 3D, not {cell.name} cells in {gdim}D"
         )
-    if V.mesh.geometry.cmap.degree != 1:
+    if coordinate_element(V.mesh).degree != 1:
         raise ValueError("V: contact facets must be straight-sided: mesh geometry of degree 1")
+    if V.mesh.geometry.x.dtype != np.float64:
+        raise ValueError("V: contact needs a mesh in double precision")
     if axisymmetric and (gdim != 2 or V.mesh.geometry.x[:, 0].min(initial=0.0) < -1e-10):
         raise ValueError("axisymmetric: needs a 2D mesh with coordinates (r, z), r ≥ 0")
     if V.num_sub_spaces != gdim or V.dofmap.dof_layout.block_size != gdim:
@@ -64,8 +70,8 @@ def check_arguments(
 
 def trace_degree(V: fem.FunctionSpace) -> int | None:
     """Degree of the trace of a Lagrange space on facets, 1 or 2; None if it is anything else."""
-    layout, tdim = V.dofmap.dof_layout, V.mesh.topology.dim
-    per_entity = [layout.num_entity_dofs(d) for d in range(tdim)]
+    tdim = V.mesh.topology.dim
+    per_entity = [num_entity_dofs(V, d) for d in range(tdim)]
     if per_entity[0] != 1:
         return None
     if not any(per_entity[1:]):

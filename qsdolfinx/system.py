@@ -10,6 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.additive import Additive
 from qsdolfinx.arguments import body_of
 from qsdolfinx.blocks import Blocks, Side, is_symmetric
 from qsdolfinx.bulk import Body
@@ -17,6 +18,7 @@ from qsdolfinx.contact import Contact
 from qsdolfinx.hold import Hold, Tangent
 from qsdolfinx.monolithic import Monolithic
 from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
+from qsdolfinx.penalty import source as penalty_source
 from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
 from qsdolfinx.rigid_surface import RigidSurface
 from qsdolfinx.surface import Surface
@@ -51,6 +53,8 @@ class ContactSystem:
                 if i is not None:
                     self.bodies[i].axisymmetric = contact.slave.axisymmetric
         self._kind = kind
+        #: Whether the linear solver needs no more of an AIJ matrix than its product.
+        self._sums = False
         for body in self.bodies:
             if kind == "mpi" and body.V.dofmap.index_map_bs > 1:
                 body.matrix_type = PETSc.Mat.Type.BAIJ
@@ -135,10 +139,10 @@ class ContactSystem:
                 ),
                 strict=True,
             )
+            contact.stiffness = stiffness
             if contact.needs_penalty:
-                contact.set_automatic_penalty(
-                    automatic_penalty(stiffness, modulus, contact.quadrature, contact.augmented)
-                )
+                known = stiffness, modulus, contact.quadrature, contact.augmented
+                contact.set_automatic_penalty(automatic_penalty(*known), penalty_source(*known))
             self._moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
         nest = self._kind == "nest"
         self.blocks = Blocks(self.bodies, self.contacts, self.sides, matrices, bulk=nest)
@@ -147,8 +151,9 @@ class ContactSystem:
             for body in self.bodies:
                 body.free_matrix()
         else:
-            monolithic = Monolithic(self.bodies, self.blocks, matrices, self.watch)
-            self._tangent, self._matrix = monolithic, monolithic.matrix
+            form = Additive if self._sums else Monolithic
+            self._tangent = form(self.bodies, self.blocks, matrices, self.watch)
+            self._matrix = self._tangent.matrix
         self._rigid = RigidMotion(self.bodies)
         self._hold = Hold(self._rigid, self.bodies, self.contacts, self.sides)
         self._set_near_nullspaces()
@@ -159,7 +164,7 @@ class ContactSystem:
 
     def _destroy_matrices(self) -> None:
         """Free the matrices; in parallel petsc4py would keep them. Collective."""
-        if isinstance(self._tangent, Monolithic):
+        if isinstance(self._tangent, Monolithic | Additive):
             self._tangent.destroy()
         if self.blocks is not None:
             self.blocks.destroy()
@@ -211,11 +216,25 @@ class ContactSystem:
         return True
 
     def _assemble_bulk(self) -> None:
-        """The tangent without contact, as AIJ. Collective."""
-        assert isinstance(self._tangent, Monolithic) and self._hold is not None
+        """The tangent without contact. Collective."""
+        assert isinstance(self._tangent, Additive) and self._hold is not None
         self._tangent.assemble(contact=False)
         self._hold.add_to(self._tangent, contact=False)
         self._assembled = None
+
+    def _rounding(self) -> float:
+        """Norm of the residual that rounding leaves at the last evaluation. Collective.
+
+        The products K_ij x_j that sum up to nothing are of the size of K_ii x_i. Where one body is
+        10^8 times as stiff as the other this is more than a small part of the loads.
+        """
+        assert self._tangent is not None
+        products = [
+            (self._tangent.diagonal(i) * self._part(self._evaluated, i))[body.free]
+            for i, body in enumerate(self.bodies)
+        ]
+        square = self.comm.allreduce(float(sum(p @ p for p in products)), op=MPI.SUM)
+        return float(np.finfo(np.float64).eps * np.sqrt(square))
 
     @property
     def symmetric(self) -> bool:
@@ -229,7 +248,7 @@ class ContactSystem:
             block = self.blocks.block(i, i)
             if modes and block is not None:
                 set_near_nullspace(block, modes)
-        if self._kind == "nest" or not all(self._rigid.modes):
+        if self._kind == "nest" or self._sums or not all(self._rigid.modes):
             return
         gdim = self.bodies[0].V.mesh.geometry.dim
         if all(body.V.dofmap.index_map_bs == gdim for body in self.bodies):

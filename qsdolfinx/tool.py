@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.checks import check_vector
+from qsdolfinx.checks import check_array, check_vector
 from qsdolfinx.collective import check_agreement, collective_errors
 from qsdolfinx.motion import Affine, rotation_about, rotation_matrix
 
@@ -79,8 +79,8 @@ class Tool:
 
     @rotation.setter
     def rotation(self, value: npt.ArrayLike) -> None:
-        value = np.atleast_1d(np.asarray(value, dtype=np.float64))
-        self._rotation = check_vector("rotation", value, len(self._rotation))
+        size = len(self._rotation)
+        self._rotation = check_vector("rotation", [value] if np.isscalar(value) else value, size)
 
     @property
     def center(self) -> Array:
@@ -115,8 +115,8 @@ class Tool:
     @position.setter
     def position(self, value: npt.ArrayLike) -> None:
         d = self.gdim
-        position = np.array(value, dtype=np.float64)
-        if position.shape != (d, d + 1) or not np.isfinite(position).all():
+        position = check_array("position", value, (d, d + 1))
+        if not np.isfinite(position).all():
             raise ValueError(f"position: must be finite, of shape ({d}, {d + 1})")
         R = position[:, :d]
         error = np.abs(R @ R.T - np.eye(d)).max()

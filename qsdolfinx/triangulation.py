@@ -17,6 +17,7 @@ from dolfinx import mesh
 from qsdolfinx import _cpp
 from qsdolfinx.checks import check_vector
 from qsdolfinx.collective import check_agreement, collective_errors
+from qsdolfinx.compat import cell_nodes, coordinate_element
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -221,9 +222,9 @@ def of_mesh(msh: mesh.Mesh, inside: npt.ArrayLike | None) -> tuple[Facets, Array
     with collective_errors(comm):
         if gdim not in (2, 3) or tdim != gdim - 1:
             raise ValueError(f"msh: must have the topological dimension gdim - 1, not {tdim}")
-        if geometry.cmap.degree != 1:
+        if coordinate_element(msh).degree != 1:
             raise ValueError("msh: must be of first order")
-        cells = geometry.dofmap[: msh.topology.index_map(tdim).size_local]
+        cells = cell_nodes(msh)[: msh.topology.index_map(tdim).size_local]
         x = np.asarray(geometry.x[cells], dtype=np.float64)
         if not np.isfinite(x).all():
             raise ValueError("msh: coordinates are not finite (NaN, infinity)")

@@ -8,6 +8,8 @@ import numpy.typing as npt
 import basix
 from dolfinx import fem, mesh
 
+from qsdolfinx.compat import cell_nodes, coordinate_element, num_entity_dofs
+
 _QUADRILATERAL_EDGES = [(0, 1), (0, 2), (1, 3), (2, 3)]
 
 Indices = npt.NDArray[np.int32]
@@ -78,10 +80,10 @@ def facet_places(V: fem.FunctionSpace, degree: int) -> Indices:
 
 def vertex_points(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> Indices:
     """Rows of the mesh geometry at cell vertices."""
-    layout = msh.geometry.cmap.create_dof_layout()
+    layout = coordinate_element(msh).create_dof_layout()
     count = NUM_CELL_VERTICES[msh.topology.cell_type]
     place = np.array([layout.entity_dofs(0, v)[0] for v in range(count)])[vertices]
-    return np.asarray(msh.geometry.dofmap[cells, place], dtype=np.int32)
+    return np.asarray(cell_nodes(msh)[cells, place], dtype=np.int32)
 
 
 def vertex_x(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> npt.NDArray[np.float64]:
@@ -109,5 +111,5 @@ def is_vertex_vector(V: fem.FunctionSpace) -> bool:
         V.mesh.topology.cell_type in NUM_CELL_VERTICES
         and V.num_sub_spaces == gdim
         and layout.block_size == gdim
-        and layout.num_entity_dofs(0) == 1
+        and num_entity_dofs(V, 0) == 1
     )

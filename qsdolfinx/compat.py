@@ -1,0 +1,59 @@
+"""What differs between DOLFINx 0.9, 0.10 and 0.11.
+
+All other names of DOLFINx that are used in this project mean the same in the three versions. 0.9
+and 0.11 are tested; for 0.10 this was written from its sources.
+"""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem, io, mesh
+
+
+def cell_nodes(msh: mesh.Mesh) -> npt.NDArray[np.int32]:
+    """Rows of the mesh geometry at the nodes of each cell, shape (cells, nodes)."""
+    geometry: typing.Any = msh.geometry
+    # 0.11 has one array for each type of cell. A surface's mesh has one type.
+    return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+
+
+def coordinate_element(msh: mesh.Mesh) -> typing.Any:
+    """The mesh's ``dolfinx.fem.CoordinateElement``."""
+    geometry: typing.Any = msh.geometry
+    return geometry.cmaps[0] if hasattr(geometry, "dofmaps") else geometry.cmap
+
+
+def num_entity_dofs(V: fem.FunctionSpace, dim: int) -> int:
+    """Unknowns inside one entity of a cell: 0.11 has no ``num_entity_dofs`` any more."""
+    return len(V.dofmap.dof_layout.entity_dofs(dim, 0))
+
+
+def collapse(V: fem.FunctionSpace) -> tuple[fem.FunctionSpace, npt.NDArray[np.int64]]:
+    """A sub-space as a space of its own, and its unknowns' places in the whole."""
+    space, places = V.collapse()
+    # 0.11 has a list of arrays, one for each type of cell.
+    return space, np.ravel(places).astype(np.int64)
+
+
+def interpolation_points(V: fem.FunctionSpace) -> npt.NDArray[np.float64]:
+    """Points of the reference cell at which interpolation evaluates: in 0.9 a method."""
+    points: typing.Any = V.element.interpolation_points
+    return points() if callable(points) else points
+
+
+def model_to_mesh(
+    model: typing.Any, comm: MPI.Comm, rank: int = 0, gdim: int = 3
+) -> tuple[mesh.Mesh, mesh.MeshTags, mesh.MeshTags]:
+    """Mesh, tags of cells and tags of facets of a gmsh model on one rank.
+
+    That is ``model_to_mesh`` of ``dolfinx.io.gmshio``, from 0.10 on of ``dolfinx.io.gmsh``.
+    """
+    module = io.gmsh if hasattr(io, "gmsh") else io.gmshio
+    msh, cell_tags, facet_tags = module.model_to_mesh(model, comm, rank, gdim)[:3]
+    return msh, cell_tags, facet_tags
