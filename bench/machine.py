@@ -1,11 +1,9 @@
 """What a figure was measured on and with."""
 
 import datetime
-import importlib.metadata
 import os
 import pathlib
 import platform
-import re
 import shlex
 import sys
 
@@ -13,7 +11,7 @@ from petsc4py import PETSc
 
 import dolfinx
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+import qsdolfinx
 
 
 def cpu_model():
@@ -24,15 +22,6 @@ def cpu_model():
         lines = []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()
-
-
-def version_of_this():
-    """Of the installed package, or else of the source tree."""
-    try:
-        return importlib.metadata.version("qsdolfinx")
-    except importlib.metadata.PackageNotFoundError:
-        text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-        return re.search(r'^version = "(.*)"$', text, re.MULTILINE)[1]
 
 
 def circumstances(ranks):
@@ -46,7 +35,7 @@ def circumstances(ranks):
         "versions": {
             "dolfinx": dolfinx.__version__,
             "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
-            "qsdolfinx": version_of_this(),
+            "qsdolfinx": qsdolfinx.__version__,
             "python": platform.python_version(),
         },
         "date": datetime.date.today().isoformat(),

@@ -82,7 +82,7 @@ def wavy(n, facet, side, seed):
             [np.column_stack([corners[:, list(c)], apex]) for c in ((0, 1, 3), (0, 2, 3))]
         )
     domain = basix.ufl.element("Lagrange", FACET[facet], 1, shape=(3,))
-    msh = mesh.create_mesh(COMM, cells.astype(np.int64), x, domain)
+    msh = mesh.create_mesh(COMM, cells=cells.astype(np.int64), x=x, e=domain)
     return qs.Surface(fem.functionspace(msh, ("Lagrange", 1, (3,))), facets=facets_of_top(msh, top))
 
 

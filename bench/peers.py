@@ -1,13 +1,16 @@
 """The same contact job through qsdolfinx, CalculiX, Kratos and NGSolve, in one run.
 
-Two unit cubes of hexahedra whose meshes do not match, pressed together by a displacement: see
-bench/peers/README.md for what is compared. Printed for each program: CPU seconds (user and system,
-of the process and its children), wall seconds, peak memory, Newton and Krylov iterations, and the
-total force. The programs run one after the other, each in a process of its own on one core; of
-repeats the one with the fewest CPU seconds counts. A program that is not there is reported.
+Two unit cubes of hexahedra whose meshes do not match, pressed together by a displacement; or with
+--job hertz a sphere on a block: see bench/peers/README.md for what is compared. Printed for each
+program: CPU seconds (user and system, of the process and its children), wall seconds, peak memory,
+Newton and Krylov iterations, and the total force; with --job hertz also its Hertz radius, the error
+of the pressure on both bodies against Hertz's solution, and the forces out of balance inside them.
+The programs run one after the other, each in a process of its own on one core; of repeats the one
+with the fewest CPU seconds counts. A program that is not there is reported.
 
     scripts/with-dolfinx python3 bench/peers.py --install FOLDER --sizes 22,18 35,28 --json FILE
     scripts/with-dolfinx python3 bench/peers.py --peers ours calculix --factor 1000
+    scripts/with-dolfinx python3 bench/peers.py --job hertz --install FOLDER --json FILE
 """
 
 import argparse
@@ -18,16 +21,23 @@ import pathlib
 import platform
 import subprocess
 import sys
+import tempfile
 import time
+
+import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "peers"))
 
-import cubes
+import hertz_error
 import install
+import jobs
 
 #: Where the drivers are.
 HERE = pathlib.Path(__file__).resolve().parent / "peers"
 
+#: Cells along an edge, LOWER,UPPER, of each job, and of a trial.
+SIZES = {"cubes": ["22,18", "35,28"], "hertz": ["13,10", "20,16", "27,21"]}
+TRIAL = {"cubes": (3, 2), "hertz": (7, 5)}
 #: What is run of each program: name, arguments of its driver, and whether it takes the penalty.
 RUNS = {
     "ours": [
@@ -110,23 +120,51 @@ def machine():
     }
 
 
-def show(rows, sizes):
+def solve(call, name, sizes, p):
+    """Row of one program and one pair of meshes, with the errors if there is an exact solution."""
+    call = [*call, "--job", p.job, "--sizes", ",".join(map(str, sizes))]
+    if p.job == "cubes":
+        return measure(call, name == "ours", p.timeout)
+    with tempfile.TemporaryDirectory() as folder:
+        output = pathlib.Path(folder, "u.npy")
+        row = measure([*call, "--output", output], name == "ours", p.timeout)
+        if "error" in row:
+            return row
+        try:
+            return row | hertz_error.measure(sizes, np.load(output))
+        except ValueError as reason:
+            return {"error": str(reason)}
+
+
+def columns(row, exact):
+    """Force and error: of the job "cubes" the force beside the one that leaves no gap."""
+    if "l2_lower" in row:
+        errors = (f"{100 * row[f'l2_{name}']:9.2f}" for name in ("lower", "upper"))
+        balance = max(row["unbalanced_lower"], row["unbalanced_upper"])
+        return f"{row['total']:10.3f}{row['radius']:8.4f}{''.join(errors)}{balance:9.0e}"
+    off = f"{100 * (row['force'] / exact[0] - 1):8.3f}" if exact else ""
+    return f"{row['force']:10.3f}{off}"
+
+
+def show(rows, sizes, job):
     """Print the table of one pair of meshes."""
     exact = [r["force"] for r in rows if r["run"] == REFERENCE and "force" in r]
-    print(f"\n{sizes[0]}³ and {sizes[1]}³ hexahedra, {cubes.unknowns(sizes):,} unknowns")
+    print(f"\n{sizes[0]}³ and {sizes[1]}³ hexahedra, {jobs.unknowns(sizes):,} unknowns")
+    titles = {"force": 10, "off %": 8}
+    if job == "hertz":
+        titles = {"force": 10, "a": 8, "lower %": 9, "upper %": 9, "balance": 9}
     print(
         f"{'':36}{'CPU s':>8}{'wall s':>8}{'MiB':>7}{'Newton':>8}{'Krylov':>8}"
-        f"{'force':>10}{'off %':>8}"
+        + "".join(f"{title:>{width}}" for title, width in titles.items())
     )
     for r in rows:
         title = f"{r['program']}: {r['run']}"
         if "error" in r:
             print(f"{title:36}  {r['error']}")
             continue
-        off = f"{100 * (r['force'] / exact[0] - 1):8.3f}" if exact else ""
         print(
             f"{title:36}{r['cpu']:8.2f}{r['wall']:8.2f}{r['peak']:7.0f}{r['newton']:8}"
-            f"{r.get('krylov') or '–':>8}{r['force']:10.3f}{off}"
+            f"{r.get('krylov') or '–':>8}{columns(r, exact)}"
         )
     for r in rows:
         if "stages" in r:
@@ -144,7 +182,8 @@ def parse():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("--sizes", nargs="+", default=["22,18", "35,28"], help="cells along an edge, LOWER,UPPER")
+    add("--job", choices=tuple(SIZES), default="cubes")
+    add("--sizes", nargs="+", help="cells along an edge, LOWER,UPPER")
     add("--peers", nargs="+", choices=tuple(RUNS), default=tuple(RUNS))
     add("--install", metavar="FOLDER", help="take them from here; install what is missing")
     add("--python", help="interpreter for Kratos and NGSolve; by default the one that runs this")
@@ -155,7 +194,7 @@ def parse():
     add("--timeout", type=int, default=3600, help="seconds for one run")
     add("--json", metavar="FILE")
     p = parser.parse_args()
-    p.sizes = [tuple(int(n) for n in sizes.split(",")) for sizes in p.sizes]
+    p.sizes = [tuple(int(n) for n in sizes.split(",")) for sizes in p.sizes or SIZES[p.job]]
     return p
 
 
@@ -163,39 +202,39 @@ def main():
     p = parse()
     others = [name for name in p.peers if name != "ours"]
     how = install.prepare(others, p.install, p.python, lambda text: print(text, flush=True))
-    jobs, versions = [], {}
+    runners, versions = [], {}
     for name in p.peers:
         for run, arguments, takes_penalty in RUNS[name]:
             if run in DIRECT and not p.direct:
                 continue
             if isinstance(how.get(name), install.Missing):
-                jobs.append((name, run, None, {"error": f"missing: {how[name]}"}))
+                runners.append((name, run, None, {"error": f"missing: {how[name]}"}))
                 continue
             call = [*command(name, how.get(name)), *arguments]
             if takes_penalty:
                 call += ["--factor", p.factor]
                 call += [] if name == "calculix" else ["--rtol", p.rtol]  # it has a rule of its own
             # A tiny job first: forms are compiled, and what cannot run at all is found out.
-            trial = measure([*call, "--sizes", "3,2"], name == "ours", p.timeout)
+            trial = solve(call, name, TRIAL[p.job], p)
             versions[name] = trial.get("version", versions.get(name))
-            jobs.append((name, run, call, trial))
+            runners.append((name, run, call, trial))
     results = []
     for sizes in p.sizes:
-        runs = {i: [] for i in range(len(jobs))}
+        runs = {i: [] for i in range(len(runners))}
         for _ in range(p.repeats):
-            for i, (name, _, call, trial) in enumerate(jobs):
-                given = ["--sizes", ",".join(map(str, sizes))]
+            for i, (name, _, call, trial) in enumerate(runners):
                 failed = "error" in trial
-                row = trial if failed else measure([*call, *given], name == "ours", p.timeout)
+                row = trial if failed else solve(call, name, sizes, p)
                 runs[i].append(row)
         rows = [
             {"sizes": sizes, "program": name, "run": run} | best(runs[i])
-            for i, (name, run, _, _) in enumerate(jobs)
+            for i, (name, run, _, _) in enumerate(runners)
         ]
-        show(rows, sizes)
+        show(rows, sizes, p.job)
         results += rows
     if p.json:
         result = {
+            "job": p.job,
             "date": datetime.date.today().isoformat(),
             "machine": machine(),
             "versions": versions,

@@ -1,5 +1,11 @@
 """Figures of bench/speed_report.py."""
 
+import pathlib
+import sys
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "demos"))
+
+from plotting import pyplot, save
 from speed_front import FLOOR, front, kind_of, points
 
 COLORS = {
@@ -13,14 +19,9 @@ STYLES = {"nodal": "s--", "overlay": "o-"}
 
 def plot(result, filename):
     """Error over time, a row for each measure, a column for each enforcement."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     measures = list(result["measures"])
     enforcements = list(dict.fromkeys(row["enforcement"] for row in result["rows"]))
-    figure, grid = plt.subplots(
+    figure, grid = pyplot().subplots(
         len(measures),
         len(enforcements),
         figsize=(11, 1.4 + 4.4 * len(measures)),
@@ -37,11 +38,10 @@ def plot(result, filename):
     for axis in grid[-1]:
         axis.set_xlabel("CPU time of the solve (s)")
     for axis, enforcement in zip(grid[0], enforcements, strict=True):
-        axis.set_title(f"{result['title']}, {enforcement}", fontsize=11)
+        axis.set_title(f"{result['title']}, {enforcement}", fontsize=10)
     handles, labels = grid[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncol=3, fontsize=9)
-    figure.savefig(filename, dpi=110)
-    plt.close(figure)
+    save(figure, filename)
 
 
 def draw(axis, result, measure, enforcement):

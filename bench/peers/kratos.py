@@ -1,4 +1,4 @@
-"""The job through Kratos Multiphysics: mortar contact of its ContactStructuralMechanicsApplication.
+"""A job through Kratos Multiphysics: mortar contact of its ContactStructuralMechanicsApplication.
 
 python3 bench/peers/kratos.py --sizes 22,18 --contact penalty --linear amgcl
 """
@@ -17,7 +17,7 @@ from KratosMultiphysics.StructuralMechanicsApplication.structural_mechanics_anal
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-import cubes
+import jobs
 
 NAMES = "lower", "upper"
 LINEAR = {
@@ -37,39 +37,42 @@ LINEAR = {
 }
 
 
-def held(name, z):
-    """Process that holds a face at u_z = z."""
+def held(part, value):
+    """Process that holds nodes at a displacement; None for axes along which they are free."""
     return {
         "python_module": "assign_vector_variable_process",
         "kratos_module": "KratosMultiphysics",
         "Parameters": {
-            "model_part_name": f"Structure.held_{name}",
+            "model_part_name": f"Structure.{part}",
             "variable_name": "DISPLACEMENT",
-            "constrained": [True] * 3,
-            "value": [0.0, 0.0, z],
+            "constrained": [z is not None for z in value],
+            "value": value,  # of axes that are not constrained, too
             "interval": [0.0, "End"],
         },
     }
 
 
-def penalty_of_kratos(sizes, p):
+def penalty_of_kratos(p):
     """Penalty that makes Kratos' contact about as stiff as that of the others.
 
     Its gaps are weighted by the area of the slave's nodes. The factor of 9 is measured: it is what
     gives the force of the others on the smallest meshes.
     """
-    n = sizes[NAMES.index(p.slave)]
-    return cubes.penalty(sizes, p.factor) * 9 * n**2
+    h = p.job.cell_size(p.sizes[NAMES.index(p.slave)])
+    return jobs.penalty(p.job, p.sizes, p.factor) * 9 / h**2
 
 
-def settings(p, sizes):
-    """Project parameters."""
+def settings(p, planes):
+    """Project parameters; `planes` are the axes of the symmetry planes."""
     penalty = p.contact == "penalty"
     master = NAMES[p.slave == NAMES[0]]
+    constraints = [held("held_lower", [0.0] * 3), held("held_upper", [0.0, 0.0, p.job.PRESS])]
+    for axis in planes:
+        constraints.append(held(f"plane_{axis}", [0.0 if i == axis else None for i in range(3)]))
     slave_first = [f"touching_{p.slave}", f"touching_{master}"]
     return {
         "problem_data": {
-            "problem_name": "cubes",
+            "problem_name": "job",
             "parallel_type": "OpenMP",
             "start_time": 0.0,
             "end_time": 1.0,
@@ -97,7 +100,7 @@ def settings(p, sizes):
             "linear_solver_settings": LINEAR[p.linear],
         },
         "processes": {
-            "constraints_process_list": [held("lower", 0.0), held("upper", cubes.PRESS)],
+            "constraints_process_list": constraints,
             "contact_process_list": [
                 {
                     "python_module": f"{'penalty' if penalty else 'alm'}_contact_process",
@@ -113,7 +116,7 @@ def settings(p, sizes):
                         {
                             "advance_ALM_parameters": {
                                 "manual_ALM": True,
-                                "penalty": penalty_of_kratos(sizes, p),
+                                "penalty": penalty_of_kratos(p),
                             }
                         }
                         if penalty and p.factor
@@ -125,14 +128,15 @@ def settings(p, sizes):
     }
 
 
-def fill(model_part, sizes):
+def fill(model_part, job, bodies):
     """Nodes, elements, contact conditions and properties of both cubes."""
     node, cell, face = 1, 1, 1
-    for i, (name, n) in enumerate(zip(NAMES, sizes, strict=True)):
-        body = cubes.cube(n, float(i))
+    for axis in bodies[0].planes:
+        model_part.CreateSubModelPart(f"plane_{axis}")
+    for i, (name, body) in enumerate(zip(NAMES, bodies, strict=True)):
         material = model_part.CreateNewProperties(i + 1)
-        material.SetValue(KM.YOUNG_MODULUS, cubes.E[i])
-        material.SetValue(KM.POISSON_RATIO, cubes.NU)
+        material.SetValue(KM.YOUNG_MODULUS, job.E[i])
+        material.SetValue(KM.POISSON_RATIO, job.NU)
         material.SetValue(
             KM.CONSTITUTIVE_LAW, KM.KratosGlobals.GetConstitutiveLaw("LinearElastic3DLaw").Clone()
         )
@@ -141,6 +145,9 @@ def fill(model_part, sizes):
         kind = "SmallDisplacementElement3D8N"
         for k, nodes in enumerate((body.cells + node).tolist(), cell):
             model_part.CreateNewElement(kind, k, nodes, material)
+        for axis, quads in body.planes.items():
+            part = model_part.GetSubModelPart(f"plane_{axis}")
+            part.AddNodes((np.unique(quads) + node).tolist())
         held, touching = (body.high, body.low) if i else (body.low, body.high)
         part = model_part.CreateSubModelPart(f"held_{name}")
         part.AddNodes((np.unique(held) + node).tolist())
@@ -155,25 +162,29 @@ def fill(model_part, sizes):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sizes", required=True)
+    jobs.add_arguments(parser)
     parser.add_argument("--contact", choices=("penalty", "alm"), default="penalty")
     parser.add_argument("--linear", choices=tuple(LINEAR), default="amgcl")
     parser.add_argument("--factor", type=float, help="penalty over E/h; otherwise Kratos' own")
     parser.add_argument("--slave", choices=NAMES, default="upper")
     parser.add_argument("--rtol", type=float, default=1e-6, help="where Newton's method ends")
-    p = parser.parse_args()
-    sizes = [int(n) for n in p.sizes.split(",")]
+    p = jobs.parse(parser)
+    bodies = p.job.bodies(p.sizes)
     KM.ParallelUtilities.SetNumThreads(1)
     model = KM.Model()
-    analysis = StructuralMechanicsAnalysis(model, KM.Parameters(json.dumps(settings(p, sizes))))
+    parameters = KM.Parameters(json.dumps(settings(p, bodies[0].planes)))
+    analysis = StructuralMechanicsAnalysis(model, parameters)
     model_part = model["Structure"]
-    fill(model_part, sizes)
+    fill(model_part, p.job, bodies)
     analysis.Run()
     reaction = sum(
         node.GetSolutionStepValue(KM.REACTION_Z) for node in model["Structure.held_lower"].Nodes
     )
     newton = model_part.ProcessInfo[KM.NL_ITERATION_NUMBER]
-    cubes.report(
+    u = [list(node.GetSolutionStepValue(KM.DISPLACEMENT)) for node in model_part.Nodes]
+    jobs.report(
+        p.output,
+        u,
         force=abs(reaction),
         newton=newton,
         version=KM.KratosGlobals.Kernel.Version().split("--")[0].replace('"', ""),

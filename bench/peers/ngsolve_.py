@@ -1,4 +1,4 @@
-"""The job through NGSolve: its ContactBoundary with a penalty energy, sampled on the slave.
+"""A job through NGSolve: its ContactBoundary with a penalty energy, sampled on the slave.
 
 python3 bench/peers/ngsolve_.py --sizes 22,18 --linear cg
 """
@@ -13,24 +13,23 @@ import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-import cubes
+import jobs
 
 #: Relative residual at which CG ends, and the gap that counts as closed.
 LINEAR, TOUCHING = 1e-8, 1e-12
 
 
-def create_mesh(sizes):
-    """Both cubes in one mesh, with their faces by name."""
+def create_mesh(bodies):
+    """Both bodies in one mesh, with their faces by name."""
     msh = netgen.Mesh()
     msh.dim = 3
     names, first = [], 0
-    for i, n in enumerate(sizes):
-        body = cubes.cube(n, float(i))
+    for i, body in enumerate(bodies):
         msh.AddPoints(body.x)
-        faces = {"held": body.high, "touching": body.low} if i else {}
-        faces = faces or {"touching": body.high, "held": body.low}
-        for kind, quads in faces.items():
-            names.append(f"{kind}{i}")
+        held, touching = (body.high, body.low) if i else (body.low, body.high)
+        planes = {f"plane{axis}": quads for axis, quads in body.planes.items()}
+        for kind, quads in ({"held": held, "touching": touching} | planes).items():
+            names.append(f"{kind}_{i}")
             index = msh.Add(netgen.FaceDescriptor(surfnr=len(names), domin=i + 1, bc=len(names)))
             msh.AddElements(dim=2, index=index, data=quads.astype(np.int32) + first, base=0)
         msh.AddElements(dim=3, index=i + 1, data=body.cells.astype(np.int32) + first, base=0)
@@ -42,35 +41,38 @@ def create_mesh(sizes):
     return ng.Mesh(msh)
 
 
-def strain_energy(msh, u):
-    """Density of the energy of both cubes."""
+def strain_energy(msh, u, job):
+    """Density of the energy of both bodies."""
     mu, lame = (
-        msh.MaterialCF({"lower": factor * cubes.E[0], "upper": factor * cubes.E[1]})
+        msh.MaterialCF({"lower": factor * job.E[0], "upper": factor * job.E[1]})
         for factor in (
-            1 / (2 * (1 + cubes.NU)),
-            cubes.NU / ((1 + cubes.NU) * (1 - 2 * cubes.NU)),
+            1 / (2 * (1 + job.NU)),
+            job.NU / ((1 + job.NU) * (1 - 2 * job.NU)),
         )
     )
     strain = ng.Sym(ng.Grad(u))
     return mu * ng.InnerProduct(strain, strain) + lame / 2 * ng.Trace(strain) ** 2
 
 
-def solve(p, sizes):
-    """Row of results."""
-    msh = create_mesh(sizes)
-    V = ng.VectorH1(msh, order=1, dirichlet="held0|held1")
+def solve(p):
+    """Displacements and row of results."""
+    bodies = p.job.bodies(p.sizes)
+    msh = create_mesh(bodies)
+    planes = {"xyz"[k]: f"held_.*|plane{k}_.*" for k in bodies[0].planes}
+    held = {f"dirichlet{axis}": planes.get(axis, "held_.*") for axis in "xyz"}
+    V = ng.VectorH1(msh, order=1, **held)
     u, gf = V.TrialFunction(), ng.GridFunction(V)
     a = ng.BilinearForm(V, symmetric=True)
-    a += ng.Variation(strain_energy(msh, u).Compile() * ng.dx)
+    a += ng.Variation(strain_energy(msh, u, p.job).Compile() * ng.dx)
     order = (1, 0) if p.slave == "upper" else (0, 1)
-    contact = ng.ContactBoundary(*(msh.Boundaries(f"touching{i}") for i in order))
+    contact = ng.ContactBoundary(*(msh.Boundaries(f"touching_{i}") for i in order))
     x = ng.CF((ng.x, ng.y, ng.z))
     gap = (x + u - (x.Other() + u.Other())) * ng.specialcf.normal(3)
-    epsilon = cubes.penalty(sizes, p.factor)
+    epsilon = jobs.penalty(p.job, p.sizes, p.factor)
     # Touching counts as closed; otherwise the upper cube would first fall through the lower one.
     contact.AddEnergy(ng.IfPos(gap + TOUCHING, epsilon / 2 * gap**2, 0))
-    gf.Set(ng.CF((0, 0, cubes.PRESS)), definedon=msh.Boundaries("held1"))
-    contact.Update(gf, a, intorder=p.order, maxdist=1.0 / min(sizes))
+    gf.Set(ng.CF((0, 0, p.job.PRESS)), definedon=msh.Boundaries("held_1"))
+    contact.Update(gf, a, intorder=p.order, maxdist=max(p.job.cell_size(n) for n in p.sizes))
     free = V.FreeDofs()
     residual, step = gf.vec.CreateVector(), gf.vec.CreateVector()
     jacobi = ng.Preconditioner(a, "local")
@@ -94,24 +96,25 @@ def solve(p, sizes):
         gf.vec.data -= step
         newton += 1
         print(f"Newton {newton}: |r| = {norm:.3e}", flush=True)
-    held = msh.Boundaries("held0")
+    held = msh.Boundaries("held_0")
     z = np.arange(V.ndof // 3) + 2 * (V.ndof // 3)  # VectorH1 numbers component by component
     reaction = forces.vec.FV().NumPy()[z][np.array(V.components[2].GetDofs(held))]
-    return {"force": float(abs(reaction.sum())), "newton": newton, "krylov": krylov}
+    values = gf.vec.FV().NumPy().reshape(3, -1).T
+    return values, {"force": float(abs(reaction.sum())), "newton": newton, "krylov": krylov}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sizes", required=True)
+    jobs.add_arguments(parser)
     parser.add_argument("--linear", choices=("cg", "sparsecholesky", "umfpack"), default="cg")
     parser.add_argument("--factor", type=float, default=10.0, help="penalty over E/h")
     parser.add_argument("--slave", choices=("lower", "upper"), default="upper")
     parser.add_argument("--order", type=int, default=4, help="of the quadrature of the contact")
     parser.add_argument("--rtol", type=float, default=1e-6, help="where Newton's method ends")
-    p = parser.parse_args()
+    p = jobs.parse(parser)
     ng.SetNumThreads(1)
-    row = solve(p, [int(n) for n in p.sizes.split(",")])
-    cubes.report(**row, version=ng.__version__)
+    u, row = solve(p)
+    jobs.report(p.output, u, **row, version=ng.__version__)
 
 
 if __name__ == "__main__":

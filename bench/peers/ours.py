@@ -1,6 +1,7 @@
-"""The job through qsdolfinx.
+"""A job through qsdolfinx, on one rank.
 
 scripts/with-dolfinx python3 bench/peers/ours.py --sizes 22,18 --quadrature overlay
+scripts/with-dolfinx python3 bench/peers/ours.py --job hertz --sizes 13,10
 """
 
 import argparse
@@ -13,52 +14,81 @@ from petsc4py import PETSc
 
 import numpy as np
 
+import basix.ufl
 import dolfinx
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+from qsdolfinx.compat import cell_nodes
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-import cubes
+import jobs
 
 COMM = MPI.COMM_WORLD
 
 
-def create_body(n, i):
-    """Form, displacement, conditions and contact surface of the lower (0) or the upper cube (1)."""
-    corners = [[0.0, 0.0, i], [1.0, 1.0, i + 1]]
-    msh = mesh.create_box(COMM, corners, [n] * 3, mesh.CellType.hexahedron)
+def create_mesh(body):
+    """The mesh of a body. DOLFINx numbers the corners of a cell row by row."""
+    element = basix.ufl.element("Lagrange", "hexahedron", 1, shape=(3,))
+    cells = body.cells[:, [0, 1, 3, 2, 4, 5, 7, 6]]
+    return mesh.create_mesh(COMM, cells, x=body.x, e=ufl.Mesh(element))
+
+
+def locate(msh, quads):
+    """Facets of a side of the body, given by its faces."""
+    on_side = np.isin(msh.geometry.input_global_indices, np.unique(quads))
+    msh.topology.create_connectivity(2, 3)
+    facets = mesh.exterior_facet_indices(msh.topology)
+    nodes = mesh.entities_to_geometry(msh, 2, facets)
+    return facets[on_side[nodes].all(axis=1)]
+
+
+def create_body(body, i, job):
+    """Form, displacement, conditions and contact surface of the lower (0) or the upper body (1)."""
+    msh = create_mesh(body)
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
     # Constants, so that both bodies have the same form to compile.
-    mu = fem.Constant(msh, cubes.E[i] / (2 * (1 + cubes.NU)))
-    lame = fem.Constant(msh, cubes.E[i] * cubes.NU / ((1 + cubes.NU) * (1 - 2 * cubes.NU)))
+    mu = fem.Constant(msh, job.E[i] / (2 * (1 + job.NU)))
+    lame = fem.Constant(msh, job.E[i] * job.NU / ((1 + job.NU) * (1 - 2 * job.NU)))
     strain = ufl.sym(ufl.grad(u))
     stress = lame * ufl.tr(strain) * ufl.Identity(3) + 2 * mu * strain
     held, touching = (
-        mesh.locate_entities_boundary(msh, 2, lambda x, z=z: np.isclose(x[2], z))
-        for z in (2.0 * i, 1.0)
+        locate(msh, s) for s in ((body.high, body.low) if i else (body.low, body.high))
     )
-    value = np.array([0.0, 0.0, i * cubes.PRESS])
-    bc = fem.dirichletbc(value, fem.locate_dofs_topological(V, 2, held), V)
+    value = np.array([0.0, 0.0, i * job.PRESS])
+    bcs = [
+        fem.dirichletbc(0.0, fem.locate_dofs_topological(W, 2, locate(msh, quads)), W)
+        for W, quads in ((V.sub(axis), quads) for axis, quads in body.planes.items())
+    ]
+    bcs.append(fem.dirichletbc(value, fem.locate_dofs_topological(V, 2, held), V))
     # Eight points in each cell, as the others have: exact for boxes.
     dx = ufl.dx(degree=3)
-    return ufl.inner(stress, ufl.grad(v)) * dx, u, [bc], qs.Surface(V, facets=touching)
+    return ufl.inner(stress, ufl.grad(v)) * dx, u, bcs, qs.Surface(V, facets=touching)
 
 
-def solve(p, sizes):
-    """Row of results."""
+def displacements(u):
+    """Displacements in the order of the job's nodes; one rank."""
+    msh = u.function_space.mesh
+    out = np.empty((msh.geometry.x.shape[0], 3))
+    rows = msh.geometry.input_global_indices[cell_nodes(msh)]
+    out[rows.ravel()] = u.x.array.reshape(-1, 3)[u.function_space.dofmap.list.ravel()]
+    return out
+
+
+def solve(p, job, sizes):
+    """Displacements and row of results."""
     start = time.perf_counter()
-    bodies = [create_body(n, i) for i, n in enumerate(sizes)]
+    bodies = [create_body(body, i, job) for i, body in enumerate(job.bodies(sizes))]
     coarser = int(sizes[1] < sizes[0])
     slave = {"coarser": coarser, "finer": 1 - coarser, "lower": 0, "upper": 1}[p.slave]
     contact = qs.Contact(
         bodies[slave][3],
         bodies[1 - slave][3],
         p.formulation,
-        penalty="auto" if p.factor is None else cubes.penalty(sizes, p.factor),
+        penalty="auto" if p.factor is None else jobs.penalty(job, sizes, p.factor),
         quadrature=p.quadrature,
         enforcement=p.enforcement,
         gap_tolerance=p.gap_tolerance,
@@ -80,13 +110,14 @@ def solve(p, sizes):
         "solve": now - before,
     }
     problem.destroy()
-    return row
+    return np.concatenate([displacements(body[1]) for body in bodies]), row
 
 
-def main():
+def arguments():
+    """What the driver is given."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
-    add("--sizes", required=True)
+    jobs.add_arguments(parser)
     add("--formulation", default="quasi-symmetric")
     add("--quadrature", choices=("nodal", "overlay"), default="overlay")
     enforcements = "penalty", "augmented-lagrangian"
@@ -96,12 +127,15 @@ def main():
     add("--gap-tolerance", type=float, default=1e-8)
     add("--solver", default="amg")
     add("--rtol", type=float, help="residual at which Newton's method ends")
-    p = parser.parse_args()
-    row = solve(p, [int(n) for n in p.sizes.split(",")])
+    return parser
+
+
+def main():
+    p = jobs.parse(arguments())
+    u, row = solve(p, p.job, p.sizes)
     petsc = ".".join(map(str, PETSc.Sys.getVersion()))
     row["version"] = f"with DOLFINx {dolfinx.__version__} and PETSc {petsc}"
-    if COMM.rank == 0:
-        cubes.report(**row)
+    jobs.report(p.output, u, **row)
 
 
 if __name__ == "__main__":
