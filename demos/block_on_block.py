@@ -33,6 +33,7 @@ Keys of the JSON object:
 import argparse
 import dataclasses
 import json
+import pathlib
 import sys
 
 from mpi4py import MPI
@@ -43,6 +44,12 @@ import ufl
 from dolfinx import fem, la, mesh
 
 import qsdolfinx as qs
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from block_plot import Recorder
+from output_file import output_file
+from plotting import picture_file
 
 LOAD, E, NU = 2.0, 100.0, 0.3
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
@@ -207,57 +214,6 @@ def run(p, comm=MPI.COMM_WORLD, look=None):
     return {k: v.item() if hasattr(v, "item") else v for k, v in result.items()}, table
 
 
-# --- Picture
-
-
-class Recorder:
-    """Keeps the friction on the upper block after each step, gathered for the picture alone."""
-
-    def __init__(self):
-        self.states = []
-
-    def __call__(self, upper, contact, row):
-        surface = contact.slave
-        first = surface.V.dofmap.index_map.local_range[0] * 3
-        t = contact.traction("slave", part="tangential").x.array[surface.node_dofs - first]
-        status = contact.active().astype(int) + contact.slipping()
-        parts = contact.comm.gather((surface.node_x[:, :2], t[:, :2], status))
-        if parts is not None:
-            nodes = [np.concatenate(part) for part in zip(*parts, strict=True)]
-            self.states.append((row, nodes))
-
-
-def plot(p, states, filename):
-    """Friction in the first drag, with half of the area slipping, and at the end."""
-    middle = min(states[1:], key=lambda s: abs(s[0]["slip"] - 0.5))
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(13, 4.8), sharey=True)
-    figure.subplots_adjust(left=0.05, right=0.9, bottom=0.2, top=0.92, wspace=0.05)
-    for axis, (row, (x, t, status)) in zip(axes, (states[1], middle, states[-1]), strict=True):
-        size = np.linalg.norm(t, axis=1) / (p.mu * LOAD)  # the area is 1
-        color = axis.tricontourf(*x.T, size, levels=np.linspace(0, 2, 21), extend="max")
-        axis.quiver(*x.T, *t.T, color="white", width=0.004, zorder=3)
-        for kind, (face, label) in enumerate(
-            (("white", "open"), ("black", "sticks"), ("red", "slips"))
-        ):
-            here = x[status == kind]
-            style = {"ms": 5, "mec": "black", "mew": 0.5, "clip_on": False}
-            axis.plot(*here.T, "o", color=face, label=label, **style)
-        axis.set_title(f"shift {row['shift']:.3f}: T = {row['ratio']:.2f} μN", fontsize=11)
-        axis.set_aspect("equal")
-        axis.set_xlabel("x, dragged to the right")
-    axes[0].set_ylabel("y")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncols=3)
-    box = axes[-1].get_position()
-    bar = figure.add_axes((0.92, box.y0, 0.012, box.height))
-    figure.colorbar(color, cax=bar, label="friction on the upper block / (μN / area)")
-    figure.savefig(filename, dpi=110)
-
-
 def main():
     default = Parameters()
     parser = argparse.ArgumentParser(
@@ -270,14 +226,15 @@ def main():
     add("--enforcement", choices=("penalty", "augmented-lagrangian"), default=default.enforcement)
     add("--n", type=int, default=default.n, help="factor of the numbers of cells along an edge")
     add("--push", type=float, default=default.push, help="displacement of the top in a step")
-    add("--json", metavar="FILE")
-    add("--plot", metavar="FILE", help="draw the friction in three states (needs matplotlib)")
+    add("--json", type=output_file, metavar="FILE")
+    add("--plot", type=picture_file, metavar="FILE", help="draw the friction in three states")
     arguments = vars(parser.parse_args())
     filename, picture = arguments.pop("json"), arguments.pop("plot")
     p = Parameters(**arguments)
     if not p.mu > 0:
         parser.error("--mu must be positive")
-    result, table = run(p, look=(look := Recorder() if picture else None))
+    look = Recorder(p.mu * LOAD) if picture else None
+    result, table = run(p, look=look)
     if MPI.COMM_WORLD.rank == 0:
         print("   shift    T / μN   sticks   slips   energy taken  iterations")
         for row in table:
@@ -290,7 +247,7 @@ def main():
             with open(filename, "w") as file:
                 json.dump(result, file, indent=2)
         if picture:
-            plot(p, look.states, picture)
+            look.plot(picture)
     if result["min_dissipation"] < -1e-12 or result["stick_dissipation"] > 1e-12:
         sys.exit("friction takes energy without slip, or gives energy back")
 

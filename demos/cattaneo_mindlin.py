@@ -54,6 +54,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from hertz import FORMULATIONS, Hertz
 from hertz_bodies import LOAD, Body, R, create_mesh
+from output_file import output_file
+from plotting import picture_file
 
 MU, SHEAR = 0.2, 0.05851 * 2 * R
 KEYS = ("peak_error", "l2_error_normal", "l2_error_tangential", "stick_radius_error")
@@ -280,16 +282,14 @@ def main():
     add("--normals", choices=("facet", "averaged", "bisector"))
     add("--steps", type=int, help="steps of the tangential load")
     add("--tilting", action="store_true", default=None, help="q alone, which tips the bodies")
-    add("--json", metavar="FILE")
-    add("--plot", metavar="FILE", help="draw the tractions of nodal and overlay contact")
+    add("--json", type=output_file, metavar="FILE")
+    add("--plot", type=picture_file, metavar="FILE", help="draw nodal and overlay contact")
     arguments = vars(parser.parse_args())
     filename, picture = arguments.pop("json"), arguments.pop("plot")
     given = {name: value for name, value in arguments.items() if value is not None}
     p = dataclasses.replace(default, **given)
     if p.steps < 1:
         parser.error("--steps: at least 1")
-    if filename and not pathlib.Path(filename).absolute().parent.is_dir():
-        parser.error("--json: no such folder")
     result, more, _ = run(p)
     if MPI.COMM_WORLD.rank == 0:
         print("\n".join(f"{key:30}{value}" for key, value in (result | more).items()))

@@ -9,6 +9,7 @@ a law; friction factors are of the flow stress at the nominal strain rate, veloc
 
     mpirun -n 2 python3 demos/forging.py --die-refinement 4 --quadrature overlay --json forging.json
     mpirun -n 2 python3 demos/forging.py --friction coulomb-tresca --mu 0.2 --m-bar 0.4
+    python3 demos/forging.py --friction sticking --plot forging.png --animate forging.gif
 
 Keys of the JSON object (forces of the whole cylinder):
 
@@ -38,14 +39,17 @@ import numpy as np
 
 import ufl
 from dolfinx import fem, mesh
-from dolfinx.io import gmshio
 
 import qsdolfinx as qs
+from qsdolfinx.compat import interpolation_points, model_to_mesh
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
+from forging_film import Film
 from forging_output import Energy, Output, barrelling, measure
 from forming_friction import Friction, FrictionParameters, add_arguments
+from output_file import output_file
+from plotting import film_file, picture_file
 
 RADIUS, HEIGHT = 10.0, 15.0  # mm
 DIE_RADIUS, DIE_HEIGHT = 18.0, 9.0
@@ -92,7 +96,7 @@ def create_quarter(comm, radius, bottom, height, size):
         gmsh.model.mesh.field.setAsBackgroundMesh(1)
         gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], 1)
         gmsh.model.mesh.generate(3)
-    out = gmshio.model_to_mesh(gmsh.model, comm, 0, gdim=3)[0]
+    out = model_to_mesh(gmsh.model, comm, 0, gdim=3)[0]
     gmsh.finalize()
     return out
 
@@ -208,8 +212,8 @@ def assemble(p, h, work, dies):
 # --- Results
 
 
-def run(p, comm=MPI.COMM_WORLD):
-    """Forge, and say what came out.
+def run(p, comm=MPI.COMM_WORLD, on_step=None):
+    """Forge, and say what came out; ``on_step(scene, strain)`` at the start and after each step.
 
     Returns:
         What --json writes, and what :func:`build` returns.
@@ -221,8 +225,7 @@ def run(p, comm=MPI.COMM_WORLD):
     work = scene[0]
     strain = fem.Function(fem.functionspace(work.mesh, ("DG", 0)))
     rate = fem.Function(strain.function_space)
-    points = strain.function_space.element.interpolation_points
-    expression = fem.Expression(work.rate, points() if callable(points) else points)
+    expression = fem.Expression(work.rate, interpolation_points(strain.function_space))
     energy = Energy(work, dies, contacts, SPEED)
 
     def on_solved():
@@ -241,6 +244,8 @@ def run(p, comm=MPI.COMM_WORLD):
         verbose=p.verbose,
         append=p.restart,
     )
+    on_step = on_step or (lambda scene, strain: None)
+    on_step(scene, strain)
     iterations, imbalance = 0, 0.0
     for _ in stepper.run(p.reduction * HEIGHT / SPEED):
         strain.x.array[:] += stepper.last_dt * rate.x.array
@@ -254,6 +259,7 @@ def run(p, comm=MPI.COMM_WORLD):
             imbalance = max(
                 imbalance, np.linalg.norm(forces[0] + forces[1]) / np.linalg.norm(forces[0])
             )
+        on_step(scene, strain)
     history.close()
     if output:
         output.close()
@@ -275,29 +281,27 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     default = Parameters()
-    parser.add_argument("--die-refinement", type=float, default=default.die_refinement)
-    parser.add_argument(
-        "--formulation",
-        choices=FORMULATIONS,
-        default=default.formulation,
-    )
-    parser.add_argument("--quadrature", choices=("nodal", "overlay"), default=default.quadrature)
-    parser.add_argument(
-        "--enforcement", choices=("penalty", "augmented-lagrangian"), default=default.enforcement
-    )
-    parser.add_argument("--reduction", type=float, default=default.reduction)
-    parser.add_argument("--size", choices=tuple(SIZES), default=default.size)
-    parser.add_argument("--steps", dest="num_steps", type=int, default=default.num_steps)
-    parser.add_argument("--swap", action="store_true", help="the dies are the slaves")
+    add = parser.add_argument
+    add("--die-refinement", type=float, default=default.die_refinement)
+    add("--formulation", choices=FORMULATIONS, default=default.formulation)
+    add("--quadrature", choices=("nodal", "overlay"), default=default.quadrature)
+    add("--enforcement", choices=("penalty", "augmented-lagrangian"), default=default.enforcement)
+    add("--reduction", type=float, default=default.reduction)
+    add("--size", choices=tuple(SIZES), default=default.size)
+    add("--steps", dest="num_steps", type=int, default=default.num_steps)
+    add("--swap", action="store_true", help="the dies are the slaves")
     add_arguments(parser)
-    parser.add_argument("--output", metavar="FOLDER", help="fields, history.csv and a checkpoint")
-    parser.add_argument("--restart", action="store_true", help="go on from --output's checkpoint")
-    parser.add_argument("--json", metavar="FILE")
+    add("--output", metavar="FOLDER", help="fields, history.csv and a checkpoint")
+    add("--restart", action="store_true", help="go on from --output's checkpoint")
+    add("--json", type=output_file, metavar="FILE")
+    add("--plot", type=picture_file, metavar="FILE", help="picture of the end")
+    add("--animate", type=film_file, metavar="FILE", help="all steps as a GIF")
     a = vars(parser.parse_args())
-    filename = a.pop("json")
+    filename, picture, animation = (a.pop(name) for name in ("json", "plot", "animate"))
     if a["restart"] and not a["output"]:
         parser.error("--restart needs the --output of the run before")
-    result, scene = run(Parameters(**a, verbose=True))
+    film = Film(HEIGHT, SPEED) if picture or animation else None
+    result, scene = run(Parameters(**a, verbose=True), on_step=film)
     radii = barrelling(scene[0])
     if MPI.COMM_WORLD.rank == 0:
         print("largest radius at mid height {:.5g}, at the dies {:.5g}".format(*radii))
@@ -306,6 +310,10 @@ def main():
         if filename:
             with open(filename, "w") as file:
                 json.dump(result, file, indent=2)
+        if picture:
+            film.plot(picture)
+        if animation:
+            film.animate(animation)
 
 
 if __name__ == "__main__":

@@ -136,9 +136,9 @@ class Output:
     def _of_contacts(contacts, side):
         """What contacts have to show on one side."""
         return {
-            f"{name}_{i}": lambda c=contact, n=name: c.fields(side)[n]
+            f"{name}_{i}": source
             for i, contact in enumerate(contacts)
-            for name in contact.fields(side)
+            for name, source in contact.field_sources(side).items()
         }
 
     def write(self):

@@ -45,6 +45,8 @@ import qsdolfinx as qs
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from hertz_bodies import E_STAR, LOAD, Body, R, create_mesh
+from output_file import output_file
+from plotting import picture_file
 
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
 
@@ -174,58 +176,6 @@ def run(p, comm=MPI.COMM_WORLD):
     return {k: v.item() if hasattr(v, "item") else v for k, v in result.items()}, contact
 
 
-def profile(comm, body, traction):
-    """X and normal traction at all nodes of a surface, on rank 0; for the picture only."""
-    surface = body.surface
-    first = surface.V.dofmap.index_map.local_range[0] * body.dim
-    t = traction.x.array[surface.node_dofs - first]
-    p = -np.sum(t * surface.node_normal[:, : body.dim], axis=1)
-    parts = comm.gather((surface.node_x[:, 0], p))
-    if comm.rank > 0:
-        return None
-    x, p = (np.concatenate(part) for part in zip(*parts, strict=True))
-    order = np.argsort(x)
-    return x[order], p[order]
-
-
-def plot(p, filename, comm=MPI.COMM_WORLD):
-    """Traction on both sides over Hertz's pressure, for three kinds of contact."""
-    panels = []
-    for formulation, quadrature in (
-        ("master-slave", "nodal"),
-        ("quasi-symmetric", "nodal"),
-        ("quasi-symmetric", "overlay"),
-    ):
-        case = dataclasses.replace(p, formulation=formulation, quadrature=quadrature)
-        hertz, slave, master, contact, problem = build(comm, case)
-        problem.solve()
-        lines = [
-            profile(comm, body, contact.traction(side))
-            for side, body in (("slave", slave), ("master", master))
-        ]
-        panels.append((f"{formulation}, {quadrature}", lines))
-    if comm.rank > 0:
-        return
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(12, 4), sharey=True, layout="constrained")
-    s = np.linspace(0, 1.6, 400)
-    for axis, (title, lines) in zip(axes, panels, strict=True):
-        axis.plot(s, np.sqrt(np.maximum(1 - s**2, 0)), color="black", label="Hertz")
-        for (x, t), style, label in zip(lines, ("o-", "s-"), ("slave", "master"), strict=True):
-            near = x <= 1.6 * hertz.a
-            axis.plot(x[near] / hertz.a, t[near] / hertz.p0, style, ms=3, lw=0.8, label=label)
-        axis.set_title(title, fontsize=10)
-        axis.set_xlabel("x / a")
-        axis.grid(alpha=0.3)
-        axis.legend()
-    axes[0].set_ylabel("contact traction / p0")
-    figure.savefig(filename, dpi=120)
-
-
 def main():
     default = Parameters()
     parser = argparse.ArgumentParser(
@@ -243,8 +193,8 @@ def main():
     add("--penalty", type=float, help="ε, stress per length")
     add("--normals", choices=("facet", "averaged", "bisector"))
     add("--integral", action="store_true", default=None, help="l2_error of the function t")
-    add("--json", metavar="FILE")
-    add("--plot", metavar="FILE", help="draw the traction on both sides (2D; needs matplotlib)")
+    add("--json", type=output_file, metavar="FILE")
+    add("--plot", type=picture_file, metavar="FILE", help="draw three kinds of contact")
     arguments = vars(parser.parse_args())
     filename, picture = arguments.pop("json"), arguments.pop("plot")
     given = {name: value for name, value in arguments.items() if value is not None}
@@ -255,6 +205,8 @@ def main():
             with open(filename, "w") as file:
                 json.dump(result, file, indent=2)
     if picture:
+        from hertz_plot import plot
+
         plot(dataclasses.replace(default, **given), picture)
 
 

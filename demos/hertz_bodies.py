@@ -5,9 +5,9 @@ import numpy as np
 
 import ufl
 from dolfinx import fem, mesh
-from dolfinx.io import gmshio
 
 import qsdolfinx as qs
+from qsdolfinx.compat import model_to_mesh
 
 E, NU, R, LOAD, SIZE = 200.0, 0.3, 8.0, 10.0, 20.0
 E_STAR = E / (2 * (1 - NU**2))
@@ -63,7 +63,7 @@ def create_mesh(comm, shape, sign, dim, h, a):
         field.setAsBackgroundMesh(2)
         gmsh.model.addPhysicalGroup(dim, [tag for _, tag in gmsh.model.getEntities(dim)], 1)
         gmsh.model.mesh.generate(dim)
-    out = gmshio.model_to_mesh(gmsh.model, comm, 0, gdim=dim)[0]
+    out = model_to_mesh(gmsh.model, comm, 0, gdim=dim)[0]
     gmsh.finalize()
     return out
 

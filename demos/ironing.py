@@ -45,6 +45,8 @@ import qsdolfinx as qs
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from ironing_output import Output
+from output_file import output_file
+from plotting import picture_file
 
 E_SLAB, E_INDENTER, NU = 1.0, 10.0, 0.3
 HEIGHT = 1.0  # of the slab
@@ -268,8 +270,8 @@ def main():
     add("--steps", type=int, default=default.steps, help="in all, pressing and run-in included")
     add("--swap", action="store_true", help="the slab is the slave")
     add("--output", metavar="FOLDER", help="fields and history.csv")
-    add("--json", metavar="FILE")
-    add("--plot", metavar="FILE", help="draw forces of three kinds of contact (needs matplotlib)")
+    add("--json", type=output_file, metavar="FILE")
+    add("--plot", type=picture_file, metavar="FILE", help="draw three kinds of contact")
     a = vars(parser.parse_args())
     filename, picture = a.pop("json"), a.pop("plot")
     p = Parameters(**a, verbose=not picture)
@@ -283,7 +285,7 @@ def main():
         from ironing_plot import plot
 
         plot(p, picture)
-        if not filename:
+        if not (filename or p.output):
             return
     result = run(p)[0]
     if MPI.COMM_WORLD.rank == 0:

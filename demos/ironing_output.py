@@ -31,7 +31,7 @@ class Output:
                     self.folder / f"{name}.xdmf",
                     body.mesh,
                     {"displacement": body.u, "stress": body.stress},
-                    {n: lambda n=n, s=side: contact.fields(s)[n] for n in contact.fields(side)},
+                    contact.field_sources(side),
                 )
                 for name, body, side in zip(("indenter", "slab"), bodies, self.sides, strict=True)
             ]

@@ -3,6 +3,7 @@
 import numpy as np
 from patch_bodies import STRESS
 from patch_test import Parameters, normal_traction, reference_stress, run
+from plotting import gather, pyplot, save
 
 PAPER = {  # material, load: mean and maximum error, in %
     ("elastic", "pressure"): {"quasi-symmetric": (3.6, 8.3), "master-slave": (8.0, 22.0)},
@@ -132,39 +133,36 @@ def say_summary(say, summary):
 
 def plot(comm, filename, cell="tetrahedron", n_master=8, n_slave=3):
     """Draw the contact traction that both sides receive, with both formulations."""
-    panels = []
+    panels = {}
     for name in ("master-slave", "quasi-symmetric", "overlay"):
         _, contact = run(Parameters(n_master, n_slave, cell, **KINDS[name]), comm)
-        for side in ("slave", "master"):
+        for side, n in (("slave", n_slave), ("master", n_master)):
             x = (contact.slave if side == "slave" else contact.master).node_x
             values = np.abs(normal_traction(contact, side, np.array([0.0, 0.0, 1.0])) / STRESS)
-            parts = comm.gather((x, values))  # small, and for the picture only
-            if comm.rank == 0:
-                panels.append(
-                    (name, side, *(np.concatenate(part) for part in zip(*parts, strict=True)))
-                )
+            panels[side, name] = n, gather(comm, x, values)
     if comm.rank > 0:
         return
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(3, 2, figsize=(8.6, 11.2), layout="constrained")
-    for axis, (name, side, x, values) in zip(axes.flat, panels, strict=True):
-        n = n_slave if side == "slave" else n_master
+    figure, axes = pyplot().subplots(
+        2, 3, figsize=(10.5, 6.8), sharex=True, sharey=True, layout="compressed"
+    )
+    for axis, ((side, name), (n, (x, values))) in zip(
+        axes.flat, sorted(panels.items(), key=lambda p: p[0][0] == "master"), strict=True
+    ):
         order = np.lexsort((x[:, 0], x[:, 1]))
         grid = values[order].reshape(n + 1, n + 1)
         ticks = np.linspace(0, 1, n + 1)
-        image = axis.pcolormesh(
-            ticks, ticks, grid, shading="gouraud", cmap="RdBu_r", vmin=0, vmax=2
-        )
-        axis.plot(*np.meshgrid(ticks, ticks), ".", color="black", markersize=3)
+        options = {"shading": "gouraud", "cmap": "RdBu_r", "vmin": 0, "vmax": 2}
+        image = axis.pcolormesh(ticks, ticks, grid, **options)
+        axis.plot(*np.meshgrid(ticks, ticks), ".", color="black", markersize=3, clip_on=False)
         worst = 100 * np.max(np.abs(values - 1))
         text = f"{worst:.0f}" if worst > 1 else f"{worst:.0e}"
-        axis.set_title(f"{name}, {side} side, {n} × {n}\nlargest error {text} %", fontsize=10)
+        axis.set_title(f"{name}, {side}, {n} × {n}\nlargest error {text} %")
         axis.set_aspect("equal")
-    label = "contact traction / applied pressure (exact: 1; cut off at 2)"
-    figure.colorbar(image, ax=axes, label=label, shrink=0.8)
-    figure.savefig(filename, dpi=120)
+    for axis in axes[-1]:
+        axis.set_xlabel("x / edge of the cube (-)")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("y / edge of the cube (-)")
+    label = "contact traction / applied pressure (-)"
+    figure.colorbar(image, ax=axes, label=label, shrink=0.8, extend="max")
+    save(figure, filename)
     print(f"\n{filename}: contact traction on both sides")

@@ -50,11 +50,16 @@ import qsdolfinx as qs
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from forming_friction import Friction, FrictionParameters, add_arguments
+from output_file import output_file
+from plotting import picture_file
 from upset_cylinder import facets_at
 
 OUTER, INNER, HEIGHT = 15.0, 7.5, 10.0  # mm
 K, M, SPEED = 50.0, 0.15, 10.0  # MPa sᵐ, -, mm/s
 FACTORS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0)
+
+#: Arguments that the table chooses itself.
+FIXED = ("friction", "mu", "m_bar", "alpha")
 
 
 @dataclasses.dataclass
@@ -255,16 +260,20 @@ def main():
     parser.add_argument("--reduction", type=float, default=default.reduction)
     parser.add_argument("--steps", dest="num_steps", type=int, default=default.num_steps)
     parser.add_argument("--cells", type=int, default=default.cells, help="across the wall")
-    parser.add_argument("--json", metavar="FILE")
+    parser.add_argument("--json", type=output_file, metavar="FILE")
     parser.add_argument("--table", action="store_true", help="for several friction factors")
-    parser.add_argument("--plot", metavar="FILE", help="the table and three rings as a picture")
+    parser.add_argument(
+        "--plot", type=picture_file, metavar="FILE", help="the table and three rings as a picture"
+    )
     a = vars(parser.parse_args())
     filename, table, picture = (a.pop(name) for name in ("json", "table", "plot"))
     if table or picture:
         if filename:
             parser.error("--json is for one compression, without --table and --plot")
-        if picture and MPI.COMM_WORLD.size > 1:
-            parser.error("--plot draws on one rank only")
+        given = [name for name in FIXED if a[name] != getattr(default, name)]
+        if given:
+            names = ", ".join("--" + name.replace("_", "-") for name in given)
+            parser.error(f"{names}: --table and --plot have friction factors of their own (Tresca)")
         results = calibrate(Parameters(**a))
         if MPI.COMM_WORLD.rank == 0:
             print_table(results)

@@ -19,7 +19,7 @@ The back is pushed in steps until all nodes in contact slip, and twice more. By 
 normals stay as they are paired at first (small sliding); with --travel the steps are made by
 qs.TimeStepper, which pairs anew, until the wedge has gone that far.
 
-    python3 demos/sliding_wedge.py --mu 0.3
+    python3 demos/sliding_wedge.py --mu 0.3 --plot wedge.png
     mpirun -n 2 python3 demos/sliding_wedge.py --mu 0.1 --formulation double-pass --json wedge.json
     python3 demos/sliding_wedge.py --mu 0.2 --quadrature overlay --travel 1
 
@@ -31,6 +31,8 @@ Key of the JSON object:
 import argparse
 import dataclasses
 import json
+import pathlib
+import sys
 
 from mpi4py import MPI
 
@@ -40,6 +42,12 @@ import ufl
 from dolfinx import fem, la, mesh
 
 import qsdolfinx as qs
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from output_file import output_file
+from plotting import picture_file
+from wedge_plot import Look
 
 SLOPE, LOAD, E, NU = 0.1, 1.0, 1e3, 0.3
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
@@ -88,8 +96,8 @@ class Body:
         x[:, 1] = (1 - s) * low(x[:, 0]) + s * high(x[:, 0])
         self.V = fem.functionspace(self.mesh, ("Lagrange", 1, (2,)))
         self.u, self.v = fem.Function(self.V), ufl.TestFunction(self.V)
-        stress = qs.materials.linear_elastic(self.u, E, NU)
-        self.F = ufl.inner(stress, ufl.grad(self.v)) * ufl.dx
+        self.stress = qs.materials.linear_elastic(self.u, E, NU)
+        self.F = ufl.inner(self.stress, ufl.grad(self.v)) * ufl.dx
 
     def facets(self, where):
         return mesh.locate_entities_boundary(self.mesh, 1, where)
@@ -129,6 +137,7 @@ def build(comm, p):
     """Wedge, contact and problem."""
     wedge = Wedge(comm, (13 * p.n, 6 * p.n))
     incline = Body(comm, (26 * p.n, 5 * p.n), (0.0, 6.0), lambda x: -1 + 0 * x, lambda x: SLOPE * x)
+    wedge.incline = incline  # for the picture
     options = {"quadrature": p.quadrature, "enforcement": p.enforcement}
     if p.formulation in TWO_PASSES:
         # Multipliers on both sides cannot close every gap of meshes that do not match.
@@ -191,10 +200,15 @@ def steps(p, wedge, contact, problem):
             return
 
 
-def run(p, comm=MPI.COMM_WORLD):
-    """Solve; returns what --json writes, and the states after the steps."""
+def run(p, comm=MPI.COMM_WORLD, look=None):
+    """Solve; returns what --json writes, and the states after the steps.
+
+    look is called with the two bodies at the end.
+    """
     wedge, contact, problem = build(comm, p)
     table = list(steps(p, wedge, contact, problem))
+    if look is not None:
+        look(wedge, wedge.incline)
     problem.destroy()
     return {"ratio_error": abs(table[-1]["ratio"] / closed_form(p.mu) - 1)}, table
 
@@ -212,13 +226,15 @@ def main():
     add("--n", type=int, default=default.n, help="factor of the numbers of cells along an edge")
     add("--push", type=float, default=default.push, help="displacement of the back in a step")
     add("--travel", type=float, default=default.travel, help="way to go, pairing in every step")
-    add("--json", metavar="FILE")
+    add("--json", type=output_file, metavar="FILE")
+    add("--plot", type=picture_file, metavar="FILE", help="draw stresses and F / G")
     arguments = vars(parser.parse_args())
-    filename = arguments.pop("json")
+    filename, picture = arguments.pop("json"), arguments.pop("plot")
     p = Parameters(**arguments)
     if not 0 <= p.mu < 10:
         parser.error("--mu: from 0 to below 10, where the wedge would jam")
-    result, table = run(p)
+    look = Look() if picture else None
+    result, table = run(p, look=look)
     if MPI.COMM_WORLD.rank == 0:
         print("   shift       F / G  of contact  nodes closed  slipping  iterations")
         for row in table:
@@ -230,6 +246,8 @@ def main():
         if filename:
             with open(filename, "w") as file:
                 json.dump(result, file, indent=2)
+        if picture:
+            look.plot(picture, table, closed_form(p.mu))
     if table[-1]["slipping"] != table[-1]["active"]:
         raise SystemExit("not all nodes slip yet: the closed form does not hold; --push further")
 

@@ -6,7 +6,7 @@ of the height is left. R and h are those for which the velocity is solved, as F 
 midpoint scheme half a step ahead of the end of the last step.
 
     python3 demos/upset_cylinder.py --m 0.15 --rate 1 --dim 2 --json upset.json
-    mpirun -n 2 python3 demos/upset_cylinder.py --m 0.5 --dim 3
+    mpirun -n 2 python3 demos/upset_cylinder.py --m 0.5 --dim 3 --plot upset.png
 
 Keys of the JSON object:
 
@@ -21,6 +21,8 @@ polygonal mesh. In neither does a Dirichlet condition hold the billet along the 
 import argparse
 import dataclasses
 import json
+import pathlib
+import sys
 import time
 
 from mpi4py import MPI
@@ -30,9 +32,15 @@ import numpy as np
 
 import ufl
 from dolfinx import fem, mesh
-from dolfinx.io import gmshio
 
 import qsdolfinx as qs
+from qsdolfinx.compat import model_to_mesh
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from output_file import output_file
+from plotting import picture_file
+from upset_plot import Recorder
 
 RADIUS, HEIGHT = 10.0, 15.0
 
@@ -68,7 +76,7 @@ def create_billet(comm, dim):
         gmsh.option.setNumber("Mesh.MeshSizeMax", 3.0)
         gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], 1)
         gmsh.model.mesh.generate(3)
-    out = gmshio.model_to_mesh(gmsh.model, comm, 0, gdim=3)[0]
+    out = model_to_mesh(gmsh.model, comm, 0, gdim=3)[0]
     gmsh.finalize()
     return out
 
@@ -151,11 +159,17 @@ def build(comm, p):
     return billet, contacts, stepper
 
 
-def run(p, comm=MPI.COMM_WORLD):
-    """Upset, and compare every step with the closed form."""
+def run(p, comm=MPI.COMM_WORLD, look=None):
+    """Upset, and compare every step with the closed form.
+
+    look is called with the billet at first, and with the billet, the reduction, the force on a die
+    and that of the closed form after each step.
+    """
     comm.barrier()
     start = time.perf_counter()
     billet, contacts, stepper = build(comm, p)
+    look = look or (lambda *state: None)
+    look(billet)
     volume = billet.volume()
     speed = p.rate * HEIGHT
     share = 1.0 if p.dim == 2 else 4.0
@@ -170,8 +184,9 @@ def run(p, comm=MPI.COMM_WORLD):
     for _ in stepper.run(p.reduction / p.rate):
         area, height = solved_at[-1]
         force = area * p.K * np.sqrt(3) ** (p.m + 1) * (speed / height) ** p.m
-        for contact in contacts:
-            error = max(error, abs(share * abs(contact.force("slave")[-1]) / force - 1))
+        forces = [share * abs(contact.force("slave")[-1]) for contact in contacts]
+        error = max(error, *(abs(f / force - 1) for f in forces))
+        look(billet, 1 - height / HEIGHT, forces[1], force)
         iterations += stepper.num_iterations
         history.add(qs.step_row(stepper) | {"force_error": error})
     history.close()
@@ -201,16 +216,20 @@ def main():
         "--formulation", choices=("master-slave", "quasi-symmetric"), default=default.formulation
     )
     parser.add_argument("--quadrature", choices=("nodal", "overlay"), default=default.quadrature)
-    parser.add_argument("--json", metavar="FILE")
+    parser.add_argument("--json", type=output_file, metavar="FILE")
+    parser.add_argument("--plot", type=picture_file, metavar="FILE", help="draw billet and force")
     a = vars(parser.parse_args())
-    filename = a.pop("json")
-    result, _ = run(Parameters(**a, verbose=True))
+    filename, picture = a.pop("json"), a.pop("plot")
+    look = Recorder() if picture else None
+    result, _ = run(Parameters(**a, verbose=True), look=look)
     if MPI.COMM_WORLD.rank == 0:
         for key, value in result.items():
             print(f"{key:18}{value:.6g}")
         if filename:
             with open(filename, "w") as file:
                 json.dump(result, file, indent=2)
+        if picture:
+            look.plot(picture)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,196 @@
+"""What the demos' pictures share: matplotlib on request alone, one style, small files.
+
+Nodes, cells and values in them are gathered on rank 0, for the picture only: nothing that is
+computed needs them in one place.
+"""
+
+import argparse
+import io
+
+import numpy as np
+from output_file import output_file
+
+from dolfinx import fem, mesh
+
+from qsdolfinx.compat import cell_nodes, interpolation_points
+
+STYLE = {
+    "savefig.dpi": 110,
+    "font.size": 9.5,
+    "axes.titlesize": 10,
+    "legend.fontsize": 8.5,
+    "grid.alpha": 0.3,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+}
+LARGE = 145e3  # bytes of a PNG
+#: Towards the light, of bodies in 3D.
+LIGHT = np.array([0.3, 0.5, 0.81])
+
+
+# --- Files
+
+
+def picture_file(text, kinds=None):
+    """The name for --plot, if matplotlib is there and can write such a file there."""
+    try:
+        from matplotlib.backend_bases import FigureCanvasBase
+    except ImportError:
+        raise argparse.ArgumentTypeError("pictures need matplotlib, which is missing") from None
+    kinds = kinds or sorted(FigureCanvasBase.get_supported_filetypes())
+    if text.rpartition(".")[2].lower() not in kinds:
+        raise argparse.ArgumentTypeError(f"{text} must end in .{' or .'.join(kinds)}")
+    return output_file(text)
+
+
+def film_file(text):
+    """The name for --animate: a GIF."""
+    return picture_file(text, ["gif"])
+
+
+def pyplot():
+    """matplotlib.pyplot without a screen, in the style of all pictures."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    plt.rcParams.update(STYLE)
+    return plt
+
+
+def save(figure, filename):
+    """Write a figure; a large PNG in 256 colours, a third of its size."""
+    if str(filename).lower().endswith(".png"):
+        from PIL import Image
+
+        figure.savefig(full := io.BytesIO(), format="png")
+        picture = Image.open(full).convert("RGB")
+        if len(full.getvalue()) > LARGE:
+            options = {"method": Image.Quantize.MAXCOVERAGE, "kmeans": 1}
+            picture = picture.quantize(256, dither=Image.Dither.NONE, **options)
+        picture.save(filename, optimize=True)
+    else:
+        figure.savefig(filename)
+    pyplot().close(figure)
+
+
+# --- What is drawn, gathered for the picture only
+
+
+def gather(comm, *arrays):
+    """Arrays of all ranks one after the other, on rank 0; None elsewhere. Collective."""
+    parts = comm.gather(arrays)
+    if parts is None:
+        return None
+    return [np.concatenate(part) for part in zip(*parts, strict=True)]
+
+
+def node_values(u):
+    """Values of a vector field of degree 1 at the nodes of its mesh's geometry."""
+    V = u.function_space
+    out = np.zeros((len(V.mesh.geometry.x), V.dofmap.bs))
+    # One node of the space and one of the geometry at each vertex.
+    out[cell_nodes(V.mesh)] = u.x.array.reshape(-1, V.dofmap.bs)[V.dofmap.list]
+    return out
+
+
+def cell_values(msh, value):
+    """A UFL expression in the cells."""
+    space = fem.functionspace(msh, ("DG", 0))
+    function = fem.Function(space)
+    function.interpolate(fem.Expression(value, interpolation_points(space)))
+    return function.x.array[space.dofmap.list[:, 0]]
+
+
+def cells(msh, displacement=0.0, value=None):
+    """Corners of the cells of a mesh in 2D, on rank 0. Collective.
+
+    Args:
+        msh: Mesh.
+        displacement: To be added at the nodes.
+        value: UFL expression.
+
+    Returns:
+        Corners and values of all cells; None on other ranks.
+    """
+    own = msh.topology.index_map(2).size_local
+    values = np.zeros(own) if value is None else cell_values(msh, value)[:own]
+    corners = (msh.geometry.x[:, :2] + displacement)[cell_nodes(msh)[:own]]
+    around = [0, 1, 2] if corners.shape[1] == 3 else [0, 1, 3, 2]
+    return gather(msh.comm, corners[:, around], values)
+
+
+def boundary(msh, x):
+    """Boundary triangles of a mesh of tetrahedra that this rank owns.
+
+    Args:
+        msh: Mesh.
+        x: Where its nodes are.
+
+    Returns:
+        Rows of the geometry, so that normals point outwards, and the cells behind.
+    """
+    msh.topology.create_connectivity(2, 3)
+    facets = mesh.exterior_facet_indices(msh.topology)
+    if len(facets) == 0:
+        return np.zeros((0, 3), dtype=np.int32), np.zeros(0, dtype=np.int32)
+    nodes = mesh.entities_to_geometry(msh, 2, facets)
+    behind = msh.topology.connectivity(2, 3)
+    behind = behind.array[behind.offsets[facets]]
+    inwards = x[cell_nodes(msh)[behind]].mean(axis=1) - x[nodes[:, 0]]
+    turned = np.sum(normals(x[nodes]) * inwards, axis=1) > 0
+    nodes[turned] = nodes[turned][:, ::-1]
+    return nodes, behind
+
+
+# --- Drawing, on rank 0
+
+
+def normals(triangles):
+    """Unit normals."""
+    n = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    return n / np.linalg.norm(n, axis=1)[:, None]
+
+
+def draw_cells(axis, corners, values=None, **options):
+    """Cells in 2D with their values; without values only their edges."""
+    from matplotlib.collections import PolyCollection
+
+    options = {"edgecolor": "0.3", "linewidth": 0.4} | options
+    if values is None:
+        options = {"facecolor": "0.92"} | options
+    out = axis.add_collection(PolyCollection(corners, array=values, **options))
+    axis.set_aspect("equal")
+    return out
+
+
+def set_view(axis, elevation, azimuth, limits, zoom=1.1):
+    """Parallel projection without axes, in true proportions."""
+    axis.set_proj_type("ortho")
+    axis.view_init(elev=elevation, azim=azimuth)
+    axis.set(**dict(zip(("xlim", "ylim", "zlim"), limits, strict=True)))
+    axis.set_box_aspect([high - low for low, high in limits], zoom=zoom)
+    axis.set_axis_off()
+
+
+def steps_of_colour(largest, name, number=12):
+    """Colours for 0 to a value in round steps, of which a GIF has enough colours."""
+    from matplotlib import cm, colors, ticker
+
+    bounds = ticker.MaxNLocator(number).tick_values(0, largest)
+    return cm.ScalarMappable(colors.BoundaryNorm(bounds, 256), name)
+
+
+def draw_triangles(axis, triangles, colours, **options):
+    """Triangles that face the viewer of an axis in 3D, lit from above; RGBA of each."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    up, around = np.radians(axis.elev), np.radians(axis.azim)
+    viewer = np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)
+    normal = normals(triangles)
+    seen = normal @ viewer > 0
+    shaded = np.array(colours, dtype=float)[seen]
+    shaded[:, :3] *= (0.65 + 0.35 * np.abs(normal[seen] @ LIGHT))[:, None]
+    options = {"edgecolor": (0, 0, 0, 0.35), "linewidth": 0.2, "clip_on": False} | options
+    axis.add_collection3d(Poly3DCollection(triangles[seen], facecolors=shaded, **options))
