@@ -1,0 +1,86 @@
+"""Sphinx configuration: ``make docs`` builds the site in build/docs."""
+
+import ast
+import pathlib
+import re
+
+from docutils import nodes
+from sphinx.util.docutils import SphinxDirective
+
+import qsdolfinx
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+
+project = "qsdolfinx"
+author = "The qsdolfinx developers"
+copyright = "The qsdolfinx developers"
+version = release = qsdolfinx.__version__
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+smartquotes = False  # of --option it would make –option
+
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {
+    "Array": "Array",
+    "Expression": "Expression",
+    "Field": "Field",
+    "Parameter": "Parameter",
+    "Scalar": "Scalar",
+    "npt.ArrayLike": "ArrayLike",
+    "npt.NDArray": "NDArray",
+}
+autodoc_default_options = {"members": True, "inherited-members": True}
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+
+html_theme = "furo"
+html_title = f"qsdolfinx {release}"
+html_copy_source = False
+html_show_sphinx = False
+pygments_style = "friendly"
+
+
+def escape_bars(app, what, name, obj, options, lines):
+    """Let |τ| be an absolute value, which reStructuredText takes for a substitution."""
+    for i, line in enumerate(lines):
+        parts = re.split(r"(``.*?``)", line)
+        parts[::2] = [part.replace("|", r"\|") for part in parts[::2]]
+        lines[i] = "".join(parts)
+
+
+def drop_missing(app, docname, source):
+    """Let an entry such as ``limits?`` in a toctree be a page that need not be there."""
+    folder = ROOT / "docs"
+
+    def entry(match):
+        return match[1] + "\n" if (folder / f"{match[1]}.md").exists() else ""
+
+    source[0] = re.sub(r"^([\w/-]+)\?\n", entry, source[0], flags=re.MULTILINE)
+
+
+class Demo(SphinxDirective):
+    """A program of the repository: its docstring as text, then its source."""
+
+    required_arguments = 1
+
+    def run(self):
+        """Make the nodes."""
+        path = ROOT / self.arguments[0]
+        self.env.note_dependency(str(path))
+        source = path.read_text(encoding="utf-8")
+        module = ast.parse(source)
+        text = self.parse_text_to_nodes(ast.get_docstring(module))
+        rest = "\n".join(source.split("\n")[module.body[0].end_lineno :]).strip() + "\n"
+        name = nodes.paragraph("", "", nodes.literal("", self.arguments[0]))
+        code = nodes.literal_block(rest, rest, language="python")
+        return [*text, name, code]
+
+
+def setup(app):
+    """Register what is above."""
+    app.add_directive("demo", Demo)
+    app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("source-read", drop_missing)
