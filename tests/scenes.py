@@ -1,7 +1,6 @@
 """Meshes, bodies and contacts that the tests are made of."""
 
 import contextlib
-import inspect
 
 from mpi4py import MPI
 
@@ -59,9 +58,7 @@ def box(comm, n, cell, low, high, partition=None):
 
 def create_mesh(cells, x, domain, comm=WORLD):
     """dolfinx.mesh.create_mesh, the order of whose arguments differs between versions."""
-    given = {"cells": cells.astype(np.int64), "x": x, "e": domain}
-    names = inspect.signature(mesh.create_mesh).parameters
-    return mesh.create_mesh(comm, **{name: given[name] for name in names if name in given})
+    return mesh.create_mesh(comm, cells=cells.astype(np.int64), x=x, e=domain)
 
 
 def plane(msh, axis, value):

@@ -14,6 +14,7 @@ from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.checkpoint import Checkpoint
+from qsdolfinx.compat import interpolation_points
 
 SELF = MPI.COMM_SELF
 CELLS = {"triangle": (4, 3), "quadrilateral": (4, 3), "tetrahedron": (2, 3, 2)}
@@ -191,8 +192,7 @@ class Run(Upset):
         Q = fem.functionspace(self.mesh, ("DG", 0))
         self.strain = fem.Function(Q)
         rate = qs.materials.equivalent_strain_rate(ufl.split(self.w)[0])
-        points = Q.element.interpolation_points
-        self._rate = fem.Expression(rate, points() if callable(points) else points)
+        self._rate = fem.Expression(rate, interpolation_points(Q))
         self.stepper.on_solved = self.add
 
     def move(self, t, dt):

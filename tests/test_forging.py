@@ -7,6 +7,7 @@ import itertools
 
 from mpi4py import MPI
 
+import forging
 import numpy as np
 import pytest
 from forging import FORMULATIONS, Parameters, run
@@ -26,6 +27,12 @@ KEYS = (
     "snes_iterations",
     "total_seconds",
 )
+
+
+@pytest.fixture(autouse=True)
+def large_cells(monkeypatch):
+    """Larger cells than those of the demo, which these facts do not need."""
+    monkeypatch.setitem(forging.SIZES, "coarse", 3.5)
 
 
 @functools.cache
@@ -72,9 +79,9 @@ def test_swap():
 
 
 def test_enforcement():
-    """The penalty costs little: the dies are where they should be to its compliance."""
+    """The penalty costs little: its compliance, which grows with the cells."""
     forces = [forge(enforcement=e)["forming_force"] for e in ("penalty", "augmented-lagrangian")]
-    assert np.isclose(*forces, rtol=5e-3)
+    assert np.isclose(*forces, rtol=1e-2)
 
 
 LAWS = {

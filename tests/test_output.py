@@ -52,6 +52,11 @@ def grids(filename):
 
 def dataset(filename, name):
     """Sorted values of a dataset, on every rank."""
+    return np.sort(stored(filename, name))
+
+
+def stored(filename, name):
+    """Values of a dataset as the file has them, on every rank."""
     viewer = PETSc.ViewerHDF5().create(str(filename), "r", comm=WORLD)
     group, _, last = name.rpartition("/")
     viewer.pushGroup(group)
@@ -60,7 +65,7 @@ def dataset(filename, name):
     vec.load(viewer)
     viewer.popGroup()
     viewer.destroy()
-    return np.sort(np.concatenate(WORLD.allgather(vec.array_r)))
+    return np.concatenate(WORLD.allgather(vec.array_r))
 
 
 def test_xdmf(folder):
@@ -134,8 +139,13 @@ def test_history(folder, capsys):
     raises_everywhere(WORLD, ValueError, "row", lambda: again.add({"t": 1.0}))
     fresh = qs.History(WORLD, folder / "run.csv", verbose=False, append=True)
     raises_everywhere(WORLD, ValueError, "other columns", lambda: fresh.add({"t": 1.0}))
-    missing = qs.History(WORLD, folder / "none" / "run.csv", verbose=False)
-    raises_everywhere(WORLD, OSError, "none", lambda: missing.add(rows[0]))
+    (folder / "gone").mkdir(exist_ok=True)
+    WORLD.barrier()
+    missing = qs.History(WORLD, folder / "gone" / "run.csv", verbose=False)
+    WORLD.barrier()
+    if WORLD.rank == 0:
+        (folder / "gone").rmdir()
+    raises_everywhere(WORLD, OSError, "gone", lambda: missing.add(rows[0]))
 
 
 @pytest.mark.parametrize("with_tqdm", [True, False])

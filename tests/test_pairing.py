@@ -52,7 +52,15 @@ def closest_on_triangle(a, b, c, p):
     return np.where(inside[:, None], q, np.choose(nearest[:, None], candidates)), n
 
 
-def brute_force(nodes, facets, outline):
+def brute_force(nodes, facets, outline, step=200):
+    """What :func:`closest` finds, some nodes at a time: there are many pairs."""
+    parts = [
+        closest(nodes[i : i + step], facets, outline) for i in range(0, max(len(nodes), 1), step)
+    ]
+    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+
+
+def closest(nodes, facets, outline):
     """Closest points, and whether they are admissible: within the radius, not beside the surface.
 
     Facets are tried in order of their centroids' distances; that those left out are further away is
@@ -79,7 +87,7 @@ def brute_force(nodes, facets, outline):
     size = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=2).max(axis=0)
     height = dot(nodes - x, normal)
     offset = np.linalg.norm(nodes - x - height[:, None] * normal, axis=1)
-    beside = on_outline & (offset > np.maximum(0.1 * size, 2 * np.abs(height)))
+    beside = (offset > 0.1 * size) & (on_outline | (offset > 2 * np.abs(height)))
     return (distance <= RADIUS) & ~beside, x, distance
 
 

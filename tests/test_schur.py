@@ -202,12 +202,12 @@ def test_given_form():
     assert counts[0] == counts[1] < 100
 
 
-def test_auto(monkeypatch, capfd):
+def test_auto(monkeypatch, caplog):
     """By size, said aloud; a form of the user's decides nothing."""
     names = [problem_of(SCENES["3D"](), "auto").solver]
     monkeypatch.setitem(presets.LARGE_FLOW, 3, 10)
     names.append(problem_of(SCENES["3D"](), "auto").solver)
-    printed = capfd.readouterr().out
+    printed = caplog.text
     assert names == ["direct", "schur"]
     assert WORLD.rank > 0 or ("schur" in printed and "10 or more" in printed)
 

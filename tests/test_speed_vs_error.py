@@ -1,19 +1,14 @@
 """The benchmark of speed against error: its errors, its fronts, and that the document has them."""
 
 import json
-import pathlib
-import sys
 
 from mpi4py import MPI
 
 import hertz
 import numpy as np
 import pytest
-from scenes import WORLD
-
-sys.path.append(str(pathlib.Path(__file__).resolve().parent.parent / "bench"))
-
 from machine import circumstances
+from scenes import WORLD
 from speed_cases import Kind
 from speed_forging import Forging
 from speed_front import curves as curves_of
