@@ -4,23 +4,28 @@
 DOLFINX = scripts/with-dolfinx
 # Numbers of MPI ranks that the tests run with.
 RANKS = 1 2 3
-# Arguments for pytest, and seconds after which a test run is given up.
+# Arguments for pytest (--all-cases: see CONTRIBUTING.md), and seconds after which a test run is given up.
 PYTEST = -q
 TEST_TIMEOUT = 1500
 # The command of `make demo`.
 DEMO = python3 demos/patch_test.py --plot patch_test.png
 
-.PHONY: help demo test bench-check lint format image clean
+.PHONY: help demo test test-sid bench-check sanitize figures lint format docs dist image clean
 .NOTPARALLEL:
 
 help:
 	@echo 'make demo      run the patch test and draw patch_test.png'
 	@echo 'make test      run the tests with $(RANKS) MPI ranks'
 	@echo 'make test-N    run them with N ranks (RANKS="1 4": with 1 and 4; PYTEST="-k gap": some of them)'
+	@echo 'make test-sid  run them with $(RANKS) MPI ranks and the DOLFINx of Debian sid, in a tree of its own'
 	@echo 'make bench-check  compare ratios of speed and memory with recorded ones'
+	@echo 'make sanitize  run the tests of the kernels with AddressSanitizer and UBSan'
+	@echo 'make figures   draw the pictures of docs/gallery.md again'
 	@echo 'make lint      check style and types'
 	@echo 'make format    format Python and C++'
-	@echo 'make image     build a container image and run the tests in it (docker, podman or buildah)'
+	@echo 'make docs      build the documentation in build/docs'
+	@echo 'make dist      build source archive and wheel in dist/, and try them in a new environment'
+	@echo 'make image     build the container image, run the demo and the tests in it (docker, podman or buildah)'
 	@echo 'make clean     remove everything that was built, the private Debian tree included'
 
 demo:
@@ -34,14 +39,32 @@ test-1:
 test-%:
 	$(DOLFINX) timeout --foreground $(TEST_TIMEOUT) mpirun -n $* python3 -m pytest $(PYTEST)
 
+test-sid:
+	@$(MAKE) --no-print-directory test DOLFINX='scripts/with-dolfinx --suite sid'
+
+test-sid-%:
+	@$(MAKE) --no-print-directory test-$* DOLFINX='scripts/with-dolfinx --suite sid'
+
 bench-check:
 	$(DOLFINX) python3 bench/check.py
+
+sanitize:
+	@scripts/sanitize
+
+figures:
+	$(DOLFINX) scripts/figures
 
 lint:
 	@scripts/lint
 
 format:
 	@scripts/lint --fix
+
+docs:
+	@scripts/build-docs
+
+dist:
+	$(DOLFINX) scripts/build-dist
 
 image:
 	@scripts/build-image
