@@ -135,7 +135,8 @@ def to_rim(q, facets):
     """Distance of points, shape (nodes, facets, 3), to the surface's rim; inf if it has none."""
     sides = {2: ((0,), (1,)), 3: ((0, 1), (1, 2), (2, 0)), 4: ((0, 1), (0, 2), (1, 3), (2, 3))}
     edges = np.concatenate([facets[:, list(side)] for side in sides[facets.shape[1]]])
-    names = [tuple(sorted(map(tuple, np.round(edge, 9) + 0.0))) for edge in edges]
+    size = np.ptp(facets.reshape(-1, facets.shape[-1]), axis=0).max()
+    names = [tuple(sorted(map(tuple, np.round(edge / size, 9) + 0.0))) for edge in edges]
     edges = [edge for edge, name in zip(edges, names, strict=True) if names.count(name) == 1]
     out = np.full(q.shape[:-1], np.inf)
     for edge in edges:

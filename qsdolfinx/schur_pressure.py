@@ -14,6 +14,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from qsdolfinx.bulk import Body
+from qsdolfinx.collective import collective_errors
 from qsdolfinx.compat import collapse, num_entity_dofs
 
 
@@ -67,8 +68,9 @@ class PressureMass:
         owned = dofs[: self.Q.dofmap.index_map.size_local]
         #: Owned unknowns of the body that are pressures, ascending.
         self.dofs = np.sort(owned)
-        if np.any(owned != self.dofs):
-            raise NotImplementedError("pressures are not numbered as in the body's space")
+        with collective_errors(body.V.mesh.comm):
+            if np.any(owned != self.dofs):
+                raise NotImplementedError("pressures are not numbered as in the body's space")
         self._constrained = np.flatnonzero(np.isin(owned, body.owned_constrained))
         p, q = ufl.TrialFunction(self.Q), ufl.TestFunction(self.Q)
         self._weight = fem.Function(fem.functionspace(body.V.mesh, ("DG", 0, (5,))))

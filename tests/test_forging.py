@@ -29,6 +29,10 @@ KEYS = (
 )
 
 
+#: The demo's own size of cells.
+CELLS = forging.SIZES["coarse"]
+
+
 @pytest.fixture(autouse=True)
 def large_cells(monkeypatch):
     """Larger cells than those of the demo, which these facts do not need."""
@@ -78,10 +82,14 @@ def test_swap():
     assert abs(forces[1] / forces[0] - 1) < 5e-3
 
 
-def test_enforcement():
-    """The penalty costs little: its compliance, which grows with the cells."""
-    forces = [forge(enforcement=e)["forming_force"] for e in ("penalty", "augmented-lagrangian")]
-    assert np.isclose(*forces, rtol=1e-2)
+def test_enforcement(monkeypatch):
+    """The penalty costs little: the dies are where they should be to its compliance."""
+    monkeypatch.setitem(forging.SIZES, "coarse", CELLS)  # it is less than that of larger cells
+    forces = [
+        forge.__wrapped__(enforcement=e)["forming_force"]
+        for e in ("penalty", "augmented-lagrangian")
+    ]
+    assert np.isclose(*forces, rtol=5e-3)
 
 
 LAWS = {

@@ -10,7 +10,7 @@ from scenes import CELLS, WORLD, Pair, drag_top, largest, raises_everywhere, vec
 from test_output import dataset, grids, stored
 
 import ufl
-from dolfinx import fem, io
+from dolfinx import fem, io, mesh
 
 import qsdolfinx as qs
 
@@ -242,3 +242,9 @@ def test_vtkhdf(folder):
     for t, values in zip((1.0, 2.0), found, strict=True):
         expected = t * np.stack([2 + x[:, 0], x[:, 1], 0 * x[:, 0]], axis=1)
         np.testing.assert_allclose(values, expected, atol=1e-14)
+    owned = msh.topology.index_map(2).size_local
+    x = mesh.compute_midpoints(msh, 2, np.arange(owned, dtype=np.int32))
+    squares = np.sort(np.concatenate(WORLD.allgather((2 + x[:, 0]) ** 2 + x[:, 1] ** 2)))
+    found = stored(folder / "a_size.vtkhdf", "/VTKHDF/CellData/size").reshape(2, -1)
+    for t, values in zip((1.0, 2.0), found, strict=True):
+        np.testing.assert_allclose(np.sort(values), t**2 * squares, rtol=1e-14)
