@@ -33,8 +33,10 @@ demo:
 
 test: $(RANKS:%=test-%)
 
+# One rank each in two processes, where pytest-xdist is installed.
 test-1:
-	$(DOLFINX) timeout --foreground $(TEST_TIMEOUT) python3 -m pytest $(PYTEST)
+	$(DOLFINX) timeout --foreground $(TEST_TIMEOUT) sh -c 'python3 -c "import xdist" 2>/dev/null && \
+		export PYTEST_ADDOPTS="-n 2 --dist loadfile $$PYTEST_ADDOPTS"; exec "$$@"' sh python3 -m pytest $(PYTEST)
 
 test-%:
 	$(DOLFINX) timeout --foreground $(TEST_TIMEOUT) mpirun -n $* python3 -m pytest $(PYTEST)

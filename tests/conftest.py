@@ -2,6 +2,7 @@
 
 import collections
 import gc
+import inspect
 import io
 import itertools
 import os
@@ -19,14 +20,17 @@ import pytest
 
 # Tests import scenes.py beside them, the demos and the benchmarks.
 here = pathlib.Path(__file__).resolve().parent
-sys.path[:0] = [str(here), *(str(here.parent / folder) for folder in ("demos", "bench"))]
+scenes = [here.parent / folder for folder in ("demos", "bench")]
+sys.path[:0] = [str(here), *map(str, scenes)]
+
+from dolfinx import jit  # noqa: E402
 
 import qsdolfinx as qs  # noqa: E402
 
 comm = MPI.COMM_WORLD.Dup()
 
-#: Cases of a test from which on they are shared between the runs with several ranks.
-MANY_CASES = 4
+# Two processes may want the same form: the one waits until the other has compiled it.
+jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "seconds to wait for another process")
 
 #: Tests after which garbage is collected, and the count of them.
 GARBAGE, finished = 10, itertools.count(1)
@@ -76,20 +80,29 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(config, items):
-    """With several ranks, of a test with many cases a half: with 2 the one, with 3 the other.
+    """With several ranks, of demos, benchmarks and a test's cases a half: with 2 one, with 3 the other.
 
     Which half a case is in follows from its name. One rank runs them all.
     """
     if comm.size == 1 or config.getoption("all_cases"):
         return
     counts = collections.Counter(item.nodeid.partition("[")[0] for item in items)
+    of_scenes = {item.module: uses_scenes(item.module) for item in items}
     kept, left = [], []
     for item in items:
-        many = counts[item.nodeid.partition("[")[0]] >= MANY_CASES
+        shared = counts[item.nodeid.partition("[")[0]] > 1 or of_scenes[item.module]
         other_half = zlib.crc32(item.nodeid.encode()) % 2 != comm.size % 2
-        (left if many and other_half else kept).append(item)
+        (left if shared and other_half else kept).append(item)
     config.hook.pytest_deselected(items=left)
     items[:] = kept
+
+
+def uses_scenes(module):
+    """Whether a module of tests imports something of the demos or benchmarks."""
+    names = {getattr(value, "__module__", None) for value in vars(module).values()}
+    names |= {value.__name__ for value in vars(module).values() if inspect.ismodule(value)}
+    files = [getattr(sys.modules.get(name), "__file__", None) for name in names]
+    return any(folder in pathlib.Path(file).parents for file in files if file for folder in scenes)
 
 
 @pytest.hookimpl(trylast=True)
