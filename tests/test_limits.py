@@ -3,7 +3,6 @@
 import pathlib
 import re
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
