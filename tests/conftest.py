@@ -80,7 +80,7 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(config, items):
-    """With several ranks half of the demos, benchmarks and cases of a test: with 2 one, 3 the other.
+    """With several ranks half of the demos, benchmarks and cases: with 2 one half, with 3 the rest.
 
     Which half a case is in follows from its name. One rank runs them all.
     """
