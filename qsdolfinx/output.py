@@ -64,7 +64,7 @@ class FieldWriter:
             raise ValueError(f"filename: must end in .xdmf or .bp, or .vtkhdf, not {path.name!r}")
         if path.suffix == ".vtkhdf" and vtkhdf.module is None:
             raise ValueError("filename: this DOLFINx has no VTK-HDF; use .xdmf or .bp")
-        if path.suffix == ".vtkhdf" and msh.geometry.cmap.degree > 1:
+        if path.suffix == ".vtkhdf" and coordinate_element(msh).degree > 1:
             raise ValueError("filename: no VTK-HDF of curved meshes; use .xdmf or .bp")
         if path.suffix == ".bp" and not hasattr(io, "VTXWriter"):
             raise ValueError("filename: this DOLFINx has no ADIOS2 for VTX; use .xdmf")

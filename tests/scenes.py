@@ -61,6 +61,14 @@ def create_mesh(cells, x, domain, comm=WORLD):
     return mesh.create_mesh(comm, cells=cells.astype(np.int64), x=x, e=domain)
 
 
+def curved_triangle():
+    """A triangle whose sides are of degree 2, on rank 0."""
+    points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0.0]])
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 2, shape=(2,)))
+    mine = slice(None) if WORLD.rank == 0 else slice(0)
+    return create_mesh(np.arange(6).reshape(1, 6)[mine], points[mine], domain)
+
+
 def plane(msh, axis, value):
     """Boundary facets in a plane across an axis."""
     fdim = msh.topology.dim - 1

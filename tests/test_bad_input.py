@@ -9,14 +9,13 @@ from scenes import (
     Pair,
     box,
     clamp,
-    create_mesh,
+    curved_triangle,
     elastic,
     plane,
     raises_everywhere,
     vector_space,
 )
 
-import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
@@ -86,11 +85,7 @@ def test_meshes():
     msh = mesh.create_unit_interval(WORLD, 8)
     V = fem.functionspace(msh, ("Lagrange", 1, (1,)))
     surface_error(ValueError, "triangles", V, facets=np.array([0], dtype=np.int32))
-    cell = mesh.CellType.triangle
-    points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0.0]], dtype=float)
-    curved = ufl.Mesh(basix.ufl.element("Lagrange", cell.name, 2, shape=(2,)))
-    mine = slice(None) if WORLD.rank == 0 else slice(0)
-    msh = create_mesh(np.arange(6).reshape(1, 6)[mine], points[mine], curved)
+    msh = curved_triangle()
     V = vector_space(msh)
     msh.topology.create_connectivity(1, 2)
     surface_error(ValueError, "degree 1", V, facets=mesh.exterior_facet_indices(msh.topology))

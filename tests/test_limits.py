@@ -8,10 +8,18 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 from malformed_scene import Scene
-from scenes import WORLD, Pair, box, clamp, create_mesh, plane, raises_everywhere, vector_space
+from scenes import (
+    WORLD,
+    Pair,
+    box,
+    clamp,
+    curved_triangle,
+    plane,
+    raises_everywhere,
+    vector_space,
+)
 from step_scenes import Upset, refuse
 
-import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
@@ -64,11 +72,7 @@ def scalar(scene, folder):
 
 @case("V: contact facets must be straight-sided: mesh geometry of degree 1")
 def curved(scene, folder):
-    domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 2, shape=(2,)))
-    points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0.0]])
-    mine = slice(None) if WORLD.rank == 0 else slice(0)
-    msh = create_mesh(np.arange(6).reshape(1, 6)[mine], points[mine], domain)
-    surface(vector_space(msh))
+    surface(vector_space(curved_triangle()))
 
 
 @case(

@@ -6,7 +6,16 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scenes import CELLS, WORLD, Pair, drag_top, largest, raises_everywhere, vector_space
+from scenes import (
+    CELLS,
+    WORLD,
+    Pair,
+    curved_triangle,
+    drag_top,
+    largest,
+    raises_everywhere,
+    vector_space,
+)
 from test_output import dataset, grids, stored
 
 import ufl
@@ -237,6 +246,9 @@ def test_vtkhdf(folder):
         for t in (1.0, 2.0):
             u.interpolate(lambda x, t=t: t * np.stack([2 + x[0], x[1]]))
             writer.write(t)
+    curved = curved_triangle()
+    write = lambda: qs.FieldWriter(folder / "b.vtkhdf", curved, {})  # noqa: E731
+    raises_everywhere(WORLD, ValueError, "curved", write)
     x = stored(folder / "a_u.vtkhdf", "/VTKHDF/Points").reshape(-1, 3)
     found = stored(folder / "a_u.vtkhdf", "/VTKHDF/PointData/u").reshape(2, -1, 3)
     for t, values in zip((1.0, 2.0), found, strict=True):
@@ -245,6 +257,6 @@ def test_vtkhdf(folder):
     owned = msh.topology.index_map(2).size_local
     x = mesh.compute_midpoints(msh, 2, np.arange(owned, dtype=np.int32))
     squares = np.sort(np.concatenate(WORLD.allgather((2 + x[:, 0]) ** 2 + x[:, 1] ** 2)))
-    found = stored(folder / "a_size.vtkhdf", "/VTKHDF/CellData/size").reshape(2, -1)
+    found = stored(folder / "a_size.vtkhdf", "/VTKHDF/CellData/u").reshape(2, -1)
     for t, values in zip((1.0, 2.0), found, strict=True):
         np.testing.assert_allclose(np.sort(values), t**2 * squares, rtol=1e-14)
