@@ -101,10 +101,13 @@ class WeightedGap:
         #: λ̂, of the same shape.
         self.augmented: Array = np.zeros(shape)
 
+    def change_of(self, u: Vecs) -> Array:
+        """How ḡ changes when the unknowns change by u. Collective."""
+        return self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.scale)
+
     def evaluate(self, u: Vecs) -> None:
         """Compute the weighted gaps for unknowns u. Collective."""
-        self.values = self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.scale)
-        self.values += self.offset + self.shift
+        self.values = self.change_of(u) + self.offset + self.shift
         if not self.law.jump:
             self.values[:, 0] -= self.operator.initial_gap + self.allowance
 

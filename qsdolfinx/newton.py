@@ -1,4 +1,4 @@
-"""Newton's method and the updates of augmented multipliers."""
+"""Newton's method for a system with given augmented multipliers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.additive import Additive
-from qsdolfinx.augmentation import Augmentation
 from qsdolfinx.bulk import Body
 from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
@@ -21,7 +20,6 @@ from qsdolfinx.schur import Schur
 from qsdolfinx.slip import Slip
 from qsdolfinx.solver import (
     NOT_BALANCED,
-    NOT_CLOSED,
     ConvergenceError,
     forget_failure,
     line_search,
@@ -29,16 +27,6 @@ from qsdolfinx.solver import (
 from qsdolfinx.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
-
-#: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
-MAX_AUGMENTATIONS = 100
-
-#: Residual after an update of the multipliers, relative to that before, with which the next may be
-#: made. With 1e-3 Anderson's combination of earlier updates can fail on the errors.
-INNER = 1e-4
-
-#: Residual, relative to the first one, below which rounding errors are.
-ROUNDING = 1e-13
 
 #: Iterations in which nodes that are open by rounding alone count as closed.
 LENIENT = 4
@@ -87,11 +75,6 @@ class Newton(ContactSystem):
         self._norms: list[float] = []
         #: Residual before a first guess was made over that after, at most 1.
         self._predicted = 1.0
-
-    @property
-    def num_augmentations(self) -> int:
-        """Updates of the multipliers in the last solve."""
-        return max(len(self.violation_history) - 1, 0)
 
     def _assemble(self) -> bool:
         """Tangent at the last evaluation, and multigrid for it; whether it has changed."""
@@ -159,12 +142,6 @@ class Newton(ContactSystem):
     def _same_accuracy(self) -> contextlib.AbstractContextManager[None]:
         """Solve as exactly as at first, not by the same factor again."""
         return self._accuracy(self.snes.getTolerances()[0], self._final_norm)
-
-    def _first_accuracy(self) -> contextlib.AbstractContextManager[None]:
-        """Of the solve before the first update of multipliers."""
-        if self._is_loose:
-            return self._accuracy(INNER, self._final_norm)
-        return contextlib.nullcontext()
 
     def _run_snes(self) -> None:
         """Solve for the multipliers at hand."""
@@ -269,39 +246,6 @@ class Newton(ContactSystem):
     def _all_active(self) -> list[list[int]]:
         counts = np.array(self.active_history, dtype=np.int64)
         return typing.cast(list[list[int]], self.comm.allreduce(counts, op=MPI.SUM).tolist())
-
-    def _augment(self) -> None:
-        """Update λ̂ and solve again, until the gaps that multipliers hold are closed."""
-        contacts = [contact for contact in self.contacts if contact.augmented]
-        if not contacts:
-            return
-        augmentation = Augmentation(contacts)
-        final, loose = self._final_norm, self._is_loose
-        while True:
-            gaps = [contact.violation() for contact in contacts]
-            self.violation_history.append(max(gaps))
-            if all(g <= c.allowed_gap for g, c in zip(gaps, contacts, strict=True)):
-                if not loose or self._norms[-1] <= final:
-                    return
-                loose = False
-                with self._accuracy(0.0, final):
-                    self._equilibrate()
-                continue
-            if len(self.violation_history) > MAX_AUGMENTATIONS:
-                self._raise_error(NOT_CLOSED)
-            augmentation.update()
-            # What the update adds is to be solved for, however small it is.
-            norm = INNER * self._norm(self._evaluate(self._x.array_r))
-            norm = norm if loose else min(norm, final)
-            with self._accuracy(0.0, max(norm, INNER * final, ROUNDING * self._first_norm)):
-                self._equilibrate()
-
-    @property
-    def _is_loose(self) -> bool:
-        """Whether solves between updates of the multipliers need not be exact."""
-        inexact = self._krylov is not None and self._krylov.chooses_tolerance
-        augmented = any(contact.augmented for contact in self.contacts)
-        return inexact and augmented and not self._slips and not self._drive.tools
 
     # --- Callbacks
 

@@ -18,9 +18,9 @@ from qsdolfinx.surface import Surface
 #: penalty's, see bench/hertz_penalty.py.
 FACTORS = {"nodal": 100.0, "overlay": 5.0}
 
-#: The same with an augmented Lagrangian, which closes the gap whatever the penalty; a moderate one
-#: keeps Krylov solvers fast.
-AUGMENTED_FACTOR = 10.0
+#: The same with an augmented Lagrangian, which closes the gap whatever the penalty; by whether the
+#: linear solver is multigrid, which a moderate one keeps fast. A stiff one takes fewer updates.
+AUGMENTED_FACTORS = {False: 10.0, True: 5.0}
 
 #: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
 #: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,
@@ -65,6 +65,7 @@ def automatic_penalty(
     modulus: typing.Sequence[float],
     quadrature: str,
     augmented: bool,
+    multigrid: bool,
 ) -> float:
     """The penalty, stress per length, for the nodal stiffness of the two sides.
 
@@ -76,13 +77,14 @@ def automatic_penalty(
         modulus: Of each side, stress, see :func:`nodal_stiffness`.
         quadrature: ``"nodal"`` or ``"overlay"``.
         augmented: Whether augmented multipliers close the gap.
+        multigrid: Whether the linear solver is ``"amg"``.
 
     Raises:
         ValueError: If neither gives a positive number.
     """
     if augmented:
         sizes = [E / k for k, E in zip(stiffness, modulus, strict=True) if 0 < k < math.inf]
-        penalty = AUGMENTED_FACTOR * min(modulus) / min(sizes, default=math.inf)
+        penalty = AUGMENTED_FACTORS[multigrid] * min(modulus) / min(sizes, default=math.inf)
     else:
         penalty = FACTORS[quadrature] * min(stiffness)
     if not (math.isfinite(penalty) and penalty > 0):
@@ -98,14 +100,16 @@ def source(
     modulus: typing.Sequence[float],
     quadrature: str,
     augmented: bool,
+    multigrid: bool,
 ) -> str:
     """What :func:`automatic_penalty` has done, in words; arguments as there."""
     sides = ("slave", "master")
     if augmented:
         sizes = [E / k if 0 < k < math.inf else math.inf for k, E in zip(stiffness, modulus)]
         soft, fine = sides[np.argmin(modulus)], sides[np.argmin(sizes)]
+        factor = AUGMENTED_FACTORS[multigrid]
         return (
-            f"automatic: {AUGMENTED_FACTOR:g} x modulus {min(modulus):.4g} of the {soft} / "
+            f"automatic: {factor:g} x modulus {min(modulus):.4g} of the {soft} / "
             f"facet size {min(sizes):.4g} of the {fine}"
         )
     soft = sides[np.argmin(stiffness)]

@@ -23,7 +23,7 @@ from qsdolfinx.contact import Contact
 from qsdolfinx.drive import Drive
 from qsdolfinx.krylov import Krylov
 from qsdolfinx.log import say, summary
-from qsdolfinx.newton import Newton
+from qsdolfinx.multipliers import AugmentedNewton
 from qsdolfinx.predictor import BALANCED, Foundation
 from qsdolfinx.presets import BLOCK, ITERATIVE, PRESETS, pick
 from qsdolfinx.reach import check_reach
@@ -40,7 +40,7 @@ Array = npt.NDArray[np.float64]
 _counter = itertools.count()
 
 
-class ContactProblem(Newton):
+class ContactProblem(AugmentedNewton):
     """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
 
     Φ is the energy of all contacts. Every body has its own mesh. The unknowns of a rank are those
