@@ -20,7 +20,7 @@ FACTORS = {"nodal": 100.0, "overlay": 5.0}
 
 #: The same with an augmented Lagrangian, which closes the gap whatever the penalty; by whether the
 #: linear solver is multigrid, which a moderate one keeps fast. A stiff one takes fewer updates.
-AUGMENTED_FACTORS = {False: 10.0, True: 5.0}
+AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
 
 #: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
 #: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,
