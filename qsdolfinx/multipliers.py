@@ -21,8 +21,9 @@ MAX_AUGMENTATIONS = 100
 #: made. With 1e-3 Anderson's combination of earlier updates can fail on the errors.
 INNER = 1e-4
 
-#: Times that unknowns and multipliers are solved for together; after that Uzawa's method goes on.
-MAX_SADDLE_POINTS = 10
+#: Times that unknowns and multipliers are solved for together. If the active set changes, Uzawa's
+#: method goes on: a primal-dual active set method can cycle at nodes without pressure.
+MAX_SADDLE_POINTS = 4
 
 #: Residual, relative to the first one, from which on they may be.
 FIRST = 1e-2
@@ -54,12 +55,15 @@ class AugmentedNewton(Newton):
         augmentation = Augmentation(contacts)
         final, loose = self._final_norm, self._is_loose
         together = MAX_SADDLE_POINTS if self._has_saddle_point else 0
+        counts = self.active_history
+        stays = not self.comm.allreduce(counts != counts[:1] * len(counts), op=MPI.LOR)
         while True:
             gaps = [contact.violation() for contact in contacts]
             self.violation_history.append(max(gaps))
-            if all(g <= c.allowed_gap for g, c in zip(gaps, contacts, strict=True)):
-                if not loose or self._norms[-1] <= final:
-                    return
+            closed = all(g <= c.allowed_gap for g, c in zip(gaps, contacts, strict=True))
+            if closed and (self._norms[-1] <= final or not loose):
+                return
+            if closed and not together:
                 loose = False
                 with self._accuracy(0.0, final):
                     self._equilibrate()
@@ -67,8 +71,9 @@ class AugmentedNewton(Newton):
             if len(self.violation_history) > MAX_AUGMENTATIONS:
                 self._raise_error(NOT_CLOSED)
             if together:
-                together = together - 1 if self._close(contacts, final) else 0
-                if not together:  # Uzawa's method starts from the solution for its multipliers
+                together -= 1
+                if not (stays and self._close(contacts, final) and together):
+                    together = 0  # Uzawa's method starts from the solution for its multipliers
                     with self._accuracy(0.0, max(INNER * self._first_norm, final)):
                         self._equilibrate()
                 continue
@@ -88,10 +93,14 @@ class AugmentedNewton(Newton):
         return single and all(body.linear for body in self.bodies)
 
     def _close(self, contacts: typing.Sequence[Contact], final: float) -> bool:
-        """Solve for unknowns and multipliers as if the active set stayed; find it if it does not.
+        """Solve for unknowns and multipliers as if the active set stayed.
+
+        Args:
+            contacts: Those with an augmented Lagrangian.
+            final: Norm of the residual that a solution may have.
 
         Returns:
-            Whether it could be solved for; nothing has changed if not.
+            Whether it could be solved for, and the active set has stayed.
         """
         residual = self._evaluate(self._x.array_r)
         self._assemble()
@@ -118,10 +127,7 @@ class AugmentedNewton(Newton):
             p.augmented = p.law.admissible(multiplier)
         self._monitor(self.snes, 0, self._norm(self._evaluate(self._x.array_r)))
         after = [contact.active_state() for contact in contacts]
-        if self.comm.allreduce(before != after, op=MPI.LOR):
-            with self._accuracy(0.0, max(INNER * self._norms[-1], final)):
-                self._equilibrate()
-        return True
+        return not self.comm.allreduce(before != after, op=MPI.LOR)
 
     @property
     def _is_loose(self) -> bool:

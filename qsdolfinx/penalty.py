@@ -18,8 +18,9 @@ from qsdolfinx.surface import Surface
 #: penalty's, see bench/hertz_penalty.py.
 FACTORS = {"nodal": 100.0, "overlay": 5.0}
 
-#: The same with an augmented Lagrangian, which closes the gap whatever the penalty; by whether the
-#: linear solver is multigrid, which a moderate one keeps fast. A stiff one takes fewer updates.
+#: The same with an augmented Lagrangian, which closes the gap whatever the penalty; by whether its
+#: multipliers come from one linear system, which a soft one keeps fast, or from updates, of which a
+#: stiffer one takes fewer.
 AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
 
 #: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
@@ -65,7 +66,7 @@ def automatic_penalty(
     modulus: typing.Sequence[float],
     quadrature: str,
     augmented: bool,
-    multigrid: bool,
+    together: bool,
 ) -> float:
     """The penalty, stress per length, for the nodal stiffness of the two sides.
 
@@ -77,14 +78,14 @@ def automatic_penalty(
         modulus: Of each side, stress, see :func:`nodal_stiffness`.
         quadrature: ``"nodal"`` or ``"overlay"``.
         augmented: Whether augmented multipliers close the gap.
-        multigrid: Whether the linear solver is ``"amg"``.
+        together: Whether its multipliers come from one linear system: tied contact with ``"amg"``.
 
     Raises:
         ValueError: If neither gives a positive number.
     """
     if augmented:
         sizes = [E / k for k, E in zip(stiffness, modulus, strict=True) if 0 < k < math.inf]
-        penalty = AUGMENTED_FACTORS[multigrid] * min(modulus) / min(sizes, default=math.inf)
+        penalty = AUGMENTED_FACTORS[together] * min(modulus) / min(sizes, default=math.inf)
     else:
         penalty = FACTORS[quadrature] * min(stiffness)
     if not (math.isfinite(penalty) and penalty > 0):
@@ -100,14 +101,14 @@ def source(
     modulus: typing.Sequence[float],
     quadrature: str,
     augmented: bool,
-    multigrid: bool,
+    together: bool,
 ) -> str:
     """What :func:`automatic_penalty` has done, in words; arguments as there."""
     sides = ("slave", "master")
     if augmented:
         sizes = [E / k if 0 < k < math.inf else math.inf for k, E in zip(stiffness, modulus)]
         soft, fine = sides[np.argmin(modulus)], sides[np.argmin(sizes)]
-        factor = AUGMENTED_FACTORS[multigrid]
+        factor = AUGMENTED_FACTORS[together]
         return (
             f"automatic: {factor:g} x modulus {min(modulus):.4g} of the {soft} / "
             f"facet size {min(sizes):.4g} of the {fine}"

@@ -141,7 +141,8 @@ class ContactSystem:
             )
             contact.stiffness = stiffness
             if contact.needs_penalty:
-                known = stiffness, modulus, contact.quadrature, contact.augmented, self._sums
+                together = self._sums and contact.law.linear
+                known = stiffness, modulus, contact.quadrature, contact.augmented, together
                 contact.set_automatic_penalty(automatic_penalty(*known), penalty_source(*known))
             self._moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
         nest = self._kind == "nest"

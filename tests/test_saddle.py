@@ -14,8 +14,8 @@ from qsdolfinx import multipliers, saddle
 AUGMENTED = "augmented-lagrangian"
 
 
-def scene(cell, law, solver, **options):
-    pair = Pair(cell, n=(5, 4) if cell == "hexahedron" else (8, 6), wave=0.02)
+def scene(cell, law, solver, wave=0.02, **options):
+    pair = Pair(cell, n=(5, 4) if cell == "hexahedron" else (8, 6), wave=wave)
     pair.contact = qs.Contact(pair.slave, pair.master, law=law(), enforcement=AUGMENTED, **options)
     if law is qs.Tied:
         drag_top(pair, 0.02)
@@ -56,8 +56,9 @@ def test_as_the_direct_solver(monkeypatch, cell, law, quadrature):
     problem.solve()
     same(pair, reference)
     assert pair.contact.violation() <= pair.contact.allowed_gap
-    assert 1 <= len(counts) <= 4, counts
-    assert problem.num_augmentations == len(counts)
+    if law is qs.Unilateral:  # the active set may change, and Uzawa's method takes over
+        return
+    assert problem.num_augmentations == len(counts) == 1
     together = problem.num_linear_iterations
     monkeypatch.setattr(multipliers, "MAX_SADDLE_POINTS", 0)
     monkeypatch.setattr(
@@ -70,11 +71,11 @@ def test_as_the_direct_solver(monkeypatch, cell, law, quadrature):
 
 def test_given_up(monkeypatch):
     """Uzawa's method goes on where the system cannot be solved."""
-    reference, direct = scene("triangle", qs.Unilateral, "direct")
+    reference, direct = scene("triangle", qs.Unilateral, "direct", wave=0.0)
     direct.solve()
     monkeypatch.setattr(saddle, "MAX_ITERATIONS", 1)
     counts = used(monkeypatch)
-    pair, problem = scene("triangle", qs.Unilateral, "amg")
+    pair, problem = scene("triangle", qs.Unilateral, "amg", wave=0.0)
     problem.solve()
     assert counts == [1] and problem.num_augmentations > 1
     same(pair, reference)
@@ -82,7 +83,7 @@ def test_given_up(monkeypatch):
 
 def test_matrix(monkeypatch):
     """Its product is the derivative of both residuals, by finite differences of the whole."""
-    pair, problem = scene("triangle", qs.Unilateral, "amg")
+    pair, problem = scene("triangle", qs.Unilateral, "amg", wave=0.0)
     found = []
 
     class Checked(saddle.SaddlePoint):

@@ -6,6 +6,7 @@ Debian, its package and all it depends on unpacked, and started by the C library
 
 import os
 import pathlib
+import re
 import subprocess
 import sys
 
@@ -118,13 +119,11 @@ def check_ccx(command):
 
 def sources():
     """Releases of Debian to try, the system's own first: name, and address as its apt has it."""
-    form = "$(REPO_URI)|$(RELEASE)|$(COMPONENT)"
-    targets = run("apt-get", "indextargets", "--format", form, "Created-By: Packages")
     found = {}
-    for line in targets.split("\n"):
-        uri, release, component = [*line.split("|"), "", ""][:3]
-        if component == "main" and release in (*SUITES, *OTHER_NAMES):
-            found.setdefault(release, uri)
+    for line in run("apt-get", "--print-uris", "-o", "Debug::NoLocking=true", "update").split("\n"):
+        match = re.match("'(.+)/dists/([^/]+)/InRelease'", line)
+        if match and match[2] in (*SUITES, *OTHER_NAMES):
+            found.setdefault(match[2], match[1])
     own = list(found)
     return [
         (suite, found.get(suite, found[own[0]])) for suite in dict.fromkeys((*own, *SUITES)) if own
