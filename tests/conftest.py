@@ -80,9 +80,9 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(config, items):
-    """With several ranks half of the demos, benchmarks and cases: with 2 one half, with 3 the rest.
+    """Of the demos, the benchmarks and a test's cases 2 ranks run three quarters, 3 the others.
 
-    Which half a case is in follows from its name. One rank runs them all.
+    Which those are follows from their names. One rank runs them all.
     """
     if comm.size == 1 or config.getoption("all_cases"):
         return
@@ -91,8 +91,8 @@ def pytest_collection_modifyitems(config, items):
     kept, left = [], []
     for item in items:
         shared = counts[item.nodeid.partition("[")[0]] > 1 or of_scenes[item.module]
-        other_half = zlib.crc32(item.nodeid.encode()) % 2 != comm.size % 2
-        (left if shared and other_half else kept).append(item)
+        of_two = zlib.crc32(item.nodeid.encode()) % 4 > 0
+        (left if shared and of_two != (comm.size == 2) else kept).append(item)
     config.hook.pytest_deselected(items=left)
     items[:] = kept
 
