@@ -84,7 +84,7 @@ def pytest_collection_modifyitems(config, items):
 
     Which those are follows from their names. One rank runs them all.
     """
-    if comm.size == 1 or config.getoption("all_cases"):
+    if comm.size == 1 or config.getoption("all_cases", False):
         return
     counts = collections.Counter(item.nodeid.partition("[")[0] for item in items)
     of_scenes = {item.module: uses_scenes(item.module) for item in items}
