@@ -14,8 +14,10 @@ from qsdolfinx import multipliers, saddle
 AUGMENTED = "augmented-lagrangian"
 
 
-def scene(cell, law, solver, wave=0.02, **options):
-    pair = Pair(cell, n=(5, 4) if cell == "hexahedron" else (8, 6), wave=wave)
+def scene(cell, law, solver, wave=0.02, partitions=("forward", "backward"), **options):
+    pair = Pair(
+        cell, n=(5, 4) if cell == "hexahedron" else (8, 6), wave=wave, partitions=partitions
+    )
     pair.contact = qs.Contact(pair.slave, pair.master, law=law(), enforcement=AUGMENTED, **options)
     if law is qs.Tied:
         drag_top(pair, 0.02)
@@ -67,6 +69,18 @@ def test_as_the_direct_solver(monkeypatch, cell, law, quadrature):
     _, uzawa = scene(cell, law, "amg", quadrature=quadrature)
     uzawa.solve()
     assert together < uzawa.num_linear_iterations
+
+
+@pytest.mark.parametrize("partitions", (("first", "last"), ("scattered", "forward")))
+def test_partitions(monkeypatch, partitions):
+    """Each body on a rank of its own, and with 3 ranks one without any; or cells dealt out."""
+    reference, direct = scene("triangle", qs.Tied, "direct", partitions=partitions)
+    direct.solve()
+    counts = used(monkeypatch)
+    pair, problem = scene("triangle", qs.Tied, "amg", partitions=partitions)
+    problem.solve()
+    assert len(counts) == 1
+    same(pair, reference)
 
 
 def test_given_up(monkeypatch):
