@@ -4,7 +4,8 @@
 DOLFINX = scripts/with-dolfinx
 # Numbers of MPI ranks that the tests run with.
 RANKS = 1 2 3
-# Arguments for pytest (--all-cases: see CONTRIBUTING.md), and seconds after which a test run is given up.
+# Arguments for pytest (--all-cases: see CONTRIBUTING.md; PYTEST_N: with N ranks), and seconds after
+# which a test run is given up.
 PYTEST = -q
 TEST_TIMEOUT = 1500
 # The command of `make demo`.
@@ -36,10 +37,10 @@ test: $(RANKS:%=test-%)
 # One rank each in two processes, where pytest-xdist is installed.
 test-1:
 	$(DOLFINX) timeout --foreground $(TEST_TIMEOUT) sh -c 'python3 -c "import xdist" 2>/dev/null && \
-		export PYTEST_ADDOPTS="-n 2 --dist loadfile $$PYTEST_ADDOPTS"; exec "$$@"' sh python3 -m pytest $(PYTEST)
+		export PYTEST_ADDOPTS="-n 2 --dist loadfile $$PYTEST_ADDOPTS"; exec "$$@"' sh python3 -m pytest $(PYTEST) $(PYTEST_1)
 
 test-%:
-	$(DOLFINX) timeout --foreground $(TEST_TIMEOUT) mpirun -n $* python3 -m pytest $(PYTEST)
+	$(DOLFINX) timeout --foreground $(TEST_TIMEOUT) mpirun -n $* python3 -m pytest $(PYTEST) $(PYTEST_$*)
 
 test-sid:
 	@$(MAKE) --no-print-directory test DOLFINX='scripts/with-dolfinx --suite sid'
