@@ -51,16 +51,6 @@ def escape_bars(app, what, name, obj, options, lines):
         lines[i] = "".join(parts)
 
 
-def drop_missing(app, docname, source):
-    """Let an entry such as ``limits?`` in a toctree be a page that need not be there."""
-    folder = ROOT / "docs"
-
-    def entry(match):
-        return match[1] + "\n" if (folder / f"{match[1]}.md").exists() else ""
-
-    source[0] = re.sub(r"^([\w/-]+)\?\n", entry, source[0], flags=re.MULTILINE)
-
-
 class Demo(SphinxDirective):
     """A program of the repository: its docstring as text, then its source."""
 
@@ -83,4 +73,3 @@ def setup(app):
     """Register what is above."""
     app.add_directive("demo", Demo)
     app.connect("autodoc-process-docstring", escape_bars)
-    app.connect("source-read", drop_missing)

@@ -23,6 +23,8 @@ here = pathlib.Path(__file__).resolve().parent
 scenes = [here.parent / folder for folder in ("demos", "bench")]
 sys.path[:0] = [str(here), *map(str, scenes)]
 
+import ffcx.codegeneration.jit as ffcx_jit  # noqa: E402
+
 from dolfinx import jit  # noqa: E402
 
 import qsdolfinx as qs  # noqa: E402
@@ -31,6 +33,23 @@ comm = MPI.COMM_WORLD.Dup()
 
 # Two processes may want the same form: the one waits until the other has compiled it.
 jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "seconds to wait for another process")
+
+
+def keep_loaded(load):
+    """FFCx lists the whole folder of forms each time that it loads one: remember those loaded."""
+    modules = {}
+
+    def get_cached_module(name, objects, folder, timeout):
+        key = name, str(folder)
+        module = modules.get(key) or load(name, objects, folder, timeout)
+        if module[0] is not None:
+            modules[key] = module
+        return module
+
+    return get_cached_module
+
+
+ffcx_jit.get_cached_module = keep_loaded(ffcx_jit.get_cached_module)
 
 #: Tests after which garbage is collected, and the count of them.
 GARBAGE, finished = 10, itertools.count(1)
