@@ -5,6 +5,7 @@ import pathlib
 import re
 
 from docutils import nodes
+from sphinx.ext.napoleon import GoogleDocstring
 from sphinx.util.docutils import SphinxDirective
 
 import qsdolfinx
@@ -38,6 +39,8 @@ napoleon_numpy_docstring = False
 
 html_theme = "furo"
 html_title = f"qsdolfinx {release}"
+html_static_path = ["static"]
+html_css_files = ["tables.css"]
 html_copy_source = False
 html_show_sphinx = False
 pygments_style = "friendly"
@@ -49,6 +52,17 @@ def escape_bars(app, what, name, obj, options, lines):
         parts = re.split(r"(``.*?``)", line)
         parts[::2] = [part.replace("|", r"\|") for part in parts[::2]]
         lines[i] = "".join(parts)
+
+
+def parse_as_text(parse):
+    """Read properties' docstrings as those of methods: what is before a colon is not a type."""
+
+    def parse_any(docstring):
+        if docstring._what in ("attribute", "data", "property"):
+            docstring._what = "method"
+        parse(docstring)
+
+    return parse_any
 
 
 class Demo(SphinxDirective):
@@ -71,5 +85,6 @@ class Demo(SphinxDirective):
 
 def setup(app):
     """Register what is above."""
+    GoogleDocstring._parse = parse_as_text(GoogleDocstring._parse)
     app.add_directive("demo", Demo)
     app.connect("autodoc-process-docstring", escape_bars)
