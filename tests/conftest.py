@@ -24,7 +24,6 @@ scenes = [here.parent / folder for folder in ("demos", "bench")]
 sys.path[:0] = [str(here), *map(str, scenes)]
 
 import ffcx.codegeneration.jit as ffcx_jit  # noqa: E402
-
 from dolfinx import jit  # noqa: E402
 
 import qsdolfinx as qs  # noqa: E402
