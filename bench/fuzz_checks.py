@@ -7,7 +7,7 @@ from fuzz_blocks import assembly
 from fuzz_bodies import make_contact
 from fuzz_brute import dot, first_hits, gathered, is_warped, nodal_faults, outward
 
-from qsdolfinx import _cpp
+import qsdolfinx._cpp as _cpp
 
 
 class Numbers:

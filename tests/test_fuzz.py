@@ -10,7 +10,7 @@ from fuzz_bodies import make_contact, random_scene
 from fuzz_checks import check_scene
 from fuzz_solve import check_solve
 
-from qsdolfinx import _cpp
+import qsdolfinx._cpp as _cpp
 
 #: Scenes of seed 1 that have failed once: warped quadrilaterals that fold in projection, or nearly,
 #: facets in part in front of others that are seen from the side, nodes that just touch, vertices

@@ -12,11 +12,11 @@ from mpi4py import MPI
 
 import numpy as np
 
-from qsdolfinx.advice import ContactWarning
-from qsdolfinx.solver import ConvergenceError
+from qsdolfinx.contact.advice import ContactWarning
+from qsdolfinx.solve.snes import ConvergenceError
 
 if typing.TYPE_CHECKING:
-    from qsdolfinx.problem import ContactProblem
+    from qsdolfinx.solve.problem import ContactProblem
 
 logger = logging.getLogger("qsdolfinx")
 

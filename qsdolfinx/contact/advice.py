@@ -10,12 +10,12 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx import _cpp
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.surface import Surface
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 if typing.TYPE_CHECKING:
-    from qsdolfinx.contact import Contact
+    from qsdolfinx.contact.contact import Contact
 
 Array = npt.NDArray[np.float64]
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from dolfinx import fem
 
-from qsdolfinx.checks import check_positive
-from qsdolfinx.friction import Friction
-from qsdolfinx.laws import Law
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.surface import Surface
+from qsdolfinx.base.checks import check_positive
+from qsdolfinx.friction.laws import Friction
+from qsdolfinx.gap.laws import Law
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 
 def check_surfaces(slave: Surface, master: Surface | RigidSurface) -> None:

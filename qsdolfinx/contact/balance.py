@@ -6,8 +6,8 @@ import warnings
 
 import numpy as np
 
-from qsdolfinx.advice import ContactWarning
-from qsdolfinx.contact import Contact
+from qsdolfinx.contact.advice import ContactWarning
+from qsdolfinx.contact.contact import Contact
 
 #: Difference of the forces, relative, that goes without a warning. At nodes several percent are
 #: usual.

@@ -9,24 +9,24 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.advice import advise
-from qsdolfinx.checks import check_choice, check_positive
-from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.contact_arguments import check_friction, check_surfaces
-from qsdolfinx.contact_motion import ContactMotion
-from qsdolfinx.friction import Friction
-from qsdolfinx.gap import WeightedGap
-from qsdolfinx.kinematics import Kinematics
-from qsdolfinx.laws import Law, Unilateral
-from qsdolfinx.overclosure import Overclosure
-from qsdolfinx.pairing import Pairing
-from qsdolfinx.quadrature import NORMALS, QUADRATURES, check_quadrature, pair
-from qsdolfinx.report import ContactReport, make_report
-from qsdolfinx.results import TWO_PASSES
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.surface import Surface, update_surfaces
-from qsdolfinx.tangential import Tangential
-from qsdolfinx.timing import Stopwatch
+from qsdolfinx.base.checks import check_choice, check_positive
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.contact.advice import advise
+from qsdolfinx.contact.arguments import check_friction, check_surfaces
+from qsdolfinx.contact.motion import ContactMotion
+from qsdolfinx.contact.report import ContactReport, make_report
+from qsdolfinx.contact.results import TWO_PASSES
+from qsdolfinx.friction.history import Tangential
+from qsdolfinx.friction.laws import Friction
+from qsdolfinx.gap.kinematics import Kinematics
+from qsdolfinx.gap.laws import Law, Unilateral
+from qsdolfinx.gap.overclosure import Overclosure
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, check_quadrature, pair
+from qsdolfinx.pairing.points import Pairing
+from qsdolfinx.surface.surface import Surface, update_surfaces
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T")

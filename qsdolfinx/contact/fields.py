@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx import _cpp
-from qsdolfinx.gap import WeightedGap
-from qsdolfinx.results import TWO_PASSES, ContactResults
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.surface import Surface
-from qsdolfinx.traction import nodal_forces
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact.results import TWO_PASSES, ContactResults
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.traction import nodal_forces
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 

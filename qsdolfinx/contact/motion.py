@@ -6,14 +6,14 @@ from petsc4py import PETSc
 
 from dolfinx import fem
 
-from qsdolfinx.assembly import ContactAssembly
-from qsdolfinx.checks import check_positive, check_type
-from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.gap import handle_of
-from qsdolfinx.kinematics import Kinematics
-from qsdolfinx.motion import Affine
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.surface import Surface
+from qsdolfinx.base.checks import check_positive, check_type
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.contact.terms import ContactAssembly
+from qsdolfinx.gap.kinematics import Kinematics
+from qsdolfinx.gap.weighted_gap import handle_of
+from qsdolfinx.surface.affine import Affine
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 
 class ContactMotion(ContactAssembly):

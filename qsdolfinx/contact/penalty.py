@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from qsdolfinx.surface import Surface
+from qsdolfinx.surface.surface import Surface
 
 #: Ratio of the automatic penalty to the stiffness of the bodies, by quadrature. At nodes a large
 #: one does no harm. On the overlay every facet's mean gap is resisted, and where contact ends

@@ -10,11 +10,11 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.advice import ContactWarning
-from qsdolfinx.contact import Contact
-from qsdolfinx.motion import affine_vec
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.surface import Surface
+from qsdolfinx.contact.advice import ContactWarning
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.surface.affine import affine_vec
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 

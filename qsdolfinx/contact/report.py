@@ -10,16 +10,16 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx import _cpp
-from qsdolfinx.gap import WeightedGap
-from qsdolfinx.penalty import EXTREME, MODERATE
-from qsdolfinx.results import TWO_PASSES
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.status import faced
-from qsdolfinx.surface import Surface
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact.fields import faced
+from qsdolfinx.contact.penalty import EXTREME, MODERATE
+from qsdolfinx.contact.results import TWO_PASSES
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 if typing.TYPE_CHECKING:
-    from qsdolfinx.contact import Contact
+    from qsdolfinx.contact.contact import Contact
 
 Array = npt.NDArray[np.float64]
 

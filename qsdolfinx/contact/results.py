@@ -15,15 +15,15 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.checks import check_choice, check_vector
-from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.gap import WeightedGap
-from qsdolfinx.motion import Affine, affine_vec, skew
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.slip import Slip
-from qsdolfinx.surface import Surface
-from qsdolfinx.tangential import Tangential
-from qsdolfinx.traction import MASSES, nodal_forces, recover
+from qsdolfinx.base.checks import check_choice, check_vector
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.friction.history import Tangential
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.surface.affine import Affine, affine_vec, skew
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.traction import MASSES, nodal_forces, recover
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 

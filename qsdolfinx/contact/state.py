@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from qsdolfinx.contact import Contact
-from qsdolfinx.surface import Surface
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.surface.surface import Surface
 
 
 class ContactState:

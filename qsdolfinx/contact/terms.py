@@ -10,13 +10,13 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.collective import collective_errors
-from qsdolfinx.gap import WeightedGap, handle_of
-from qsdolfinx.laws import Law
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.slip import Slip
-from qsdolfinx.status import ContactFields
-from qsdolfinx.timing import Stopwatch
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.contact.fields import ContactFields
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.laws import Law
+from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T")

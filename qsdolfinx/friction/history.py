@@ -13,12 +13,12 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
-from qsdolfinx.collective import collective_errors
-from qsdolfinx.friction import Friction
-from qsdolfinx.gap import WeightedGap
-from qsdolfinx.slip import Slip
-from qsdolfinx.surface import Surface
-from qsdolfinx.traction import facet_measure
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.friction.laws import Friction
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.traction import facet_measure
 
 Array = npt.NDArray[np.float64]
 

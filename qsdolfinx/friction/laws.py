@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.checks import check_positive
+from qsdolfinx.base.checks import check_positive
 
 Array = npt.NDArray[np.float64]
 #: A constant, or a scalar function on the mesh of the slave.

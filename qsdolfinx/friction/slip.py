@@ -9,13 +9,13 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx import _cpp
-from qsdolfinx.collective import collective_errors
-from qsdolfinx.friction import Friction, Response, Rows
-from qsdolfinx.gap import Vecs, WeightedGap, handle_of
-from qsdolfinx.motion import Affine, affine_vec
-from qsdolfinx.stick_slip import StickSlip
-from qsdolfinx.surface import Surface
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.friction.laws import Friction, Response, Rows
+from qsdolfinx.friction.stick_slip import StickSlip
+from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap, handle_of
+from qsdolfinx.surface.affine import Affine, affine_vec
+from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
 

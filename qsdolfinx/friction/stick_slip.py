@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.friction import Friction, Limited, Response
+from qsdolfinx.friction.laws import Friction, Limited, Response
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

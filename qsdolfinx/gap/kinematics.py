@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typing
 
-from qsdolfinx.checks import check_choice, check_positive
+from qsdolfinx.base.checks import check_choice, check_positive
 
 UNKNOWNS = ("displacement", "velocity")
 

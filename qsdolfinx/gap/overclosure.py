@@ -9,9 +9,9 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.checks import check_choice
-from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.gap import WeightedGap
+from qsdolfinx.base.checks import check_choice
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx import _cpp
-from qsdolfinx.laws import Law
-from qsdolfinx.motion import Affine, affine_vec
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.surface import Surface
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.gap.laws import Law
+from qsdolfinx.surface.affine import Affine, affine_vec
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 #: Vectors of the slave's and of the master's body, None of a rigid tool.

@@ -8,9 +8,9 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from qsdolfinx.additive import Additive
-from qsdolfinx.multigrid import Multigrid
-from qsdolfinx.presets import EXACT, GMRES_RESTART
+from qsdolfinx.linear.multigrid import Multigrid
+from qsdolfinx.linear.presets import EXACT, GMRES_RESTART
+from qsdolfinx.system.additive import Additive
 
 #: Relative tolerance of a linear solve after which the active set may still change.
 LOOSE = 1e-3

@@ -8,9 +8,9 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from qsdolfinx.additive import Additive
-from qsdolfinx.presets import FIRST
-from qsdolfinx.rigid import orthonormal, set_near_nullspace
+from qsdolfinx.linear.presets import FIRST
+from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.rigid_modes import orthonormal, set_near_nullspace
 
 #: What contact's diagonal counts in Jacobi's method. By itself it is too small: contact couples
 #: many nodes with equal strength, its largest eigenvalue would be more than twice the bulk's, and

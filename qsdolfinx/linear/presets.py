@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typing
 
-from qsdolfinx.schur_options import SCHUR
+from qsdolfinx.linear.schur_options import SCHUR
 
 #: Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
 #: incompressible flow, need more; on several ranks how much also depends on timing.
@@ -48,7 +48,7 @@ _FIRST = AGGREGATION | {
     "mg_coarse_pc_type": "none",
 }
 
-#: :class:`qsdolfinx.multigrid.Multigrid`.
+#: :class:`qsdolfinx.linear.multigrid.Multigrid`.
 _TWO_LEVELS: dict[str, typing.Any] = {
     "pc_type": "mg",
     "mg_levels_ksp_type": "chebyshev",
@@ -80,7 +80,7 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
     "schur": SCHUR,
 }
 
-#: Presets whose Krylov solver is prepared by :class:`qsdolfinx.krylov.Krylov`.
+#: Presets whose Krylov solver is prepared by :class:`qsdolfinx.linear.krylov.Krylov`.
 ITERATIVE = ("amg", "fieldsplit", "schur")
 
 #: Options of each body's block with "fieldsplit", after "fieldsplit_I_".

@@ -10,11 +10,11 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.blocks import Side
-from qsdolfinx.bulk import Body
-from qsdolfinx.contact import Contact
-from qsdolfinx.krylov import SAFETY
-from qsdolfinx.presets import GMRES_RESTART
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.linear.krylov import SAFETY
+from qsdolfinx.linear.presets import GMRES_RESTART
+from qsdolfinx.system.blocks import Side
+from qsdolfinx.system.body import Body
 
 Array = npt.NDArray[np.float64]
 

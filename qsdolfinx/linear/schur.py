@@ -17,9 +17,9 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from qsdolfinx.bulk import Body
-from qsdolfinx.schur_pressure import PressureMass, layout
-from qsdolfinx.schur_velocity import VelocityBlock
+from qsdolfinx.linear.schur_pressure import PressureMass, layout
+from qsdolfinx.linear.schur_velocity import VelocityBlock
+from qsdolfinx.system.body import Body
 
 Forms = typing.Sequence[ufl.Form | None] | None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typing
 
-#: Of the velocities: ``qsdolfinx.schur_velocity``, with multigrid on what bubbles leave.
+#: Of the velocities: ``qsdolfinx.linear.schur_velocity``, with multigrid on what bubbles leave.
 _VELOCITY: dict[str, typing.Any] = {
     "ksp_type": "preonly",
     "pc_type": "python",

@@ -13,9 +13,9 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
-from qsdolfinx.bulk import Body
-from qsdolfinx.collective import collective_errors
+from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.compat import collapse, num_entity_dofs
+from qsdolfinx.system.body import Body
 
 
 def layout(V: fem.FunctionSpace) -> tuple[int | None, int | None]:

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 import basix
 
-from qsdolfinx.bulk import Body
 from qsdolfinx.compat import collapse
-from qsdolfinx.rigid import displacement_space, orthonormal, set_near_nullspace
-from qsdolfinx.unknowns import owned_vertices
+from qsdolfinx.surface.unknowns import owned_vertices
+from qsdolfinx.system.body import Body
+from qsdolfinx.system.rigid_modes import displacement_space, orthonormal, set_near_nullspace
 
 Array = npt.NDArray[np.float64]
 

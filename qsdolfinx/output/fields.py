@@ -13,10 +13,10 @@ import basix
 from dolfinx import fem, io, mesh
 from ufl.core.expr import Expr
 
-from qsdolfinx import vtkhdf
-from qsdolfinx.checks import check_file, check_type, check_vector
-from qsdolfinx.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import check_file, check_type, check_vector
+from qsdolfinx.base.collective import check_agreement, collective_errors
 from qsdolfinx.compat import cell_nodes, coordinate_element, interpolation_points
+from qsdolfinx.output import vtkhdf
 
 #: A function, anything of UFL that can be evaluated in the cells, or what returns a new function.
 Field = typing.Any

@@ -10,10 +10,10 @@ import typing
 
 from mpi4py import MPI
 
-from qsdolfinx.checks import check_file, check_type
-from qsdolfinx.collective import collective_errors
-from qsdolfinx.progress import bar
-from qsdolfinx.stepper import TimeStepper
+from qsdolfinx.base.checks import check_file, check_type
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.progress import bar
+from qsdolfinx.steps.stepper import TimeStepper
 
 
 def step_row(stepper: TimeStepper) -> dict[str, float]:

@@ -6,9 +6,9 @@ import numpy as np
 
 import basix
 
-from qsdolfinx import _cpp
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.surface import Surface
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 QUADRATURES = ("nodal", "overlay")
 NORMALS = ("facet", "averaged", "bisector")  # in the order of Normals in cpp/surface.h

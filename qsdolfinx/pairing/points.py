@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx import _cpp
+import qsdolfinx._cpp as _cpp
 
 
 @dataclasses.dataclass(frozen=True)

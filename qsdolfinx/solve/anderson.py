@@ -9,9 +9,9 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact import Contact
-from qsdolfinx.gap import WeightedGap
-from qsdolfinx.slip import Slip
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from mpi4py import MPI
 import ufl
 from dolfinx import fem
 
-from qsdolfinx.contact import Contact
-from qsdolfinx.surface import Surface
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.surface.surface import Surface
 
 
 def communicator(u: typing.Any) -> MPI.Intracomm:

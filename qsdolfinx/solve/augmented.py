@@ -7,12 +7,12 @@ import typing
 
 from mpi4py import MPI
 
-from qsdolfinx.additive import Additive
-from qsdolfinx.augmentation import Augmentation
-from qsdolfinx.contact import Contact
-from qsdolfinx.newton import Newton
-from qsdolfinx.saddle import SaddlePoint
-from qsdolfinx.solver import NOT_CLOSED
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.linear.saddle import SaddlePoint
+from qsdolfinx.solve.anderson import Augmentation
+from qsdolfinx.solve.newton import Newton
+from qsdolfinx.solve.snes import NOT_CLOSED
+from qsdolfinx.system.additive import Additive
 
 #: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
 MAX_AUGMENTATIONS = 100

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.checks import check_type
-from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.problem import ContactProblem
-from qsdolfinx.solver import ConvergenceError, line_search
+from qsdolfinx.base.checks import check_type
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.solve.snes import ConvergenceError, line_search
 
 Array = npt.NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.blocks import Sides
-from qsdolfinx.contact import Contact
-from qsdolfinx.rigid import RigidMotion
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.system.blocks import Sides
+from qsdolfinx.system.rigid_modes import RigidMotion
 
 Array = npt.NDArray[np.float64]
 

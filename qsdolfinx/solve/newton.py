@@ -11,20 +11,20 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.additive import Additive
-from qsdolfinx.bulk import Body
-from qsdolfinx.contact import Contact
-from qsdolfinx.drive import Drive
-from qsdolfinx.krylov import Krylov
-from qsdolfinx.schur import Schur
-from qsdolfinx.slip import Slip
-from qsdolfinx.solver import (
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.linear.krylov import Krylov
+from qsdolfinx.linear.schur import Schur
+from qsdolfinx.solve.snes import (
     NOT_BALANCED,
     ConvergenceError,
     forget_failure,
     line_search,
 )
-from qsdolfinx.system import ContactSystem
+from qsdolfinx.solve.tool_balance import Drive
+from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.body import Body
+from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 

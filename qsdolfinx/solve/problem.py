@@ -14,27 +14,27 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from qsdolfinx.arguments import check_arguments, check_options, check_sequences, communicator
-from qsdolfinx.balance import check_balance
-from qsdolfinx.bulk import Body
-from qsdolfinx.checks import check_choice, check_flag
-from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.contact import Contact
-from qsdolfinx.drive import Drive
-from qsdolfinx.krylov import Krylov
-from qsdolfinx.log import say, summary
-from qsdolfinx.multipliers import AugmentedNewton
-from qsdolfinx.predictor import BALANCED, Foundation
-from qsdolfinx.presets import BLOCK, ITERATIVE, PRESETS, pick
-from qsdolfinx.reach import check_reach
-from qsdolfinx.schur import Forms, Schur, check_schur, has_schur
-from qsdolfinx.solver import (
+from qsdolfinx.base.checks import check_choice, check_flag
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.log import say, summary
+from qsdolfinx.contact.balance import check_balance
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.reach import check_reach
+from qsdolfinx.linear.krylov import Krylov
+from qsdolfinx.linear.presets import BLOCK, ITERATIVE, PRESETS, pick
+from qsdolfinx.linear.schur import Forms, Schur, check_schur, has_schur
+from qsdolfinx.solve.arguments import check_arguments, check_options, check_sequences, communicator
+from qsdolfinx.solve.augmented import AugmentedNewton
+from qsdolfinx.solve.first_guess import BALANCED, Foundation
+from qsdolfinx.solve.snes import (
     ConvergenceError,
     chosen_by_user,
     remove_options,
     set_options,
     weak,
 )
+from qsdolfinx.solve.tool_balance import Drive
+from qsdolfinx.system.body import Body
 
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()

@@ -9,14 +9,14 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.blocks import Sides
-from qsdolfinx.bulk import Body
-from qsdolfinx.contact import Contact
-from qsdolfinx.gap import WeightedGap
-from qsdolfinx.motion import Affine
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.slip import Slip
-from qsdolfinx.solver import ConvergenceError
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.solve.snes import ConvergenceError
+from qsdolfinx.surface.affine import Affine
+from qsdolfinx.system.blocks import Sides
+from qsdolfinx.system.body import Body
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 

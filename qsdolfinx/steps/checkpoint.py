@@ -15,7 +15,7 @@ import numpy.typing as npt
 import basix
 from dolfinx import fem, mesh
 
-from qsdolfinx.collective import collective_errors
+from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.compat import cell_nodes, coordinate_element
 
 Array = npt.NDArray[np.float64]

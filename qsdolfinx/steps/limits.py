@@ -6,8 +6,8 @@ import typing
 
 from mpi4py import MPI
 
-from qsdolfinx.checks import check_positive, check_vector
-from qsdolfinx.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import check_positive, check_vector
+from qsdolfinx.base.collective import check_agreement, collective_errors
 
 #: Numbers that must be whole.
 _COUNTS = ("num_pairings", "easy")

@@ -11,8 +11,8 @@ import ufl
 from dolfinx import fem, mesh
 
 from qsdolfinx.compat import cell_nodes
-from qsdolfinx.rigid import displacement_space
-from qsdolfinx.unknowns import NUM_CELL_VERTICES, vertex_dofs
+from qsdolfinx.surface.unknowns import NUM_CELL_VERTICES, vertex_dofs
+from qsdolfinx.system.rigid_modes import displacement_space
 
 Array = npt.NDArray[np.float64]
 

@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from dolfinx import fem, mesh
 
-from qsdolfinx.checkpoint import Checkpoint
-from qsdolfinx.checks import check_path, check_type
-from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.contact import Contact
-from qsdolfinx.stepper import TimeStepper
-from qsdolfinx.tangential import Tangential
+from qsdolfinx.base.checks import check_path, check_type
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.friction.history import Tangential
+from qsdolfinx.steps.checkpoint import Checkpoint
+from qsdolfinx.steps.stepper import TimeStepper
 
 _SCALARS = ("t", "dt", "last_dt", "num_steps", "num_cutbacks")
 

@@ -6,11 +6,11 @@ import typing
 
 import numpy as np
 
-from qsdolfinx.contact_state import ContactState
-from qsdolfinx.mesh_motion import MeshMotion
-from qsdolfinx.motion import Affine
-from qsdolfinx.problem import ContactProblem
-from qsdolfinx.rigid_surface import RigidSurface
+from qsdolfinx.contact.state import ContactState
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.surface.affine import Affine
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 
 class Snapshot:

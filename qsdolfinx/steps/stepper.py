@@ -9,15 +9,15 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.checks import check_callable, check_flag, check_type
-from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.mesh_motion import MeshMotion
-from qsdolfinx.problem import ContactProblem
-from qsdolfinx.progress import progress as progress_bar
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.snapshot import Snapshot
-from qsdolfinx.solver import ConvergenceError
-from qsdolfinx.step_limits import check_end, check_limits
+from qsdolfinx.base.checks import check_callable, check_flag, check_type
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.progress import progress as progress_bar
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.solve.snes import ConvergenceError
+from qsdolfinx.steps.limits import check_end, check_limits
+from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.steps.snapshot import Snapshot
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.surface import Surface
+from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
 

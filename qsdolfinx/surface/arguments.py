@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from dolfinx import fem, la, mesh
 
-from qsdolfinx.checks import check_flag
+from qsdolfinx.base.checks import check_flag
 from qsdolfinx.compat import coordinate_element, num_entity_dofs
 
 #: Vertices of a facet of each type of cell.

@@ -10,10 +10,10 @@ import numpy.typing as npt
 import basix
 from dolfinx import fem, mesh
 
-from qsdolfinx import _cpp
+import qsdolfinx._cpp as _cpp
 from qsdolfinx.compat import cell_nodes
-from qsdolfinx.surface_arguments import FACET_VERTICES, cell_of, trace_degree
-from qsdolfinx.unknowns import dofs_at, facet_places, vertex_points
+from qsdolfinx.surface.arguments import FACET_VERTICES, cell_of, trace_degree
+from qsdolfinx.surface.unknowns import dofs_at, facet_places, vertex_points
 
 Array = npt.NDArray[np.float64]
 

@@ -12,18 +12,18 @@ import numpy.typing as npt
 
 from dolfinx import fem, la, mesh
 
-from qsdolfinx import _cpp
-from qsdolfinx.checks import check_array, check_type
-from qsdolfinx.collective import check_agreement, collective_errors
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.checks import check_array, check_type
+from qsdolfinx.base.collective import check_agreement, collective_errors
 from qsdolfinx.compat import collapse
-from qsdolfinx.facets import FacetLayout
-from qsdolfinx.surface_arguments import (
+from qsdolfinx.surface.arguments import (
     FACET_VERTICES,
     check_arguments,
     facets_of_owned_cells,
     given_facets,
     trace_degree,
 )
+from qsdolfinx.surface.facets import FacetLayout
 
 #: Of the facets' nodes, and of a point inside each facet's cell.
 Coordinates = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]

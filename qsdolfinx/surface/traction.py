@@ -11,7 +11,7 @@ import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 
-from qsdolfinx.surface import Surface
+from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.blocks import Blocks
-from qsdolfinx.bulk import Body
-from qsdolfinx.timing import Stopwatch
+from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.system.blocks import Blocks
+from qsdolfinx.system.body import Body
 
 Array = npt.NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.bulk import Body
-from qsdolfinx.contact import Contact
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.system.body import Body
 
 #: Body (index) of the slave's and of the master's side of a contact, None of a rigid tool.
 Side = tuple[int, int | None]

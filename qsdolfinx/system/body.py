@@ -16,7 +16,7 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
-from qsdolfinx.timing import Stopwatch
+from qsdolfinx.base.timing import Stopwatch
 
 Array = npt.NDArray[np.float64]
 

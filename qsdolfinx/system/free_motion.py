@@ -9,13 +9,13 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.additive import Additive
-from qsdolfinx.blocks import Blocks, Sides
-from qsdolfinx.bulk import Body
-from qsdolfinx.contact import Contact
-from qsdolfinx.monolithic import Monolithic
-from qsdolfinx.rigid import RigidMotion, displacement_space
-from qsdolfinx.unknowns import owned_vertices
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.surface.unknowns import owned_vertices
+from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.blocks import Blocks, Sides
+from qsdolfinx.system.body import Body
+from qsdolfinx.system.monolithic import Monolithic
+from qsdolfinx.system.rigid_modes import RigidMotion, displacement_space
 
 Array = npt.NDArray[np.float64]
 Tangent = Blocks | Monolithic | Additive

@@ -10,11 +10,11 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx import _cpp
-from qsdolfinx.blocks import Blocks, forbid_allocation
-from qsdolfinx.bulk import Body
-from qsdolfinx.gap import handle_of
-from qsdolfinx.timing import Stopwatch
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.gap.weighted_gap import handle_of
+from qsdolfinx.system.blocks import Blocks, forbid_allocation
+from qsdolfinx.system.body import Body
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.bulk import Body
-from qsdolfinx.gap import WeightedGap, handle_of
-from qsdolfinx.unknowns import is_vertex_vector, owned_vertices
+from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
+from qsdolfinx.surface.unknowns import is_vertex_vector, owned_vertices
+from qsdolfinx.system.body import Body
 
 Array = npt.NDArray[np.float64]
 

@@ -10,19 +10,19 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.additive import Additive
-from qsdolfinx.arguments import body_of
-from qsdolfinx.blocks import Blocks, Side, is_symmetric
-from qsdolfinx.bulk import Body
-from qsdolfinx.contact import Contact
-from qsdolfinx.hold import Hold, Tangent
-from qsdolfinx.monolithic import Monolithic
-from qsdolfinx.penalty import automatic_penalty, nodal_stiffness
-from qsdolfinx.penalty import source as penalty_source
-from qsdolfinx.rigid import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.surface import Surface
-from qsdolfinx.timing import Span, Stopwatch, spans
+from qsdolfinx.base.timing import Span, Stopwatch, spans
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.penalty import automatic_penalty, nodal_stiffness
+from qsdolfinx.contact.penalty import source as penalty_source
+from qsdolfinx.solve.arguments import body_of
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.blocks import Blocks, Side, is_symmetric
+from qsdolfinx.system.body import Body
+from qsdolfinx.system.free_motion import Hold, Tangent
+from qsdolfinx.system.monolithic import Monolithic
+from qsdolfinx.system.rigid_modes import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 

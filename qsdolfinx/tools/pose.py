@@ -9,9 +9,9 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.checks import check_array, check_vector
-from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.motion import Affine, rotation_about, rotation_matrix
+from qsdolfinx.base.checks import check_array, check_vector
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
 
 Array = npt.NDArray[np.float64]
 

@@ -11,12 +11,13 @@ import numpy.typing as npt
 
 from dolfinx import mesh
 
-from qsdolfinx import _cpp, triangulation
-from qsdolfinx.checks import check_array, check_flag, check_positive, check_type, check_vector
-from qsdolfinx.collective import check_agreement, collective_errors
-from qsdolfinx.shapes import Plane, Round, Shape
-from qsdolfinx.tool import Tool, padded, unit_vector
-from qsdolfinx.triangulation import Facets
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.checks import check_array, check_flag, check_positive, check_type, check_vector
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.tools import triangulation
+from qsdolfinx.tools.pose import Tool, padded, unit_vector
+from qsdolfinx.tools.shapes import Plane, Round, Shape
+from qsdolfinx.tools.triangulation import Facets
 
 Array = npt.NDArray[np.float64]
 

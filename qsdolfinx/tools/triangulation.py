@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from dolfinx import mesh
 
-from qsdolfinx import _cpp
-from qsdolfinx.checks import check_vector
-from qsdolfinx.collective import check_agreement, collective_errors
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.checks import check_vector
+from qsdolfinx.base.collective import check_agreement, collective_errors
 from qsdolfinx.compat import cell_nodes, coordinate_element
 
 Array = npt.NDArray[np.float64]
