@@ -1,15 +1,15 @@
 // Python bindings. Communicators come as Fortran handles (mpi4py's comm.py2f()), PETSc objects as
 // the `handle` of petsc4py's, so that no header or binary interface of mpi4py or petsc4py is
 // needed.
-#include "friction.h"
-#include "insertion.h"
-#include "overlay.h"
-#include "pairing.h"
-#include "projection.h"
-#include "rigid.h"
-#include "rows.h"
-#include "search.h"
-#include "surface.h"
+#include "geometry/projection.h"
+#include "pairing/overlay.h"
+#include "pairing/pairing.h"
+#include "pairing/rigid.h"
+#include "search/search.h"
+#include "surface/surface.h"
+#include "tangent/friction.h"
+#include "tangent/insertion.h"
+#include "tangent/rows.h"
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>

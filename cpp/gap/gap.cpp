@@ -1,6 +1,6 @@
-#include "gap.h"
-#include "exchange.h"
-#include "gap_rows.h"
+#include "gap/gap.h"
+#include "gap/gap_rows.h"
+#include "parallel/exchange.h"
 
 #include <algorithm>
 #include <tuple>

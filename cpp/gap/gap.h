@@ -1,7 +1,7 @@
 // The weighted gap as a distributed linear operator: g = G_s u_s + G_m u_m - d.
 #pragma once
 
-#include "pairing.h"
+#include "pairing/pairing.h"
 #include <array>
 #include <petscmat.h>
 #include <petscvec.h>

@@ -1,4 +1,4 @@
-#include "gap_rows.h"
+#include "gap/gap_rows.h"
 
 #include <algorithm>
 #include <bit>

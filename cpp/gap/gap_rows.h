@@ -1,7 +1,7 @@
 // Rows of the gap operator from pairing points. No MPI but for the range of unknowns a rank owns.
 #pragma once
 
-#include "gap.h"
+#include "gap/gap.h"
 
 namespace qsdolfinx
 {

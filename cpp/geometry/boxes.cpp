@@ -1,4 +1,4 @@
-#include "boxes.h"
+#include "geometry/boxes.h"
 
 #include <limits>
 #include <stdexcept>

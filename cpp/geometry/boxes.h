@@ -1,7 +1,7 @@
 // Axis-aligned boxes and a tree of them.
 #pragma once
 
-#include "facet.h"
+#include "geometry/facet.h"
 #include <algorithm>
 #include <cstdint>
 #include <vector>

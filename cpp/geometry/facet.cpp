@@ -1,4 +1,4 @@
-#include "facet.h"
+#include "geometry/facet.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "planar.h"
+#include "geometry/planar.h"
 
 #include <algorithm>
 

@@ -1,7 +1,7 @@
 // Facets and polygons in a plane, in 2D on a line: projection, clipping, inverse maps, integrals.
 #pragma once
 
-#include "facet.h"
+#include "geometry/facet.h"
 #include <algorithm>
 #include <cstdint>
 #include <initializer_list>

@@ -1,4 +1,4 @@
-#include "projection.h"
+#include "geometry/projection.h"
 
 #include <algorithm>
 #include <limits>

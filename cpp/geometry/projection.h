@@ -1,7 +1,7 @@
 // Closest point on one facet: segment, triangle, bilinear quadrilateral. Geometry only, no MPI.
 #pragma once
 
-#include "facet.h"
+#include "geometry/facet.h"
 
 namespace qsdolfinx
 {

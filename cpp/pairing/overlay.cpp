@@ -1,6 +1,6 @@
-#include "overlay.h"
-#include "boxes.h"
-#include "exchange.h"
+#include "pairing/overlay.h"
+#include "geometry/boxes.h"
+#include "parallel/exchange.h"
 
 #include <algorithm>
 

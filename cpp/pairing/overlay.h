@@ -1,8 +1,8 @@
 // Pairing points on the overlay of two surfaces: exact quadrature of (7).
 #pragma once
 
-#include "pairing.h"
-#include "planar.h"
+#include "geometry/planar.h"
+#include "pairing/pairing.h"
 
 namespace qsdolfinx
 {

@@ -1,4 +1,4 @@
-#include "pairing.h"
+#include "pairing/pairing.h"
 
 #include <algorithm>
 #include <stdexcept>

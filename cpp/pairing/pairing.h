@@ -1,7 +1,7 @@
 // Pairing points: where the gap is sampled, with which weight, normal and initial distance.
 #pragma once
 
-#include "search.h"
+#include "search/search.h"
 #include <cstdint>
 #include <vector>
 

@@ -1,4 +1,4 @@
-#include "rigid.h"
+#include "pairing/rigid.h"
 
 #include <algorithm>
 #include <stdexcept>

@@ -1,8 +1,8 @@
 // Pairing points with a rigid tool, which has no unknowns: the master's side keeps positions alone.
 #pragma once
 
-#include "pairing.h"
-#include "planar.h"
+#include "geometry/planar.h"
+#include "pairing/pairing.h"
 
 namespace qsdolfinx
 {

@@ -1,4 +1,4 @@
-#include "exchange.h"
+#include "parallel/exchange.h"
 
 #include <algorithm>
 #include <array>

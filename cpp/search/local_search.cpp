@@ -1,4 +1,4 @@
-#include "local_search.h"
+#include "search/local_search.h"
 
 #include <algorithm>
 

@@ -1,9 +1,9 @@
 // Closest facets among those of this rank.
 #pragma once
 
-#include "boxes.h"
-#include "projection.h"
-#include "search.h"
+#include "geometry/boxes.h"
+#include "geometry/projection.h"
+#include "search/search.h"
 #include <limits>
 
 namespace qsdolfinx

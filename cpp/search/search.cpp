@@ -1,6 +1,6 @@
-#include "search.h"
-#include "exchange.h"
-#include "local_search.h"
+#include "search/search.h"
+#include "parallel/exchange.h"
+#include "search/local_search.h"
 
 #include <algorithm>
 #include <cmath>

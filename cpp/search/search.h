@@ -1,7 +1,7 @@
 // Closest facets of one surface to the nodes of another, across ranks.
 #pragma once
 
-#include "surface.h"
+#include "surface/surface.h"
 #include <cstdint>
 #include <vector>
 

@@ -2,8 +2,8 @@
 // their unknowns.
 #pragma once
 
-#include "exchange.h"
-#include "facet.h"
+#include "geometry/facet.h"
+#include "parallel/exchange.h"
 #include <cstdint>
 #include <memory>
 #include <mpi.h>

@@ -1,4 +1,4 @@
-#include "friction.h"
+#include "tangent/friction.h"
 
 #include <algorithm>
 

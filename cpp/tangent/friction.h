@@ -1,7 +1,7 @@
 // Friction blocks of the tangent.
 #pragma once
 
-#include "insertion.h"
+#include "tangent/insertion.h"
 
 namespace qsdolfinx
 {

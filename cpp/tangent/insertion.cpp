@@ -1,4 +1,4 @@
-#include "insertion.h"
+#include "tangent/insertion.h"
 
 #include <algorithm>
 #include <numeric>

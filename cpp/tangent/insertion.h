@@ -1,7 +1,7 @@
 // Contact blocks of the tangent.
 #pragma once
 
-#include "gap.h"
+#include "gap/gap.h"
 
 namespace qsdolfinx
 {

@@ -1,4 +1,4 @@
-#include "rows.h"
+#include "tangent/rows.h"
 
 #include <algorithm>
 #include <functional>
