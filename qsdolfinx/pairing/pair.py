@@ -11,9 +11,9 @@ from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 QUADRATURES = ("nodal", "overlay")
-NORMALS = ("facet", "averaged", "bisector")  # in the order of Normals in cpp/surface.h
+NORMALS = ("facet", "averaged", "bisector")  # in the order of Normals in cpp/surface/surface.h
 
-#: Degree of the rule along edges for general quadrilaterals, see PlanarFacet in cpp/planar.h.
+#: Degree of the rule along edges for general quadrilaterals: cpp/geometry/planar.h, PlanarFacet.
 EDGE_DEGREE = 47
 
 

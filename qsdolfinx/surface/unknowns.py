@@ -58,7 +58,7 @@ def facet_places(V: fem.FunctionSpace, degree: int) -> Indices:
     """Places of the trace's nodes in a cell's dof layout, for each facet, shape (facets, nodes).
 
     Vertices come first, then, for degree 2, the edges in the order of the reference facet, and the
-    interior of quadrilaterals: the order of trace_functions in cpp/facet.h.
+    interior of quadrilaterals: the order of trace_functions in cpp/geometry/facet.h.
     """
     layout = V.dofmap.dof_layout
     cell = getattr(basix.CellType, V.mesh.topology.cell_type.name)

@@ -24,7 +24,7 @@ Pair = tuple[int, int]
 
 
 class Mode(enum.IntEnum):
-    """What becomes of the entries that rows are put upon; as in cpp/rows.h."""
+    """What becomes of the entries that rows are put upon; as in cpp/tangent/rows.h."""
 
     ZERO = 0
     INSERT = 1
