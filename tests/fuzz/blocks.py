@@ -1,10 +1,10 @@
-"""Forces and blocks of the tangent of a scene of ``bench/fuzz.py``, for given displacements."""
+"""Forces and blocks of the tangent of a scene of ``run.py``, for given displacements."""
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-from fuzz_brute import gathered
+from fuzz.brute import gathered
 
 BALANCED = ("master-slave", "double-pass", "quasi-symmetric")
 

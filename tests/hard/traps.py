@@ -8,7 +8,7 @@ import itertools
 import math
 
 import numpy as np
-from fuzz_bodies import Shape, lattice, make_mesh
+from fuzz.bodies import Shape, lattice, make_mesh
 from hard.scenes import COMM, Check
 
 from dolfinx import fem, mesh
@@ -70,7 +70,7 @@ def block_under(gdim, height, n=4, seed=None, simplex=False):
     x[:, -1] = np.where(upper, height(flat[:, 0], flat[:, 1]), -3.0)
     shape = Shape(x, cells, "quadrilateral" if gdim == 2 else "hexahedron")
     if simplex:
-        from fuzz_bodies import simplices
+        from fuzz.bodies import simplices
 
         shape = simplices(shape)
     if seed is not None:

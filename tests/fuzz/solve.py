@@ -1,11 +1,11 @@
-"""Random scenes of ``bench/fuzz.py`` as elastic bodies: they reach equilibrium, or say why not."""
+"""Random scenes of ``run.py`` as elastic bodies: they reach equilibrium, or say why not."""
 
 from mpi4py import MPI
 
 import numpy as np
-from fuzz_blocks import BALANCED
-from fuzz_bodies import make_surfaces
-from fuzz_checks import Numbers
+from fuzz.blocks import BALANCED
+from fuzz.bodies import make_surfaces
+from fuzz.checks import Numbers
 
 import ufl
 from dolfinx import fem, la

@@ -81,7 +81,7 @@ def write(rows):
     """The Markdown of the results: a line for each check, then what is not as it should be."""
     lines = [
         "",
-        "Written by `python3 bench/hard_cases.py --markdown docs/hard-cases.md`. A line stands for",
+        "Written by `python3 tests/hard/run.py --markdown docs/hard-cases.md`. A line stands for",
         f"{len({row.variant for row in rows})} variants, formulation × quadrature × enforcement:",
         "how many give the right answer, the largest error (and what it may be) over these, and",
         "their most Newton iterations, over all solves of a case. Variants that are refused, with",

@@ -1,11 +1,11 @@
-"""What has to hold for the pairing and the blocks of any scene of ``bench/fuzz.py``."""
+"""What has to hold for the pairing and the blocks of any scene of ``run.py``."""
 
 from mpi4py import MPI
 
 import numpy as np
-from fuzz_blocks import assembly
-from fuzz_bodies import make_contact
-from fuzz_brute import dot, first_hits, gathered, is_warped, nodal_faults, outward
+from fuzz.blocks import assembly
+from fuzz.bodies import make_contact
+from fuzz.brute import dot, first_hits, gathered, is_warped, nodal_faults, outward
 
 import qsdolfinx._cpp as _cpp
 

@@ -1,11 +1,11 @@
 """Hard cases for Newton's method, pairing and balance, with every way to enforce contact.
 
 Each case ends with the right answer, or is refused with a message and the state before; the table
-says which, for every formulation, quadrature and enforcement. Cases are in the folder hard.
+says which, for every formulation, quadrature and enforcement. Cases are in the files beside.
 
-    python3 bench/hard_cases.py                              # all, a line each
-    python3 bench/hard_cases.py --cases stiffness edges      # some
-    python3 bench/hard_cases.py --markdown docs/hard-cases.md --json hard.json
+    python3 tests/hard/run.py                              # all, a line each
+    python3 tests/hard/run.py --cases stiffness edges      # some
+    python3 tests/hard/run.py --markdown docs/hard-cases.md --json hard.json
 """
 
 import argparse
@@ -16,7 +16,7 @@ import sys
 
 from mpi4py import MPI
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
 from hard.scenes import VARIANTS, Variant
 from hard.table import Row, run, write

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scenes import LAWS, WORLD, Pair, clamp, largest, plane, raises_everywhere
-from test_tangent import direction
+from system.test_tangent import direction
 
 import ufl
 from dolfinx import fem

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from fuzz_bodies import Shape, make_mesh
+from fuzz.bodies import Shape, make_mesh
 from hard.kit import Body, lattice, problem
 from hard.scenes import COMM, NU, Check, largest, solve
 

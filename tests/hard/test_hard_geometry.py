@@ -1,4 +1,4 @@
-"""Hard meshes, projections with two answers, sliding and frames: cases of bench/hard."""
+"""Hard meshes, projections with two answers, sliding and frames."""
 
 from mpi4py import MPI
 

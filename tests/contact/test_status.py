@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from output.test_output import dataset, grids, stored
 from scenes import (
     CELLS,
     WORLD,
@@ -16,7 +17,6 @@ from scenes import (
     raises_everywhere,
     vector_space,
 )
-from test_output import dataset, grids, stored
 
 import ufl
 from dolfinx import fem, io, mesh

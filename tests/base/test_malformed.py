@@ -10,7 +10,7 @@ import typing
 
 import numpy as np
 import pytest
-from malformed_scene import GOOD, LOCAL, Of, Scene
+from base.malformed_scene import GOOD, LOCAL, Of, Scene
 from scenes import WORLD
 
 import qsdolfinx as qs

@@ -1,6 +1,6 @@
 """The Markdown pages, their blocks of code and the commands in them, for the tests.
 
-python3 tests/pages.py PAGE...      puts what the blocks print into the blocks of text after them
+python3 tests/project/pages.py PAGE...   puts what the blocks print into the blocks of text after them
 """
 
 import ast
@@ -17,7 +17,7 @@ import typing
 
 from mpi4py import MPI
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 WORLD = MPI.COMM_WORLD
 
 

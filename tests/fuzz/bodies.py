@@ -1,4 +1,4 @@
-"""Random convex bodies with random meshes, in random poses: the scenes of ``bench/fuzz.py``."""
+"""Random convex bodies with random meshes, in random poses: the scenes of ``run.py``."""
 
 import dataclasses
 import inspect

@@ -11,8 +11,8 @@ under a random formulation, quadrature and law; everything follows from the seed
 
 Solves (--solves) have elastic bodies; there each either ends in equilibrium or says why not.
 
-    python3 bench/fuzz.py --scenes 1000 --solves 100
-    mpirun -n 3 python3 bench/fuzz.py --scenes 1000 --solves 100 --first 5000
+    python3 tests/fuzz/run.py --scenes 1000 --solves 100
+    mpirun -n 3 python3 tests/fuzz/run.py --scenes 1000 --solves 100 --first 5000
 """
 
 import argparse
@@ -24,10 +24,10 @@ import warnings
 
 from mpi4py import MPI
 
-sys.path.append(str(pathlib.Path(__file__).resolve().parent))
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
 
-from fuzz_bodies import random_scene
-from fuzz_checks import check_scene
+from fuzz.bodies import random_scene
+from fuzz.checks import check_scene
 
 import qsdolfinx as qs
 
@@ -96,7 +96,7 @@ def main():
     args = parser.parse_args()
     kinds = [("pairing and assembly", check_scene, args.scenes)]
     if args.solves:
-        from fuzz_solve import check_solve
+        from fuzz.solve import check_solve
 
         kinds.append(("full solve", check_solve, args.solves))
     total = 0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scenes import WORLD, Pair, box, drag_top, elastic, largest, plane, vector_space
-from test_problem import hyperelastic
+from solve.test_problem import hyperelastic
 
 from dolfinx import fem
 

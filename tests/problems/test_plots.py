@@ -17,7 +17,7 @@ Image = pytest.importorskip("PIL.Image")
 
 import plotting  # noqa: E402
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 LARGEST = 150e3  # bytes of a picture in docs/figures
 #: Arguments with which each demo ends within a second or two.
 SMALL = {

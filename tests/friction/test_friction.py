@@ -14,7 +14,7 @@ from scenes import (
     plane,
     raises_everywhere,
 )
-from test_tangent import ALL_FORMULATIONS, direction
+from system.test_tangent import ALL_FORMULATIONS, direction
 
 from dolfinx import fem
 

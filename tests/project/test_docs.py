@@ -9,19 +9,19 @@ import runpy
 import sys
 
 import numpy as np
-import pages
 import pytest
+from project import pages
 
 import qsdolfinx as qs
 
 PAGES = {str(page.relative_to(pages.ROOT)): page for page in pages.pages()}
 PROGRAMS = {
     str(path.relative_to(pages.ROOT)): path
-    for folder in ("demos", "bench")
+    for folder in ("demos", "bench", "tests/hard", "tests/fuzz")
     for path in sorted((pages.ROOT / folder).glob("*.py"))
     if "parse_args" in path.read_text(encoding="utf-8")
 }
-PROGRAM = re.compile(r"(demos|bench)/[\w/]+\.py")
+PROGRAM = re.compile(r"(demos|bench|tests)/[\w/]+\.py")
 run = functools.cache(pages.run)
 
 

@@ -7,7 +7,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from malformed_scene import Scene
+from base.malformed_scene import Scene
 from scenes import (
     WORLD,
     Pair,
@@ -27,7 +27,7 @@ import qsdolfinx as qs
 from qsdolfinx import materials
 from qsdolfinx.steps.checkpoint import Checkpoint
 
-PAGE = pathlib.Path(__file__).resolve().parents[1] / "docs" / "limits.md"
+PAGE = pathlib.Path(__file__).resolve().parents[2] / "docs" / "limits.md"
 
 #: By the message: what makes it, from the scene and a folder.
 CASES = {}

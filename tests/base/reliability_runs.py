@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-here = pathlib.Path(__file__).resolve().parent
+here = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(here))
 
 from scenes import WORLD, Pair, vector_space  # noqa: E402

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-sys.path.append(str(pathlib.Path(__file__).resolve().parents[1] / "bench" / "peers"))
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[2] / "bench" / "peers"))
 
 import calculix
 import cubes
