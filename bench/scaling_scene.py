@@ -13,9 +13,9 @@ from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
 
 import qsdolfinx as qs
-from qsdolfinx.bulk import Body
-from qsdolfinx.presets import AGGREGATION, EXACT
-from qsdolfinx.rigid import orthonormal, rigid_modes, set_near_nullspace
+from qsdolfinx.linear.presets import AGGREGATION, EXACT
+from qsdolfinx.system.body import Body
+from qsdolfinx.system.rigid_modes import orthonormal, rigid_modes, set_near_nullspace
 
 COMM = MPI.COMM_WORLD
 E, NU = 1e4, 0.3

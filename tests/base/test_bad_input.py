@@ -20,7 +20,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
-from qsdolfinx.collective import collective_errors
+from qsdolfinx.base.collective import collective_errors
 
 
 def square(cell="triangle", n=4):

@@ -7,7 +7,7 @@ from petsc4py import PETSc
 import pytest
 from scenes import WORLD, Pair
 
-from qsdolfinx.timing import STAGES, Stopwatch, spans
+from qsdolfinx.base.timing import STAGES, Stopwatch, spans
 
 
 def test_stages_are_exclusive(monkeypatch):

@@ -238,7 +238,7 @@ def test_vtkhdf(folder):
     msh = Pair("triangle").meshes[0]
     u = fem.Function(vector_space(msh))
     fields = {"u": u, "size": ufl.dot(u, u)}
-    if qs.output.vtkhdf.module is None:
+    if qs.output.fields.vtkhdf.module is None:
         write = lambda: qs.FieldWriter(folder / "a.vtkhdf", msh, fields)  # noqa: E731
         raises_everywhere(WORLD, ValueError, "no VTK-HDF", write)
         return

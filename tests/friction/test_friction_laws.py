@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import qsdolfinx as qs
-from qsdolfinx.friction import REST, Rows
+from qsdolfinx.friction.laws import REST, Rows
 
 LAWS = {
     "coulomb": qs.Coulomb(0.3),

@@ -7,7 +7,7 @@ from fuzz.blocks import assembly
 from fuzz.bodies import make_contact
 from fuzz.brute import dot, first_hits, gathered, is_warped, nodal_faults, outward
 
-from qsdolfinx import _cpp
+import qsdolfinx._cpp as _cpp
 
 
 class Numbers:

@@ -10,7 +10,7 @@ from fuzz.checks import check_scene
 from fuzz.run import run
 from fuzz.solve import check_solve
 
-from qsdolfinx import _cpp
+import qsdolfinx._cpp as _cpp
 
 #: Scenes of seed 1 that have failed once: warped quadrilaterals that fold in projection, or nearly,
 #: facets in part in front of others that are seen from the side, nodes that just touch, vertices

@@ -14,7 +14,7 @@ from hard.scenes import COMM, Check
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
-from qsdolfinx import _cpp
+import qsdolfinx._cpp as _cpp
 
 #: Height of the tip above the place that is meant.
 D = 0.05

@@ -5,7 +5,7 @@ import pytest
 from scenes import WORLD, Pair, drag_top, largest, mini_space, raises_everywhere
 
 import qsdolfinx as qs
-from qsdolfinx import presets
+from qsdolfinx.linear import presets
 
 
 def solution(cell, solver, friction=None, options=None, enforcement="augmented-lagrangian"):

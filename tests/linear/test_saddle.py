@@ -9,7 +9,8 @@ from scenes import WORLD, Pair, box, clamp, drag_top, elastic, largest, plane, v
 from dolfinx import fem
 
 import qsdolfinx as qs
-from qsdolfinx import multipliers, saddle
+from qsdolfinx.linear import saddle
+from qsdolfinx.solve import augmented as multipliers
 
 AUGMENTED = "augmented-lagrangian"
 

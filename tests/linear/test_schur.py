@@ -9,7 +9,8 @@ import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
-from qsdolfinx import materials, presets
+from qsdolfinx import materials
+from qsdolfinx.linear import presets
 
 DT = 0.05
 

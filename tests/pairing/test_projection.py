@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from qsdolfinx import _cpp
+import qsdolfinx._cpp as _cpp
 
 
 def shape_functions(num_vertices, xi):

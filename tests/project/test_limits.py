@@ -25,7 +25,7 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 from qsdolfinx import materials
-from qsdolfinx.checkpoint import Checkpoint
+from qsdolfinx.steps.checkpoint import Checkpoint
 
 PAGE = pathlib.Path(__file__).resolve().parents[2] / "docs" / "limits.md"
 

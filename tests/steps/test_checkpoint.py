@@ -13,8 +13,8 @@ import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
-from qsdolfinx.checkpoint import Checkpoint
 from qsdolfinx.compat import interpolation_points
+from qsdolfinx.steps.checkpoint import Checkpoint
 
 SELF = MPI.COMM_SELF
 CELLS = {"triangle": (4, 3), "quadrilateral": (4, 3), "tetrahedron": (2, 3, 2)}

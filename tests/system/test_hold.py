@@ -9,9 +9,9 @@ import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
-from qsdolfinx import hold
 from qsdolfinx.compat import interpolation_points
-from qsdolfinx.hold import Hold
+from qsdolfinx.system import free_motion as hold
+from qsdolfinx.system.free_motion import Hold
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 DEPTH, E, NU = 0.02, 3.0, 0.3
