@@ -111,11 +111,11 @@ class OurPairing:
         self.contact.update()
 
     def pairing(self):
-        slave, master = (surface._cpp_object for surface in self.surfaces)
+        slave, master = (surface.cpp_object for surface in self.surfaces)
         _cpp.pair_surfaces(slave, master, False, RADIUS, 0)
 
     def search(self):
-        slave, master = (surface._cpp_object for surface in self.surfaces)
+        slave, master = (surface.cpp_object for surface in self.surfaces)
         self.found, self.closest = _cpp.closest_facets(slave, master, RADIUS)
 
     def distances(self):
@@ -128,8 +128,8 @@ class Libigl:
     """libigl's tree of axis-aligned boxes of triangles."""
 
     def __init__(self, slave, master):
-        x = master._cpp_object.facet_x
-        dofs = master._cpp_object.facet_dofs[:, :, 0]
+        x = master.cpp_object.facet_x
+        dofs = master.cpp_object.facet_dofs[:, :, 0]
         _, first, self.triangles = np.unique(dofs, return_index=True, return_inverse=True)
         self.triangles = np.ascontiguousarray(self.triangles.reshape(dofs.shape), dtype=np.int64)
         self.x = np.ascontiguousarray(x.reshape(-1, 3)[first])

@@ -109,8 +109,8 @@ def brute_faults(contact, scene, nodes, onto):
     surfaces = contact.slave, contact.master
     at, other = surfaces[nodes], surfaces[onto]
     radius = contact.search_radius
-    found, point = _cpp.closest_facets(at._cpp_object, other._cpp_object, radius)
-    facets = gathered(contact.comm, other._cpp_object.facet_x)
+    found, point = _cpp.closest_facets(at.cpp_object, other.cpp_object, radius)
+    facets = gathered(contact.comm, other.cpp_object.facet_x)
     center = np.zeros(3)
     center[: scene.gdim] = scene.shapes[onto].x.mean(axis=0)
     return nodal_faults(
@@ -122,7 +122,7 @@ def overlay_faults(contact, scene):
     """Nothing lies between the two points of a pair; the area is not counted twice. Collective."""
     out = []
     surfaces = contact.slave, contact.master
-    facets = [gathered(contact.comm, s._cpp_object.facet_x) for s in surfaces]
+    facets = [gathered(contact.comm, s.cpp_object.facet_x) for s in surfaces]
     normals = []
     for points, shape in zip(facets, scene.shapes, strict=True):
         center = np.zeros(3)

@@ -11,6 +11,7 @@ import ufl
 from dolfinx import fem, la
 
 import qsdolfinx as qs
+from qsdolfinx.contact import terms
 
 #: Largest force that may be left at a free unknown, over the sum of all contact forces.
 RESIDUAL = 1e-6
@@ -115,7 +116,7 @@ def equilibrium(contact, bodies, scene, numbers, least):
     """
     comm, out = contact.comm, []
     vecs = contact.slave.create_vec(), contact.master.create_vec()
-    contact.add_residual(*vecs)
+    terms.add_residual(contact.model, *vecs)
     left, size, strain_forces = 0.0, 0.0, 0.0
     for body, vec in zip(bodies, vecs, strict=True):
         inner = body.internal_forces()

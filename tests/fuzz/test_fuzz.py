@@ -45,11 +45,11 @@ def test_brute_force_finds_faults():
         contact = make_contact(MPI.COMM_SELF, scene)
         slave, master = contact.slave, contact.master
         radius = contact.search_radius
-        found, x = _cpp.closest_facets(slave._cpp_object, master._cpp_object, radius)
+        found, x = _cpp.closest_facets(slave.cpp_object, master.cpp_object, radius)
         found = found.astype(bool)
         center = np.zeros(3)
         center[: scene.gdim] = scene.shapes[1].x.mean(axis=0)
-        given = slave.node_x, slave.node_normal, master._cpp_object.facet_x, center, radius
+        given = slave.node_x, slave.node_normal, master.cpp_object.facet_x, center, radius
         assert brute.nodal_faults(*given, found, x) == []
         away = x + 1e-3 * scene.size * brute.unit(x - slave.node_x + 1e-12 * scene.size)
         toward = x - 1e-3 * (x - slave.node_x)

@@ -9,6 +9,7 @@ import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.contact import terms
 
 DT = 0.3
 KINDS = {
@@ -90,12 +91,12 @@ def test_offset():
     problem.set_up()
     pair.contact.set_offset(known[1], known[0])
     zeros = [b.create_vec() for b in problem.bodies]
-    pair.contact.evaluate(zeros[1], zeros[0])
+    terms.evaluate(pair.contact.model, zeros[1], zeros[0])
     gaps = pair.contact.gap()
     pair.contact.set_offset(None, None)
     for vec, function in zip(zeros, known, strict=True):
         vec.array[:] = function.x.array[: len(vec.array_r)] / DT
-    pair.contact.evaluate(zeros[1], zeros[0])
+    terms.evaluate(pair.contact.model, zeros[1], zeros[0])
     assert np.nanmax(np.abs(gaps), initial=0.0) < 1
     np.testing.assert_allclose(gaps, pair.contact.gap(), atol=1e-14)
 

@@ -11,6 +11,7 @@ from scenes import WORLD, vector_space
 from dolfinx import mesh
 
 import qsdolfinx as qs
+from qsdolfinx.contact import terms
 
 KINDS = (
     Variant("quasi-symmetric", "overlay", "penalty"),
@@ -82,7 +83,7 @@ def test_quadrilaterals_that_fold_in_projection():
         u = [s.create_vec() for s in surfaces]
         u[1].array[2::3] = 0.1  # the upper body's surface is the master, and is moved away
         u[0].array[2::3] = 0.3
-        contact.evaluate(*u)
+        terms.evaluate(contact.model, *u)
         forces = contact.force("slave"), contact.force("master")
         ones = [np.abs(s.shape_values.sum(axis=1) - 1) for s in (p.slave, p.master)]
         faults.append(max(e.max(initial=0.0) for e in ones))

@@ -92,7 +92,7 @@ def block_under(gdim, height, n=4, seed=None, simplex=False):
 
 def place_found(nodes, surface, place, radius=1.0):
     """Where the node at a place is projected to, or None. Collective."""
-    found, point = _cpp.closest_facets(nodes._cpp_object, surface._cpp_object, radius)
+    found, point = _cpp.closest_facets(nodes.cpp_object, surface.cpp_object, radius)
     target = np.zeros(3)
     target[: len(place)] = place
     here = [

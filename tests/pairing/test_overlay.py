@@ -23,7 +23,7 @@ import qsdolfinx as qs
 
 ERRORS = ("slave_max_error", "master_max_error", "slave_nodal_max_error", "master_nodal_max_error")
 EXACT = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
-FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
 
 
 def quadratic_space(msh):
@@ -48,6 +48,8 @@ def test_patch_test_is_exact(cell, master, slave):
 @pytest.mark.parametrize("cell", CELLS)
 def test_every_formulation_is_exact(cell, formulation):
     for enforcement in ("penalty", "augmented-lagrangian"):
+        if formulation == "double-pass" and enforcement != "penalty":
+            continue  # refused
         p = Parameters(7, 4, cell, 0.25, 3, formulation, **EXACT | {"enforcement": enforcement})
         result, _ = run(p)
         assert max(result[key] for key in ERRORS) < 1e-9, enforcement

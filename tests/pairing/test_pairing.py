@@ -28,7 +28,7 @@ def curved(comm, cell, n, low, high, base, seed, amplitude, partition):
 
 def all_facets(surface):
     """Vertex coordinates of the facets of all ranks, shape (facets, vertices, 3)."""
-    return gathered(surface.comm, surface._cpp_object.facet_x)
+    return gathered(surface.comm, surface.cpp_object.facet_x)
 
 
 def dot(a, b):
