@@ -205,9 +205,10 @@ def raises_everywhere(comm, error, match, call):
     assert len(texts) == 1, texts
 
 
-def largest(values):
+def largest(*arrays):
     """Largest absolute value on all ranks."""
-    return WORLD.allreduce(np.abs(values).max(initial=0.0), op=MPI.MAX)
+    local = max(float(np.abs(a).max(initial=0.0)) for a in arrays)
+    return WORLD.allreduce(local, op=MPI.MAX)
 
 
 @contextlib.contextmanager
