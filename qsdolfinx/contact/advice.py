@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import typing
-import warnings
 
 from mpi4py import MPI
 
@@ -11,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
@@ -33,16 +33,12 @@ FINER = 0.45
 DEEP = 0.25
 
 
-class ContactWarning(UserWarning):
-    """A contact will hardly do what is meant; the text says what to change."""
-
-
 def advise(contact: Contact) -> None:
     """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
     found = [_pairing(contact), _finer_master(contact), _overclosure(contact)]
     for text in found:
         if text:
-            warnings.warn(text, ContactWarning, stacklevel=3)  # where the contact is made
+            warn(text, ContactWarning, stacklevel=3)  # where the contact is made
 
 
 # --- Nothing, or little, is paired

@@ -15,6 +15,7 @@ from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.contact.advice import advise
 from qsdolfinx.contact.arguments import check_friction, check_surfaces
 from qsdolfinx.contact.motion import ContactMotion
+from qsdolfinx.contact.penalty import automatic_penalty, source
 from qsdolfinx.contact.report import ContactReport, make_report
 from qsdolfinx.contact.results import TWO_PASSES
 from qsdolfinx.friction.history import Tangential
@@ -370,6 +371,15 @@ class Contact(ContactMotion):
         """
         flows = self.augmented and "velocity" in self.unknown
         return self._automatic and (self._penalty is None or flows)
+
+    def set_stiffness(
+        self, stiffness: tuple[float, ...], modulus: tuple[float, ...], together: bool
+    ) -> None:
+        """Take over the bodies' stiffness, and an automatic penalty from it; internal."""
+        self.stiffness = stiffness
+        if self.needs_penalty:
+            known = stiffness, modulus, self.quadrature, self.augmented, together
+            self.set_automatic_penalty(automatic_penalty(*known), source(*known))
 
     def set_automatic_penalty(self, penalty: float, source: str) -> None:
         """Set ε, stress per length, from the bodies' stiffness as ``source`` says; internal."""

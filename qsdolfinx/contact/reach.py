@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.advice import ContactWarning
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.surface.affine import affine_vec
 from qsdolfinx.surface.surface import Surface
@@ -53,8 +51,7 @@ def check_reach(contact: Contact, slave: PETSc.Vec, master: PETSc.Vec | None) ->
     highest = (float(np.max(x, initial=0.0)) for x in (rise[alone], other))
     approach = sum(contact.comm.allreduce(height, op=MPI.MAX) for height in highest)
     if approach > contact.search_radius:
-        # On all ranks: whoever turns warnings into errors gets one everywhere.
-        warnings.warn(
+        warn(
             "the surfaces have moved further towards each other than the search_radius of "
             f"{contact.search_radius:g}, within which alone nodes were paired: nodes without a "
             "partner may have passed through; give a larger search_radius, or make time steps, "

@@ -61,21 +61,20 @@ class SaddlePoint:
         penalties = [e[:, None] * w for e, w in zip(eps, widths, strict=True)]
         self._stiffness = self._weight * self._at_closed(penalties)
         self._x, self._y = self._A.createVecs()
-        #: Iterations of the last solve.
-        self.num_iterations = 0
+        #: Whether the last solve has converged, and its iterations.
+        self.converged, self.num_iterations = False, 0
+        #: Changes of the owned unknowns that it found.
+        self.change: Array = np.zeros(0)
+        #: λ̂ of each contact that it found, zero at open rows.
+        self.multipliers: list[Array] = []
 
-    def solve(
-        self, residual: Array, final: float, rounding: float
-    ) -> tuple[Array, list[Array]] | None:
-        """Changes of the owned unknowns, and each contact's λ̂, zero at open rows. Once; collective.
+    def solve(self, residual: Array, final: float, rounding: float) -> None:
+        """Find ``change`` and ``multipliers``. Once; collective.
 
         Args:
             residual: R, owned values.
             final: Norm of the residual that a solution may have.
             rounding: Norm of the residual that cannot be got below.
-
-        Returns:
-            None if the solver does not converge.
         """
         comm = self._bodies[0].comm
         square = comm.allreduce(float(self._stiffness @ self._stiffness), op=MPI.SUM)
@@ -98,11 +97,12 @@ class SaddlePoint:
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(self)
         ksp.solve(b, y)
-        converged, self.num_iterations = ksp.getConvergedReason() > 0, ksp.getIterationNumber()
-        dx, change = (part.copy() for part in np.split(y.array_r, [self._ends[-1]]))
+        self.converged = ksp.getConvergedReason() > 0
+        self.num_iterations = ksp.getIterationNumber()
+        self.change, rows = (part.copy() for part in np.split(y.array_r, [self._ends[-1]]))
+        self.multipliers = self._on_rows(known + rows)
         for thing in (ksp, matrix, b, y, self._x, self._y):
             thing.destroy()
-        return (dx, self._on_rows(known + change)) if converged else None
 
     # --- What PETSc calls
 

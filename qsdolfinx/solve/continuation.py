@@ -15,6 +15,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import check_type
 from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.solve.augmented import known_multipliers, restore_multipliers
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError, line_search
 
@@ -75,7 +76,7 @@ def solve_with_continuation(
             constant.value = value**s
 
     start = [u.x.array.copy() for u in problem.u]
-    multipliers = [contact.known_multipliers() for contact in problem.contacts]
+    multipliers = known_multipliers(problem.contacts)
     before = [constant.value.item() for constant in constants]
     damped = problem.has_full_steps
     search = line_search(problem.snes, LINE_SEARCH) if damped else contextlib.nullcontext()
@@ -97,13 +98,12 @@ def solve_with_continuation(
 
 
 def _restore(
-    problem: ContactProblem, start: typing.Sequence[Array], multipliers: typing.Sequence[typing.Any]
+    problem: ContactProblem, start: typing.Sequence[Array], multipliers: list[list[typing.Any]]
 ) -> None:
     """Put unknowns and multipliers back."""
     for u, array in zip(problem.u, start, strict=True):
         u.x.array[:] = array
-    for contact, kept in zip(problem.contacts, multipliers, strict=True):
-        contact.set_known_multipliers(kept)
+    restore_multipliers(problem.contacts, multipliers)
 
 
 def _settle(problem: ContactProblem) -> int | None:

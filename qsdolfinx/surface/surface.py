@@ -15,6 +15,7 @@ from dolfinx import fem, la, mesh
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check_array, check_type
 from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.crash import end_all_ranks
 from qsdolfinx.compat import collapse
 from qsdolfinx.surface.arguments import (
     FACET_VERTICES,
@@ -65,6 +66,7 @@ class Surface:
         if not isinstance(V, fem.FunctionSpace):
             raise TypeError(f"V: must be a dolfinx.fem.FunctionSpace, not {type(V).__name__}")
         comm = V.mesh.comm
+        end_all_ranks(comm)
         with collective_errors(comm):
             check_arguments(V, facet_tags, tag, facets, axisymmetric)
         check_agreement(comm, axisymmetric=axisymmetric)

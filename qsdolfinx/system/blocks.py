@@ -54,10 +54,15 @@ class Blocks:
             mat.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
             forbid_allocation(mat)
         rows = range(len(bodies))
-        self.nest: PETSc.Mat = PETSc.Mat().createNest(
+        self.matrix: PETSc.Mat = PETSc.Mat().createNest(
             [[self._mats.get((i, j)) for j in rows] for i in rows], comm=bodies[0].comm
         )
-        self.nest.assemble()
+        self.matrix.assemble()
+
+    @property
+    def nest(self) -> PETSc.Mat:
+        """The MatNest."""
+        return self.matrix
 
     def _of(self, slave: int, master: int | None) -> tuple[PETSc.Mat | None, ...]:
         """Blocks ss, sm, ms, mm of a contact; those of a rigid master are None."""
@@ -86,7 +91,7 @@ class Blocks:
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        self.nest.destroy()
+        self.matrix.destroy()
         for mat in self._mats.values():
             mat.destroy()
 
@@ -95,18 +100,23 @@ class Blocks:
         """Bodies of each block that there is."""
         return list(self._mats)
 
-    def assemble(self) -> None:
-        """Fill all blocks for the bodies' and the contacts' present state. Collective."""
+    def assemble(self, contact: bool = True) -> None:
+        """Fill all blocks for the bodies' and the contacts' present state. Collective.
+
+        Args:
+            contact: False for the bulk alone.
+        """
         for mat in self._mats.values():
             mat.zeroEntries()
         for i, body in enumerate(self._bodies):
             if self._bulk:
                 body.add_tangent(self._mats[i, i])
-        for contact, side in zip(self._contacts, self._sides, strict=True):
-            contact.add_tangent(self._of(*side))
+        parts = zip(self._contacts, self._sides, strict=True) if contact else ()
+        for one, side in parts:
+            one.add_tangent(self._of(*side))
         for mat in self._mats.values():
             mat.assemble()
-        self.nest.assemble()
+        self.matrix.assemble()
 
 
 def forbid_allocation(mat: PETSc.Mat) -> None:

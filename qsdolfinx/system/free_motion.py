@@ -11,14 +11,12 @@ import numpy.typing as npt
 
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.surface.unknowns import owned_vertices
-from qsdolfinx.system.additive import Additive
-from qsdolfinx.system.blocks import Blocks, Sides
+from qsdolfinx.system.blocks import Sides
 from qsdolfinx.system.body import Body
-from qsdolfinx.system.monolithic import Monolithic
 from qsdolfinx.system.rigid_modes import RigidMotion, displacement_space
+from qsdolfinx.system.tangent import Tangent
 
 Array = npt.NDArray[np.float64]
-Tangent = Blocks | Monolithic | Additive
 
 #: What is added to the diagonal of the tangent, relative to its mean.
 SHIFT = 1e-9

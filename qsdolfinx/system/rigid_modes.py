@@ -91,7 +91,7 @@ class RigidMotion:
         ]
         return np.asarray(self._comm.allreduce(np.array(local), op=MPI.SUM))
 
-    def gap_changes(self, weighted_gap: WeightedGap, sides: tuple[int | None, int | None]) -> Array:
+    def gap_changes(self, weighted_gap: WeightedGap, sides: tuple[int | None, ...]) -> Array:
         """How the modes change weighted gaps, shape (values of the gaps, modes). Collective.
 
         Args:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.checks import check_array, check_vector
 from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.crash import end_all_ranks
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
 
 Array = npt.NDArray[np.float64]
@@ -37,6 +38,7 @@ class Tool:
     """
 
     def __init__(self, comm: MPI.Intracomm, center: Array) -> None:
+        end_all_ranks(comm)
         self._comm = comm
         self._center = np.asarray(center, dtype=np.float64)
         gdim = len(self._center)

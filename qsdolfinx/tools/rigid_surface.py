@@ -206,6 +206,11 @@ class RigidSurface(Tool):
         return cls(msh.comm, _center(msh.comm, center, mean), facets)
 
     @property
+    def V(self) -> None:
+        """There is no space of unknowns."""
+        return None
+
+    @property
     def is_analytic(self) -> bool:
         """Whether the shape is known in closed form; else it is made of facets."""
         return isinstance(self._shape, Shape)
