@@ -18,6 +18,16 @@ LAWS = (qs.Tied, qs.Unilateral)
 WORLD = MPI.COMM_WORLD
 
 
+def allowed(formulations, options):
+    """Pairs of a formulation and a key of the options that may be used together."""
+    return [
+        (formulation, key)
+        for formulation in formulations
+        for key, chosen in options.items()
+        if formulation != "double-pass" or "enforcement" not in chosen
+    ]
+
+
 def spread(rank_of):
     """Partitioner that puts a cell at position p in [0, 1) on ``rank_of(p, size)``."""
 
@@ -185,6 +195,14 @@ def drag_top(pair, shift, press=-0.1):
     value = np.zeros(pair.gdim)
     value[0], value[-1] = shift, press
     pair.bcs[1][:] = [clamp(pair.V[1], top, value)]
+
+
+def all_facets(surface):
+    """Vertex coordinates of the facets of all ranks, shape (facets, vertices, 3). Collective."""
+    msh, fdim = surface.mesh, surface.mesh.topology.dim - 1
+    msh.topology.create_connectivity(fdim, fdim + 1)
+    vertices = mesh.entities_to_geometry(msh, fdim, surface.facets)
+    return gathered(surface.comm, msh.geometry.x[vertices])
 
 
 def gathered(comm, values):

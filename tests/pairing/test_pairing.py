@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import scipy.spatial
-from scenes import WORLD, box, gathered, plane, random_values, vector_space
+from scenes import WORLD, all_facets, box, gathered, plane, random_values, vector_space
 
 import qsdolfinx as qs
 
@@ -24,11 +24,6 @@ def curved(comm, cell, n, low, high, base, seed, amplitude, partition):
     shape[:, gdim - 1] = 0
     msh.geometry.x[face, gdim - 1] += random_values(msh, amplitude, seed, 1)[face, 0]
     return qs.Surface(vector_space(msh), facets=facets)
-
-
-def all_facets(surface):
-    """Vertex coordinates of the facets of all ranks, shape (facets, vertices, 3)."""
-    return gathered(surface.comm, surface._cpp_object.facet_x)
 
 
 def dot(a, b):
