@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+import basix
 import basix.ufl
 import ufl
 from dolfinx import fem, graph, mesh
@@ -28,25 +29,22 @@ def allowed(formulations, options):
     ]
 
 
-def spread(rank_of):
-    """Partitioner that puts a cell at position p in [0, 1) on ``rank_of(p, size)``."""
+def dealt(ranks_of):
+    """Partitioner that puts all cells together on ``ranks_of(number of cells, size)``."""
 
     def partition(comm, size, types, cells):
-        per_cell = mesh.CellType
-        vertices = {
-            per_cell.triangle: 3,
-            per_cell.quadrilateral: 4,
-            per_cell.tetrahedron: 4,
-            per_cell.hexahedron: 8,
-        }[types[0]]
-        count = len(cells[0]) // vertices
+        count = len(cells[0]) // len(basix.topology(basix.CellType[types[0].name])[0])
         first, total = comm.exscan(count) or 0, comm.allreduce(count)
-        position = (first + np.arange(count)) / total
-        dest = np.array([rank_of(p, size) for p in position], dtype=np.int32)
+        dest = np.asarray(ranks_of(total, size)[first : first + count], dtype=np.int32)
         lists = graph.adjacencylist(dest, np.arange(count + 1, dtype=np.int32))
         return getattr(lists, "_cpp_object", lists)
 
     return partition
+
+
+def spread(rank_of):
+    """Partitioner that puts a cell at position p in [0, 1) on ``rank_of(p, size)``."""
+    return dealt(lambda total, size: [rank_of(i / total, size) for i in range(total)])
 
 
 #: How cells can be spread over ranks: in order, backwards, one by one, and all on one rank.
@@ -66,9 +64,9 @@ def box(comm, n, cell, low, high, partition=None):
     return create(comm, [low, high], list(n), mesh.CellType[cell], **options)
 
 
-def create_mesh(cells, x, domain, comm=WORLD):
+def create_mesh(cells, x, domain, comm=WORLD, **options):
     """dolfinx.mesh.create_mesh, the order of whose arguments differs between versions."""
-    return mesh.create_mesh(comm, cells=cells.astype(np.int64), x=x, e=domain)
+    return mesh.create_mesh(comm, cells=cells.astype(np.int64), x=x, e=domain, **options)
 
 
 def curved_triangle():
