@@ -10,7 +10,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import active_set
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.linear.krylov import SAFETY
 from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.system.blocks import Side
@@ -44,7 +45,7 @@ class SaddlePoint:
     def __init__(
         self,
         bodies: typing.Sequence[Body],
-        contacts: typing.Sequence[Contact],
+        contacts: typing.Sequence[ContactModel],
         sides: typing.Sequence[Side],
         ksp: PETSc.KSP,
     ) -> None:
@@ -52,9 +53,11 @@ class SaddlePoint:
         self._contacts, self._sides = contacts, sides
         self._A, self._V = ksp.getOperators()[0], ksp.getPC()
         self._ends = np.cumsum([body.num_owned for body in bodies])
-        self._passes = [contact.passes[0] for contact in contacts]
-        self._closed = [c.slope(p) > 0 for c, p in zip(contacts, self._passes, strict=True)]
-        widths = [np.ones((1, p.augmented.shape[1])) for p in self._passes]
+        self._passes = [contact.gaps[0] for contact in contacts]
+        self._closed = [
+            active_set.closed(c, p) for c, p in zip(contacts, self._passes, strict=True)
+        ]
+        widths = [np.ones((1, p.operator.width)) for p in self._passes]
         weights = [p.weight[:, None] * w for p, w in zip(self._passes, widths, strict=True)]
         self._weight = self._at_closed(weights)
         eps = [c.eps * p.relative_penalty for c, p in zip(contacts, self._passes, strict=True)]
@@ -80,8 +83,8 @@ class SaddlePoint:
         square = comm.allreduce(float(self._stiffness @ self._stiffness), op=MPI.SUM)
         allowed = min(contact.allowed_gap for contact in self._contacts)
         tolerance = max(min(SAFETY * final, CLOSED * allowed * float(np.sqrt(square))), rounding)
-        known = self._at_closed([p.augmented for p in self._passes])
-        image = [c.passes[0].multiplier(c.eps) for c in self._contacts]
+        known = self._at_closed([p.state.augmented for p in self._passes])
+        image = [c.gaps[0].multiplier(c.eps) for c in self._contacts]
         rows = -self._weight * (self._at_closed(image) - known)
 
         b = PETSc.Vec().createWithArray(np.concatenate([-residual, rows]), comm=comm)
@@ -159,8 +162,8 @@ class SaddlePoint:
         """The inverse: an array for each contact, with zeros at its open rows."""
         out, start = [], 0
         for p, closed in zip(self._passes, self._closed, strict=True):
-            out.append(np.zeros_like(p.augmented))
-            end = start + np.count_nonzero(closed) * p.augmented.shape[1]
-            out[-1][closed] = values[start:end].reshape(-1, p.augmented.shape[1])
+            out.append(np.zeros_like(p.state.augmented))
+            end = start + np.count_nonzero(closed) * p.operator.width
+            out[-1][closed] = values[start:end].reshape(-1, p.operator.width)
             start = end
         return out

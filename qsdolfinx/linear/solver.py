@@ -162,7 +162,7 @@ class LinearSolver:
         if not (self.chooses_tolerance and isinstance(self._system.made.tangent, Additive)):
             return False
         augmented = [c for c in self._system.contacts if c.augmented]
-        return self._system.linear and all(len(c.passes) == 1 for c in augmented)
+        return self._system.linear and all(len(c.gaps) == 1 for c in augmented)
 
     def solve_saddle_point(self, residual: Array, final: float) -> SaddlePoint | None:
         """Solve for changes of unknowns and multipliers as if the active set stayed. Collective.

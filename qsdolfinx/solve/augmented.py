@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import typing
 
 from mpi4py import MPI
 
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import active_set, multipliers
 from qsdolfinx.solve.anderson import Augmentation
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.snes import NOT_CLOSED
@@ -72,7 +71,7 @@ class AugmentedLagrangian:
         final, loose, together = newton.final_norm, self._is_loose, self._together
         stays = self._has_stayed()
         while True:
-            gaps = [contact.violation() for contact in contacts]
+            gaps = [multipliers.violation(contact) for contact in contacts]
             newton.record.violations.append(max(gaps))
             closed = all(g <= c.allowed_gap for g, c in zip(gaps, contacts, strict=True))
             if closed and (newton.record.norms[-1] <= final or not loose):
@@ -130,22 +129,11 @@ class AugmentedLagrangian:
             return False
         system.x.array[:] += saddle.change
         for contact, multiplier in zip(self._contacts, saddle.multipliers, strict=True):
-            p = contact.passes[0]
-            p.augmented = p.law.admissible(multiplier)
+            p = contact.gaps[0]
+            p.state.augmented = p.law.admissible(multiplier)
         norm = system.norm(system.residual(system.x.array_r))
         newton.record.add(0, norm, system.num_active_local())
         return not system.comm.allreduce(before != self._active_states(), op=MPI.LOR)
 
     def _active_states(self) -> list[bytes]:
-        return [contact.active_state() for contact in self._contacts]
-
-
-def known_multipliers(contacts: typing.Sequence[Contact]) -> list[list[typing.Any]]:
-    """Copies of the multipliers of contacts, to be put back by :func:`restore_multipliers`."""
-    return [contact.known_multipliers() for contact in contacts]
-
-
-def restore_multipliers(contacts: typing.Sequence[Contact], kept: list[list[typing.Any]]) -> None:
-    """Put back what :func:`known_multipliers` gave."""
-    for contact, multipliers in zip(contacts, kept, strict=True):
-        contact.set_known_multipliers(multipliers)
+        return [active_set.active_state(contact) for contact in self._contacts]

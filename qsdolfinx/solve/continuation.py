@@ -15,7 +15,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import check_type
 from qsdolfinx.base.collective import check_agreement, collective_errors
-from qsdolfinx.solve.augmented import known_multipliers, restore_multipliers
+from qsdolfinx.contact import multipliers
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError, line_search
 
@@ -76,7 +76,7 @@ def solve_with_continuation(
             constant.value = value**s
 
     start = [u.x.array.copy() for u in problem.u]
-    multipliers = known_multipliers(problem.contacts)
+    known = [multipliers.known(contact.model) for contact in problem.contacts]
     before = [constant.value.item() for constant in constants]
     damped = problem.has_full_steps
     search = line_search(problem.snes, LINE_SEARCH) if damped else contextlib.nullcontext()
@@ -88,22 +88,23 @@ def solve_with_continuation(
                     iterations = _settle(problem)
                     if iterations is not None:
                         return [(1.0, iterations)]
-                _restore(problem, start, multipliers)
+                _restore(problem, start, known)
             return _follow(problem, set_to, min(targets))
         except BaseException:  # Ctrl-C, too
-            _restore(problem, start, multipliers)
+            _restore(problem, start, known)
             for constant, value in zip(constants, before, strict=True):
                 constant.value = value
             raise
 
 
 def _restore(
-    problem: ContactProblem, start: typing.Sequence[Array], multipliers: list[list[typing.Any]]
+    problem: ContactProblem, start: typing.Sequence[Array], known: list[list[Array]]
 ) -> None:
     """Put unknowns and multipliers back."""
     for u, array in zip(problem.u, start, strict=True):
         u.x.array[:] = array
-    restore_multipliers(problem.contacts, multipliers)
+    for contact, kept in zip(problem.contacts, known, strict=True):
+        multipliers.set_known(contact.model, kept)
 
 
 def _settle(problem: ContactProblem) -> int | None:

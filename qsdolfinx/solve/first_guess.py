@@ -35,7 +35,7 @@ def guess(system: ContactSystem) -> tuple[float, float]:
         for i, (contact, side, modulus) in enumerate(
             zip(system.contacts, system.sides, system.moduli, strict=True)
         )
-        for p in contact.passes
+        for p in contact.gaps
     ]
     coefficients = Foundation(springs, loads).settle()
     if coefficients is None:

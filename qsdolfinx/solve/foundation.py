@@ -60,11 +60,11 @@ class Foundation:
         self._moduli = np.zeros(1 + max(s.contact for s in springs))
         for s in springs:
             self._moduli[s.contact] = s.modulus
-        self._gap = np.concatenate([s.gap.values.ravel() for s in springs])
+        self._gap = np.concatenate([s.gap.state.values.ravel() for s in springs])
         self._weight = np.concatenate(
-            [np.repeat(s.gap.weight, s.gap.values.shape[1]) for s in springs]
+            [np.repeat(s.gap.weight, s.gap.state.values.shape[1]) for s in springs]
         )
-        counts = [s.gap.values.size for s in springs]
+        counts = [s.gap.state.values.size for s in springs]
         self._tied = np.repeat([s.gap.law.linear for s in springs], counts)
         self._contact = np.repeat([s.contact for s in springs], counts)
         self._G = np.concatenate([s.change for s in springs])

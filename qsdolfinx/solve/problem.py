@@ -19,17 +19,14 @@ from qsdolfinx.base.checks import check_choice, check_flag
 from qsdolfinx.base.collective import check_agreement, collective_errors
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.timing import Span
+from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur
 from qsdolfinx.linear.solver import LinearSolver, preset_options
 from qsdolfinx.solve.arguments import check_arguments, check_options, check_sequences, communicator
-from qsdolfinx.solve.augmented import (
-    AugmentedLagrangian,
-    known_multipliers,
-    restore_multipliers,
-)
+from qsdolfinx.solve.augmented import AugmentedLagrangian
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
@@ -129,8 +126,10 @@ class ContactProblem:
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
         self.solver = _pick(solver, bodies, kind, chosen)
         sums = self.solver == "amg" and "pc_type" not in chosen
+        self._contacts = list(contacts)
+        models = [contact.model for contact in contacts]
         #: Residual and tangent of the problem.
-        self.system = ContactSystem(bodies, contacts, Form.SUM if sums else Form(kind))
+        self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
         options = preset_options(self.solver, len(bodies), chosen)
         full_steps = set_options(prefix, given, options)
         #: PETSc's nonlinear solver.
@@ -159,7 +158,7 @@ class ContactProblem:
     @property
     def contacts(self) -> list[Contact]:
         """The contacts."""
-        return self.system.contacts
+        return self._contacts
 
     @property
     def sides(self) -> list[Side]:
@@ -245,18 +244,19 @@ class ContactProblem:
         finally:
             self._steps_within -= 1
         if self._steps_within == 0:
-            for contact in self.contacts:
-                contact.end_step()
+            for contact in self.system.contacts:
+                if contact.friction is not None:
+                    contact.friction.end_step(contact.slips)
 
     def set_up(self) -> None:
         """Compute automatic penalties and build the matrices, as solve() does. Collective."""
         for body in self.bodies:
             body.begin_solve()
         self.newton.update_matrices()
-        for contact in self.contacts:
-            contact.move_tool()
-            if contact.tangential is not None:
-                contact.tangential.read_parameters()
+        for contact in self.system.contacts:
+            motion.move_tool(contact)
+            if contact.friction is not None:
+                contact.friction.read_parameters(contact.slips)
 
     def solve(self) -> list[fem.Function]:
         """Solve for all bodies, from their present u. Collective.
@@ -278,7 +278,7 @@ class ContactProblem:
 
     def _solve(self) -> None:
         state = [body.u.x.array.copy() for body in self.bodies]
-        multipliers = known_multipliers(self.contacts)
+        known = [multipliers.known(contact) for contact in self.system.contacts]
         self._forget_openings()
         self.set_up()
         balance = ToolBalance(self.system)
@@ -287,7 +287,8 @@ class ContactProblem:
         try:
             self._find(balance, start)
         except BaseException as error:  # Ctrl-C, too
-            restore_multipliers(self.contacts, multipliers)
+            for contact, kept in zip(self.system.contacts, known, strict=True):
+                multipliers.set_known(contact, kept)
             if isinstance(error, Exception) or self.comm.size == 1:  # else on this rank alone
                 balance.restore()
             self._forget_openings()
@@ -300,7 +301,7 @@ class ContactProblem:
                 body.u.x.array[:] = array
             raise
         self.active_history = self.newton.record.active_of_all(self.comm)
-        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
+        for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
             check_reach(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
 
     def _forget_openings(self) -> None:

@@ -11,7 +11,8 @@ from mpi4py import MPI
 import numpy as np
 
 from qsdolfinx.base.messages import say
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import results
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.solve.newton import Newton, Record
 from qsdolfinx.solve.snes import ConvergenceError
 
@@ -40,14 +41,14 @@ def _effort(record: Record, begin: float) -> str:
     return ", ".join([*parts, f"{time.perf_counter() - begin:.2f} s"])
 
 
-def _outcome(comm: MPI.Intracomm, contacts: typing.Sequence[Contact], record: Record) -> str:
+def _outcome(comm: MPI.Intracomm, contacts: typing.Sequence[ContactModel], record: Record) -> str:
     """Active nodes, gaps and forces; of several contacts one after the other. Collective."""
-    rows = [sum(len(p.row_node) for p in contact.passes) for contact in contacts]
+    rows = [sum(len(p.row_node) for p in contact.gaps) for contact in contacts]
     rows = comm.allreduce(np.array(rows, dtype=np.int64), op=MPI.SUM).tolist()
     history = record.active_of_all(comm)
     active = history[-1] if history else [0] * len(contacts)
-    gap = max((contact.penetration() for contact in contacts), default=0.0)
-    forces = [float(np.linalg.norm(contact.force("slave"))) for contact in contacts]
+    gap = max((results.penetration(contact) for contact in contacts), default=0.0)
+    forces = [float(np.linalg.norm(results.force(contact, "slave"))) for contact in contacts]
     counts = " + ".join(f"{a} of {n}" for a, n in zip(active, rows, strict=True))
     return (
         f"active nodes {counts or 0}, largest gap violation {gap:.3g}, "

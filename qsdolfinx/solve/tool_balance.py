@@ -9,7 +9,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import active_set, motion
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.solve.foundation import Foundation, Springs
@@ -18,7 +19,7 @@ from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.system import ContactSystem
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -45,7 +46,7 @@ class Pressed(typing.NamedTuple):
         slip_change: ∂g/∂s.
     """
 
-    contact: Contact
+    contact: ContactModel
     body: int
     gap: WeightedGap
     change: Array
@@ -57,15 +58,15 @@ class Pressed(typing.NamedTuple):
         """This rank's part of the force that the tool is held with, at the last evaluation."""
         out = np.sum(self._weight * self.gap.multiplier(self.contact.eps) * self.change)
         if self.slip is not None:
-            out += np.sum(self._weight * self.slip.response.traction * self.slip_change)
+            out += np.sum(self._weight * self.slip.state.response.traction * self.slip_change)
         return float(out)
 
     def multipliers(self, gap: Array, jump: Array) -> tuple[Array, Array]:
         """Changes of S λ and S τ with given changes of gap and jump."""
-        change = self.contact.slope(self.gap)[:, None] * gap
+        change = active_set.slope(self.contact, self.gap)[:, None] * gap
         if self.slip is None:
             return self._weight * change, np.zeros_like(jump)
-        response = self.slip.response
+        response = self.slip.state.response
         friction = np.einsum("rij,rj->ri", response.stiffness, jump) + response.coupling * change
         return self._weight * change, self._weight * friction
 
@@ -100,8 +101,8 @@ class ToolBalance:
         forces = []
         parts = zip(system.contacts, system.sides, system.moduli, strict=True)
         for contact, side, modulus in parts:
-            tool = contact.master
-            if not isinstance(tool, RigidSurface) or tool.driven is None:
+            tool = as_tool(contact.master)
+            if tool is None or tool.driven is None:
                 continue
             if not any(tool is known for known in self.tools):
                 self.tools.append(tool)
@@ -109,9 +110,9 @@ class ToolBalance:
                 forces.append(tool.driven.force)
             field = Affine(np.zeros((tool.gdim, tool.gdim)), tool.driven.direction)
             i = next(i for i, known in enumerate(self.tools) if known is tool)
-            for j, p in enumerate(contact.passes):
+            for j, p in enumerate(contact.gaps):
                 slip = contact.slips[j] if contact.slips else None
-                none = np.zeros((len(p.values), tool.gdim))
+                none = np.zeros((len(p.row_node), tool.gdim))
                 slip_change = none if slip is None else slip.tangential(slip.change(field))
                 self._pressed[i].append(
                     Pressed(contact, side[0], p, p.change(field), modulus, slip, slip_change)
@@ -132,7 +133,7 @@ class ToolBalance:
     def _tell(self) -> None:
         for pressed in self._pressed:
             for p in pressed:
-                p.contact.move_tool()
+                motion.move_tool(p.contact)
 
     def _move(self, steps: Array) -> None:
         for tool, step in zip(self.tools, steps, strict=True):
@@ -218,7 +219,7 @@ class ToolBalance:
             for i, pressed in enumerate(self._pressed):
                 for p in pressed:
                     # Operators are applied on all ranks, whether they have rows or not.
-                    gap = p.gap.operator.apply(vecs[p.body].handle, 0, p.gap.scale)
+                    gap = p.gap.operator.apply(vecs[p.body].handle, 0, p.gap.state.scale)
                     jump = p.slip_change * 0.0
                     if p.slip is not None:
                         jump = p.slip.tangential(p.slip.jump_of((vecs[p.body], None)))

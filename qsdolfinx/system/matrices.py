@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from qsdolfinx.base.timing import Stopwatch
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.system.additive import Additive
 from qsdolfinx.system.blocks import Blocks, Sides, is_symmetric
 from qsdolfinx.system.body import Body
@@ -48,7 +48,7 @@ class Matrices:
     def __init__(
         self,
         bodies: typing.Sequence[Body],
-        contacts: typing.Sequence[Contact],
+        contacts: typing.Sequence[ContactModel],
         sides: Sides,
         bulk: typing.Sequence[PETSc.Mat],
         form: Form,

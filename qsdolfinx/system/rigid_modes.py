@@ -98,7 +98,7 @@ class RigidMotion:
             weighted_gap: A pass of a contact.
             sides: Bodies of its slave and its master, None of a rigid one.
         """
-        out = np.zeros((weighted_gap.values.size, self._offsets[-1]))
+        out = np.zeros((weighted_gap.state.values.size, self._offsets[-1]))
         for body in {side for side in sides if side is not None}:
             for j, mode in enumerate(self.modes[body]):
                 u = [mode if side == body else self._zero_of(side) for side in sides]

@@ -8,7 +8,8 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import terms
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.penalty import nodal_stiffness
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.system.blocks import Sides
@@ -18,7 +19,7 @@ from qsdolfinx.system.matrices import Form
 
 def measure(
     bodies: typing.Sequence[Body],
-    contacts: typing.Sequence[Contact],
+    contacts: typing.Sequence[ContactModel],
     sides: Sides,
     scales: typing.Sequence[float],
     bulk: typing.Sequence[PETSc.Mat],
@@ -40,14 +41,15 @@ def measure(
     markers = [body.constrained_marker() for body in bodies]
     moduli = []
     for contact, (s, m) in zip(contacts, sides, strict=True):
-        contact.constrain(markers[s], None if m is None else markers[m])
+        terms.constrain(contact, markers[s], None if m is None else markers[m])
         measured = [
             nodal_stiffness(surface, bulk[i], markers[i], scales[i])
             for surface, i in ((contact.slave, s), (contact.master, m))
             if i is not None and isinstance(surface, Surface)
         ]
         stiffness, modulus = (tuple(values) for values in zip(*measured, strict=True))
-        contact.set_stiffness(stiffness, modulus, together=form is Form.SUM and contact.law.linear)
+        together = form is Form.SUM and contact.law.linear
+        contact.penalty.follow(stiffness, modulus, together)
         moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
     for marker in markers:
         marker.destroy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import typing
 
 from mpi4py import MPI
@@ -11,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.timing import Span, Stopwatch, spans
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import active_set, terms
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.system import stiffness
 from qsdolfinx.system.blocks import Side
@@ -28,12 +30,12 @@ class ContactSystem:
 
     Args:
         bodies: The bodies.
-        contacts: Contacts between them.
+        contacts: Contacts between them, as solvers see them.
         form: What the linear solver sees.
     """
 
     def __init__(
-        self, bodies: typing.Sequence[Body], contacts: typing.Sequence[Contact], form: Form
+        self, bodies: typing.Sequence[Body], contacts: typing.Sequence[ContactModel], form: Form
     ) -> None:
         self.bodies = list(bodies)
         self.u = [body.u for body in bodies]
@@ -75,12 +77,14 @@ class ContactSystem:
     @property
     def unknowns(self) -> list[str]:
         """``"displacement"`` or ``"velocity"``, for each body, as its contacts say."""
-        return self._of_bodies("displacement", [contact.unknown for contact in self.contacts])
+        return self._of_bodies(
+            "displacement", [contact.kinematics.unknown for contact in self.contacts]
+        )
 
     @property
     def scales(self) -> list[float]:
         """Displacement per unknown of each body."""
-        return self._of_bodies(1.0, [contact.scale for contact in self.contacts])
+        return self._of_bodies(1.0, [contact.kinematics.scale for contact in self.contacts])
 
     def _of_bodies(self, default: typing.Any, of_contacts: list[typing.Any]) -> list[typing.Any]:
         """What the contacts say of their two bodies, for each body."""
@@ -109,7 +113,7 @@ class ContactSystem:
 
     def num_active_local(self) -> list[int]:
         """Closed rows of each contact on this rank at the last evaluation."""
-        return [contact.num_active_local() for contact in self.contacts]
+        return [active_set.num_closed(contact) for contact in self.contacts]
 
     def set_strict(self, strict: bool) -> None:
         """Say whether gaps that are open by rounding alone count as open, without friction.
@@ -118,7 +122,7 @@ class ContactSystem:
         they bear no force: with light loads Newton's method would never end with such a tangent.
         """
         for contact in self.contacts:
-            contact.strict = strict and contact.tangential is None
+            contact.strict = strict and contact.friction is None
 
     def part(self, array: Array, i: int) -> Array:
         """The part of an array of owned unknowns that is body i's."""
@@ -153,7 +157,12 @@ class ContactSystem:
     @property
     def is_stale(self) -> bool:
         """Whether matrices have to be made, or made anew."""
-        return self._made is None or self._paired != [c.version for c in self.contacts]
+        return self._made is None or not self._is_paired()
+
+    def _is_paired(self) -> bool:
+        """Whether what the contacts have paired is what matrices were made for."""
+        paired = [contact.paired for contact in self.contacts]
+        return len(paired) == len(self._paired) and all(map(operator.is_, paired, self._paired))
 
     def rebuild(self) -> None:
         """Penalties, patterns and matrices after the contacts have paired. Collective."""
@@ -162,7 +171,7 @@ class ContactSystem:
         parts = self.bodies, self.contacts, self.sides
         self.moduli = stiffness.measure(*parts, self.scales, bulk, self.form)
         self._made = Matrices(*parts, bulk, self.form, self.watch)
-        self._paired = [c.version for c in self.contacts]
+        self._paired = [c.paired for c in self.contacts]
         self._assembled = None
 
     def destroy_matrices(self) -> None:
@@ -186,7 +195,7 @@ class ContactSystem:
         self.x.destroy()
         self.r.destroy()
         self.x, self.r = new
-        self._paired = [None]  # whoever holds the old ones is set up again
+        self._paired = [None] * len(self.contacts)  # whoever holds the old ones is set up again
 
     # --- Evaluation
 
@@ -199,8 +208,8 @@ class ContactSystem:
         for force in forces:
             force.zeroEntries()
         for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
-            contact.evaluate(self.bodies[s].x, None if m is None else self.bodies[m].x)
-            contact.add_residual(forces[s], None if m is None else forces[m])
+            terms.evaluate(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
+            terms.add_residual(contact, forces[s], None if m is None else forces[m])
         for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
             residual[body.free] += force.array_r[body.free]
         return np.concatenate(residuals)
@@ -223,7 +232,7 @@ class ContactSystem:
         """
         state: list[object] = [body.fingerprint for body in self.bodies]
         for contact in self.contacts:
-            state += [contact.eps, contact.scale, contact.tangent_state()]
+            state += [contact.eps, contact.kinematics.scale, active_set.tangent_state(contact)]
         if self.linear and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
             return False
         self.made.tangent.assemble()
