@@ -231,7 +231,6 @@ DIFFERENT = [
     Row("Contact.set_dt", "dt", (0.1, 0.2), V),
     Row("Contact.moment", "about", ([0.0, 0.0], [1.0, 0.0]), V),
     Row("Contact.traction", "side", ("slave", "master"), V),
-    Row("Contact.traction", "mass", ("lumped", "consistent"), V),
     Row("Surface", "axisymmetric", (True, False), V),
     Row("ContactProblem", "kind", ("mpi", "nest"), V),
     Row("ContactProblem", "solver", ("direct", "amg"), V),

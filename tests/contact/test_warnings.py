@@ -35,7 +35,7 @@ def square(low, n=4, partition="forward"):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("formulation", (*FORMULATIONS, "two-half-pass"))
+@pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_nothing_to_warn_of(quadrature, formulation, law):
     def scenes():
