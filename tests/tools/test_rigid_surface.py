@@ -5,12 +5,23 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from rigid_scenes import TOOLS, Pressed, flat, flat_facets, sphere_facets, write_stl
-from scenes import CELLS, LAWS, WORLD, box, gathered, largest, plane, raises_everywhere
+from scenes import (
+    CELLS,
+    LAWS,
+    WORLD,
+    Pair,
+    box,
+    clamp,
+    gathered,
+    largest,
+    plane,
+    raises_everywhere,
+)
+from tangents import direction, tangent_errors
 
 from dolfinx import mesh
 
 import qsdolfinx as qs
-from qsdolfinx.contact import active_set
 
 QUADRATURES = ("nodal", "overlay")
 
@@ -182,29 +193,12 @@ def test_finite_differences(cell, tool, quadrature, law):
     scene.tool.rotation[0] = 0.02
     problem = scene.problem
     problem.solve()
-    rng, x = np.random.default_rng(8), problem.system.x.copy()
-    low, high = x.owner_range
-    d = x.duplicate()
-    d.array[:] = rng.normal(size=x.size)[low:high]
-    d.array[problem.bodies[0].owned_constrained] = 0
-    problem.system.residual(x.array_r)
-    active = WORLD.allreduce(active_set.num_closed(scene.contact.model))
-    rows = WORLD.allreduce(len(scene.contact.model.gaps[0].row_node))
-    problem.system._assembled = None
-    problem.system.assemble()
-    product, transposed = d.duplicate(), d.duplicate()
-    problem.system.matrix.mult(d, product)
-    problem.system.matrix.multTranspose(d, transposed)
-    step = 1e-7
-    residuals = [problem.system.residual(x.array_r + s * step * d.array_r) for s in (1, -1)]
-    difference = d.duplicate()
-    difference.array[:] = (residuals[0] - residuals[1]) / (2 * step)
-    scale = product.norm()
-    difference.axpy(-1, product)
-    transposed.axpy(-1, product)
-    errors = difference.norm() / scale, transposed.norm() / scale
-    assert errors[0] < 1e-6
-    assert errors[1] < 1e-13
+    x, d = problem.system.x.copy(), direction(problem, np.random.default_rng(8))
+    errors = tangent_errors(problem, x, d, 1e-7)
+    active = WORLD.allreduce(scene.contact.num_active_local())
+    rows = WORLD.allreduce(len(scene.contact.passes[0].values))
+    assert errors.difference < 1e-6
+    assert errors.asymmetry < 1e-13
     assert active == rows if law is qs.Tied else 0 < active < rows
 
 
@@ -226,8 +220,6 @@ def test_a_block_that_only_the_tool_holds(quadrature):
 
 def test_automatic_penalty_is_that_of_a_constrained_master():
     """The slave's stiffness alone."""
-    from scenes import Pair, clamp
-
     pair = Pair("triangle", penalty="auto")
     pair.bcs[0].append(clamp(pair.V[0], plane(pair.meshes[0], 1, 0.0)))
     pair.problem().set_up()
