@@ -1,8 +1,10 @@
 #include "gap/gap.h"
 #include "gap/gap_rows.h"
 #include "parallel/exchange.h"
+#include "parallel/petsc.h"
 
 #include <algorithm>
+#include <stdexcept>
 #include <tuple>
 
 using namespace qsdolfinx;
