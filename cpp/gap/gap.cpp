@@ -85,8 +85,7 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pair
 
 GapOperator::~GapOperator()
 {
-  PetscBool finalized = PETSC_FALSE;
-  if (PetscFinalized(&finalized) != PETSC_SUCCESS || finalized)
+  if (!petsc_is_running())
     return;
   for (Side& side : sides_)
   {
