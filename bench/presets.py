@@ -84,7 +84,7 @@ def measure(p, n, solver):
         problem.solve()
         counts += problem.num_iterations, problem.num_linear_iterations
     seconds = COMM.allreduce(time.perf_counter() - start, op=MPI.MAX)
-    unknowns = problem._x.getSize()
+    unknowns = problem.system.x.getSize()
     problem.destroy()
     return seconds, counts, unknowns
 

@@ -158,7 +158,7 @@ def contact(model, n, p):
     stages = {name: span.max for name, span in problem.timings.items()}
     points = largest(len(pair.pairing.slave.x))
     return {
-        "unknowns": problem._x.getSize(),
+        "unknowns": problem.system.x.getSize(),
         "seconds": seconds,
         "stages": stages,
         "newton": problem.num_iterations,

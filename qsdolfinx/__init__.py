@@ -6,9 +6,7 @@ as in (12), are the paper's.
 """
 
 from qsdolfinx import compat, materials
-from qsdolfinx.base.crash import end_all_ranks
-from qsdolfinx.contact.advice import ContactWarning
-from qsdolfinx.contact.balance import BalanceWarning
+from qsdolfinx.base.messages import ContactWarning
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.fields import Status
 from qsdolfinx.contact.reach import ReachWarning
@@ -29,10 +27,7 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 #: The one place of the version; pyproject.toml reads it here.
 __version__ = "0.1.0"
 
-end_all_ranks()
-
 __all__ = [
-    "BalanceWarning",
     "Contact",
     "ContactProblem",
     "ContactReport",

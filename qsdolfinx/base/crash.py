@@ -37,7 +37,16 @@ def _ending_all(before: Hook) -> Hook:
     return hook
 
 
-def end_all_ranks() -> None:
-    """Follow ``sys.excepthook`` by what ends all ranks, if there are several."""
-    if MPI.COMM_WORLD.size > 1:
+_installed = False
+
+
+def end_all_ranks(comm: MPI.Intracomm) -> None:
+    """Follow ``sys.excepthook`` by what ends all ranks, once, if there are several.
+
+    Args:
+        comm: What is used in parallel for the first time.
+    """
+    global _installed
+    if comm.size > 1 and not _installed:
+        _installed = True
         sys.excepthook = _ending_all(sys.excepthook)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import typing
-import warnings
 
 from mpi4py import MPI
 
@@ -11,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import RigidSurface
-
-if typing.TYPE_CHECKING:
-    from qsdolfinx.contact.contact import Contact
+from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
 
@@ -33,16 +30,17 @@ FINER = 0.45
 DEEP = 0.25
 
 
-class ContactWarning(UserWarning):
-    """A contact will hardly do what is meant; the text says what to change."""
+def advise(model: ContactModel, stacklevel: int) -> None:
+    """Warn, on all ranks, of what is suspicious about the first pairing. Collective.
 
-
-def advise(contact: Contact) -> None:
-    """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
-    found = [_pairing(contact), _finer_master(contact), _overclosure(contact)]
+    Args:
+        model: The contact.
+        stacklevel: Of the warnings, 1 being the caller.
+    """
+    found = [_pairing(model), _finer_master(model), _overclosure(model)]
     for text in found:
         if text:
-            warnings.warn(text, ContactWarning, stacklevel=3)  # where the contact is made
+            warn(text, ContactWarning, stacklevel + 1)
 
 
 # --- Nothing, or little, is paired
@@ -64,18 +62,19 @@ class Candidates(typing.NamedTuple):
     away: float
 
 
-def _pairing(contact: Contact) -> str:
-    rows = _total(contact, len(contact.passes[0].row_node))
-    if isinstance(contact.master, RigidSurface) and contact.master.is_analytic:
-        found = _of_shape(contact, contact.master)
+def _pairing(model: ContactModel) -> str:
+    rows = _total(model, len(model.gaps[0].row_node))
+    tool = as_tool(model.master)
+    if tool is not None and tool.is_analytic:
+        found = _of_shape(model, tool)
     else:
-        corners = _box(contact.comm, _vertices(contact.master, contact.slave.axisymmetric))
-        low, high = corners[0] - contact.search_radius, corners[1] + contact.search_radius
-        nodes = contact.slave.node_x
-        near = _total(contact, np.count_nonzero(np.all((nodes >= low) & (nodes <= high), axis=1)))
+        corners = _box(model.comm, model.master.search_object(model.slave).facet_x)
+        low, high = corners[0] - model.paired.search_radius, corners[1] + model.paired.search_radius
+        nodes = model.slave.node_x
+        near = _total(model, np.count_nonzero(np.all((nodes >= low) & (nodes <= high), axis=1)))
         if rows > 0 and rows >= FEW * near:
             return ""
-        found = _of_facets(contact, near, corners)
+        found = _of_facets(model, near, corners)
     if rows > 0 and rows >= FEW * found.near:
         return ""
     paired = f"{rows} of {found.near} slave nodes near the master" if rows else "no slave node"
@@ -88,51 +87,41 @@ def _pairing(contact: Contact) -> str:
     if found.facing <= max(2 * rows, FEW * found.near):
         return ""  # a free side, say, at right angles to the die that it will fold on
     return (
-        f"search_radius: {paired} found a partner within {contact.search_radius:.3g}, and "
+        f"search_radius: {paired} found a partner within {model.paired.search_radius:.3g}, and "
         f"{found.facing} face the master from {found.away:.3g} on; give a larger search_radius, or "
         "check where the meshes are (time steps, which pair anew, may bring them together)"
     )
 
 
-def _of_shape(contact: Contact, tool: RigidSurface) -> Candidates:
-    distance, normal = tool.distance(contact.slave.node_x)
-    cosine = np.sum(normal * contact.slave.node_normal, axis=1)
-    close, facing = np.abs(distance) <= contact.search_radius, cosine < -FACING
+def _of_shape(model: ContactModel, tool: RigidSurface) -> Candidates:
+    distance, normal = tool.distance(model.slave.node_x)
+    cosine = np.sum(normal * model.slave.node_normal, axis=1)
+    close, facing = np.abs(distance) <= model.paired.search_radius, cosine < -FACING
     away = float(np.min(np.abs(distance[facing]), initial=np.inf))
     near, turned, faces = (
-        _total(contact, np.count_nonzero(mask))
-        for mask in (close, close & (cosine > FACING), facing)
+        _total(model, np.count_nonzero(mask)) for mask in (close, close & (cosine > FACING), facing)
     )
-    return Candidates(near, turned, faces, contact.comm.allreduce(away, op=MPI.MIN))
+    return Candidates(near, turned, faces, model.comm.allreduce(away, op=MPI.MIN))
 
 
-def _of_facets(contact: Contact, near: int, corners: tuple[Array, Array]) -> Candidates:
+def _of_facets(model: ContactModel, near: int, corners: tuple[Array, Array]) -> Candidates:
     """Pair with turned normals, and without a radius."""
-    slave, master = contact.slave.linear, contact.master
-    if isinstance(master, RigidSurface):
-        other = master.facets(slave.axisymmetric)
-    else:
-        other = master.linear._cpp_object
+    slave, master = model.slave.linear, deformable(model.master)
+    other = (model.master if master is None else master.linear).search_object(slave)
     x, inside = slave.coordinates
-    slave._cpp_object.move(x, 2 * x.mean(axis=1) - inside)
-    turned = _cpp.pair_surfaces(slave._cpp_object, other, False, contact.search_radius, 0)
-    slave._cpp_object.move(x, inside)
-    low, high = _box(contact.comm, np.concatenate([slave.node_x, *(c[None] for c in corners)]))
+    slave.cpp_object.move(x, 2 * x.mean(axis=1) - inside)
+    turned = _cpp.pair_surfaces(slave.cpp_object, other, False, model.paired.search_radius, 0)
+    slave.cpp_object.move(x, inside)
+    low, high = _box(model.comm, np.concatenate([slave.node_x, *(c[None] for c in corners)]))
     anywhere = float(np.linalg.norm(high - low))
-    faced = _cpp.pair_surfaces(slave._cpp_object, other, False, anywhere, 0)
+    faced = _cpp.pair_surfaces(slave.cpp_object, other, False, anywhere, 0)
     away = float(np.min(np.abs(faced.gap), initial=np.inf))
     return Candidates(
         near,
-        _total(contact, turned.size),
-        _total(contact, faced.size),
-        contact.comm.allreduce(away, op=MPI.MIN),
+        _total(model, turned.size),
+        _total(model, faced.size),
+        model.comm.allreduce(away, op=MPI.MIN),
     )
-
-
-def _vertices(surface: Surface | RigidSurface, axisymmetric: bool) -> Array:
-    if isinstance(surface, RigidSurface):
-        return surface.facets(axisymmetric).facet_x
-    return surface.coordinates[0]
 
 
 def _box(comm: MPI.Intracomm, x: Array) -> tuple[Array, Array]:
@@ -144,21 +133,18 @@ def _box(comm: MPI.Intracomm, x: Array) -> tuple[Array, Array]:
     return -corners[:3], corners[3:]
 
 
-def _total(contact: Contact, count: int) -> int:
+def _total(model: ContactModel, count: int) -> int:
     """Sum over the ranks. Collective."""
-    return int(contact.comm.allreduce(int(count), op=MPI.SUM))
+    return int(model.comm.allreduce(int(count), op=MPI.SUM))
 
 
 # --- Facets
 
 
-def _finer_master(contact: Contact) -> str:
-    if contact.quadrature != "nodal" or contact.formulation not in (
-        "master-slave",
-        "quasi-symmetric",
-    ):
+def _finer_master(model: ContactModel) -> str:
+    if model.settings.sampling.quadrature != "nodal" or len(model.gaps) > 1:
         return ""
-    sizes = local_sizes(contact)
+    sizes = local_sizes(model)
     if sizes is None or sizes[1] >= FINER * sizes[0]:
         return ""
     return (
@@ -169,25 +155,26 @@ def _finer_master(contact: Contact) -> str:
     )
 
 
-def local_sizes(contact: Contact) -> tuple[float, float] | None:
+def local_sizes(model: ContactModel) -> tuple[float, float] | None:
     """Mean facet size of slave and master where they are paired. Collective.
 
     None if nothing is, or the master has no facets that count.
     """
-    if isinstance(contact.master, RigidSurface):
+    master = deformable(model.master)
+    if master is None:
         return None
-    points = contact.passes[0].points
-    low, high = _box(contact.comm, points.slave["x"])
+    points = model.gaps[0].points
+    low, high = _box(model.comm, points.slave["x"])
     if not np.all(low <= high):
         return None
     sizes = []
-    for surface in (contact.slave, contact.master):
+    for surface in (model.slave, master):
         x = surface.coordinates[0]
         middle, size = x.mean(axis=1), facet_sizes(x)
         reach = size[:, None]
         here = np.all((middle >= low - reach) & (middle <= high + reach), axis=1)
         sums = np.array([size[here].sum(), np.count_nonzero(here)])
-        total, count = contact.comm.allreduce(sums, op=MPI.SUM)
+        total, count = model.comm.allreduce(sums, op=MPI.SUM)
         if count == 0:
             return None
         sizes.append(float(total / count))
@@ -203,10 +190,10 @@ def facet_sizes(x: Array) -> Array:
 # --- Penetration
 
 
-def _overclosure(contact: Contact) -> str:
-    overclosure = contact.overclosure
-    size = contact._facet_size
-    if contact.law.jump or overclosure.treatment != "resolve" or overclosure.depth <= DEEP * size:
+def _overclosure(model: ContactModel) -> str:
+    overclosure = model.overclosure
+    size = model.paired.facet_size
+    if model.law.jump or overclosure.treatment != "resolve" or overclosure.depth <= DEEP * size:
         return ""
     return (
         f"initial_overclosure: the surfaces penetrate each other by {overclosure.depth:.3g}, "

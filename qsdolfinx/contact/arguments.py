@@ -6,18 +6,16 @@ import typing
 
 from mpi4py import MPI
 
-import numpy as np
-
 from dolfinx import fem
 
 from qsdolfinx.base.checks import check_positive
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, deformable
 
 
-def check_surfaces(slave: Surface, master: Surface | RigidSurface) -> None:
+def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
     """Refuse surfaces that cannot be in contact."""
     if isinstance(slave, RigidSurface):
         raise TypeError("slave: must be a qsdolfinx.Surface; a rigid tool can be the master only")
@@ -28,12 +26,26 @@ def check_surfaces(slave: Surface, master: Surface | RigidSurface) -> None:
         raise ValueError("slave and master have different geometric dimensions")
     if MPI.Comm.Compare(slave.comm, master.comm) not in (MPI.IDENT, MPI.CONGRUENT):
         raise ValueError("slave and master: the meshes must be on the same ranks in the same order")
-    if isinstance(master, RigidSurface):
+    other = deformable(master)
+    if other is not None:
+        slave.check_partner(other)
+
+
+def check_formulation(formulation: str, enforcement: str, master: AnySurface) -> None:
+    """Refuse multipliers where they cannot be."""
+    if formulation != "double-pass":
         return
-    if slave.axisymmetric != master.axisymmetric:
-        raise ValueError("slave and master: both or none must be axisymmetric")
-    if slave.mesh is master.mesh and np.intersect1d(slave.facets, master.facets).size:
-        raise ValueError("slave and master share facets: a facet cannot be in contact with itself")
+    if master.V is None:
+        raise ValueError(
+            "formulation: double-pass needs a multiplier on both sides, and a rigid tool has none; "
+            'use "master-slave" or "quasi-symmetric"'
+        )
+    if enforcement == "augmented-lagrangian":
+        raise ValueError(
+            "enforcement: the multipliers of double-pass contact, on both sides, cannot close "
+            'every gap of non-matching meshes; use enforcement="penalty", or '
+            'formulation="quasi-symmetric"'
+        )
 
 
 def check_friction(friction: typing.Any, penalty: typing.Any, law: Law, slave: Surface) -> None:

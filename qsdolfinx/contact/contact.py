@@ -5,50 +5,46 @@ from __future__ import annotations
 import typing
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.checks import check_choice, check_positive
+from dolfinx import fem
+
+from qsdolfinx.base.checks import check_choice, check_positive, check_vector
 from qsdolfinx.base.collective import check_agreement, collective_errors
-from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.contact import fields, motion, multipliers, results
 from qsdolfinx.contact.advice import advise
-from qsdolfinx.contact.arguments import check_friction, check_surfaces
-from qsdolfinx.contact.motion import ContactMotion
+from qsdolfinx.contact.arguments import check_formulation, check_friction, check_surfaces
+from qsdolfinx.contact.model import ContactModel, Settings
+from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.report import ContactReport, make_report
-from qsdolfinx.contact.results import TWO_PASSES
-from qsdolfinx.friction.history import Tangential
+from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
-from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, check_quadrature, pair
+from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
-from qsdolfinx.surface.surface import Surface, update_surfaces
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
 
 Array = npt.NDArray[np.float64]
-T = typing.TypeVar("T")
 
-FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
 ENFORCEMENTS = ("penalty", "augmented-lagrangian")
 
-#: Gaps smaller than this part of the smallest facet count as closed.
-TOUCHING = 1e-12
 
-
-class Contact(ContactMotion):
+class Contact:
     """Contact of a slave surface with a master surface by the penalty method.
 
     The energy is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations differ in where
     the gap is sampled: ``"master-slave"``, (5), at the slave nodes; ``"quasi-symmetric"``, (11) and
     (12), at the nodes of both sides, while the multiplier stays on the slave; ``"double-pass"``,
     (6), is the mean of two master-slave contacts with the roles swapped, and so has multipliers on
-    both sides. ``"two-half-pass"`` (Sauer & De Lorenzis 2013) has multipliers on both sides too,
-    each of which loads its own side alone: the tangent is not symmetric, and forces balance only as
-    far as both sides see the same gap. Two multipliers cannot close every gap of non-matching
-    meshes: use a moderate penalty with these two.
+    both sides. They cannot close every gap of non-matching meshes: it takes a moderate penalty, and
+    no augmented Lagrangian.
 
     The ½ of (11) is kept in the gap, so that ε means the same in every formulation: matching meshes
     give the same result with each. The ρ of (12) is ε/8 for quasi-symmetric contact and ε/2 for
@@ -59,9 +55,9 @@ class Contact(ContactMotion):
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface, or a rigid tool.
-        formulation: ``"master-slave"``, ``"double-pass"``, ``"quasi-symmetric"`` or
-            ``"two-half-pass"``. A rigid tool carries no multiplier, so that only the first and the
-            third are possible; with an analytic shape they are the same.
+        formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
+            carries no multiplier, so that only the first and the third are possible; with an
+            analytic shape they are the same.
         law: ``Unilateral()`` or ``Tied()``.
         penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
             contact nodes when the problem is first solved; with an augmented Lagrangian and bodies
@@ -74,10 +70,10 @@ class Contact(ContactMotion):
         quadrature_degree: Degree of the rule on the pieces of the overlay; by default that of the
             integrand on affine facets.
         normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
-            (the default at nodes without friction); ``"averaged"`` at the nodes of the other, or of
-            the cut, surface; ``"bisector"`` of the normals of both (the default on the overlay, and
-            with friction, which takes closing a gap along a tilted facet's normal for slip). Those
-            of an analytic shape are always its own, at the point that is closest.
+            (the default at nodes without friction); ``"bisector"`` of it and the mean normal at the
+            node or point of the other surface (the default on the overlay, and with friction,
+            which takes closing a gap along a tilted facet's normal for slip). Those of an analytic
+            shape are always its own, at the point that is closest.
         enforcement: ``"penalty"``, or ``"augmented-lagrangian"``: multipliers are updated until
             they leave no gap larger than the tolerance. They are kept for the next solve, also
             when contact pairs anew; :meth:`reset` forgets them.
@@ -134,17 +130,13 @@ class Contact(ContactMotion):
         with collective_errors(comm):
             check_surfaces(slave, master)
             check_choice("formulation", formulation, FORMULATIONS)
-            if isinstance(master, RigidSurface) and formulation in TWO_PASSES:
-                raise ValueError(
-                    f"formulation: {formulation} needs a multiplier on both sides, and a rigid "
-                    'tool has none; use "master-slave" or "quasi-symmetric"'
-                )
+            check_choice("enforcement", enforcement, ENFORCEMENTS)
+            check_formulation(formulation, enforcement, master)
             check_choice("quadrature", quadrature, QUADRATURES)
             if normals is None:
                 averaging = quadrature == "overlay" or friction is not None
                 normals = "bisector" if averaging else "facet"
             check_choice("normals", normals, NORMALS)
-            check_choice("enforcement", enforcement, ENFORCEMENTS)
             if not isinstance(law, Law):
                 raise TypeError(f"law: must be qs.Tied() or qs.Unilateral(), not {law!r}")
             if not (isinstance(penalty, str) and penalty == "auto"):
@@ -154,7 +146,8 @@ class Contact(ContactMotion):
             check_positive("gap_tolerance", gap_tolerance)
             check_friction(friction, friction_penalty, law, slave)
             overclosure = Overclosure(initial_overclosure)
-            kinematics = Kinematics(unknown, dt, friction is not None and friction.needs_dt)
+            needs_dt = friction is not None and friction.needs_dt
+            kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=master.V is None)
             degree = check_quadrature(slave, master, quadrature, quadrature_degree)
         check_agreement(
             comm,
@@ -173,36 +166,104 @@ class Contact(ContactMotion):
             friction_penalty=friction_penalty,
             initial_overclosure=initial_overclosure,
         )
-        self.slave = slave
-        self.master = master
-        self.formulation = formulation
-        self.law = law
-        self.quadrature = quadrature
-        self.quadrature_degree = degree
-        self.normals = normals
-        self.enforcement = enforcement
-        self.gap_tolerance = float(gap_tolerance)
-        self._kinematics = kinematics
-        self._offset = None
-        self.passes = []
-        #: Penetration at the first pairing: its ``depth``, and the ``part`` that is let be.
-        self.overclosure = overclosure
-        self.tangential = None
-        if friction is not None:
-            self.tangential = Tangential(friction, slave, friction_penalty)
-        #: Counts the pairings made so far.
-        self.version = 0
-        self.watch = Stopwatch()
-        self._given_radius = None if search_radius is None else float(search_radius)
-        self._automatic = penalty == "auto"
-        self._penalty = None if penalty == "auto" else float(penalty)
-        #: How ε was chosen.
-        self.penalty_source = "automatic, at the first solve" if penalty == "auto" else "given"
-        #: Mean K_kk / S_k (stress per length) at the contact nodes of the slave and of a deformable
-        #: master, when matrices were last made.
-        self.stiffness: tuple[float, ...] = ()
-        self._pair()
-        advise(self)
+        augmented = enforcement == "augmented-lagrangian"
+        settings = Settings(
+            slave,
+            master,
+            formulation,
+            law,
+            Sampling(quadrature, degree, normals),
+            None if search_radius is None else float(search_radius),
+            augmented,
+            float(gap_tolerance),
+        )
+        #: The parts, for the problem and for those who extend the library.
+        self.model = ContactModel(
+            settings,
+            kinematics,
+            Penalty(penalty, quadrature, augmented, "velocity" in kinematics.unknown),
+            overclosure,
+            None if friction is None else FrictionHistory(friction, slave, friction_penalty),
+        )
+        motion.pair_anew(self.model)
+        advise(self.model, stacklevel=2)
+
+    # --- What it was made with
+
+    @property
+    def slave(self) -> Surface:
+        """Surface that carries the multiplier."""
+        return self.model.slave
+
+    @property
+    def master(self) -> AnySurface:
+        """The other surface, or a rigid tool."""
+        return self.model.master
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the surfaces."""
+        return self.model.comm
+
+    @property
+    def formulation(self) -> str:
+        """Which surfaces are sampled, and which carry multipliers."""
+        return self.model.settings.formulation
+
+    @property
+    def law(self) -> Law:
+        """From the gap to the multiplier."""
+        return self.model.law
+
+    @property
+    def quadrature(self) -> str:
+        """``"nodal"`` or ``"overlay"``."""
+        return self.model.settings.sampling.quadrature
+
+    @property
+    def quadrature_degree(self) -> int:
+        """Degree of the rule on the pieces of the overlay."""
+        return self.model.settings.sampling.degree
+
+    @property
+    def normals(self) -> str:
+        """``"facet"`` or ``"bisector"``."""
+        return self.model.settings.sampling.normals
+
+    @property
+    def enforcement(self) -> str:
+        """``"penalty"`` or ``"augmented-lagrangian"``."""
+        return "augmented-lagrangian" if self.augmented else "penalty"
+
+    @property
+    def augmented(self) -> bool:
+        """Whether the multiplier is augmented until the gap is closed."""
+        return self.model.augmented
+
+    @property
+    def gap_tolerance(self) -> float:
+        """Gap at which augmentation ends, in units of the smallest facet."""
+        return self.model.settings.gap_tolerance
+
+    @property
+    def allowed_gap(self) -> float:
+        """Gap (length) at which augmentation ends: ``gap_tolerance`` × the smallest facet."""
+        return self.model.allowed_gap
+
+    @property
+    def friction(self) -> Friction | None:
+        """The law of friction, None without."""
+        return None if self.model.friction is None else self.model.friction.law
+
+    @property
+    def overclosure(self) -> Overclosure:
+        """Penetration at the first pairing: its ``depth``, and the ``part`` that is let be."""
+        return self.model.overclosure
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether what contact adds to the tangent is symmetric."""
+        return self.model.symmetric
 
     # --- Pairing
 
@@ -214,63 +275,7 @@ class Contact(ContactMotion):
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
         """
-        with self.watch.stage("pairing"):
-            update_surfaces(*(s for s in (self.slave, self.master) if isinstance(s, Surface)))
-        self._pair()
-
-    def _pair(self) -> None:
-        if isinstance(self.master, RigidSurface):
-            self.master.check_state()
-            self._tool_version = self.master.version
-        with self.watch.stage("pairing"):
-            with_facets: list[Surface | RigidSurface] = [self.slave]
-            if isinstance(self.master, Surface) or not self.master.is_analytic:
-                with_facets.append(self.master)
-            low, high = zip(*(s.facet_size_range for s in with_facets), strict=True)
-            self._touching = TOUCHING * min(low)
-            self._facet_size = min(low)
-            self._radius = max(high) if self._given_radius is None else self._given_radius
-            both = self.formulation == "quasi-symmetric"
-            roles: list[tuple[Surface, Surface | RigidSurface]] = [(self.slave, self.master)]
-            if self.formulation in TWO_PASSES and isinstance(self.master, Surface):
-                roles.append((self.master, self.slave))
-            one_sided = self.formulation == "two-half-pass"
-            share = 1.0 if one_sided else 1 / len(roles)
-            kept = self.multipliers_on_nodes()
-            self.passes = []
-            for slave, master in roles:
-                points = pair(
-                    slave,
-                    master,
-                    self.quadrature,
-                    self.quadrature_degree,
-                    self.normals,
-                    both,
-                    self._radius,
-                )
-                self.passes.append(
-                    WeightedGap(
-                        slave,
-                        master,
-                        points,
-                        self.law,
-                        share,
-                        slave_only=one_sided,
-                        by_cover=self.quadrature == "overlay",
-                        augmented=self.augmented,
-                    )
-                )
-            if self.version == 0:
-                self.overclosure.read(self.passes, self._facet_size)
-            self.overclosure.apply(self.passes)
-            if self.tangential is not None:
-                self.tangential.pair(self.passes, self.quadrature == "overlay")
-                if self.version > 0:
-                    self._continue_step()
-            if kept:
-                self.set_multipliers_on_nodes(kept)
-            self.set_motion()
-            self.version += 1
+        motion.pair_anew(self.model)
 
     def allow_overclosure(self, part: float) -> None:
         """Set the part of the initial overclosure that is not resolved, from 0 to 1. Collective.
@@ -281,72 +286,72 @@ class Contact(ContactMotion):
         Raises:
             ValueError: If it is not from 0 to 1, the same on all ranks.
         """
-        self.overclosure.allow(self.comm, part)
-        self.overclosure.apply(self.passes)
+        self.model.overclosure.allow(self.comm, part)
+        self.model.overclosure.apply(self.model.gaps)
 
-    def _continue_step(self) -> None:
-        """Let slip count from where the bodies and the tool are now, however they got there.
-
-        Bodies in total displacements keep their unknowns when contact pairs anew, unless whoever
-        has moved their mesh sets them to zero; which of the two the next evaluation tells.
-        """
-        for slip in self.slips:
-            slip.starts_there = True
-            if isinstance(self.master, RigidSurface) and self.unknown[0] == "displacement":
-                slip.start = slip.change(self.master.motion)
-
-    # --- Pairing points
+    @property
+    def version(self) -> int:
+        """Counts the pairings made so far."""
+        return self.model.num_pairings
 
     @property
     def search_radius(self) -> float:
         """Distance (length) beyond which a node is not paired."""
-        return self._radius
+        return self.model.paired.search_radius
 
     @property
     def pairing(self) -> Pairing:
         """Pairing points that were found from nodes this rank owns; those of the first pass."""
-        return Pairing.from_cpp(self.passes[0].points)
+        return self.pairings[0]
 
     @property
     def pairings(self) -> list[Pairing]:
         """Pairing points of every pass: two for double-pass contact, otherwise one."""
-        return [Pairing.from_cpp(p.points) for p in self.passes]
+        return [Pairing.from_cpp(p.points) for p in self.model.gaps]
 
     @property
     def num_unpaired(self) -> int:
         """Nodes that were searched and found no partner, over all passes and ranks. Collective."""
-        return int(self.comm.allreduce(sum(p.points.num_unpaired for p in self.passes)))
-
-    # --- Friction
-
-    @property
-    def friction(self) -> Friction | None:
-        """The law of friction, None without."""
-        return None if self.tangential is None else self.tangential.friction
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether what contact adds to the tangent is symmetric."""
-        same_scale = isinstance(self.master, RigidSurface) or self.scale[0] == self.scale[1]
-        potential = self.friction is None or self.friction.symmetric
-        return self.formulation != "two-half-pass" and same_scale and potential
-
-    def end_step(self) -> None:
-        """Let slip count from the last evaluation on, and friction from what it is there."""
-        if self.tangential is not None:
-            self.tangential.end_step()
+        return int(self.comm.allreduce(sum(p.points.num_unpaired for p in self.model.gaps)))
 
     # --- Penalty
 
     @property
     def penalty(self) -> float | None:
         """ε, stress per length; None as long as an automatic one has not been computed."""
-        return self._penalty
+        return self.model.penalty.value
+
+    @property
+    def penalty_source(self) -> str:
+        """How ε was chosen."""
+        return self.model.penalty.source
 
     @property
     def has_automatic_penalty(self) -> bool:
         """Whether ε is, or is going to be, computed from the stiffness of the bodies."""
-        return self._automatic
+        return self.model.penalty.automatic
+
+    @property
+    def stiffness(self) -> tuple[float, ...]:
+        """Mean K_kk / S_k (stress per length) at the contact nodes, when matrices were last made.
+
+        Of the slave, and of a deformable master.
+        """
+        return self.model.penalty.stiffness
+
+    @property
+    def eps(self) -> float:
+        """The penalty as a number.
+
+        Raises:
+            RuntimeError: If an automatic penalty has not been computed yet.
+        """
+        return self.model.eps
+
+    @property
+    def tangential_penalty(self) -> float:
+        """ε in tangential direction; only with friction."""
+        return self.model.tangential_eps
 
     def set_penalty(self, penalty: float) -> None:
         """Set ε, stress per length, for the solves to come. Collective.
@@ -357,25 +362,259 @@ class Contact(ContactMotion):
         with collective_errors(self.comm):
             check_positive("penalty", penalty)
         check_agreement(self.comm, penalty=penalty)
-        self._penalty = float(penalty)
-        self._automatic = False
-        self.penalty_source = "given"
+        self.model.penalty.set(penalty)
+
+    def reset(self) -> None:
+        """Forget the multipliers: the next solve starts from λ̂ = 0 and no friction."""
+        multipliers.reset(self.model)
+
+    def violation(self) -> float:
+        """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
+        return multipliers.violation(self.model)
+
+    # --- Motion
 
     @property
-    def needs_penalty(self) -> bool:
-        """Whether an automatic penalty is to be computed, for the problem.
+    def unknown(self) -> tuple[str, str]:
+        """``"displacement"`` or ``"velocity"``, of the slave's and of the master's body."""
+        return self.model.kinematics.unknown
 
-        Once: with another ε the gaps of the last step would be wrong ones. But an augmented
-        Lagrangian may have any, and that of bodies in velocities follows Δt and how fast they flow.
+    @property
+    def dt(self) -> float | None:
+        """Δt, time; None if nothing depends on it."""
+        return self.model.kinematics.dt
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Displacement per unknown of the slave's and the master's body: 1 or Δt."""
+        return self.model.kinematics.scale
+
+    @property
+    def offset(self) -> tuple[PETSc.Vec | None, PETSc.Vec | None]:
+        """Displacements (length) beside those of the unknowns, see :meth:`set_offset`."""
+        return self.model.offset or (None, None)
+
+    def set_dt(self, dt: float) -> None:
+        """Set Δt (time) for the solves to come. Collective.
+
+        Raises:
+            ValueError: If it is not a positive number, the same on all ranks, or nothing
+                depends on it.
         """
-        flows = self.augmented and "velocity" in self.unknown
-        return self._automatic and (self._penalty is None or flows)
+        with collective_errors(self.comm):
+            self.model.kinematics.check_dt(dt)
+        check_agreement(self.comm, dt=dt)
+        self.model.kinematics.dt = dt
+        motion.set_motion(self.model)
 
-    def set_automatic_penalty(self, penalty: float, source: str) -> None:
-        """Set ε, stress per length, from the bodies' stiffness as ``source`` says; internal."""
-        self._penalty, self.penalty_source = penalty, source
+    def set_offset(self, slave: fem.Function | None, master: fem.Function | None) -> None:
+        """Set displacements (length) beside those of the unknowns: u = scale · x + offset.
 
-    # --- Report
+        For time stepping: from the meshes as they are, contact then sees the displacements to the
+        end of the step, whatever part of the step the meshes have been moved already. Collective.
+
+        Args:
+            slave: On the space of the slave's body (the mixed one, if its surface has a sub-space),
+                read now; None for no offset.
+            master: The same for the master.
+
+        Raises:
+            ValueError: If a space is not that of the body.
+        """
+        motion.set_offset(self.model, slave, master)
+
+    # --- At nodes
+
+    def gap(self, side: str = "slave") -> Array:
+        """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
+
+        Args:
+            side: Side that carries the multiplier; ``"master"`` with two multipliers only.
+
+        Returns:
+            In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes,
+            gdim). NaN where a node has no pairing point.
+        """
+        return results.gap(self.model, side)
+
+    def multiplier(self, side: str = "slave") -> Array:
+        """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as the gap.
+
+        λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
+        """
+        return results.multiplier(self.model, side)
+
+    def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
+        """Nodes of this rank that are in contact, shape (nodes,)."""
+        return results.active(self.model, side)
+
+    def tangential_multiplier(self, side: str = "slave") -> Array:
+        """τ (stress) at the nodes of this rank, (nodes, gdim); friction on the slave is −τ.
+
+        Args:
+            side: As for :meth:`gap`.
+
+        Raises:
+            ValueError: If the contact has no friction.
+        """
+        return results.tangential_multiplier(self.model, side)
+
+    def slip(self, side: str = "slave") -> Array:
+        """Slip (length) over all steps at the nodes of this rank, shape (nodes, gdim).
+
+        Displacement of the slave against the master while in contact, less what is elastic with
+        the penalty; see :meth:`tangential_multiplier`.
+        """
+        return results.slip(self.model, side)
+
+    def slipping(self, side: str = "slave") -> npt.NDArray[np.bool_]:
+        """Nodes of this rank that are in contact and slip, shape (nodes,).
+
+        Among them are nodes that have lost the friction of a law that jumps when they open.
+        """
+        return results.slipping(self.model, side)
+
+    def dissipation(self, side: str = "slave") -> Array:
+        """Energy that friction took at each node of this rank in the last step, shape (nodes,).
+
+        0 after contact has paired anew.
+        """
+        return results.dissipation(self.model, side)
+
+    # --- Totals
+
+    def penetration(self) -> float:
+        """Largest gap (length) of the slave, 0 if all are open; of a tied one its size.
+
+        Collective.
+        """
+        return results.penetration(self.model)
+
+    @property
+    def energy(self) -> float:
+        """Energy Φ of the gaps at the last evaluation; of the augmented Lagrangian if that is used.
+
+        Collective.
+        """
+        return results.energy(self.model)
+
+    def step_dissipation(self) -> float:
+        """Energy that friction took in the last step. Collective."""
+        return results.step_dissipation(self.model)
+
+    def dissipated_energy(self) -> float:
+        """Energy that friction has taken in all steps that have ended. Collective."""
+        friction = self.model.friction
+        return 0.0 if friction is None else friction.dissipated_energy()
+
+    def patch(self) -> tuple[float, float]:
+        """Size of the contact at the last evaluation. Collective.
+
+        Returns:
+            Area of the closed slave nodes, Σ S_k (2D: length), and the radius of a disc of this
+            area (2D: half the length). Known to about half a facet at the rim.
+        """
+        return results.patch(self.model)
+
+    def force(self, side: str) -> Array:
+        """Total contact force on the body of one side, shape (gdim,). Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+        """
+        return results.force(self.model, side)
+
+    def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
+        """Total moment of the contact forces on the body of one side. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+            about: Point, shape (gdim,); by default the centre of a rigid tool, or the origin.
+
+        Returns:
+            Shape (3,), in 2D (1,).
+        """
+        results.agreed(self.model, side)
+        with collective_errors(self.comm):
+            point = check_vector(
+                "about", self.master.center if about is None else about, self.slave.gdim
+            )
+        check_agreement(self.comm, about=point.tolist())
+        return results.moment(self.model, side, point)
+
+    def traction(self, side: str, part: str = "whole") -> fem.Function:
+        """Traction t (stress) recovered from the contact forces. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``: the traction that acts on this body.
+            part: Of the forces: ``"whole"``, those of the gaps, ``"normal"``, or those of friction,
+                ``"tangential"``.
+
+        Returns:
+            Function of degree 1, zero off the surface. Its space is that of the surface, collapsed
+            if that is a sub-space; for displacements of degree 2 a new one of degree 1, and the
+            nodal forces f_k are then those conjugate to this space.
+        """
+        with collective_errors(self.comm):
+            check_choice("part", part, results.PARTS)
+        check_agreement(self.comm, part=part)
+        return results.traction(self.model, side, part)
+
+    # --- Fields
+
+    def status(self, side: str = "slave") -> fem.Function:
+        """Status of each node: 0 unpaired, 1 open, 2 active or sticking, 3 slipping. Collective.
+
+        The numbers are those of ``qs.Status``. On a side without multipliers, the master of
+        master-slave and quasi-symmetric contact, nodes that a force reaches are active, and
+        slipping if more than half of what they face slips.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+
+        Returns:
+            Function of degree 1, zero off the surface.
+        """
+        return fields.status(self.model, side)
+
+    def gap_function(self, side: str = "slave") -> fem.Function:
+        """The weighted gap as a Function; of tied contact the size of the jump. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``. On a side without multipliers it is the mean of the
+                other side's gap over what a node faces.
+
+        Returns:
+            Function of degree 1 (length, positive in penetration), zero off the surface and where
+            :meth:`status` is 0.
+        """
+        return fields.gap_function(self.model, side)
+
+    def field_sources(self, side: str = "slave") -> dict[str, typing.Callable[[], fem.Function]]:
+        """Functions that return the fields of :meth:`fields` anew, for :class:`qs.FieldWriter`.
+
+        ``qs.FieldWriter("die.xdmf", mesh, {"u": u} | contact.field_sources("master"))`` writes them
+        all, as they are at each time.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+        """
+        return fields.sources(self.model, side)
+
+    def fields(self, side: str = "slave") -> dict[str, fem.Function]:
+        """Fields to look at: traction, gap and status. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+
+        Returns:
+            Functions of degree 1, zero off the surface: ``"traction"`` (stress, a vector),
+            ``"gap"`` (length, positive in penetration, see :meth:`gap_function`) and ``"status"``
+            (0 unpaired, 1 open, 2 active, 3 slipping, see :meth:`status`). With friction also its
+            parts ``"normal_traction"`` and ``"tangential_traction"``, and on a side that carries
+            multipliers ``"slip"`` (length, a vector).
+        """
+        return {name: source() for name, source in self.field_sources(side).items()}
 
     def report(self) -> ContactReport:
         """What the contact is and does, to print as a table. Collective.
@@ -384,4 +623,9 @@ class Contact(ContactMotion):
         linear solvers, nodes that no force reaches. The same on all ranks; it costs about as much
         as a nodal pairing.
         """
-        return make_report(self)
+        return make_report(self.model)
+
+    @property
+    def seconds(self) -> float:
+        """Wall time (s) that this rank has spent in pairing, gaps and insertion."""
+        return sum(self.model.watch.seconds.values())

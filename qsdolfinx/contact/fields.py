@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-import qsdolfinx._cpp as _cpp
-from qsdolfinx.contact.results import TWO_PASSES, ContactResults
+from qsdolfinx.contact import active_set, results
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.traction import nodal_forces
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.tools.rigid_surface import deformable
 
 Array = npt.NDArray[np.float64]
 
@@ -25,7 +25,7 @@ SOME = 1e-10
 
 
 class Status(enum.IntEnum):
-    """What a node does, the values of :meth:`ContactFields.status`."""
+    """What a node does, the values of :meth:`qs.Contact.status`."""
 
     #: No pairing point reaches it: it is off the surface, or too far from the other one.
     UNPAIRED = 0
@@ -54,126 +54,89 @@ def faced(p: WeightedGap, rows: Array) -> Faced:
         p: The pass; its master is deformable.
         rows: Values c_k of the rows, shape (rows,).
     """
-    assert isinstance(p.master, Surface)
-    operator = p.operator
-    if not p.law.jump:
-        operator = _cpp.GapOperator(
-            p.slave._cpp_object, p.master._cpp_object, p.points, jump=True, by_cover=p.by_cover
-        )
+    master = deformable(p.master)
+    assert master is not None
+    operator = p.jump_operator()
     forces = np.zeros((len(rows), p.slave.gdim))
     forces[:, 0], forces[:, 1] = p.operator.row_area, p.operator.row_area * rows
-    vecs = p.slave.create_vec(), p.master.create_vec()
+    vecs = p.slave.create_vec(), master.create_vec()
     operator.add_transpose(forces, vecs[0].handle, vecs[1].handle, False)
-    area, sums = -nodal_forces(p.master, vecs[1])[:, :2].T
+    area, sums = -nodal_forces(master, vecs[1])[:, :2].T
     for vec in vecs:
         vec.destroy()
-    reached = area > SOME * p.master.linear.node_area
+    reached = area > SOME * master.linear.node_area
     return Faced(reached, np.divide(sums, area, out=np.full_like(sums, np.nan), where=reached))
 
 
-class ContactFields(ContactResults):
-    """Results as Functions, on the side without multipliers too."""
+def status(model: ContactModel, side: str) -> fem.Function:
+    """:class:`Status` of each node. Collective."""
+    surface = deformable_side(model, side)
+    of_nodes = _of_own_rows if results.has_multiplier(model, side) else _of_faced_rows
+    return _scalar(surface, of_nodes(model, side).astype(np.float64))
 
-    def status(self, side: str = "slave") -> fem.Function:
-        """Status of each node: 0 unpaired, 1 open, 2 active or sticking, 3 slipping. Collective.
 
-        The numbers are those of ``qs.Status``. On a side without multipliers, the master of
-        master-slave and quasi-symmetric contact, nodes that a force reaches are active, and
-        slipping if more than half of what they face slips.
+def gap_function(model: ContactModel, side: str) -> fem.Function:
+    """The weighted gap, of tied contact the size of the jump. Collective."""
+    surface = deformable_side(model, side)
+    if results.has_multiplier(model, side):
+        values = _sizes(results.gap(model, side))
+    else:
+        values = faced(model.gaps[0], _sizes(model.gaps[0].state.values)).mean
+    return _scalar(surface, np.nan_to_num(values))
 
-        Args:
-            side: ``"slave"`` or ``"master"``.
 
-        Returns:
-            Function of degree 1, zero off the surface.
-        """
-        surface = self._deformable(side)
-        return _scalar(surface, self._status(side, surface))
+def sources(model: ContactModel, side: str) -> dict[str, typing.Callable[[], fem.Function]]:
+    """Functions that return the fields anew. Collective."""
+    surface = deformable_side(model, side)
+    traction = functools.partial(results.traction, model, side)
+    out: dict[str, typing.Callable[[], fem.Function]] = {
+        "traction": functools.partial(traction, "whole"),
+        "gap": functools.partial(gap_function, model, side),
+        "status": functools.partial(status, model, side),
+    }
+    if model.slips:
+        for part in ("normal", "tangential"):
+            out[f"{part}_traction"] = functools.partial(traction, part)
+        if results.has_multiplier(model, side):
+            out["slip"] = lambda: surface.linear.function(results.slip(model, side))
+    return out
 
-    def gap_function(self, side: str = "slave") -> fem.Function:
-        """The weighted gap as a Function; of tied contact the size of the jump. Collective.
 
-        Args:
-            side: ``"slave"`` or ``"master"``. On a side without multipliers it is the mean of the
-                other side's gap over what a node faces.
+def deformable_side(model: ContactModel, side: str) -> Surface:
+    """The surface of one side, the same on all ranks. Collective.
 
-        Returns:
-            Function of degree 1 (length, positive in penetration), zero off the surface and where
-            :meth:`status` is 0.
-        """
-        surface = self._deformable(side)
-        if self._has_multiplier(side):
-            values = _sizes(self.gap(side))
-        else:
-            values = faced(self.passes[0], _sizes(self.passes[0].values)).mean
-        return _scalar(surface, np.nan_to_num(values))
+    Raises:
+        ValueError: If it is a rigid tool.
+    """
+    surface = deformable(results.agreed(model, side))
+    if surface is None:
+        raise ValueError("side: a rigid tool has no fields; see those of the slave")
+    return surface
 
-    def field_sources(self, side: str = "slave") -> dict[str, typing.Callable[[], fem.Function]]:
-        """Functions that return the fields of :meth:`fields` anew, for :class:`qs.FieldWriter`.
 
-        ``qs.FieldWriter("die.xdmf", mesh, {"u": u} | contact.field_sources("master"))`` writes them
-        all, as they are at each time.
+def _of_own_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
+    """Status of the nodes of a side that carries multipliers."""
+    p = results.gap_of(model, side)
+    paired = p.on_nodes(np.ones(len(p.row_node), dtype=bool), False)
+    status = np.where(paired, Status.OPEN, Status.UNPAIRED)
+    status = np.where(results.active(model, side), Status.ACTIVE, status)
+    if model.slips:
+        status = np.where(results.slipping(model, side), Status.SLIPPING, status)
+    return status
 
-        Args:
-            side: ``"slave"`` or ``"master"``.
-        """
-        self._deformable(side)
-        sources: dict[str, typing.Callable[[], fem.Function]] = {
-            "traction": functools.partial(self.traction, side),
-            "gap": functools.partial(self.gap_function, side),
-            "status": functools.partial(self.status, side),
-        }
-        if self.slips:
-            for part in ("normal", "tangential"):
-                sources[f"{part}_traction"] = functools.partial(self.traction, side, part=part)
-            if self._has_multiplier(side):
-                sources["slip"] = lambda: self._deformable(side).linear.function(self.slip(side))
-        return sources
 
-    def fields(self, side: str = "slave") -> dict[str, fem.Function]:
-        """Fields to look at: traction, gap and status. Collective.
-
-        Args:
-            side: ``"slave"`` or ``"master"``.
-
-        Returns:
-            Functions of degree 1, zero off the surface: ``"traction"`` (stress, a vector),
-            ``"gap"`` (length, positive in penetration, see :meth:`gap_function`) and ``"status"``
-            (0 unpaired, 1 open, 2 active, 3 slipping, see :meth:`status`). With friction also its
-            parts ``"normal_traction"`` and ``"tangential_traction"``, and on a side that carries
-            multipliers ``"slip"`` (length, a vector).
-        """
-        return {name: source() for name, source in self.field_sources(side).items()}
-
-    def _status(self, side: str, surface: Surface) -> Array:
-        if self._has_multiplier(side):
-            p = self._pass_of(side)
-            paired = p.on_nodes(np.ones(len(p.row_node), dtype=bool), False)
-            status = np.where(paired, Status.OPEN, Status.UNPAIRED)
-            status = np.where(self.active(side), Status.ACTIVE, status)
-            if self.slips:
-                status = np.where(self.slipping(side), Status.SLIPPING, status)
-            return status.astype(np.float64)
-        p = self.passes[0]
-        # An open gap may be at a node of which another row's force reaches a part.
-        force = faced(p, (self.slope(p) > 0).astype(np.float64))
-        status = np.where(force.reached, Status.OPEN, Status.UNPAIRED)
-        active = force.mean > SOME  # not where it is NaN
-        status = np.where(active, Status.ACTIVE, status)
-        if self.slips:
-            slip = faced(p, self.slips[0].slipping.astype(np.float64))
-            status = np.where(active & (slip.mean > force.mean / 2), Status.SLIPPING, status)
-        return status.astype(np.float64)
-
-    def _has_multiplier(self, side: str) -> bool:
-        return side == "slave" or self.formulation in TWO_PASSES
-
-    def _deformable(self, side: str) -> Surface:
-        """The surface of one side, the same on all ranks. Collective."""
-        surface = self._agreed(side)
-        if isinstance(surface, RigidSurface):
-            raise ValueError("side: a rigid tool has no fields; see those of the slave")
-        return surface
+def _of_faced_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
+    """Status of a master's nodes, by what they face. Collective."""
+    p = model.gaps[0]
+    # An open gap may be at a node of which another row's force reaches a part.
+    force = faced(p, active_set.closed(model, p).astype(np.float64))
+    status = np.where(force.reached, Status.OPEN, Status.UNPAIRED)
+    active = force.mean > SOME  # not where it is NaN
+    status = np.where(active, Status.ACTIVE, status)
+    if model.slips:
+        slip = faced(p, model.slips[0].slipping.astype(np.float64))
+        status = np.where(active & (slip.mean > force.mean / 2), Status.SLIPPING, status)
+    return status
 
 
 def _sizes(values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""How the unknowns of a contact's bodies move its surfaces, from where a step began."""
+"""How a contact follows its bodies and tools: pairing, Δt, offsets, starts of steps."""
 
 from __future__ import annotations
 
@@ -6,132 +6,145 @@ from petsc4py import PETSc
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import check_positive, check_type
-from qsdolfinx.base.collective import check_agreement, collective_errors
-from qsdolfinx.contact.terms import ContactAssembly
-from qsdolfinx.gap.kinematics import Kinematics
+from qsdolfinx.base.checks import check_type
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.contact import multipliers
+from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.gap.weighted_gap import handle_of
 from qsdolfinx.surface.affine import Affine
-from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.surface.surface import update_surfaces
+from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+
+Vecs = tuple[PETSc.Vec | None, PETSc.Vec | None]
 
 
-class ContactMotion(ContactAssembly):
-    """Scales, offsets and starts of the displacements that a contact sees."""
+def pair_anew(model: ContactModel) -> None:
+    """Pair where meshes and tools are now; multipliers stay at their nodes. Collective.
 
-    _kinematics: Kinematics
-    _offset: tuple[PETSc.Vec | None, PETSc.Vec | None] | None
+    Raises:
+        ValueError: If coordinates are not finite or a facet has no area.
+    """
+    first = model.num_pairings == 0
+    model.master.check_state()
+    with model.watch.stage("pairing"):
+        if not first:
+            surfaces = map(deformable, (model.slave, model.master))
+            update_surfaces(*(s for s in surfaces if s is not None))
+        kept = [] if first else multipliers.on_nodes(model.parts)
+        paired = find_pairs(model.settings, model.friction)
+        if first:
+            model.overclosure.read(paired.gaps, paired.facet_size)
+        model.overclosure.apply(paired.gaps)
+        model.paired = paired
+        if not first:
+            _continue_step(model)
+            multipliers.set_on_nodes(paired.parts, kept)
+        set_motion(model)
+        model.num_pairings += 1
 
-    @property
-    def unknown(self) -> tuple[str, str]:
-        """``"displacement"`` or ``"velocity"``, of the slave's and of the master's body."""
-        return self._kinematics.unknown
 
-    @property
-    def dt(self) -> float | None:
-        """Δt, time; None if nothing depends on it."""
-        return self._kinematics.dt
+def _continue_step(model: ContactModel) -> None:
+    """Let slip count from where the bodies and the tool are now, however they got there.
 
-    @property
-    def scale(self) -> tuple[float, float]:
-        """Displacement per unknown of the slave's and the master's body: 1 or Δt."""
-        return self._kinematics.scale
+    Bodies in total displacements keep their unknowns when contact pairs anew, unless whoever
+    has moved their mesh sets them to zero; which of the two the next evaluation tells.
+    """
+    for slip in model.slips:
+        slip.state.starts_there = True
+        if model.master.motion is not None and model.kinematics.in_displacement[0]:
+            slip.state.start = slip.change(model.master.motion)
 
-    @property
-    def offset(self) -> tuple[PETSc.Vec | None, PETSc.Vec | None]:
-        """Displacements (length) beside those of the unknowns, see :meth:`set_offset`."""
-        return self._offset or (None, None)
 
-    def set_dt(self, dt: float) -> None:
-        """Set Δt (time) for the solves to come. Collective.
+def move_tool(model: ContactModel) -> None:
+    """Take over the motion of a rigid tool. Collective.
 
-        Raises:
-            ValueError: If it is not a positive number, the same on all ranks, or nothing
-                depends on it.
-        """
-        with collective_errors(self.comm):
-            if self._kinematics.dt is not None:
-                check_positive("dt", dt)
-            else:
-                Kinematics(self.unknown, dt)
-        check_agreement(self.comm, dt=dt)
-        self._kinematics.dt = dt
-        self.set_motion()
+    Raises:
+        ValueError: If it is not finite or differs between ranks.
+        RuntimeError: If the tool has another position than when contact was last paired.
+    """
+    if model.paired.tool_version != model.master.version:
+        raise RuntimeError("the tool has been moved for good: call contact.update()")
+    model.master.check_state()
+    if model.master.motion is None:
+        return
+    with model.watch.stage("gap"):
+        for part in model.parts:
+            part.state.shift = part.change(model.master.motion)
 
-    def set_offset(self, slave: fem.Function | None, master: fem.Function | None) -> None:
-        """Set displacements (length) beside those of the unknowns: u = scale · x + offset.
 
-        For time stepping: from the meshes as they are, contact then sees the displacements to the
-        end of the step, whatever part of the step the meshes have been moved already. Collective.
+def set_motion(model: ContactModel) -> None:
+    """Hand scales and offsets to the passes. Collective."""
+    for gap in model.gaps:
+        gap.state.scale = model.ordered(gap, model.kinematics.scale)
+        if model.offset is not None:
+            u = model.ordered(gap, model.offset)
+            gap.state.offset = gap.operator.apply(handle_of(u[0]), handle_of(u[1]))
 
-        Args:
-            slave: On the space of the slave's body (the mixed one, if its surface has a sub-space),
-                read now; None for no offset.
-            master: The same for the master.
 
-        Raises:
-            ValueError: If a space is not that of the body.
-        """
-        for vec in self._offset or ():
-            if vec is not None:
-                vec.destroy()
-        self._offset = (
-            self._known("slave", self.slave, slave),
-            self._known("master", self.master, master),
-        )
-        self.set_motion()
+def set_offset(
+    model: ContactModel, slave: fem.Function | None, master: fem.Function | None
+) -> None:
+    """Set displacements beside those of the unknowns, see :meth:`qs.Contact.set_offset`."""
+    offset = _vecs(model, slave, master)
+    free_offset(model)
+    model.offset = offset
+    set_motion(model)
 
-    def _known(
-        self, name: str, surface: Surface | RigidSurface, function: fem.Function | None
-    ) -> PETSc.Vec | None:
-        """Owned values of a function on a body's space as a vector; None of a rigid tool."""
-        vec = surface.create_vec() if isinstance(surface, Surface) else None
-        with collective_errors(self.comm):
-            if function is not None:
-                check_type(name, function, fem.Function, "a dolfinx.fem.Function, or None")
-                dofmap = function.function_space.dofmap
-                owned = dofmap.index_map.size_local * dofmap.index_map_bs
-                if vec is None or len(vec.array_r) != owned:
-                    raise ValueError(f"{name}: the function must be on the space of the body")
-                vec.array[:] = function.x.array[:owned]
-        return vec
 
-    def set_motion(self) -> None:
-        """Hand scales and offsets to the passes. Collective."""
-        for p in self.passes:
-            slave, master = self.ordered(p, self.scale)
-            p.scale = slave, master
-            if self._offset is not None:
-                u = self.ordered(p, self._offset)
-                p.offset = p.operator.apply(handle_of(u[0]), handle_of(u[1]))
+def free_offset(model: ContactModel) -> None:
+    """Free the vectors of displacements beside the unknowns'. Collective."""
+    for vec in model.offset or ():
+        if vec is not None:
+            vec.destroy()
+    model.offset = None
 
-    def set_start(
-        self,
-        slave: fem.Function | None,
-        master: fem.Function | None,
-        moved: Affine | None = None,
-    ) -> None:
-        """Say where the step began whose slip is to be found; for time stepping. Collective.
 
-        Without this, after pairing anew, it begins where the bodies are at the next evaluation.
+def set_start(
+    model: ContactModel,
+    slave: fem.Function | None,
+    master: fem.Function | None,
+    moved: Affine | None = None,
+) -> None:
+    """Say where the step began whose slip is to be found. Collective.
 
-        Args:
-            slave: Unknowns of the slave's body at the start, as for :meth:`set_offset`.
-            master: The same for the master.
-            moved: Motion that a rigid tool has made in this step already, as a field over the
-                places where it is now.
-        """
-        if self.tangential is None:
-            return
-        known = (
-            self._known("slave", self.slave, slave),
-            self._known("master", self.master, master),
-        )
-        for slip in self.slips:
-            of_slave, of_master = self.ordered(slip.gap, known)
-            slip.start, slip.starts_there = slip.jump_of((of_slave, of_master)), False
-            if moved is not None:
-                slip.start -= slip.change(moved)
-        for vec in known:
-            if vec is not None:
-                vec.destroy()
+    Without this, after pairing anew, it begins where the bodies are at the next evaluation.
+
+    Args:
+        model: The contact.
+        slave: Unknowns of the slave's body at the start, as for :meth:`qs.Contact.set_offset`.
+        master: The same for the master.
+        moved: Motion that a rigid tool has made in this step already, as a field over the
+            places where it is now.
+    """
+    if not model.slips:
+        return
+    at_start = _vecs(model, slave, master)
+    for slip in model.slips:
+        slip.state.start = slip.jump_of(model.ordered(slip.gap, at_start))
+        slip.state.starts_there = False
+        if moved is not None:
+            slip.state.start = slip.state.start - slip.change(moved)
+    for vec in at_start:
+        if vec is not None:
+            vec.destroy()
+
+
+def _vecs(model: ContactModel, slave: fem.Function | None, master: fem.Function | None) -> Vecs:
+    """Owned values of functions on the bodies' spaces as vectors; None of a rigid tool."""
+    first = _known(model, "slave", model.slave, slave)
+    return first, _known(model, "master", model.master, master)
+
+
+def _known(
+    model: ContactModel, name: str, surface: AnySurface, function: fem.Function | None
+) -> PETSc.Vec | None:
+    vec = surface.create_vec()
+    with collective_errors(model.comm):
+        if function is not None:
+            check_type(name, function, fem.Function, "a dolfinx.fem.Function, or None")
+            dofmap = function.function_space.dofmap
+            owned = dofmap.index_map.size_local * dofmap.index_map_bs
+            if vec is None or len(vec.array_r) != owned:
+                raise ValueError(f"{name}: the function must be on the space of the body")
+            vec.array[:] = function.x.array[:owned]
+    return vec

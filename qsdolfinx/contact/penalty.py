@@ -48,11 +48,7 @@ def nodal_stiffness(
     dofs = surface.node_dofs - diagonal.owner_range[0]
     free = constrained.array_r[dofs] == 0
     stiffness = diagonal.array_r[dofs] / surface.node_area[:, None] / scale
-    if surface.axisymmetric:  # a ring's area says nothing of the size of its facet
-        size = np.full((len(stiffness), 1), np.mean(surface.facet_size_range))
-    else:
-        size = surface.node_area[:, None] ** (1 / surface.area_dim)
-    modulus = stiffness * size
+    modulus = stiffness * surface.node_size[:, None]
     diagonal.destroy()
     sums = [stiffness[free].sum(), modulus[free].sum(), np.count_nonzero(free)]
     totals = surface.comm.allreduce(np.array(sums, dtype=np.float64), op=MPI.SUM)
@@ -115,3 +111,58 @@ def source(
         )
     soft = sides[np.argmin(stiffness)]
     return f"automatic: {FACTORS[quadrature]:g} x stiffness {min(stiffness):.4g} of the {soft}"
+
+
+class Penalty:
+    """ε of a contact, stress per length: given, or computed from the stiffness of its bodies.
+
+    Args:
+        given: A number, or ``"auto"``.
+        quadrature: ``"nodal"`` or ``"overlay"``.
+        augmented: Whether augmented multipliers close the gap.
+        flows: Whether a body has velocities.
+    """
+
+    def __init__(self, given: float | str, quadrature: str, augmented: bool, flows: bool) -> None:
+        self._quadrature, self._augmented, self._flows = quadrature, augmented, flows
+        self.automatic = isinstance(given, str)
+        #: The number; None as long as an automatic one has not been computed.
+        self.value: float | None = None if isinstance(given, str) else float(given)
+        #: How it was chosen.
+        self.source = "automatic, at the first solve" if self.automatic else "given"
+        #: Mean K_kk / S_k (stress per length) at the contact nodes of the slave and of a deformable
+        #: master, when matrices were last made.
+        self.stiffness: tuple[float, ...] = ()
+
+    @property
+    def eps(self) -> float:
+        """The number.
+
+        Raises:
+            RuntimeError: If an automatic one has not been computed yet.
+        """
+        if self.value is None:
+            raise RuntimeError('penalty="auto" is computed by the first solve, which has not been')
+        return self.value
+
+    def set(self, value: float) -> None:
+        """Give a number."""
+        self.value, self.automatic, self.source = float(value), False, "given"
+
+    def set_automatic(self, value: float, source: str) -> None:
+        """Take over a number that was computed as ``source`` says."""
+        self.value, self.source = value, source
+
+    def follow(
+        self, stiffness: tuple[float, ...], modulus: tuple[float, ...], together: bool
+    ) -> None:
+        """Take over the bodies' stiffness, and compute an automatic penalty from it.
+
+        Once: with another ε the gaps of the last step would be wrong ones. But an augmented
+        Lagrangian may have any, and that of bodies in velocities follows Δt and how fast they flow.
+        Arguments are those of :func:`automatic_penalty`.
+        """
+        self.stiffness = stiffness
+        if self.automatic and (self.value is None or (self._augmented and self._flows)):
+            known = stiffness, modulus, self._quadrature, self._augmented, together
+            self.set_automatic(automatic_penalty(*known), source(*known))

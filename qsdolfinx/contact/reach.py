@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.advice import ContactWarning
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.surface.affine import affine_vec
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.tools.rigid_surface import deformable
 
 Array = npt.NDArray[np.float64]
 
@@ -23,40 +21,40 @@ class ReachWarning(ContactWarning):
     """Nodes that were too far from the other surface to be paired may have passed through it."""
 
 
-def check_reach(contact: Contact, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+def check_reach(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
     """Warn if slave nodes without a partner may have met the other surface all the same.
 
     They were further from it than the search radius, or beside it. If the surfaces have approached
     each other by less, along their normals, none of the former can have met it. Collective.
 
     Args:
-        contact: The contact, solved.
+        model: The contact, solved.
         slave: Unknowns of the slave's body as contact sees them.
         master: The same of the master's.
     """
-    p = contact.passes[0]
-    alone = np.setdiff1d(np.arange(len(contact.slave.node_area)), p.row_node)
-    if contact.law.jump or contact.comm.allreduce(len(alone)) == 0:
+    p = model.gaps[0]
+    alone = np.setdiff1d(np.arange(len(model.slave.node_area)), p.row_node)
+    if model.law.jump or model.comm.allreduce(len(alone)) == 0:
         return
-    parts = zip((slave, master), contact.scale, contact.offset, strict=True)
+    parts = zip((slave, master), model.kinematics.scale, model.offset or (None, None), strict=True)
     moved = [None if x is None else (x, scale, offset) for x, scale, offset in parts]
     assert moved[0] is not None
-    rise = _outwards(contact.slave, *moved[0])
+    rise = _outwards(model.slave, *moved[0])
     other: Array = np.zeros(0)
-    if isinstance(contact.master, RigidSurface):
-        field = affine_vec(contact.slave, contact.master.motion)
-        np.subtract(rise, _outwards(contact.slave, field, 1.0, None), out=rise)
+    motion, master_surface = model.master.motion, deformable(model.master)
+    if motion is not None:
+        field = affine_vec(model.slave, motion)
+        np.subtract(rise, _outwards(model.slave, field, 1.0, None), out=rise)
         field.destroy()
-    else:
-        assert moved[1] is not None
-        other = _outwards(contact.master, *moved[1])
+    if moved[1] is not None and master_surface is not None:
+        other = _outwards(master_surface, *moved[1])
     highest = (float(np.max(x, initial=0.0)) for x in (rise[alone], other))
-    approach = sum(contact.comm.allreduce(height, op=MPI.MAX) for height in highest)
-    if approach > contact.search_radius:
-        # On all ranks: whoever turns warnings into errors gets one everywhere.
-        warnings.warn(
+    approach = sum(model.comm.allreduce(height, op=MPI.MAX) for height in highest)
+    radius = model.paired.search_radius
+    if approach > radius:
+        warn(
             "the surfaces have moved further towards each other than the search_radius of "
-            f"{contact.search_radius:g}, within which alone nodes were paired: nodes without a "
+            f"{radius:g}, within which alone nodes were paired: nodes without a "
             "partner may have passed through; give a larger search_radius, or make time steps, "
             "which pair anew",
             ReachWarning,

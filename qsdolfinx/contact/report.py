@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import typing
 
 from mpi4py import MPI
 
@@ -11,15 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact.active_set import num_closed
 from qsdolfinx.contact.fields import faced
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.penalty import EXTREME, MODERATE
-from qsdolfinx.contact.results import TWO_PASSES
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import RigidSurface
-
-if typing.TYPE_CHECKING:
-    from qsdolfinx.contact.contact import Contact
+from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
 Array = npt.NDArray[np.float64]
 
@@ -147,68 +143,71 @@ class ContactReport:
         return "\n".join(f"{name:13}{text}" for name, text in lines.items())
 
 
-def make_report(contact: Contact) -> ContactReport:
+def make_report(model: ContactModel) -> ContactReport:
     """Read a contact's numbers; only sums, minima and maxima go between ranks. Collective."""
     counts = np.array(
         [
-            sum(p.points.size for p in contact.passes),
-            sum(p.points.num_unpaired for p in contact.passes),
-            sum(len(p.row_node) for p in contact.passes),
-            0 if contact.penalty is None else contact.num_active_local(),
-            sum(int(np.count_nonzero(slip.slipping)) for slip in contact.slips),
+            sum(p.points.size for p in model.gaps),
+            sum(p.points.num_unpaired for p in model.gaps),
+            sum(len(p.row_node) for p in model.gaps),
+            0 if model.penalty.value is None else num_closed(model),
+            sum(int(np.count_nonzero(slip.slipping)) for slip in model.slips),
         ]
     )
-    points, unpaired, rows, active, slipping = contact.comm.allreduce(counts).tolist()
-    weight = contact.comm.allreduce(float(contact.passes[0].points.weight.sum()))
-    overlay = contact.quadrature == "overlay"
-    dt = "" if contact.dt is None else f", dt {contact.dt:.6g}"
-    friction = "no friction" if contact.friction is None else f"friction {contact.friction!r}"
-    slave = _side(contact, contact.slave)
+    points, unpaired, rows, active, slipping = model.comm.allreduce(counts).tolist()
+    weight = model.comm.allreduce(float(model.gaps[0].points.weight.sum()))
+    overlay = model.settings.sampling.quadrature == "overlay"
+    dt = "" if model.kinematics.dt is None else f", dt {model.kinematics.dt:.6g}"
+    friction = "no friction" if model.friction is None else f"friction {model.friction.law!r}"
+    settings, sampling = model.settings, model.settings.sampling
+    enforcement = "augmented-lagrangian" if model.augmented else "penalty"
+    slave = _side(model, model.slave)
     assert slave is not None
     return ContactReport(
         slave,
-        _side(contact, contact.master),
+        _side(model, model.master),
         points,
-        weight / contact.slave.area,
+        weight / model.slave.area,
         unpaired if overlay else 0,
-        _gap_range(contact),
-        None if contact.penalty is None else active,
+        _gap_range(model),
+        None if model.penalty.value is None else active,
         rows,
-        slipping if contact.slips else None,
-        _unloaded(contact),
-        contact.penalty,
-        contact.penalty_source,
-        _stiffness_ratio(contact),
-        contact.overclosure.depth,
-        _treatment(contact),
-        contact.search_radius,
-        f"{contact.formulation}, {contact.quadrature}, {contact.normals} normals",
-        f"{type(contact.law).__name__}, {contact.enforcement}, {friction}",
-        f"{' and '.join(dict.fromkeys(contact.unknown))}{dt}",
+        slipping if model.slips else None,
+        _unloaded(model),
+        model.penalty.value,
+        model.penalty.source,
+        _stiffness_ratio(model),
+        model.overclosure.depth,
+        _treatment(model),
+        model.paired.search_radius,
+        f"{settings.formulation}, {sampling.quadrature}, {sampling.normals} normals",
+        f"{type(model.law).__name__}, {enforcement}, {friction}",
+        f"{' and '.join(dict.fromkeys(model.kinematics.unknown))}{dt}",
     )
 
 
-def _side(contact: Contact, surface: Surface | RigidSurface) -> SideReport | None:
-    if isinstance(surface, RigidSurface):
-        if surface.is_analytic:
-            return None
-        nodes, area = len(surface.facets(contact.slave.axisymmetric).node_x), None
-    else:
-        nodes, area = len(surface.node_x), surface.area
-    found = _found(contact, surface)
-    total = contact.comm.allreduce(np.array([nodes, 0 if found is None else found]))
+def _side(model: ContactModel, surface: AnySurface) -> SideReport | None:
+    if surface.is_analytic:
+        return None
+    nodes, with_area = len(surface.search_object(model.slave).node_x), deformable(surface)
+    area = None if with_area is None else with_area.area
+    found = _found(model, surface)
+    total = model.comm.allreduce(np.array([nodes, 0 if found is None else found]))
     return SideReport(
         int(total[0]), area, surface.facet_size_range, None if found is None else int(total[1])
     )
 
 
-def _found(contact: Contact, surface: Surface | RigidSurface) -> int | None:
+def _found(model: ContactModel, surface: AnySurface) -> int | None:
     """Nodes of this rank that found a partner."""
-    first = contact.passes[0]
-    if surface is contact.slave or contact.formulation in TWO_PASSES:
-        p = first if surface is contact.slave else contact.passes[1]
-        return len(p.row_node) if contact.quadrature == "overlay" else _at_slave(p)
-    if contact.quadrature == "nodal" and contact.formulation == "quasi-symmetric":
+    first = model.gaps[0]
+    if surface is model.slave or len(model.gaps) > 1:
+        p = first if surface is model.slave else model.gaps[1]
+        return len(p.row_node) if model.settings.sampling.quadrature == "overlay" else _at_slave(p)
+    if (
+        model.settings.sampling.quadrature == "nodal"
+        and model.settings.formulation == "quasi-symmetric"
+    ):
         return first.points.size - _at_slave(first)
     return None
 
@@ -218,34 +217,43 @@ def _at_slave(p: WeightedGap) -> int:
     return int(np.count_nonzero(p.points.slave["owner"][:, 1] < 0))
 
 
-def _gap_range(contact: Contact) -> tuple[float, float] | None:
-    sizes = [np.linalg.norm(p.values, axis=1) if p.law.jump else p.values for p in contact.passes]
+def _gap_range(model: ContactModel) -> tuple[float, float] | None:
+    sizes = [
+        np.linalg.norm(p.state.values, axis=1) if p.law.jump else p.state.values for p in model.gaps
+    ]
     gaps = np.concatenate([values.ravel() for values in sizes])
-    low = contact.comm.allreduce(float(np.min(gaps, initial=np.inf)), op=MPI.MIN)
-    high = contact.comm.allreduce(float(np.max(gaps, initial=-np.inf)), op=MPI.MAX)
+    low = model.comm.allreduce(float(np.min(gaps, initial=np.inf)), op=MPI.MIN)
+    high = model.comm.allreduce(float(np.max(gaps, initial=-np.inf)), op=MPI.MAX)
     return (low, high) if low <= high else None
 
 
-def _unloaded(contact: Contact) -> int:
+def _unloaded(model: ContactModel) -> int:
     """Nodes of the master that face the slave within the radius, and no force reaches."""
-    if isinstance(contact.master, RigidSurface) or contact.formulation in TWO_PASSES:
+    surface, p = deformable(model.master), model.gaps[0]
+    if surface is None or len(model.gaps) > 1:
         return 0
-    p, master = contact.passes[0], contact.master.linear
-    surfaces = master._cpp_object, contact.slave.linear._cpp_object
-    near = _cpp.pair_surfaces(*surfaces, False, contact.search_radius, 0).slave["dofs"][:, 0, 0]
+    master = surface.linear
+    surfaces = master.cpp_object, model.slave.linear.cpp_object
+    near = _cpp.pair_surfaces(*surfaces, False, model.paired.search_radius, 0).slave["dofs"][
+        :, 0, 0
+    ]
     reached = faced(p, np.zeros(len(p.row_node))).reached
     alone = np.isin(master.node_dofs[:, 0], near) & ~reached
-    return int(contact.comm.allreduce(int(np.count_nonzero(alone))))
+    return int(model.comm.allreduce(int(np.count_nonzero(alone))))
 
 
-def _stiffness_ratio(contact: Contact) -> float | None:
-    if contact.penalty is None or not contact.stiffness or min(contact.stiffness) == 0:
+def _stiffness_ratio(model: ContactModel) -> float | None:
+    if (
+        model.penalty.value is None
+        or not model.penalty.stiffness
+        or min(model.penalty.stiffness) == 0
+    ):
         return None
-    return contact.penalty / min(contact.stiffness)
+    return model.penalty.value / min(model.penalty.stiffness)
 
 
-def _treatment(contact: Contact) -> str:
-    if contact.law.jump:
+def _treatment(model: ContactModel) -> str:
+    if model.law.jump:
         return "which a tie keeps"
-    allowed = contact.overclosure.part
-    return f'"{contact.overclosure.treatment}", {100 * allowed:.4g} % of it allowed'
+    allowed = model.overclosure.part
+    return f'"{model.overclosure.treatment}", {100 * allowed:.4g} % of it allowed'

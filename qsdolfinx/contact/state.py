@@ -2,60 +2,46 @@
 
 from __future__ import annotations
 
-from qsdolfinx.contact.contact import Contact
-from qsdolfinx.surface.surface import Surface
+import copy
+
+from qsdolfinx.contact import motion
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.tools.rigid_surface import deformable
 
 
 class ContactState:
     """Pairing, gaps, multipliers and slip of a contact, as they are when this is made.
 
     Args:
-        contact: The contact.
+        model: The contact.
     """
 
-    def __init__(self, contact: Contact) -> None:
-        self._contact = contact
-        self._numbers = {
-            name: getattr(contact, name)
-            for name in ("_touching", "_facet_size", "_radius", "_penalty")
-        }
-        self._dt = contact.dt
-        self._passes = contact.passes
-        self._slips = contact.slips
-        # Pairing anew makes new objects, and an evaluation new arrays: references will do.
-        self._parts = [(part, dict(vars(part))) for part in contact.parts]
-        surfaces = [s for s in (contact.slave, contact.master) if isinstance(s, Surface)]
+    def __init__(self, model: ContactModel) -> None:
+        self._model = model
+        # What pairing found and the arrays of its states are never written into: references do.
+        self._paired = model.paired
+        self._states = [copy.copy(part.state) for part in model.parts]
+        self._penalty = copy.copy(model.penalty)
+        self._dt = model.kinematics.dt
+        surfaces = [s for s in map(deformable, (model.slave, model.master)) if s is not None]
         self._surfaces = [(surface, surface.coordinates) for surface in surfaces]
         self._offset = None
-        if contact._offset is not None:
-            self._offset = [None if v is None else v.array_r.copy() for v in contact._offset]
+        if model.offset is not None:
+            self._offset = [None if v is None else v.array_r.copy() for v in model.offset]
 
     def restore(self) -> None:
         """Put everything back."""
-        contact = self._contact
+        model = self._model
         for surface, coordinates in self._surfaces:
             surface.coordinates = coordinates
-        for part, fields in self._parts:
-            vars(part).update(fields)
-        contact.passes = self._passes
-        if contact.tangential is not None:
-            contact.tangential.slips = self._slips
-        for name, value in self._numbers.items():
-            setattr(contact, name, value)
-        if self._dt is not None:
-            contact._kinematics.dt = self._dt
-        self._restore_offset()
-        contact.version += 1  # matrices may have been made for another pairing
-
-    def _restore_offset(self) -> None:
-        """Write the displacements beside the unknowns' into the vectors that there are now."""
-        contact = self._contact
+        model.paired = self._paired
+        for part, state in zip(model.parts, self._states, strict=True):
+            part.state = copy.copy(state)
+        model.penalty = copy.copy(self._penalty)
+        model.kinematics.restore_dt(self._dt)
         if self._offset is None:
-            for vec in contact._offset or ():
-                if vec is not None:
-                    vec.destroy()
-            contact._offset = None
+            motion.free_offset(model)
             return
-        for vec, array in zip(contact._offset or (), self._offset, strict=True):
+        for vec, array in zip(model.offset or (), self._offset, strict=True):
             if vec is not None:
                 vec.array[:] = array

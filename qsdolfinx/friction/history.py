@@ -23,8 +23,8 @@ from qsdolfinx.surface.traction import facet_measure
 Array = npt.NDArray[np.float64]
 
 
-class Tangential:
-    """What a contact has with friction and does not have without.
+class FrictionHistory:
+    """What a contact has with friction, and keeps when it pairs anew.
 
     Args:
         friction: The law.
@@ -33,22 +33,25 @@ class Tangential:
     """
 
     def __init__(self, friction: Friction, slave: Surface, penalty: float | None) -> None:
-        self.friction = friction
+        self.law = friction
         self._slave = slave
         self._penalty = penalty
-        #: One for each pass.
-        self.slips: list[Slip] = []
         #: Slip until the last step ended, at the nodes of each pass's slave, shape (nodes, gdim).
         self.slipped: list[Array] = []
         #: This rank's part of the energy that friction has taken until the last step ended.
         self.dissipated = 0.0
 
-    def pair(self, passes: typing.Sequence[WeightedGap], by_cover: bool) -> None:
-        """Take over new passes. Collective."""
-        self.slips = [Slip(p, self.friction, by_cover) for p in passes]
+    def slips_of(self, passes: typing.Sequence[WeightedGap]) -> tuple[Slip, ...]:
+        """Slips of new passes, with the values of the law's parameters. Collective."""
+        slips = tuple(Slip(p, self.law) for p in passes)
         if not self.slipped:
             self.slipped = [np.zeros((len(p.slave.node_area), p.slave.gdim)) for p in passes]
-        self.read_parameters(any_constant=True)
+        for name, value in self.law.parameters.items():
+            if isinstance(value, float):
+                for slip in slips:
+                    slip.parameters[name] = np.full(len(slip.row_node), value)
+        self.read_parameters(slips)
+        return slips
 
     def penalty(self, eps: float) -> float:
         """ε in tangential direction, that of the gaps being given."""
@@ -56,32 +59,24 @@ class Tangential:
 
     # --- Parameters
 
-    def read_parameters(self, any_constant: bool = False) -> None:
-        """Take over the values that the law's parameters have now. Collective.
-
-        Args:
-            any_constant: Also of numbers, which do not change.
+    def read_parameters(self, slips: typing.Sequence[Slip]) -> None:
+        """Take over the values that the law's Constants and Functions have now. Collective.
 
         Raises:
             ValueError: If a Function or Constant is negative or not finite.
         """
-        for name, value in self.friction.parameters.items():
+        for name, value in self.law.parameters.items():
             if isinstance(value, float):
-                if any_constant:
-                    for slip in self.slips:
-                        slip.parameters[name] = np.full(len(slip.row_node), value)
                 continue
             if isinstance(value, fem.Constant):
-                at_rows: list[Array] = [
-                    np.full(len(s.row_node), float(value.value)) for s in self.slips
-                ]
+                at_rows: list[Array] = [np.full(len(s.row_node), float(value.value)) for s in slips]
             else:
-                at_rows = self._at_rows(self._means[name])
+                at_rows = self._at_rows(self._means[name], slips)
             with collective_errors(self._slave.comm):
                 for values in at_rows:
                     if not (np.isfinite(values).all() and np.all(values >= -1e-12)):
                         raise ValueError(f"{name}: must be finite and not negative")
-            for slip, values in zip(self.slips, at_rows, strict=True):
+            for slip, values in zip(slips, at_rows, strict=True):
                 slip.parameters[name] = np.maximum(values, 0)
 
     @functools.cached_property
@@ -93,14 +88,14 @@ class Tangential:
             0 * ufl.SpatialCoordinate(linear.mesh)[0],
         )
         forms = {}
-        for name, value in self.friction.parameters.items():
+        for name, value in self.law.parameters.items():
             if isinstance(value, fem.Function):
                 components = [value, 1 + zero, zero][: linear.gdim]
                 integrand = ufl.inner(ufl.as_vector(components), v)
                 forms[name] = fem.form(integrand * facet_measure(linear))
         return forms
 
-    def _at_rows(self, form: fem.Form) -> list[Array]:
+    def _at_rows(self, form: fem.Form, slips: typing.Sequence[Slip]) -> list[Array]:
         """Means with the weights N_k at the rows of all passes. Collective."""
         linear = self._slave.linear
         b = fem.assemble_vector(form)
@@ -110,7 +105,7 @@ class Tangential:
         means = linear.node_values(integrals)
         values = means[:, 0] / means[:, 1]
         out = []
-        for slip in self.slips:
+        for slip in slips:
             if slip.gap.slave is self._slave:
                 out.append(values[slip.row_node])
             else:
@@ -133,23 +128,25 @@ class Tangential:
 
     # --- Steps
 
-    def end_step(self) -> None:
+    def end_step(self, slips: typing.Sequence[Slip]) -> None:
         """Let the next step begin where this one ended."""
-        for slip, slipped in zip(self.slips, self.slipped, strict=True):
-            if slip.ended:
+        for i, slip in enumerate(slips):
+            if slip.state.ended:
                 continue
-            slipped += self._slip_of_step(slip)
+            self.slipped[i] = self.slip(i, slip)
             self.dissipated += float(slip.dissipation().sum())
             slip.end_step()
 
-    def slip(self, i: int) -> Array:
+    def slip(self, i: int, slip: Slip) -> Array:
         """Slip at the nodes of pass i: of the steps before and of the one at hand."""
-        slip = self.slips[i]
-        return self.slipped[i] + (0.0 if slip.ended else self._slip_of_step(slip))
-
-    def _slip_of_step(self, slip: Slip) -> Array:
-        mean = np.where(slip.closed[:, None], slip.response.dissipative / slip.cover[:, None], 0.0)
-        return np.asarray(slip.gap.on_nodes(mean, 0.0), dtype=np.float64)
+        state = slip.state
+        if state.ended:
+            return self.slipped[i]
+        mean = np.where(
+            state.closed[:, None], state.response.dissipative / slip.cover[:, None], 0.0
+        )
+        at_nodes = np.asarray(slip.gap.on_nodes(mean, 0.0), dtype=np.float64)
+        return self.slipped[i] + at_nodes
 
     def dissipated_energy(self) -> float:
         """Energy that friction has taken until the last step ended. Collective."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import typing
 
 from petsc4py import PETSc
@@ -20,6 +21,46 @@ from qsdolfinx.surface.surface import Surface
 Array = npt.NDArray[np.float64]
 
 
+@dataclasses.dataclass
+class SlipState:
+    """What changes at the rows of a slip, while its pairing stays.
+
+    Arrays are replaced, never written into: a shallow copy keeps the state.
+
+    Attributes:
+        jump: Weighted jump of the last evaluation, shape (rows, gdim).
+        start: Where it was when the step began.
+        starts_there: Whether that is not known yet: it is where the bodies are at the next
+            evaluation.
+        carried: Jump that the next step starts from if this one ends at the last evaluation.
+        shift: What a rigid tool's motion adds to the jump.
+        augmented: τ̂, what the trial multiplier starts from.
+        closed: Rows in contact at the last evaluation.
+        stuck: Rows that were made to stick there.
+        ended: Whether the step of the last evaluation has been ended.
+        response: What the law answered at the last evaluation.
+    """
+
+    jump: Array
+    start: Array
+    carried: Array
+    shift: Array
+    augmented: Array
+    closed: npt.NDArray[np.bool_]
+    stuck: npt.NDArray[np.bool_]
+    response: Response
+    starts_there: bool = False
+    ended: bool = True
+
+    @classmethod
+    def at_rest(cls, rows: int, gdim: int) -> SlipState:
+        """Before the first evaluation."""
+        zero, no = np.zeros((rows, gdim)), np.zeros(rows, dtype=bool)
+        stiffness = np.zeros((rows, gdim, gdim))
+        response = Response(zero, stiffness, zero, no, zero, np.zeros(rows))
+        return cls(zero, zero, zero, zero, zero, no, no, response)
+
+
 class Slip:
     """g_k = P_k (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), P_k = 1 − n_k n_kᵀ, on the rows of a gap.
 
@@ -29,19 +70,12 @@ class Slip:
     Args:
         gap: The weighted gap of the pass.
         friction: The law.
-        by_cover: As for the gap.
     """
 
-    def __init__(self, gap: WeightedGap, friction: Friction, by_cover: bool) -> None:
+    def __init__(self, gap: WeightedGap, friction: Friction) -> None:
         self.gap = gap
         self.friction = friction
-        self.operator = _cpp.GapOperator(
-            gap.slave._cpp_object,
-            gap.master._cpp_object if isinstance(gap.master, Surface) else None,
-            gap.points,
-            jump=True,
-            by_cover=by_cover,
-        )
+        self.operator = gap.jump_operator()
         normal = gap.operator.slave_sum
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
@@ -50,36 +84,12 @@ class Slip:
         self.projector: Array = np.eye(gdim) - normal[:, :, None] * normal[:, None, :]
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self.operator.slave_sum[:, 0]
-        shape = (self.operator.num_rows, gdim)
-        #: Weighted jump of the last evaluation and where it was when the step began.
-        self.jump: Array = np.zeros(shape)
-        self.start: Array = np.zeros(shape)
-        #: Whether that place is not known yet: it is where the bodies are at the next evaluation.
-        self.starts_there = False
-        #: Jump that the next step starts from if this one ends at the last evaluation.
-        self._carried: Array = np.zeros(shape)
-        #: What a rigid tool's motion adds to the jump.
-        self.shift: Array = np.zeros(shape)
-        #: τ̂, what the trial multiplier starts from.
-        self.augmented: Array = np.zeros(shape)
+        #: What changes while the pairing stays.
+        self.state = SlipState.at_rest(self.operator.num_rows, gdim)
         #: Values of the law's parameters at the rows.
         self.parameters: dict[str, Array] = {}
-        #: Rows in contact at the last evaluation.
-        self.closed: npt.NDArray[np.bool_] = np.zeros(shape[0], dtype=bool)
-        #: Whether the step of the last evaluation has been ended.
-        self.ended = True
         #: How Newton's method fares.
-        self.stick_slip = StickSlip(friction, *shape)
-        self._stuck: npt.NDArray[np.bool_] = np.zeros(shape[0], dtype=bool)
-        #: What the law answered at the last evaluation.
-        self.response = Response(
-            np.zeros(shape),
-            np.zeros((*shape, gdim)),
-            np.zeros(shape),
-            np.zeros(shape[0], dtype=bool),
-            np.zeros(shape),
-            np.zeros(shape[0]),
-        )
+        self.stick_slip = StickSlip(friction, self.operator.num_rows, gdim)
 
     @property
     def slave(self) -> Surface:
@@ -99,7 +109,7 @@ class Slip:
     @property
     def values(self) -> Array:
         """Slip g of the last evaluation (length), shape (rows, gdim)."""
-        return self.tangential(self.jump - self.start)
+        return self.tangential(self.state.jump - self.state.start)
 
     def tangential(self, vectors: Array) -> Array:
         """Tangential parts of vectors at the rows."""
@@ -114,7 +124,7 @@ class Slip:
 
     def jump_of(self, u: Vecs) -> Array:
         """Weighted jump for given displacements over the bodies' scales. Collective."""
-        return self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.gap.scale)
+        return self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.gap.state.scale)
 
     def change(self, field: Affine) -> Array:
         """How the jump changes when a rigid tool is displaced by this field. Collective."""
@@ -145,21 +155,23 @@ class Slip:
             in_displacement: Whether the slave's and the master's body have (total) displacements;
                 what moves with velocities starts each step from where it is.
         """
-        self.jump = self.jump_of(u)
-        self._carried = self.jump
+        state = self.state
+        state.jump = state.carried = self.jump_of(u)
         if not all(in_displacement):
-            scales = [s * kept for s, kept in zip(self.gap.scale, in_displacement, strict=True)]
+            scales = [
+                s * kept for s, kept in zip(self.gap.state.scale, in_displacement, strict=True)
+            ]
             handles = handle_of(u[0]), handle_of(u[1])
-            self._carried = self.operator.apply(*handles, (scales[0], scales[1]))
-        if self.starts_there:
-            self.start, self.starts_there = self.start + self._carried, False
-        self.jump = self.jump + self.shift
+            state.carried = self.operator.apply(*handles, (scales[0], scales[1]))
+        if state.starts_there:
+            state.start, state.starts_there = state.start + state.carried, False
+        state.jump = state.jump + state.shift
         if in_displacement[0]:
-            self._carried = self._carried + self.shift
-        self.closed, self.ended = closed, False
+            state.carried = state.carried + state.shift
+        state.closed, state.ended = closed, False
         rows = Rows(
             self.values,
-            self.augmented,
+            self.state.augmented,
             pressure,
             closed & ~self.stick_slip.without_friction,
             np.zeros_like(closed),
@@ -171,39 +183,41 @@ class Slip:
             self.parameters,
         )
         with collective_errors(self.slave.comm):  # a law may be the user's
-            self.response = self.friction.respond(rows)
-            self._stuck = self.stick_slip.made_to_stick(self.response)
-            if self._stuck.any():
-                self.response = self.friction.respond(rows._replace(unlimited=self._stuck))
+            self.state.response = self.friction.respond(rows)
+            self.state.stuck = self.stick_slip.made_to_stick(self.state.response)
+            if self.state.stuck.any():
+                self.state.response = self.friction.respond(
+                    rows._replace(unlimited=self.state.stuck)
+                )
 
     def note(self) -> None:
         """Say that there is going to be a tangent at the last evaluation."""
-        self.stick_slip.note(self.response, self.closed, self._stuck)
+        self.stick_slip.note(self.state.response, self.state.closed, self.state.stuck)
 
     def unsettled(self) -> bool:
         """Whether rows were made to stick or are given friction back: to go on with the solve."""
-        return bool(self._stuck.any()) | self.stick_slip.give_back(self.closed)
+        return bool(self.state.stuck.any()) | self.stick_slip.give_back(self.state.closed)
 
     def violation(self, penalty: float) -> float:
         """Largest |τ − τ̂| / ε (length) on this rank; 0 of a law without a limit to keep."""
         if self.friction.needs_dt:
             return 0.0
-        change = np.linalg.norm(self.response.traction - self.augmented, axis=1)
+        change = np.linalg.norm(self.state.response.traction - self.state.augmented, axis=1)
         return float(np.max(change / (penalty * self.gap.relative_penalty), initial=0.0))
 
     def add_forces(self, b: Vecs) -> None:
         """Add Jᵀ S τ to b. Collective."""
-        force = np.ascontiguousarray(self.weight[:, None] * self.response.traction)
+        force = np.ascontiguousarray(self.weight[:, None] * self.state.response.traction)
         handles = handle_of(b[0]), handle_of(b[1])
-        self.operator.add_transpose(force, *handles, self.gap.slave_only)
+        self.operator.add_transpose(force, *handles, False)
 
     def add_stiffness(self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
         """Add Jᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm)."""
         careful = self.stick_slip.careful[:, None]
-        secant = self.response.secant[:, None, None] * self.projector
-        stiffness = np.where(careful[:, None], secant, self.response.stiffness)
+        secant = self.state.response.secant[:, None, None] * self.projector
+        stiffness = np.where(careful[:, None], secant, self.state.response.stiffness)
         stiffness = self.weight[:, None, None] * stiffness
-        coupling = np.where(careful, 0.0, self.response.coupling)
+        coupling = np.where(careful, 0.0, self.state.response.coupling)
         coupling = (self.weight * slope)[:, None] * coupling
         _cpp.insert_friction(
             self.operator,
@@ -211,35 +225,31 @@ class Slip:
             np.ascontiguousarray(stiffness),
             np.ascontiguousarray(coupling),
             [handle_of(mat) for mat in blocks],
-            self.gap.scale,
-            self.gap.slave_only,
+            self.gap.state.scale,
+            False,
         )
 
     def dissipation(self) -> Array:
-        """Energy of each row that friction took in this step, never negative, shape (rows,).
-
-        Two-half-pass contact has a multiplier for each side's force on itself: each stands for half
-        of the energy.
-        """
-        work = np.sum(self.response.traction * self.response.dissipative, axis=1)
-        return np.asarray(self.weight * work * (0.5 if self.gap.slave_only else 1.0))
+        """Energy of each row that friction took in this step, never negative, shape (rows,)."""
+        work = np.sum(self.state.response.traction * self.state.response.dissipative, axis=1)
+        return np.asarray(self.weight * work)
 
     @property
     def slipping(self) -> npt.NDArray[np.bool_]:
         """Rows in contact that slip, those included that have lost their friction."""
-        return self.response.slipping | (self.closed & self.stick_slip.without_friction)
+        return self.state.response.slipping | (self.state.closed & self.stick_slip.without_friction)
 
-    def state(self) -> bytes:
+    def slipping_state(self) -> bytes:
         """Which rows of this rank slip."""
-        return self.response.slipping.tobytes()
+        return self.state.response.slipping.tobytes()
 
     def tangent_state(self) -> bytes:
         """What the tangent depends on."""
-        law = self.response.stiffness.tobytes() + self.response.coupling.tobytes()
-        return law + np.where(self.stick_slip.careful, self.response.secant, -1.0).tobytes()
+        law = self.state.response.stiffness.tobytes() + self.state.response.coupling.tobytes()
+        return law + np.where(self.stick_slip.careful, self.state.response.secant, -1.0).tobytes()
 
     def end_step(self) -> None:
         """Let the next step begin where this one ended."""
-        self.augmented = self.response.traction.copy()
-        self.start = self._carried.copy()
-        self.ended = True
+        self.state.augmented = self.state.response.traction
+        self.state.start = self.state.carried
+        self.state.ended = True

@@ -21,13 +21,18 @@ class Kinematics:
         unknown: ``"displacement"`` or ``"velocity"``, or one of them for the slave and the master.
         dt: Δt, time; None if nothing needs it.
         rates: Whether friction depends on rates, and so needs Δt too.
+        rigid_master: Whether the master is a rigid tool, which moves as its slave does.
 
     Raises:
         ValueError: If a name is unknown or Δt is not positive, missing, or not used.
     """
 
     def __init__(
-        self, unknown: str | typing.Sequence[str], dt: float | None, rates: bool = False
+        self,
+        unknown: str | typing.Sequence[str],
+        dt: float | None,
+        rates: bool = False,
+        rigid_master: bool = False,
     ) -> None:
         both = (unknown, unknown) if isinstance(unknown, str) else unknown
         if not isinstance(both, typing.Sequence) or len(both) != 2:
@@ -35,7 +40,7 @@ class Kinematics:
         for name in both:
             check_choice("unknown", name, UNKNOWNS)
         #: Of the slave and of the master.
-        self.unknown: tuple[str, str] = (both[0], both[1])
+        self.unknown: tuple[str, str] = (both[0], both[0 if rigid_master else 1])
         if "velocity" in both or rates:
             check_positive("dt", dt)
         elif dt is not None:
@@ -49,10 +54,23 @@ class Kinematics:
 
     @dt.setter
     def dt(self, value: float) -> None:
+        self.check_dt(value)
+        self._dt = float(value)
+
+    def check_dt(self, value: typing.Any) -> None:
+        """Refuse what is not positive, or not used."""
         if self._dt is None:
             raise ValueError(f"dt: {_UNUSED}")
         check_positive("dt", value)
-        self._dt = float(value)
+
+    def restore_dt(self, dt: float | None) -> None:
+        """Put back a Δt that was read before."""
+        self._dt = dt
+
+    @property
+    def in_displacement(self) -> tuple[bool, bool]:
+        """Whether slave and master have displacements, which go on from step to step."""
+        return self.unknown[0] == "displacement", self.unknown[1] == "displacement"
 
     @property
     def scale(self) -> tuple[float, float]:

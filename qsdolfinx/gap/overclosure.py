@@ -64,7 +64,8 @@ class Overclosure:
                 '"resolve", which presses the bodies apart, or "ignore"'
             )
         self._at_nodes = [
-            np.asarray(np.maximum(p.on_nodes(p.values, 0.0), 0.0), dtype=np.float64) for p in passes
+            np.asarray(np.maximum(p.on_nodes(p.state.values, 0.0), 0.0), dtype=np.float64)
+            for p in passes
         ]
 
     def apply(self, passes: typing.Sequence[WeightedGap]) -> None:

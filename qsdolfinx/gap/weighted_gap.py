@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import typing
 
 from petsc4py import PETSc
@@ -13,7 +14,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
 #: Vectors of the slave's and of the master's body, None of a rigid tool.
@@ -23,6 +24,29 @@ Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 def handle_of(thing: PETSc.Vec | PETSc.Mat | None) -> int:
     """Handle for the kernels, 0 where there is nothing."""
     return 0 if thing is None else int(thing.handle)
+
+
+@dataclasses.dataclass
+class GapState:
+    """What changes at the rows of a weighted gap, while its pairing stays.
+
+    Arrays are replaced, never written into: a shallow copy keeps the state.
+
+    Attributes:
+        values: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
+        augmented: λ̂, of the same shape.
+        offset: Gap of displacements beside those of the unknowns, of the same shape.
+        shift: What a rigid tool's motion adds to ḡ, of the same shape.
+        allowance: Gap (length) at each row that is no penetration: overclosure that is let be.
+        scale: Displacement per unknown of the slave's and of the master's body.
+    """
+
+    values: Array
+    augmented: Array
+    offset: Array
+    shift: Array
+    allowance: Array
+    scale: tuple[float, float] = (1.0, 1.0)
 
 
 class WeightedGap:
@@ -49,7 +73,6 @@ class WeightedGap:
         points: Pairing points of the two.
         law: What the gap is used for.
         share: Part of the energy Σ S_k φ(ḡ_k) that this pass stands for.
-        slave_only: Whether its forces act on the slave alone.
         by_cover: Whether gaps are divided by what is covered of S_k.
         augmented: Whether λ̂ is going to be updated.
     """
@@ -57,11 +80,10 @@ class WeightedGap:
     def __init__(
         self,
         slave: Surface,
-        master: Surface | RigidSurface,
+        master: AnySurface,
         points: _cpp.PairingPoints,
         law: Law,
         share: float,
-        slave_only: bool,
         by_cover: bool,
         augmented: bool,
     ) -> None:
@@ -69,15 +91,8 @@ class WeightedGap:
         self.master = master
         self.points = points
         self.law = law
-        self.slave_only = slave_only
         self.by_cover = by_cover
-        self.operator = _cpp.GapOperator(
-            slave._cpp_object,
-            master._cpp_object if isinstance(master, Surface) else None,
-            points,
-            jump=law.jump,
-            by_cover=by_cover,
-        )
+        self.operator = self._operator(law.jump)
         #: Slave node of each row, an index into the arrays of the slave surface.
         self.row_node: npt.NDArray[np.int64] = self.operator.row_node
         #: Area in the energy of each row: what its gap is divided by, times the share.
@@ -85,36 +100,35 @@ class WeightedGap:
         cover = self.operator.row_area / slave.node_area[self.row_node]
         #: ε of each row in units of the contact's.
         self.relative_penalty: Array = 1 / cover if augmented else np.ones_like(cover)
-        shape = (self.operator.num_rows, self.operator.width)
-        #: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
-        self.values: Array = np.zeros(shape)
-        #: Gap (length) at each row that is no penetration: overclosure that is let be.
-        self.allowance: Array = np.zeros(shape[0])
+        zero = np.zeros((self.operator.num_rows, self.operator.width))
+        #: What changes while the pairing stays.
+        self.state = GapState(zero, zero, zero, zero, zero[:, 0])
         if not law.jump:
-            self.values[:, 0] = -self.operator.initial_gap
-        #: Displacement per unknown of the slave's and of the master's body.
-        self.scale: tuple[float, float] = (1.0, 1.0)
-        #: Gap of displacements beside those of the unknowns; none unless a contact sets it.
-        self.offset: Array = np.zeros(shape)
-        #: What a rigid tool's motion adds to ḡ, of the same shape.
-        self.shift: Array = np.zeros(shape)
-        #: λ̂, of the same shape.
-        self.augmented: Array = np.zeros(shape)
+            self.state.values = -self.operator.initial_gap[:, None]
+
+    def _operator(self, jump: bool) -> _cpp.GapOperator:
+        surfaces = self.slave.cpp_object, self.master.cpp_object
+        return _cpp.GapOperator(*surfaces, self.points, jump=jump, by_cover=self.by_cover)
+
+    def jump_operator(self) -> _cpp.GapOperator:
+        """The operator of the whole jump vector, at the same rows. Collective."""
+        return self.operator if self.law.jump else self._operator(True)
 
     def change_of(self, u: Vecs) -> Array:
         """How ḡ changes when the unknowns change by u. Collective."""
-        return self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.scale)
+        return self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.state.scale)
 
     def evaluate(self, u: Vecs) -> None:
         """Compute the weighted gaps for unknowns u. Collective."""
-        self.values = self.change_of(u) + self.offset + self.shift
+        state = self.state
+        state.values = self.change_of(u) + state.offset + state.shift
         if not self.law.jump:
-            self.values[:, 0] -= self.operator.initial_gap + self.allowance
+            state.values -= (self.operator.initial_gap + state.allowance)[:, None]
 
     def allow(self, allowance: Array) -> None:
         """Set the gaps (length) of the rows that count as none."""
-        self.values[:, 0] += self.allowance - allowance
-        self.allowance = allowance
+        self.state.values = self.state.values + (self.state.allowance - allowance)[:, None]
+        self.state.allowance = allowance
 
     def change(self, field: Affine) -> Array:
         """How ḡ changes when a rigid tool is displaced by this field. Collective."""
@@ -137,21 +151,21 @@ class WeightedGap:
         """This rank's part of the energy at the last evaluation."""
         eps = penalty * self.relative_penalty
         density = self.law.energy(self._shifted(eps), eps)
-        return float(self.weight @ (density - np.sum(self.augmented**2, axis=1) / (2 * eps)))
+        return float(self.weight @ (density - np.sum(self.state.augmented**2, axis=1) / (2 * eps)))
 
     def violation(self, penalty: float) -> float:
         """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed."""
-        change = self.multiplier(penalty) - self.augmented
+        change = self.multiplier(penalty) - self.state.augmented
         gaps = np.linalg.norm(change, axis=1) / (penalty * self.relative_penalty)
         return float(np.max(gaps, initial=0.0))
 
     def _shifted(self, eps: Array) -> Array:
-        return self.values + self.augmented / eps[:, None]
+        return self.state.values + self.state.augmented / eps[:, None]
 
     def add_forces(self, multiplier: Array, b: Vecs) -> None:
         """Add Gᵀ S λ to b, the derivative of the energy. Collective."""
         force = np.ascontiguousarray(self.weight[:, None] * multiplier)
-        self.operator.add_transpose(force, handle_of(b[0]), handle_of(b[1]), self.slave_only)
+        self.operator.add_transpose(force, handle_of(b[0]), handle_of(b[1]), False)
 
     def add_stiffness(
         self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None], pattern: bool
@@ -159,7 +173,7 @@ class WeightedGap:
         """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
         handles = [handle_of(mat) for mat in blocks]
         _cpp.insert_contact(
-            self.operator, self.weight * slope, handles, self.scale, self.slave_only, pattern
+            self.operator, self.weight * slope, handles, self.state.scale, False, pattern
         )
 
     def on_nodes(self, rows: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:

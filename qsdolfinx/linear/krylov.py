@@ -25,18 +25,29 @@ _TIGHTEST, _LOOSEST = 1e-12, 0.1
 STALE = 1.5
 
 
+class Tolerances(typing.NamedTuple):
+    """Norms of the residual with which Newton's method ends.
+
+    Attributes:
+        relative: In units of the first norm.
+        absolute: As it is.
+    """
+
+    relative: float
+    absolute: float
+
+
 class Krylov:
     """Prepares each linear solve of Newton's method, where the preset is an iterative one.
 
     Args:
-        snes: The nonlinear solver.
+        ksp: The linear solver.
         given: Names of the options that the user has given, without the prefix.
         linear: Whether all bodies are linear.
     """
 
-    def __init__(self, snes: PETSc.SNES, given: typing.Collection[str], linear: bool) -> None:
-        self._ksp: PETSc.KSP = snes.getKSP()
-        self._snes = snes
+    def __init__(self, ksp: PETSc.KSP, given: typing.Collection[str], linear: bool) -> None:
+        self._ksp = ksp
         self._linear = linear
         self._chooses_type = "ksp_type" not in given
         #: Whether the user leaves the tolerance of linear solves to this class.
@@ -103,7 +114,9 @@ class Krylov:
                 self._ksp.setPCSide(PETSc.PC.Side.LEFT)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # Newton's method ends by it
 
-    def set_tolerance(self, norms: typing.Sequence[float], changed: bool) -> None:
+    def set_tolerance(
+        self, norms: typing.Sequence[float], until: Tolerances, changed: bool
+    ) -> None:
         """Solve as exactly as it takes to end, or to find out which contacts close.
 
         While the tangent changes a few digits do (inexact Newton methods: Eisenstat and Walker,
@@ -112,13 +125,13 @@ class Krylov:
 
         Args:
             norms: Norm of the residual at each iteration so far.
+            until: Tolerances of Newton's method.
             changed: Whether the tangent has changed since the last linear solve.
         """
         self._solved = True
         if not self.chooses_tolerance or not norms or norms[-1] == 0:
             return
-        rtol, atol, _, _ = self._snes.getTolerances()
-        last = SAFETY * max(atol, rtol * norms[0]) / norms[-1]
+        last = SAFETY * max(until.absolute, until.relative * norms[0]) / norms[-1]
         if self._linear and not changed:
             tolerance = last
         elif self._linear or len(norms) < 2:

@@ -10,7 +10,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import active_set
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.linear.krylov import SAFETY
 from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.system.blocks import Side
@@ -44,7 +45,7 @@ class SaddlePoint:
     def __init__(
         self,
         bodies: typing.Sequence[Body],
-        contacts: typing.Sequence[Contact],
+        contacts: typing.Sequence[ContactModel],
         sides: typing.Sequence[Side],
         ksp: PETSc.KSP,
     ) -> None:
@@ -52,37 +53,38 @@ class SaddlePoint:
         self._contacts, self._sides = contacts, sides
         self._A, self._V = ksp.getOperators()[0], ksp.getPC()
         self._ends = np.cumsum([body.num_owned for body in bodies])
-        self._passes = [contact.passes[0] for contact in contacts]
-        self._closed = [c.slope(p) > 0 for c, p in zip(contacts, self._passes, strict=True)]
-        widths = [np.ones((1, p.augmented.shape[1])) for p in self._passes]
+        self._passes = [contact.gaps[0] for contact in contacts]
+        self._closed = [
+            active_set.closed(c, p) for c, p in zip(contacts, self._passes, strict=True)
+        ]
+        widths = [np.ones((1, p.operator.width)) for p in self._passes]
         weights = [p.weight[:, None] * w for p, w in zip(self._passes, widths, strict=True)]
         self._weight = self._at_closed(weights)
         eps = [c.eps * p.relative_penalty for c, p in zip(contacts, self._passes, strict=True)]
         penalties = [e[:, None] * w for e, w in zip(eps, widths, strict=True)]
         self._stiffness = self._weight * self._at_closed(penalties)
         self._x, self._y = self._A.createVecs()
-        #: Iterations of the last solve.
-        self.num_iterations = 0
+        #: Whether the last solve has converged, and its iterations.
+        self.converged, self.num_iterations = False, 0
+        #: Changes of the owned unknowns that it found.
+        self.change: Array = np.zeros(0)
+        #: λ̂ of each contact that it found, zero at open rows.
+        self.multipliers: list[Array] = []
 
-    def solve(
-        self, residual: Array, final: float, rounding: float
-    ) -> tuple[Array, list[Array]] | None:
-        """Changes of the owned unknowns, and each contact's λ̂, zero at open rows. Once; collective.
+    def solve(self, residual: Array, final: float, rounding: float) -> None:
+        """Find ``change`` and ``multipliers``. Once; collective.
 
         Args:
             residual: R, owned values.
             final: Norm of the residual that a solution may have.
             rounding: Norm of the residual that cannot be got below.
-
-        Returns:
-            None if the solver does not converge.
         """
         comm = self._bodies[0].comm
         square = comm.allreduce(float(self._stiffness @ self._stiffness), op=MPI.SUM)
         allowed = min(contact.allowed_gap for contact in self._contacts)
         tolerance = max(min(SAFETY * final, CLOSED * allowed * float(np.sqrt(square))), rounding)
-        known = self._at_closed([p.augmented for p in self._passes])
-        image = [c.passes[0].multiplier(c.eps) for c in self._contacts]
+        known = self._at_closed([p.state.augmented for p in self._passes])
+        image = [c.gaps[0].multiplier(c.eps) for c in self._contacts]
         rows = -self._weight * (self._at_closed(image) - known)
 
         b = PETSc.Vec().createWithArray(np.concatenate([-residual, rows]), comm=comm)
@@ -98,11 +100,12 @@ class SaddlePoint:
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(self)
         ksp.solve(b, y)
-        converged, self.num_iterations = ksp.getConvergedReason() > 0, ksp.getIterationNumber()
-        dx, change = (part.copy() for part in np.split(y.array_r, [self._ends[-1]]))
+        self.converged = ksp.getConvergedReason() > 0
+        self.num_iterations = ksp.getIterationNumber()
+        self.change, rows = (part.copy() for part in np.split(y.array_r, [self._ends[-1]]))
+        self.multipliers = self._on_rows(known + rows)
         for thing in (ksp, matrix, b, y, self._x, self._y):
             thing.destroy()
-        return (dx, self._on_rows(known + change)) if converged else None
 
     # --- What PETSc calls
 
@@ -159,8 +162,8 @@ class SaddlePoint:
         """The inverse: an array for each contact, with zeros at its open rows."""
         out, start = [], 0
         for p, closed in zip(self._passes, self._closed, strict=True):
-            out.append(np.zeros_like(p.augmented))
-            end = start + np.count_nonzero(closed) * p.augmented.shape[1]
-            out[-1][closed] = values[start:end].reshape(-1, p.augmented.shape[1])
+            out.append(np.zeros_like(p.state.augmented))
+            end = start + np.count_nonzero(closed) * p.operator.width
+            out[-1][closed] = values[start:end].reshape(-1, p.operator.width)
             start = end
         return out

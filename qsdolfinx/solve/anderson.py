@@ -9,7 +9,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import active_set
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
@@ -32,7 +33,7 @@ class Augmentation:
         contacts: Contacts with an augmented Lagrangian.
     """
 
-    def __init__(self, contacts: typing.Sequence[Contact]) -> None:
+    def __init__(self, contacts: typing.Sequence[ContactModel]) -> None:
         self._parts = [(contact, part) for contact in contacts for part in contact.parts]
         self._contacts = contacts
         self._comm = contacts[0].comm
@@ -43,24 +44,24 @@ class Augmentation:
     def update(self) -> None:
         """Set λ̂ for the next solve. Collective."""
         images = [_multiplier(contact, part) for contact, part in self._parts]
-        old = np.concatenate([part.augmented.ravel() for _, part in self._parts])
+        old = np.concatenate([part.state.augmented.ravel() for _, part in self._parts])
         image = np.concatenate([i.ravel() for i in images])
-        active = [contact.active_state() for contact in self._contacts]
+        active = [active_set.active_state(contact) for contact in self._contacts]
         if self._comm.allreduce(active != self._active, op=MPI.LOR):
             self._residuals, self._images = [], []
         self._active = active
         self._residuals = [*self._residuals, image - old][-DEPTH:]
         self._images = [*self._images, image][-DEPTH:]
         combined = sum(a * i for a, i in zip(self._coefficients(), self._images, strict=True))
-        sizes = np.cumsum([part.augmented.size for _, part in self._parts])
+        sizes = np.cumsum([part.state.augmented.size for _, part in self._parts])
         for (_, part), values in zip(self._parts, np.split(combined, sizes[:-1]), strict=True):
-            values = values.reshape(part.augmented.shape)
-            part.augmented = values if isinstance(part, Slip) else part.law.admissible(values)
+            values = values.reshape(part.state.augmented.shape)
+            part.state.augmented = values if isinstance(part, Slip) else part.law.admissible(values)
 
     def _coefficients(self) -> Array:
         """Of the combination with the least residual; they sum to 1. Collective."""
         weight = np.concatenate(
-            [np.repeat(part.weight, part.augmented.shape[1]) for _, part in self._parts]
+            [np.repeat(part.weight, part.state.augmented.shape[1]) for _, part in self._parts]
         )
         last = self._residuals[-1]
         count = len(self._residuals) - 1
@@ -74,6 +75,6 @@ class Augmentation:
         return np.append(earlier, 1 - earlier.sum())
 
 
-def _multiplier(contact: Contact, part: WeightedGap | Slip) -> Array:
+def _multiplier(contact: ContactModel, part: WeightedGap | Slip) -> Array:
     """λ or τ at the last evaluation."""
-    return part.response.traction if isinstance(part, Slip) else part.multiplier(contact.eps)
+    return part.state.response.traction if isinstance(part, Slip) else part.multiplier(contact.eps)

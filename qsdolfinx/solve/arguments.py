@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem
 
 from qsdolfinx.contact.contact import Contact
-from qsdolfinx.surface.surface import Surface
+from qsdolfinx.system.body import body_of, contains
 
 
 def communicator(u: typing.Any) -> MPI.Intracomm:
@@ -37,20 +37,6 @@ def check_options(prefix: typing.Any, options: typing.Any) -> None:
         isinstance(options, dict) and all(isinstance(key, str) for key in options)
     ):
         raise TypeError("petsc_options: must be a dictionary of options without the prefix")
-
-
-def _contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
-    """Whether a C++ function space is that of V or one of its sub-spaces."""
-    part = getattr(part, "_cpp_object", part)
-    return part == V._cpp_object or V._cpp_object.contains(part)
-
-
-def body_of(u: typing.Sequence[fem.Function], V: fem.FunctionSpace, name: str) -> int:
-    """Index of the body whose space is V or has the sub-space V."""
-    for i, function in enumerate(u):
-        if _contains(function.function_space, V._cpp_object):
-            return i
-    raise ValueError(f"contacts: the {name} surface of a contact belongs to the space of none of u")
 
 
 def check_arguments(
@@ -87,7 +73,7 @@ def check_arguments(
     if not all(isinstance(bc, fem.DirichletBC) for entry in bcs for bc in entry):
         raise TypeError("bcs: must be a list of lists of dolfinx.fem.DirichletBC")
     for i, (function, conditions) in enumerate(zip(u, bcs, strict=True)):
-        if not all(_contains(function.function_space, bc.function_space) for bc in conditions):
+        if not all(contains(function.function_space, bc.function_space) for bc in conditions):
             raise ValueError(f"bcs: entry {i} has a condition on a space other than that of u[{i}]")
     for i, (form, tangent, function) in enumerate(zip(F, J, u, strict=True)):
         _check_form("F", i, form, 1, function)
@@ -100,12 +86,15 @@ def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[
     """Refuse contacts of no body of ours, or that disagree on what a body's unknowns are."""
     known: dict[int, float] = {}
     for contact in contacts:
-        sides = [("slave", contact.slave, contact.scale[0])]
-        if isinstance(contact.master, Surface):
-            sides.append(("master", contact.master, contact.scale[1]))
-        for name, surface, scale in sides:
-            i = body_of(u, surface.V, name)
-            if known.setdefault(i, scale) != scale:
+        surfaces = ("slave", contact.slave), ("master", contact.master)
+        for (name, surface), scale in zip(surfaces, contact.scale, strict=True):
+            try:
+                i = body_of(u, surface.V)
+            except ValueError:
+                raise ValueError(
+                    f"contacts: the {name} surface of a contact belongs to the space of none of u"
+                ) from None
+            if i is not None and known.setdefault(i, scale) != scale:
                 raise ValueError(f"contacts: must agree on whether u[{i}] is a velocity, and on dt")
 
 

@@ -15,6 +15,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import check_type
 from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.contact import multipliers
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError, line_search
 
@@ -75,7 +76,7 @@ def solve_with_continuation(
             constant.value = value**s
 
     start = [u.x.array.copy() for u in problem.u]
-    multipliers = [contact.known_multipliers() for contact in problem.contacts]
+    known = [multipliers.known(contact.model) for contact in problem.contacts]
     before = [constant.value.item() for constant in constants]
     damped = problem.has_full_steps
     search = line_search(problem.snes, LINE_SEARCH) if damped else contextlib.nullcontext()
@@ -87,23 +88,23 @@ def solve_with_continuation(
                     iterations = _settle(problem)
                     if iterations is not None:
                         return [(1.0, iterations)]
-                _restore(problem, start, multipliers)
+                _restore(problem, start, known)
             return _follow(problem, set_to, min(targets))
         except BaseException:  # Ctrl-C, too
-            _restore(problem, start, multipliers)
+            _restore(problem, start, known)
             for constant, value in zip(constants, before, strict=True):
                 constant.value = value
             raise
 
 
 def _restore(
-    problem: ContactProblem, start: typing.Sequence[Array], multipliers: typing.Sequence[typing.Any]
+    problem: ContactProblem, start: typing.Sequence[Array], known: list[list[Array]]
 ) -> None:
     """Put unknowns and multipliers back."""
     for u, array in zip(problem.u, start, strict=True):
         u.x.array[:] = array
-    for contact, kept in zip(problem.contacts, multipliers, strict=True):
-        contact.set_known_multipliers(kept)
+    for contact, kept in zip(problem.contacts, known, strict=True):
+        multipliers.set_known(contact.model, kept)
 
 
 def _settle(problem: ContactProblem) -> int | None:

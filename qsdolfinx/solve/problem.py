@@ -6,6 +6,7 @@ import contextlib
 import itertools
 import typing
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -16,31 +17,32 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import check_choice, check_flag
 from qsdolfinx.base.collective import check_agreement, collective_errors
-from qsdolfinx.base.log import say, summary
-from qsdolfinx.contact.balance import check_balance
+from qsdolfinx.base.messages import say
+from qsdolfinx.base.timing import Span
+from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.reach import check_reach
-from qsdolfinx.linear.krylov import Krylov
-from qsdolfinx.linear.presets import BLOCK, ITERATIVE, PRESETS, pick
-from qsdolfinx.linear.schur import Forms, Schur, check_schur, has_schur
+from qsdolfinx.linear.presets import PRESETS, pick
+from qsdolfinx.linear.schur import Forms, check_schur, has_schur
+from qsdolfinx.linear.solver import LinearSolver, preset_options
 from qsdolfinx.solve.arguments import check_arguments, check_options, check_sequences, communicator
-from qsdolfinx.solve.augmented import AugmentedNewton
-from qsdolfinx.solve.first_guess import BALANCED, Foundation
-from qsdolfinx.solve.snes import (
-    ConvergenceError,
-    chosen_by_user,
-    remove_options,
-    set_options,
-    weak,
-)
-from qsdolfinx.solve.tool_balance import Drive
+from qsdolfinx.solve.augmented import AugmentedLagrangian
+from qsdolfinx.solve.equilibrium import Equilibrium
+from qsdolfinx.solve.first_guess import guess
+from qsdolfinx.solve.newton import Newton
+from qsdolfinx.solve.snes import ConvergenceError, remove_options, set_options
+from qsdolfinx.solve.summary import summary
+from qsdolfinx.solve.tool_balance import ToolBalance
+from qsdolfinx.system.blocks import Blocks, Side
 from qsdolfinx.system.body import Body
+from qsdolfinx.system.matrices import Form
+from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()
 
 
-class ContactProblem(AugmentedNewton):
+class ContactProblem:
     """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
 
     Φ is the energy of all contacts. Every body has its own mesh. The unknowns of a rank are those
@@ -113,50 +115,121 @@ class ContactProblem(AugmentedNewton):
             petsc_options=petsc_options,
             verbose=verbose,
         )
-        super().__init__([Body(*given) for given in zip(F, u, bcs, J, strict=True)], contacts, kind)
         self.verbose = bool(verbose)
         self._steps_within = 0
-        prefix = petsc_options_prefix
-        prefix = f"qsdolfinx_{next(_counter)}_" if prefix is None else prefix
+        bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
+        prefix = f"qsdolfinx_{next(_counter)}_" if petsc_options_prefix is None else ""
+        prefix = petsc_options_prefix or prefix
         remove_options(prefix)
         given = petsc_options or {}
         chosen = {*given, *PETSc.Options(prefix).getAll()}
-        self.solver = self._pick(solver, prefix, petsc_options or {})
-        self._sums = self.solver == "amg" and "pc_type" not in chosen
-        self._schur = None
-        if self.solver == "schur":
-            self._schur = Schur(self.bodies, pressure_preconditioner)
-        self.has_full_steps = set_options(prefix, petsc_options or {}, self._linear_options())
-        self.snes = PETSc.SNES().create(comm=self.comm)
+        #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
+        self.solver = _pick(solver, bodies, kind, chosen)
+        sums = self.solver == "amg" and "pc_type" not in chosen
+        self._contacts = list(contacts)
+        models = [contact.model for contact in contacts]
+        #: Residual and tangent of the problem.
+        self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
+        options = preset_options(self.solver, len(bodies), chosen)
+        full_steps = set_options(prefix, given, options)
+        #: PETSc's nonlinear solver.
+        self.snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
         self.snes.setOptionsPrefix(prefix)
         self.snes.setFromOptions()
-        self.snes.setMonitor(weak(self._monitor))
-        self._krylov = None
-        if self.solver in ITERATIVE:
-            self._krylov = Krylov(self.snes, chosen, all(body.linear for body in self.bodies))
+        ksp = self.snes.getKSP()
+        linear = LinearSolver(ksp, self.solver, self.system, chosen, pressure_preconditioner)
+        #: Newton's method for the system.
+        self.newton = Newton(self.system, self.snes, linear, full_steps)
+        #: Closed rows of each contact at each iteration of the last solve, over all ranks.
+        self.active_history: list[list[int]] = []
 
-    def _pick(self, solver: str, prefix: str, given: dict[str, typing.Any]) -> str:
-        if solver != "auto":
-            return solver
-        if chosen_by_user(prefix, given):
-            return "options"
-        gdim = self.bodies[0].V.mesh.geometry.dim
-        has_modes = all(body.V.dofmap.index_map_bs == gdim for body in self.bodies)
-        size, flows = self._x.getSize(), has_schur(self.u)
-        name, reason = pick(size, gdim, has_modes, self._kind, flows)
-        if name != "direct":
-            say(self.comm, f'solver="{name}": {reason}')
-        return name
+    # --- What it is made of
 
-    def _linear_options(self) -> dict[str, typing.Any]:
-        """The preset's options."""
-        options = dict(PRESETS.get(self.solver, {}))
-        if self.solver == "amg" and not self._sums:  # the user has another preconditioner
-            options = {key: value for key, value in options.items() if key.startswith("ksp_")}
-        if self.solver == "fieldsplit":
-            for i in range(len(self.bodies)):
-                options |= {f"fieldsplit_{i}_{key}": value for key, value in BLOCK.items()}
-        return options
+    @property
+    def u(self) -> list[fem.Function]:
+        """Unknown of each body."""
+        return self.system.u
+
+    @property
+    def bodies(self) -> list[Body]:
+        """The bodies."""
+        return self.system.bodies
+
+    @property
+    def contacts(self) -> list[Contact]:
+        """The contacts."""
+        return self._contacts
+
+    @property
+    def sides(self) -> list[Side]:
+        """Bodies of the slave and the master of each contact; None for a rigid tool."""
+        return self.system.sides
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the bodies."""
+        return self.system.comm
+
+    @property
+    def unknowns(self) -> list[str]:
+        """``"displacement"`` or ``"velocity"``, for each body, as its contacts say."""
+        return self.system.unknowns
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric, as its matrix is told."""
+        return self.system.symmetric
+
+    @property
+    def blocks(self) -> Blocks | None:
+        """The tangent as a MatNest, ``blocks.nest``; None before the first solve."""
+        return self.system.made.blocks if self.system.has_matrices else None
+
+    @property
+    def has_full_steps(self) -> bool:
+        """Whether the line search is the default and not the user's choice."""
+        return self.newton.has_full_steps
+
+    # --- How the last solve went
+
+    @property
+    def residual_history(self) -> list[float]:
+        """Norm of the residual at each iteration of the last solve."""
+        return self.newton.record.residuals
+
+    @property
+    def violation_history(self) -> list[float]:
+        """Largest gap that an augmented multiplier leaves, after each of its updates."""
+        return self.newton.record.violations
+
+    @property
+    def num_iterations(self) -> int:
+        """Newton iterations of the last solve, over all updates of the multipliers."""
+        return self.newton.record.iterations
+
+    @property
+    def num_linear_iterations(self) -> int:
+        """Iterations of the linear solver in them."""
+        return self.newton.record.linear_iterations
+
+    @property
+    def num_augmentations(self) -> int:
+        """Updates of the multipliers in the last solve."""
+        return max(len(self.violation_history) - 1, 0)
+
+    @property
+    def timings(self) -> dict[str, Span]:
+        """Wall time (s) since the problem was made, of the contacts since they were. Collective.
+
+        Returns:
+            The most and the least that any rank has spent in each stage: ``"pairing"``, ``"gap"``,
+            ``"insertion"`` of contact blocks, ``"bulk assembly"``, ``"conversion"`` of the MatNest,
+            and ``"solve"``, which is what is left of the nonlinear solver: the linear one. The
+            stages of PETSc's ``-log_view`` are the same.
+        """
+        return self.system.timings
+
+    # --- Solving
 
     @contextlib.contextmanager
     def one_step(self) -> typing.Iterator[None]:
@@ -171,19 +244,19 @@ class ContactProblem(AugmentedNewton):
         finally:
             self._steps_within -= 1
         if self._steps_within == 0:
-            for contact in self.contacts:
-                contact.end_step()
+            for contact in self.system.contacts:
+                if contact.friction is not None:
+                    contact.friction.end_step(contact.slips)
 
     def set_up(self) -> None:
         """Compute automatic penalties and build the matrices, as solve() does. Collective."""
         for body in self.bodies:
             body.begin_solve()
-        if self.blocks is None or self._paired != [c.version for c in self.contacts]:
-            self._rebuild()
-        for contact in self.contacts:
-            contact.move_tool()
-            if contact.tangential is not None:
-                contact.tangential.read_parameters()
+        self.newton.update_matrices()
+        for contact in self.system.contacts:
+            motion.move_tool(contact)
+            if contact.friction is not None:
+                contact.friction.read_parameters(contact.slips)
 
     def solve(self) -> list[fem.Function]:
         """Solve for all bodies, from their present u. Collective.
@@ -197,80 +270,64 @@ class ContactProblem(AugmentedNewton):
             ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
 
         Warns:
-            BalanceWarning: If the forces on the two sides differ by much (two-half-pass).
             ReachWarning: If nodes that were too far away to be paired may have been in contact.
         """
-        with self.one_step(), summary(self):
+        with self.one_step(), summary(self.newton, self.verbose):
             self._solve()
         return self.u
 
     def _solve(self) -> None:
-        start = [body.u.x.array.copy() for body in self.bodies]
-        multipliers = [contact.known_multipliers() for contact in self.contacts]
-        for slip in self._slips:
-            slip.stick_slip.begin_solve()
-        self._begin_solve()
-        self.residual_history, self.active_history, self.violation_history = [], [], []
-        self.num_iterations = self.num_linear_iterations = 0
+        state = [body.u.x.array.copy() for body in self.bodies]
+        known = [multipliers.known(contact) for contact in self.system.contacts]
+        self._forget_openings()
+        self.set_up()
+        balance = ToolBalance(self.system)
+        start = self._starting_point()
+        self.newton.begin()
         try:
-            if self._drive.tools:
-                self._evaluate(self._start)
-                self._drive.approach()
-            self._predict()
-            with self._first_accuracy():
-                self._equilibrate()
-            self._augment()
+            self._find(balance, start)
         except BaseException as error:  # Ctrl-C, too
-            for contact, kept in zip(self.contacts, multipliers, strict=True):
-                contact.set_known_multipliers(kept)
+            for contact, kept in zip(self.system.contacts, known, strict=True):
+                multipliers.set_known(contact, kept)
             if isinstance(error, Exception) or self.comm.size == 1:  # else on this rank alone
-                self._drive.restore()
-            for slip in self._slips:
-                slip.stick_slip.begin_solve()
+                balance.restore()
+            self._forget_openings()
+            for slip in self.system.slips:
                 slip.stick_slip.end_iterations()
             if isinstance(error, ConvergenceError):
-                self._evaluate(self._start)  # gaps and multipliers too
-            self._restore(start)
+                self.active_history = error.active_history
+                self.system.residual(start)  # gaps and multipliers too
+            for body, array in zip(self.bodies, state, strict=True):
+                body.u.x.array[:] = array
             raise
-        self.active_history = self._all_active()
-        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
-            check_balance(contact)
+        self.active_history = self.newton.record.active_of_all(self.comm)
+        for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
             check_reach(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
 
-    # --- State
+    def _forget_openings(self) -> None:
+        for slip in self.system.slips:
+            slip.stick_slip.begin_solve()
 
-    def _begin_solve(self) -> None:
-        self.set_up()
-        self._drive = Drive(self.contacts, self.sides, self._moduli)
-        for i, body in enumerate(self.bodies):
+    def _starting_point(self) -> Array:
+        """Bring the system to the bodies' unknowns; a copy of its own."""
+        for body, part in zip(self.bodies, self.system.parts(self.system.x.array), strict=True):
             values = body.u.x.array[: body.num_owned].copy()
-            if body.linear:  # evaluated as if its Dirichlet values were in place
-                values = body.with_conditions(values)
-            self._part(self._x.array, i)[:] = values
-        self._start = self._x.array.copy()
+            # Linear ones are evaluated as if their Dirichlet values were in place.
+            part[:] = body.with_conditions(values) if body.linear else values
+        return self.system.x.array.copy()
 
-    def _restore(self, arrays: list[Array]) -> None:
-        for body, array in zip(self.bodies, arrays, strict=True):
-            body.u.x.array[:] = array
-
-    def _rebuild(self) -> None:
-        if self._krylov is not None:
-            self._krylov.forget()
-        super()._rebuild()
-        assert self.blocks is not None
-        self.snes.reset()
-        self.snes.setFunction(weak(self._function), self._r)
-        self.snes.setJacobian(weak(self._jacobian), self._matrix, self._matrix)
-        pc = self.snes.getKSP().getPC()
-        if pc.getType() == PETSc.PC.Type.FIELDSPLIT:
-            # A reset takes the options from the splits: start from scratch.
-            pc.setType(PETSc.PC.Type.NONE)
-            pc.setFromOptions()
-            if self._schur is not None:
-                self._schur.split(pc, self._scales)
-                return
-            index_sets = self.blocks.nest.getNestISs()[0]
-            pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
+    def _find(self, balance: ToolBalance, start: Array) -> None:
+        """Unknowns, tools and multipliers in equilibrium, from this starting point."""
+        newton = self.newton
+        if balance.tools:
+            self.system.residual(start)
+            balance.approach()
+        newton.first_norm, newton.predicted = guess(self.system)
+        equilibrium = Equilibrium(newton, balance)
+        augmented = AugmentedLagrangian(equilibrium)
+        with augmented.first_accuracy():
+            equilibrium.find()
+        augmented.close_gaps()
 
     def destroy(self) -> None:
         """Free PETSc's objects and options; the problem cannot be used again. Collective.
@@ -280,46 +337,24 @@ class ContactProblem(AugmentedNewton):
         """
         if not self.snes:
             return
-        if self._krylov is not None:
-            self._krylov.forget()
-        self._destroy_matrices()
-        if self._schur is not None:
-            self._schur.destroy()
+        self.newton.linear.destroy()
         remove_options(self.snes.getOptionsPrefix())
         self.snes.destroy()
-        self._x.destroy()
-        self._r.destroy()
-        for body in self.bodies:
-            body.destroy()
+        self.system.destroy()
 
-    # --- First guess and near-nullspace
 
-    def _predict(self) -> None:
-        """Bring bodies that only contact holds to where their loads press them together.
-
-        The bulk matrix of such a body is singular, and Newton's method would start from whatever
-        happens to touch. Left alone if contact balances a good part of the loads already.
-        """
-        assert self._rigid is not None
-        residual = self._evaluate(self._x.array_r)
-        self._first_norm = self._norm(residual)
-        self._predicted = 1.0
-        motions = self._rigid.free_motions
-        if not self.contacts or motions.shape[1] == 0 or min(self._moduli) == 0:
-            return
-        parts = [self._part(residual, i) for i in range(len(self.bodies))]
-        bulk, whole = (motions.T @ self._rigid.work(r) for r in (self._bulk_residuals, parts))
-        if np.linalg.norm(whole) <= BALANCED * np.linalg.norm(bulk):
-            return
-        foundation = Foundation(
-            self._rigid, self.contacts, self.sides, self._moduli, self._bulk_residuals
-        )
-        motion = foundation.settle()
-        if motion is not None:
-            for i in range(len(self.bodies)):
-                displacement = self._rigid.displacement(motion, i)
-                self._part(self._x.array, i)[:] += displacement / self._scales[i]
-            # A stiff penalty makes much of the guess's gaps: what counts are the loads.
-            guessed = self._norm(self._evaluate(self._x.array_r))
-            if 0 < self._first_norm < guessed:
-                self._predicted = self._first_norm / guessed
+def _pick(
+    solver: str, bodies: typing.Sequence[Body], kind: str, chosen: typing.Collection[str]
+) -> str:
+    """The linear solver by name, if it is left to us. Collective."""
+    if solver != "auto":
+        return solver
+    if any(key.startswith(("ksp_", "pc_")) for key in chosen):
+        return "options"
+    gdim, comm = bodies[0].V.mesh.geometry.dim, bodies[0].comm
+    has_modes = all(body.V.dofmap.index_map_bs == gdim for body in bodies)
+    size = sum(body.V.dofmap.index_map.size_global * body.V.dofmap.index_map_bs for body in bodies)
+    name, reason = pick(size, gdim, has_modes, kind, has_schur([body.u for body in bodies]))
+    if name != "direct":
+        say(comm, f'solver="{name}": {reason}')
+    return name

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import typing
-import weakref
 
 from petsc4py import PETSc
 
@@ -93,12 +92,6 @@ def forget_failure(snes: PETSc.SNES) -> None:
 _put: dict[str, dict[str, str]] = {}
 
 
-def chosen_by_user(prefix: str, given: dict[str, typing.Any]) -> bool:
-    """Whether options or the command line say anything about the linear solver."""
-    keys = (*given, *PETSc.Options(prefix).getAll())
-    return any(key.startswith(("ksp_", "pc_")) for key in keys)
-
-
 def set_options(prefix: str, given: dict[str, typing.Any], linear: dict[str, typing.Any]) -> bool:
     """Put a problem's options into PETSc's database.
 
@@ -128,28 +121,6 @@ def remove_options(prefix: str) -> None:
     for key, value in _put.pop(prefix, {}).items():
         if database.getString(key, "") == value:
             database.delValue(key)
-
-
-def weak(method: typing.Callable[..., None]) -> typing.Callable[..., None]:
-    """The bound method without a reference to its object.
-
-    PETSc's objects keep their callbacks where Python's garbage collector cannot see them: a solver
-    that refers to the object it belongs to would never be freed.
-    """
-    reference = weakref.WeakMethod(method)
-
-    def call(*args: typing.Any) -> None:
-        found = reference()
-        if found is None:
-            raise ReferenceError("the problem that this solver belongs to is gone: keep it")
-        try:
-            found(*args)
-        except BaseException as error:
-            owner: typing.Any = found.__self__  # type: ignore[attr-defined]
-            owner.failure = error  # PETSc would make an error of its own of it
-            raise
-
-    return call
 
 
 @contextlib.contextmanager

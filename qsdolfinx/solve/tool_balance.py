@@ -1,4 +1,4 @@
-"""Rigid tools that are driven by a force: which displacement balances it."""
+"""Rigid tools that a force drives: which displacement balances it."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import active_set, motion
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.solve.foundation import Foundation, Springs
+from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.surface.affine import Affine
-from qsdolfinx.system.blocks import Sides
 from qsdolfinx.system.body import Body
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.system.system import ContactSystem
+from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -43,7 +46,7 @@ class Pressed(typing.NamedTuple):
         slip_change: ∂g/∂s.
     """
 
-    contact: Contact
+    contact: ContactModel
     body: int
     gap: WeightedGap
     change: Array
@@ -55,15 +58,15 @@ class Pressed(typing.NamedTuple):
         """This rank's part of the force that the tool is held with, at the last evaluation."""
         out = np.sum(self._weight * self.gap.multiplier(self.contact.eps) * self.change)
         if self.slip is not None:
-            out += np.sum(self._weight * self.slip.response.traction * self.slip_change)
+            out += np.sum(self._weight * self.slip.state.response.traction * self.slip_change)
         return float(out)
 
     def multipliers(self, gap: Array, jump: Array) -> tuple[Array, Array]:
         """Changes of S λ and S τ with given changes of gap and jump."""
-        change = self.contact.slope(self.gap)[:, None] * gap
+        change = active_set.slope(self.contact, self.gap)[:, None] * gap
         if self.slip is None:
             return self._weight * change, np.zeros_like(jump)
-        response = self.slip.response
+        response = self.slip.state.response
         friction = np.einsum("rij,rj->ri", response.stiffness, jump) + response.coupling * change
         return self._weight * change, self._weight * friction
 
@@ -77,7 +80,7 @@ class Pressed(typing.NamedTuple):
         return self.gap.weight[:, None]
 
 
-class Drive:
+class ToolBalance:
     """Balance R_i(s) = force_i − Σ (∂ḡ/∂s_i·S λ + ∂g/∂s_i·S τ) = 0 of all driven tools i.
 
     The displacements s are no unknowns of the matrix. They are found by Newton's method around the
@@ -86,26 +89,20 @@ class Drive:
     of linear bodies, so that this converges without any search once there is contact.
 
     Args:
-        contacts: All contacts, paired and with a penalty, that know the motions of their tools.
-        sides: Bodies of each contact.
-        moduli: E of each contact, stress.
+        system: The system, whose contacts know the motions of their tools.
 
     Raises:
         ValueError: If a force pulls a tool that only unilateral contact without friction holds.
     """
 
-    def __init__(
-        self,
-        contacts: typing.Sequence[Contact],
-        sides: Sides,
-        moduli: typing.Sequence[float],
-    ) -> None:
+    def __init__(self, system: ContactSystem) -> None:
         self.tools: list[RigidSurface] = []
         self._pressed: list[list[Pressed]] = []
         forces = []
-        for contact, side, modulus in zip(contacts, sides, moduli, strict=True):
-            tool = contact.master
-            if not isinstance(tool, RigidSurface) or tool.driven is None:
+        parts = zip(system.contacts, system.sides, system.moduli, strict=True)
+        for contact, side, modulus in parts:
+            tool = as_tool(contact.master)
+            if tool is None or tool.driven is None:
                 continue
             if not any(tool is known for known in self.tools):
                 self.tools.append(tool)
@@ -113,9 +110,9 @@ class Drive:
                 forces.append(tool.driven.force)
             field = Affine(np.zeros((tool.gdim, tool.gdim)), tool.driven.direction)
             i = next(i for i, known in enumerate(self.tools) if known is tool)
-            for j, p in enumerate(contact.passes):
+            for j, p in enumerate(contact.gaps):
                 slip = contact.slips[j] if contact.slips else None
-                none = np.zeros((len(p.values), tool.gdim))
+                none = np.zeros((len(p.row_node), tool.gdim))
                 slip_change = none if slip is None else slip.tangential(slip.change(field))
                 self._pressed[i].append(
                     Pressed(contact, side[0], p, p.change(field), modulus, slip, slip_change)
@@ -136,7 +133,7 @@ class Drive:
     def _tell(self) -> None:
         for pressed in self._pressed:
             for p in pressed:
-                p.contact.move_tool()
+                motion.move_tool(p.contact)
 
     def _move(self, steps: Array) -> None:
         for tool, step in zip(self.tools, steps, strict=True):
@@ -157,71 +154,30 @@ class Drive:
     # --- Touching
 
     def approach(self) -> None:
-        """Move tools that hardly touch to where springs would hold them (see Foundation).
+        """Move tools that hardly touch to where springs would hold them. Collective.
 
-        Collective; contacts must have been evaluated.
+        Contacts must have been evaluated.
         """
         far = self._imbalance() / self._force > NEAR
         steps = [self._settle(i) if far[i] else 0.0 for i in range(len(self.tools))]
         self._move(np.array(steps))
 
     def _settle(self, i: int) -> float:
-        """How far a tool moves until springs E/ℓ at the slave hold it, ℓ the size of the patch."""
-        pressed = self._pressed[i]
-        gap, change, weight = (
-            np.concatenate(parts)
-            for parts in zip(
-                *(
-                    (
-                        p.gap.values.ravel(),
-                        p.change.ravel(),
-                        np.repeat(p.gap.weight, p.change.shape[1]),
-                    )
-                    for p in pressed
-                ),
-                strict=True,
-            )
-        )
-        tied = np.concatenate([np.full(p.change.size, p.gap.law.linear) for p in pressed])
-        E = max(p.modulus for p in pressed) or max(p.contact.eps for p in pressed)
-        comm, area_dim = self.tools[i].comm, pressed[0].contact.slave.area_dim
-        scale = comm.allreduce(np.max(np.abs(gap), initial=0.0), op=MPI.MAX)
-        s, closed = 0.0, np.ones(len(gap), dtype=bool)
-        for _ in range(3):
-            area = float(self._sum(weight[closed].sum()))
-            spring = E / area ** (1 / area_dim) if area > 0 else E
-            for _ in range(_MAX_STEPS):
-                g = gap + s * change
-                closed = tied | (g >= -1e-12 * scale)
-                pressure = spring * weight * np.where(closed, g, 0.0)
-                stiffness = spring * weight * closed @ change**2
-                force, stiffness = self._sum(np.array([pressure @ change, stiffness]))
-                if stiffness > 0:
-                    step = (self._force[i] - force) / stiffness
-                else:
-                    first = np.min(-g[change > 0] / change[change > 0], initial=np.inf)
-                    step = comm.allreduce(first, op=MPI.MIN)
-                    if not np.isfinite(step):
-                        return 0.0
-                s += float(step)
-                if abs(force - self._force[i]) <= 1e-3 * abs(self._force[i]):
-                    break
-        return s
+        """How far a tool moves until springs hold it; 0 if none ever do. Collective."""
+        springs = [
+            Springs(p.gap, p.change.reshape(-1, 1), p.modulus or p.contact.eps, j)
+            for j, p in enumerate(self._pressed[i])
+        ]
+        found = Foundation(springs, -self._force[i : i + 1]).settle()
+        return 0.0 if found is None else float(found[0])
 
     # --- Balance
 
-    def balance(
-        self,
-        bodies: typing.Sequence[Body],
-        respond: typing.Callable[[Array], Array],
-        follow: typing.Callable[[Array], None],
-    ) -> bool:
+    def find(self, newton: Newton) -> bool:
         """Move the tools until the contact forces balance those that drive them. Collective.
 
         Args:
-            bodies: All bodies, in equilibrium with the tools where they are.
-            respond: From loads on the owned unknowns of all bodies to their change.
-            follow: Changes the unknowns and brings the bodies into equilibrium again.
+            newton: Solves for the bodies, which are in equilibrium with the tools where they are.
 
         Returns:
             Whether that was found.
@@ -230,22 +186,20 @@ class Drive:
             R = self._imbalance()
             if np.all(np.abs(R) <= TOLERANCE * np.abs(self._force)):
                 return True
-            responses, J = self._tangent(bodies, respond)
+            responses, J = self._tangent(newton)
             if np.any(np.diag(J) >= 0):  # a tool that touches nothing
                 self.approach()
-                follow(np.zeros(sum(body.num_owned for body in bodies)))
+                newton.follow(np.zeros(len(newton.system.x.array_r)))
                 continue
-            self._try(np.asarray(np.linalg.solve(J, -R)), responses, follow)
+            self._try(np.asarray(np.linalg.solve(J, -R)), responses, newton)
         return False
 
-    def _try(
-        self, steps: Array, responses: list[Array], follow: typing.Callable[[Array], None]
-    ) -> None:
+    def _try(self, steps: Array, responses: list[Array], newton: Newton) -> None:
         """Take Newton's step, or as much of it as the bodies can follow."""
         for attempt in range(_MAX_HALVINGS + 1):
             self._move(steps)
             try:
-                follow(np.asarray(sum(s * y for s, y in zip(steps, responses, strict=True))))
+                newton.follow(np.asarray(sum(s * y for s, y in zip(steps, responses, strict=True))))
                 return
             except ConvergenceError:
                 self._move(-steps)
@@ -253,21 +207,19 @@ class Drive:
                     raise
                 steps = steps / 2
 
-    def _tangent(
-        self, bodies: typing.Sequence[Body], respond: typing.Callable[[Array], Array]
-    ) -> tuple[list[Array], Array]:
+    def _tangent(self, newton: Newton) -> tuple[list[Array], Array]:
         """∂u/∂s_j of the owned unknowns, and ∂R_i/∂s_j. Collective."""
-        responses = [respond(self._loads(i, bodies)) for i in range(len(self.tools))]
+        system, bodies = newton.system, newton.system.bodies
+        responses = [newton.respond(self._loads(i, bodies)) for i in range(len(self.tools))]
         J = np.zeros((len(self.tools), len(self.tools)))
         for j, response in enumerate(responses):
-            parts = np.split(response, np.cumsum([body.num_owned for body in bodies])[:-1])
             vecs = [body.create_vec() for body in bodies]
-            for vec, part in zip(vecs, parts, strict=True):
+            for vec, part in zip(vecs, system.parts(response), strict=True):
                 vec.array[:] = part
             for i, pressed in enumerate(self._pressed):
                 for p in pressed:
                     # Operators are applied on all ranks, whether they have rows or not.
-                    gap = p.gap.operator.apply(vecs[p.body].handle, 0, p.gap.scale)
+                    gap = p.gap.operator.apply(vecs[p.body].handle, 0, p.gap.state.scale)
                     jump = p.slip_change * 0.0
                     if p.slip is not None:
                         jump = p.slip.tangential(p.slip.jump_of((vecs[p.body], None)))

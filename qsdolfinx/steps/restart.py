@@ -14,7 +14,8 @@ from dolfinx import fem, mesh
 from qsdolfinx.base.checks import check_path, check_type
 from qsdolfinx.base.collective import check_agreement, collective_errors
 from qsdolfinx.contact.contact import Contact
-from qsdolfinx.friction.history import Tangential
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.multipliers import on_nodes, set_on_nodes
 from qsdolfinx.steps.checkpoint import Checkpoint
 from qsdolfinx.steps.stepper import TimeStepper
 
@@ -90,17 +91,16 @@ def load_run(
     _pair(stepper)
     for i, (contact, penalty) in enumerate(zip(contacts, values["penalties"], strict=True)):
         if penalty is not None and values["automatic"][i]:
-            contact.set_automatic_penalty(penalty, "automatic, before the restart")
+            contact.model.penalty.set_automatic(penalty, "automatic, before the restart")
         elif penalty is not None:
             contact.set_penalty(penalty)
         arrays = []
-        for j, part in enumerate(contact.parts):
+        for j, part in enumerate(contact.model.parts):
             at_nodes = part.slave.linear.node_values(multipliers[f"multiplier_{i}_{j}"])
-            arrays.append(at_nodes[:, : part.augmented.shape[1]])
+            arrays.append(at_nodes[:, : part.state.augmented.shape[1]])
         # The next step turns τ̂ to its tangent planes; turned here as well it would be another.
-        contact.set_multipliers_on_nodes(arrays, turn=False)
-        if contact.tangential is not None:
-            _load_slip(contact.tangential, i, multipliers, values["dissipated"][i])
+        set_on_nodes(contact.model.parts, arrays, turn=False)
+        _load_slip(contact.model, i, multipliers, values["dissipated"][i])
     return typing.cast(dict[str, typing.Any], values["user"])
 
 
@@ -152,25 +152,25 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
     out = {}
     for i, contact in enumerate(contacts):
         for j, (part, values) in enumerate(
-            zip(contact.parts, contact.multipliers_on_nodes(), strict=True)
+            zip(contact.model.parts, on_nodes(contact.model.parts), strict=True)
         ):
             surface = part.slave.linear
             padded = np.zeros((len(values), surface.gdim))
             padded[:, : values.shape[1]] = values
             out[f"multiplier_{i}_{j}"] = surface.function(padded)
-        if contact.tangential is not None:
-            for j, (slip, slipped) in enumerate(
-                zip(contact.slips, contact.tangential.slipped, strict=True)
-            ):
-                out[f"slip_{i}_{j}"] = slip.slave.linear.function(slipped)
+        if contact.model.friction is not None:
+            slipped = contact.model.friction.slipped
+            for j, (slip, values) in enumerate(zip(contact.model.slips, slipped, strict=True)):
+                out[f"slip_{i}_{j}"] = slip.slave.linear.function(values)
     return out
 
 
 def _load_slip(
-    tangential: Tangential, i: int, functions: dict[str, fem.Function], dissipated: float
+    model: ContactModel, i: int, functions: dict[str, fem.Function], dissipated: float
 ) -> None:
-    """Put back what friction has done so far."""
-    for j, slip in enumerate(tangential.slips):
-        tangential.slipped[j] = slip.slave.linear.node_values(functions[f"slip_{i}_{j}"])
-    first = tangential.slips[0].slave.comm.rank == 0
-    tangential.dissipated = dissipated if first else 0.0
+    """Put back what friction has done so far, if there is any."""
+    if model.friction is None:
+        return
+    for j, slip in enumerate(model.slips):
+        model.friction.slipped[j] = slip.slave.linear.node_values(functions[f"slip_{i}_{j}"])
+    model.friction.dissipated = dissipated if model.comm.rank == 0 else 0.0

@@ -6,6 +6,7 @@ import typing
 
 import numpy as np
 
+from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.state import ContactState
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.steps.mesh_motion import MeshMotion
@@ -31,8 +32,8 @@ class Snapshot:
         self._contacts, self._motions, self._tools = problem.contacts, motions, tools
         #: Unknowns of the bodies, ghosts included.
         self.unknowns = [u.x.array.copy() for u in problem.u]
-        self._multipliers = [contact.multipliers_on_nodes() for contact in problem.contacts]
-        self._shown = [ContactState(contact) for contact in problem.contacts]
+        self._multipliers = [multipliers.on_nodes(c.model.parts) for c in problem.contacts]
+        self._shown = [ContactState(contact.model) for contact in problem.contacts]
         self._positions = [(tool.position, tool.displacement, tool.rotation) for tool in tools]
 
     def motion_since(self, tool: RigidSurface) -> Affine:
@@ -58,5 +59,5 @@ class Snapshot:
 
     def restore_multipliers(self) -> None:
         """Put the multipliers at the nodes that are paired now."""
-        for contact, multipliers in zip(self._contacts, self._multipliers, strict=True):
-            contact.set_multipliers_on_nodes(multipliers)
+        for contact, kept in zip(self._contacts, self._multipliers, strict=True):
+            multipliers.set_on_nodes(contact.model.parts, kept)

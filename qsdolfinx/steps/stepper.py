@@ -12,12 +12,13 @@ from dolfinx import fem
 from qsdolfinx.base.checks import check_callable, check_flag, check_type
 from qsdolfinx.base.collective import check_agreement, collective_errors
 from qsdolfinx.base.progress import progress as progress_bar
+from qsdolfinx.contact.motion import set_start
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.limits import check_end, check_limits
 from qsdolfinx.steps.mesh_motion import MeshMotion
 from qsdolfinx.steps.snapshot import Snapshot
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -129,9 +130,9 @@ class TimeStepper:
         self.motions = [MeshMotion(u) for u in problem.u]
         #: Called once a step, when it has succeeded, while the meshes are where it was solved for.
         self.on_solved: typing.Callable[[], None] | None = None
-        masters = {id(c.master): c.master for c in problem.contacts}.values()
+        tools = [tool for c in problem.contacts if (tool := as_tool(c.master)) is not None]
         #: Rigid tools, each once.
-        self.tools = [tool for tool in masters if isinstance(tool, RigidSurface)]
+        self.tools = list({id(tool): tool for tool in tools}.values())
         self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
         #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
         #: first zero. They are where the next step starts from.
@@ -283,10 +284,10 @@ class TimeStepper:
         for contact, (s, m) in zip(self.problem.contacts, self.problem.sides, strict=True):
             contact.update()
             contact.set_offset(offsets[s], None if m is None else offsets[m])
-            if contact.tangential is not None:
-                tool = contact.master if isinstance(contact.master, RigidSurface) else None
-                moved_tool = None if tool is None else start.motion_since(tool)
-                contact.set_start(starts[s], None if m is None else starts[m], moved_tool)
+            tool = as_tool(contact.master)
+            moved_tool = None if tool is None else start.motion_since(tool)
+            of_master = None if m is None else starts[m]
+            set_start(contact.model, starts[s], of_master, moved_tool)
         for i, motion in enumerate(self.motions):
             flows = self.in_velocity[i]
             motion.move(motion.values(known[i] * self.theta * dt) if flows else 0.0)

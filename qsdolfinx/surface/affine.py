@@ -50,7 +50,7 @@ def rotation_about(matrix: Array, center: Array, displacement: Array) -> Affine:
 
 def trace_positions(surface: Surface) -> Array:
     """Positions of the trace's nodes on this rank's facets, shape (facets, nodes, 3)."""
-    x = np.asarray(surface._cpp_object.facet_x)
+    x = np.asarray(surface.cpp_object.facet_x)
     if surface.degree == 1:
         return x
     edges = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
@@ -68,7 +68,7 @@ def affine_vec(surface: Surface, field: Affine) -> PETSc.Vec:
     """
     vec = surface.create_vec()
     x = trace_positions(surface)[..., : surface.gdim]
-    dofs = np.asarray(surface._cpp_object.facet_dofs, dtype=PETSc.IntType)
+    dofs = np.asarray(surface.cpp_object.facet_dofs, dtype=PETSc.IntType)
     vec.setValues(dofs.ravel(), (x @ field.A.T + field.b).ravel())
     vec.assemble()
     return vec

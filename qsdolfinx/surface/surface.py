@@ -15,6 +15,7 @@ from dolfinx import fem, la, mesh
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check_array, check_type
 from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.crash import end_all_ranks
 from qsdolfinx.compat import collapse
 from qsdolfinx.surface.arguments import (
     FACET_VERTICES,
@@ -65,6 +66,7 @@ class Surface:
         if not isinstance(V, fem.FunctionSpace):
             raise TypeError(f"V: must be a dolfinx.fem.FunctionSpace, not {type(V).__name__}")
         comm = V.mesh.comm
+        end_all_ranks(comm)
         with collective_errors(comm):
             check_arguments(V, facet_tags, tag, facets, axisymmetric)
         check_agreement(comm, axisymmetric=axisymmetric)
@@ -84,7 +86,8 @@ class Surface:
             x, inside = self._layout.checked_coordinates(V.mesh)
         self._coordinates = x, inside
         index_map = V.dofmap.index_map
-        self._cpp_object = _cpp.Surface(
+        #: The extension's surface.
+        self.cpp_object: _cpp.Surface = _cpp.Surface(
             comm=comm.py2f(),
             gdim=self.gdim,
             num_vertices=self.num_facet_vertices,
@@ -104,7 +107,7 @@ class Surface:
 
     @coordinates.setter
     def coordinates(self, value: Coordinates) -> None:
-        self._cpp_object.move(*value)
+        self.cpp_object.move(*value)
         self._coordinates = value
         self._linear = None
 
@@ -121,7 +124,7 @@ class Surface:
     @property
     def facet_size_range(self) -> tuple[float, float]:
         """Smallest and largest facet size (largest distance of two vertices). Collective."""
-        low, high = self._cpp_object.facet_size_range
+        low, high = self.cpp_object.facet_size_range
         return float(low), float(high)
 
     @property
@@ -139,22 +142,78 @@ class Surface:
     @property
     def node_dofs(self) -> npt.NDArray[np.int64]:
         """Global unknowns of the contact nodes this rank owns, shape (nodes, gdim)."""
-        return np.asarray(self._cpp_object.node_dofs)
+        return np.asarray(self.cpp_object.node_dofs)
 
     @property
     def node_x(self) -> npt.NDArray[np.float64]:
         """Positions of the contact nodes this rank owns, shape (nodes, 3)."""
-        return np.asarray(self._cpp_object.node_x)
+        return np.asarray(self.cpp_object.node_x)
 
     @property
     def node_area(self) -> npt.NDArray[np.float64]:
         """Nodal areas S_k = ∫ N_k ds of the owned nodes, shape (nodes,)."""
-        return np.asarray(self._cpp_object.node_area)
+        return np.asarray(self.cpp_object.node_area)
 
     @property
     def node_normal(self) -> npt.NDArray[np.float64]:
         """Averaged outward unit normals at the owned nodes, shape (nodes, 3)."""
-        return np.asarray(self._cpp_object.node_normal)
+        return np.asarray(self.cpp_object.node_normal)
+
+    @property
+    def node_size(self) -> npt.NDArray[np.float64]:
+        """Size of the facets around the owned nodes (length), shape (nodes,). Collective."""
+        if self.axisymmetric:  # a ring's area says nothing of the size of its facet
+            return np.full(len(self.node_area), np.mean(self.facet_size_range))
+        return np.asarray(self.node_area ** (1 / self.area_dim))
+
+    @property
+    def center(self) -> npt.NDArray[np.float64]:
+        """What moments are about if nothing is said: the origin, shape (gdim,)."""
+        return np.zeros(self.gdim)
+
+    def shape_degree(self, order: int) -> int:
+        """Total polynomial degree of Lagrange functions of this order on affine facets."""
+        return order * (2 if self.num_facet_vertices == 4 else 1)
+
+    @property
+    def area_degree(self) -> int:
+        """Degree of what areas are multiplied by: 1 of rings, 2πr, else 0."""
+        return int(self.axisymmetric)
+
+    @property
+    def is_analytic(self) -> bool:
+        """False: it is made of facets, see :class:`qs.RigidSurface`."""
+        return False
+
+    @property
+    def motion(self) -> None:
+        """It moves by the unknowns of its body alone, see :class:`qs.RigidSurface`."""
+        return None
+
+    @property
+    def version(self) -> int:
+        """Counts prescribed positions; there are none, see :class:`qs.RigidSurface`."""
+        return 0
+
+    def check_state(self) -> None:
+        """Nothing prescribed can be wrong, see :class:`qs.RigidSurface`."""
+
+    def check_partner(self, master: Surface) -> None:
+        """Refuse a deformable master that this slave cannot be in contact with.
+
+        Raises:
+            ValueError: If one of the two alone is axisymmetric, or they share facets.
+        """
+        if self.axisymmetric != master.axisymmetric:
+            raise ValueError("slave and master: both or none must be axisymmetric")
+        if self.mesh is master.mesh and np.intersect1d(self.facets, master.facets).size:
+            raise ValueError(
+                "slave and master share facets: a facet cannot be in contact with itself"
+            )
+
+    def search_object(self, slave: Surface) -> _cpp.Surface:
+        """The extension's surface as pairing from a slave sees it."""
+        return self.cpp_object
 
     @property
     def area_dim(self) -> int:

@@ -41,7 +41,7 @@ class Additive:
         self.bodies = [(K, body.linear) for K, body in zip(matrices, bodies, strict=True)]
         with watch.stage("conversion"):
             #: Contact alone.
-            self.contact: PETSc.Mat = blocks.nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+            self.contact: PETSc.Mat = blocks.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         ends = np.cumsum([body.num_owned for body in bodies])
         self._parts = [slice(e - b.num_owned, e) for e, b in zip(ends, bodies, strict=True)]
         self._product = _Product(matrices, self._parts, self.contact)
@@ -61,7 +61,7 @@ class Additive:
             self._blocks.assemble()
         with self._watch.stage("conversion"):
             if contact:
-                self._blocks.nest.convert(PETSc.Mat.Type.AIJ, self.contact)
+                self._blocks.matrix.convert(PETSc.Mat.Type.AIJ, self.contact)
             else:
                 self.contact.zeroEntries()
         self._product.shift = None

@@ -10,7 +10,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import terms
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.system.body import Body
 
 #: Body (index) of the slave's and of the master's side of a contact, None of a rigid tool.
@@ -32,7 +33,7 @@ class Blocks:
     def __init__(
         self,
         bodies: typing.Sequence[Body],
-        contacts: typing.Sequence[Contact],
+        contacts: typing.Sequence[ContactModel],
         sides: Sides,
         matrices: typing.Sequence[PETSc.Mat],
         bulk: bool,
@@ -45,7 +46,7 @@ class Blocks:
         coupled |= {pair for s, m in sides if m is not None for pair in ((s, m), (m, s))}
         self._mats = {(i, j): _contact_pattern(matrices, i, j) for i, j in sorted(coupled)}
         for contact, side in zip(contacts, sides, strict=True):
-            contact.add_pattern(self._of(*side))
+            terms.add_pattern(contact, self._of(*side))
         for (i, j), mat in self._mats.items():
             mat.assemble()
             if i == j and bulk:
@@ -54,17 +55,22 @@ class Blocks:
             mat.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
             forbid_allocation(mat)
         rows = range(len(bodies))
-        self.nest: PETSc.Mat = PETSc.Mat().createNest(
+        self.matrix: PETSc.Mat = PETSc.Mat().createNest(
             [[self._mats.get((i, j)) for j in rows] for i in rows], comm=bodies[0].comm
         )
-        self.nest.assemble()
+        self.matrix.assemble()
 
-    def _of(self, slave: int, master: int | None) -> tuple[PETSc.Mat | None, ...]:
+    @property
+    def nest(self) -> PETSc.Mat:
+        """The MatNest."""
+        return self.matrix
+
+    def _of(self, slave: int, master: int | None) -> terms.BlocksOf:
         """Blocks ss, sm, ms, mm of a contact; those of a rigid master are None."""
         if master is None:
             return self._mats[slave, slave], None, None, None
-        pairs = ((slave, slave), (slave, master), (master, slave), (master, master))
-        return tuple(self._mats[pair] for pair in pairs)
+        of = self._mats
+        return of[slave, slave], of[slave, master], of[master, slave], of[master, master]
 
     def block(self, i: int, j: int) -> PETSc.Mat | None:
         """Block of bodies i and j, None where no contact couples them."""
@@ -86,7 +92,7 @@ class Blocks:
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        self.nest.destroy()
+        self.matrix.destroy()
         for mat in self._mats.values():
             mat.destroy()
 
@@ -95,18 +101,23 @@ class Blocks:
         """Bodies of each block that there is."""
         return list(self._mats)
 
-    def assemble(self) -> None:
-        """Fill all blocks for the bodies' and the contacts' present state. Collective."""
+    def assemble(self, contact: bool = True) -> None:
+        """Fill all blocks for the bodies' and the contacts' present state. Collective.
+
+        Args:
+            contact: False for the bulk alone.
+        """
         for mat in self._mats.values():
             mat.zeroEntries()
         for i, body in enumerate(self._bodies):
             if self._bulk:
                 body.add_tangent(self._mats[i, i])
-        for contact, side in zip(self._contacts, self._sides, strict=True):
-            contact.add_tangent(self._of(*side))
+        parts = zip(self._contacts, self._sides, strict=True) if contact else ()
+        for one, side in parts:
+            terms.add_tangent(one, self._of(*side))
         for mat in self._mats.values():
             mat.assemble()
-        self.nest.assemble()
+        self.matrix.assemble()
 
 
 def forbid_allocation(mat: PETSc.Mat) -> None:

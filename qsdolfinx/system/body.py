@@ -21,6 +21,26 @@ from qsdolfinx.base.timing import Stopwatch
 Array = npt.NDArray[np.float64]
 
 
+def contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
+    """Whether a function space, DOLFINx's wrapper or C++ object, is V or one of its sub-spaces."""
+    part = getattr(part, "_cpp_object", part)
+    return bool(part == V._cpp_object or V._cpp_object.contains(part))
+
+
+def body_of(u: typing.Sequence[fem.Function], V: fem.FunctionSpace | None) -> int | None:
+    """Index of the body whose space is V or has the sub-space V; None of a rigid tool's None.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    if V is None:
+        return None
+    for i, function in enumerate(u):
+        if contains(function.function_space, V):
+            return i
+    raise ValueError("V: is the space of none of the bodies, nor a part of one")
+
+
 class Body:
     """Bulk form F(u; v) = 0 of one body.
 

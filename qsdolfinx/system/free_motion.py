@@ -9,16 +9,15 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import active_set
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.surface.unknowns import owned_vertices
-from qsdolfinx.system.additive import Additive
-from qsdolfinx.system.blocks import Blocks, Sides
+from qsdolfinx.system.blocks import Sides
 from qsdolfinx.system.body import Body
-from qsdolfinx.system.monolithic import Monolithic
 from qsdolfinx.system.rigid_modes import RigidMotion, displacement_space
+from qsdolfinx.system.tangent import Tangent
 
 Array = npt.NDArray[np.float64]
-Tangent = Blocks | Monolithic | Additive
 
 #: What is added to the diagonal of the tangent, relative to its mean.
 SHIFT = 1e-9
@@ -46,7 +45,7 @@ class Hold:
         self,
         rigid: RigidMotion,
         bodies: typing.Sequence[Body],
-        contacts: typing.Sequence[Contact],
+        contacts: typing.Sequence[ContactModel],
         sides: Sides,
     ) -> None:
         self._bodies, self._contacts, self._rigid = bodies, contacts, rigid
@@ -57,9 +56,8 @@ class Hold:
             return
         for contact, side in zip(contacts, sides, strict=True):
             changes = []
-            for p in contact.passes:
-                slave, master = contact.ordered(p, side)
-                changes.append(rigid.gap_changes(p, (slave, master)) @ self._motions)
+            for p in contact.gaps:
+                changes.append(rigid.gap_changes(p, contact.ordered(p, side)) @ self._motions)
             self._changes.append(changes)
 
     def free_motions(self) -> Array:
@@ -72,9 +70,9 @@ class Hold:
         if count == 0:
             return self._motions
         for contact, changes in zip(self._contacts, self._changes, strict=True):
-            for p, change in zip(contact.passes, changes, strict=True):
-                weight = np.repeat(p.weight * contact.eps, p.values.shape[1])
-                closed = np.repeat(contact.slope(p) > 0, p.values.shape[1])
+            for p, change in zip(contact.gaps, changes, strict=True):
+                weight = np.repeat(p.weight * contact.eps, p.operator.width)
+                closed = np.repeat(active_set.closed(contact, p), p.operator.width)
                 whole += (change.T * weight) @ change
                 stiffness += (change.T * (weight * closed)) @ change
         comm: MPI.Intracomm = self._bodies[0].comm

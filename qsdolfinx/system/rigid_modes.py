@@ -91,14 +91,14 @@ class RigidMotion:
         ]
         return np.asarray(self._comm.allreduce(np.array(local), op=MPI.SUM))
 
-    def gap_changes(self, weighted_gap: WeightedGap, sides: tuple[int | None, int | None]) -> Array:
+    def gap_changes(self, weighted_gap: WeightedGap, sides: tuple[int | None, ...]) -> Array:
         """How the modes change weighted gaps, shape (values of the gaps, modes). Collective.
 
         Args:
             weighted_gap: A pass of a contact.
             sides: Bodies of its slave and its master, None of a rigid one.
         """
-        out = np.zeros((weighted_gap.values.size, self._offsets[-1]))
+        out = np.zeros((weighted_gap.state.values.size, self._offsets[-1]))
         for body in {side for side in sides if side is not None}:
             for j, mode in enumerate(self.modes[body]):
                 u = [mode if side == body else self._zero_of(side) for side in sides]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import typing
 
 from mpi4py import MPI
@@ -11,18 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.timing import Span, Stopwatch, spans
-from qsdolfinx.contact.contact import Contact
-from qsdolfinx.contact.penalty import automatic_penalty, nodal_stiffness
-from qsdolfinx.contact.penalty import source as penalty_source
-from qsdolfinx.solve.arguments import body_of
-from qsdolfinx.surface.surface import Surface
-from qsdolfinx.system.additive import Additive
-from qsdolfinx.system.blocks import Blocks, Side, is_symmetric
-from qsdolfinx.system.body import Body
-from qsdolfinx.system.free_motion import Hold, Tangent
-from qsdolfinx.system.monolithic import Monolithic
-from qsdolfinx.system.rigid_modes import RigidMotion, orthonormal, rigid_modes, set_near_nullspace
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.contact import active_set, terms
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.system import stiffness
+from qsdolfinx.system.blocks import Side
+from qsdolfinx.system.body import Body, body_of
+from qsdolfinx.system.matrices import Form, Matrices
 
 Array = npt.NDArray[np.float64]
 
@@ -34,51 +30,44 @@ class ContactSystem:
 
     Args:
         bodies: The bodies.
-        contacts: Contacts between them.
-        kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
+        contacts: Contacts between them, as solvers see them.
+        form: What the linear solver sees.
     """
 
     def __init__(
-        self, bodies: typing.Sequence[Body], contacts: typing.Sequence[Contact], kind: str
+        self, bodies: typing.Sequence[Body], contacts: typing.Sequence[ContactModel], form: Form
     ) -> None:
         self.bodies = list(bodies)
         self.u = [body.u for body in bodies]
         self.contacts = list(contacts)
         #: Bodies of the slave and the master of each contact; None for a rigid tool.
-        self.sides: list[Side] = [
-            (body_of(self.u, c.slave.V, "slave"), self._master_body(c)) for c in contacts
-        ]
-        for contact, sides in zip(contacts, self.sides, strict=True):
-            for i in sides:
+        self.sides: list[Side] = []
+        for contact in contacts:
+            slave, master = body_of(self.u, contact.slave.V), body_of(self.u, contact.master.V)
+            assert slave is not None
+            self.sides.append((slave, master))
+            for i in (slave, master):
                 if i is not None:
                     self.bodies[i].axisymmetric = contact.slave.axisymmetric
-        self._kind = kind
-        #: Whether the linear solver needs no more of an AIJ matrix than its product.
-        self._sums = False
+        self.form = form
         for body in self.bodies:
-            if kind == "mpi" and body.V.dofmap.index_map_bs > 1:
+            if form is not Form.NEST and body.V.dofmap.index_map_bs > 1:
                 body.matrix_type = PETSc.Mat.Type.BAIJ
         #: Wall time that this rank has spent in conversion and in the solver.
         self.watch = Stopwatch()
-        self._offsets = np.cumsum([0, *(body.num_owned for body in self.bodies)])
-        self._rigid: RigidMotion | None = None
-        self._hold: Hold | None = None
-        self.blocks: Blocks | None = None
-        self._tangent: Tangent | None = None
-        self._matrix: PETSc.Mat | None = None
-        self._paired: list[int] = []
+        self._ends = np.cumsum([body.num_owned for body in self.bodies])
+        self._made: Matrices | None = None
+        self._paired: list[object] = []
         self._assembled: list[object] | None = None
-        self._evaluated: Array = np.zeros(0)
-        self._moduli: list[float] = []
-        self._bulk_symmetric = True
-        self._x = PETSc.Vec().createMPI((self._offsets[-1], PETSc.DETERMINE), comm=self.comm)
-        self._r = self._x.duplicate()
-
-    def _master_body(self, contact: Contact) -> int | None:
-        """Index of the master's body, None of a rigid tool."""
-        if isinstance(contact.master, RigidSurface):
-            return None
-        return body_of(self.u, contact.master.V, "master")
+        #: E of each contact (stress), when matrices were last made.
+        self.moduli: list[float] = []
+        #: Owned unknowns at the last evaluation.
+        self.evaluated: Array = np.zeros(0)
+        #: Residual of the bulk forms there, owned unknowns of each body.
+        self.bulk_residuals: list[Array] = []
+        #: Unknowns and residual of all bodies.
+        self.x: PETSc.Vec = PETSc.Vec().createMPI((self._ends[-1], PETSc.DETERMINE), comm=self.comm)
+        self.r: PETSc.Vec = self.x.duplicate()
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -88,113 +77,151 @@ class ContactSystem:
     @property
     def unknowns(self) -> list[str]:
         """``"displacement"`` or ``"velocity"``, for each body, as its contacts say."""
-        unknowns = ["displacement"] * len(self.bodies)
-        for contact, sides in zip(self.contacts, self.sides, strict=True):
-            for i, unknown in zip(sides, contact.unknown, strict=True):
-                if i is not None:
-                    unknowns[i] = unknown
-        return unknowns
+        return self._of_bodies(
+            "displacement", [contact.kinematics.unknown for contact in self.contacts]
+        )
 
     @property
-    def _scales(self) -> list[float]:
+    def scales(self) -> list[float]:
         """Displacement per unknown of each body."""
-        scales = [1.0] * len(self.bodies)
-        for contact, sides in zip(self.contacts, self.sides, strict=True):
-            for i, scale in zip(sides, contact.scale, strict=True):
+        return self._of_bodies(1.0, [contact.kinematics.scale for contact in self.contacts])
+
+    def _of_bodies(self, default: typing.Any, of_contacts: list[typing.Any]) -> list[typing.Any]:
+        """What the contacts say of their two bodies, for each body."""
+        out = [default] * len(self.bodies)
+        for sides, values in zip(self.sides, of_contacts, strict=True):
+            for i, value in zip(sides, values, strict=True):
                 if i is not None:
-                    scales[i] = scale
-        return scales
+                    out[i] = value
+        return out
 
     @property
     def timings(self) -> dict[str, Span]:
-        """Wall time (s) since the problem was made, of the contacts since they were. Collective.
-
-        Returns:
-            The most and the least that any rank has spent in each stage: ``"pairing"``, ``"gap"``,
-            ``"insertion"`` of contact blocks, ``"bulk assembly"``, ``"conversion"`` of the MatNest,
-            and ``"solve"``, which is what is left of the nonlinear solver: the linear one. The
-            stages of PETSc's ``-log_view`` are the same.
-        """
+        """Wall time (s) by stage, see :attr:`qs.ContactProblem.timings`. Collective."""
         watches = [*(b.watch for b in self.bodies), *(c.watch for c in self.contacts), self.watch]
         return spans(self.comm, watches)
 
+    @property
+    def slips(self) -> list[Slip]:
+        """Slips of all contacts; none without friction."""
+        return [slip for contact in self.contacts for slip in contact.slips]
+
+    @property
+    def linear(self) -> bool:
+        """Whether all bodies are linear."""
+        return all(body.linear for body in self.bodies)
+
+    def num_active_local(self) -> list[int]:
+        """Closed rows of each contact on this rank at the last evaluation."""
+        return [active_set.num_closed(contact) for contact in self.contacts]
+
+    def set_strict(self, strict: bool) -> None:
+        """Say whether gaps that are open by rounding alone count as open, without friction.
+
+        At first they count as closed, or bodies that just touch would fall through each other. But
+        they bear no force: with light loads Newton's method would never end with such a tangent.
+        """
+        for contact in self.contacts:
+            contact.strict = strict and contact.friction is None
+
+    def part(self, array: Array, i: int) -> Array:
+        """The part of an array of owned unknowns that is body i's."""
+        return array[self._ends[i] - self.bodies[i].num_owned : self._ends[i]]
+
+    def parts(self, array: Array) -> list[Array]:
+        """The parts of all bodies."""
+        return [self.part(array, i) for i in range(len(self.bodies))]
+
+    def norm(self, owned: Array) -> float:
+        """2-norm of a vector whose owned values these are. Collective."""
+        return float(np.sqrt(self.comm.allreduce(owned @ owned, op=MPI.SUM)))
+
     # --- Matrices
 
-    def _rebuild(self) -> None:
+    @property
+    def made(self) -> Matrices:
+        """Matrices for the present pairing; see :meth:`rebuild`."""
+        assert self._made is not None
+        return self._made
+
+    @property
+    def matrix(self) -> PETSc.Mat:
+        """The tangent as the linear solver sees it."""
+        return self.made.matrix
+
+    @property
+    def has_matrices(self) -> bool:
+        """Whether matrices have been made."""
+        return self._made is not None
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether matrices have to be made, or made anew."""
+        return self._made is None or not self._is_paired()
+
+    def _is_paired(self) -> bool:
+        """Whether what the contacts have paired is what matrices were made for."""
+        paired = [contact.paired for contact in self.contacts]
+        return len(paired) == len(self._paired) and all(map(operator.is_, paired, self._paired))
+
+    def rebuild(self) -> None:
         """Penalties, patterns and matrices after the contacts have paired. Collective."""
-        self._destroy_matrices()
-        matrices = [body.matrix() for body in self.bodies]
-        markers = [body.constrained_marker() for body in self.bodies]
-        self._bulk_symmetric = all([is_symmetric(matrix) for matrix in matrices])
-        self._moduli = []
-        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
-            contact.constrain(markers[s], None if m is None else markers[m])
-            deformable = [(contact.slave, s)]
-            if isinstance(contact.master, Surface) and m is not None:
-                deformable.append((contact.master, m))
-            stiffness, modulus = zip(
-                *(
-                    nodal_stiffness(surface, matrices[i], markers[i], self._scales[i])
-                    for surface, i in deformable
-                ),
-                strict=True,
-            )
-            contact.stiffness = stiffness
-            if contact.needs_penalty:
-                together = self._sums and contact.law.linear
-                known = stiffness, modulus, contact.quadrature, contact.augmented, together
-                contact.set_automatic_penalty(automatic_penalty(*known), penalty_source(*known))
-            self._moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
-        nest = self._kind == "nest"
-        self.blocks = Blocks(self.bodies, self.contacts, self.sides, matrices, bulk=nest)
-        if nest:
-            self._tangent, self._matrix = self.blocks, self.blocks.nest
-            for body in self.bodies:
-                body.free_matrix()
-        else:
-            form = Additive if self._sums else Monolithic
-            self._tangent = form(self.bodies, self.blocks, matrices, self.watch)
-            self._matrix = self._tangent.matrix
-        self._rigid = RigidMotion(self.bodies)
-        self._hold = Hold(self._rigid, self.bodies, self.contacts, self.sides)
-        self._set_near_nullspaces()
-        for marker in markers:
-            marker.destroy()
-        self._paired = [c.version for c in self.contacts]
+        self.destroy_matrices()
+        bulk = [body.matrix() for body in self.bodies]
+        parts = self.bodies, self.contacts, self.sides
+        self.moduli = stiffness.measure(*parts, self.scales, bulk, self.form)
+        self._made = Matrices(*parts, bulk, self.form, self.watch)
+        self._paired = [c.paired for c in self.contacts]
         self._assembled = None
 
-    def _destroy_matrices(self) -> None:
-        """Free the matrices; in parallel petsc4py would keep them. Collective."""
-        if isinstance(self._tangent, Monolithic | Additive):
-            self._tangent.destroy()
-        if self.blocks is not None:
-            self.blocks.destroy()
-        if self._rigid is not None:
-            self._rigid.destroy()
-        self.blocks = self._tangent = self._matrix = self._rigid = None
+    def destroy_matrices(self) -> None:
+        """Free the matrices. Collective."""
+        if self._made is not None:
+            self._made.destroy()
+        self._made = None
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        self.destroy_matrices()
+        self.x.destroy()
+        self.r.destroy()
+        for body in self.bodies:
+            body.destroy()
+
+    def replace_vectors(self) -> None:
+        """Take new vectors: PETSc leaves those locked that a callback that raised has seen."""
+        new = [vec.duplicate() for vec in (self.x, self.r)]
+        self.x.copy(new[0])
+        self.x.destroy()
+        self.r.destroy()
+        self.x, self.r = new
+        self._paired = [None] * len(self.contacts)  # whoever holds the old ones is set up again
 
     # --- Evaluation
 
-    def _part(self, array: Array, i: int) -> Array:
-        """The part of an array of owned unknowns that is body i's."""
-        return array[self._offsets[i] : self._offsets[i + 1]]
-
-    def _evaluate(self, x: Array) -> Array:
+    def residual(self, x: Array) -> Array:
         """Residual at the owned unknowns x; leaves u, gaps and multipliers at x. Collective."""
-        self._evaluated = x.copy()
-        residuals = [body.residual(self._part(x, i)) for i, body in enumerate(self.bodies)]
-        self._bulk_residuals = [residual.copy() for residual in residuals]
+        self.evaluated = x.copy()
+        residuals = [body.residual(self.part(x, i)) for i, body in enumerate(self.bodies)]
+        self.bulk_residuals = [residual.copy() for residual in residuals]
         forces = [body.force for body in self.bodies]
         for force in forces:
             force.zeroEntries()
         for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
-            contact.evaluate(self.bodies[s].x, None if m is None else self.bodies[m].x)
-            contact.add_residual(forces[s], None if m is None else forces[m])
+            terms.evaluate(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
+            terms.add_residual(contact, forces[s], None if m is None else forces[m])
         for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
             residual[body.free] += force.array_r[body.free]
         return np.concatenate(residuals)
 
-    def _assemble(self) -> bool:
+    def tangent(self, x: Array) -> PETSc.Mat:
+        """Derivative of the residual at the owned unknowns x, in ``matrix``. Collective."""
+        self.residual(x)
+        self._assembled = None
+        self.assemble()
+        return self.matrix
+
+    def assemble(self) -> bool:
         """Tangent at the last evaluation, unless it is there already. Collective.
 
         For linear bodies it depends on the active set alone: while that stays, the linear solver
@@ -203,61 +230,37 @@ class ContactSystem:
         Returns:
             Whether it has changed.
         """
-        assert self._tangent is not None and self._hold is not None and self._matrix is not None
-        constant = all(body.linear for body in self.bodies)
         state: list[object] = [body.fingerprint for body in self.bodies]
         for contact in self.contacts:
-            state += [contact.eps, contact.scale, contact.tangent_state()]
-        if constant and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
+            state += [contact.eps, contact.kinematics.scale, active_set.tangent_state(contact)]
+        if self.linear and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
             return False
-        self._tangent.assemble()
-        self._hold.add_to(self._tangent)
-        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
+        self.made.tangent.assemble()
+        self.made.hold.add_to(self.made.tangent)
+        self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
         self._assembled = state
         return True
 
-    def _assemble_bulk(self) -> None:
+    def assemble_bulk(self) -> None:
         """The tangent without contact. Collective."""
-        assert isinstance(self._tangent, Additive) and self._hold is not None
-        self._tangent.assemble(contact=False)
-        self._hold.add_to(self._tangent, contact=False)
+        self.made.tangent.assemble(contact=False)
+        self.made.hold.add_to(self.made.tangent, contact=False)
         self._assembled = None
 
-    def _rounding(self) -> float:
+    def rounding(self) -> float:
         """Norm of the residual that rounding leaves at the last evaluation. Collective.
 
         The products K_ij x_j that sum up to nothing are of the size of K_ii x_i. Where one body is
         10^8 times as stiff as the other this is more than a small part of the loads.
         """
-        assert self._tangent is not None
         products = [
-            (self._tangent.diagonal(i) * self._part(self._evaluated, i))[body.free]
+            (self.made.tangent.diagonal(i) * self.part(self.evaluated, i))[body.free]
             for i, body in enumerate(self.bodies)
         ]
-        square = self.comm.allreduce(float(sum(p @ p for p in products)), op=MPI.SUM)
-        return float(np.finfo(np.float64).eps * np.sqrt(square))
+        return float(np.finfo(np.float64).eps) * self.norm(np.concatenate(products))
 
     @property
     def symmetric(self) -> bool:
         """Whether the tangent is symmetric, as its matrix is told."""
-        return self._bulk_symmetric and all(contact.symmetric for contact in self.contacts)
-
-    def _set_near_nullspaces(self) -> None:
-        """Rigid modes of each body on its block, and of all together on the AIJ matrix."""
-        assert self.blocks is not None and self._rigid is not None and self._matrix is not None
-        for i, modes in enumerate(self._rigid.modes):
-            block = self.blocks.block(i, i)
-            if modes and block is not None:
-                set_near_nullspace(block, modes)
-        if self._kind == "nest" or self._sums or not all(self._rigid.modes):
-            return
-        gdim = self.bodies[0].V.mesh.geometry.dim
-        if all(body.V.dofmap.index_map_bs == gdim for body in self.bodies):
-            self._matrix.setBlockSize(gdim)  # multigrid's
-        vecs = []
-        for parts in zip(*map(rigid_modes, self.bodies), strict=True):
-            vecs.append(self._x.duplicate())
-            vecs[-1].array[:] = np.concatenate(parts)
-        set_near_nullspace(self._matrix, orthonormal(vecs))
-        for vec in vecs:
-            vec.destroy()
+        bulk = self._made is None or self._made.bulk_symmetric
+        return bulk and all(contact.symmetric for contact in self.contacts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import typing
 
 from mpi4py import MPI
 
@@ -14,15 +15,30 @@ from dolfinx import mesh
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check_array, check_flag, check_positive, check_type, check_vector
 from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.crash import end_all_ranks
+from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
+from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import triangulation
-from qsdolfinx.tools.pose import Tool, padded, unit_vector
+from qsdolfinx.tools.pose import Pose, padded, unit_vector
 from qsdolfinx.tools.shapes import Plane, Round, Shape
 from qsdolfinx.tools.triangulation import Facets
 
 Array = npt.NDArray[np.float64]
 
 
-class RigidSurface(Tool):
+class Driven(typing.NamedTuple):
+    """A force that drives a tool.
+
+    Attributes:
+        force: Force (in 2D per length) with which the tool is pushed along the direction.
+        direction: Unit vector, shape (gdim,).
+    """
+
+    force: float
+    direction: Array
+
+
+class RigidSurface:
     """Surface of a rigid tool, the master of a contact.
 
     A tool has no unknowns and adds none to the matrix. Make one with :meth:`plane`,
@@ -39,7 +55,15 @@ class RigidSurface(Tool):
     """
 
     def __init__(self, comm: MPI.Intracomm, center: Array, shape: Shape | Facets) -> None:
-        super().__init__(comm, center)
+        end_all_ranks(comm)
+        self._comm = comm
+        self._center = np.asarray(center, dtype=np.float64)
+        self._pose = Pose.at_rest(len(self._center))
+        self._displacement: Array = np.zeros(self.gdim)
+        self._rotation: Array = np.zeros(1 if self.gdim == 2 else 3)
+        self._driven: Driven | None = None
+        #: Counts the positions that the tool has had.
+        self.version = 0
         self._shape = shape
         self._surface: tuple[tuple[int, bool], _cpp.Surface] | None = None
 
@@ -206,6 +230,21 @@ class RigidSurface(Tool):
         return cls(msh.comm, _center(msh.comm, center, mean), facets)
 
     @property
+    def V(self) -> None:
+        """There is no space of unknowns."""
+        return None
+
+    @property
+    def cpp_object(self) -> None:
+        """The extension has no surface with unknowns for it."""
+        return None
+
+    @property
+    def degree(self) -> int:
+        """Degree of the trace of its displacement: 0, as there is none."""
+        return 0
+
+    @property
     def is_analytic(self) -> bool:
         """Whether the shape is known in closed form; else it is made of facets."""
         return isinstance(self._shape, Shape)
@@ -243,7 +282,7 @@ class RigidSurface(Tool):
         """
         if not isinstance(self._shape, Shape):
             raise ValueError("distance: is known in closed form for analytic shapes only")
-        R, t = self._embedded
+        R, t = self._pose.embedded
         points = check_array("x", x, (None, 3))
         distance, normal = self._shape.distance((points - t) @ R)
         return distance, normal @ R.T
@@ -259,16 +298,163 @@ class RigidSurface(Tool):
         """
         state = self.version, axisymmetric
         if self._surface is None or self._surface[0] != state:
-            R, t = self._embedded
+            R, t = self._pose.embedded
             surface = self._facets.surface(self.comm, self.gdim, R, t, axisymmetric)
             self._surface = state, surface
         return self._surface[1]
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the tool."""
+        return self._comm
+
+    @property
+    def gdim(self) -> int:
+        """Geometric dimension, 2 or 3."""
+        return len(self._center)
+
+    # --- Motion
+
+    @property
+    def displacement(self) -> Array:
+        """Translation over the coming step (length), shape (gdim,)."""
+        return self._displacement
+
+    @displacement.setter
+    def displacement(self, value: npt.ArrayLike) -> None:
+        self._displacement = check_vector("displacement", value, self.gdim)
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation about :attr:`center` over the coming step, radians.
+
+        In 2D an angle, counter-clockwise, shape (1,); in 3D a rotation vector, shape (3,).
+        """
+        return self._rotation
+
+    @rotation.setter
+    def rotation(self, value: npt.ArrayLike) -> None:
+        size = len(self._rotation)
+        self._rotation = check_vector("rotation", [value] if np.isscalar(value) else value, size)
+
+    @property
+    def center(self) -> Array:
+        """The point of the tool that it is rotated about, where it is now, shape (gdim,)."""
+        return self._pose(self._center)
+
+    @property
+    def motion(self) -> Affine:
+        """Displacement field of the coming step."""
+        R = rotation_matrix(self._rotation)
+        return rotation_about(R, self.center, self._displacement)
+
+    def advance(self) -> None:
+        """Move the tool for good by its displacement and rotation, and set these to zero.
+
+        Call ``contact.update()`` next: it pairs with the new position.
+        """
+        self.position = self._pose.moved(self.motion)
+        self._displacement = np.zeros_like(self._displacement)
+        self._rotation = np.zeros_like(self._rotation)
+
+    @property
+    def position(self) -> Array:
+        """Where the tool is: [R | t], shape (gdim, gdim + 1); x₀ has gone to R x₀ + t.
+
+        It can be set, to go on from a checkpoint; ``contact.update()`` has to follow.
+        """
+        return self._pose.matrix
+
+    @position.setter
+    def position(self, value: npt.ArrayLike) -> None:
+        self._pose = Pose.from_matrix(value, self.gdim)
+        self.version += 1
+
+    # --- Force
+
+    def drive(self, force: float, direction: npt.ArrayLike) -> None:
+        """Push the tool with a force, instead of a prescribed displacement, in the next solves.
+
+        A solve finds the displacement along the direction for which the contact forces balance
+        this one: ``contact.force("master") @ direction == -force``, to 1e-8 of the force.
+        :attr:`displacement` holds it afterwards; the other components stay prescribed.
+
+        Args:
+            force: Force, in 2D per length; negative values pull, which only tied contact can hold.
+            direction: Vector of any length, shape (gdim,).
+
+        Raises:
+            ValueError: If the force is zero or not finite, or the direction is zero or has another
+                shape.
+        """
+        number = float(check_vector("force", [force], 1)[0])
+        if number == 0:
+            raise ValueError("force: must not be zero; use a tool that is not in contact instead")
+        self._driven = Driven(number, unit_vector("direction", direction, self.gdim))
+
+    def release(self) -> None:
+        """Prescribe all of the displacement again."""
+        self._driven = None
+
+    @property
+    def driven(self) -> Driven | None:
+        """The force that drives the tool, None if its displacement is prescribed."""
+        return self._driven
+
+    # --- For contacts
+
+    def create_vec(self) -> None:
+        """There are no unknowns."""
+        return None
+
+    def shape_degree(self, order: int) -> int:
+        """Total polynomial degree of Lagrange functions of this order on its facets; 0 without."""
+        if self.is_analytic:
+            return 0
+        return order * (2 if self.num_facet_vertices == 4 else 1)
+
+    def search_object(self, slave: Surface) -> _cpp.Surface:
+        """Its facets as pairing from a slave sees them: rings where the slave's are."""
+        return self.facets(slave.axisymmetric)
+
+    def check_state(self) -> None:
+        """Refuse a motion or force that is not finite or differs between ranks. Collective.
+
+        Raises:
+            ValueError: With the name of what is wrong.
+        """
+        with collective_errors(self.comm):
+            self.displacement = self._displacement
+            self.rotation = self._rotation
+        force, direction = (None, None) if self._driven is None else self._driven
+        check_agreement(
+            self.comm,
+            displacement=self._displacement.tolist(),
+            rotation=self._rotation.tolist(),
+            position=self.position.tolist(),
+            force=force,
+            direction=None if direction is None else direction.tolist(),
+        )
 
     @property
     def _facets(self) -> Facets:
         if not isinstance(self._shape, Facets):
             raise ValueError("an analytic shape has no facets")
         return self._shape
+
+
+#: Either side of a contact.
+AnySurface = Surface | RigidSurface
+
+
+def as_tool(surface: AnySurface) -> RigidSurface | None:
+    """The surface if it is a rigid tool."""
+    return surface if isinstance(surface, RigidSurface) else None
+
+
+def deformable(surface: AnySurface) -> Surface | None:
+    """The surface if it has unknowns."""
+    return surface if isinstance(surface, Surface) else None
 
 
 def _check_comm(comm: MPI.Intracomm) -> None:

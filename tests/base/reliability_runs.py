@@ -51,7 +51,7 @@ def interrupted(folder):
     case = Upset(die=True, n=4)
     case.stepper.step()
     state, forces = case.state(), case.forces()
-    evaluate, count = case.problem._evaluate, []
+    evaluate, count = case.problem.system.residual, []
 
     def interrupt(x):
         count.append(1)
@@ -59,7 +59,7 @@ def interrupted(folder):
             os.kill(os.getpid(), signal.SIGINT)
         return evaluate(x)
 
-    case.problem._evaluate = interrupt
+    case.problem.system.residual = interrupt
     try:
         case.stepper.step()
     except KeyboardInterrupt:

@@ -80,32 +80,32 @@ def test_finite_differences(cell, formulation, law, options):
     pair, problem, _ = problem_of(cell, law, formulation, OPTIONS[options], n=n, wave=0.05)
     contact = pair.contact
     rng = np.random.default_rng(5)
-    x = problem._x.copy()
+    x = problem.system.x.copy()
     for i, V in enumerate(pair.V):  # the same on any partition
-        part = problem._part(x.array, i)
+        part = problem.system.part(x.array, i)
         positions = V.tabulate_dof_coordinates()[: len(part) // pair.gdim]
         waves, phases = rng.normal(size=(8, 3)) * 6, rng.random((8, pair.gdim)) * 6
         part += 0.02 * np.sin((positions @ waves.T)[:, :, None] + phases).mean(axis=1).ravel()
         part[:] = problem.bodies[i].with_conditions(part)
     d = direction(problem, x, rng)
-    problem._evaluate(x.array_r)
+    problem.system.residual(x.array_r)
     active = WORLD.allreduce(contact.num_active_local())
     slipping = WORLD.allreduce(sum(int(s.response.slipping.sum()) for s in contact.slips))
-    problem._assembled = None
-    problem._assemble()
+    problem.system._assembled = None
+    problem.system.assemble()
     product = d.duplicate()
-    problem._matrix.mult(d, product)
+    problem.system.matrix.mult(d, product)
     step = 1e-8
-    residuals = [problem._evaluate(x.array_r + sign * step * d.array_r) for sign in (1, -1)]
+    residuals = [problem.system.residual(x.array_r + sign * step * d.array_r) for sign in (1, -1)]
     difference = d.duplicate()
     difference.array[:] = (residuals[0] - residuals[1]) / (2 * step)
     difference.axpy(-1, product)
     error = difference.norm() / product.norm()
-    transposed = problem._matrix.copy()
+    transposed = problem.system.matrix.copy()
     transposed.transpose()
-    transposed.axpy(-1, problem._matrix)
-    asymmetry = transposed.norm() / problem._matrix.norm()
-    known, flagged = problem._matrix.isSymmetricKnown()
+    transposed.axpy(-1, problem.system.matrix)
+    asymmetry = transposed.norm() / problem.system.matrix.norm()
+    known, flagged = problem.system.matrix.isSymmetricKnown()
     assert error < 1e-5
     assert active > 0
     assert slipping > 0 or law == "sticking"
@@ -160,7 +160,7 @@ def test_sticking_is_tied(cell, quadrature, formulation):
         problem = pair.problem()
         problem.solve()
         forces.append(pair.contact.force("slave"))
-        solutions.append(problem._x.array_r.copy())
+        solutions.append(problem.system.x.array_r.copy())
     difference = largest(solutions[0] - solutions[1]) / largest(solutions[0])
     assert difference < 1e-8
     np.testing.assert_allclose(forces[1], forces[0], atol=1e-8 * np.abs(forces[0]).max())
@@ -208,7 +208,7 @@ def test_nothing_moves(cell):
     pair, problem, _ = problem_of(cell, "coulomb", shift=0.3, n=(4, 3))
     contact = pair.contact
     slipped = WORLD.allreduce(int(contact.slipping().sum()))
-    problem._evaluate(problem._x.array_r)  # the start of the next step
+    problem.system.residual(problem.system.x.array_r)  # the start of the next step
     again = WORLD.allreduce(int(contact.slipping().sum()))
     taken = contact.step_dissipation()
     assert slipped > 0 and again == 0 and taken == 0

@@ -90,15 +90,15 @@ def test_patch(cell, inner, law, formulation):
 def test_finite_differences(quadrature):
     problem = Stack(quadrature=quadrature).problem
     problem.solve()
-    x = problem._x.copy()
+    x = problem.system.x.copy()
     d = direction(problem, x, np.random.default_rng(3))
-    problem._evaluate(x.array_r)
-    problem._assembled = None
-    problem._assemble()
+    problem.system.residual(x.array_r)
+    problem.system._assembled = None
+    problem.system.assemble()
     product = d.duplicate()
-    problem._matrix.mult(d, product)
-    plus = problem._evaluate(x.array_r + 1e-6 * d.array_r)
-    minus = problem._evaluate(x.array_r - 1e-6 * d.array_r)
+    problem.system.matrix.mult(d, product)
+    plus = problem.system.residual(x.array_r + 1e-6 * d.array_r)
+    minus = problem.system.residual(x.array_r - 1e-6 * d.array_r)
     assert largest(product.array_r - (plus - minus) / 2e-6) < 1e-6 * largest(product.array_r)
 
 

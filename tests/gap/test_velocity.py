@@ -56,19 +56,26 @@ def test_finite_differences(kind):
     pair, _ = scene(KINDS[kind])
     problem = pair.problem()
     problem.solve()
-    x = problem._x.copy()
+    x = problem.system.x.copy()
     d = direction(problem, x, np.random.default_rng(3))
-    problem._evaluate(x.array_r)
-    problem._assembled = None
-    problem._assemble()
+    problem.system.residual(x.array_r)
+    problem.system._assembled = None
+    problem.system.assemble()
     product, other = d.duplicate(), d.duplicate()
-    problem._matrix.mult(d, product)
+    problem.system.matrix.mult(d, product)
     step = 1e-6
-    plus = problem._evaluate(x.array_r + step * d.array_r)
-    minus = problem._evaluate(x.array_r - step * d.array_r)
+    plus = problem.system.residual(x.array_r + step * d.array_r)
+    minus = problem.system.residual(x.array_r - step * d.array_r)
     assert largest(product.array_r - (plus - minus) / (2 * step)) < 1e-6 * largest(product.array_r)
-    problem._matrix.multTranspose(d, other)
-    free = np.concatenate([o + b.free for o, b in zip(problem._offsets, problem.bodies)])
+    problem.system.matrix.multTranspose(d, other)
+    free = np.concatenate(
+        [
+            o + b.free
+            for o, b in zip(
+                np.cumsum([0, *(b.num_owned for b in problem.bodies[:-1])]), problem.bodies
+            )
+        ]
+    )
     difference = largest((product.array_r - other.array_r)[free])
     assert (difference < 1e-12 * largest(product.array_r)) == (kind == "both")
 

@@ -38,9 +38,8 @@ def waves(vec, factor):
 
 def refresh(problem, x):
     """Evaluate and assemble at x."""
-    problem._evaluate(x)
-    problem._assembled = None
-    problem._assemble()
+    problem.system.tangent(x)
+    problem.newton.linear.follow()
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -48,12 +47,12 @@ def refresh(problem, x):
 def test_sum(cell, name):
     """Products, also with the transpose, and the diagonal are those of the AIJ matrix."""
     direct, amg = scene(cell, name, "direct"), scene(cell, name, "amg")
-    refresh(direct, direct._x.array_r)
-    refresh(amg, direct._x.array_r)
-    assert amg._matrix.getType() == "python"
+    refresh(direct, direct.system.x.array_r)
+    refresh(amg, direct.system.x.array_r)
+    assert amg.system.matrix.getType() == "python"
     results = []
     for problem in (direct, amg):
-        A = problem._matrix
+        A = problem.system.matrix
         x, y = A.createVecs()
         waves(x, 1.7)
         A.mult(x, y)
@@ -71,7 +70,7 @@ def test_sum(cell, name):
 def test_galerkin(cell, name):
     """The coarse matrix is PᵀAP, whatever has changed since P was made; PᵀP = 1."""
     problem = scene(cell, name, "amg")
-    refresh(problem, 0.7 * problem._x.array_r)
+    refresh(problem, 0.7 * problem.system.x.array_r)
     errors = galerkin_errors(problem)
     problem.destroy()
     assert max(errors) < 1e-11
@@ -86,7 +85,7 @@ def galerkin_errors(problem):
     P.mult(c, fine)
     P.multTranspose(fine, found)
     identity = (found - c).norm() / c.norm()
-    problem._matrix.mult(fine, product)
+    problem.system.matrix.mult(fine, product)
     P.multTranspose(product, expected)
     coarse.mult(c, found)
     return identity, (found - expected).norm() / expected.norm()
@@ -99,13 +98,15 @@ def test_spaces(cell):
     P = problem.snes.getKSP().getPC().getMGInterpolation(1)
     c, fine, back = P.createVecRight(), P.createVecLeft(), P.createVecLeft()
     outside, errors = [], []
-    for i, (body, modes) in enumerate(zip(problem.bodies, problem._rigid.modes, strict=True)):
+    for i, (body, modes) in enumerate(
+        zip(problem.bodies, problem.system.made.rigid.modes, strict=True)
+    ):
         for mode in modes:
             fine.array[:] = 0
-            problem._part(fine.array, i)[body.free] = mode.array_r[body.free]
+            problem.system.part(fine.array, i)[body.free] = mode.array_r[body.free]
             P.multTranspose(fine, c)
             P.mult(c, back)
-            outside.append(largest(problem._part(back.array_r, 1 - i)))
+            outside.append(largest(problem.system.part(back.array_r, 1 - i)))
             errors.append((back - fine).norm() / fine.norm())
     problem.destroy()
     assert max(outside) == 0
@@ -124,7 +125,7 @@ def test_shift_in_the_coarse_matrix():
     tools[1].displacement = [0, 0, -0.02]
     problem = qs.ContactProblem([elastic(u)], [u], contacts, solver="amg")
     problem.solve()
-    shifted = problem._tangent.shift is not None
+    shifted = problem.system.made.tangent.shift is not None
     errors = galerkin_errors(problem)
     force = contacts[0].force("slave")
     problem.destroy()

@@ -17,7 +17,7 @@ def solution(cell, solver, friction=None, options=None, enforcement="augmented-l
     tight = {"ksp_rtol": 1e-12} if solver not in ("direct", "auto") else {}
     problem = pair.problem(solver=solver, petsc_options=tight | (options or {}))
     problem.solve()
-    return problem._x.array_r.copy(), problem
+    return problem.system.x.array_r.copy(), problem
 
 
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)), ids=("frictionless", "coulomb"))
@@ -94,7 +94,7 @@ def test_inexact_steps():
         problem = pair.problem(solver="amg", petsc_options=options)
         problem.solve()
         counts.append(problem.num_linear_iterations)
-        found.append(problem._x.array_r.copy())
+        found.append(problem.system.x.array_r.copy())
         problem.destroy()
     error = largest(found[0] - found[1]) / largest(found[1])
     assert counts[0] < 0.75 * counts[1]

@@ -9,8 +9,7 @@ from scenes import WORLD, Pair, box, clamp, drag_top, elastic, largest, plane, v
 from dolfinx import fem
 
 import qsdolfinx as qs
-from qsdolfinx.linear import saddle
-from qsdolfinx.solve import augmented as multipliers
+from qsdolfinx.linear import saddle, solver
 
 AUGMENTED = "augmented-lagrangian"
 
@@ -63,10 +62,7 @@ def test_as_the_direct_solver(monkeypatch, cell, law, quadrature):
         return
     assert problem.num_augmentations == len(counts) == 1
     together = problem.num_linear_iterations
-    monkeypatch.setattr(multipliers, "MAX_SADDLE_POINTS", 0)
-    monkeypatch.setattr(
-        multipliers.AugmentedNewton, "_has_saddle_point", property(lambda self: False)
-    )
+    monkeypatch.setattr(solver.LinearSolver, "has_saddle_point", property(lambda self: False))
     _, uzawa = scene(cell, law, "amg", quadrature=quadrature)
     uzawa.solve()
     assert together < uzawa.num_linear_iterations
@@ -105,20 +101,20 @@ def test_matrix(monkeypatch):
         def solve(self, residual, *args):
             p = pair.contact.passes[0]
             closed = pair.contact.slope(p) > 0
-            x0, known = problem._x.array.copy(), p.augmented.copy()
+            x0, known = problem.system.x.array.copy(), p.augmented.copy()
             free = np.concatenate([np.isin(np.arange(b.num_owned), b.free) for b in problem.bodies])
             dx = np.where(free, np.sin(1.3 * np.arange(len(x0))), 0.0)
             dl = np.where(closed[:, None], np.cos(np.arange(len(closed)))[:, None], 0.0)
 
             def both(t):
                 p.augmented = known + 1e-3 * t * dl
-                R = problem._evaluate(x0 + 1e-6 * t * dx)
+                R = problem.system.residual(x0 + 1e-6 * t * dx)
                 rows = (p.multiplier(pair.contact.eps) - p.augmented)[closed, 0]
                 return np.concatenate([R, p.weight[closed] * rows])
 
             difference = both(1.0) - both(0.0)
             p.augmented = known
-            problem._evaluate(x0)
+            problem.system.residual(x0)
             x = np.concatenate([1e-6 * dx, 1e-3 * dl[closed, 0]])
             vec = PETSc.Vec().createWithArray(x, comm=WORLD)
             y = vec.duplicate()
@@ -128,7 +124,7 @@ def test_matrix(monkeypatch):
             found.append((largest(error), largest(y.array_r)))
             return super().solve(residual, *args)
 
-    monkeypatch.setattr(multipliers, "SaddlePoint", Checked)
+    monkeypatch.setattr(solver, "SaddlePoint", Checked)
     problem.solve()
     assert found
     for error, size in found:
@@ -138,7 +134,7 @@ def test_matrix(monkeypatch):
 def test_rigid_tool_and_three_bodies(monkeypatch):
     """Contacts of one problem are closed together; a rigid tool is one of them."""
     counts, forces = used(monkeypatch), []
-    for solver in ("direct", "amg"):
+    for name in ("direct", "amg"):
         meshes = [
             box(WORLD, n, "quadrilateral", [0.0, low], [1.0, low + 1.0])
             for n, low in (((6, 5), 0.0), ((5, 4), 1.0))
@@ -160,7 +156,7 @@ def test_rigid_tool_and_three_bodies(monkeypatch):
             qs.Contact(sides[2], tool, enforcement=AUGMENTED),
         ]
         tool.displacement = (0.0, -0.02)
-        problem = qs.ContactProblem(F, u, contacts, [[bottom], []], solver=solver)
+        problem = qs.ContactProblem(F, u, contacts, [[bottom], []], solver=name)
         problem.solve()
         forces.append([c.force("slave") for c in contacts])
         assert all(c.violation() <= c.allowed_gap for c in contacts)

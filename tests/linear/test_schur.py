@@ -173,7 +173,7 @@ def test_weight(axisymmetric):
     scaled = ufl.replace(scaled, {test: ufl.as_vector([test[0], test[1], unit * test[2]])})
     problem = problem_of([(scaled, w, bcs, surface, 1.0), other], "schur")
     problem.set_up()
-    mass = problem._schur.masses[0]
+    mass = problem.newton.linear.schur.masses[0]
     mass.assemble()
     one = mass.matrix.createVecs()[0]
     one.set(1.0)

@@ -1,6 +1,6 @@
 """The Markdown pages, their blocks of code and the commands in them, for the tests.
 
-python3 tests/project/pages.py PAGE...   puts what the blocks print into the blocks of text after them
+python3 tests/project/pages.py PAGE... puts what the blocks print into the blocks of text after
 """
 
 import ast

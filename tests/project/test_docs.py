@@ -21,7 +21,7 @@ PROGRAMS = {
     for path in sorted((pages.ROOT / folder).glob("*.py"))
     if "parse_args" in path.read_text(encoding="utf-8")
 }
-PROGRAM = re.compile(r"(demos|bench|tests)/[\w/]+\.py")
+PROGRAM = re.compile(r"(demos|bench|tests)/(\w+/)*(?!test_)\w+\.py")
 run = functools.cache(pages.run)
 
 

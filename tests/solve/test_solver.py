@@ -80,7 +80,7 @@ def test_constant_tangent_is_factorised_once():
     for load in (-0.1, -0.2):
         top.value[2] = load
         problem.solve()
-        states.append(problem._matrix.stateGet())
+        states.append(problem.system.matrix.stateGet())
         tops.append(pair.contact.force("slave")[2])
     assert states[0] == states[1]
     assert np.isclose(tops[1], 2 * tops[0])
@@ -94,7 +94,7 @@ def test_no_allocation(cell, formulation):
     problem = pair.problem()
     problem.set_up()
     blocks = [problem.blocks.block(i, j) for i in range(2) for j in range(2)]
-    matrices = [*blocks, problem._matrix]
+    matrices = [*blocks, problem.system.matrix]
     nonzeros = [m.getInfo()["nz_allocated"] for m in matrices]
     problem.solve()
     after = [m.getInfo() for m in matrices]
@@ -147,7 +147,7 @@ def test_linear_solvers(kind, options):
     error, size = largest(solutions[0] - solutions[1]), largest(solutions[0])
     modes = [problem.blocks.block(i, i).getNearNullSpace().getVecs() for i in range(2)]
     if kind == "mpi":
-        modes.append(problem._matrix.getNearNullSpace().getVecs())
+        modes.append(problem.system.matrix.getNearNullSpace().getVecs())
     assert error < 1e-8 * size
     assert [len(m) for m in modes] == [6] * len(modes)
 
@@ -160,13 +160,13 @@ def test_near_nullspace(cell, monkeypatch):
     pair.bcs = [[], []]
     problem = pair.problem()
     problem.set_up()
-    problem._evaluate(problem._x.array_r)
-    problem._assemble()
-    null, residuals = problem._matrix.getNearNullSpace(), []
+    problem.system.residual(problem.system.x.array_r)
+    problem.system.assemble()
+    null, residuals = problem.system.matrix.getNearNullSpace(), []
     for vec in null.getVecs():
         out = vec.duplicate()
-        problem._matrix.mult(vec, out)
-        residuals.append(out.norm() / problem._matrix.norm())
+        problem.system.matrix.mult(vec, out)
+        residuals.append(out.norm() / problem.system.matrix.norm())
     assert len(residuals) == (3 if pair.gdim == 2 else 6)
     # Rotations of a jump across no distance: zero too, as the surfaces coincide.
     assert max(residuals) < 1e-13

@@ -111,7 +111,7 @@ def test_free_motions(cell):
 
 def count_free(problem, start=None):
     if start is not None:
-        problem._begin_solve()
+        problem.set_up()
         for tool in {id(c.master): c.master for c in problem.contacts}.values():
             tool.displacement = np.zeros(tool.gdim)
         for u in problem.u:
@@ -123,7 +123,7 @@ def count_free(problem, start=None):
             for p in c.passes:
                 p.evaluate((problem.bodies[0].x, None))
                 p.values[:] = -1.0
-    made = Hold(problem._rigid, problem.bodies, problem.contacts, problem.sides)
+    made = Hold(problem.system.made.rigid, problem.bodies, problem.contacts, problem.sides)
     return made.free_motions().shape[1]
 
 
@@ -147,11 +147,11 @@ def test_supported_bodies_get_no_shift(held, monkeypatch):
         else:  # conditions on both bodies: contact need not hold anything
             problem = pair.problem()
         problem.solve()
-        problem._assembled = None
-        problem._assemble()
-        a, b = problem._matrix.createVecs()
+        problem.system._assembled = None
+        problem.system.assemble()
+        a, b = problem.system.matrix.createVecs()
         a.array[:] = np.sin(np.arange(len(a.array)) + 1.0)
-        problem._matrix.mult(a, b)
+        problem.system.matrix.mult(a, b)
         matrices.append(b.array.copy())
     assert not added
     np.testing.assert_allclose(*matrices, rtol=1e-12, atol=1e-12)

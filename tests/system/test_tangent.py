@@ -29,15 +29,15 @@ def scene(cell, formulation, law, amplitude=0.05, options=None):
     pair = Pair(cell, formulation, law(), n=n, wave=0.05, contact_options=options)
     problem = pair.problem()
     problem.solve()
-    x = problem._x.copy()
+    x = problem.system.x.copy()
     rng = np.random.default_rng(8)
     for i, V in enumerate(pair.V):  # the same on any partition
-        part = problem._part(x.array, i)
+        part = problem.system.part(x.array, i)
         positions = V.tabulate_dof_coordinates()[: len(part) // pair.gdim]
         waves, phases = rng.normal(size=(8, 3)) * 6, rng.random((8, pair.gdim)) * 6
         part += amplitude * np.sin((positions @ waves.T)[:, :, None] + phases).mean(axis=1).ravel()
     for i, body in enumerate(problem.bodies):  # conditions hold
-        part = problem._part(x.array, i)
+        part = problem.system.part(x.array, i)
         part[:] = body.with_conditions(part)
     return pair, problem, x, rng
 
@@ -48,7 +48,7 @@ def direction(problem, x, rng):
     d = x.duplicate()
     d.array[:] = rng.normal(size=x.size)[low:high]
     for i, body in enumerate(problem.bodies):
-        problem._part(d.array, i)[body.owned_constrained] = 0
+        problem.system.part(d.array, i)[body.owned_constrained] = 0
     return d
 
 
@@ -60,22 +60,22 @@ def test_finite_differences(cell, formulation, law, options):
     amplitude = 0.2
     pair, problem, x, rng = scene(cell, formulation, law, amplitude, OPTIONS[options])
     d = direction(problem, x, rng)
-    problem._evaluate(x.array_r)
+    problem.system.residual(x.array_r)
     active = WORLD.allreduce(pair.contact.num_active_local())
     rows = WORLD.allreduce(sum(len(p.values) for p in pair.contact.passes))
-    problem._assembled = None
-    problem._assemble()
+    problem.system._assembled = None
+    problem.system.assemble()
     product, nested = d.duplicate(), d.duplicate()
-    problem._matrix.mult(d, product)
+    problem.system.matrix.mult(d, product)
     problem.blocks.nest.mult(d, nested)  # contact alone
     for i, body in enumerate(problem.bodies):
         part, force = body.create_vec(), body.create_vec()
-        part.array[:] = problem._part(d.array_r, i)
+        part.array[:] = problem.system.part(d.array_r, i)
         body.matrix().mult(part, force)
-        problem._part(nested.array, i)[:] += force.array_r
+        problem.system.part(nested.array, i)[:] += force.array_r
 
     step = 1e-7
-    residuals = [problem._evaluate(x.array_r + sign * step * d.array_r) for sign in (1, -1)]
+    residuals = [problem.system.residual(x.array_r + sign * step * d.array_r) for sign in (1, -1)]
     difference = d.duplicate()
     difference.array[:] = (residuals[0] - residuals[1]) / (2 * step)
     scale = product.norm()
@@ -103,13 +103,16 @@ def test_symmetry(cell, formulation, law):
     for body, surface in zip(problem.bodies, (pair.master, pair.slave), strict=True):
         local = surface.node_dofs - body.x.owner_range[0]
         touched.append(WORLD.allreduce(len(np.intersect1d(local, body.owned_constrained))))
-    matrix = problem._matrix
+    matrix = problem.system.matrix
     transposed = matrix.transpose(PETSc.Mat())
     transposed.axpy(-1, matrix)
     error = transposed.norm() / matrix.norm()
     unit = matrix.getDiagonal()
     rows = np.concatenate(
-        [problem._offsets[i] + b.owned_constrained for i, b in enumerate(problem.bodies)]
+        [
+            sum(o.num_owned for o in problem.bodies[:i]) + b.owned_constrained
+            for i, b in enumerate(problem.bodies)
+        ]
     ).astype(int)
     assert min(touched) > 0
     assert error < 1e-14
@@ -126,11 +129,11 @@ def test_forces_derive_from_the_energy(cell, formulation, law):
     step = 1e-6
 
     def energy(at):
-        problem._evaluate(at)
+        problem.system.residual(at)
         return pair.contact.energy
 
     slope = (energy(x.array_r + step * d.array_r) - energy(x.array_r - step * d.array_r)) / 2 / step
-    problem._evaluate(x.array_r)
+    problem.system.residual(x.array_r)
     forces = np.concatenate([body.force.array_r for body in problem.bodies])
     power = WORLD.allreduce(forces @ d.array_r)
     assert abs(power - slope) < 1e-6 * abs(power)
@@ -164,7 +167,7 @@ def test_tangent_where_the_residual_was_not_evaluated():
     y.axpy(1.0, direction(problem, x, rng))
     norms = []
     for evaluate in (True, False):
-        problem._evaluate(y.array_r if evaluate else x.array_r)
+        problem.system.residual(y.array_r if evaluate else x.array_r)
         problem.snes.computeJacobian(y, matrix)
         norms.append(matrix.norm())
     problem.snes.computeJacobian(x, matrix)

@@ -179,21 +179,21 @@ def test_finite_differences(cell, tool, quadrature, law):
     scene.tool.rotation[0] = 0.02
     problem = scene.problem
     problem.solve()
-    rng, x = np.random.default_rng(8), problem._x.copy()
+    rng, x = np.random.default_rng(8), problem.system.x.copy()
     low, high = x.owner_range
     d = x.duplicate()
     d.array[:] = rng.normal(size=x.size)[low:high]
     d.array[problem.bodies[0].owned_constrained] = 0
-    problem._evaluate(x.array_r)
+    problem.system.residual(x.array_r)
     active = WORLD.allreduce(scene.contact.num_active_local())
     rows = WORLD.allreduce(len(scene.contact.passes[0].values))
-    problem._assembled = None
-    problem._assemble()
+    problem.system._assembled = None
+    problem.system.assemble()
     product, transposed = d.duplicate(), d.duplicate()
-    problem._matrix.mult(d, product)
-    problem._matrix.multTranspose(d, transposed)
+    problem.system.matrix.mult(d, product)
+    problem.system.matrix.multTranspose(d, transposed)
     step = 1e-7
-    residuals = [problem._evaluate(x.array_r + s * step * d.array_r) for s in (1, -1)]
+    residuals = [problem.system.residual(x.array_r + s * step * d.array_r) for s in (1, -1)]
     difference = d.duplicate()
     difference.array[:] = (residuals[0] - residuals[1]) / (2 * step)
     scale = product.norm()
