@@ -21,7 +21,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
-from qsdolfinx import stick_slip
+from qsdolfinx.friction import stick_slip
 
 COMM = MPI.COMM_WORLD
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")

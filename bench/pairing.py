@@ -44,7 +44,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from machine import circumstances, write
 
 import qsdolfinx as qs
-from qsdolfinx import _cpp
+import qsdolfinx._cpp as _cpp
 
 try:
     import igl

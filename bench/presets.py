@@ -29,7 +29,7 @@ import qsdolfinx as qs
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from flow_scene import flow
-from two_blocks import box, num_unknowns, two_bodies
+from two_blocks import box, two_bodies
 
 COMM = MPI.COMM_WORLD
 E = 3e4, 1.3e4  # of the lower and the upper block
@@ -62,7 +62,7 @@ def measure(p, n, solver):
         problem.solve()
         counts += problem.num_iterations, problem.num_linear_iterations
     seconds = COMM.allreduce(time.perf_counter() - start, op=MPI.MAX)
-    unknowns = num_unknowns(problem.u)
+    unknowns = problem.system.x.getSize()
     problem.destroy()
     return seconds, counts, unknowns
 

@@ -9,10 +9,10 @@ from petsc4py import PETSc
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
-from two_blocks import PRESS, box, clamp, num_unknowns, residual, two_bodies
+from two_blocks import PRESS, box, clamp, residual, two_bodies
 
 import qsdolfinx as qs
-from qsdolfinx.presets import AGGREGATION, EXACT
+from qsdolfinx.linear.presets import AGGREGATION, EXACT
 
 COMM = MPI.COMM_WORLD
 E = 1e4
@@ -124,7 +124,7 @@ def contact(model, n, p):
     stages = {name: span.max for name, span in problem.timings.items()}
     points = largest(len(pair.pairing.slave.x))
     return {
-        "unknowns": num_unknowns(u),
+        "unknowns": problem.system.x.getSize(),
         "seconds": seconds,
         "stages": stages,
         "newton": problem.num_iterations,

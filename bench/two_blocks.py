@@ -55,9 +55,3 @@ def two_bodies(meshes, moduli):
         bcs.append([clamp(V, 2.0 * i, i * PRESS)])
         surfaces.append(qs.Surface(V, facets=facets_at(msh, 1.0)))
     return forms, u, bcs, surfaces
-
-
-def num_unknowns(unknowns):
-    """Of all bodies."""
-    maps = [u.function_space.dofmap for u in unknowns]
-    return sum(m.index_map.size_global * m.index_map_bs for m in maps)

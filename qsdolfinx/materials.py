@@ -18,7 +18,7 @@ import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
-from qsdolfinx.checks import check_positive, check_type
+from qsdolfinx.base.checks import check_positive, check_type
 
 #: A number, a fem.Constant, a fem.Function or any other scalar of UFL.
 Scalar = typing.Any

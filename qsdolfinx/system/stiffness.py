@@ -1,0 +1,54 @@
+"""Stiffness of the bodies where they touch, and the automatic penalties that follow from it."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.penalty import nodal_stiffness
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.system.blocks import Sides
+from qsdolfinx.system.body import Body
+from qsdolfinx.system.matrices import Form
+
+
+def measure(
+    bodies: typing.Sequence[Body],
+    contacts: typing.Sequence[Contact],
+    sides: Sides,
+    scales: typing.Sequence[float],
+    bulk: typing.Sequence[PETSc.Mat],
+    form: Form,
+) -> list[float]:
+    """Tell the contacts their bodies' stiffness, which sets automatic penalties. Collective.
+
+    Args:
+        bodies: The bodies.
+        contacts: Contacts, paired.
+        sides: Bodies of each contact.
+        scales: Displacement per unknown of each body.
+        bulk: Bulk block of each body.
+        form: What the linear solver sees.
+
+    Returns:
+        E of each contact (stress), of both sides in series; 0 where neither resists.
+    """
+    markers = [body.constrained_marker() for body in bodies]
+    moduli = []
+    for contact, (s, m) in zip(contacts, sides, strict=True):
+        contact.constrain(markers[s], None if m is None else markers[m])
+        measured = [
+            nodal_stiffness(surface, bulk[i], markers[i], scales[i])
+            for surface, i in ((contact.slave, s), (contact.master, m))
+            if i is not None and isinstance(surface, Surface)
+        ]
+        stiffness, modulus = (tuple(values) for values in zip(*measured, strict=True))
+        contact.set_stiffness(stiffness, modulus, together=form is Form.SUM and contact.law.linear)
+        moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
+    for marker in markers:
+        marker.destroy()
+    return moduli

@@ -1,0 +1,292 @@
+"""Rigid tools: surfaces without unknowns that deformable bodies are pressed against."""
+
+from __future__ import annotations
+
+import os
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import mesh
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.checks import check_array, check_flag, check_positive, check_type, check_vector
+from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.tools import triangulation
+from qsdolfinx.tools.pose import Tool, padded, unit_vector
+from qsdolfinx.tools.shapes import Plane, Round, Shape
+from qsdolfinx.tools.triangulation import Facets
+
+Array = npt.NDArray[np.float64]
+
+
+class RigidSurface(Tool):
+    """Surface of a rigid tool, the master of a contact.
+
+    A tool has no unknowns and adds none to the matrix. Make one with :meth:`plane`,
+    :meth:`cylinder`, :meth:`sphere`, :meth:`triangulated`, :meth:`from_stl` or :meth:`from_mesh`.
+
+    What it does in the next solve is said by :attr:`displacement` and :attr:`rotation`: contact
+    sees the tool displaced by x ↦ displacement + (R − 1)(x − center), R being the finite rotation,
+    while points and normals stay as they were paired (small sliding). :meth:`advance` moves the
+    tool there for good; ``contact.update()`` has to follow.
+
+    With :meth:`drive`, a force takes the place of the displacement in one direction.
+
+    A tool may be part of several contacts. All its state must be the same on all ranks.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, center: Array, shape: Shape | Facets) -> None:
+        super().__init__(comm, center)
+        self._shape = shape
+        self._surface: tuple[tuple[int, bool], _cpp.Surface] | None = None
+
+    # --- Shapes
+
+    @classmethod
+    def plane(
+        cls, comm: MPI.Intracomm, point: npt.ArrayLike, normal: npt.ArrayLike
+    ) -> RigidSurface:
+        """A tool that ends in a plane (2D: a line). Collective.
+
+        Args:
+            comm: Communicator of the bodies' meshes.
+            point: A point of the plane, shape (gdim,), gdim 2 or 3.
+            normal: From the tool to the workpiece, shape (gdim,), of any length.
+
+        Raises:
+            ValueError: If an argument has another shape, is not finite or differs between ranks, or
+                the normal is zero.
+        """
+        _check_comm(comm)
+        with collective_errors(comm):
+            x = _point("point", point)
+            n = unit_vector("normal", normal, len(x))
+        check_agreement(comm, point=x.tolist(), normal=n.tolist())
+        return cls(comm, x, Plane(padded(x), padded(n)))
+
+    @classmethod
+    def cylinder(
+        cls,
+        comm: MPI.Intracomm,
+        point: npt.ArrayLike,
+        axis: npt.ArrayLike | None,
+        radius: float,
+        inside: bool = False,
+    ) -> RigidSurface:
+        """A circular cylinder of any length; in 2D a circle. Collective.
+
+        Args:
+            comm: Communicator of the bodies' meshes.
+            point: A point of the axis, shape (gdim,), gdim 2 or 3.
+            axis: Direction of the axis, shape (3,), of any length; not looked at in 2D.
+            radius: Radius (length).
+            inside: Whether the workpiece is inside of it; the tool is then all that is outside.
+
+        Raises:
+            ValueError: If an argument has another shape, is not finite or differs between ranks, or
+                the axis is zero, or the radius is not positive.
+        """
+        _check_comm(comm)
+        with collective_errors(comm):
+            x = _point("point", point)
+            check_positive("radius", radius)
+            check_flag("inside", inside)
+            a = None if len(x) == 2 else unit_vector("axis", axis, 3)
+        axis_list = None if a is None else a.tolist()
+        check_agreement(comm, point=x.tolist(), axis=axis_list, radius=radius, inside=inside)
+        return cls(comm, x, Round(padded(x), float(radius), bool(inside), a))
+
+    @classmethod
+    def sphere(
+        cls, comm: MPI.Intracomm, center: npt.ArrayLike, radius: float, inside: bool = False
+    ) -> RigidSurface:
+        """A ball; in 2D a circle. Collective.
+
+        Args:
+            comm: Communicator of the bodies' meshes.
+            center: Centre, shape (gdim,), gdim 2 or 3.
+            radius: Radius (length).
+            inside: Whether the workpiece is inside of it; the tool is then all that is outside.
+
+        Raises:
+            ValueError: If an argument has another shape, is not finite or differs between ranks, or
+                the radius is not positive.
+        """
+        _check_comm(comm)
+        with collective_errors(comm):
+            x = _point("center", center)
+            check_positive("radius", radius)
+            check_flag("inside", inside)
+        check_agreement(comm, center=x.tolist(), radius=radius, inside=inside)
+        return cls(comm, x, Round(padded(x), float(radius), bool(inside)))
+
+    @classmethod
+    def triangulated(
+        cls,
+        comm: MPI.Intracomm,
+        x: npt.ArrayLike | None,
+        triangles: npt.ArrayLike | None,
+        center: npt.ArrayLike | None = None,
+    ) -> RigidSurface:
+        """A tool with a surface of triangles (2D: line segments). Collective.
+
+        Rank 0's arrays count: others pass the same, or None. Facets are spread over the ranks.
+
+        Args:
+            comm: Communicator of the bodies' meshes.
+            x: Vertices, shape (vertices, gdim), gdim 2 or 3 (length).
+            triangles: Indices of the vertices of each facet, shape (facets, gdim). Seen from the
+                workpiece they run counter-clockwise; in 2D, the tool is to the left of a segment.
+            center: What the tool is rotated about, shape (gdim,); by default the mean vertex.
+
+        Raises:
+            ValueError: If an array has another shape, is not finite, differs between ranks, or an
+                index is out of range, or a facet has no area, or neighbours are oriented in
+                opposite ways.
+        """
+        _check_comm(comm)
+        facets, mean = triangulation.scatter(comm, x, triangles)
+        return cls(comm, _center(comm, center, mean), facets)
+
+    @classmethod
+    def from_stl(
+        cls,
+        comm: MPI.Intracomm,
+        filename: str | os.PathLike[str],
+        center: npt.ArrayLike | None = None,
+    ) -> RigidSurface:
+        """A tool from an STL file, ASCII or binary, read by rank 0. Collective.
+
+        Vertices with equal coordinates are one. Orientation is that of the vertices; normals in the
+        file are not looked at.
+
+        Args:
+            comm: Communicator of the bodies' meshes.
+            filename: The file.
+            center: What the tool is rotated about, shape (3,); by default the mean vertex.
+
+        Raises:
+            ValueError: If the file cannot be read or is no STL file, or as :meth:`triangulated`.
+        """
+        x, triangles = None, None
+        _check_comm(comm)
+        with collective_errors(comm):
+            if comm.rank == 0:
+                x, triangles = triangulation.read_stl(filename)
+        return cls.triangulated(comm, x, triangles, center)
+
+    @classmethod
+    def from_mesh(
+        cls,
+        msh: mesh.Mesh,
+        inside: npt.ArrayLike | None = None,
+        center: npt.ArrayLike | None = None,
+    ) -> RigidSurface:
+        """A tool from a surface mesh, whose cells stay on the ranks that own them. Collective.
+
+        Args:
+            msh: Mesh of first order and of topological dimension gdim − 1. Its communicator is that
+                of the bodies' meshes.
+            inside: A point of the tool, shape (gdim,), that all cells are turned away from; it must
+                see all of them from behind. By default the cells are oriented as in
+                :meth:`triangulated`, which those of a sub-mesh of facets are not.
+            center: What the tool is rotated about, shape (gdim,); by default the mean vertex.
+
+        Raises:
+            TypeError: If it is no mesh.
+            ValueError: If the mesh has another dimension or order, is not finite, a cell has no
+                area, or neighbours are oriented in opposite ways.
+        """
+        if not isinstance(msh, mesh.Mesh):
+            raise TypeError(f"msh: must be a dolfinx.mesh.Mesh, not {type(msh).__name__}")
+        facets, mean = triangulation.of_mesh(msh, inside)
+        return cls(msh.comm, _center(msh.comm, center, mean), facets)
+
+    @property
+    def V(self) -> None:
+        """There is no space of unknowns."""
+        return None
+
+    @property
+    def is_analytic(self) -> bool:
+        """Whether the shape is known in closed form; else it is made of facets."""
+        return isinstance(self._shape, Shape)
+
+    @property
+    def num_facet_vertices(self) -> int:
+        """Vertices of a facet.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        return int(self._facets.x.shape[1])
+
+    @property
+    def facet_size_range(self) -> tuple[float, float]:
+        """Smallest and largest facet size. Collective.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        low, high = self.facets().facet_size_range
+        return float(low), float(high)
+
+    def distance(self, x: npt.ArrayLike) -> tuple[Array, Array]:
+        """Signed distances from the tool where it is now, and its outward normals there.
+
+        Args:
+            x: Points, shape (n, 3).
+
+        Returns:
+            Distances, positive outside of the tool, shape (n,), and unit normals, shape (n, 3).
+
+        Raises:
+            ValueError: If the shape is not analytic.
+        """
+        if not isinstance(self._shape, Shape):
+            raise ValueError("distance: is known in closed form for analytic shapes only")
+        R, t = self._embedded
+        points = check_array("x", x, (None, 3))
+        distance, normal = self._shape.distance((points - t) @ R)
+        return distance, normal @ R.T
+
+    def facets(self, axisymmetric: bool = False) -> _cpp.Surface:
+        """The extension's surface where it is now. Collective after a change of position.
+
+        Args:
+            axisymmetric: Whether facets stand for rings.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        state = self.version, axisymmetric
+        if self._surface is None or self._surface[0] != state:
+            R, t = self._embedded
+            surface = self._facets.surface(self.comm, self.gdim, R, t, axisymmetric)
+            self._surface = state, surface
+        return self._surface[1]
+
+    @property
+    def _facets(self) -> Facets:
+        if not isinstance(self._shape, Facets):
+            raise ValueError("an analytic shape has no facets")
+        return self._shape
+
+
+def _check_comm(comm: MPI.Intracomm) -> None:
+    """Refuse what is no communicator; there is none to agree on that with."""
+    check_type("comm", comm, MPI.Intracomm, "a communicator of mpi4py")
+
+
+def _point(name: str, value: npt.ArrayLike) -> Array:
+    return check_vector(name, value, 3 if np.size(np.asarray(value, dtype=object)) == 3 else 2)
+
+
+def _center(comm: MPI.Intracomm, given: npt.ArrayLike | None, mean: Array) -> Array:
+    with collective_errors(comm):
+        center = mean if given is None else check_vector("center", given, len(mean))
+    check_agreement(comm, center=center.tolist())
+    return center
