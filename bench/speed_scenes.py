@@ -272,9 +272,7 @@ class Forging(Scene):
             u.function_space.mesh.geometry.x[:] = x
         for surface in (self.work.lower, self.work.upper, *(die.surface for die in self.dies)):
             surface.update()
-        p = forging.Parameters(
-            **kind._asdict(), reduction=self.reduction, num_steps=self.num_steps
-        )
+        p = forging.Parameters(**kind._asdict(), reduction=self.reduction, num_steps=self.num_steps)
         *_, contacts, problem, stepper = forging.assemble(p, self.h, self.work, self.dies)
         # One cut-back is allowed: what does not come with half the step does not come at all.
         stepper.dt_min = 0.4 * stepper.dt

@@ -30,9 +30,7 @@ def test_errors():
         for side in SIDES:
             assert np.isclose(row[side][level], expected[f"l2_error_{side}"], rtol=1e-6)
         assert result["unknowns"][level] == expected["dofs"]
-    overlay, nodal, augmented, _ = (
-        speed_vs_error.worst(row, "traction") for row in result["rows"]
-    )
+    overlay, nodal, augmented, _ = (speed_vs_error.worst(row, "traction") for row in result["rows"])
     for coarse, fine in (overlay, augmented):
         assert coarse < nodal[0] and fine < 0.5 * coarse
     assert nodal[1] > 0.5 * nodal[0]
