@@ -6,10 +6,11 @@ import time
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from two_blocks import PRESS, box, clamp, residual, two_bodies
+
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
-from two_blocks import PRESS, box, clamp, residual, two_bodies
 
 import qsdolfinx as qs
 from qsdolfinx.linear.presets import AGGREGATION, EXACT

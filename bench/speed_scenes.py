@@ -196,7 +196,7 @@ class Upsetting(Pair):
 
     @staticmethod
     def describe(shared):
-        return {"energy norm of the reference's own error": float(shared.error)}
+        return {"energy norm of its own error": float(shared.error)}
 
     def errors(self, contacts):
         pairs = list(zip(SIDES, self.bodies, strict=True))
@@ -250,14 +250,10 @@ class Forging(Scene):
         dt = cls.reduction * forging.HEIGHT / forging.SPEED / cls.num_steps
         height = forging.HEIGHT - forging.SPEED * (cls.num_steps - 0.5) * dt
         uniform = forging.K * np.sqrt(3) ** (forging.M + 1) * (forging.SPEED / height) ** forging.M
-        mean = gram[0] @ shared.fit / gram[0, 0]
-        shared.numbers.update(
-            {
-                f"unknowns of the reference (h = {scene.h:.3g} mm)": scene.dofs,
-                "distance of its nodes from a + b r² + c r⁴": scene.errors(contacts)["master"],
-                "its mean pressure over that between rigid dies": float(mean / uniform),
-            }
-        )
+        mean, distance = gram[0] @ shared.fit / gram[0, 0], scene.errors(contacts)["master"]
+        shared.numbers[f"unknowns (h = {scene.h:.3g} mm)"] = scene.dofs
+        shared.numbers["distance of its nodes' pressure from a + b r² + c r⁴"] = distance
+        shared.numbers["mean pressure over that between rigid dies"] = float(mean / uniform)
         problem.destroy()
         return shared
 

@@ -25,8 +25,7 @@ import time
 
 from mpi4py import MPI
 
-HERE = pathlib.Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "demos")]
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from machine import circumstances, write
 from speed_scenes import CASES, SIDES, Kind
@@ -34,7 +33,8 @@ from speed_scenes import CASES, SIDES, Kind
 import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
-RESULTS, DOCS = HERE / "results", HERE.parent / "docs"
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+RESULTS, DOCS = ROOT / "bench" / "results", ROOT / "docs"
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
 ENFORCEMENTS = ("penalty", "augmented-lagrangian")
 #: All but double-pass with an augmented Lagrangian, which cannot close every gap.
@@ -237,7 +237,8 @@ def tables(results):
             f"### {title}",
             f"![{title}: error over CPU time](figures/speed_{result['case']}.png)",
         ]
-        parts += [f"{key[0].upper()}{key[1:]}: {v:.4g}." for key, v in result["reference"].items()]
+        told = [f"{key}: {v:{',' if v > 1e3 else '.4g'}}" for key, v in result["reference"].items()]
+        parts += [f"Of the reference: {'; '.join(told)}."] if told else []
         parts.append(case_table(result))
     return "\n\n".join(parts)
 
