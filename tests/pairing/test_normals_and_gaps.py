@@ -77,8 +77,12 @@ def test_along_the_bisector(cell, quadrature, height):
     expected /= np.linalg.norm(expected)
     assert WORLD.allreduce(len(points)) > 0
     inner = np.all(
-        [(0.01 < side.x[:, i]) & (side.x[:, i] < 0.99) for i in range(gdim - 1)
-         for side in (points.slave, points.master)], axis=0
+        [
+            (0.01 < side.x[:, i]) & (side.x[:, i] < 0.99)
+            for i in range(gdim - 1)
+            for side in (points.slave, points.master)
+        ],
+        axis=0,
     )  # at an edge the normal of a node is that of the face as well
     np.testing.assert_allclose(points.normal[inner] - expected, 0, atol=1e-12)
     assert np.all(np.sign(points.gap) == np.sign(height))

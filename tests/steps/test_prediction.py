@@ -1,6 +1,5 @@
 """Where a time step starts: displacements go on at their last rate, meshes are moved by velocities."""
 
-import numpy as np
 import pytest
 from scenes import WORLD, box, elastic, largest, plane, slide, vector_space
 from step_scenes import SPEED, Upset, refuse
