@@ -23,6 +23,7 @@ import ufl
 from dolfinx import fem, io, mesh
 
 import qsdolfinx as qs
+from qsdolfinx.contact import terms
 
 SIDES = ("slave", "master")
 
@@ -105,7 +106,7 @@ def test_gap_of_the_master(formulation):
     lifted = np.zeros((len(pair.slave.node_x), 2))
     lifted[:, 1] = 0.01 + 0.2 * pair.slave.node_x[:, 0]
     vecs = pair.slave.nodal_vec(lifted), pair.master.create_vec()
-    pair.contact.evaluate(*vecs)
+    terms.evaluate(pair.contact.model, *vecs)
     for surface, side in ((pair.slave, "slave"), (pair.master, "master")):
         gap, x = at_nodes(surface, pair.contact.gap_function(side)), surface.node_x[:, 0]
         inner = (x > 0.25) & (x < 0.75)

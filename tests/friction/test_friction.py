@@ -21,6 +21,7 @@ from tangents import direction, near_solution, tangent_errors
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.contact import active_set
 
 
 def quadratic_space(msh):
@@ -84,8 +85,10 @@ def test_finite_differences(cell, formulation, law, options):
     rng = np.random.default_rng(5)
     x, d = near_solution(problem, rng, 0.02), direction(problem, rng)
     errors = tangent_errors(problem, x, d, 1e-8)
-    active = WORLD.allreduce(contact.num_active_local())
-    slipping = WORLD.allreduce(sum(int(s.response.slipping.sum()) for s in contact.slips))
+    active = WORLD.allreduce(active_set.num_closed(contact.model))
+    slipping = WORLD.allreduce(
+        sum(int(s.state.response.slipping.sum()) for s in contact.model.slips)
+    )
     known, flagged = problem.system.matrix.isSymmetricKnown()
     assert errors.difference < 1e-5
     assert active > 0
@@ -153,7 +156,7 @@ def test_nothing_without_friction():
     pair = Pair("quadrilateral")
     pair.problem().solve()
     contact = pair.contact
-    assert contact.tangential is None and contact.slips == [] and contact.parts == contact.passes
+    assert contact.friction is None and contact.model.parts == contact.model.gaps
     assert set(contact.fields()) == {"traction", "gap", "status"}
     assert contact.step_dissipation() == contact.dissipated_energy() == 0
     raises_everywhere(WORLD, ValueError, "friction", contact.slip)
@@ -306,7 +309,7 @@ def test_function_on_the_other_side(quadrature):
     mu.interpolate(lambda x: 0.1 + x[0])
     options = {"quadrature": quadrature, "friction": qs.Coulomb(mu)}
     contact = qs.Contact(pair.slave, pair.master, "double-pass", **options)
-    second = contact.slips[1]
+    second = contact.model.slips[1]
     x = pair.master.node_x[second.row_node, 0]
     error = largest((second.parameters["mu"] - 0.1 - x)[(x > 0.4) & (x < 0.6)])
     rows = WORLD.allreduce(len(x))

@@ -117,7 +117,7 @@ def paired_nodes(contact):
 
     Each pass pairs the nodes of its slave; quasi-symmetric contact those of the master as well.
     """
-    for p, pass_ in zip(contact.pairings, contact.passes, strict=True):
+    for p, pass_ in zip(contact.pairings, contact.model.gaps, strict=True):
         sides = (p.slave, pass_.slave), (p.master, pass_.master)
         for (node, at), (facet, onto) in itertools.permutations(sides):
             if at is pass_.slave or contact.formulation == "quasi-symmetric":

@@ -22,6 +22,7 @@ from scenes import (
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+from qsdolfinx.contact import terms
 
 ERRORS = ("slave_max_error", "master_max_error", "slave_nodal_max_error", "master_nodal_max_error")
 EXACT = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
@@ -223,7 +224,7 @@ def test_quadrilaterals_that_fold_in_projection():
         u = [s.create_vec() for s in surfaces]
         u[1].array[2::3] = 0.1  # the upper body's surface is the master, and is moved away
         u[0].array[2::3] = 0.3
-        contact.evaluate(*u)
+        terms.evaluate(contact.model, *u)
         forces = contact.force("slave"), contact.force("master")
         ones = [np.abs(s.shape_values.sum(axis=1) - 1) for s in (p.slave, p.master)]
         faults.append(max(e.max(initial=0.0) for e in ones))

@@ -10,6 +10,7 @@ from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.compat import interpolation_points
+from qsdolfinx.contact import motion
 from qsdolfinx.system import free_motion
 from qsdolfinx.system.free_motion import Hold
 
@@ -117,13 +118,13 @@ def count_free(problem, start=None):
         for u in problem.u:
             u.x.array[:] = 0
         for c in problem.contacts:
-            c.move_tool()
+            motion.move_tool(c.model)
         problem.bodies[0].x.array[:] = 0
         for c in problem.contacts:
-            for p in c.passes:
+            for p in c.model.gaps:
                 p.evaluate((problem.bodies[0].x, None))
-                p.values[:] = -1.0
-    made = Hold(problem.system.made.rigid, problem.bodies, problem.contacts, problem.sides)
+                p.state.values[:] = -1.0
+    made = Hold(problem.system.made.rigid, problem.bodies, problem.system.contacts, problem.sides)
     return made.free_motions().shape[1]
 
 

@@ -8,6 +8,7 @@ from scenes import CELLS, FORMULATIONS, LAWS, WORLD, Pair, allowed, plane, slide
 from tangents import direction, near_solution, tangent_errors
 
 import qsdolfinx as qs
+from qsdolfinx.contact import active_set, terms
 
 OPTIONS = {
     "nodal": {},
@@ -39,8 +40,8 @@ def scene(cell, formulation, law, amplitude=0.05, options=None):
 def test_finite_differences(cell, formulation, law, options):
     pair, problem, x, d = scene(cell, formulation, law, 0.2, OPTIONS[options])
     errors = tangent_errors(problem, x, d, 1e-7)
-    active = WORLD.allreduce(pair.contact.num_active_local())
-    rows = WORLD.allreduce(sum(len(p.values) for p in pair.contact.passes))
+    active = WORLD.allreduce(active_set.num_closed(pair.contact.model))
+    rows = WORLD.allreduce(sum(len(gap.row_node) for gap in pair.contact.model.gaps))
     assert errors.difference < 1e-6
     assert rows > 0
     assert active == rows if law is qs.Tied else 0 < active < rows
@@ -114,7 +115,7 @@ def test_energy_of_a_uniform_gap(formulation):
     for i, u in enumerate(pair.u):
         problem.bodies[i].x.array[:] = u.x.array[: problem.bodies[i].num_owned]
     contact = pair.contact
-    contact.evaluate(problem.bodies[1].x, problem.bodies[0].x)
+    terms.evaluate(contact.model, problem.bodies[1].x, problem.bodies[0].x)
     energy, force = contact.energy, contact.force("slave")
     gap, multiplier = contact.gap(), contact.multiplier()
     assert np.isclose(energy, 0.5 * 7 * h**2, rtol=1e-12)
