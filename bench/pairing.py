@@ -24,7 +24,6 @@ takes the same one: that is what is left of the difference from libigl's.
 
 import argparse
 import gc
-import json
 import os
 import pathlib
 import sys
@@ -42,7 +41,7 @@ from dolfinx import fem, geometry, mesh
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from machine import circumstances
+from machine import circumstances, write
 
 import qsdolfinx as qs
 import qsdolfinx._cpp as _cpp
@@ -259,8 +258,7 @@ def main():
             result["rows"].append({"facet": facet} | row)
             worst = max(worst, row.get("libigl", {}).get("agreement", 0.0))
     if a.json:
-        with open(a.json, "w") as file:
-            json.dump(circumstances(1) | result, file, indent=1)
+        write(a.json, circumstances(1) | result)
     if worst > TARGET:
         raise SystemExit(f"distances differ from libigl's by {worst:.1e} of the surface")
 

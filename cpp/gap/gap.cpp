@@ -1,8 +1,10 @@
 #include "gap/gap.h"
 #include "gap/gap_rows.h"
 #include "parallel/exchange.h"
+#include "parallel/petsc.h"
 
 #include <algorithm>
+#include <stdexcept>
 #include <tuple>
 
 using namespace qsdolfinx;
@@ -83,8 +85,7 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pair
 
 GapOperator::~GapOperator()
 {
-  PetscBool finalized = PETSC_FALSE;
-  if (PetscFinalized(&finalized) != PETSC_SUCCESS || finalized)
+  if (!petsc_is_running())
     return;
   for (Side& side : sides_)
   {

@@ -6,19 +6,10 @@
 #include <petscmat.h>
 #include <petscvec.h>
 #include <span>
-#include <stdexcept>
-#include <string>
 #include <vector>
 
 namespace qsdolfinx
 {
-
-/// Throw if a PETSc call failed.
-inline void check(PetscErrorCode code)
-{
-  if (code != PETSC_SUCCESS)
-    throw std::runtime_error("PETSc error " + std::to_string(code));
-}
 
 /// What is weighted: the normal part of the jump, less the initial gap, or the whole jump.
 enum class GapKind

@@ -1,93 +1,55 @@
 #include "parallel/exchange.h"
+#include "parallel/petsc.h"
 
 #include <algorithm>
 #include <array>
 #include <limits>
 #include <numeric>
+#include <tuple>
 
 using namespace qsdolfinx;
 
 namespace
 {
-constexpr int data_tag = 4200;
-
-/// Tag for the next consensus on a communicator. Successive ones need different tags, because a
-/// fast rank may already send for the next while a slow one still listens: the communicator itself
-/// counts them, so that its ranks agree whatever they do on others.
-int next_consensus_tag(MPI_Comm comm)
-{
-  static int key = MPI_KEYVAL_INVALID;
-  if (key == MPI_KEYVAL_INVALID)
-    MPI_Comm_create_keyval(
-        MPI_COMM_NULL_COPY_FN,
-        [](MPI_Comm, int, void* value, void*)
-        {
-          delete static_cast<int*>(value);
-          return MPI_SUCCESS;
-        },
-        &key, nullptr);
-  void* value = nullptr;
-  int found = 0;
-  MPI_Comm_get_attr(comm, key, &value, &found);
-  if (!found)
-  {
-    value = new int(0);
-    MPI_Comm_set_attr(comm, key, value);
-  }
-  auto& count = *static_cast<int*>(value);
-  count = 1 - count;
-  return data_tag + 1 + count;
-}
-
-/// Numbers of records that other ranks will send to this one: the non-blocking consensus algorithm
-/// of Hoefler, Siebert and Lumsdaine (2010), which needs no array of the communicator's size.
+/// Numbers of records that other ranks will send to this one. Collective.
 std::map<int, int> discover_sources(MPI_Comm comm, const std::map<int, int>& counts_to)
 {
-  const int tag = next_consensus_tag(comm);
-  std::vector<MPI_Request> sends(counts_to.size());
-  std::size_t i = 0;
+  std::vector<PetscMPIInt> ranks, counts;
   for (const auto& [rank, count] : counts_to)
-    MPI_Issend(&count, 1, MPI_INT, rank, tag, comm, &sends[i++]);
-
-  std::map<int, int> counts_from;
-  MPI_Request barrier = MPI_REQUEST_NULL;
-  bool in_barrier = false;
-  for (int done = 0; !done;)
   {
-    int arrived = 0;
-    MPI_Status status;
-    MPI_Iprobe(MPI_ANY_SOURCE, tag, comm, &arrived, &status);
-    if (arrived)
-      MPI_Recv(&counts_from[status.MPI_SOURCE], 1, MPI_INT, status.MPI_SOURCE, tag, comm,
-               MPI_STATUS_IGNORE);
-    if (in_barrier)
-      MPI_Test(&barrier, &done, MPI_STATUS_IGNORE);
-    else
-    {
-      int all_sent = 0;
-      MPI_Testall(static_cast<int>(sends.size()), sends.data(), &all_sent, MPI_STATUSES_IGNORE);
-      if (all_sent)
-      {
-        MPI_Ibarrier(comm, &barrier);
-        in_barrier = true;
-      }
-    }
+    ranks.push_back(rank);
+    counts.push_back(count);
   }
+  PetscMPIInt num_sources = 0, *sources = nullptr, *received = nullptr;
+  check(PetscCommBuildTwoSided(comm, 1, MPI_INT, static_cast<PetscMPIInt>(ranks.size()),
+                               ranks.data(), counts.data(), &num_sources, &sources, &received));
+  std::map<int, int> counts_from;
+  for (PetscMPIInt i = 0; i < num_sources; ++i)
+    counts_from[sources[i]] = received[i];
+  check(PetscFree(sources));
+  check(PetscFree(received));
   return counts_from;
 }
 } // namespace
 
-Exchange::Exchange(MPI_Comm comm, std::span<const int> dest) : comm_(comm), order_(dest.size())
+Exchange::Exchange(MPI_Comm comm, std::span<const int> dest) : order_(dest.size())
 {
+  check(PetscCommDuplicate(comm, &comm_, &tag_));
   std::iota(order_.begin(), order_.end(), 0);
   std::stable_sort(order_.begin(), order_.end(), [&](auto a, auto b) { return dest[a] < dest[b]; });
   std::map<int, int> counts_to;
   for (int rank : dest)
     ++counts_to[rank];
   to_ = peers(counts_to);
-  from_ = peers(discover_sources(comm, counts_to));
+  from_ = peers(discover_sources(comm_, counts_to));
   for (const Peer& peer : from_)
     num_received_ += static_cast<std::size_t>(peer.count);
+}
+
+Exchange::~Exchange()
+{
+  if (petsc_is_running())
+    std::ignore = PetscCommDestroy(&comm_);
 }
 
 std::vector<Exchange::Peer> Exchange::peers(const std::map<int, int>& counts)
@@ -112,11 +74,11 @@ void Exchange::send(const void* in, const std::vector<Peer>& targets, void* out,
   std::vector<MPI_Request> requests(sources.size() + targets.size());
   std::size_t i = 0;
   for (const Peer& p : sources)
-    MPI_Irecv(static_cast<char*>(out) + p.offset * record_bytes, p.count, record, p.rank, data_tag,
+    MPI_Irecv(static_cast<char*>(out) + p.offset * record_bytes, p.count, record, p.rank, tag_,
               comm_, &requests[i++]);
   for (const Peer& p : targets)
-    MPI_Isend(static_cast<const char*>(in) + p.offset * record_bytes, p.count, record, p.rank,
-              data_tag, comm_, &requests[i++]);
+    MPI_Isend(static_cast<const char*>(in) + p.offset * record_bytes, p.count, record, p.rank, tag_,
+              comm_, &requests[i++]);
   MPI_Waitall(static_cast<int>(requests.size()), requests.data(), MPI_STATUSES_IGNORE);
   MPI_Type_free(&record);
 }

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <map>
-#include <mpi.h>
+#include <petscsys.h>
 #include <span>
 #include <vector>
 
@@ -19,10 +19,12 @@ namespace qsdolfinx
 class Exchange
 {
 public:
-  /// Collective. @param comm communicator used for nothing else at the same time; must outlive the
-  /// object
+  /// Collective. @param comm communicator, must outlive the object
   /// @param dest rank that receives record i
   Exchange(MPI_Comm comm, std::span<const int> dest);
+  ~Exchange();
+  Exchange(const Exchange&) = delete;
+  Exchange& operator=(const Exchange&) = delete;
 
   /// Number of records that this rank receives.
   std::size_t num_received() const { return num_received_; }
@@ -70,7 +72,8 @@ private:
             const std::vector<Peer>& sources, std::size_t record_bytes) const;
   static std::vector<Peer> peers(const std::map<int, int>& counts);
 
-  MPI_Comm comm_;
+  MPI_Comm comm_ = MPI_COMM_NULL; // PETSc's duplicate, with a tag for this object alone
+  PetscMPIInt tag_ = 0;
   std::vector<std::int32_t> order_; // records sorted by destination
   std::vector<Peer> to_, from_;
   std::size_t num_received_ = 0;

@@ -1,4 +1,5 @@
 #include "surface/surface.h"
+#include "parallel/petsc.h"
 
 #include <algorithm>
 #include <limits>
@@ -96,9 +97,8 @@ void Surface::move(std::span<const double> x, std::span<const double> inside)
 
 Surface::~Surface()
 {
-  int finalized = 0;
-  MPI_Finalized(&finalized);
-  if (!finalized)
+  to_owner_.reset();
+  if (petsc_is_running())
     MPI_Comm_free(&comm_);
 }
 

@@ -1,6 +1,8 @@
 #include "tangent/friction.h"
+#include "parallel/petsc.h"
 
 #include <algorithm>
+#include <stdexcept>
 
 using namespace qsdolfinx;
 

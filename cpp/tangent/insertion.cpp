@@ -1,7 +1,9 @@
 #include "tangent/insertion.h"
+#include "parallel/petsc.h"
 
 #include <algorithm>
 #include <numeric>
+#include <stdexcept>
 
 using namespace qsdolfinx;
 

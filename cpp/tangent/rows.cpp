@@ -1,19 +1,13 @@
 #include "tangent/rows.h"
+#include "parallel/petsc.h"
 
 #include <algorithm>
 #include <functional>
-#include <stdexcept>
 
 using namespace qsdolfinx;
 
 namespace
 {
-void check(PetscErrorCode code)
-{
-  if (code != PETSC_SUCCESS)
-    throw std::runtime_error("PETSc failed in a row of the tangent");
-}
-
 /// Numbers in the larger system. Neighbours in a row mostly have the same owner.
 class Renumber
 {
