@@ -45,7 +45,7 @@ class GapOperator:
         """Linear part of the gap, [row][width]; collective."""
 
     def add_transpose(
-        self, f: numpy.typing.NDArray[numpy.float64], slave: int, master: int, slave_only: bool
+        self, f: numpy.typing.NDArray[numpy.float64], slave: int, master: int
     ) -> None:
         """Add the transposed operator times f; collective."""
 
@@ -169,7 +169,6 @@ def insert_contact(
     stiffness: numpy.typing.NDArray[numpy.float64],
     blocks: Sequence[int],
     scale: Sequence[float],
-    slave_only: bool,
     pattern: bool,
 ) -> None:
     """Add Gᵀ D G to the blocks (ss, sm, ms, mm)."""
@@ -181,7 +180,6 @@ def insert_friction(
     coupling: numpy.typing.NDArray[numpy.float64],
     blocks: Sequence[int],
     scale: Sequence[float],
-    slave_only: bool,
 ) -> None:
     """Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm)."""
 

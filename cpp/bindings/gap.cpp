@@ -58,10 +58,9 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "slave"_a, "master"_a, "scale"_a = std::array{1.0, 1.0},
           "Linear part of the gap, [row][width]; collective.")
       .def(
-          "add_transpose",
-          [](GapOperator& g, In<double> f, Handle slave, Handle master, bool slave_only)
-          { g.add_transpose(f.view(), vecs(slave, master), slave_only); }, "f"_a, "slave"_a,
-          "master"_a, "slave_only"_a, "Add the transposed operator times f; collective.")
+          "add_transpose", [](GapOperator& g, In<double> f, Handle slave, Handle master)
+          { g.add_transpose(f.view(), vecs(slave, master)); }, "f"_a, "slave"_a, "master"_a,
+          "Add the transposed operator times f; collective.")
       .def(
           "constrain",
           [](GapOperator& g, Handle slave, Handle master) { g.constrain(vecs(slave, master)); },

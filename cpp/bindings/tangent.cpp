@@ -28,22 +28,19 @@ void qsdolfinx::bind_tangent(nb::module_& m)
   m.def(
       "insert_contact",
       [](const GapOperator& gap, In<double> stiffness, std::array<Handle, 4> blocks,
-         std::array<double, 2> scale, bool slave_only, bool pattern)
-      {
-        insert_contact(gap, stiffness.view(), contact_blocks(blocks), scale, slave_only, pattern);
-      },
-      "gap"_a, "stiffness"_a, "blocks"_a, "scale"_a, "slave_only"_a, "pattern"_a,
+         std::array<double, 2> scale, bool pattern)
+      { insert_contact(gap, stiffness.view(), contact_blocks(blocks), scale, pattern); },
+      "gap"_a, "stiffness"_a, "blocks"_a, "scale"_a, "pattern"_a,
       "Add Gᵀ D G to the blocks (ss, sm, ms, mm).");
   m.def(
       "insert_friction",
       [](const GapOperator& jump, const GapOperator& normal, In<double> stiffness,
-         In<double> coupling, std::array<Handle, 4> blocks, std::array<double, 2> scale,
-         bool slave_only)
+         In<double> coupling, std::array<Handle, 4> blocks, std::array<double, 2> scale)
       {
         insert_friction(jump, normal, stiffness.view(), coupling.view(), contact_blocks(blocks),
-                        scale, slave_only);
+                        scale);
       },
-      "jump"_a, "normal"_a, "stiffness"_a, "coupling"_a, "blocks"_a, "scale"_a, "slave_only"_a,
+      "jump"_a, "normal"_a, "stiffness"_a, "coupling"_a, "blocks"_a, "scale"_a,
       "Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm).");
   m.def(
       "put_rows",

@@ -180,11 +180,11 @@ std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 
   return g;
 }
 
-void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b, bool slave_only)
+void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
 {
   if (f.size() != num_rows() * width())
     throw std::invalid_argument("f must hold `width` values per row");
-  for (int s = 0; s < (slave_only ? 1 : num_sides_); ++s)
+  for (int s = 0; s < num_sides_; ++s)
   {
     Side& side = sides_[s];
     check(VecSet(side.local, 0));

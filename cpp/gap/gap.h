@@ -68,8 +68,8 @@ public:
   /// @param x vectors of the two bodies, of which a rigid one's is not looked at
   /// @param scale displacement per unknown of each of them: u = scale · x
   std::vector<double> apply(std::array<Vec, 2> x, std::array<double, 2> scale);
-  /// b += Gᵀ f on both bodies, or on the slave alone. Collective. @param f [row][width]
-  void add_transpose(std::span<const double> f, std::array<Vec, 2> b, bool slave_only);
+  /// b += Gᵀ f on both bodies. Collective. @param f [row][width]
+  void add_transpose(std::span<const double> f, std::array<Vec, 2> b);
   /// Say which unknowns carry Dirichlet conditions: nonzero entries of the markers. Collective.
   void constrain(std::array<Vec, 2> markers);
 

@@ -189,8 +189,6 @@ private:
   /// Outward normal of the surface that is cut, as the gap is to be measured.
   Vec3 normal(std::size_t f, Vec2 xi, std::size_t other, Vec2 zeta) const
   {
-    if (normals_ == Normals::averaged)
-      return cut_.averaged_normal(f, xi);
     const Vec3 n = cut_.normal(f, xi);
     if (normals_ == Normals::facet)
       return n;

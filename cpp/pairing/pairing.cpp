@@ -50,8 +50,7 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
         = [k](const std::vector<double>& v) { return facet_vertex(v, static_cast<int>(k)); };
     // Into the node, as the facet's normal.
     const Vec3 of_facet = at_k(found.normal), of_node = -1.0 * at_k(nodes.normal);
-    const Vec3 sum = (normals == Normals::averaged ? 0.0 : 1.0) * of_facet
-                     + (normals == Normals::facet ? 0.0 : 1.0) * of_node;
+    const Vec3 sum = normals == Normals::facet ? of_facet : of_facet + of_node;
     const Vec3 n = (sign / norm(sum)) * sum;
     points.normal.insert(points.normal.end(), n.begin(), n.end());
     points.gap.push_back(sign * dot(n, at_k(nodes.x) - at_k(found.x)));

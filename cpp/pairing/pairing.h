@@ -47,6 +47,13 @@ struct PairingPoints
 /// Append a point at an owned node: the node itself is its only vertex.
 void append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim, int rank);
 
+/// Which normals the gap is measured along.
+enum class Normals
+{
+  facet,   ///< of the facet that was cut, or found closest to a node
+  bisector ///< bisecting the normals of both surfaces; of the node and the facet
+};
+
 /// Which nodes sample the gap.
 enum class Sampling
 {

@@ -176,10 +176,6 @@ void Surface::measure_nodes()
     for (int j = 0; j < 3; ++j)
       nodes_.normal[3 * k + j] = length > 0 ? a[j] / length : 0.0;
   }
-  std::vector<double> normals(3 * node_of_record_.size());
-  for (std::size_t i = 0; i < node_of_record_.size(); ++i)
-    std::copy_n(nodes_.normal.begin() + 3 * node_of_record_[i], 3, normals.begin() + 3 * i);
-  facets_.vertex_normal = to_owner_->reverse<double>(normals, 3);
 }
 
 void Surface::mark_boundary()
@@ -237,17 +233,6 @@ Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi) const
 {
   const Vec3 a = area_vector(type_, facet_x(facet), xi);
   return (facets_.orientation[facet] / norm(a)) * a;
-}
-
-Vec3 Surface::averaged_normal(std::size_t facet, std::array<double, 2> xi) const
-{
-  const int nv = num_vertices();
-  const auto N = shape_functions(type_, xi);
-  Vec3 n{0, 0, 0};
-  for (int i = 0; i < nv; ++i)
-    n = n + N[i] * facet_vertex(std::span(facets_.vertex_normal).subspan(facet * nv * 3), i);
-  const double length = norm(n);
-  return length > 0 ? (1 / length) * n : normal(facet, xi);
 }
 
 bool Surface::on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const

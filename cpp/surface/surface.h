@@ -14,14 +14,6 @@
 namespace qsdolfinx
 {
 
-/// Which normals the gap is measured along.
-enum class Normals
-{
-  facet,    ///< of the facet that was cut, or found closest to a node
-  averaged, ///< averaged at the nodes of the surface that was cut, and interpolated; of the node
-  bisector  ///< bisecting the normals of both surfaces; of the node and the facet
-};
-
 /// Facets of a contact surface on this rank. Every facet lives on exactly one rank (its cell's
 /// owner), its vertices may belong to others. The nodes of the trace on a facet are its vertices,
 /// then, for degree 2, those of trace_functions.
@@ -32,7 +24,6 @@ struct Facets
   std::vector<int> owner;                     ///< rank that owns the unknowns, [facet][node]
   std::vector<std::int64_t> vertex_dofs;      ///< of these the vertices', [facet][vertex][gdim]
   std::vector<int> vertex_owner;              ///< and their owners, [facet][vertex]
-  std::vector<double> vertex_normal;          ///< averaged outward normals, [facet][vertex][3]
   std::vector<double> orientation;            ///< ±1, times the area vector points outward
   std::vector<double> size;                   ///< largest distance of two vertices
   std::vector<std::uint8_t> edge_on_boundary; ///< edge belongs to one facet only, [facet][edge]
@@ -100,8 +91,6 @@ public:
   }
   /// Outward unit normal of a facet at ξ.
   Vec3 normal(std::size_t facet, std::array<double, 2> xi) const;
-  /// Outward unit normal at ξ, interpolated between those averaged at the nodes.
-  Vec3 averaged_normal(std::size_t facet, std::array<double, 2> xi) const;
   /// Whether ξ lies on an edge or vertex of the facet that bounds the surface.
   bool on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const;
   /// Smallest and largest facet size over all ranks. Collective.

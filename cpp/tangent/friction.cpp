@@ -37,7 +37,7 @@ void response(std::span<const double> D, std::span<const double> c, const GapOpe
 
 void qsdolfinx::insert_friction(const GapOperator& jump, const GapOperator& normal,
                                 std::span<const double> stiffness, std::span<const double> coupling,
-                                ContactBlocks blocks, std::array<double, 2> scale, bool slave_only)
+                                ContactBlocks blocks, std::array<double, 2> scale)
 {
   const auto d = static_cast<std::size_t>(jump.gdim());
   const std::size_t rows = jump.num_rows();
@@ -63,7 +63,7 @@ void qsdolfinx::insert_friction(const GapOperator& jump, const GapOperator& norm
     for (int b = 0; b < jump.num_sides(); ++b)
     {
       response(D, c, jump.side(b), normal.side(b), r, scale[b], column);
-      for (int a = 0; a < (slave_only ? 1 : jump.num_sides()); ++a)
+      for (int a = 0; a < jump.num_sides(); ++a)
       {
         const GapOperator::Side& J = jump.side(a);
         const std::size_t m = dofs[a].size(), n = dofs[b].size();

@@ -16,9 +16,8 @@ namespace qsdolfinx
 /// @param coupling c times the area, [row][gdim]; rows in which both are zero are skipped
 /// @param blocks ss, sm, ms, mm
 /// @param scale displacement per unknown of the slave's and the master's body: multiplies columns
-/// @param slave_only add the rows of the slave's body alone: (ss, sm)
 void insert_friction(const GapOperator& jump, const GapOperator& normal,
                      std::span<const double> stiffness, std::span<const double> coupling,
-                     ContactBlocks blocks, std::array<double, 2> scale, bool slave_only);
+                     ContactBlocks blocks, std::array<double, 2> scale);
 
 } // namespace qsdolfinx

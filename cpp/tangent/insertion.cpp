@@ -146,12 +146,11 @@ private:
 } // namespace
 
 void qsdolfinx::insert_contact(const GapOperator& gap, std::span<const double> stiffness,
-                               ContactBlocks blocks, std::array<double, 2> scale, bool slave_only,
-                               bool pattern)
+                               ContactBlocks blocks, std::array<double, 2> scale, bool pattern)
 {
   if (stiffness.size() != gap.num_rows())
     throw std::invalid_argument("stiffness must hold one value per row");
-  for (int a = 0; a < (slave_only ? 1 : gap.num_sides()); ++a)
+  for (int a = 0; a < gap.num_sides(); ++a)
   {
     std::vector<double> factor(stiffness.begin(), stiffness.end());
     if (pattern)

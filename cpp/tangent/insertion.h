@@ -16,11 +16,10 @@ using ContactBlocks = std::array<Mat, 4>;
 ///
 /// @param stiffness D, one value per row of the operator; rows with 0 are skipped
 /// @param scale displacement per unknown of the slave's and the master's body: multiplies columns
-/// @param slave_only add the rows of the slave's body alone: (ss, sm)
 /// @param pattern insert explicit zeros in the whole pattern, constrained unknowns included,
 /// instead:
 ///        fixes the non-zero pattern for whatever rows become active later
 void insert_contact(const GapOperator& gap, std::span<const double> stiffness, ContactBlocks blocks,
-                    std::array<double, 2> scale, bool slave_only, bool pattern);
+                    std::array<double, 2> scale, bool pattern);
 
 } // namespace qsdolfinx

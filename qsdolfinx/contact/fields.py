@@ -60,7 +60,7 @@ def faced(p: WeightedGap, rows: Array) -> Faced:
     forces = np.zeros((len(rows), p.slave.gdim))
     forces[:, 0], forces[:, 1] = p.operator.row_area, p.operator.row_area * rows
     vecs = p.slave.create_vec(), master.create_vec()
-    operator.add_transpose(forces, vecs[0].handle, vecs[1].handle, False)
+    operator.add_transpose(forces, vecs[0].handle, vecs[1].handle)
     area, sums = -nodal_forces(master, vecs[1])[:, :2].T
     for vec in vecs:
         vec.destroy()

@@ -18,7 +18,7 @@ from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface
+from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
 T = typing.TypeVar("T")
 
@@ -57,9 +57,10 @@ class Settings:
     def roles(self) -> list[tuple[Surface, AnySurface]]:
         """Slave and master of each pass."""
         first: tuple[Surface, AnySurface] = (self.slave, self.master)
-        if self.formulation != "double-pass" or not isinstance(self.master, Surface):
+        master = deformable(self.master)
+        if self.formulation != "double-pass" or master is None:
             return [first]
-        return [first, (self.master, self.slave)]
+        return [first, (master, self.slave)]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -209,7 +209,7 @@ class Slip:
         """Add Jᵀ S τ to b. Collective."""
         force = np.ascontiguousarray(self.weight[:, None] * self.state.response.traction)
         handles = handle_of(b[0]), handle_of(b[1])
-        self.operator.add_transpose(force, *handles, False)
+        self.operator.add_transpose(force, *handles)
 
     def add_stiffness(self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
         """Add Jᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm)."""
@@ -226,7 +226,6 @@ class Slip:
             np.ascontiguousarray(coupling),
             [handle_of(mat) for mat in blocks],
             self.gap.state.scale,
-            False,
         )
 
     def dissipation(self) -> Array:

@@ -165,16 +165,14 @@ class WeightedGap:
     def add_forces(self, multiplier: Array, b: Vecs) -> None:
         """Add Gᵀ S λ to b, the derivative of the energy. Collective."""
         force = np.ascontiguousarray(self.weight[:, None] * multiplier)
-        self.operator.add_transpose(force, handle_of(b[0]), handle_of(b[1]), False)
+        self.operator.add_transpose(force, handle_of(b[0]), handle_of(b[1]))
 
     def add_stiffness(
         self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None], pattern: bool
     ) -> None:
         """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
         handles = [handle_of(mat) for mat in blocks]
-        _cpp.insert_contact(
-            self.operator, self.weight * slope, handles, self.state.scale, False, pattern
-        )
+        _cpp.insert_contact(self.operator, self.weight * slope, handles, self.state.scale, pattern)
 
     def on_nodes(self, rows: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
         """Spread values of the rows over all owned nodes of the slave surface."""

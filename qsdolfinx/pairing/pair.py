@@ -13,7 +13,7 @@ from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
 QUADRATURES = ("nodal", "overlay")
-NORMALS = ("facet", "bisector")
+NORMALS = ("facet", "bisector")  # in the order of Normals in cpp/pairing/pairing.h
 
 
 class Sampling(typing.NamedTuple):
@@ -91,7 +91,7 @@ def _pair_facets(
     radius: float,
 ) -> _cpp.PairingPoints:
     """Pairing points of two surfaces made of facets; see :func:`pair`."""
-    kind_of_normals = 2 * NORMALS.index(sampling.normals)
+    kind_of_normals = NORMALS.index(sampling.normals)
     other = master.search_object(slave)
     if sampling.quadrature == "nodal":
         return _cpp.pair_surfaces(slave.cpp_object, other, both, radius, kind_of_normals)

@@ -235,9 +235,9 @@ class ToolBalance:
         vecs = [body.create_vec() for body in bodies]
         for p in self._pressed[i]:
             normal, friction = p.multipliers(p.change, p.slip_change)
-            p.gap.operator.add_transpose(-normal, vecs[p.body].handle, 0, False)
+            p.gap.operator.add_transpose(-normal, vecs[p.body].handle, 0)
             if p.slip is not None:
-                p.slip.operator.add_transpose(-friction, vecs[p.body].handle, 0, False)
+                p.slip.operator.add_transpose(-friction, vecs[p.body].handle, 0)
         out = []
         for body, vec in zip(bodies, vecs, strict=True):
             load = np.zeros(body.num_owned)

@@ -25,6 +25,7 @@ from qsdolfinx.surface.arguments import (
     trace_degree,
 )
 from qsdolfinx.surface.facets import FacetLayout
+from qsdolfinx.surface.geometry import Axisymmetric, Cartesian
 
 #: Of the facets' nodes, and of a point inside each facet's cell.
 Coordinates = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
@@ -214,6 +215,11 @@ class Surface:
     def search_object(self, slave: Surface) -> _cpp.Surface:
         """The extension's surface as pairing from a slave sees it."""
         return self.cpp_object
+
+    @property
+    def geometry(self) -> Cartesian:
+        """What coordinates mean."""
+        return Axisymmetric() if self.axisymmetric else Cartesian()
 
     @property
     def area_dim(self) -> int:

@@ -17,6 +17,7 @@ from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
 from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.surface.geometry import Cartesian
 
 Array = npt.NDArray[np.float64]
 
@@ -78,8 +79,8 @@ class Body:
         self.matrix_type: str = PETSc.Mat.Type.AIJ
         #: Digest of everything that K depends on; empty if F is not linear.
         self.fingerprint = b""
-        #: Whether coordinates are (r, z); its contact surfaces know.
-        self.axisymmetric = False
+        #: What its coordinates mean; its contact surfaces know.
+        self.geometry = Cartesian()
         #: Wall time that this rank has spent in assembly.
         self.watch = Stopwatch()
         #: Number of times that K was assembled.

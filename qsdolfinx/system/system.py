@@ -48,7 +48,7 @@ class ContactSystem:
             self.sides.append((slave, master))
             for i in (slave, master):
                 if i is not None:
-                    self.bodies[i].axisymmetric = contact.slave.axisymmetric
+                    self.bodies[i].geometry = contact.slave.geometry
         self.form = form
         for body in self.bodies:
             if form is not Form.NEST and body.V.dofmap.index_map_bs > 1:

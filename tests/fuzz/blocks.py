@@ -109,7 +109,7 @@ def blocks_of(contact):
         mat.setBlockSize(contact.slave.gdim)
         mat.setUp()
         mats.append(mat)
-    contact.add_pattern(tuple(mats))
+    terms.add_pattern(contact.model, tuple(mats))
     for mat in mats:
         mat.assemble()
         mat.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)

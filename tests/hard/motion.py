@@ -13,6 +13,8 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 FACETS = 50
+#: Why the force is not the same after each of them.
+BESIDE = "Small; probably the choice between the two facets beside a vertex on which a node comes to lie."
 
 
 def slide(variant, facets=FACETS):
@@ -157,7 +159,8 @@ def rotated(variant, cell):
 def cases(variant):
     name, some = "9 motion", variant in SHORT[:2]
     run = lambda: slide(variant)  # noqa: E731
-    yield Case(name, f"sliding over {FACETS} facets", "force", 1e-6, run)
+    known = BESIDE if variant[:2] == ("master-slave", "nodal") else ""
+    yield Case(name, f"sliding over {FACETS} facets", "force", 1e-6, run, known=known)
     for label, what, allowed, of in (
         ("ring in ring, against Lamé", "mean pressure", 0.05, "pressure"),
         ("ring in ring", "net force and moment", 1e-3, "net"),

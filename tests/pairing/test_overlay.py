@@ -14,7 +14,6 @@ from scenes import (
     clamp,
     elastic,
     plane,
-    raises_everywhere,
     spread_cells,
     vector_space,
 )
@@ -179,25 +178,6 @@ def test_quadratic_displacement(cell, law):
             np.testing.assert_allclose(found, np.tile(expected, (len(found), 1)), atol=1e-9)
             force = contact.force(side)
             np.testing.assert_allclose(force[-1], sign * pressure, rtol=1e-9)
-
-
-def test_the_nodal_rule_refuses_degree_2():
-    slave, master = surfaces("triangle", spaces=(quadratic_space, vector_space))
-    raises_everywhere(WORLD, ValueError, "quadrature", lambda: qs.Contact(slave, master))
-
-
-def test_bad_quadrature():
-    slave, master = surfaces("triangle")
-    for name, value in (
-        ("quadrature", "gauss"),
-        ("normals", "mean"),
-        ("enforcement", "lagrange"),
-        ("quadrature_degree", 0),
-        ("gap_tolerance", -1.0),
-    ):
-        raises_everywhere(
-            WORLD, ValueError, name, lambda k={name: value}: qs.Contact(slave, master, **k)
-        )
 
 
 def test_quadrilaterals_that_fold_in_projection():

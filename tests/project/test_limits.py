@@ -223,12 +223,9 @@ def not_balanced(scene, folder):
     qs.ContactProblem(F, pair.u, [pair.contact], [pair.bcs[0], []]).solve()
 
 
-@case("SNES did not converge: GAP_NOT_CLOSED")
+@case("enforcement: the multipliers of double-pass contact, on both sides, cannot close every gap")
 def two_multipliers(scene, folder):
-    options = {"enforcement": "augmented-lagrangian", "quadrature": "overlay"}
-    n = 12, 9
-    pair = Pair("quadrilateral", "double-pass", qs.Tied(), n=n, wave=0.05, contact_options=options)
-    pair.problem().solve()
+    Pair("triangle", "double-pass", contact_options={"enforcement": "augmented-lagrangian"})
 
 
 @case('kind: solver="amg" needs kind="mpi"; use "fieldsplit"')

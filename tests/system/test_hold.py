@@ -124,7 +124,7 @@ def count_free(problem, start=None):
             for p in c.model.gaps:
                 p.evaluate((problem.bodies[0].x, None))
                 p.state.values[:] = -1.0
-    made = Hold(problem.system.made.rigid, problem.bodies, problem.contacts, problem.sides)
+    made = Hold(problem.system.made.rigid, problem.bodies, problem.system.contacts, problem.sides)
     return made.free_motions().shape[1]
 
 
