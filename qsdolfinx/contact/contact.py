@@ -91,9 +91,9 @@ class Contact:
         initial_overclosure: What becomes of penetration at the first pairing, before anything has
             moved. ``"resolve"``: it is a misfit as any other, and the next solve presses the bodies
             apart (an interference fit; :meth:`allow_overclosure` does so gradually). ``"ignore"``:
-            it counts as no gap, without strain, for good: each node keeps its depth. ``"error"``:
-            it is refused. Points deeper than the search radius are not paired, and not seen. A tie
-            leaves any gap as it is; with it the first two are the same.
+            it never counts as a gap: each node keeps its depth, without strain. ``"error"``: it is
+            refused. Points deeper than the search radius are not paired, and not seen. A tie leaves
+            any gap as it is; with it the first two are the same.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
@@ -257,7 +257,7 @@ class Contact:
 
     @property
     def overclosure(self) -> Overclosure:
-        """Penetration at the first pairing: its ``depth``, and the ``part`` that is let be."""
+        """Penetration at the first pairing: its ``depth``, and the ``part`` that is allowed."""
         return self.model.overclosure
 
     @property

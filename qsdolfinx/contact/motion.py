@@ -56,7 +56,7 @@ def _continue_step(model: ContactModel) -> None:
 
 
 def move_tool(model: ContactModel) -> None:
-    """Take over the motion of a rigid tool. Collective.
+    """Let gaps and slips follow the motion of a rigid tool. Collective.
 
     Raises:
         ValueError: If it is not finite or differs between ranks.

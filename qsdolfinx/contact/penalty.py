@@ -150,13 +150,13 @@ class Penalty:
         self.value, self.automatic, self.source = float(value), False, "given"
 
     def set_automatic(self, value: float, source: str) -> None:
-        """Take over a number that was computed as ``source`` says."""
+        """Set a number that was computed as ``source`` says."""
         self.value, self.source = value, source
 
     def follow(
         self, stiffness: tuple[float, ...], modulus: tuple[float, ...], together: bool
     ) -> None:
-        """Take over the bodies' stiffness, and compute an automatic penalty from it.
+        """Store the bodies' stiffness, and compute an automatic penalty from it.
 
         Once: with another ε the gaps of the last step would be wrong ones. But an augmented
         Lagrangian may have any, and that of bodies in velocities follows Δt and how fast they flow.
