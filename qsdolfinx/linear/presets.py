@@ -63,7 +63,7 @@ _KRYLOV: dict[str, typing.Any] = {
     "ksp_rtol": EXACT,  # between Newton steps; theirs follows the residual
 }
 
-#: Iterations after which GMRES starts anew.
+#: Iterations after which GMRES restarts.
 GMRES_RESTART = 100
 
 PRESETS: dict[str, dict[str, typing.Any]] = {
