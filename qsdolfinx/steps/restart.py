@@ -57,7 +57,7 @@ def load_run(
     """Go on from a checkpoint, on any number of ranks. Collective.
 
     Args:
-        stepper: The run, made anew just as before.
+        stepper: The run, set up just as before.
         folder: Folder of the checkpoint.
         functions: As for save_run.
 
