@@ -169,7 +169,7 @@ class Surface:
 
     @property
     def center(self) -> npt.NDArray[np.float64]:
-        """What moments are about if nothing is said: the origin, shape (gdim,)."""
+        """What moments are about by default: the origin, shape (gdim,)."""
         return np.zeros(self.gdim)
 
     def shape_degree(self, order: int) -> int:
@@ -340,7 +340,7 @@ class Surface:
         return self._linear
 
     def update(self) -> None:
-        """Read the mesh coordinates anew, after the mesh has moved. Collective.
+        """Read the mesh coordinates again, after the mesh has moved. Collective.
 
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
@@ -349,7 +349,7 @@ class Surface:
 
 
 def update_surfaces(*surfaces: Surface) -> None:
-    """Read the mesh coordinates of several surfaces anew: of all of them, or of none. Collective.
+    """Read the mesh coordinates of several surfaces again: of all of them, or of none. Collective.
 
     Raises:
         ValueError: If coordinates are not finite or a facet has no area.
