@@ -391,7 +391,7 @@ class Contact:
 
     @property
     def offset(self) -> tuple[PETSc.Vec | None, PETSc.Vec | None]:
-        """Displacements (length) beside those of the unknowns, see :meth:`set_offset`."""
+        """Displacements (length) on top of those of the unknowns, see :meth:`set_offset`."""
         return self.model.offset or (None, None)
 
     def set_dt(self, dt: float) -> None:
@@ -408,7 +408,7 @@ class Contact:
         motion.set_motion(self.model)
 
     def set_offset(self, slave: fem.Function | None, master: fem.Function | None) -> None:
-        """Set displacements (length) beside those of the unknowns: u = scale · x + offset.
+        """Set displacements (length) on top of those of the unknowns: u = scale · x + offset.
 
         For time stepping: from the meshes as they are, contact then sees the displacements to the
         end of the step, whatever part of the step the meshes have been moved already. Collective.

@@ -25,7 +25,7 @@ AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
 
 #: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
 #: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,
-#: is no longer small beside the tolerances. tests/contact/test_report.py measures both.
+#: is no longer small compared with the tolerances. tests/contact/test_report.py measures both.
 MODERATE, EXTREME = 30.0, 1e7
 
 

@@ -58,7 +58,7 @@ class ContactReport:
         master: The master's, None for a tool with an analytic shape.
         points: Pairing points, of all passes.
         covered: Area that the points stand for over the area of the slave. At nodes a master that
-            goes on beyond the slave can make it more than 1.
+            extends beyond the slave can make it more than 1.
         missed_facets: On the overlay, facets that found no partner; else 0.
         gap: Smallest and largest weighted gap at the last evaluation (length, positive in
             penetration; of tied contact the size of the jump); None if nothing is paired.

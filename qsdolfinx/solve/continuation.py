@@ -111,7 +111,7 @@ def _settle(problem: ContactProblem) -> int | None:
     """Solve from the present unknowns, and again until Newton's steps have become small.
 
     SNES measures its tolerance by the first residual. Where the rate jumps that is the new velocity
-    times the old viscosity, beside which anything is small.
+    times the old viscosity, compared with which anything is small.
 
     Returns:
         Newton iterations, or None if they have not become small.

@@ -163,7 +163,7 @@ class Surface:
     @property
     def node_size(self) -> npt.NDArray[np.float64]:
         """Size of the facets around the owned nodes (length), shape (nodes,). Collective."""
-        if self.axisymmetric:  # a ring's area says nothing of the size of its facet
+        if self.axisymmetric:  # a ring's area says nothing about the size of its facet
             return np.full(len(self.node_area), np.mean(self.facet_size_range))
         return np.asarray(self.node_area ** (1 / self.area_dim))
 

@@ -361,7 +361,7 @@ class RigidSurface:
     def position(self) -> Array:
         """Where the tool is: [R | t], shape (gdim, gdim + 1); x₀ has gone to R x₀ + t.
 
-        It can be set, to go on from a checkpoint; ``contact.update()`` has to follow.
+        It can be set, to continue from a checkpoint; ``contact.update()`` has to follow.
         """
         return self._pose.matrix
 
