@@ -145,7 +145,7 @@ class ContactModel:
         self.paired: Paired
         #: Counts the pairings made so far.
         self.num_pairings = 0
-        #: Displacements (length) beside those of the unknowns, of the slave's and the master's
+        #: Displacements (length) on top of the unknowns', of the slave's and the master's
         #: body; see :meth:`qs.Contact.set_offset`.
         self.offset: tuple[PETSc.Vec | None, PETSc.Vec | None] | None = None
         #: Whether a gap that is open by rounding alone counts as open.

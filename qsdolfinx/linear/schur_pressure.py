@@ -117,7 +117,7 @@ class PressureMass:
         return fem.form(form + put(along, one, 1) + put(one, along, 2) + put(one, one, 3))
 
     def assemble(self) -> None:
-        """Assemble for the unknowns at hand. Collective."""
+        """Assemble for the present unknowns. Collective."""
         with self._body.watch.stage("bulk assembly"):
             if self._probes is not None:
                 values = fem.assemble_vector(self._probes).array.reshape(-1, 5)

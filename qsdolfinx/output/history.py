@@ -18,14 +18,14 @@ from qsdolfinx.base.progress import bar
 class History:
     """Table of numbers, one line a step, as CSV and on the terminal.
 
-    On a terminal with tqdm at hand there is a progress bar; otherwise one plain line a step.
+    On a terminal with tqdm installed there is a progress bar; otherwise one plain line a step.
 
     Args:
         comm: Communicator; its rank 0 writes.
         filename: CSV file, or None.
         t_end: Time at which the run ends, for the bar.
         verbose: Whether to print.
-        append: Whether to go on with a file that is there, after a restart: lines with ``t`` before
+        append: Whether to continue an existing file, after a restart: lines with ``t`` before
             that of the first new one are kept.
 
     Raises:

@@ -132,7 +132,7 @@ class Body:
         self.u.x.scatter_forward()
 
     def begin_solve(self) -> None:
-        """Take over new Dirichlet values, loads, material and geometry. Collective."""
+        """Read new Dirichlet values, loads, material and geometry. Collective."""
         self.u.x.scatter_forward()  # a user may have set owned values alone
         for bc in self.bcs:
             bc.set(self._g.array)
@@ -180,7 +180,7 @@ class Body:
             self._assemble_matrix(block)
 
     def matrix(self) -> PETSc.Mat:
-        """The bulk block alone, for the u at hand; do not modify. Collective."""
+        """The bulk block alone, for the present u; do not modify. Collective."""
         if self._K is None:
             self._K = fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
         if not self.linear:

@@ -156,7 +156,7 @@ class ContactSystem:
 
     @property
     def is_stale(self) -> bool:
-        """Whether matrices have to be made, or made anew."""
+        """Whether matrices have to be built, or rebuilt."""
         return self._made is None or not self._is_paired()
 
     def _is_paired(self) -> bool:
