@@ -1,87 +1,102 @@
-"""Checks of single arguments."""
+"""What single arguments may be."""
 
 from __future__ import annotations
 
-import math
 import pathlib
+import sys
 import typing
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx import fem, mesh
 
-def check_positive(name: str, value: typing.Any, alternative: str = "") -> None:
-    """Refuse what is not a positive, finite number.
 
-    Raises:
-        ValueError: With the argument's name and, if given, what else it may be.
+class Kind(typing.NamedTuple):
+    """What an argument may be.
+
+    Attributes:
+        text: In words, as it goes on after "must be".
+        fits: Whether a value is of this kind.
+        error: Exception for one that is not.
     """
-    number = isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(
-        value, bool
-    )
-    if not (number and math.isfinite(value) and value > 0):
-        raise ValueError(f"{name}: must be a positive, finite number{alternative}, not {value!r}")
+
+    text: str
+    fits: typing.Callable[[typing.Any], bool]
+    error: type[Exception] = ValueError
 
 
-def check_choice(name: str, value: typing.Any, choices: typing.Sequence[str]) -> None:
-    """Refuse what is not one of the choices.
+def number(text: str, fits: typing.Callable[[float], bool]) -> Kind:
+    """Finite numbers for which something holds; True and False are none."""
 
-    Raises:
-        ValueError: With the argument's name and the choices.
-    """
-    if not isinstance(value, str) or value not in choices:
-        raise ValueError(f"{name}: must be one of {', '.join(choices)}, not {value!r}")
+    def fitting(value: typing.Any) -> bool:
+        known = isinstance(value, (int, float, np.floating, np.integer))
+        finite = known and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+        return finite and bool(fits(value))
+
+    return Kind(text, fitting)
 
 
-def check_type(name: str, value: typing.Any, kind: typing.Any, what: str) -> None:
-    """Refuse what is not of a type.
+def one_of(choices: typing.Sequence[str]) -> Kind:
+    """One of several names."""
+    *first, last = (f'"{choice}"' for choice in choices)
+    text = f"{', '.join(first)} or {last}"
+    return Kind(text, lambda value: isinstance(value, str) and value in choices)
+
+
+def instance(types: typing.Any, text: str) -> Kind:
+    """Objects of a type, or of one of several."""
+    return Kind(text, lambda value: isinstance(value, types), TypeError)
+
+
+def either(kind: Kind, other: str | None) -> Kind:
+    """Values of a kind, and one name or None."""
+
+    def fitting(value: typing.Any) -> bool:
+        return (isinstance(value, type(other)) and value == other) or kind.fits(value)
+
+    text = "None" if other is None else f'"{other}"'
+    return Kind(f"{kind.text}, or {text}", fitting, kind.error)
+
+
+POSITIVE = number("a positive, finite number", lambda x: x > 0)
+FINITE = number("a finite number", lambda x: True)
+FRACTION = number("a number from 0 to 1", lambda x: 0 <= x <= 1)
+UP_TO_ONE = number("a number above 0 and at most 1", lambda x: 0 < x <= 1)
+COUNT = number("a positive integer", lambda x: x > 0 and x == int(x))
+FLAG = instance((bool, np.bool_), "True or False")
+CALLABLE = Kind("a function", callable, TypeError)
+MAPPING = instance(typing.Mapping, "a dictionary")
+FUNCTION = instance(fem.Function, "a dolfinx.fem.Function")
+MESH = instance(mesh.Mesh, "a dolfinx.mesh.Mesh")
+PATH = instance((str, pathlib.Path), "a path")
+
+
+def check(kind: Kind, /, **arguments: typing.Any) -> None:
+    """Refuse arguments that are not of a kind.
 
     Args:
-        name: Of the argument.
-        value: Its value.
-        kind: The type, or a tuple of types.
-        what: The type in words.
+        kind: The kind.
+        arguments: Values by the names that the error is to give.
 
     Raises:
-        TypeError: With the argument's name.
+        Exception: The kind's, with the argument's name and what it must be.
     """
-    if not isinstance(value, kind):
-        raise TypeError(f"{name}: must be {what}, not {type(value).__name__}")
+    for name, value in arguments.items():
+        if not kind.fits(value):
+            raise kind.error(f"{name}: must be {kind.text}, not {shown(value)}")
 
 
-def check_flag(name: str, value: typing.Any) -> None:
-    """Refuse what is neither True nor False.
-
-    Raises:
-        TypeError: With the argument's name.
-    """
-    check_type(name, value, (bool, np.bool_), "True or False")
+def require(holds: object, text: str, error: type[Exception] = ValueError) -> None:
+    """Raise an error with this text unless something holds, such as between two arguments."""
+    if not holds:
+        raise error(text)
 
 
-def check_callable(name: str, value: typing.Any) -> None:
-    """Refuse what is neither None nor can be called.
-
-    Raises:
-        TypeError: With the argument's name.
-    """
-    if value is not None and not callable(value):
-        raise TypeError(f"{name}: must be a function, or None, not {value!r}")
-
-
-def check_vector(name: str, value: typing.Any, size: int) -> npt.NDArray[np.float64]:
-    """A new array with the value's components.
-
-    Raises:
-        ValueError: If it is not made of this many finite numbers.
-    """
-    try:
-        given = np.array(value)
-        vector = given.astype(np.float64) if given.dtype.kind in "fiu" else np.zeros((0, 0))
-    except (TypeError, ValueError):
-        vector = np.zeros((0, 0))
-    if vector.shape != (size,) or not np.isfinite(vector).all():
-        raise ValueError(f"{name}: must have {size} finite components, not {value!r}")
-    return vector
+def shown(value: typing.Any) -> str:
+    """A wrong value in a message: what Python prints, or its type if that is long or an address."""
+    text = repr(value)
+    return text if len(text) <= 60 and " at 0x" not in text else type(value).__name__
 
 
 def check_array(
@@ -101,14 +116,23 @@ def check_array(
         array = np.asarray(value)
     except (TypeError, ValueError):
         array = np.array("ragged")
-    if array.dtype.kind not in "fiu":
-        raise ValueError(f"{name}: must be numbers, not {value!r}")
+    require(array.dtype.kind in "fiu", f"{name}: must be numbers, not {shown(value)}")
     fits = len(shape) == array.ndim and all(
         n is None or n == m for n, m in zip(shape, array.shape, strict=True)
     )
-    if not fits:
-        raise ValueError(f"{name}: must be of the shape {shape}, not {array.shape}")
+    require(fits, f"{name}: must be of the shape {shape}, not {array.shape}")
     return array.astype(np.float64, copy=False)
+
+
+def check_vector(name: str, value: typing.Any, size: int) -> npt.NDArray[np.float64]:
+    """A new array with the value's components.
+
+    Raises:
+        ValueError: If it is not made of this many finite numbers.
+    """
+    vector = np.array(check_array(name, value, (size,)))
+    require(np.isfinite(vector).all(), f"{name}: must be finite, not {shown(value)}")
+    return vector
 
 
 def check_file(name: str, value: typing.Any) -> pathlib.Path:
@@ -118,17 +142,7 @@ def check_file(name: str, value: typing.Any) -> pathlib.Path:
         TypeError: If it is no path.
         FileNotFoundError: If its folder is missing.
     """
-    path = check_path(name, value)
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{name}: there is no folder {path.parent}")
+    check(PATH, **{name: value})
+    path = pathlib.Path(value)
+    require(path.parent.is_dir(), f"{name}: there is no folder {path.parent}", FileNotFoundError)
     return path
-
-
-def check_path(name: str, value: typing.Any) -> pathlib.Path:
-    """The path.
-
-    Raises:
-        TypeError: If it is none.
-    """
-    check_type(name, value, (str, pathlib.Path), "a path")
-    return pathlib.Path(value)

@@ -8,24 +8,24 @@ from mpi4py import MPI
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import check_positive
+from qsdolfinx.base.checks import check, either, instance, require
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, deformable
 
+SLAVE = instance(Surface, "a qsdolfinx.Surface; a rigid tool can be the master only")
+MASTER = instance(Surface | RigidSurface, "a qsdolfinx.Surface, or a rigid tool")
+
 
 def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
     """Refuse surfaces that cannot be in contact."""
-    if isinstance(slave, RigidSurface):
-        raise TypeError("slave: must be a qsdolfinx.Surface; a rigid tool can be the master only")
-    for name, surface in (("slave", slave), ("master", master)):
-        if not isinstance(surface, Surface | RigidSurface):
-            raise TypeError(f"{name}: must be a qsdolfinx.Surface, not {type(surface).__name__}")
-    if slave.gdim != master.gdim:
-        raise ValueError("slave and master have different geometric dimensions")
-    if MPI.Comm.Compare(slave.comm, master.comm) not in (MPI.IDENT, MPI.CONGRUENT):
-        raise ValueError("slave and master: the meshes must be on the same ranks in the same order")
+    check(SLAVE, slave=slave)
+    check(MASTER, master=master)
+    same = slave.gdim == master.gdim
+    require(same, "slave and master have different geometric dimensions")
+    same = MPI.Comm.Compare(slave.comm, master.comm) in (MPI.IDENT, MPI.CONGRUENT)
+    require(same, "slave and master: the meshes must be on the same ranks in the same order")
     other = deformable(master)
     if other is not None:
         slave.check_partner(other)
@@ -33,33 +33,25 @@ def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
 
 def check_formulation(formulation: str, enforcement: str, master: AnySurface) -> None:
     """Refuse multipliers where they cannot be."""
-    if formulation != "double-pass":
-        return
-    if master.V is None:
-        raise ValueError(
-            "formulation: double-pass needs a multiplier on both sides, and a rigid tool has none; "
-            'use "master-slave" or "quasi-symmetric"'
-        )
-    if enforcement == "augmented-lagrangian":
-        raise ValueError(
-            "enforcement: the multipliers of double-pass contact, on both sides, cannot close "
-            'every gap of non-matching meshes; use enforcement="penalty", or '
-            'formulation="quasi-symmetric"'
-        )
+    both = formulation == "double-pass"
+    require(
+        not both or master.V is not None,
+        "formulation: double-pass needs a multiplier on both sides, and a rigid tool has none; "
+        'use "master-slave" or "quasi-symmetric"',
+    )
+    require(
+        not both or enforcement == "penalty",
+        "enforcement: the multipliers of double-pass contact, on both sides, cannot close every "
+        'gap of non-matching meshes; use "penalty", or formulation="quasi-symmetric"',
+    )
 
 
 def check_friction(friction: typing.Any, penalty: typing.Any, law: Law, slave: Surface) -> None:
     """Refuse friction of another type, of tied contact, or with parameters of another mesh."""
-    if friction is None:
-        if penalty is not None:
-            raise ValueError("friction_penalty: needs friction")
-        return
-    if not isinstance(friction, Friction):
-        raise TypeError(f"friction: must be such as qs.Coulomb(0.2), or None, not {friction!r}")
-    if penalty is not None:
-        check_positive("friction_penalty", penalty)
-    if law.jump:
-        raise ValueError("friction: tied contact sticks already; leave it out, or use Unilateral()")
-    for name, value in friction.parameters.items():
-        if isinstance(value, fem.Function) and value.function_space.mesh is not slave.mesh:
-            raise ValueError(f"friction: {name}: the Function must be on the mesh of the slave")
+    check(either(instance(Friction, "such as qs.Coulomb(0.2)"), None), friction=friction)
+    require(friction is not None or penalty is None, "friction_penalty: needs friction")
+    slips = friction is None or not law.jump
+    require(slips, "friction: tied contact sticks already; leave it out, or use Unilateral()")
+    for name, value in friction.parameters.items() if friction is not None else ():
+        fits = not isinstance(value, fem.Function) or value.function_space.mesh is slave.mesh
+        require(fits, f"friction: {name}: the Function must be on the mesh of the slave")

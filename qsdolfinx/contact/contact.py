@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import check_choice, check_positive, check_vector
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
+from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import fields, motion, multipliers, results
 from qsdolfinx.contact.advice import advise
 from qsdolfinx.contact.arguments import check_formulation, check_friction, check_surfaces
@@ -127,45 +127,28 @@ class Contact:
         law = Unilateral() if law is None else law
         # Without surfaces there is no communicator of ours to agree on the error with.
         comm = next((s.comm for s in (slave, master) if isinstance(s, Surface)), MPI.COMM_WORLD)
-        with collective_errors(comm):
+        with checked(comm) as same:
             check_surfaces(slave, master)
-            check_choice("formulation", formulation, FORMULATIONS)
-            check_choice("enforcement", enforcement, ENFORCEMENTS)
+            same(one_of(FORMULATIONS), formulation=formulation)
+            same(one_of(ENFORCEMENTS), enforcement=enforcement)
             check_formulation(formulation, enforcement, master)
-            check_choice("quadrature", quadrature, QUADRATURES)
+            same(one_of(QUADRATURES), quadrature=quadrature)
+            degree = check_quadrature(slave, master, quadrature, quadrature_degree)
             if normals is None:
                 averaging = quadrature == "overlay" or friction is not None
                 normals = "bisector" if averaging else "facet"
-            check_choice("normals", normals, NORMALS)
-            if not isinstance(law, Law):
-                raise TypeError(f"law: must be qs.Tied() or qs.Unilateral(), not {law!r}")
-            if not (isinstance(penalty, str) and penalty == "auto"):
-                check_positive("penalty", penalty, ' or "auto"')
-            if search_radius is not None:
-                check_positive("search_radius", search_radius)
-            check_positive("gap_tolerance", gap_tolerance)
+            same(one_of(NORMALS), normals=normals)
+            check(instance(Law, "qs.Tied() or qs.Unilateral()"), law=law)
+            same(either(POSITIVE, "auto"), penalty=penalty)
+            same(either(POSITIVE, None), search_radius=search_radius)
+            same(POSITIVE, gap_tolerance=gap_tolerance)
+            same(either(POSITIVE, None), friction_penalty=friction_penalty)
             check_friction(friction, friction_penalty, law, slave)
             overclosure = Overclosure(initial_overclosure)
             needs_dt = friction is not None and friction.needs_dt
             kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=master.V is None)
-            degree = check_quadrature(slave, master, quadrature, quadrature_degree)
-        check_agreement(
-            comm,
-            formulation=formulation,
-            law=type(law).__name__,
-            penalty=penalty,
-            search_radius=search_radius,
-            quadrature=quadrature,
-            quadrature_degree=degree,
-            normals=normals,
-            enforcement=enforcement,
-            gap_tolerance=gap_tolerance,
-            unknown=kinematics.unknown,
-            dt=dt,
-            friction=friction,
-            friction_penalty=friction_penalty,
-            initial_overclosure=initial_overclosure,
-        )
+            same(law=type(law).__name__, quadrature_degree=degree, friction=friction)
+            same(unknown=kinematics.unknown, dt=dt, initial_overclosure=initial_overclosure)
         augmented = enforcement == "augmented-lagrangian"
         settings = Settings(
             slave,
@@ -359,9 +342,8 @@ class Contact:
         Raises:
             ValueError: If it is not a positive number, the same on all ranks.
         """
-        with collective_errors(self.comm):
-            check_positive("penalty", penalty)
-        check_agreement(self.comm, penalty=penalty)
+        with checked(self.comm) as same:
+            same(POSITIVE, penalty=penalty)
         self.model.penalty.set(penalty)
 
     def reset(self) -> None:
@@ -401,9 +383,9 @@ class Contact:
             ValueError: If it is not a positive number, the same on all ranks, or nothing
                 depends on it.
         """
-        with collective_errors(self.comm):
+        with checked(self.comm) as same:
             self.model.kinematics.check_dt(dt)
-        check_agreement(self.comm, dt=dt)
+            same(dt=dt)
         self.model.kinematics.dt = dt
         motion.set_motion(self.model)
 
@@ -534,13 +516,7 @@ class Contact:
         Returns:
             Shape (3,), in 2D (1,).
         """
-        results.agreed(self.model, side)
-        with collective_errors(self.comm):
-            point = check_vector(
-                "about", self.master.center if about is None else about, self.slave.gdim
-            )
-        check_agreement(self.comm, about=point.tolist())
-        return results.moment(self.model, side, point)
+        return results.moment(self.model, side, about)
 
     def traction(self, side: str, part: str = "whole") -> fem.Function:
         """Traction t (stress) recovered from the contact forces. Collective.
@@ -555,9 +531,6 @@ class Contact:
             if that is a sub-space; for displacements of degree 2 a new one of degree 1, and the
             nodal forces f_k are then those conjugate to this space.
         """
-        with collective_errors(self.comm):
-            check_choice("part", part, results.PARTS)
-        check_agreement(self.comm, part=part)
         return results.traction(self.model, side, part)
 
     # --- Fields

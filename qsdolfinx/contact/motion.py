@@ -6,14 +6,14 @@ from petsc4py import PETSc
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import check_type
-from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.checks import FUNCTION, check, either, require
+from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.gap.weighted_gap import handle_of
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import update_surfaces
-from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+from qsdolfinx.tools.rigid_surface import deformable
 
 Vecs = tuple[PETSc.Vec | None, PETSc.Vec | None]
 
@@ -131,20 +131,14 @@ def set_start(
 
 def _vecs(model: ContactModel, slave: fem.Function | None, master: fem.Function | None) -> Vecs:
     """Owned values of functions on the bodies' spaces as vectors; None of a rigid tool."""
-    first = _known(model, "slave", model.slave, slave)
-    return first, _known(model, "master", model.master, master)
-
-
-def _known(
-    model: ContactModel, name: str, surface: AnySurface, function: fem.Function | None
-) -> PETSc.Vec | None:
-    vec = surface.create_vec()
-    with collective_errors(model.comm):
-        if function is not None:
-            check_type(name, function, fem.Function, "a dolfinx.fem.Function, or None")
-            dofmap = function.function_space.dofmap
-            owned = dofmap.index_map.size_local * dofmap.index_map_bs
-            if vec is None or len(vec.array_r) != owned:
-                raise ValueError(f"{name}: the function must be on the space of the body")
-            vec.array[:] = function.x.array[:owned]
-    return vec
+    vecs = model.slave.create_vec(), model.master.create_vec()
+    with checked(model.comm):
+        check(either(FUNCTION, None), slave=slave, master=master)
+        for name, vec, function in zip(("slave", "master"), vecs, (slave, master), strict=True):
+            if function is not None:
+                dofmap = function.function_space.dofmap
+                owned = dofmap.index_map.size_local * dofmap.index_map_bs
+                fits = vec is not None and len(vec.array_r) == owned
+                require(fits, f"{name}: the function must be on the space of the body")
+                vec.array[:] = function.x.array[:owned]
+    return vecs

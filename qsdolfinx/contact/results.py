@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import check, check_vector, one_of
+from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
@@ -27,7 +28,8 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 SIDES = ("slave", "master")
-PARTS = ("whole", "normal", "tangential")
+SIDE = one_of(SIDES)
+PART = one_of(("whole", "normal", "tangential"))
 
 
 # --- Sides
@@ -39,17 +41,15 @@ def surface_of(model: ContactModel, side: str) -> AnySurface:
     Raises:
         ValueError: If there is no such side.
     """
-    if side not in SIDES:
-        raise ValueError(f'side: must be "slave" or "master", not {side!r}')
+    check(SIDE, side=side)
     return model.slave if side == "slave" else model.master
 
 
 def agreed(model: ContactModel, side: str) -> AnySurface:
     """The surface of one side, the same on all ranks. Collective."""
-    with collective_errors(model.comm):
-        surface = surface_of(model, side)
-    check_agreement(model.comm, side=side)
-    return surface
+    with checked(model.comm) as same:
+        same(SIDE, side=side)
+    return surface_of(model, side)
 
 
 def has_multiplier(model: ContactModel, side: str) -> bool:
@@ -164,19 +164,33 @@ def patch(model: ContactModel) -> tuple[float, float]:
 
 def force(model: ContactModel, side: str) -> Array:
     """Total contact force on the body of one side, shape (gdim,). Collective."""
-    surface = deformable(agreed(model, side))
+    agreed(model, side)
+    return _force(model, side)
+
+
+def _force(model: ContactModel, side: str) -> Array:
+    surface = deformable(surface_of(model, side))
     if surface is None:
-        return -force(model, "slave")
+        return -_force(model, "slave")
     with _force_vec(model, side) as vec:
         owned = nodal_forces(surface, vec).sum(axis=0)
     return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))
 
 
-def moment(model: ContactModel, side: str, about: Array) -> Array:
+def moment(model: ContactModel, side: str, about: npt.ArrayLike | None) -> Array:
     """Total moment of the contact forces on one side, shape (3,) or (1,). Collective."""
-    surface = deformable(agreed(model, side))
+    with checked(model.comm) as same:
+        same(SIDE, side=side)
+        center = model.master.center if about is None else about
+        point = check_vector("about", center, model.slave.gdim)
+        same(about=point)
+    return _moment(model, side, point)
+
+
+def _moment(model: ContactModel, side: str, about: Array) -> Array:
+    surface = deformable(surface_of(model, side))
     if surface is None:
-        return -moment(model, "slave", about)
+        return -_moment(model, "slave", about)
     out = []
     with _force_vec(model, side) as vec:
         for axis in np.eye(1 if len(about) == 2 else 3):
@@ -189,7 +203,10 @@ def moment(model: ContactModel, side: str, about: Array) -> Array:
 
 def traction(model: ContactModel, side: str, part: str) -> fem.Function:
     """Traction t_k = f_k / S_k recovered from the contact forces. Collective."""
-    surface = deformable(agreed(model, side))
+    with checked(model.comm) as same:
+        same(SIDE, side=side)
+        same(PART, part=part)
+    surface = deformable(surface_of(model, side))
     if surface is None:
         raise ValueError(
             "side: a rigid tool has no traction; what acts on it is minus that of the slave"

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import check_positive
+from qsdolfinx.base.checks import POSITIVE, check, either
 
 Array = npt.NDArray[np.float64]
 #: A constant, or a scalar function on the mesh of the slave.
@@ -237,9 +237,8 @@ class Norton(Friction):
     needs_dt = True
 
     def __init__(self, alpha: Parameter, K: Parameter, q: float, v0: float | None = None) -> None:
-        check_positive("q", q)
-        if v0 is not None:
-            check_positive("v0", v0)
+        check(POSITIVE, q=q)
+        check(either(POSITIVE, None), v0=v0)
         super().__init__(alpha=alpha, K=K)
         self.q, self.v0 = float(q), v0
 

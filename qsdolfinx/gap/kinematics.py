@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typing
 
-from qsdolfinx.base.checks import check_choice, check_positive
+from qsdolfinx.base.checks import POSITIVE, check, one_of, require
 
 UNKNOWNS = ("displacement", "velocity")
 
@@ -35,16 +35,16 @@ class Kinematics:
         rigid_master: bool = False,
     ) -> None:
         both = (unknown, unknown) if isinstance(unknown, str) else unknown
-        if not isinstance(both, typing.Sequence) or len(both) != 2:
-            raise ValueError("unknown: must be one name, or one for the slave and the master")
+        two = isinstance(both, typing.Sequence) and len(both) == 2
+        require(two, "unknown: must be one name, or one for the slave and the master")
         for name in both:
-            check_choice("unknown", name, UNKNOWNS)
+            check(one_of(UNKNOWNS), unknown=name)
         #: Of the slave and of the master.
         self.unknown: tuple[str, str] = (both[0], both[0 if rigid_master else 1])
         if "velocity" in both or rates:
-            check_positive("dt", dt)
-        elif dt is not None:
-            raise ValueError(f"dt: {_UNUSED}")
+            check(POSITIVE, dt=dt)
+        else:
+            require(dt is None, f"dt: {_UNUSED}")
         self._dt = None if dt is None else float(dt)
 
     @property
@@ -59,9 +59,8 @@ class Kinematics:
 
     def check_dt(self, value: typing.Any) -> None:
         """Refuse what is not positive, or not used."""
-        if self._dt is None:
-            raise ValueError(f"dt: {_UNUSED}")
-        check_positive("dt", value)
+        require(self._dt is not None, f"dt: {_UNUSED}")
+        check(POSITIVE, dt=value)
 
     def restore_dt(self, dt: float | None) -> None:
         """Put back a Δt that was read before."""

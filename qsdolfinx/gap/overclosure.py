@@ -9,8 +9,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.checks import check_choice
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import FRACTION, check, one_of
+from qsdolfinx.base.collective import checked
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]
@@ -33,7 +33,7 @@ class Overclosure:
     """
 
     def __init__(self, treatment: str) -> None:
-        check_choice("initial_overclosure", treatment, TREATMENTS)
+        check(one_of(TREATMENTS), initial_overclosure=treatment)
         self.treatment = treatment
         #: Part of the overclosure that is not resolved.
         self.part = 1.0 if treatment == "ignore" else 0.0
@@ -81,10 +81,8 @@ class Overclosure:
         Raises:
             ValueError: If it is not from 0 to 1, the same on all ranks.
         """
-        with collective_errors(comm):
-            if not (isinstance(part, (int, float, np.number)) and 0 <= part <= 1):
-                raise ValueError(f"part: must be a number from 0 to 1, not {part!r}")
-        check_agreement(comm, part=part)
+        with checked(comm) as same:
+            same(FRACTION, part=part)
         self.part = float(part)
 
 

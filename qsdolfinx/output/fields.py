@@ -13,8 +13,8 @@ import basix
 from dolfinx import fem, io, mesh
 from ufl.core.expr import Expr
 
-from qsdolfinx.base.checks import check_file, check_type, check_vector
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import FINITE, MAPPING, MESH, check, check_file, either, require
+from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.compat import cell_nodes, coordinate_element, interpolation_points
 from qsdolfinx.output import vtkhdf
 
@@ -54,20 +54,15 @@ class FieldWriter:
         fields: typing.Mapping[str, Field],
         continuous: typing.Mapping[str, Field] | None = None,
     ) -> None:
-        check_type("msh", msh, mesh.Mesh, "a dolfinx.mesh.Mesh")
-        with collective_errors(msh.comm):
+        check(MESH, msh=msh)
+        with checked(msh.comm) as same:
             path = check_file("filename", filename)
-            for name, given in (("fields", fields), ("continuous", continuous or {})):
-                _check_fields(name, given, msh)
-        check_agreement(msh.comm, filename=str(path), fields=list(fields))
-        if path.suffix not in (".xdmf", ".bp", ".vtkhdf"):
-            raise ValueError(f"filename: must end in .xdmf or .bp, or .vtkhdf, not {path.name!r}")
-        if path.suffix == ".vtkhdf" and vtkhdf.module is None:
-            raise ValueError("filename: this DOLFINx has no VTK-HDF; use .xdmf or .bp")
-        if path.suffix == ".vtkhdf" and coordinate_element(msh).degree > 1:
-            raise ValueError("filename: no VTK-HDF of curved meshes; use .xdmf or .bp")
-        if path.suffix == ".bp" and not hasattr(io, "VTXWriter"):
-            raise ValueError("filename: this DOLFINx has no ADIOS2 for VTX; use .xdmf")
+            _check_suffix(path, msh)
+            check(MAPPING, fields=fields)
+            check(either(MAPPING, None), continuous=continuous)
+            _check_fields("fields", fields, msh)
+            _check_fields("continuous", continuous or {}, msh)
+            same(filename=str(path), fields=list(fields), continuous=list(continuous or {}))
         self._msh = msh
         self._path = path
         self._x0: npt.NDArray[np.float64] = np.array(msh.geometry.x, dtype=np.float64)
@@ -126,9 +121,8 @@ class FieldWriter:
             ValueError: If t is no finite number, the same on all ranks.
             OSError: If the file cannot be written; nothing more can be written to it then.
         """
-        with collective_errors(self._msh.comm):
-            check_vector("t", [t], 1)
-        check_agreement(self._msh.comm, t=t)
+        with checked(self._msh.comm) as same:
+            same(FINITE, t=t)
         for function, field in (*self._points, *self._cells):
             if _is_source(field):
                 field = _expression(self._made(field), function.function_space)
@@ -174,16 +168,25 @@ class FieldWriter:
                 writer.close()
 
 
-def _check_fields(argument: str, fields: typing.Any, msh: mesh.Mesh) -> None:
+def _check_suffix(path: pathlib.Path, msh: mesh.Mesh) -> None:
+    """Refuse files of formats that are unknown, or that this DOLFINx cannot write the mesh in."""
+    known = path.suffix in (".xdmf", ".bp", ".vtkhdf")
+    require(known, f"filename: must end in .xdmf or .bp, or .vtkhdf, not {path.name!r}")
+    if path.suffix == ".vtkhdf":
+        require(vtkhdf.module, "filename: this DOLFINx has no VTK-HDF; use .xdmf or .bp")
+        straight = coordinate_element(msh).degree == 1
+        require(straight, "filename: no VTK-HDF of curved meshes; use .xdmf or .bp")
+    has_vtx = path.suffix != ".bp" or hasattr(io, "VTXWriter")
+    require(has_vtx, "filename: this DOLFINx has no ADIOS2 for VTX; use .xdmf")
+
+
+def _check_fields(argument: str, fields: typing.Mapping[str, Field], msh: mesh.Mesh) -> None:
     """Refuse what is no field, or a Function on another mesh."""
-    check_type(argument, fields, typing.Mapping, "a dictionary of fields by name")
     for name, field in fields.items():
-        if not (callable(field) or hasattr(field, "ufl_shape")):
-            raise TypeError(
-                f"{argument}: {name!r} must be a Function, of UFL, or return a Function"
-            )
-        if isinstance(field, fem.Function) and field.function_space.mesh is not msh:
-            raise ValueError(f"{argument}: {name!r} is on another mesh")
+        text = f"{argument}: {name!r} must be a Function, of UFL, or return a Function"
+        require(callable(field) or hasattr(field, "ufl_shape"), text, TypeError)
+        here = not isinstance(field, fem.Function) or field.function_space.mesh is msh
+        require(here, f"{argument}: {name!r} is on another mesh")
 
 
 def _is_source(field: Field) -> bool:

@@ -10,8 +10,8 @@ import typing
 
 from mpi4py import MPI
 
-from qsdolfinx.base.checks import check_file, check_type
-from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.checks import MAPPING, check, check_file, require
+from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.progress import bar
 
 
@@ -43,7 +43,7 @@ class History:
         #: All lines that were added, on every rank.
         self.rows: list[dict[str, float]] = []
         self._comm, self._writes = comm, comm.rank == 0
-        with collective_errors(comm):
+        with checked(comm):
             self._path = None if filename is None else check_file("filename", filename)
         self._append = append
         self._verbose = verbose and self._writes
@@ -57,12 +57,10 @@ class History:
             OSError: If it cannot be written.
         """
         with collective_errors(self._comm):
-            check_type("row", row, typing.Mapping, "a dictionary")
-            if "t" not in row:
-                raise ValueError("row: needs a column t, the time")
+            check(MAPPING, row=row)
+            require("t" in row, "row: needs a column t, the time")
             columns = list(self.rows[0] if self.rows else row)
-            if set(row) != set(columns):
-                raise ValueError(f"row: must have the columns {', '.join(columns)}")
+            require(set(row) == set(columns), f"row: must have the columns {', '.join(columns)}")
             if self._writes and self._path is not None:
                 self._write(self._path, columns, row)
         self.rows.append(dict(row))

@@ -9,8 +9,16 @@ from mpi4py import MPI
 import ufl
 from dolfinx import fem
 
+from qsdolfinx.base.checks import Kind, check, instance, require
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.system.body import body_of, contains
+
+LIST = instance(typing.Sequence, "a list")
+OPTIONS = Kind(
+    "a dictionary of options without the prefix",
+    lambda given: isinstance(given, dict) and all(isinstance(key, str) for key in given),
+    TypeError,
+)
 
 
 def communicator(u: typing.Any) -> MPI.Intracomm:
@@ -21,64 +29,39 @@ def communicator(u: typing.Any) -> MPI.Intracomm:
     return MPI.COMM_WORLD
 
 
-def check_sequences(**arguments: typing.Any) -> None:
-    """Refuse a single thing where there must be one for each body."""
-    for name, value in arguments.items():
-        optional = name in ("bcs", "J") and value is None
-        if not optional and not isinstance(value, typing.Sequence):
-            raise TypeError(f"{name}: must be a list, not {type(value).__name__}")
-
-
-def check_options(prefix: typing.Any, options: typing.Any) -> None:
-    """Refuse options that PETSc's database cannot hold."""
-    if not isinstance(prefix, (str, type(None))):
-        raise TypeError(f"petsc_options_prefix: must be a string, not {prefix!r}")
-    if options is not None and not (
-        isinstance(options, dict) and all(isinstance(key, str) for key in options)
-    ):
-        raise TypeError("petsc_options: must be a dictionary of options without the prefix")
-
-
-def check_arguments(
+def check_bodies(
     F: typing.Sequence[ufl.Form],
     u: typing.Sequence[fem.Function],
     contacts: typing.Sequence[Contact],
     bcs: typing.Sequence[typing.Sequence[fem.DirichletBC]],
     J: typing.Sequence[ufl.Form | None],
-    kind: str,
 ) -> None:
-    """Refuse what no problem can be made of."""
-    if len(u) == 0:
-        raise ValueError("u: there must be at least one body")
+    """Refuse lists that no problem can be made of."""
+    require(len(u) > 0, "u: there must be at least one body")
     for name, given in (("F", F), ("bcs", bcs), ("J", J)):
-        if len(given) != len(u):
-            raise ValueError(f"{name}: must have one entry for each of the {len(u)} bodies in u")
-    if not all(isinstance(function, fem.Function) for function in u):
-        raise TypeError("u: must hold a dolfinx.fem.Function for each body")
-    if not all(isinstance(entry, typing.Sequence) for entry in bcs):
-        raise ValueError("bcs: must be a list of lists, one list of Dirichlet conditions per body")
-    if kind not in ("mpi", "nest"):
-        raise ValueError(f'kind: must be "mpi" or "nest", not {kind!r}')
-    if any(not isinstance(contact, Contact) for contact in contacts):
-        raise ValueError("contacts: must be a list of qsdolfinx.Contact")
-    if len({id(contact) for contact in contacts}) < len(contacts):
-        raise ValueError("contacts: one of them is in the list twice")
-    comm = u[0].function_space.mesh.comm
-    for i, function in enumerate(u):
-        if any(function.function_space == other.function_space for other in u[:i]):
-            raise ValueError("u: every body needs a function space of its own")
-        other = function.function_space.mesh.comm
-        if MPI.Comm.Compare(comm, other) not in (MPI.IDENT, MPI.CONGRUENT):
-            raise ValueError("u: all meshes must be on the same ranks in the same order")
-    if not all(isinstance(bc, fem.DirichletBC) for entry in bcs for bc in entry):
-        raise TypeError("bcs: must be a list of lists of dolfinx.fem.DirichletBC")
-    for i, (function, conditions) in enumerate(zip(u, bcs, strict=True)):
-        if not all(contains(function.function_space, bc.function_space) for bc in conditions):
-            raise ValueError(f"bcs: entry {i} has a condition on a space other than that of u[{i}]")
-    for i, (form, tangent, function) in enumerate(zip(F, J, u, strict=True)):
-        _check_form("F", i, form, 1, function)
-        if tangent is not None:
-            _check_form("J", i, tangent, 2, function)
+        text = f"{name}: must have one entry for each of the {len(u)} bodies in u"
+        require(len(given) == len(u), text)
+    require(_all(fem.Function, u), "u: must hold a dolfinx.fem.Function for each body", TypeError)
+    text = "bcs: must be a list of lists, one list of Dirichlet conditions per body"
+    require(_all(typing.Sequence, bcs), text)
+    conditions = [bc for entry in bcs for bc in entry]
+    text = "bcs: must be a list of lists of dolfinx.fem.DirichletBC"
+    require(_all(fem.DirichletBC, conditions), text, TypeError)
+    require(_all(Contact, contacts), "contacts: must be a list of qsdolfinx.Contact")
+    twice = len({id(contact) for contact in contacts}) < len(contacts)
+    require(not twice, "contacts: one of them is in the list twice")
+    spaces = [function.function_space for function in u]
+    shared = any(V == W for i, V in enumerate(spaces) for W in spaces[:i])
+    require(not shared, "u: every body needs a function space of its own")
+    ranks = {MPI.Comm.Compare(spaces[0].mesh.comm, V.mesh.comm) for V in spaces}
+    same = ranks <= {MPI.IDENT, MPI.CONGRUENT}
+    require(same, "u: all meshes must be on the same ranks in the same order")
+    for i, V in enumerate(spaces):
+        fit = all(contains(V, bc.function_space) for bc in bcs[i])
+        require(fit, f"bcs: entry {i} has a condition on a space other than that of u[{i}]")
+        _check_form("F", i, F[i], 1, u[i])
+        if J[i] is not None:
+            _check_form("J", i, J[i], 2, u[i])
     _check_unknowns(u, contacts)
 
 
@@ -91,20 +74,22 @@ def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[
             try:
                 i = body_of(u, surface.V)
             except ValueError:
-                raise ValueError(
-                    f"contacts: the {name} surface of a contact belongs to the space of none of u"
-                ) from None
-            if i is not None and known.setdefault(i, scale) != scale:
-                raise ValueError(f"contacts: must agree on whether u[{i}] is a velocity, and on dt")
+                text = f"contacts: the {name} surface of one belongs to the space of none of u"
+                raise ValueError(text) from None
+            alike = i is None or known.setdefault(i, scale) == scale
+            require(alike, f"contacts: must agree on whether u[{i}] is a velocity, and on dt")
 
 
 def _check_form(name: str, i: int, form: typing.Any, rank: int, u: fem.Function) -> None:
     """Refuse what is not a form of this rank on the body's space."""
-    if not isinstance(form, ufl.Form):
-        raise TypeError(f"{name}: entry {i} must be a UFL form, not {type(form).__name__}")
+    check(instance(ufl.Form, "a UFL form"), **{f"{name}: entry {i}": form})
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
-    if spaces != [u.function_space] * rank:
-        what = "a test function" if rank == 1 else "a test and a trial function"
-        raise ValueError(f"{name}: entry {i} must have {what} in the space of u[{i}], and no other")
-    if rank == 1 and u not in form.coefficients():
-        raise ValueError(f"F: entry {i} does not depend on u[{i}]")
+    what = "a test function" if rank == 1 else "a test and a trial function"
+    text = f"{name}: entry {i} must have {what} in the space of u[{i}], and no other"
+    require(spaces == [u.function_space] * rank, text)
+    depends = rank == 2 or u in form.coefficients()
+    require(depends, f"F: entry {i} does not depend on u[{i}]")
+
+
+def _all(kind: type, values: typing.Iterable[typing.Any]) -> bool:
+    return all(isinstance(value, kind) for value in values)

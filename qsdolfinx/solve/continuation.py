@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import check_type
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import UP_TO_ONE, check, instance, require
+from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import multipliers
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError, line_search
@@ -63,13 +63,13 @@ def solve_with_continuation(
     Raises:
         ConvergenceError: If the smallest step fails; unknowns, multipliers and m are as before.
     """
-    check_type("problem", problem, ContactProblem, "a ContactProblem")
+    check(instance(ContactProblem, "a ContactProblem"), problem=problem)
     constants = [m] if isinstance(m, fem.Constant) else m
     values = [target] if isinstance(target, (int, float, np.number)) else target
-    with collective_errors(problem.comm):
+    with checked(problem.comm) as same:
         _check(constants, values)
-    targets = [float(value) for value in values]
-    check_agreement(problem.comm, target=targets)
+        targets = [float(value) for value in values]
+        same(target=targets)
 
     def set_to(s: float) -> None:
         for constant, value in zip(constants, targets, strict=True):
@@ -153,12 +153,11 @@ def _follow(
 
 def _check(constants: typing.Any, values: typing.Any) -> None:
     """Refuse what is not a list of scalar Constants with as many targets."""
-    if not isinstance(constants, typing.Sequence) or not all(
+    scalar = isinstance(constants, typing.Sequence) and all(
         isinstance(constant, fem.Constant) and constant.value.size == 1 for constant in constants
-    ):
-        raise TypeError("m: must be a scalar dolfinx.fem.Constant, or a list of them")
-    if not isinstance(values, typing.Sequence) or len(values) != len(constants) or not values:
-        raise ValueError("target: must be a number, or a list with one for each m")
+    )
+    require(scalar, "m: must be a scalar dolfinx.fem.Constant, or a list of them", TypeError)
+    as_many = isinstance(values, typing.Sequence) and len(values) == len(constants) > 0
+    require(as_many, "target: must be a number, or a list with one for each m")
     for value in values:
-        if not isinstance(value, (int, float, np.number)) or not 0 < value <= 1:
-            raise ValueError(f"target: must be above 0 and at most 1, not {value!r}")
+        check(UP_TO_ONE, target=value)

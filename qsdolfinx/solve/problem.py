@@ -15,8 +15,8 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from qsdolfinx.base.checks import check_choice, check_flag
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import FLAG, check, either, instance, one_of, require
+from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
@@ -25,7 +25,7 @@ from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur
 from qsdolfinx.linear.solver import LinearSolver, preset_options
-from qsdolfinx.solve.arguments import check_arguments, check_options, check_sequences, communicator
+from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, communicator
 from qsdolfinx.solve.augmented import AugmentedLagrangian
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
@@ -93,28 +93,23 @@ class ContactProblem:
         pressure_preconditioner: Forms = None,
         verbose: bool = False,
     ) -> None:
-        with collective_errors(communicator(u)):
-            check_sequences(F=F, u=u, contacts=contacts, bcs=bcs, J=J)
+        with checked(communicator(u)) as same:
+            check(LIST, F=F, u=u, contacts=contacts)
+            check(either(LIST, None), bcs=bcs, J=J)
             bcs = [[] for _ in u] if bcs is None else bcs
             J = [None for _ in u] if J is None else J
-            check_choice("solver", solver, ("auto", *PRESETS))
+            same(contacts=len(contacts))
+            same(one_of(("auto", *PRESETS)), solver=solver)
             if kind is None:
                 kind = "nest" if solver == "fieldsplit" else "mpi"
-            if solver == "amg" and kind == "nest":
-                raise ValueError('kind: solver="amg" needs kind="mpi"; use "fieldsplit"')
-            check_arguments(F, u, contacts, bcs, J, kind)
+            same(one_of(("mpi", "nest")), kind=kind)
+            fits = solver != "amg" or kind == "mpi"
+            require(fits, 'kind: solver="amg" needs kind="mpi"; use "fieldsplit"')
+            check_bodies(F, u, contacts, bcs, J)
             check_schur(u, solver, kind, pressure_preconditioner)
-            check_options(petsc_options_prefix, petsc_options)
-            check_flag("verbose", verbose)
-        check_agreement(
-            communicator(u),
-            contacts=len(contacts),
-            kind=kind,
-            solver=solver,
-            petsc_options_prefix=petsc_options_prefix,
-            petsc_options=petsc_options,
-            verbose=verbose,
-        )
+            same(either(instance(str, "a string"), None), petsc_options_prefix=petsc_options_prefix)
+            same(either(OPTIONS, None), petsc_options=petsc_options)
+            same(FLAG, verbose=verbose)
         self.verbose = bool(verbose)
         self._steps_within = 0
         bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]

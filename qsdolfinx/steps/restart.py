@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from dolfinx import fem, mesh
 
-from qsdolfinx.base.checks import check_path, check_type
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import FUNCTION, MAPPING, PATH, check, either, instance, require
+from qsdolfinx.base.collective import checked
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.multipliers import on_nodes, set_on_nodes
@@ -77,8 +77,8 @@ def load_run(
     values = checkpoint.values()
     of_contacts = ("penalties", contacts), ("automatic", contacts)
     for name, mine in (("positions", stepper.tools), *of_contacts):
-        if len(values.get(name, ())) != len(mine):
-            raise ValueError(f"stepper: the checkpoint {folder} is of other contacts or tools")
+        as_many = len(values.get(name, ())) == len(mine)
+        require(as_many, f"stepper: the checkpoint {folder} is of other contacts or tools")
     checkpoint.load(functions_of_run | multipliers, meshes)
     for motion, (_, x) in zip(stepper.motions, meshes.values(), strict=True):
         motion.set_reference(x)
@@ -108,19 +108,16 @@ def _check(
     stepper: typing.Any, folder: typing.Any, functions: typing.Any, values: typing.Any
 ) -> None:
     """Refuse arguments of another type or that differ between ranks. Collective."""
-    check_type("stepper", stepper, TimeStepper, "a TimeStepper")
-    comm = stepper.problem.comm
-    with collective_errors(comm):
-        check_path("folder", folder)
-        check_type("functions", functions or {}, typing.Mapping, "a dictionary of Functions")
-        for name, function in (functions or {}).items():
-            check_type(f"functions: {name!r}", function, fem.Function, "a dolfinx.fem.Function")
-        check_type("values", values or {}, typing.Mapping, "a dictionary")
+    check(instance(TimeStepper, "a TimeStepper"), stepper=stepper)
+    with checked(stepper.problem.comm) as same:
+        check(PATH, folder=folder)
+        check(either(MAPPING, None), functions=functions, values=values)
+        check(FUNCTION, **{f"functions: {name!r}": f for name, f in (functions or {}).items()})
         try:
             json.dumps(dict(values or {}))
         except (TypeError, ValueError) as error:
             raise TypeError(f"values: must be what JSON can hold: {error}") from None
-    check_agreement(comm, folder=str(folder), functions=list(functions or {}))
+        same(folder=str(folder), functions=list(functions or {}))
 
 
 def _pair(stepper: TimeStepper) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qsdolfinx.base.checks import check_type
+from qsdolfinx.base.checks import check, instance
 from qsdolfinx.steps.stepper import TimeStepper
 
 
@@ -13,7 +13,7 @@ def step_row(stepper: TimeStepper) -> dict[str, float]:
         Step, time, Δt, Newton iterations and failed attempts; for each contact the force on the
         slave, the area in contact and the deepest penetration; the volume of each mesh.
     """
-    check_type("stepper", stepper, TimeStepper, "a TimeStepper")
+    check(instance(TimeStepper, "a TimeStepper"), stepper=stepper)
     row: dict[str, float] = {
         "step": stepper.num_steps,
         "t": stepper.t,

@@ -9,18 +9,32 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import check_callable, check_flag, check_type
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import (
+    CALLABLE,
+    COUNT,
+    FINITE,
+    FLAG,
+    FRACTION,
+    POSITIVE,
+    check,
+    either,
+    instance,
+    number,
+    require,
+)
+from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.motion import set_start
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
-from qsdolfinx.steps.limits import check_end, check_limits
 from qsdolfinx.steps.mesh_motion import MeshMotion
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
+
+GROWTH = number("a number of at least 1", lambda x: x >= 1)
+CUTBACK = number("a number above 0 and below 1", lambda x: 0 < x < 1)
 
 
 class StepError(RuntimeError):
@@ -96,21 +110,25 @@ class TimeStepper:
         min_quality: float = 0.02,
         progress: bool = False,
     ) -> None:
-        check_type("problem", problem, ContactProblem, "a ContactProblem")
-        with collective_errors(problem.comm):
-            check_callable("drive", drive)
-            check_callable("solve", solve)
-            check_flag("progress", progress)
-        given = {"dt": dt, "dt_min": dt_min, "dt_max": dt_max, "growth": growth}
-        given |= {"cutback": cutback, "easy": easy, "theta": theta, "num_pairings": num_pairings}
-        given |= {"min_quality": min_quality, "max_penetration": max_penetration}
-        limits = check_limits(problem.comm, **given)
-        check_agreement(problem.comm, progress=progress)
+        check(instance(ContactProblem, "a ContactProblem"), problem=problem)
+        with checked(problem.comm) as same:
+            check(either(CALLABLE, None), drive=drive, solve=solve)
+            same(POSITIVE, dt=dt)
+            dt_min = dt / 1000 if dt_min is None else dt_min
+            dt_max = dt if dt_max is None else dt_max
+            same(POSITIVE, dt_min=dt_min, dt_max=dt_max, min_quality=min_quality)
+            require(dt_min <= dt <= dt_max, "dt: must be between dt_min and dt_max")
+            same(FRACTION, theta=theta)
+            same(COUNT, num_pairings=num_pairings, easy=easy)
+            same(GROWTH, growth=growth)
+            same(CUTBACK, cutback=cutback)
+            same(either(POSITIVE, None), max_penetration=max_penetration)
+            same(FLAG, progress=progress)
         self.problem = problem
         self.drive = drive or (lambda t, dt: None)
         self._solve = solve or (lambda step: problem.solve())
         self.theta, self.num_pairings = float(theta), int(num_pairings)
-        self.dt_min, self.dt_max = limits
+        self.dt_min, self.dt_max = float(dt_min), float(dt_max)
         self.growth, self.cutback, self.easy = float(growth), float(cutback), int(easy)
         self.max_penetration, self.min_quality = max_penetration, float(min_quality)
         self.progress = bool(progress)
@@ -152,9 +170,8 @@ class TimeStepper:
         Raises:
             StepError: If it cannot be made, even with the smallest Δt, or a mesh is distorted.
         """
-        check_agreement(self.problem.comm, t_end=t_end)
-        if t_end is not None:
-            check_end(self.problem.comm, t_end)
+        with checked(self.problem.comm) as same:
+            same(either(FINITE, None), t_end=t_end)
         planned = dt = self._planned(t_end)
         self.num_iterations = 0
         start = Snapshot(self.problem, self.motions, self.tools)
@@ -201,8 +218,7 @@ class TimeStepper:
         if t_end is None:
             return dt
         left = t_end - self.t
-        if not left > 0:
-            raise ValueError(f"t_end: must be after t = {self.t:g}, not {t_end!r}")
+        require(left > 0, f"t_end: must be after t = {self.t:g}, not {t_end!r}")
         return left if left <= dt * (1 + 1e-9) else min(dt, max(left / 2, self.dt_min))
 
     def run(self, t_end: float) -> typing.Iterator[float]:
@@ -211,7 +227,8 @@ class TimeStepper:
         Raises:
             StepError: As :meth:`step`.
         """
-        check_end(self.problem.comm, t_end)
+        with checked(self.problem.comm) as same:
+            same(FINITE, t_end=t_end)
         with progress_bar(self.problem.comm, self.progress, self.t, t_end) as show:
             while t_end - self.t > 1e-9 * self.dt:
                 self.step(t_end)

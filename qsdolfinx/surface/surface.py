@@ -13,13 +13,13 @@ import numpy.typing as npt
 from dolfinx import fem, la, mesh
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.base.checks import check_array, check_type
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import FLAG, FUNCTION, check, check_array, instance, require
+from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import end_all_ranks
 from qsdolfinx.compat import collapse
 from qsdolfinx.surface.arguments import (
     FACET_VERTICES,
-    check_arguments,
+    check_space,
     facets_of_owned_cells,
     given_facets,
     trace_degree,
@@ -64,22 +64,20 @@ class Surface:
         facets: npt.ArrayLike | None = None,
         axisymmetric: bool = False,
     ) -> None:
-        if not isinstance(V, fem.FunctionSpace):
-            raise TypeError(f"V: must be a dolfinx.fem.FunctionSpace, not {type(V).__name__}")
-        comm = V.mesh.comm
+        check(instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace"), V=V)
+        comm, topology = V.mesh.comm, V.mesh.topology
         end_all_ranks(comm)
-        with collective_errors(comm):
-            check_arguments(V, facet_tags, tag, facets, axisymmetric)
-        check_agreement(comm, axisymmetric=axisymmetric)
+        if topology.cell_type in FACET_VERTICES:
+            topology.create_connectivity(topology.dim - 1, topology.dim)
+            topology.create_connectivity(topology.dim, topology.dim - 1)
+        with checked(comm) as same:
+            same(FLAG, axisymmetric=axisymmetric)
+            check_space(V, axisymmetric)
+            given = given_facets(V.mesh, facet_tags, tag, facets)
         self.V = V
         #: Whether facets stand for rings.
         self.axisymmetric = bool(axisymmetric)
         self.mesh = V.mesh
-        fdim = V.mesh.topology.dim - 1
-        V.mesh.topology.create_connectivity(fdim, fdim + 1)
-        V.mesh.topology.create_connectivity(fdim + 1, fdim)
-        with collective_errors(comm):
-            given = given_facets(V.mesh, facet_tags, tag, facets)
         self.facets = facets_of_owned_cells(V.mesh, given)
         self._linear: Surface | None = None
         with collective_errors(comm):
@@ -205,12 +203,10 @@ class Surface:
         Raises:
             ValueError: If one of the two alone is axisymmetric, or they share facets.
         """
-        if self.axisymmetric != master.axisymmetric:
-            raise ValueError("slave and master: both or none must be axisymmetric")
-        if self.mesh is master.mesh and np.intersect1d(self.facets, master.facets).size:
-            raise ValueError(
-                "slave and master share facets: a facet cannot be in contact with itself"
-            )
+        alike = self.axisymmetric == master.axisymmetric
+        require(alike, "slave and master: both or none must be axisymmetric")
+        share = self.mesh is master.mesh and np.intersect1d(self.facets, master.facets).size
+        require(not share, "slave and master share facets: none can be in contact with itself")
 
     def search_object(self, slave: Surface) -> _cpp.Surface:
         """The extension's surface as pairing from a slave sees it."""
@@ -249,7 +245,7 @@ class Surface:
         Returns:
             Function in V, collapsed if V is a sub-space.
         """
-        with collective_errors(self.comm):
+        with checked(self.comm):
             at_nodes = check_array("values", values, self.node_dofs.shape)
         index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
         vector = la.vector(index_map, bs, dtype=np.float64)
@@ -275,12 +271,12 @@ class Surface:
             TypeError: If it is no Function.
             ValueError: If it is in another space.
         """
-        check_type("function", function, fem.Function, "a dolfinx.fem.Function")
+        check(FUNCTION, function=function)
         expected = self.collapsed_space.dofmap.index_map
         dofmap = function.function_space.dofmap
         sizes = [(m.size_local, m.num_ghosts) for m in (expected, dofmap.index_map)]
-        if sizes[0] != sizes[1] or dofmap.index_map_bs != self.gdim:
-            raise ValueError("function: must be in the space of the surface")
+        fits = sizes[0] == sizes[1] and dofmap.index_map_bs == self.gdim
+        require(fits, "function: must be in the space of the surface")
         index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
         values = function.x.array
         if self._collapsed is not None:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.checks import check_array, check_vector
+from qsdolfinx.base.checks import check_array, check_vector, require
 from qsdolfinx.surface.affine import Affine
 
 Array = npt.NDArray[np.float64]
@@ -38,12 +38,11 @@ class Pose:
             ValueError: If the shape is another, it is not finite, or R is no rotation.
         """
         position = check_array("position", value, (gdim, gdim + 1))
-        if not np.isfinite(position).all():
-            raise ValueError(f"position: must be finite, of shape ({gdim}, {gdim + 1})")
+        require(np.isfinite(position).all(), "position: must be finite")
         R = position[:, :gdim]
         error = np.abs(R @ R.T - np.eye(gdim)).max()
-        if error > 1e-6 or np.linalg.det(R) < 0:
-            raise ValueError("position: the first columns must be a rotation")
+        is_rotation = error <= 1e-6 and np.linalg.det(R) >= 0
+        require(is_rotation, "position: the first columns must be a rotation")
         if error > 1e-14:  # many steps would let rounding errors grow
             U, _, V = np.linalg.svd(R)
             R = U @ V
@@ -76,6 +75,15 @@ def padded(x: Array) -> Array:
     return np.append(x, np.zeros(3 - len(x)))
 
 
+def point_of(name: str, value: npt.ArrayLike) -> Array:
+    """Coordinates of a point in two or three dimensions.
+
+    Raises:
+        ValueError: If the value is not made of two or three finite numbers.
+    """
+    return check_vector(name, value, 3 if np.size(np.asarray(value, dtype=object)) == 3 else 2)
+
+
 def unit_vector(name: str, value: npt.ArrayLike | None, size: int) -> Array:
     """Vector of unit length.
 
@@ -84,6 +92,5 @@ def unit_vector(name: str, value: npt.ArrayLike | None, size: int) -> Array:
     """
     vector = check_vector(name, value, size)
     length = float(np.linalg.norm(vector))
-    if length == 0:
-        raise ValueError(f"{name}: must not be zero")
+    require(length > 0, f"{name}: must not be zero")
     return np.asarray(vector / length)

@@ -13,17 +13,29 @@ import numpy.typing as npt
 from dolfinx import mesh
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.base.checks import check_array, check_flag, check_positive, check_type, check_vector
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import (
+    FINITE,
+    FLAG,
+    MESH,
+    POSITIVE,
+    check,
+    check_array,
+    check_vector,
+    instance,
+    require,
+)
+from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import end_all_ranks
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import triangulation
-from qsdolfinx.tools.pose import Pose, padded, unit_vector
+from qsdolfinx.tools.pose import Pose, padded, point_of, unit_vector
 from qsdolfinx.tools.shapes import Plane, Round, Shape
 from qsdolfinx.tools.triangulation import Facets
 
 Array = npt.NDArray[np.float64]
+
+COMMUNICATOR = instance(MPI.Intracomm, "a communicator of mpi4py")
 
 
 class Driven(typing.NamedTuple):
@@ -84,11 +96,11 @@ class RigidSurface:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the normal is zero.
         """
-        _check_comm(comm)
-        with collective_errors(comm):
-            x = _point("point", point)
+        check(COMMUNICATOR, comm=comm)
+        with checked(comm) as same:
+            x = point_of("point", point)
             n = unit_vector("normal", normal, len(x))
-        check_agreement(comm, point=x.tolist(), normal=n.tolist())
+            same(point=x, normal=n)
         return cls(comm, x, Plane(padded(x), padded(n)))
 
     @classmethod
@@ -113,14 +125,13 @@ class RigidSurface:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the axis is zero, or the radius is not positive.
         """
-        _check_comm(comm)
-        with collective_errors(comm):
-            x = _point("point", point)
-            check_positive("radius", radius)
-            check_flag("inside", inside)
+        check(COMMUNICATOR, comm=comm)
+        with checked(comm) as same:
+            x = point_of("point", point)
             a = None if len(x) == 2 else unit_vector("axis", axis, 3)
-        axis_list = None if a is None else a.tolist()
-        check_agreement(comm, point=x.tolist(), axis=axis_list, radius=radius, inside=inside)
+            same(point=x, axis=a)
+            same(POSITIVE, radius=radius)
+            same(FLAG, inside=inside)
         return cls(comm, x, Round(padded(x), float(radius), bool(inside), a))
 
     @classmethod
@@ -139,12 +150,12 @@ class RigidSurface:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the radius is not positive.
         """
-        _check_comm(comm)
-        with collective_errors(comm):
-            x = _point("center", center)
-            check_positive("radius", radius)
-            check_flag("inside", inside)
-        check_agreement(comm, center=x.tolist(), radius=radius, inside=inside)
+        check(COMMUNICATOR, comm=comm)
+        with checked(comm) as same:
+            x = point_of("center", center)
+            same(center=x)
+            same(POSITIVE, radius=radius)
+            same(FLAG, inside=inside)
         return cls(comm, x, Round(padded(x), float(radius), bool(inside)))
 
     @classmethod
@@ -171,9 +182,9 @@ class RigidSurface:
                 index is out of range, or a facet has no area, or neighbours are oriented in
                 opposite ways.
         """
-        _check_comm(comm)
-        facets, mean = triangulation.scatter(comm, x, triangles)
-        return cls(comm, _center(comm, center, mean), facets)
+        check(COMMUNICATOR, comm=comm)
+        facets, middle = triangulation.scatter(comm, x, triangles, center)
+        return cls(comm, middle, facets)
 
     @classmethod
     def from_stl(
@@ -196,8 +207,8 @@ class RigidSurface:
             ValueError: If the file cannot be read or is no STL file, or as :meth:`triangulated`.
         """
         x, triangles = None, None
-        _check_comm(comm)
-        with collective_errors(comm):
+        check(COMMUNICATOR, comm=comm)
+        with checked(comm):
             if comm.rank == 0:
                 x, triangles = triangulation.read_stl(filename)
         return cls.triangulated(comm, x, triangles, center)
@@ -224,10 +235,9 @@ class RigidSurface:
             ValueError: If the mesh has another dimension or order, is not finite, a cell has no
                 area, or neighbours are oriented in opposite ways.
         """
-        if not isinstance(msh, mesh.Mesh):
-            raise TypeError(f"msh: must be a dolfinx.mesh.Mesh, not {type(msh).__name__}")
-        facets, mean = triangulation.of_mesh(msh, inside)
-        return cls(msh.comm, _center(msh.comm, center, mean), facets)
+        check(MESH, msh=msh)
+        facets, middle = triangulation.of_mesh(msh, inside, center)
+        return cls(msh.comm, middle, facets)
 
     @property
     def V(self) -> None:
@@ -387,10 +397,9 @@ class RigidSurface:
             ValueError: If the force is zero or not finite, or the direction is zero or has another
                 shape.
         """
-        number = float(check_vector("force", [force], 1)[0])
-        if number == 0:
-            raise ValueError("force: must not be zero; use a tool that is not in contact instead")
-        self._driven = Driven(number, unit_vector("direction", direction, self.gdim))
+        check(FINITE, force=force)
+        require(force, "force: must not be zero; use a tool that is not in contact instead")
+        self._driven = Driven(float(force), unit_vector("direction", direction, self.gdim))
 
     def release(self) -> None:
         """Prescribe all of the displacement again."""
@@ -423,18 +432,12 @@ class RigidSurface:
         Raises:
             ValueError: With the name of what is wrong.
         """
-        with collective_errors(self.comm):
+        force, direction = (None, None) if self._driven is None else self._driven
+        with checked(self.comm) as same:
             self.displacement = self._displacement
             self.rotation = self._rotation
-        force, direction = (None, None) if self._driven is None else self._driven
-        check_agreement(
-            self.comm,
-            displacement=self._displacement.tolist(),
-            rotation=self._rotation.tolist(),
-            position=self.position.tolist(),
-            force=force,
-            direction=None if direction is None else direction.tolist(),
-        )
+            same(displacement=self._displacement, rotation=self._rotation, position=self.position)
+            same(force=force, direction=direction)
 
     @property
     def _facets(self) -> Facets:
@@ -455,19 +458,3 @@ def as_tool(surface: AnySurface) -> RigidSurface | None:
 def deformable(surface: AnySurface) -> Surface | None:
     """The surface if it has unknowns."""
     return surface if isinstance(surface, Surface) else None
-
-
-def _check_comm(comm: MPI.Intracomm) -> None:
-    """Refuse what is no communicator; there is none to agree on that with."""
-    check_type("comm", comm, MPI.Intracomm, "a communicator of mpi4py")
-
-
-def _point(name: str, value: npt.ArrayLike) -> Array:
-    return check_vector(name, value, 3 if np.size(np.asarray(value, dtype=object)) == 3 else 2)
-
-
-def _center(comm: MPI.Intracomm, given: npt.ArrayLike | None, mean: Array) -> Array:
-    with collective_errors(comm):
-        center = mean if given is None else check_vector("center", given, len(mean))
-    check_agreement(comm, center=center.tolist())
-    return center

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import os
@@ -15,9 +16,10 @@ import numpy.typing as npt
 from dolfinx import mesh
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.base.checks import check_vector
-from qsdolfinx.base.collective import check_agreement, collective_errors
+from qsdolfinx.base.checks import check_vector, require
+from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.compat import cell_nodes, coordinate_element
+from qsdolfinx.tools.pose import point_of
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -76,29 +78,38 @@ def area_vectors(x: Array) -> Array:
 
 
 def scatter(
-    comm: MPI.Intracomm, x: npt.ArrayLike | None, triangles: npt.ArrayLike | None
+    comm: MPI.Intracomm,
+    x: npt.ArrayLike | None,
+    triangles: npt.ArrayLike | None,
+    center: npt.ArrayLike | None,
 ) -> tuple[Facets, Array]:
     """Spread rank 0's facets over the ranks, as many on each. Collective.
 
     Returns:
-        The facets of this rank, and the mean vertex, shape (gdim,).
+        The facets of this rank, and the center or else the mean vertex, shape (gdim,).
     """
     points: Array = np.zeros((0, 3))
     cells: Indices = np.zeros((0, 3), dtype=np.int64)
-    with collective_errors(comm):
+    digests = _digest(x), _digest(triangles)
+    first = comm.bcast(digests, root=0)
+    with checked(comm) as same:
         if comm.rank == 0 or x is not None or triangles is not None:
             points, cells = _checked(x, triangles)
-    _check_same(comm, x is not None or comm.rank == 0, points, cells)
+            first = digests
+        same(x=first[0], triangles=first[1])
+        middle = None if center is None else point_of("center", center)
+        same(center=middle)
     counts = comm.bcast((len(points), len(cells), points.shape[1]), root=0)
     num_points, num_cells, gdim = counts
+    require(middle is None or len(middle) == gdim, f"center: must have {gdim} components")
     ranks = np.arange(comm.size + 1)
     first_cell, first_point = ranks * num_cells // comm.size, ranks * num_points // comm.size
     parts = None
     if comm.rank == 0:
         padded = np.column_stack([points, np.zeros((num_points, 3 - gdim))])
         # Slabs across the longest side: the search goes to few ranks.
-        middle = points[cells].mean(axis=1)
-        order = np.argsort(middle[:, np.argmax(np.ptp(middle, axis=0))], kind="stable")
+        middles = points[cells].mean(axis=1)
+        order = np.argsort(middles[:, np.argmax(np.ptp(middles, axis=0))], kind="stable")
         chunks = np.split(cells[order], first_cell[1:-1])
         parts = [(chunk, padded[chunk]) for chunk in chunks]
     vertices, coordinates = comm.scatter(parts, root=0)
@@ -107,15 +118,15 @@ def scatter(
     num_owned = int(first_point[comm.rank + 1] - first_point[comm.rank])
     sign = np.ones(len(vertices))
     _check_orientation(comm, "triangles", vertices, sign)
-    return Facets(coordinates, vertices, owner, num_owned, sign), mean
+    facets = Facets(coordinates, vertices, owner, num_owned, sign)
+    return facets, mean if middle is None else middle
 
 
-def _check_same(comm: MPI.Intracomm, given: bool, points: Array, cells: Indices) -> None:
-    """Refuse arrays that differ from rank 0's."""
-    digests = [hashlib.blake2b(a.tobytes()).hexdigest() for a in (points, cells)]
-    first = comm.bcast(digests, root=0)
-    x, triangles = digests if given else first
-    check_agreement(comm, x=x, triangles=triangles)
+def _digest(array: npt.ArrayLike | None) -> str:
+    """What tells arrays of numbers apart; it takes anything, as arrays are checked only later."""
+    with contextlib.suppress(TypeError, ValueError, OverflowError):
+        return hashlib.blake2b(np.asarray(array, dtype=np.float64).tobytes()).hexdigest()
+    return ""
 
 
 def _checked(x: npt.ArrayLike | None, triangles: npt.ArrayLike | None) -> tuple[Array, Indices]:
@@ -124,18 +135,16 @@ def _checked(x: npt.ArrayLike | None, triangles: npt.ArrayLike | None) -> tuple[
         points = np.array(x, dtype=np.float64)
     except (TypeError, ValueError):
         points = np.zeros(0)
-    if points.ndim != 2 or points.shape[1] not in (2, 3):
-        raise ValueError("x: must be an array of the shape (vertices, 2 or 3)")
-    if not np.isfinite(points).all():
-        raise ValueError("x: coordinates are not finite (NaN, infinity)")
+    fits = points.ndim == 2 and points.shape[1] in (2, 3)
+    require(fits, "x: must be an array of the shape (vertices, 2 or 3)")
+    require(np.isfinite(points).all(), "x: coordinates are not finite (NaN, infinity)")
     given = np.asarray(triangles)
     gdim = points.shape[1]
-    if given.ndim != 2 or given.shape[1] != gdim or not np.issubdtype(given.dtype, np.integer):
-        raise ValueError(f"triangles: must be integers of the shape (facets, {gdim})")
-    if len(given) == 0:
-        raise ValueError("triangles: there are none")
-    if given.min() < 0 or given.max() >= len(points):
-        raise ValueError(f"triangles: indices must be from 0 to {len(points) - 1}")
+    fits = given.ndim == 2 and given.shape[1] == gdim and np.issubdtype(given.dtype, np.integer)
+    require(fits, f"triangles: must be integers of the shape (facets, {gdim})")
+    require(len(given), "triangles: there are none")
+    fits = given.min() >= 0 and given.max() < len(points)
+    require(fits, f"triangles: indices must be from 0 to {len(points) - 1}")
     cells = given.astype(np.int64)
     padded = np.column_stack([points, np.zeros((len(points), 3 - gdim))])
     check_areas("triangles", padded[cells])
@@ -147,8 +156,7 @@ def check_areas(name: str, x: Array) -> None:
     size = np.max(np.linalg.norm(x[:, :, None] - x[:, None, :], axis=-1), axis=(1, 2), initial=0.0)
     power = 1 if x.shape[1] == 2 else 2
     flat = ~(np.linalg.norm(area_vectors(x), axis=1) > 1e-14 * size**power)
-    if flat.any():
-        raise ValueError(f"{name}: {np.count_nonzero(flat)} facets have no area")
+    require(not flat.any(), f"{name}: {np.count_nonzero(flat)} facets have no area")
 
 
 def _check_orientation(comm: MPI.Intracomm, name: str, vertices: Indices, sign: Array) -> None:
@@ -168,8 +176,8 @@ def _check_orientation(comm: MPI.Intracomm, name: str, vertices: Indices, sign: 
     to = passed.min(axis=1) % comm.size if n > 2 else passed[:, 0] % comm.size
     received = np.concatenate(comm.alltoall([passed[to == rank] for rank in range(comm.size)]))
     with collective_errors(comm):
-        if len(np.unique(received, axis=0)) < len(received):
-            raise ValueError(f"{name}: neighbours are oriented in opposite ways, or overlap")
+        once = len(np.unique(received, axis=0)) == len(received)
+        require(once, f"{name}: neighbours are oriented in opposite ways, or overlap")
 
 
 def read_stl(filename: str | os.PathLike[str]) -> tuple[Array, Indices]:
@@ -210,30 +218,34 @@ def _ascii_stl(data: bytes) -> Array | None:
         return None
 
 
-def of_mesh(msh: mesh.Mesh, inside: npt.ArrayLike | None) -> tuple[Facets, Array]:
-    """This rank's cells of a surface mesh, and the mean vertex, shape (gdim,). Collective.
+def of_mesh(
+    msh: mesh.Mesh, inside: npt.ArrayLike | None, center: npt.ArrayLike | None
+) -> tuple[Facets, Array]:
+    """This rank's cells of a surface mesh, and the center or else the mean vertex. Collective.
 
     Args:
         msh: The mesh.
         inside: A point that all cells are turned away from; without it they stay as they are.
+        center: What the tool is rotated about, shape (gdim,), or None.
     """
     comm, geometry, tdim = msh.comm, msh.geometry, msh.topology.dim
     gdim = int(geometry.dim)
-    with collective_errors(comm):
-        if gdim not in (2, 3) or tdim != gdim - 1:
-            raise ValueError(f"msh: must have the topological dimension gdim - 1, not {tdim}")
-        if coordinate_element(msh).degree != 1:
-            raise ValueError("msh: must be of first order")
+    with checked(comm) as same:
+        fits = gdim in (2, 3) and tdim == gdim - 1
+        require(fits, f"msh: must have the topological dimension gdim - 1, not {tdim}")
+        require(coordinate_element(msh).degree == 1, "msh: must be of first order")
         cells = cell_nodes(msh)[: msh.topology.index_map(tdim).size_local]
         x = np.asarray(geometry.x[cells], dtype=np.float64)
-        if not np.isfinite(x).all():
-            raise ValueError("msh: coordinates are not finite (NaN, infinity)")
+        require(np.isfinite(x).all(), "msh: coordinates are not finite (NaN, infinity)")
         check_areas("msh", x)
         sign: Array = np.ones(len(x))
         if inside is not None:
             point = np.append(check_vector("inside", inside, gdim), np.zeros(3 - gdim))
+            same(inside=point)
             outward = np.sum((x.mean(axis=1) - point) * area_vectors(x), axis=1)
             sign = np.where(outward < 0, -1.0, 1.0)
+        middle = None if center is None else check_vector("center", center, gdim)
+        same(center=middle)
     index_map = geometry.index_map()
     owners = np.concatenate(
         [np.full(index_map.size_local, comm.rank, dtype=np.int32), index_map.owners]
@@ -242,4 +254,5 @@ def of_mesh(msh: mesh.Mesh, inside: npt.ArrayLike | None) -> tuple[Facets, Array
     _check_orientation(comm, "msh", vertices, sign)
     total = comm.allreduce(geometry.x[: index_map.size_local, :gdim].sum(axis=0), op=MPI.SUM)
     facets = Facets(x, vertices, owners[cells].astype(np.int32), int(index_map.size_local), sign)
-    return facets, typing.cast(Array, total / index_map.size_global)
+    mean = typing.cast(Array, total / index_map.size_global)
+    return facets, mean if middle is None else middle
