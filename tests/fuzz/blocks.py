@@ -73,20 +73,20 @@ def moment_faults(contact, scene, imbalance, size):
         values = pass_.on_nodes(pass_.multiplier(contact.eps), 0.0)[:, 0]
         keys = gathered(contact.comm, nodes)
         values = dict(zip(keys.tolist(), gathered(contact.comm, values).tolist(), strict=True))
-        where = {}
-        for side, surface in ((p.slave, pass_.slave), (p.master, pass_.master)):
+        where = []
+        for side, surface in ((p.master, pass_.master), (p.slave, pass_.slave)):
             keys = gathered(contact.comm, surface.node_dofs[:, 0]).tolist()
             x = dict(zip(keys, gathered(contact.comm, surface.node_x), strict=True))
             x[-1] = np.zeros(3)
             at = np.array([x[d] for d in side.dofs[..., 0].ravel().tolist()])
             at = at.reshape(*side.dofs.shape[:2], 3)
-            where[surface] = np.einsum("pi,pij->pj", side.shape_values, at)
+            where.append(np.einsum("pi,pij->pj", side.shape_values, at))
         values[-1] = 0.0
         first = p.slave.dofs[:, : p.multiplier_values.shape[1], 0]
         at = np.array([values[d] for d in first.ravel().tolist()]).reshape(first.shape)
         strength = p.weight * np.sum(at * p.multiplier_values, axis=1)
         strength *= 0.5 if contact.formulation == "double-pass" else 1.0
-        lever = where[pass_.master] - where[pass_.slave]
+        lever = where[0] - where[1]
         expected += np.sum(strength[:, None] * np.cross(lever, p.normal), axis=0)
     expected = contact.comm.allreduce(expected, op=MPI.SUM)
     expected = expected[2:] if scene.gdim == 2 else expected
@@ -103,10 +103,8 @@ def blocks_of(contact):
     ]
     mats = []
     for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        mat = PETSc.Mat().create(comm=contact.comm)
-        mat.setSizes((layouts[i], layouts[j]))
-        mat.setType(PETSc.Mat.Type.AIJ)
-        mat.setBlockSize(contact.slave.gdim)
+        sizes, gdim = (layouts[i], layouts[j]), contact.slave.gdim
+        mat = PETSc.Mat().createAIJ(sizes, bsize=gdim, comm=contact.comm)
         mat.setUp()
         mats.append(mat)
     terms.add_pattern(contact.model, tuple(mats))
