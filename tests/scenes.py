@@ -209,7 +209,7 @@ def gathered(comm, values):
 
 
 def raises_everywhere(comm, error, match, call):
-    """Assert that every rank raises this error."""
+    """Assert that every rank raises this error; returns it."""
     try:
         call()
         found = None
@@ -219,6 +219,7 @@ def raises_everywhere(comm, error, match, call):
     assert match in str(found), f"{match!r} is not in {found}"
     texts = set(comm.allgather(str(found)))
     assert len(texts) == 1, texts
+    return found
 
 
 def largest(*arrays):
