@@ -1,4 +1,4 @@
-"""Newton's method with friction: what the remedies of qsdolfinx/stick_slip.py are good for.
+"""Newton's method with friction: what the remedies of qsdolfinx/friction/stick_slip.py do.
 
 Two elastic blocks with wavy contact surfaces are pressed together, dragged and dragged back by the
 displacement of the upper one's top, in four steps. Printed are, for each law, the solves that do

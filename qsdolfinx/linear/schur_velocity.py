@@ -170,7 +170,8 @@ class VelocityBlock:
 def velocity_modes(body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Translations and rotations, shape (modes, owned unknowns), and where they have values.
 
-    In axisymmetric bodies too: they are none there, but locally, which is what multigrid asks for.
+    In axisymmetric bodies too: there they are rigid motions only locally, which is what multigrid
+    asks for.
     """
     V = body.V
     dofs: npt.NDArray[np.int64] = np.arange(body.num_owned)
