@@ -51,7 +51,7 @@ void qsdolfinx::intersect(const Polygon& a, const Polygon& b, Polygon& out)
       out = {{low, 0}, {high, 0}};
     return;
   }
-  // Cut to and fro between two polygons.
+  // Each cut makes one of two polygons from the other.
   Polygon first = a, second;
   Polygon *in = &first, *cut = &second;
   for (std::size_t i = 0; i < b.size() && !in->empty(); ++i)
