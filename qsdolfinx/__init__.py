@@ -14,12 +14,13 @@ from qsdolfinx.contact.report import ContactReport
 from qsdolfinx.friction.laws import Coulomb, CoulombTresca, Friction, Norton, Sticking, Tresca
 from qsdolfinx.gap.laws import Law, Tied, Unilateral
 from qsdolfinx.output.fields import FieldWriter
-from qsdolfinx.output.history import History, step_row
+from qsdolfinx.output.history import History
 from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.solve.continuation import solve_with_continuation
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.restart import load_run, save_run
+from qsdolfinx.steps.step_row import step_row
 from qsdolfinx.steps.stepper import StepError, TimeStepper
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import RigidSurface

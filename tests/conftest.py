@@ -130,7 +130,9 @@ def uses_scenes(module):
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config):
     if comm.rank > 0:  # only rank 0 writes to the terminal
-        config.pluginmanager.get_plugin("terminalreporter")._tw._file = io.StringIO()
+        reporter = config.pluginmanager.unregister(name="terminalreporter")
+        silent = type(reporter)(config, io.StringIO())
+        config.pluginmanager.register(silent, "terminalreporter")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -65,7 +65,7 @@ public:
   const Side& side(int i) const { return sides_[i]; }
 
   /// Linear part G_s u_s + G_m u_m, [row][width]. Collective.
-  /// @param x vectors of the two bodies, of which a rigid one's is not looked at
+  /// @param x vectors of the two bodies; a rigid one's is ignored
   /// @param scale displacement per unknown of each of them: u = scale · x
   std::vector<double> apply(std::array<Vec, 2> x, std::array<double, 2> scale);
   /// b += Gᵀ f on both bodies. Collective. @param f [row][width]

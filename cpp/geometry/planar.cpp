@@ -51,7 +51,7 @@ void qsdolfinx::intersect(const Polygon& a, const Polygon& b, Polygon& out)
       out = {{low, 0}, {high, 0}};
     return;
   }
-  // Each cut makes one of two polygons from the other.
+  // Two polygons take turns: one is cut, the other takes what is left.
   Polygon first = a, second;
   Polygon *in = &first, *cut = &second;
   for (std::size_t i = 0; i < b.size() && !in->empty(); ++i)

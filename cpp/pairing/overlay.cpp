@@ -253,7 +253,7 @@ private:
   double share_, radius_;
   Normals normals_;
   const OverlayRules& rules_;
-  // Of the facet at hand.
+  // Of the present facet.
   std::vector<Piece> pieces_;
   bool overlapping_ = false; // whether pieces may
   // Reused storage.

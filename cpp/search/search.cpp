@@ -162,7 +162,7 @@ std::vector<std::int64_t> choose(const Answers& a, const Queries& q, std::size_t
   }
   return best;
 }
-/// Take over a facet of this rank.
+/// Answer with a facet of this rank.
 void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candidate& c)
 {
   const std::size_t nv = surface.num_vertices(), width = nv * surface.gdim();
@@ -177,7 +177,7 @@ void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candi
   std::copy_n(surface.facets().vertex_owner.begin() + c.facet * nv, nv, out.owner.begin() + k * nv);
 }
 
-/// Take over an answer.
+/// Answer with what a rank has sent.
 void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answer)
 {
   const std::size_t nv = a.nv, width = nv * a.gdim;

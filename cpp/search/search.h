@@ -23,7 +23,7 @@ struct ClosestFacets
 /// Collective.
 ///
 /// Facets further away than `radius` and facets that do not face the node (their normal and the
-/// node's enclose less than 90°: the back of a body) do not count. Local searches use an R-tree of
+/// node's enclose less than 90°: the back of a body) do not count. Local searches use a tree of
 /// the facets' boxes, O(log n) a node; nodes travel only to ranks whose facets' box is within the
 /// radius.
 ClosestFacets closest_facets(const Surface& nodes, const Surface& surface, double radius);

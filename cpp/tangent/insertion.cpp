@@ -138,7 +138,7 @@ private:
   bool pattern_;
   const std::vector<PetscInt>& dofs_;
   std::vector<std::int32_t> place_; ///< place of a column among those of a node, or -1
-  // Of the node at hand.
+  // Of the present node.
   std::vector<std::int32_t> columns_;
   std::vector<PetscScalar> values_;
   std::vector<PetscInt> unknowns_;

@@ -20,7 +20,7 @@ struct Numbering
 
 enum class RowMode
 {
-  zero,   ///< put zeros in the place of the entries
+  zero,   ///< replace the entries by zeros
   insert, ///< replace entries
   add
 };

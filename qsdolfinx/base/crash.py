@@ -41,10 +41,10 @@ _installed = False
 
 
 def end_all_ranks(comm: MPI.Intracomm) -> None:
-    """Follow ``sys.excepthook`` by what ends all ranks, once, if there are several.
+    """Let ``sys.excepthook`` also end all ranks, if there are several; once.
 
     Args:
-        comm: What is used in parallel for the first time.
+        comm: Communicator of what is used in parallel for the first time.
     """
     global _installed
     if comm.size > 1 and not _installed:

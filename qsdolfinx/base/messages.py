@@ -40,7 +40,7 @@ def warn(text: str, kind: type[ContactWarning], stacklevel: int) -> None:
 
 
 class _Terminal(logging.Handler):
-    """Prints our warnings where logging has taken them over and nobody takes them from there."""
+    """Prints our warnings where logging has captured them and no other handler shows them."""
 
     def emit(self, record: logging.LogRecord) -> None:
         text = record.getMessage()
@@ -53,9 +53,9 @@ class _Terminal(logging.Handler):
 
 
 def _show_warnings() -> None:
-    """See to it that warnings are shown: FFCx, which DOLFINx imports, hands them to logging.
+    """Make sure that warnings are shown: FFCx, which DOLFINx imports, hands them to logging.
 
-    There a handler that shows nothing is all that takes them.
+    The only handler there is one that shows nothing.
     """
     python = logging.getLogger("py.warnings")
     if not any(isinstance(handler, _Terminal) for handler in python.handlers):

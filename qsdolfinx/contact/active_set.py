@@ -35,5 +35,5 @@ def active_state(model: ContactModel) -> bytes:
 
 
 def tangent_state(model: ContactModel) -> bytes:
-    """What the tangent of linear bodies depends on beside ε."""
+    """What the tangent of linear bodies depends on besides ε."""
     return active_state(model) + b"".join(slip.tangent_state() for slip in model.slips)

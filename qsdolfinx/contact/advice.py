@@ -22,8 +22,8 @@ FEW = 0.1
 #: Cosine from which on surfaces face each other, or away from each other.
 FACING = 0.1
 
-#: Facet size of the master over the slave's below which nodal quadrature leaves spikes. A half is
-#: left in peace: rounding, and graded meshes.
+#: Facet size of the master over the slave's below which nodal quadrature leaves spikes. A half
+#: gives no warning: rounding, and graded meshes.
 FINER = 0.45
 
 #: Initial penetration over the smallest facet that is hardly meant to be pressed out at once.

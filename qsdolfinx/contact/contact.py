@@ -91,9 +91,9 @@ class Contact:
         initial_overclosure: What becomes of penetration at the first pairing, before anything has
             moved. ``"resolve"``: it is a misfit as any other, and the next solve presses the bodies
             apart (an interference fit; :meth:`allow_overclosure` does so gradually). ``"ignore"``:
-            it counts as no gap, without strain, for good: each node keeps its depth. ``"error"``:
-            it is refused. Points deeper than the search radius are not paired, and not seen. A tie
-            leaves any gap as it is; with it the first two are the same.
+            it never counts as a gap: each node keeps its depth, without strain. ``"error"``: it is
+            refused. Points deeper than the search radius are not paired, and not seen. A tie leaves
+            any gap as it is; with it the first two are the same.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
@@ -257,7 +257,7 @@ class Contact:
 
     @property
     def overclosure(self) -> Overclosure:
-        """Penetration at the first pairing: its ``depth``, and the ``part`` that is let be."""
+        """Penetration at the first pairing: its ``depth``, and the ``part`` that is allowed."""
         return self.model.overclosure
 
     @property
@@ -391,7 +391,7 @@ class Contact:
 
     @property
     def offset(self) -> tuple[PETSc.Vec | None, PETSc.Vec | None]:
-        """Displacements (length) beside those of the unknowns, see :meth:`set_offset`."""
+        """Displacements (length) on top of those of the unknowns, see :meth:`set_offset`."""
         return self.model.offset or (None, None)
 
     def set_dt(self, dt: float) -> None:
@@ -408,7 +408,7 @@ class Contact:
         motion.set_motion(self.model)
 
     def set_offset(self, slave: fem.Function | None, master: fem.Function | None) -> None:
-        """Set displacements (length) beside those of the unknowns: u = scale · x + offset.
+        """Set displacements (length) on top of those of the unknowns: u = scale · x + offset.
 
         For time stepping: from the meshes as they are, contact then sees the displacements to the
         end of the step, whatever part of the step the meshes have been moved already. Collective.

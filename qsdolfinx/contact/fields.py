@@ -1,4 +1,4 @@
-"""What a contact has to show on both bodies: status, gap and traction as Functions."""
+"""What a contact shows on both bodies: status, gap and traction as Functions."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Status(enum.IntEnum):
 
 
 class Faced(typing.NamedTuple):
-    """Of a master's nodes: which a pairing point reaches, and the mean of values they face."""
+    """For a master's nodes: which a pairing point reaches, and the mean of values they face."""
 
     reached: npt.NDArray[np.bool_]
     mean: Array

@@ -18,7 +18,7 @@ from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface
+from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
 T = typing.TypeVar("T")
 
@@ -57,9 +57,10 @@ class Settings:
     def roles(self) -> list[tuple[Surface, AnySurface]]:
         """Slave and master of each pass."""
         first: tuple[Surface, AnySurface] = (self.slave, self.master)
-        if self.formulation != "double-pass" or not isinstance(self.master, Surface):
+        master = deformable(self.master)
+        if self.formulation != "double-pass" or master is None:
             return [first]
-        return [first, (self.master, self.slave)]
+        return [first, (master, self.slave)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,7 +145,7 @@ class ContactModel:
         self.paired: Paired
         #: Counts the pairings made so far.
         self.num_pairings = 0
-        #: Displacements (length) beside those of the unknowns, of the slave's and the master's
+        #: Displacements (length) on top of the unknowns', of the slave's and the master's
         #: body; see :meth:`qs.Contact.set_offset`.
         self.offset: tuple[PETSc.Vec | None, PETSc.Vec | None] | None = None
         #: Whether a gap that is open by rounding alone counts as open.

@@ -56,7 +56,7 @@ def _continue_step(model: ContactModel) -> None:
 
 
 def move_tool(model: ContactModel) -> None:
-    """Take over the motion of a rigid tool. Collective.
+    """Let gaps and slips follow the motion of a rigid tool. Collective.
 
     Raises:
         ValueError: If it is not finite or differs between ranks.
@@ -84,7 +84,7 @@ def set_motion(model: ContactModel) -> None:
 def set_offset(
     model: ContactModel, slave: fem.Function | None, master: fem.Function | None
 ) -> None:
-    """Set displacements beside those of the unknowns, see :meth:`qs.Contact.set_offset`."""
+    """Set displacements on top of those of the unknowns, see :meth:`qs.Contact.set_offset`."""
     offset = _vecs(model, slave, master)
     free_offset(model)
     model.offset = offset
@@ -92,7 +92,7 @@ def set_offset(
 
 
 def free_offset(model: ContactModel) -> None:
-    """Free the vectors of displacements beside the unknowns'. Collective."""
+    """Free the vectors of displacements on top of the unknowns'. Collective."""
     for vec in model.offset or ():
         if vec is not None:
             vec.destroy()

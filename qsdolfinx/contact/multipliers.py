@@ -1,4 +1,4 @@
-"""Augmented multipliers λ̂ and τ̂ of a contact, and how they go on when it pairs anew."""
+"""Augmented multipliers λ̂ and τ̂ of a contact, and how they are kept when it pairs anew."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
 
 #: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
 #: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,
-#: is no longer small beside the tolerances. tests/contact/test_report.py measures both.
+#: is no longer small compared with the tolerances. tests/contact/test_report.py measures both.
 MODERATE, EXTREME = 30.0, 1e7
 
 
@@ -150,13 +150,13 @@ class Penalty:
         self.value, self.automatic, self.source = float(value), False, "given"
 
     def set_automatic(self, value: float, source: str) -> None:
-        """Take over a number that was computed as ``source`` says."""
+        """Set a number that was computed as ``source`` says."""
         self.value, self.source = value, source
 
     def follow(
         self, stiffness: tuple[float, ...], modulus: tuple[float, ...], together: bool
     ) -> None:
-        """Take over the bodies' stiffness, and compute an automatic penalty from it.
+        """Store the bodies' stiffness, and compute an automatic penalty from it.
 
         Once: with another ε the gaps of the last step would be wrong ones. But an augmented
         Lagrangian may have any, and that of bodies in velocities follows Δt and how fast they flow.

@@ -22,7 +22,7 @@ class ReachWarning(ContactWarning):
 
 
 def check_reach(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
-    """Warn if slave nodes without a partner may have met the other surface all the same.
+    """Warn if slave nodes without a partner may have met the other surface after all.
 
     They were further from it than the search radius, or beside it. If the surfaces have approached
     each other by less, along their normals, none of the former can have met it. Collective.

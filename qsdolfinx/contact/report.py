@@ -26,7 +26,7 @@ class SideReport:
 
     Attributes:
         nodes: Contact nodes.
-        area: Area (2D: length); None of a rigid tool.
+        area: Area (2D: length); None for a rigid tool.
         facet_sizes: Smallest and largest facet (length).
         found: Nodes that found a partner; None if the side's nodes are not searched for one.
     """
@@ -55,10 +55,10 @@ class ContactReport:
 
     Attributes:
         slave: The slave's side.
-        master: The master's, None of a tool with an analytic shape.
+        master: The master's, None for a tool with an analytic shape.
         points: Pairing points, of all passes.
         covered: Area that the points stand for over the area of the slave. At nodes a master that
-            goes on beyond the slave can make it more than 1.
+            extends beyond the slave can make it more than 1.
         missed_facets: On the overlay, facets that found no partner; else 0.
         gap: Smallest and largest weighted gap at the last evaluation (length, positive in
             penetration; of tied contact the size of the jump); None if nothing is paired.

@@ -200,7 +200,7 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
 
 @contextlib.contextmanager
 def _force_vec(model: ContactModel, side: str, part: str = "whole") -> typing.Iterator[PETSc.Vec]:
-    """Contact forces on the unknowns of one side's body, of which the reverse is assembled."""
+    """Contact forces on the unknowns of one side's body: minus what is assembled."""
     vecs = model.slave.create_vec(), model.master.create_vec()
     for p in model.gaps if part != "tangential" else ():
         p.add_forces(p.multiplier(model.eps), model.ordered(p, vecs))

@@ -1,6 +1,6 @@
 """What a contact adds to the equations: gaps, forces, tangent. All functions are collective.
 
-Of a rigid tool there is None in the place of what is given of the master's body.
+For a rigid tool, None takes the place of what belongs to the master's body.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 
 
 class FrictionHistory:
-    """What a contact has with friction, and keeps when it pairs anew.
+    """What friction adds to a contact, and keeps when that pairs anew.
 
     Args:
         friction: The law.
@@ -60,7 +60,7 @@ class FrictionHistory:
     # --- Parameters
 
     def read_parameters(self, slips: typing.Sequence[Slip]) -> None:
-        """Take over the values that the law's Constants and Functions have now. Collective.
+        """Read the values that the law's Constants and Functions have now. Collective.
 
         Raises:
             ValueError: If a Function or Constant is negative or not finite.
@@ -138,7 +138,7 @@ class FrictionHistory:
             slip.end_step()
 
     def slip(self, i: int, slip: Slip) -> Array:
-        """Slip at the nodes of pass i: of the steps before and of the one at hand."""
+        """Slip at the nodes of pass i: of earlier steps and of the present one."""
         state = slip.state
         if state.ended:
             return self.slipped[i]

@@ -26,7 +26,7 @@ ON_LIMIT = 1e-10
 
 
 class Rows(typing.NamedTuple):
-    """What a friction law knows of the rows of a weighted gap.
+    """What a friction law knows about the rows of a weighted gap.
 
     Attributes:
         slip: Tangential part of the jump's change since the step began, g (length), (rows, gdim).
@@ -64,7 +64,7 @@ class Response(typing.NamedTuple):
         stiffness: D = ∂τ/∂g (stress per length), (rows, gdim, gdim).
         coupling: ∂τ/∂λ, (rows, gdim).
         slipping: Closed rows that slip, (rows,).
-        dissipative: Part of g on which τ works for good (length), (rows, gdim).
+        dissipative: Part of g on which the work of τ is lost (length), (rows, gdim).
         secant: |τ| over the slip that it belongs to (stress per length), (rows,): τ's rigidity if
             its direction were free to follow g.
     """
@@ -97,7 +97,7 @@ class Friction(abc.ABC):
 
     #: Whether τ has a potential in g, so that the tangent is symmetric.
     symmetric: bool = True
-    #: Whether τ falls to zero by a jump when a node opens.
+    #: Whether τ jumps to zero when a node opens.
     jumps: bool = True
     #: Whether τ depends on the slip rate, and so on Δt.
     needs_dt: bool = False

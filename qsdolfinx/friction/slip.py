@@ -88,7 +88,7 @@ class Slip:
         self.state = SlipState.at_rest(self.operator.num_rows, gdim)
         #: Values of the law's parameters at the rows.
         self.parameters: dict[str, Array] = {}
-        #: How Newton's method fares.
+        #: What helps Newton's method from stick to slip and back.
         self.stick_slip = StickSlip(friction, self.operator.num_rows, gdim)
 
     @property
@@ -191,11 +191,11 @@ class Slip:
                 )
 
     def note(self) -> None:
-        """Say that there is going to be a tangent at the last evaluation."""
+        """Announce that a tangent at the last evaluation follows."""
         self.stick_slip.note(self.state.response, self.state.closed, self.state.stuck)
 
     def unsettled(self) -> bool:
-        """Whether rows were made to stick or are given friction back: to go on with the solve."""
+        """Whether rows were made to stick or are given friction back: the solve has to go on."""
         return bool(self.state.stuck.any()) | self.stick_slip.give_back(self.state.closed)
 
     def violation(self, penalty: float) -> float:

@@ -16,23 +16,23 @@ MAX_OPENINGS = 3
 #: Times that a row whose slip turns is made to stick, before it gets Kačanov's rigidity instead.
 MAX_STICKS = 3
 
-#: Iterations of Kačanov's rigidity after one more turn, at most. Of more some solves take too many.
+#: Most iterations of Kačanov's rigidity after one more turn. With more, some solves take too many.
 MAX_WAIT = 4
 
 
 class StickSlip:
     """Remedies for what full Newton steps do to friction, row by row.
 
-    A slipping node has no stiffness along its slip, so that a step may throw it to and fro over the
-    state in which it sticks. A node whose slip has turned is evaluated as if it had to stick, so
-    that the next step says whether it can, or which way it slips (as in primal-dual active-set
-    methods). After some turns, or under a line search, which must not see residuals of another
-    law, it has the rigidity of Kačanov's iteration instead, |τ| over the slip that the trial stands
-    for, |τ̂ + ε g|/ε, in all directions.
+    A slipping node has no stiffness along its slip, so that steps may throw it back and forth
+    across the state in which it sticks. A node whose slip has turned is evaluated as if it had to
+    stick, so that the next step says whether it can, or which way it slips (as in primal-dual
+    active-set methods). After some turns, or under a line search, which must not see residuals of
+    another law, it has the rigidity of Kačanov's iteration instead, |τ| over the slip that the
+    trial stands for, |τ̂ + ε g|/ε, in all directions.
 
     A law whose limit does not vanish with the pressure lets τ jump to zero where a node opens. A
-    node that can then be neither open nor closed with all of τ has no friction, from the time that
-    it has opened some times, until the solve ends or :meth:`give_back` is called.
+    node that can then be neither open nor closed with all of τ has no friction, once it has opened
+    several times, until the solve ends or :meth:`give_back` is called.
 
     Args:
         friction: The law.

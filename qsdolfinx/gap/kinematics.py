@@ -69,7 +69,7 @@ class Kinematics:
 
     @property
     def in_displacement(self) -> tuple[bool, bool]:
-        """Whether slave and master have displacements, which go on from step to step."""
+        """Whether slave and master have displacements, which continue from step to step."""
         return self.unknown[0] == "displacement", self.unknown[1] == "displacement"
 
     @property

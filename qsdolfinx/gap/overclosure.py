@@ -69,7 +69,7 @@ class Overclosure:
         ]
 
     def apply(self, passes: typing.Sequence[WeightedGap]) -> None:
-        """Allow the passes, paired anew perhaps, the part that is not resolved."""
+        """Allow the passes, perhaps paired anew, the part that is not resolved."""
         assert self._at_nodes is not None
         for p, depth in zip(passes, self._at_nodes, strict=True):
             if not p.law.jump:  # a tie keeps any gap

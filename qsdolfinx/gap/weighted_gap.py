@@ -17,7 +17,7 @@ from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
-#: Vectors of the slave's and of the master's body, None of a rigid tool.
+#: Vectors of the slave's and of the master's body, None for a rigid tool.
 Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 
 
@@ -35,9 +35,9 @@ class GapState:
     Attributes:
         values: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
         augmented: λ̂, of the same shape.
-        offset: Gap of displacements beside those of the unknowns, of the same shape.
+        offset: Gap of displacements on top of those of the unknowns, of the same shape.
         shift: What a rigid tool's motion adds to ḡ, of the same shape.
-        allowance: Gap (length) at each row that is no penetration: overclosure that is let be.
+        allowance: Gap (length) at each row that counts as none: overclosure that is not resolved.
         scale: Displacement per unknown of the slave's and of the master's body.
     """
 

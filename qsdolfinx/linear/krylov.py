@@ -21,7 +21,7 @@ SAFETY = 0.3
 #: Bounds of the relative tolerance of a linear solve.
 _TIGHTEST, _LOOSEST = 1e-12, 0.1
 
-#: A hierarchy is made anew when a linear solve takes this many times the iterations of its first.
+#: A hierarchy is rebuilt when a linear solve takes this many times the iterations of its first.
 STALE = 1.5
 
 
@@ -65,7 +65,7 @@ class Krylov:
         self._solved = False
 
     def needs_hierarchy(self, fingerprints: list[bytes]) -> bool:
-        """Whether multigrid's coarse spaces have to be made, or made anew.
+        """Whether multigrid's coarse spaces have to be built, or rebuilt.
 
         Args:
             fingerprints: What linear bodies' tangents depend on.

@@ -12,7 +12,7 @@ from qsdolfinx.linear.presets import FIRST
 from qsdolfinx.system.additive import Additive
 from qsdolfinx.system.rigid_modes import orthonormal, set_near_nullspace
 
-#: What contact's diagonal counts in Jacobi's method. By itself it is too small: contact couples
+#: Weight of contact's diagonal in Jacobi's method. By itself it is too small: contact couples
 #: many nodes with equal strength, its largest eigenvalue would be more than twice the bulk's, and
 #: so would be the interval that Chebyshev's polynomials have to damp.
 CONTACT_WEIGHT = 3.0

@@ -14,7 +14,7 @@ _EXTRA_MEMORY = 100
 EXACT = 1e-8
 
 #: Aggregation with the rigid modes. Without smoothed prolongators its set-up costs a fifth; the
-#: W-cycle makes up for that, and for contact, which is stiff beside the coarse levels.
+#: W-cycle makes up for that, and for contact, which is stiff compared with the coarse levels.
 AGGREGATION: dict[str, typing.Any] = {
     "pc_type": "gamg",
     "pc_gamg_agg_nsmooths": 0,
@@ -63,7 +63,7 @@ _KRYLOV: dict[str, typing.Any] = {
     "ksp_rtol": EXACT,  # between Newton steps; theirs follows the residual
 }
 
-#: Iterations after which GMRES starts anew.
+#: Iterations after which GMRES restarts.
 GMRES_RESTART = 100
 
 PRESETS: dict[str, dict[str, typing.Any]] = {

@@ -80,7 +80,7 @@ class Schur:
     def __init__(self, bodies: typing.Sequence[Body], forms: Forms = None) -> None:
         self._bodies = bodies
         self._comm = bodies[0].comm
-        #: Pressure mass matrix of each body, None of displacements.
+        #: Pressure mass matrix of each body, None for displacements.
         self.masses = [
             None
             if layout(body.V)[1] is None
@@ -124,7 +124,7 @@ class Schur:
             index_set.destroy()
 
     def update(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
-        """Compute the pressure's matrix for the unknowns at hand. Collective."""
+        """Compute the pressure's matrix for the present unknowns. Collective."""
         if ksp.getPC().getType() != PETSc.PC.Type.FIELDSPLIT:
             return  # the user's options say so
         masses = [mass for mass in self.masses if mass is not None]

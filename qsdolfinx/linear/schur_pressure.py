@@ -107,9 +107,8 @@ class PressureMass:
         def put(first: typing.Any, second: typing.Any, place: int) -> ufl.Form:
             return ufl.replace(cells, {test: z[place] * first, trial: second})
 
-        fields = [
-            self._join(field, 0.0) for field in volume_preserving(x, gdim, self._body.axisymmetric)
-        ]
+        velocities = self._body.geometry.volume_preserving(x, gdim)
+        fields = [self._join(velocity, 0.0) for velocity in velocities]
         along = self._join(ufl.as_vector([0.0] * (gdim - 1) + [x[gdim - 1]]), 0.0)
         one = self._pressure(1.0)
         form = z[4] * ufl.dx(domain=msh)
@@ -118,7 +117,7 @@ class PressureMass:
         return fem.form(form + put(along, one, 1) + put(one, along, 2) + put(one, one, 3))
 
     def assemble(self) -> None:
-        """Assemble for the unknowns at hand. Collective."""
+        """Assemble for the present unknowns. Collective."""
         with self._body.watch.stage("bulk assembly"):
             if self._probes is not None:
                 values = fem.assemble_vector(self._probes).array.reshape(-1, 5)
@@ -132,21 +131,3 @@ class PressureMass:
             self.matrix.scale(self.sign)
             rows = self._constrained + self.matrix.getOwnershipRange()[0]
             self.matrix.zeroRowsColumns(rows.astype(np.int32), diag=1.0)
-
-
-def volume_preserving(x: typing.Any, gdim: int, axisymmetric: bool) -> list[typing.Any]:
-    """Velocity fields of constant strain rate, without volume change and of norm 1."""
-    if gdim == 2:
-        stretch = (x[0], -2 * x[1]) if axisymmetric else (x[0], -x[1])
-        size = np.sqrt(6.0) if axisymmetric else np.sqrt(2.0)
-        shear = (0.0 * x[0], np.sqrt(2.0) * x[0])
-        return [ufl.as_vector([s / size for s in stretch]), ufl.as_vector(shear)]
-    fields = [
-        ufl.as_vector([x[0] / np.sqrt(2.0), -x[1] / np.sqrt(2.0), 0.0]),
-        ufl.as_vector([c * x[i] / np.sqrt(6.0) for i, c in enumerate((1.0, 1.0, -2.0))]),
-    ]
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        shear3 = [0.0, 0.0, 0.0]
-        shear3[i] = np.sqrt(2.0) * x[j]
-        fields.append(ufl.as_vector(shear3))
-    return fields

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import basix
 
 from qsdolfinx.compat import collapse
+from qsdolfinx.surface.geometry import Cartesian
 from qsdolfinx.surface.unknowns import owned_vertices
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.rigid_modes import displacement_space, orthonormal, set_near_nullspace
@@ -185,11 +186,7 @@ def velocity_modes(body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
         space = displacement_space(body.V)
         assert space is not None
         places, x = owned_vertices(space)
-    rotations = [(0, 1)] if gdim == 2 else [(0, 1), (1, 2), (2, 0)]
-    modes = np.zeros((gdim + len(rotations), body.num_owned))
-    for i in range(gdim):
-        modes[i, places[:, i]] = 1
-    for mode, (i, j) in zip(modes[gdim:], rotations, strict=True):
-        mode[places[:, i]] = -x[:, j]
-        mode[places[:, j]] = x[:, i]
+    fields = Cartesian().rigid_fields(x, gdim)
+    modes = np.zeros((len(fields), body.num_owned))
+    modes[:, places] = fields
     return modes, np.isin(np.arange(body.num_owned), places)

@@ -156,7 +156,7 @@ class FieldWriter:
     def _abandon(self) -> None:
         """Give up a file that could not be written.
 
-        To close or free it would end the program: DOLFINx has left parts of it open.
+        Closing or freeing it would end the program: DOLFINx has left parts of it open.
         """
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._xdmf))
         self._xdmf, self._vtx = None, []

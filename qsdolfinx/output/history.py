@@ -13,45 +13,19 @@ from mpi4py import MPI
 from qsdolfinx.base.checks import check_file, check_type
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.progress import bar
-from qsdolfinx.steps.stepper import TimeStepper
-
-
-def step_row(stepper: TimeStepper) -> dict[str, float]:
-    """What every run can say of its last step. Collective.
-
-    Returns:
-        Step, time, Δt, Newton iterations and failed attempts; for each contact the force on the
-        slave, the area in contact and the deepest penetration; the volume of each mesh.
-    """
-    check_type("stepper", stepper, TimeStepper, "a TimeStepper")
-    row: dict[str, float] = {
-        "step": stepper.num_steps,
-        "t": stepper.t,
-        "dt": stepper.last_dt,
-        "iterations": stepper.num_iterations,
-        "cutbacks": stepper.num_cutbacks,
-    }
-    for i, contact in enumerate(stepper.problem.contacts):
-        force = contact.force("slave")
-        row |= {f"force_{i}_{axis}": float(f) for axis, f in zip("xyz", force, strict=False)}
-        row[f"area_{i}"] = contact.patch()[0]
-        row[f"penetration_{i}"] = contact.penetration()
-    for i, motion in enumerate(stepper.motions):
-        row[f"volume_{i}"] = motion.volume()
-    return row
 
 
 class History:
     """Table of numbers, one line a step, as CSV and on the terminal.
 
-    On a terminal with tqdm at hand there is a progress bar; otherwise one plain line a step.
+    On a terminal with tqdm installed there is a progress bar; otherwise one plain line a step.
 
     Args:
         comm: Communicator; its rank 0 writes.
         filename: CSV file, or None.
         t_end: Time at which the run ends, for the bar.
         verbose: Whether to print.
-        append: Whether to go on with a file that is there, after a restart: lines with ``t`` before
+        append: Whether to continue an existing file, after a restart: lines with ``t`` before
             that of the first new one are kept.
 
     Raises:

@@ -41,7 +41,7 @@ def check_quadrature(
 
     Raises:
         ValueError: If it is not a positive integer, or the nodal rule is to sample traces of degree
-            2: their values at the vertices say nothing of the edges.
+            2: their values at the vertices say nothing about the edges.
     """
     if quadrature == "nodal" and max(slave.degree, master.degree) > 1:
         raise ValueError(

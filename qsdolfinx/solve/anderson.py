@@ -27,7 +27,7 @@ class Augmentation:
 
     While the active set stays and bodies are linear, the map is affine, and the combination of
     earlier updates with the least residual λ − λ̂ (Anderson, 1965) converges like GMRES: a moderate
-    ε does with few updates. When the active set changes, it starts anew.
+    ε needs few updates. When the active set changes, it starts again.
 
     Args:
         contacts: Contacts with an augmented Lagrangian.

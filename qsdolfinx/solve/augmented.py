@@ -22,10 +22,10 @@ INNER = 1e-4
 #: method goes on: a primal-dual active set method can cycle at nodes without pressure.
 MAX_SADDLE_POINTS = 4
 
-#: Residual, relative to the first one, from which on they may be.
+#: Residual, relative to the first one, from which on that is tried.
 FIRST = 1e-2
 
-#: Residual, relative to the first one, below which rounding errors are.
+#: Residual, relative to the first one, at which rounding errors set in.
 ROUNDING = 1e-13
 
 

@@ -28,7 +28,7 @@ FACTOR = 4.0
 SMALLEST_STEP = 1 / 64
 
 #: Largest last step of Newton's method, relative to the unknowns, after which a solve from the
-#: unknowns at hand is taken for converged, and how many solves may follow each other until then.
+#: present unknowns counts as converged, and how many solves may follow each other until then.
 SETTLED, MAX_SOLVES = 1e-3, 10
 
 #: Line search. Where a body hardly flows, full steps change the viscosity for small m by orders of
@@ -48,7 +48,7 @@ def solve_with_continuation(
     of their targets, m = target^s with s from 0 to 1. A step that fails is halved. From rest, SNES
     would measure its tolerance by the huge viscosity there, and end too early. If all m are at
     their targets and the bodies are not at rest (later steps of a loading history), that is tried
-    first from the unknowns at hand.
+    first from the present unknowns.
 
     Steps are damped with the line search ``bt``, unless the problem's options name another.
 
@@ -108,10 +108,10 @@ def _restore(
 
 
 def _settle(problem: ContactProblem) -> int | None:
-    """Solve from the unknowns at hand, and again until Newton's steps have become small.
+    """Solve from the present unknowns, and again until Newton's steps have become small.
 
     SNES measures its tolerance by the first residual. Where the rate jumps that is the new velocity
-    times the old viscosity, beside which anything is small.
+    times the old viscosity, compared with which anything is small.
 
     Returns:
         Newton iterations, or None if they have not become small.

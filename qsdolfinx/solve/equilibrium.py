@@ -19,7 +19,7 @@ class Equilibrium:
         self.newton, self.balance = newton, balance
 
     def find(self) -> None:
-        """Solve for the multipliers at hand. Collective.
+        """Solve for the multipliers as they are. Collective.
 
         Raises:
             ConvergenceError: If a solve fails, or a tool's force cannot be balanced.

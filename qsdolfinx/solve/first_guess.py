@@ -19,7 +19,7 @@ def guess(system: ContactSystem) -> tuple[float, float]:
 
     Returns:
         Norm of the residual before; and that over the norm after a guess, at most 1, else 1. A
-        stiff penalty makes much of the guess's gaps: what counts are the loads.
+        stiff penalty magnifies the guess's gaps: what counts are the loads.
     """
     residual = system.residual(system.x.array_r)
     norm, rigid = system.norm(residual), system.made.rigid

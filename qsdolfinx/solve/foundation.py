@@ -106,7 +106,7 @@ class Foundation:
         return np.asarray(-vectors[:, stiff] @ (along[stiff] / values[stiff]))
 
     def _step(self, q: Array, direction: Array) -> float | None:
-        """Where Π is least along a direction; None if it falls for ever."""
+        """Where Π is least along a direction; None if it falls without end."""
         change = self._G @ direction
         scale = self._comm.allreduce(np.max(np.abs(change), initial=0), op=MPI.MAX)
         reach = self._comm.allreduce(np.max(np.abs(self._gap), initial=0), op=MPI.MAX)

@@ -48,7 +48,7 @@ class Record:
     norms: list[float] = dataclasses.field(default_factory=list)
 
     def add(self, iteration: int, norm: float, active: list[int]) -> None:
-        """Take down an iteration; number 0 begins anew."""
+        """Record an iteration; number 0 starts ``norms`` again."""
         self.residuals.append(norm)
         self.norms = [*(self.norms if iteration else []), norm]
         self.active.append(active)
@@ -69,7 +69,7 @@ class Context:
     Attributes:
         system: The system.
         linear: Its linear solver.
-        record: Where iterations are taken down.
+        record: Where iterations are recorded.
         atol: Absolute tolerance that was asked for, before what rounding leaves.
         failure: What a callback has raised: PETSc would make an error of its own of it.
     """
@@ -122,7 +122,7 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
 
 @_callback
 def monitor(snes: PETSc.SNES, iteration: int, norm: float, context: Context) -> None:
-    """Take down an iteration."""
+    """Record an iteration."""
     context.record.add(iteration, norm, context.system.num_active_local())
 
 
@@ -150,7 +150,7 @@ class Newton:
         snes.setMonitor(monitor, (self._context,))
 
     def begin(self) -> None:
-        """Begin a new record; matrices that contact has left behind are made anew. Collective."""
+        """Begin a new record."""
         self.record = self._context.record = Record()
 
     def update_matrices(self) -> None:
@@ -190,7 +190,7 @@ class Newton:
     # --- Solving
 
     def solve(self) -> None:
-        """Solve for the multipliers and tools at hand. Collective.
+        """Solve for multipliers and tools as they are. Collective.
 
         Raises:
             ConvergenceError: If that fails.

@@ -65,8 +65,8 @@ class ContactProblem:
             moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
             the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with multigrid for
             velocities and displacements, and pressure mass matrices), or ``"auto"``: direct unless
-            the problem is large, which is then logged; nothing of all this if there is any
-            ``ksp_`` or ``pc_`` option.
+            the problem is large, which is then logged; none of these if there is any ``ksp_`` or
+            ``pc_`` option.
         pressure_preconditioner: For ``"schur"``: for each body None or a bilinear form on its space
             that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
             sign. By default it is found from the tangent, at the viscosity of each iterate.
@@ -309,7 +309,7 @@ class ContactProblem:
             slip.stick_slip.begin_solve()
 
     def _starting_point(self) -> Array:
-        """Bring the system to the bodies' unknowns; a copy of its own."""
+        """Bring the system to the bodies' unknowns; returns a copy of them."""
         for body, part in zip(self.bodies, self.system.parts(self.system.x.array), strict=True):
             values = body.u.x.array[: body.num_owned].copy()
             # Linear ones are evaluated as if their Dirichlet values were in place.

@@ -22,7 +22,7 @@ SNES_OPTIONS: dict[str, typing.Any] = {
 #: Line search that is tried from the start when full steps did not converge.
 LINE_SEARCH = "l2"
 
-#: Reason, beside PETSc's, of a solve whose augmented multipliers do not close the gap.
+#: Reason, in addition to PETSc's, of a solve whose augmented multipliers do not close the gap.
 NOT_CLOSED = -1000
 
 #: The same of a rigid tool for whose driving force no displacement was found.
@@ -77,10 +77,10 @@ def reason_name(reasons: type, value: int) -> str:
 
 
 def forget_failure(snes: PETSc.SNES) -> None:
-    """Let a direct solver whose factorisation failed start anew. Collective.
+    """Let a direct solver whose factorisation failed start afresh. Collective.
 
     Otherwise PETSc's interface to MUMPS refuses all matrices that come after the one that failed,
-    be it for memory that the first one's analysis did not foresee.
+    even if that took no more than memory which the first one's analysis did not foresee.
     """
     ksp = snes.getKSP()
     failed = ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED

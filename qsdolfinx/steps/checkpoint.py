@@ -79,7 +79,7 @@ class Checkpoint:
         values: dict[str, typing.Any],
         identities: dict[str, list[int]],
     ) -> None:
-        """Write all files into the new folder, and put it in the place of the old one."""
+        """Write all files into the new folder, and replace the old one by it."""
         with collective_errors(self._comm):
             arrays: dict[str, npt.NDArray[typing.Any]] = {}
             for name, function in functions.items():
@@ -99,7 +99,7 @@ class Checkpoint:
                 self._replace(aside)
 
     def _replace(self, aside: pathlib.Path) -> None:
-        """Put the new folder in the place of the old one."""
+        """Replace the old folder by the new one."""
         old = self._folder.with_name(self._folder.name + ".old")
         shutil.rmtree(old, ignore_errors=True)
         if self._folder.exists():

@@ -32,7 +32,7 @@ def save_run(
 
     Args:
         stepper: The run, after a step.
-        folder: Folder of the checkpoint; one that is there is replaced when the new one is whole.
+        folder: Folder of the checkpoint; an existing one is replaced when the new one is whole.
         functions: Functions of the user's own, such as accumulated strains.
         values: Numbers of the user's own, such as accumulated work; what JSON can hold.
     """
@@ -54,10 +54,10 @@ def load_run(
     folder: str | pathlib.Path,
     functions: typing.Mapping[str, fem.Function] | None = None,
 ) -> dict[str, typing.Any]:
-    """Go on from a checkpoint, on any number of ranks. Collective.
+    """Continue from a checkpoint, on any number of ranks. Collective.
 
     Args:
-        stepper: The run, made anew just as before.
+        stepper: The run, set up just as before.
         folder: Folder of the checkpoint.
         functions: As for save_run.
 

@@ -267,7 +267,7 @@ class TimeStepper:
             known: Velocities of the last step, or so.
             dt: Δt.
             start: State at the start of the step.
-            at_end: Pair where the solution at hand says the surfaces are at the end of the step.
+            at_end: Pair where the present solution puts the surfaces at the end of the step.
         """
         offsets, starts = [], []
         for i, motion in enumerate(self.motions):

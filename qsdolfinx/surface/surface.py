@@ -25,6 +25,7 @@ from qsdolfinx.surface.arguments import (
     trace_degree,
 )
 from qsdolfinx.surface.facets import FacetLayout
+from qsdolfinx.surface.geometry import Axisymmetric, Cartesian
 
 #: Of the facets' nodes, and of a point inside each facet's cell.
 Coordinates = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
@@ -162,13 +163,13 @@ class Surface:
     @property
     def node_size(self) -> npt.NDArray[np.float64]:
         """Size of the facets around the owned nodes (length), shape (nodes,). Collective."""
-        if self.axisymmetric:  # a ring's area says nothing of the size of its facet
+        if self.axisymmetric:  # a ring's area says nothing about the size of its facet
             return np.full(len(self.node_area), np.mean(self.facet_size_range))
         return np.asarray(self.node_area ** (1 / self.area_dim))
 
     @property
     def center(self) -> npt.NDArray[np.float64]:
-        """What moments are about if nothing is said: the origin, shape (gdim,)."""
+        """What moments are about by default: the origin, shape (gdim,)."""
         return np.zeros(self.gdim)
 
     def shape_degree(self, order: int) -> int:
@@ -214,6 +215,11 @@ class Surface:
     def search_object(self, slave: Surface) -> _cpp.Surface:
         """The extension's surface as pairing from a slave sees it."""
         return self.cpp_object
+
+    @property
+    def geometry(self) -> Cartesian:
+        """What coordinates mean."""
+        return Axisymmetric() if self.axisymmetric else Cartesian()
 
     @property
     def area_dim(self) -> int:
@@ -334,7 +340,7 @@ class Surface:
         return self._linear
 
     def update(self) -> None:
-        """Read the mesh coordinates anew, after the mesh has moved. Collective.
+        """Read the mesh coordinates again, after the mesh has moved. Collective.
 
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
@@ -343,7 +349,7 @@ class Surface:
 
 
 def update_surfaces(*surfaces: Surface) -> None:
-    """Read the mesh coordinates of several surfaces anew: of all of them, or of none. Collective.
+    """Read the mesh coordinates of several surfaces again: of all of them, or of none. Collective.
 
     Raises:
         ValueError: If coordinates are not finite or a facet has no area.

@@ -50,7 +50,7 @@ class Additive:
         self.matrix.setUp()
 
     def assemble(self, contact: bool = True) -> None:
-        """Take over the bodies' and the contacts' present state. Collective.
+        """Update to the bodies' and the contacts' present state. Collective.
 
         Args:
             contact: False for the bulk alone.

@@ -14,7 +14,7 @@ from qsdolfinx.contact import terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.system.body import Body
 
-#: Body (index) of the slave's and of the master's side of a contact, None of a rigid tool.
+#: Body (index) of the slave's and of the master's side of a contact, None for a rigid tool.
 Side = tuple[int, int | None]
 Sides = typing.Sequence[Side]
 

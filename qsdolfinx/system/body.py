@@ -17,6 +17,7 @@ from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
 from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.surface.geometry import Cartesian
 
 Array = npt.NDArray[np.float64]
 
@@ -78,8 +79,8 @@ class Body:
         self.matrix_type: str = PETSc.Mat.Type.AIJ
         #: Digest of everything that K depends on; empty if F is not linear.
         self.fingerprint = b""
-        #: Whether coordinates are (r, z); its contact surfaces know.
-        self.axisymmetric = False
+        #: What its coordinates mean; its contact surfaces know.
+        self.geometry = Cartesian()
         #: Wall time that this rank has spent in assembly.
         self.watch = Stopwatch()
         #: Number of times that K was assembled.
@@ -131,7 +132,7 @@ class Body:
         self.u.x.scatter_forward()
 
     def begin_solve(self) -> None:
-        """Take over new Dirichlet values, loads, material and geometry. Collective."""
+        """Read new Dirichlet values, loads, material and geometry. Collective."""
         self.u.x.scatter_forward()  # a user may have set owned values alone
         for bc in self.bcs:
             bc.set(self._g.array)
@@ -179,7 +180,7 @@ class Body:
             self._assemble_matrix(block)
 
     def matrix(self) -> PETSc.Mat:
-        """The bulk block alone, for the u at hand; do not modify. Collective."""
+        """The bulk block alone, for the present u; do not modify. Collective."""
         if self._K is None:
             self._K = fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
         if not self.linear:

@@ -1,4 +1,4 @@
-"""Bodies that nothing holds along a rigid motion: a tangent that can be factorised all the same."""
+"""Bodies that nothing holds along a rigid motion: how to factorise their tangent nevertheless."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Form(str, enum.Enum):
 
 
 class Matrices:
-    """What there is to be made anew whenever contact has paired.
+    """What has to be built again whenever contact has paired.
 
     Args:
         bodies: The bodies.

@@ -37,18 +37,9 @@ def rigid_modes(body: Body) -> Array:
     if V is None:
         return np.zeros((0, body.num_owned))
     dofs, x = owned_vertices(V)
-    gdim = V.mesh.geometry.dim
-    rotations = [(0, 1)] if gdim == 2 else [(0, 1), (1, 2), (2, 0)]
-    if body.axisymmetric:  # along the axis alone
-        along = np.zeros(body.num_owned)
-        along[dofs[:, 1]] = 1
-        return along[None, :]
-    modes = np.zeros((gdim + len(rotations), body.num_owned))
-    for i in range(gdim):
-        modes[i, dofs[:, i]] = 1
-    for mode, (i, j) in zip(modes[gdim:], rotations, strict=True):
-        mode[dofs[:, i]] = -x[:, j]
-        mode[dofs[:, j]] = x[:, i]
+    fields = body.geometry.rigid_fields(x, V.mesh.geometry.dim)
+    modes = np.zeros((len(fields), body.num_owned))
+    modes[:, dofs] = fields
     return modes
 
 

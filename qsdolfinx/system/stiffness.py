@@ -11,10 +11,10 @@ import numpy as np
 from qsdolfinx.contact import terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.penalty import nodal_stiffness
-from qsdolfinx.surface.surface import Surface
 from qsdolfinx.system.blocks import Sides
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.matrices import Form
+from qsdolfinx.tools.rigid_surface import deformable
 
 
 def measure(
@@ -44,8 +44,8 @@ def measure(
         terms.constrain(contact, markers[s], None if m is None else markers[m])
         measured = [
             nodal_stiffness(surface, bulk[i], markers[i], scales[i])
-            for surface, i in ((contact.slave, s), (contact.master, m))
-            if i is not None and isinstance(surface, Surface)
+            for surface, i in ((contact.slave, s), (deformable(contact.master), m))
+            if surface is not None and i is not None
         ]
         stiffness, modulus = (tuple(values) for values in zip(*measured, strict=True))
         together = form is Form.SUM and contact.law.linear

@@ -48,7 +48,7 @@ class ContactSystem:
             self.sides.append((slave, master))
             for i in (slave, master):
                 if i is not None:
-                    self.bodies[i].axisymmetric = contact.slave.axisymmetric
+                    self.bodies[i].geometry = contact.slave.geometry
         self.form = form
         for body in self.bodies:
             if form is not Form.NEST and body.V.dofmap.index_map_bs > 1:
@@ -156,7 +156,7 @@ class ContactSystem:
 
     @property
     def is_stale(self) -> bool:
-        """Whether matrices have to be made, or made anew."""
+        """Whether matrices have to be built, or rebuilt."""
         return self._made is None or not self._is_paired()
 
     def _is_paired(self) -> bool:

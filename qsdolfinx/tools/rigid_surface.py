@@ -44,10 +44,10 @@ class RigidSurface:
     A tool has no unknowns and adds none to the matrix. Make one with :meth:`plane`,
     :meth:`cylinder`, :meth:`sphere`, :meth:`triangulated`, :meth:`from_stl` or :meth:`from_mesh`.
 
-    What it does in the next solve is said by :attr:`displacement` and :attr:`rotation`: contact
+    What it does in the next solve is set by :attr:`displacement` and :attr:`rotation`: contact
     sees the tool displaced by x ↦ displacement + (R − 1)(x − center), R being the finite rotation,
-    while points and normals stay as they were paired (small sliding). :meth:`advance` moves the
-    tool there for good; ``contact.update()`` has to follow.
+    while points and normals stay as they were paired (small sliding). :meth:`advance` makes the
+    motion permanent; ``contact.update()`` has to follow.
 
     With :meth:`drive`, a force takes the place of the displacement in one direction.
 
@@ -105,7 +105,7 @@ class RigidSurface:
         Args:
             comm: Communicator of the bodies' meshes.
             point: A point of the axis, shape (gdim,), gdim 2 or 3.
-            axis: Direction of the axis, shape (3,), of any length; not looked at in 2D.
+            axis: Direction of the axis, shape (3,), of any length; ignored in 2D.
             radius: Radius (length).
             inside: Whether the workpiece is inside of it; the tool is then all that is outside.
 
@@ -185,7 +185,7 @@ class RigidSurface:
         """A tool from an STL file, ASCII or binary, read by rank 0. Collective.
 
         Vertices with equal coordinates are one. Orientation is that of the vertices; normals in the
-        file are not looked at.
+        file are ignored.
 
         Args:
             comm: Communicator of the bodies' meshes.
@@ -349,7 +349,7 @@ class RigidSurface:
         return rotation_about(R, self.center, self._displacement)
 
     def advance(self) -> None:
-        """Move the tool for good by its displacement and rotation, and set these to zero.
+        """Make displacement and rotation permanent: move the tool, and set them to zero.
 
         Call ``contact.update()`` next: it pairs with the new position.
         """
@@ -361,7 +361,7 @@ class RigidSurface:
     def position(self) -> Array:
         """Where the tool is: [R | t], shape (gdim, gdim + 1); x₀ has gone to R x₀ + t.
 
-        It can be set, to go on from a checkpoint; ``contact.update()`` has to follow.
+        It can be set, to continue from a checkpoint; ``contact.update()`` has to follow.
         """
         return self._pose.matrix
 

@@ -7,14 +7,16 @@ import typing
 from mpi4py import MPI
 
 import numpy as np
-from scenes import WORLD, Pair, box, plane, vector_space
+from scenes import WORLD, Pair, box, create_mesh, plane, vector_space
 from step_scenes import Upset
 
+import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 from qsdolfinx import materials
+from qsdolfinx.contact import multipliers
 
 
 class Of(typing.NamedTuple):
@@ -51,7 +53,7 @@ class Scene:
     def state(self):
         """All that a refusal must leave as it was."""
         arrays = self.case.state() + [u.x.array.copy() for u in self.pair.u]
-        arrays += [m for m in self.pair.contact.multipliers_on_nodes()]
+        arrays += [m for m in multipliers.on_nodes(self.pair.contact.model.parts)]
         arrays += [self.case.tool.rotation.copy(), np.array([self.m.value])]
         contacts = [self.pair.contact, *self.case.contacts]
         numbers = [x for c in contacts for x in (c.penalty or 0, c.dt or 0, c.version)]
@@ -79,9 +81,7 @@ class Scene:
     @functools.cached_property
     def on_membrane(self):
         """On triangles in 3D."""
-        domain = ufl.Mesh(_vector_element())
-        from scenes import create_mesh
-
+        domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(3,)))
         x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1]], dtype=float)
         mine = slice(None) if WORLD.rank == 0 else slice(0)
         msh = create_mesh(np.array([[0, 1, 2], [1, 2, 3]])[mine], x[mine], domain)
@@ -146,16 +146,39 @@ class Scene:
     def tags_of_other(self):
         return self.tags(self.other_mesh)
 
+    @functools.cached_property
+    def slave_again(self):
+        return qs.Surface(self.pair.slave.V, facets=self.pair.slave.facets)
+
+    @functools.cached_property
+    def on_other(self):
+        """A contact of the slave with another body."""
+        other = self.other_function.function_space
+        return qs.Contact(
+            self.pair.slave, qs.Surface(other, facets=plane(self.other_mesh, 1, 1.0)), penalty=1.0
+        )
+
+    @property
+    def vector(self):
+        return fem.Constant(self.case.mesh, (1.0, 2.0))
+
+    @property
+    def pressure(self):
+        return ufl.split(self.case.w)[1]
+
+    @property
+    def bilinear(self):
+        V = self.pair.V[0]
+        return ufl.inner(ufl.TrialFunction(V), ufl.TestFunction(V)) * ufl.dx
+
+    @property
+    def loads(self):
+        return ufl.inner(ufl.as_vector([1.0, 0.0]), ufl.TestFunction(self.pair.V[0])) * ufl.dx
+
 
 @functools.cache
 def _other_comm():
     return WORLD.Split(0, -WORLD.rank) if WORLD.size > 1 else MPI.COMM_SELF
-
-
-def _vector_element():
-    import basix.ufl
-
-    return basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))
 
 
 def contact(scene, **more):
@@ -191,7 +214,8 @@ def problem(scene):
 
 def stepper(scene):
     arguments = {"problem": scene.case.problem, "dt": 0.05, "drive": None, "solve": None}
-    arguments |= {"theta": 0.5, "num_pairings": 1, "easy": 8}
+    arguments |= {"theta": 0.5, "num_pairings": 1, "easy": 8, "dt_min": None, "dt_max": None}
+    arguments |= {"growth": 1.5, "cutback": 0.5, "max_penetration": None, "min_quality": 0.1}
     return Call(qs.TimeStepper, arguments)
 
 
@@ -236,12 +260,23 @@ def load(scene):
     )
 
 
-SEGMENTS = {"x": [[1.0, 0.0], [0.0, 0.0]], "triangles": [[0, 1]], "center": [0.0, 0.0]}
+SEGMENTS = {
+    "x": [[2.0, 0.0], [1.0, 0.0], [0.0, 0.0]],
+    "triangles": [[0, 1], [1, 2]],
+    "center": [0.0, 0.0],
+}
+SQUARE = {
+    "x": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]],
+    "triangles": [[0, 1, 2], [1, 3, 2]],
+    "center": None,
+}
 
 #: By name: from a scene to a good call.
 GOOD = {
     "Surface": lambda s: Call(qs.Surface, {"V": s.V, "facets": s.facets, "axisymmetric": False}),
-    "tagged": lambda s: Call(qs.Surface, {"V": s.V, "facet_tags": s.tags(s.case.mesh), "tag": 1}),
+    "tagged": lambda s: Call(
+        qs.Surface, {"V": s.V, "facet_tags": s.tags(s.case.mesh), "tag": 1, "facets": None}
+    ),
     "Surface.function": lambda s: Call(
         s.pair.slave.function, {"values": np.zeros((len(s.pair.slave.node_x), 2))}
     ),
@@ -249,20 +284,23 @@ GOOD = {
     "Contact": contact,
     "Contact in velocities": lambda s: contact(s, unknown="velocity", dt=0.1),
     "Contact with friction": lambda s: contact(s, friction=qs.Coulomb(0.1)),
+    "Contact with Norton": lambda s: contact(s, friction=qs.Norton(0.1, 1.0, 0.2), dt=0.1),
     "Contact.set_penalty": lambda s: Call(s.pair.contact.set_penalty, {"penalty": 30.0}),
     "Contact.set_dt": lambda s: Call(s.case.contacts[0].set_dt, {"dt": 0.05}),
     "Contact.set_offset": lambda s: Call(
         s.pair.contact.set_offset, {"slave": None, "master": None}
     ),
-    "Contact.traction": lambda s: Call(
-        s.pair.contact.traction, {"side": "slave", "mass": "lumped", "part": "whole"}
-    ),
+    "Contact.traction": lambda s: Call(s.pair.contact.traction, {"side": "slave", "part": "whole"}),
+    "Contact.force": lambda s: Call(s.pair.contact.force, {"side": "slave"}),
     "Contact.moment": lambda s: Call(s.pair.contact.moment, {"side": "slave", "about": [0.0, 0.0]}),
     "Contact.gap": lambda s: Call(s.pair.contact.gap, {"side": "slave"}),
     "Contact.slip": lambda s: Call(s.pair.contact.slip, {"side": "slave"}),
     "ContactProblem": problem,
     "solve_with_continuation": lambda s: Call(
         qs.solve_with_continuation, {"problem": s.case.problem, "m": s.m, "target": 0.5}
+    ),
+    "solve_with_continuation in several": lambda s: Call(
+        qs.solve_with_continuation, {"problem": s.case.problem, "m": [s.m], "target": [0.5]}
     ),
     "TimeStepper": stepper,
     "TimeStepper.step": lambda s: Call(s.case.stepper.step, {"t_end": 0.1}),
@@ -286,6 +324,7 @@ GOOD = {
     "RigidSurface.triangulated": lambda s: Call(
         qs.RigidSurface.triangulated, {"comm": WORLD} | SEGMENTS
     ),
+    "triangulated in 3D": lambda s: Call(qs.RigidSurface.triangulated, {"comm": WORLD} | SQUARE),
     "RigidSurface.from_stl": lambda s: Call(
         qs.RigidSurface.from_stl, {"comm": WORLD, "filename": "good.stl"}
     ),
@@ -309,6 +348,10 @@ GOOD = {
         {"stepper": s.case.stepper, "folder": s.folder / "s", "functions": {}, "values": {}},
     ),
     "load_run": load,
+    "strain": lambda s: Call(materials.strain, {"u": s.pair.u[0]}),
+    "strain in 3D": lambda s: Call(
+        materials.strain, {"u": fem.Function(s.of_3d.V), "axisymmetric": False}
+    ),
     "linear_elastic": material("linear_elastic", E=1.0, nu=0.3),
     "neo_hookean": material("neo_hookean", mu=1.0, lmbda=1.0),
     "neo_hookean_energy": material("neo_hookean_energy", mu=1.0, lmbda=1.0),
@@ -335,6 +378,8 @@ LOCAL = {
     "Contact.gap",
     "Contact.slip",
     "Surface.node_values",
+    "strain",
+    "strain in 3D",
     "linear_elastic",
     "neo_hookean",
     "neo_hookean_energy",

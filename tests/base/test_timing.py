@@ -27,12 +27,13 @@ def test_stages_are_exclusive(monkeypatch):
             raise KeyError
         clock += 64
     clock += 128
-    assert {k: t for k, t in first.seconds.items() if t} == {"solve": 2 + 8 + 64}
+    with first.stage("pairing"):  # nothing else runs
+        clock += 256
+    assert {k: t for k, t in first.seconds.items() if t} == {"solve": 2 + 8 + 64, "pairing": 256}
     assert {k: t for k, t in second.seconds.items() if t} == {"gap": 4 + 16, "insertion": 32}
-    assert not Stopwatch._running
     monkeypatch.undo()
     both = spans(WORLD, [first, second])
-    assert both["solve"] == (74, 74) and both["gap"] == (20, 20) and both["pairing"] == (0, 0)
+    assert both["solve"] == (74, 74) and both["gap"] == (20, 20) and both["bulk assembly"] == (0, 0)
 
 
 def test_timings_of_a_problem():

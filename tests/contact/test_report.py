@@ -11,6 +11,7 @@ from scenes import CELLS, WORLD, Pair, raises_everywhere
 from step_scenes import Upset
 
 import qsdolfinx as qs
+from qsdolfinx.base import messages
 
 
 def report_of(pair):
@@ -231,7 +232,7 @@ def test_printed_unless_logging_is_set_up(monkeypatch, capfd):
         assert "solve" not in capfd.readouterr().out
 
 
-@pytest.mark.parametrize("category", (qs.BalanceWarning, qs.ContactWarning, qs.ReachWarning))
+@pytest.mark.parametrize("category", (qs.ContactWarning, qs.ReachWarning))
 def test_warnings_are_seen(monkeypatch, capfd, category):
     """Also when Python's warnings go to logging, as they do once FFCx is imported; not others'."""
     monkeypatch.setattr(logging.getLogger(), "handlers", [])
@@ -239,7 +240,7 @@ def test_warnings_are_seen(monkeypatch, capfd, category):
         warnings.simplefilter("always")
         logging.captureWarnings(False)  # pytest has taken them over again
         logging.captureWarnings(True)
-        warnings.warn("what to do", category, stacklevel=1)
+        messages.warn("what to do", category, stacklevel=1)
         warnings.warn("of another library", UserWarning, stacklevel=1)
     said = capfd.readouterr().err
     assert said.count(f"{category.__name__}: what to do") == (WORLD.rank == 0)

@@ -4,9 +4,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-from fuzz.brute import gathered
+from scenes import gathered
 
-BALANCED = ("master-slave", "double-pass", "quasi-symmetric")
+from qsdolfinx.contact import active_set, terms
 
 
 def field(x, scene, seed, amplitude=0.05):
@@ -33,18 +33,17 @@ def assembly(contact, scene, numbers):
     surfaces = contact.slave, contact.master
     u = [unknowns(s, scene, i) for i, s in enumerate(surfaces)]
     v = [unknowns(s, scene, 10 + 2 * i) for i, s in enumerate(surfaces)]
-    contact.evaluate(*u)
+    terms.evaluate(contact.model, *u)
     r = residual(contact)
     energy = contact.energy
     force, moment = contact.force("slave"), contact.moment("slave")
     size = max(r[0].norm(PETSc.NormType.NORM_1), r[1].norm(PETSc.NormType.NORM_1), 1e-300)
     imbalance = np.abs(force + contact.force("master")).max()
     out = []
-    if contact.formulation in BALANCED:
-        if not imbalance <= 1e-11 * size:
-            out.append(f"forces out of balance by {imbalance / size:.1e}")
-        out += moment_faults(contact, scene, moment + contact.moment("master"), size)
-    active = contact.comm.allreduce(contact.num_active_local(), op=MPI.SUM)
+    if not imbalance <= 1e-11 * size:
+        out.append(f"forces out of balance by {imbalance / size:.1e}")
+    out += moment_faults(contact, scene, moment + contact.moment("master"), size)
+    active = contact.comm.allreduce(active_set.num_closed(contact.model), op=MPI.SUM)
     numbers.add("active rows", active, max(active, 1))
     numbers.add("energy", energy, max(abs(energy), 1e-14 * size * scene.size))
     for i, value in enumerate((*force, *moment / scene.size)):
@@ -57,7 +56,7 @@ def assembly(contact, scene, numbers):
 
 def residual(contact):
     out = contact.slave.create_vec(), contact.master.create_vec()
-    contact.add_residual(*out)
+    terms.add_residual(contact.model, *out)
     return out
 
 
@@ -69,7 +68,7 @@ def moment_faults(contact, scene, imbalance, size):
     if scene.tied or scene.degree > 1:
         return []
     expected = np.zeros(3)
-    for p, pass_ in zip(contact.pairings, contact.passes, strict=True):
+    for p, pass_ in zip(contact.pairings, contact.model.gaps, strict=True):
         nodes = pass_.slave.node_dofs[:, 0]
         values = pass_.on_nodes(pass_.multiplier(contact.eps), 0.0)[:, 0]
         keys = gathered(contact.comm, nodes)
@@ -110,11 +109,11 @@ def blocks_of(contact):
         mat.setBlockSize(contact.slave.gdim)
         mat.setUp()
         mats.append(mat)
-    contact.add_pattern(tuple(mats))
+    terms.add_pattern(contact.model, tuple(mats))
     for mat in mats:
         mat.assemble()
         mat.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
-    contact.add_tangent(tuple(mats))
+    terms.add_tangent(contact.model, tuple(mats))
     for mat in mats:
         mat.assemble()
     return mats
@@ -131,7 +130,7 @@ def block_faults(contact, scene, v, r, numbers):
     Kv = apply(mats, v)
     work = sum(a.dot(b) for a, b in zip(v, Kv, strict=True))
     numbers.add("work of the tangent", work, scale * sum(a.dot(a) for a in v))
-    if contact.symmetric and contact.formulation in BALANCED:
+    if contact.symmetric:
         if work < -1e-12 * scale * sum(a.dot(a) for a in v):
             out.append("the tangent is not positive semi-definite")
         w = [contact.slave.create_vec(), contact.master.create_vec()]
@@ -172,13 +171,13 @@ def apply(mats, v):
 
 def derivative_faults(contact, scene, v, r, Kv):
     """The residual's change is the tangent's: it is linear as long as the active set stays."""
-    state = contact.active_state()
+    state = active_set.active_state(contact.model)
     h = 1e-4
     u = [unknowns(s, scene, i) for i, s in enumerate((contact.slave, contact.master))]
     for a, b in zip(u, v, strict=True):
         a.axpy(h, b)
-    contact.evaluate(*u)
-    stays = contact.comm.allreduce(contact.active_state() == state, op=MPI.LAND)
+    terms.evaluate(contact.model, *u)
+    stays = contact.comm.allreduce(active_set.active_state(contact.model) == state, op=MPI.LAND)
     out = []
     if stays:
         there = residual(contact)

@@ -6,11 +6,6 @@ import numpy as np
 MARGIN = 1e-7
 
 
-def gathered(comm, values):
-    """Values of all ranks, on every rank; scenes are tiny."""
-    return np.concatenate(comm.allgather(values))
-
-
 def dot(a, b):
     return np.einsum("...i,...i->...", a, b)
 

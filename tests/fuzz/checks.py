@@ -1,13 +1,14 @@
 """What has to hold for the pairing and the blocks of any scene of ``run.py``."""
 
+import itertools
+
 from mpi4py import MPI
 
 import numpy as np
 from fuzz.blocks import assembly
 from fuzz.bodies import make_contact
-from fuzz.brute import dot, first_hits, gathered, is_warped, nodal_faults, outward
-
-import qsdolfinx._cpp as _cpp
+from fuzz.brute import dot, first_hits, is_warped, nodal_faults, outward
+from scenes import all_facets
 
 
 class Numbers:
@@ -49,8 +50,10 @@ def check_scene(comm, scene):
     contact = make_contact(comm, scene)
     faults = point_faults(contact, scene)
     if scene.options["quadrature"] == "nodal":
-        for nodes, onto in ((0, 1), (1, 0)):
-            faults += brute_faults(contact, scene, nodes, onto)
+        for at, onto, found, point in paired_nodes(contact):
+            facets, center = all_facets(onto), center_of(scene, onto is contact.master)
+            radius = contact.search_radius
+            faults += nodal_faults(at.node_x, at.node_normal, facets, center, radius, found, point)
     else:
         faults += overlay_faults(contact, scene)
     numbers = pairing_numbers(contact)
@@ -104,34 +107,36 @@ def pairing_numbers(contact):
     return numbers
 
 
-def brute_faults(contact, scene, nodes, onto):
-    """The search from one surface onto the other, against all facets. Collective."""
-    surfaces = contact.slave, contact.master
-    at, other = surfaces[nodes], surfaces[onto]
-    radius = contact.search_radius
-    found, point = _cpp.closest_facets(at._cpp_object, other._cpp_object, radius)
-    facets = gathered(contact.comm, other._cpp_object.facet_x)
-    center = np.zeros(3)
-    center[: scene.gdim] = scene.shapes[onto].x.mean(axis=0)
-    return nodal_faults(
-        at.node_x, at.node_normal, facets, center, radius, found.astype(bool), point
-    )
+def center_of(scene, number):
+    """A point inside a body of the scene."""
+    return np.pad(scene.shapes[number].x.mean(axis=0), (0, 3 - scene.gdim))
+
+
+def paired_nodes(contact):
+    """What nodal quadrature has found: surfaces, which nodes of the first, and where on the other.
+
+    Each pass pairs the nodes of its slave; quasi-symmetric contact those of the master as well.
+    """
+    for p, pass_ in zip(contact.pairings, contact.model.gaps, strict=True):
+        sides = (p.slave, pass_.slave), (p.master, pass_.master)
+        for (node, at), (facet, onto) in itertools.permutations(sides):
+            if at is pass_.slave or contact.formulation == "quasi-symmetric":
+                rows = np.all(node.dofs[:, 1:, 0] < 0, axis=1)
+                found = np.isin(at.node_dofs[:, 0], node.dofs[rows, 0, 0])
+                point = np.zeros((len(found), 3))
+                point[found] = facet.x[rows]
+                yield at, onto, found, point
 
 
 def overlay_faults(contact, scene):
     """Nothing lies between the two points of a pair; the area is not counted twice. Collective."""
     out = []
     surfaces = contact.slave, contact.master
-    facets = [gathered(contact.comm, s._cpp_object.facet_x) for s in surfaces]
-    normals = []
-    for points, shape in zip(facets, scene.shapes, strict=True):
-        center = np.zeros(3)
-        center[: scene.gdim] = shape.x.mean(axis=0)
-        normals.append(outward(points, center))
+    facets = [all_facets(s) for s in surfaces]
+    normals = [outward(points, center_of(scene, i)) for i, points in enumerate(facets)]
     warped = any(f.shape[1] == 4 and is_warped(f) for f in facets)
-    shares = {"quasi-symmetric": (0.5, 0.5), "double-pass": (1, 0), "two-half-pass": (1, 0)}
     for number, p in enumerate(contact.pairings):
-        share = shares.get(contact.formulation, (1, 0))
+        share = (0.5, 0.5) if contact.formulation == "quasi-symmetric" else (1, 0)
         areas = [s.area for s in surfaces][:: 1 - 2 * number]
         bound = share[0] * areas[0] + share[1] * areas[1]
         covered = contact.comm.allreduce(p.weight.sum(), op=MPI.SUM)

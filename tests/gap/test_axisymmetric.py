@@ -1,9 +1,11 @@
 """Axisymmetric contact: facets stand for rings."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scenes import WORLD, box, largest, plane, raises_everywhere, slide, vector_space
-from system.test_tangent import direction
+from tangents import direction, tangent_errors
 
 import ufl
 from dolfinx import fem
@@ -90,16 +92,8 @@ def test_patch(cell, inner, law, formulation):
 def test_finite_differences(quadrature):
     problem = Stack(quadrature=quadrature).problem
     problem.solve()
-    x = problem.system.x.copy()
-    d = direction(problem, x, np.random.default_rng(3))
-    problem.system.residual(x.array_r)
-    problem.system._assembled = None
-    problem.system.assemble()
-    product = d.duplicate()
-    problem.system.matrix.mult(d, product)
-    plus = problem.system.residual(x.array_r + 1e-6 * d.array_r)
-    minus = problem.system.residual(x.array_r - 1e-6 * d.array_r)
-    assert largest(product.array_r - (plus - minus) / 2e-6) < 1e-6 * largest(product.array_r)
+    x, d = problem.system.x.copy(), direction(problem, np.random.default_rng(3))
+    assert tangent_errors(problem, x, d, 1e-6).difference < 1e-6
 
 
 def facets():
@@ -120,17 +114,9 @@ def test_rigid_planes(quadrature):
 
 
 def test_bad_input():
-    msh = box(WORLD, (2, 2, 2), "tetrahedron", [0.0] * 3, [1.0] * 3)
-    flat = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
-    negative = box(WORLD, (3, 3), "triangle", [-0.5, 0.0], [1.0, 1.0])
-
-    def surface(m, axisymmetric=True, z=0.0):
-        axis = m.geometry.dim - 1
-        return qs.Surface(vector_space(m), facets=plane(m, axis, z), axisymmetric=axisymmetric)
-
-    for wrong in (msh, negative):
-        raises_everywhere(WORLD, ValueError, "axisymmetric", lambda m=wrong: surface(m))
-    lower = box(WORLD, (3, 3), "triangle", [0.0, -1.0], [1.0, 0.0])
-    raises_everywhere(
-        WORLD, ValueError, "axisymmetric", lambda: qs.Contact(surface(flat), surface(lower, False))
-    )
+    """Rings in 3D, and on both sides of the axis."""
+    for cell, low in (("tetrahedron", [0.0] * 3), ("triangle", [-0.5, 0.0])):
+        msh = box(WORLD, [3] * len(low), cell, low, [1.0] * len(low))
+        V, facets = vector_space(msh), plane(msh, len(low) - 1, 0.0)
+        surface = partial(qs.Surface, V, facets=facets, axisymmetric=True)
+        raises_everywhere(WORLD, ValueError, "axisymmetric", surface)

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from scenes import LAWS, WORLD, Pair, clamp, largest, plane, raises_everywhere
-from system.test_tangent import direction
+from tangents import direction, tangent_errors
 
 import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.contact import terms
 
 DT = 0.3
 KINDS = {
@@ -56,28 +57,10 @@ def test_finite_differences(kind):
     pair, _ = scene(KINDS[kind])
     problem = pair.problem()
     problem.solve()
-    x = problem.system.x.copy()
-    d = direction(problem, x, np.random.default_rng(3))
-    problem.system.residual(x.array_r)
-    problem.system._assembled = None
-    problem.system.assemble()
-    product, other = d.duplicate(), d.duplicate()
-    problem.system.matrix.mult(d, product)
-    step = 1e-6
-    plus = problem.system.residual(x.array_r + step * d.array_r)
-    minus = problem.system.residual(x.array_r - step * d.array_r)
-    assert largest(product.array_r - (plus - minus) / (2 * step)) < 1e-6 * largest(product.array_r)
-    problem.system.matrix.multTranspose(d, other)
-    free = np.concatenate(
-        [
-            o + b.free
-            for o, b in zip(
-                np.cumsum([0, *(b.num_owned for b in problem.bodies[:-1])]), problem.bodies
-            )
-        ]
-    )
-    difference = largest((product.array_r - other.array_r)[free])
-    assert (difference < 1e-12 * largest(product.array_r)) == (kind == "both")
+    x, d = problem.system.x.copy(), direction(problem, np.random.default_rng(3))
+    errors = tangent_errors(problem, x, d, 1e-6)
+    assert errors.difference < 1e-6
+    assert (errors.asymmetry < 1e-12) == (kind == "both")
 
 
 def test_offset():
@@ -90,12 +73,12 @@ def test_offset():
     problem.set_up()
     pair.contact.set_offset(known[1], known[0])
     zeros = [b.create_vec() for b in problem.bodies]
-    pair.contact.evaluate(zeros[1], zeros[0])
+    terms.evaluate(pair.contact.model, zeros[1], zeros[0])
     gaps = pair.contact.gap()
     pair.contact.set_offset(None, None)
     for vec, function in zip(zeros, known, strict=True):
         vec.array[:] = function.x.array[: len(vec.array_r)] / DT
-    pair.contact.evaluate(zeros[1], zeros[0])
+    terms.evaluate(pair.contact.model, zeros[1], zeros[0])
     assert np.nanmax(np.abs(gaps), initial=0.0) < 1
     np.testing.assert_allclose(gaps, pair.contact.gap(), atol=1e-14)
 
@@ -111,21 +94,10 @@ def test_penalty_follows_dt():
     assert np.isclose(velocity.penalty, other.contact.penalty, rtol=1e-12)
 
 
-def test_bad_input():
+def test_steps_that_differ():
     pair = Pair("triangle")
-    surfaces = pair.slave, pair.master
-    raises_everywhere(
-        WORLD, ValueError, "unknown", lambda: qs.Contact(*surfaces, unknown="speed", dt=1.0)
-    )
-    raises_everywhere(WORLD, ValueError, "dt", lambda: qs.Contact(*surfaces, unknown="velocity"))
-    raises_everywhere(WORLD, ValueError, "dt", lambda: qs.Contact(*surfaces, dt=1.0))
     raises_everywhere(WORLD, ValueError, "dt", lambda: pair.contact.set_dt(1.0))
-    moving = qs.Contact(*surfaces, unknown="velocity", dt=1.0)
-    raises_everywhere(WORLD, ValueError, "dt", lambda: moving.set_dt(-1.0))
-    other = qs.Contact(*surfaces, unknown="velocity", dt=2.0)
+    contacts = [qs.Contact(pair.slave, pair.master, unknown="velocity", dt=dt) for dt in (1.0, 2.0)]
     raises_everywhere(
-        WORLD,
-        ValueError,
-        "dt",
-        lambda: qs.ContactProblem(pair.F, pair.u, [moving, other], pair.bcs),
+        WORLD, ValueError, "dt", lambda: qs.ContactProblem(pair.F, pair.u, contacts, pair.bcs)
     )

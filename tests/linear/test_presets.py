@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import WORLD, Pair, drag_top, largest, mini_space, raises_everywhere
+from scenes import WORLD, Pair, drag_top, largest, mini_space
 
 import qsdolfinx as qs
 from qsdolfinx.linear import presets
@@ -52,11 +52,6 @@ def test_pick(monkeypatch, caplog):
     assert presets.pick(10**9, 3, True, "nest")[0] == "fieldsplit"
     reason = presets.pick(10**9, 3, False, "mpi")
     assert reason[0] == "direct" and "displacements" in reason[1]
-
-
-def test_bad_name():
-    pair = Pair("triangle")
-    raises_everywhere(WORLD, ValueError, "solver", lambda: pair.problem(solver="multigrid"))
 
 
 def test_options_on_top():

@@ -9,6 +9,7 @@ from scenes import WORLD, Pair, box, clamp, drag_top, elastic, largest, plane, v
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.contact import active_set
 from qsdolfinx.linear import saddle, solver
 
 AUGMENTED = "augmented-lagrangian"
@@ -99,21 +100,21 @@ def test_matrix(monkeypatch):
 
     class Checked(saddle.SaddlePoint):
         def solve(self, residual, *args):
-            p = pair.contact.passes[0]
-            closed = pair.contact.slope(p) > 0
-            x0, known = problem.system.x.array.copy(), p.augmented.copy()
+            p = pair.contact.model.gaps[0]
+            closed = active_set.slope(pair.contact.model, p) > 0
+            x0, known = problem.system.x.array.copy(), p.state.augmented.copy()
             free = np.concatenate([np.isin(np.arange(b.num_owned), b.free) for b in problem.bodies])
             dx = np.where(free, np.sin(1.3 * np.arange(len(x0))), 0.0)
             dl = np.where(closed[:, None], np.cos(np.arange(len(closed)))[:, None], 0.0)
 
             def both(t):
-                p.augmented = known + 1e-3 * t * dl
+                p.state.augmented = known + 1e-3 * t * dl
                 R = problem.system.residual(x0 + 1e-6 * t * dx)
-                rows = (p.multiplier(pair.contact.eps) - p.augmented)[closed, 0]
+                rows = (p.multiplier(pair.contact.eps) - p.state.augmented)[closed, 0]
                 return np.concatenate([R, p.weight[closed] * rows])
 
             difference = both(1.0) - both(0.0)
-            p.augmented = known
+            p.state.augmented = known
             problem.system.residual(x0)
             x = np.concatenate([1e-6 * dx, 1e-3 * dl[closed, 0]])
             vec = PETSc.Vec().createWithArray(x, comm=WORLD)

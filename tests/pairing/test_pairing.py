@@ -5,7 +5,8 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import scipy.spatial
-from scenes import WORLD, box, gathered, plane, random_values, vector_space
+from fuzz.brute import dot, on_segment, on_triangle, unit
+from scenes import WORLD, all_facets, box, gathered, plane, random_values, vector_space
 
 import qsdolfinx as qs
 
@@ -24,32 +25,6 @@ def curved(comm, cell, n, low, high, base, seed, amplitude, partition):
     shape[:, gdim - 1] = 0
     msh.geometry.x[face, gdim - 1] += random_values(msh, amplitude, seed, 1)[face, 0]
     return qs.Surface(vector_space(msh), facets=facets)
-
-
-def all_facets(surface):
-    """Vertex coordinates of the facets of all ranks, shape (facets, vertices, 3)."""
-    return gathered(surface.comm, surface._cpp_object.facet_x)
-
-
-def dot(a, b):
-    return np.einsum("ij,ij->i", a, b)
-
-
-def closest_on_segment(a, b, p):
-    t = np.clip(dot(p - a, b - a) / dot(b - a, b - a), 0, 1)
-    return a + t[:, None] * (b - a)
-
-
-def closest_on_triangle(a, b, c, p):
-    """Inside if on the inner side of all edges, else on the nearest edge."""
-    n = np.cross(b - a, c - a)
-    n /= np.linalg.norm(n, axis=1, keepdims=True)
-    q = p - dot(p - a, n)[:, None] * n
-    edges = ((a, b), (b, c), (c, a))
-    inside = np.all([dot(np.cross(t - s, q - s), n) >= 0 for s, t in edges], axis=0)
-    candidates = [closest_on_segment(s, t, p) for s, t in edges]
-    nearest = np.argmin([np.linalg.norm(x - p, axis=1) for x in candidates], axis=0)
-    return np.where(inside[:, None], q, np.choose(nearest[:, None], candidates)), n
 
 
 def brute_force(nodes, facets, outline, step=200):
@@ -73,9 +48,10 @@ def closest(nodes, facets, outline):
     p = np.repeat(nodes, count, axis=0)
     corners = np.moveaxis(facets[index.ravel()], 1, 0)
     if len(corners) == 3:
-        x, normal = closest_on_triangle(*corners, p)
+        x = on_triangle(*corners, p)
+        normal = unit(np.cross(corners[1] - corners[0], corners[2] - corners[0]))
     else:
-        x, tangent = closest_on_segment(*corners, p), corners[1] - corners[0]
+        x, tangent = on_segment(*corners, p), corners[1] - corners[0]
         normal = tangent[:, [1, 0, 2]] * [-1, 1, 0] / np.linalg.norm(tangent, axis=1)[:, None]
     distance = np.linalg.norm(x - p, axis=1).reshape(-1, count)
     pick = np.arange(len(nodes)) * count + np.argmin(distance, axis=1)

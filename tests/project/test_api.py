@@ -11,19 +11,11 @@ import qsdolfinx as qs
 
 RECORDED = pathlib.Path(__file__).with_name("api.txt")
 
-#: Members of Contact that its reference does not show.
-INTERNAL = """
-    active_state add_pattern add_residual add_tangent constrain end_step evaluate known_multipliers
-    move_tool multipliers_on_nodes needs_penalty num_active_local ordered parts passes
-    set_automatic_penalty set_known_multipliers set_motion set_multipliers_on_nodes set_start slips
-    slope strict tangent_state tangential violation watch
-""".split()
-
 
 def members(kind):
     """A class's public members, one a line; what exceptions have anyway is left out."""
     for name in sorted(set(dir(kind)) - {*dir(Exception), *dir(int)}):
-        if name.startswith("_") or (kind is qs.Contact and name in INTERNAL):
+        if name.startswith("_"):
             continue
         found = inspect.getattr_static(kind, name)
         if isinstance(found, (classmethod, staticmethod)) or inspect.isfunction(found):

@@ -227,26 +227,3 @@ def _root(function, low=0.0, high=100.0):
         middle = (low + high) / 2
         low, high = (middle, high) if function(middle) < 0 else (low, middle)
     return middle
-
-
-def test_bad_arguments():
-    """Refused by name."""
-    billet = Billet("plane")
-    solve, vector = qs.solve_with_continuation, fem.Constant(billet.msh, (1.0, 2.0))
-    for error, match, m, target in (
-        (TypeError, "m: must be", 0.5, 0.5),
-        (TypeError, "m: must be", vector, 0.5),
-        (TypeError, "m: must be", [billet.m, 1.0], [0.5, 0.5]),
-        (ValueError, "target: must be", [billet.m], [0.5, 0.5]),
-        (ValueError, "target: must be", [], []),
-        (ValueError, "target: must be above 0", billet.m, 0.0),
-        (ValueError, "target: must be above 0", billet.m, 1.5),
-        (ValueError, "target: must be", billet.m, "0.5"),
-    ):
-        raises_everywhere(WORLD, error, match, lambda: solve(billet.problem, m, target))
-    if WORLD.size > 1:
-        target = 0.5 + 0.1 * WORLD.rank
-        raises_everywhere(
-            WORLD, ValueError, "target", lambda: solve(billet.problem, billet.m, target)
-        )
-    billet.problem.destroy()

@@ -9,6 +9,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+from qsdolfinx.contact import active_set, terms
 
 QUADRATURES = ("nodal", "overlay")
 
@@ -17,7 +18,7 @@ def gaps_at_rest(scene):
     """ḡ for u = 0, with the tool where its motion takes it."""
     scene.problem.set_up()
     zero = scene.surface.create_vec()
-    scene.contact.evaluate(zero, None)
+    terms.evaluate(scene.contact.model, zero, None)
     return scene.contact.gap()
 
 
@@ -117,8 +118,8 @@ def test_as_a_body_that_is_moved(cell, formulation, quadrature, degree, law):
     problem = qs.ContactProblem([slave.F, elastic(u)], [slave.u, u], [contact], bcs)
     problem.solve()
 
-    active = WORLD.allreduce(contact.num_active_local())
-    rows = WORLD.allreduce(len(contact.passes[0].values))
+    active = WORLD.allreduce(active_set.num_closed(contact.model))
+    rows = WORLD.allreduce(len(contact.model.gaps[0].row_node))
     scale = largest(slave.u.x.array)
     assert largest(scene.u.x.array - slave.u.x.array) < 1e-7 * scale
     assert largest(np.nan_to_num(scene.contact.gap() - contact.gap())) < 1e-7 * 0.03
@@ -167,7 +168,7 @@ def test_driving_force(facets, gdim, quadrature, enforcement):
         scene.problem.solve()
         held = scene.contact.force("master")
         assert abs(held @ down + force) < 1.1e-8 * force
-        assert 0 < WORLD.allreduce(scene.contact.num_active_local())
+        assert 0 < WORLD.allreduce(active_set.num_closed(scene.contact.model))
         depths.append(-scene.tool.displacement[-1])
     assert 0.05 < depths[0] < depths[1]
     assert np.isclose(depths[0], depths[2], rtol=1e-5)

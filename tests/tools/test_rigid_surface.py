@@ -1,13 +1,28 @@
 """Rigid tools: shapes, triangulations, pairing, and bodies pressed against them."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from rigid_scenes import TOOLS, Pressed, flat, flat_facets, sphere_facets, write_stl
-from scenes import CELLS, LAWS, WORLD, box, gathered, largest, plane, raises_everywhere
+from scenes import (
+    CELLS,
+    LAWS,
+    WORLD,
+    Pair,
+    box,
+    clamp,
+    gathered,
+    largest,
+    plane,
+    raises_everywhere,
+)
+from tangents import direction, tangent_errors
 
 from dolfinx import mesh
 
 import qsdolfinx as qs
+from qsdolfinx.contact import active_set
 
 QUADRATURES = ("nodal", "overlay")
 
@@ -179,29 +194,12 @@ def test_finite_differences(cell, tool, quadrature, law):
     scene.tool.rotation[0] = 0.02
     problem = scene.problem
     problem.solve()
-    rng, x = np.random.default_rng(8), problem.system.x.copy()
-    low, high = x.owner_range
-    d = x.duplicate()
-    d.array[:] = rng.normal(size=x.size)[low:high]
-    d.array[problem.bodies[0].owned_constrained] = 0
-    problem.system.residual(x.array_r)
-    active = WORLD.allreduce(scene.contact.num_active_local())
-    rows = WORLD.allreduce(len(scene.contact.passes[0].values))
-    problem.system._assembled = None
-    problem.system.assemble()
-    product, transposed = d.duplicate(), d.duplicate()
-    problem.system.matrix.mult(d, product)
-    problem.system.matrix.multTranspose(d, transposed)
-    step = 1e-7
-    residuals = [problem.system.residual(x.array_r + s * step * d.array_r) for s in (1, -1)]
-    difference = d.duplicate()
-    difference.array[:] = (residuals[0] - residuals[1]) / (2 * step)
-    scale = product.norm()
-    difference.axpy(-1, product)
-    transposed.axpy(-1, product)
-    errors = difference.norm() / scale, transposed.norm() / scale
-    assert errors[0] < 1e-6
-    assert errors[1] < 1e-13
+    x, d = problem.system.x.copy(), direction(problem, np.random.default_rng(8))
+    errors = tangent_errors(problem, x, d, 1e-7)
+    active = WORLD.allreduce(active_set.num_closed(scene.contact.model))
+    rows = WORLD.allreduce(len(scene.contact.model.gaps[0].row_node))
+    assert errors.difference < 1e-6
+    assert errors.asymmetry < 1e-13
     assert active == rows if law is qs.Tied else 0 < active < rows
 
 
@@ -223,8 +221,6 @@ def test_a_block_that_only_the_tool_holds(quadrature):
 
 def test_automatic_penalty_is_that_of_a_constrained_master():
     """The slave's stiffness alone."""
-    from scenes import Pair, clamp
-
     pair = Pair("triangle", penalty="auto")
     pair.bcs[0].append(clamp(pair.V[0], plane(pair.meshes[0], 1, 0.0)))
     pair.problem().set_up()
@@ -252,7 +248,7 @@ def test_results():
 @pytest.mark.parametrize("tool", (curved, curved_facets))
 def test_ranks_do_not_matter(tool):
     results = []
-    for comm in (WORLD, qs.surface.MPI.COMM_SELF):
+    for comm in (WORLD, MPI.COMM_SELF):
         scene = Pressed("tetrahedron", tool, n=4, comm=comm, formulation="quasi-symmetric")
         scene.tool.drive(0.02, [0, 0, -1.0])
         scene.problem.solve()
@@ -310,55 +306,9 @@ def test_surface_mesh(cell):
     assert gathered(WORLD, scene.contact.gap()).min() > 0
 
 
-def bad(match, call):
-    raises_everywhere(WORLD, ValueError, match, call)
-
-
-def test_bad_shapes():
-    make, nan = qs.RigidSurface, float("nan")
-    bad("point", lambda: make.plane(WORLD, [0.0], [0.0, 1.0]))
-    bad("point", lambda: make.plane(WORLD, "here", [0.0, 1.0]))
-    bad("normal", lambda: make.plane(WORLD, [0.0, 0.0], [0.0, 0.0, 1.0]))
-    bad("normal", lambda: make.plane(WORLD, [0.0, 0.0], [0.0, 0.0]))
-    bad("normal", lambda: make.plane(WORLD, [0.0, 0.0], [nan, 1.0]))
-    bad("radius", lambda: make.sphere(WORLD, [0.0, 0.0], -1.0))
-    bad("center", lambda: make.sphere(WORLD, [0.0, nan], 1.0))
-    bad("axis", lambda: make.cylinder(WORLD, [0.0] * 3, None, 1.0))
-    bad("axis", lambda: make.cylinder(WORLD, [0.0] * 3, [0.0] * 3, 1.0))
-    if WORLD.size > 1:
-        bad("radius: must be the same", lambda: make.sphere(WORLD, [0.0, 0.0], 1.0 + WORLD.rank))
-
-
-def test_bad_facets():
-    x, cells = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.0]]), np.array([[0, 1, 2]])
-    make = qs.RigidSurface.triangulated
-    bad("x:", lambda: make(WORLD, None, cells))
-    bad("x:", lambda: make(WORLD, x[:, :1], cells))
-    bad("x:", lambda: make(WORLD, np.full((4, 3), np.inf), cells))
-    bad("triangles:", lambda: make(WORLD, x, cells[:, :2]))
-    bad("triangles:", lambda: make(WORLD, x, cells.astype(float)))
-    bad("triangles:", lambda: make(WORLD, x, cells[:0]))
-    bad("triangles:", lambda: make(WORLD, x, cells + 2))
-    bad("no area", lambda: make(WORLD, x, [[0, 1, 1]]))
-    bad("opposite", lambda: make(WORLD, x, [[0, 1, 2], [1, 2, 3]]))
-    bad("opposite", lambda: make(WORLD, x[:, :2], [[0, 1], [2, 1]]))
-    bad("center", lambda: make(WORLD, x, cells, center=[0.0, 0.0]))
-    if WORLD.size > 1:
-        bad("x: must be the same", lambda: make(WORLD, x + WORLD.rank, cells))
-    volume = box(WORLD, [1, 1], "triangle", [0.0, 0.0], [1.0, 1.0])
-    bad("msh", lambda: qs.RigidSurface.from_mesh(volume))
-    raises_everywhere(WORLD, TypeError, "msh", lambda: qs.RigidSurface.from_mesh(3))
-
-
 def test_bad_contacts():
-    scene = Pressed("triangle", flat)
-    slave, tool = scene.surface, scene.tool
-    for formulation in ("double-pass", "two-half-pass"):
-        bad("formulation", lambda name=formulation: qs.Contact(slave, tool, name))
-    raises_everywhere(WORLD, TypeError, "slave", lambda: qs.Contact(tool, slave))
-    solid = flat(WORLD, 3)
-    bad("dimension", lambda: qs.Contact(slave, solid))
     quadratic = Pressed("triangle", flat, degree=2, quadrature="overlay")
-    bad("quadrature", lambda: qs.Contact(quadratic.surface, tool))
-    tool.displacement[0] = np.nan
-    bad("displacement", scene.problem.solve)
+    nodal = lambda: qs.Contact(quadratic.surface, quadratic.tool)  # noqa: E731
+    raises_everywhere(WORLD, ValueError, "quadrature", nodal)
+    quadratic.tool.displacement[0] = np.nan
+    raises_everywhere(WORLD, ValueError, "displacement", quadratic.problem.solve)
