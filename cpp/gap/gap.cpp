@@ -2,6 +2,7 @@
 #include "gap/gap_rows.h"
 #include "parallel/exchange.h"
 #include "parallel/petsc.h"
+#include "parallel/records.h"
 
 #include <algorithm>
 #include <stdexcept>
@@ -17,15 +18,13 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
   const int nk = points.num_multipliers, ns = points.slave.num_nodes, nm = points.master.num_nodes,
             d = points.gdim;
   const int num_doubles = nk + ns + nm + 5, num_dofs = (ns + nm) * d;
-  int this_rank;
-  MPI_Comm_rank(slave.comm(), &this_rank);
   std::vector<int> dest;
   std::vector<double> doubles;
   std::vector<std::int64_t> dofs;
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     std::array<int, 4> sent;
-    sent.fill(this_rank);
+    sent.fill(slave.rank());
     for (int i = 0; i < nk; ++i)
     {
       const int rank = points.slave.owner[p * ns + i];
@@ -34,16 +33,14 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
         continue;
       sent[i] = rank;
       dest.push_back(rank);
-      const auto append = [p](auto& out, const auto& in, int width)
-      { out.insert(out.end(), in.begin() + p * width, in.begin() + (p + 1) * width); };
-      append(doubles, points.multiplier_values, nk);
-      append(doubles, points.slave.shape_values, ns);
-      append(doubles, points.master.shape_values, nm);
-      append(doubles, points.normal, 3);
-      append(doubles, points.gap, 1);
-      append(doubles, points.weight, 1);
-      append(dofs, points.slave.dofs, ns * d);
-      append(dofs, points.master.dofs, nm * d);
+      append_record(doubles, points.multiplier_values, p, nk);
+      append_record(doubles, points.slave.shape_values, p, ns);
+      append_record(doubles, points.master.shape_values, p, nm);
+      append_record(doubles, points.normal, p, 3);
+      append_record(doubles, points.gap, p, 1);
+      append_record(doubles, points.weight, p, 1);
+      append_record(dofs, points.slave.dofs, p, ns * d);
+      append_record(dofs, points.master.dofs, p, nm * d);
     }
   }
   const Exchange exchange(slave.comm(), dest);
@@ -71,7 +68,6 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
   }
   return out;
 }
-
 } // namespace
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,

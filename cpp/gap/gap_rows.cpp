@@ -9,10 +9,10 @@ using namespace qsdolfinx;
 namespace
 {
 /// Numbers keys in the order of their first appearance: a hash table with open addressing.
-class Numbering
+class KeyNumbers
 {
 public:
-  explicit Numbering(std::size_t expected)
+  explicit KeyNumbers(std::size_t expected)
       : keys_(std::bit_ceil(2 * expected + 16), -1), numbers_(keys_.size())
   {
   }
@@ -47,7 +47,7 @@ private:
 
   void grow()
   {
-    Numbering larger(keys_.size());
+    KeyNumbers larger(keys_.size());
     for (std::size_t i = 0; i < keys_.size(); ++i)
       if (keys_[i] >= 0)
       {
@@ -109,7 +109,7 @@ RowTerms::RowTerms(std::span<const Patch> patches, int side, GapKind kind,
     : width_(kind == GapKind::normal && !patches.empty() ? patches[0].points->gdim : 1)
 {
   terms_.reserve(patches.size());
-  Numbering numbering(area.size());
+  KeyNumbers numbering(area.size());
   for (const Patch& patch : patches)
   {
     const PairingPoints& points = *patch.points;

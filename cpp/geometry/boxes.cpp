@@ -8,7 +8,7 @@ using namespace qsdolfinx;
 namespace
 {
 /// Twice the centre.
-double middle(const Box& box, std::size_t axis) { return box.low[axis] + box.high[axis]; }
+Vec3 middle(const Box& box) { return box.low + box.high; }
 } // namespace
 
 BoxTree::BoxTree(const std::vector<Box>& boxes)
@@ -25,18 +25,12 @@ BoxTree::BoxTree(const std::vector<Box>& boxes)
 
 void BoxTree::build(std::size_t first, std::size_t last)
 {
-  constexpr double inf = std::numeric_limits<double>::infinity();
-  Box box{{inf, inf, inf}, {-inf, -inf, -inf}}, middles = box;
+  Box box, middles;
   for (std::size_t i = first; i < last; ++i)
   {
     const Box& b = entries_[i].box;
-    for (std::size_t j = 0; j < 3; ++j)
-    {
-      box.low[j] = std::min(box.low[j], b.low[j]);
-      box.high[j] = std::max(box.high[j], b.high[j]);
-      middles.low[j] = std::min(middles.low[j], middle(b, j));
-      middles.high[j] = std::max(middles.high[j], middle(b, j));
-    }
+    box.include(b.low, b.high);
+    middles.include(middle(b), middle(b));
   }
   const std::size_t node = nodes_.size();
   nodes_.push_back({box, static_cast<std::uint32_t>(first), 0});
@@ -51,7 +45,7 @@ void BoxTree::build(std::size_t first, std::size_t last)
   const auto at
       = [this](std::size_t i) { return entries_.begin() + static_cast<std::ptrdiff_t>(i); };
   std::nth_element(at(first), at(half), at(last), [axis](const Entry& a, const Entry& b)
-                   { return middle(a.box, axis) < middle(b.box, axis); });
+                   { return middle(a.box)[axis] < middle(b.box)[axis]; });
   build(first, half);
   nodes_[node].first = static_cast<std::uint32_t>(nodes_.size());
   build(half, last);
@@ -59,22 +53,14 @@ void BoxTree::build(std::size_t first, std::size_t last)
 
 void BoxTree::near(const Box& box, double radius, std::vector<std::size_t>& out) const
 {
-  const Box wide{{box.low[0] - radius, box.low[1] - radius, box.low[2] - radius},
-                 {box.high[0] + radius, box.high[1] + radius, box.high[2] + radius}};
-  const auto meets = [&wide](const Box& b)
-  {
-    for (std::size_t j = 0; j < 3; ++j)
-      if (!(b.low[j] <= wide.high[j] && b.high[j] >= wide.low[j]))
-        return false;
-    return true;
-  };
+  const Box wide = widened(box, radius);
   out.clear();
   std::array<std::uint32_t, max_depth> stack{0};
   for (std::size_t depth = nodes_.empty() ? 0 : 1; depth > 0;)
   {
     const std::uint32_t n = stack[--depth];
     const Node& node = nodes_[n];
-    if (!meets(node.box))
+    if (!meet(wide, node.box))
       continue;
     if (node.count == 0)
     {
@@ -82,7 +68,7 @@ void BoxTree::near(const Box& box, double radius, std::vector<std::size_t>& out)
       stack[depth++] = n + 1;
     }
     for (std::uint32_t i = node.first; i < node.first + node.count; ++i)
-      if (meets(entries_[i].box))
+      if (meet(wide, entries_[i].box))
         out.push_back(entries_[i].number);
   }
   std::sort(out.begin(), out.end());

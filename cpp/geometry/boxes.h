@@ -4,38 +4,54 @@
 #include "geometry/facet.h"
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 namespace qsdolfinx
 {
 
-/// Lowest and highest corner.
+/// Lowest and highest corner. At first without any point: it meets nothing.
 struct Box
 {
-  Vec3 low, high;
-};
+  static constexpr double inf = std::numeric_limits<double>::infinity();
+  Vec3 low{inf, inf, inf}, high{-inf, -inf, -inf};
 
-/// Smallest box around points. A bilinear facet lies within the convex hull, hence the box, of its
-/// vertices. @param x 3 coordinates a point, at least one point
-inline Box box_of(std::span<const double> x)
-{
-  Box box{{x[0], x[1], x[2]}, {x[0], x[1], x[2]}};
-  for (std::size_t i = 3; i < x.size(); i += 3)
+  /// Let it hold another box, or a point.
+  void include(const Vec3& other_low, const Vec3& other_high)
   {
     for (std::size_t j = 0; j < 3; ++j)
     {
-      box.low[j] = std::min(box.low[j], x[i + j]);
-      box.high[j] = std::max(box.high[j], x[i + j]);
+      low[j] = std::min(low[j], other_low[j]);
+      high[j] = std::max(high[j], other_high[j]);
     }
+  }
+};
+
+/// Smallest box around points. A bilinear facet lies within the convex hull, hence the box, of its
+/// vertices. @param x 3 coordinates a point
+inline Box box_of(std::span<const double> x)
+{
+  Box box;
+  for (std::size_t i = 0; i < x.size(); i += 3)
+  {
+    const Vec3 p{x[i], x[i + 1], x[i + 2]};
+    box.include(p, p);
   }
   return box;
 }
 
-/// Whether a rank's box, as all_bounding_boxes gives it, is within the radius of another.
-inline bool boxes_are_near(std::span<const double> rank_box, const Box& box, double radius)
+/// A box with everything within the radius, coordinate by coordinate.
+inline Box widened(const Box& box, double radius)
+{
+  const Vec3 all{radius, radius, radius};
+  return {box.low - all, box.high + all};
+}
+
+/// Whether two boxes have a point in common.
+inline bool meet(const Box& a, const Box& b)
 {
   for (std::size_t j = 0; j < 3; ++j)
-    if (!(box.high[j] >= rank_box[j] - radius && box.low[j] <= rank_box[3 + j] + radius))
+    if (!(a.low[j] <= b.high[j] && a.high[j] >= b.low[j]))
       return false;
   return true;
 }

@@ -55,6 +55,18 @@ std::array<double, max_trace> qsdolfinx::trace_functions(FacetType type, int deg
           f[0] * g[2], f[1] * g[2], f[2] * g[1], f[2] * g[2]};
 }
 
+double qsdolfinx::squared_size(FacetType type, std::span<const double> v)
+{
+  double square = 0;
+  for (int i = 0; i < static_cast<int>(type); ++i)
+    for (int j = 0; j < i; ++j)
+    {
+      const Vec3 d = facet_vertex(v, i) - facet_vertex(v, j);
+      square = std::max(square, dot(d, d));
+    }
+  return square;
+}
+
 std::int64_t qsdolfinx::count_degenerate(FacetType type, std::span<const double> x)
 {
   const int nv = static_cast<int>(type);
@@ -63,13 +75,7 @@ std::int64_t qsdolfinx::count_degenerate(FacetType type, std::span<const double>
   for (std::size_t first = 0; first < x.size(); first += 3 * nv)
   {
     const auto v = x.subspan(first, 3 * nv);
-    double square = 0; // of the size
-    for (int i = 0; i < nv; ++i)
-      for (int j = 0; j < i; ++j)
-      {
-        const Vec3 d = facet_vertex(v, i) - facet_vertex(v, j);
-        square = std::max(square, dot(d, d));
-      }
+    const double square = squared_size(type, v);
     // The area vectors at all corners must point to one side.
     std::array<Vec3, 4> areas{};
     Vec3 whole{0, 0, 0};

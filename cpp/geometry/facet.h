@@ -102,6 +102,9 @@ std::array<double, max_trace> trace_functions(FacetType type, int degree, std::a
 /// Local vertices of the edges of a triangle or quadrilateral; the one edge of an interval.
 std::span<const std::array<int, 2>> facet_edges(FacetType type);
 
+/// Square of the largest distance of two vertices.
+double squared_size(FacetType type, std::span<const double> v);
+
 /// Number of facets that are flat (no length or area) or, quadrilaterals, not convex.
 std::int64_t count_degenerate(FacetType type, std::span<const double> x);
 

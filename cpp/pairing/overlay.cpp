@@ -1,6 +1,7 @@
 #include "pairing/overlay.h"
 #include "geometry/boxes.h"
 #include "parallel/exchange.h"
+#include "parallel/records.h"
 
 #include <algorithm>
 
@@ -30,7 +31,7 @@ struct NearbyFacets
 /// arrive in an order that depends on the partition. Collective.
 NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
 {
-  const auto boxes = all_bounding_boxes(to.comm(), to.facets().x);
+  const std::vector<Box> boxes = to.rank_boxes(radius);
   const int nv = from.num_vertices(), nt = from.num_trace(), d = from.gdim();
   std::vector<int> dest, owner;
   std::vector<double> x, outward;
@@ -39,17 +40,15 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
   {
     const Box box = box_of(from.facet_x(f));
     const Vec3 n = from.normal(f, facet_centre(from.type()));
-    for (std::size_t r = 0; r < boxes.size() / 6; ++r)
+    for (std::size_t r = 0; r < boxes.size(); ++r)
     {
-      if (!boxes_are_near(std::span(boxes).subspan(6 * r, 6), box, radius))
+      if (!meet(boxes[r], box))
         continue;
-      const auto copy = [f](auto& out, const auto& in, int width)
-      { out.insert(out.end(), in.begin() + f * width, in.begin() + (f + 1) * width); };
       dest.push_back(static_cast<int>(r));
-      copy(x, from.facets().x, nv * 3);
+      append_record(x, from.facets().x, f, nv * 3);
       outward.insert(outward.end(), n.begin(), n.end());
-      copy(dofs, from.facets().dofs, nt * d);
-      copy(owner, from.facets().owner, nt);
+      append_record(dofs, from.facets().dofs, f, nt * d);
+      append_record(owner, from.facets().owner, f, nt);
     }
   }
   const Exchange exchange(from.comm(), dest);
@@ -235,19 +234,15 @@ private:
     PairingSide& side = slave ? points_.slave : points_.master;
     const auto nt = static_cast<std::size_t>(side.num_nodes), d = nt * points_.gdim;
     side.x.insert(side.x.end(), x.begin(), x.end());
-    side.dofs.insert(side.dofs.end(), &dofs[facet * d], &dofs[facet * d] + d);
-    side.owner.insert(side.owner.end(), &owner[facet * nt], &owner[facet * nt] + nt);
+    append_record(side.dofs, dofs, facet, d);
+    append_record(side.owner, owner, facet, nt);
     const auto& N = shapes.N[p];
     if (degree == 1)
-      side.shape_values.insert(side.shape_values.end(), N.begin(), N.begin() + nt);
+      append_record(side.shape_values, N, 0, nt);
     else
-    {
-      const auto T = trace_functions(type, degree, shapes.xi[p]);
-      side.shape_values.insert(side.shape_values.end(), T.begin(), T.begin() + nt);
-    }
+      append_record(side.shape_values, trace_functions(type, degree, shapes.xi[p]), 0, nt);
     if (slave)
-      points_.multiplier_values.insert(points_.multiplier_values.end(), N.begin(),
-                                       N.begin() + points_.num_multipliers);
+      append_record(points_.multiplier_values, N, 0, points_.num_multipliers);
   }
 
   PairingPoints& points_;
@@ -273,7 +268,7 @@ private:
 PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& master, bool both,
                                           double radius, Normals normals, const OverlayRules& rules)
 {
-  PairingPoints points(slave, master);
+  PairingPoints points(slave, &master);
   const double share = both ? 0.5 : 1.0;
   Overlay(points, slave, master, true, share, radius, normals, rules).run();
   if (both)

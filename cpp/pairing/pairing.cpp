@@ -1,4 +1,5 @@
 #include "pairing/pairing.h"
+#include "parallel/records.h"
 
 #include <algorithm>
 #include <stdexcept>
@@ -10,14 +11,10 @@ namespace
 /// A point within a facet, as found for node k.
 void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, int gdim)
 {
-  const int nv = side.num_nodes;
-  side.x.insert(side.x.end(), &found.x[3 * k], &found.x[3 * k] + 3);
-  side.dofs.insert(side.dofs.end(), found.dofs.begin() + k * nv * gdim,
-                   found.dofs.begin() + (k + 1) * nv * gdim);
-  side.owner.insert(side.owner.end(), found.owner.begin() + k * nv,
-                    found.owner.begin() + (k + 1) * nv);
-  side.shape_values.insert(side.shape_values.end(), found.shape_values.begin() + k * nv,
-                           found.shape_values.begin() + (k + 1) * nv);
+  append_record(side.x, found.x, k, 3);
+  append_record(side.dofs, found.dofs, k, side.num_nodes * gdim);
+  append_record(side.owner, found.owner, k, side.num_nodes);
+  append_record(side.shape_values, found.shape_values, k, side.num_nodes);
 }
 
 /// Points at the nodes of one side, projected onto the other.
@@ -32,9 +29,6 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
   // The facet's normal is outward of its own body: it points into the slave if the master has the
   // facet.
   const double sign = at_slave ? -1.0 : 1.0;
-  int rank;
-  MPI_Comm_rank(at.comm(), &rank);
-
   const Nodes& nodes = at.nodes();
   points.reserve(points.size() + nodes.size());
   for (std::size_t k = 0; k < nodes.size(); ++k)
@@ -44,7 +38,7 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
       ++points.num_unpaired;
       continue;
     }
-    append_node(node_side, nodes, k, points.gdim, rank);
+    append_node(node_side, nodes, k, points.gdim, at.rank());
     append_facet(facet_side, found, k, points.gdim);
     const auto at_k
         = [k](const std::vector<double>& v) { return facet_vertex(v, static_cast<int>(k)); };
@@ -62,8 +56,8 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
 void qsdolfinx::append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim,
                             int rank)
 {
-  side.x.insert(side.x.end(), &nodes.x[3 * k], &nodes.x[3 * k] + 3);
-  side.dofs.insert(side.dofs.end(), &nodes.dofs[k * gdim], &nodes.dofs[k * gdim] + gdim);
+  append_record(side.x, nodes.x, k, 3);
+  append_record(side.dofs, nodes.dofs, k, gdim);
   side.dofs.insert(side.dofs.end(), (side.num_nodes - 1) * gdim, -1);
   side.owner.push_back(rank);
   side.owner.insert(side.owner.end(), side.num_nodes - 1, -1);
@@ -71,28 +65,18 @@ void qsdolfinx::append_node(PairingSide& side, const Nodes& nodes, std::size_t k
   side.shape_values.insert(side.shape_values.end(), side.num_nodes - 1, 0.0);
 }
 
-PairingPoints::PairingPoints(const Surface& s, const Surface& m)
+PairingPoints::PairingPoints(const Surface& s, const Surface* m)
     : gdim(s.gdim()), num_multipliers(s.num_vertices())
 {
-  if (s.gdim() != m.gdim())
+  if (m && s.gdim() != m->gdim())
     throw std::invalid_argument("slave and master have different geometric dimensions");
   slave.num_nodes = s.num_trace();
-  master.num_nodes = m.num_trace();
+  master.num_nodes = m ? m->num_trace() : 0;
 }
 
 void PairingPoints::reserve(std::size_t n)
 {
-  for (PairingSide* side : {&slave, &master})
-  {
-    const std::size_t places = n * side->num_nodes;
-    side->x.reserve(3 * n);
-    side->dofs.reserve(places * gdim);
-    side->owner.reserve(places);
-    side->shape_values.reserve(places);
-  }
-  normal.reserve(3 * n);
-  gap.reserve(n);
-  weight.reserve(n);
+  for_each_array([n](auto& values, std::size_t width) { values.reserve(n * width); });
 }
 
 PairingPoints PairingPoints::none_like() const
@@ -110,7 +94,7 @@ PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& mast
 {
   if (slave.degree() != 1 || master.degree() != 1)
     throw std::invalid_argument("nodal pairing points need traces of degree 1");
-  PairingPoints points(slave, master);
+  PairingPoints points(slave, &master);
   const double share = sampling == Sampling::both ? 0.5 : 1.0;
   append_nodal_points(points, slave, master, true, share, radius, normals);
   if (sampling == Sampling::both)

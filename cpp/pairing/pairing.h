@@ -25,8 +25,9 @@ struct PairingSide
 struct PairingPoints
 {
   PairingPoints() = default;
-  /// No points yet. @throws std::invalid_argument on surfaces of different geometric dimension
-  PairingPoints(const Surface& slave, const Surface& master);
+  /// No points yet. @param master null for a rigid tool, which has no unknowns
+  /// @throws std::invalid_argument on surfaces of different geometric dimension
+  PairingPoints(const Surface& slave, const Surface* master);
 
   int gdim = 0;
   int num_multipliers = 0; ///< vertices of a slave facet
@@ -38,6 +39,23 @@ struct PairingPoints
   std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
 
   std::size_t size() const { return weight.size(); }
+  /// Call visit(array, width) for all arrays, of `width` values per point.
+  template <typename Visit>
+  void for_each_array(Visit visit)
+  {
+    for (PairingSide* side : {&slave, &master})
+    {
+      const std::size_t nodes = side->num_nodes;
+      visit(side->x, 3);
+      visit(side->dofs, nodes * gdim);
+      visit(side->owner, nodes);
+      visit(side->shape_values, nodes);
+    }
+    visit(multiplier_values, num_multipliers);
+    visit(normal, 3);
+    visit(gap, 1);
+    visit(weight, 1);
+  }
   /// Room for n points in all, so that appending allocates nothing.
   void reserve(std::size_t n);
   /// No points, but with as many places in each.

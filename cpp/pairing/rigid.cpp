@@ -1,4 +1,5 @@
 #include "pairing/rigid.h"
+#include "parallel/records.h"
 
 #include <algorithm>
 #include <stdexcept>
@@ -7,16 +8,6 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Points of a slave surface without any yet.
-PairingPoints without_master(const Surface& slave)
-{
-  PairingPoints out;
-  out.gdim = slave.gdim();
-  out.num_multipliers = slave.num_vertices();
-  out.slave.num_nodes = slave.num_trace();
-  return out;
-}
-
 /// Keep entries of `width` values for which `keep` is set.
 template <typename T>
 void filter(std::vector<T>& values, std::span<const std::uint8_t> keep, std::size_t width)
@@ -36,12 +27,10 @@ PairingPoints qsdolfinx::sample_nodes(const Surface& slave)
 {
   if (slave.degree() != 1)
     throw std::invalid_argument("nodal pairing points need traces of degree 1");
-  PairingPoints out = without_master(slave);
-  int rank;
-  MPI_Comm_rank(slave.comm(), &rank);
+  PairingPoints out(slave, nullptr);
   const Nodes& nodes = slave.nodes();
   for (std::size_t k = 0; k < nodes.size(); ++k)
-    append_node(out.slave, nodes, k, out.gdim, rank);
+    append_node(out.slave, nodes, k, out.gdim, slave.rank());
   out.multiplier_values = out.slave.shape_values;
   out.weight = nodes.area;
   out.normal = nodes.normal;
@@ -52,7 +41,7 @@ PairingPoints qsdolfinx::sample_nodes(const Surface& slave)
 
 PairingPoints qsdolfinx::sample_facets(const Surface& slave, const Rule& rule)
 {
-  PairingPoints out = without_master(slave);
+  PairingPoints out(slave, nullptr);
   const FacetType type = slave.type();
   const std::size_t nv = slave.num_vertices(), nt = slave.num_trace(), d = nt * out.gdim;
   const double reference_area = type == FacetType::triangle ? 0.5 : 1.0;
@@ -65,15 +54,13 @@ PairingPoints qsdolfinx::sample_facets(const Surface& slave, const Rule& rule)
       const auto N = shape_functions(type, rule.x[p]);
       const auto T = trace_functions(type, slave.degree(), rule.x[p]);
       const double jacobian = norm(area_vector(type, slave.facet_x(f), rule.x[p]));
-      const auto append
-          = [](auto& to, auto* from, std::size_t n) { to.insert(to.end(), from, from + n); };
-      append(out.slave.x, x.data(), 3);
-      append(out.slave.dofs, &facets.dofs[f * d], d);
-      append(out.slave.owner, &facets.owner[f * nt], nt);
-      append(out.slave.shape_values, T.data(), nt);
-      append(out.multiplier_values, N.data(), nv);
-      append(out.normal, n.data(), 3);
-      append(out.master.x, x.data(), 3);
+      append_record(out.slave.x, x, 0, 3);
+      append_record(out.slave.dofs, facets.dofs, f, d);
+      append_record(out.slave.owner, facets.owner, f, nt);
+      append_record(out.slave.shape_values, T, 0, nt);
+      append_record(out.multiplier_values, N, 0, nv);
+      append_record(out.normal, n, 0, 3);
+      append_record(out.master.x, x, 0, 3);
       out.gap.push_back(0);
       out.weight.push_back(reference_area * rule.w[p] * jacobian * slave.area_factor(x));
     }
@@ -94,16 +81,7 @@ void qsdolfinx::face_tool(PairingPoints& points, std::span<const std::uint8_t> k
   points.gap.assign(gap.begin(), gap.end());
   for (std::size_t i = 0; i < 3 * n; ++i)
     points.master.x[i] = points.slave.x[i] + gap[i / 3] * normal[i];
-  const std::size_t nt = points.slave.num_nodes;
-  filter(points.slave.x, keep, 3);
-  filter(points.slave.dofs, keep, nt * points.gdim);
-  filter(points.slave.owner, keep, nt);
-  filter(points.slave.shape_values, keep, nt);
-  filter(points.master.x, keep, 3);
-  filter(points.multiplier_values, keep, points.num_multipliers);
-  filter(points.normal, keep, 3);
-  filter(points.gap, keep, 1);
-  filter(points.weight, keep, 1);
+  points.for_each_array([keep](auto& values, std::size_t width) { filter(values, keep, width); });
 }
 
 void qsdolfinx::forget_master(PairingPoints& points)

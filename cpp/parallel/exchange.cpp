@@ -2,8 +2,6 @@
 #include "parallel/petsc.h"
 
 #include <algorithm>
-#include <array>
-#include <limits>
 #include <numeric>
 #include <tuple>
 
@@ -81,23 +79,4 @@ void Exchange::send(const void* in, const std::vector<Peer>& targets, void* out,
               comm_, &requests[i++]);
   MPI_Waitall(static_cast<int>(requests.size()), requests.data(), MPI_STATUSES_IGNORE);
   MPI_Type_free(&record);
-}
-
-std::vector<double> qsdolfinx::all_bounding_boxes(MPI_Comm comm, std::span<const double> points)
-{
-  constexpr double inf = std::numeric_limits<double>::infinity();
-  std::array<double, 6> box{inf, inf, inf, -inf, -inf, -inf};
-  for (std::size_t i = 0; i < points.size(); i += 3)
-  {
-    for (std::size_t j = 0; j < 3; ++j)
-    {
-      box[j] = std::min(box[j], points[i + j]);
-      box[3 + j] = std::max(box[3 + j], points[i + j]);
-    }
-  }
-  int size;
-  MPI_Comm_size(comm, &size);
-  std::vector<double> boxes(static_cast<std::size_t>(size) * 6);
-  MPI_Allgather(box.data(), 6, MPI_DOUBLE, boxes.data(), 6, MPI_DOUBLE, comm);
-  return boxes;
 }

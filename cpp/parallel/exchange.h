@@ -79,8 +79,4 @@ private:
   std::size_t num_received_ = 0;
 };
 
-/// Smallest box [min, max] around this rank's points, then the boxes of all ranks (6 doubles each).
-/// An empty rank gives an inverted box, which meets nothing. Collective.
-std::vector<double> all_bounding_boxes(MPI_Comm comm, std::span<const double> points);
-
 } // namespace qsdolfinx

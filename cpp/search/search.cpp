@@ -1,5 +1,6 @@
 #include "search/search.h"
 #include "parallel/exchange.h"
+#include "parallel/records.h"
 #include "search/local_search.h"
 
 #include <algorithm>
@@ -19,15 +20,13 @@ struct Queries
   std::vector<double> data; ///< received: x, normal, [query][6]
 };
 
-/// Ranks whose facets may be within the radius of any of this rank's nodes.
-std::vector<int> ranks_near(std::span<const double> boxes, std::span<const double> x, double radius)
+/// Ranks whose boxes meet that of all points.
+std::vector<int> ranks_near(std::span<const Box> boxes, std::span<const double> x)
 {
   std::vector<int> out;
-  if (x.empty())
-    return out;
   const Box box = box_of(x);
-  for (std::size_t r = 0; r < boxes.size() / 6; ++r)
-    if (boxes_are_near(boxes.subspan(6 * r, 6), box, radius))
+  for (std::size_t r = 0; r < boxes.size(); ++r)
+    if (meet(boxes[r], box))
       out.push_back(static_cast<int>(r));
   return out;
 }
@@ -37,23 +36,21 @@ std::vector<int> ranks_near(std::span<const double> boxes, std::span<const doubl
 Queries send_queries(const Surface& nodes, const Surface& surface, double radius,
                      std::vector<std::size_t>& here)
 {
-  const auto boxes = all_bounding_boxes(surface.comm(), surface.facets().x);
-  int rank;
-  MPI_Comm_rank(surface.comm(), &rank);
+  const std::vector<Box> boxes = surface.rank_boxes(radius);
   Queries q;
   std::vector<int> dest, near;
   std::vector<double> data;
   const Nodes& n = nodes.nodes();
-  const std::vector<int> neighbours = ranks_near(boxes, n.x, radius);
+  const std::vector<int> neighbours = ranks_near(boxes, n.x);
   here.reserve(n.size());
   for (std::size_t k = 0; k < n.size(); ++k)
   {
-    const std::span<const double> x = std::span(n.x).subspan(3 * k, 3);
+    const Box box = box_of(std::span(n.x).subspan(3 * k, 3));
     near.clear();
     for (int r : neighbours)
-      if (boxes_are_near(std::span(boxes).subspan(6 * r, 6), box_of(x), radius))
+      if (meet(boxes[r], box))
         near.push_back(r);
-    if (near.size() == 1 && near[0] == rank)
+    if (near.size() == 1 && near[0] == surface.rank())
     {
       here.push_back(k);
       continue;
@@ -62,8 +59,8 @@ Queries send_queries(const Surface& nodes, const Surface& surface, double radius
     {
       q.node.push_back(static_cast<std::int64_t>(k));
       dest.push_back(r);
-      data.insert(data.end(), x.begin(), x.end());
-      data.insert(data.end(), &n.normal[3 * k], &n.normal[3 * k] + 3);
+      append_record(data, n.x, k, 3);
+      append_record(data, n.normal, k, 3);
     }
   }
   q.exchange = std::make_unique<Exchange>(surface.comm(), dest);
@@ -102,22 +99,18 @@ struct Answers
     const auto v = s.facet_x(c.facet);
     const auto name = name_of(v);
     values.insert(values.end(), name.begin(), name.begin() + v.size());
-    const auto d = s.facets().vertex_dofs.begin() + c.facet * nv * gdim;
-    dofs.insert(dofs.end(), d, d + nv * gdim);
-    const auto o = s.facets().vertex_owner.begin() + c.facet * nv;
-    owner.insert(owner.end(), o, o + nv);
+    append_record(dofs, s.facets().vertex_dofs, c.facet, nv * gdim);
+    append_record(owner, s.facets().vertex_owner, c.facet, nv);
   }
 };
 
 Answers answer_queries(const Surface& surface, LocalSearch& search, const Queries& q)
 {
   // The sender numbers its queries; the answer carries that number and the sender's rank back.
-  int rank;
-  MPI_Comm_rank(surface.comm(), &rank);
   std::vector<std::int64_t> numbers(2 * q.node.size());
   for (std::size_t i = 0; i < q.node.size(); ++i)
   {
-    numbers[2 * i] = rank;
+    numbers[2 * i] = surface.rank();
     numbers[2 * i + 1] = static_cast<std::int64_t>(i);
   }
   const auto received = q.exchange->forward<std::int64_t>(numbers, 2);

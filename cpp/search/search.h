@@ -8,16 +8,6 @@
 namespace qsdolfinx
 {
 
-/// Two distances that differ by less than this part of the facet size are equal; the facet whose
-/// sorted vertex coordinates come first is then taken, whatever the partition.
-inline constexpr double tie_tolerance = 1e-10;
-
-/// A node is beside the surface, and unpaired, if its offset from the closest point in the facet's
-/// plane is more than this part of the facet size, and this point is on the boundary of the surface
-/// or the offset is more than twice the distance from the plane, as past a corner of the surface.
-/// Its force would have a lever of this length, and the moments on the two sides would differ.
-inline constexpr double overhang_tolerance = 0.1;
-
 /// For every owned node of a surface the closest point of another surface.
 struct ClosestFacets
 {

@@ -80,6 +80,7 @@ Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double
   MPI_Comm_dup(comm, &comm_);
   // mpi4py's communicators return error codes, which nothing here would look at.
   MPI_Comm_set_errhandler(comm_, MPI_ERRORS_ARE_FATAL);
+  MPI_Comm_rank(comm_, &rank_);
   number_nodes();
   orient_and_measure(inside);
   measure_nodes();
@@ -104,20 +105,15 @@ Surface::~Surface()
 
 void Surface::orient_and_measure(std::span<const double> inside)
 {
-  const int nv = num_vertices();
   const std::size_t n = inside.size() / 3;
-  facets_.size.assign(n, 0);
+  facets_.size.resize(n);
   facets_.orientation.resize(n);
   for (std::size_t f = 0; f < n; ++f)
   {
     const auto v = facet_x(f);
-    for (int i = 0; i < nv; ++i)
-      for (int j = 0; j < i; ++j)
-        facets_.size[f]
-            = std::max(facets_.size[f], norm(Vec3{v[3 * i] - v[3 * j], v[3 * i + 1] - v[3 * j + 1],
-                                                  v[3 * i + 2] - v[3 * j + 2]}));
-    const Vec3 c{inside[3 * f], inside[3 * f + 1], inside[3 * f + 2]};
-    const Vec3 outward = facet_point(type_, v, facet_centre(type_)) - c;
+    facets_.size[f] = std::sqrt(squared_size(type_, v));
+    const Vec3 outward
+        = facet_point(type_, v, facet_centre(type_)) - facet_vertex(inside, static_cast<int>(f));
     facets_.orientation[f] = dot(area_vector(type_, v, facet_centre(type_)), outward) > 0 ? 1 : -1;
   }
 }
@@ -249,6 +245,17 @@ bool Surface::on_surface_boundary(std::size_t facet, std::array<double, 2> xi) c
     if (N[edges[e][0]] + N[edges[e][1]] > 1 - tolerance && edges[e][0] != edges[e][1])
       return facets_.edge_on_boundary[facet * edges.size() + e];
   return false;
+}
+
+std::vector<Box> Surface::rank_boxes(double radius) const
+{
+  constexpr int width = sizeof(Box) / sizeof(double);
+  int size;
+  MPI_Comm_size(comm_, &size);
+  const Box box = widened(box_of(facets_.x), radius);
+  std::vector<Box> boxes(static_cast<std::size_t>(size));
+  MPI_Allgather(&box, width, MPI_DOUBLE, boxes.data(), width, MPI_DOUBLE, comm_);
+  return boxes;
 }
 
 std::array<double, 2> Surface::facet_size_range() const

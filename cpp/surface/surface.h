@@ -2,6 +2,7 @@
 // their unknowns.
 #pragma once
 
+#include "geometry/boxes.h"
 #include "geometry/facet.h"
 #include "parallel/exchange.h"
 #include <cstdint>
@@ -68,6 +69,7 @@ public:
   Surface& operator=(const Surface&) = delete;
 
   MPI_Comm comm() const { return comm_; }
+  int rank() const { return rank_; }
   int gdim() const { return gdim_; }
   FacetType type() const { return type_; }
   int num_vertices() const { return static_cast<int>(type_); }
@@ -93,6 +95,8 @@ public:
   Vec3 normal(std::size_t facet, std::array<double, 2> xi) const;
   /// Whether ξ lies on an edge or vertex of the facet that bounds the surface.
   bool on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const;
+  /// Boxes around the facets of each rank, widened by the radius. Collective.
+  std::vector<Box> rank_boxes(double radius) const;
   /// Smallest and largest facet size over all ranks. Collective.
   std::array<double, 2> facet_size_range() const;
   /// Index of the owned node with this first unknown. @throws std::logic_error if it is not here
@@ -105,7 +109,7 @@ private:
   void mark_boundary();
 
   MPI_Comm comm_;
-  int gdim_;
+  int rank_, gdim_;
   FacetType type_;
   int degree_;
   bool axisymmetric_;
