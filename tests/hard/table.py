@@ -80,9 +80,10 @@ the unknowns as they were before, or wrong, are listed below the table.
         found = list(alike)
         variants = "; ".join(str(r.variant) for r in found)
         errors = [r.error for r in found if r.error is not None]
-        worst = f" {max(errors):.1e} ({found[0].case.what})" if errors else ""
-        text = f"- **{name}, {label}** ({variants}): {status}: {message.removesuffix('.')}{worst}."
-        yield " ".join([text, *filter(None, [found[0].case.known])])
+        worst = f"{max(errors):.1e} ({found[0].case.what})" if errors else ""
+        text = " ".join(filter(None, [message.removesuffix("."), worst])) + "."
+        why = f" {found[0].case.known}" if found[0].case.known else ""
+        yield f"- **{name}, {label}** ({variants}): {status}: {text}{why}"
 
 
 def main():
