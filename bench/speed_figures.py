@@ -5,7 +5,7 @@ import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "demos"))
 
-from plotting import pyplot, save
+from common.drawing import pyplot, save
 from speed_front import FLOOR, front, kind_of, points
 
 COLORS = {
