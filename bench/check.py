@@ -17,6 +17,7 @@ import types
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
+from machine import circumstances
 from scaling import CONTACT, start
 
 RECORD = pathlib.Path(__file__).resolve().parent / "results" / "ratios.json"
@@ -80,8 +81,6 @@ def main():
     figures = least([ratios_of_solving() for _ in range(p.repeats)])
     figures |= least([ratios_of_pairing() for _ in range(p.repeats)])
     if p.record:
-        from machine import circumstances
-
         RECORD.write_text(json.dumps(circumstances(1) | {"ratios": figures}, indent=1) + "\n")
     recorded = json.loads(RECORD.read_text())["ratios"]
     worse = 0

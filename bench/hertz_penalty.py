@@ -28,7 +28,7 @@ def main(h=0.025, case="cylinders"):
     kinds = itertools.product(
         ("master-slave", "quasi-symmetric"),
         ("nodal", "overlay"),
-        ("facet", "averaged", "bisector"),
+        ("facet", "bisector"),
     )
     for formulation, quadrature, normals in kinds:
         cells = []

@@ -1,17 +1,12 @@
-"""What a figure was measured on and with."""
+"""What a figure was measured on and with, and files of results."""
 
 import datetime
+import json
 import os
 import pathlib
 import platform
 import shlex
 import sys
-
-from petsc4py import PETSc
-
-import dolfinx
-
-import qsdolfinx
 
 
 def cpu_model():
@@ -26,6 +21,12 @@ def cpu_model():
 
 def circumstances(ranks):
     """Machine, versions, date, ranks and command."""
+    from petsc4py import PETSc  # starts MPI, which those who start mpirun themselves would mind
+
+    import dolfinx
+
+    import qsdolfinx
+
     return {
         "machine": {
             "cpu": cpu_model(),
@@ -44,3 +45,26 @@ def circumstances(ranks):
             ["python3", f"bench/{pathlib.Path(sys.argv[0]).name}", *sys.argv[1:]]
         ),
     }
+
+
+def write(filename, result, digits=6):
+    """Write JSON to be read: a line for each entry and each row of a table, and so many digits."""
+
+    def text(value):
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            return "[\n  " + ",\n  ".join(map(text, value)) + "\n ]"
+        return json.dumps(rounded(value, digits), ensure_ascii=False)
+
+    entries = ",\n ".join(f"{json.dumps(key)}: {text(value)}" for key, value in result.items())
+    path = pathlib.Path(filename)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"{{\n {entries}\n}}\n", encoding="utf-8")
+
+
+def rounded(value, digits):
+    """Numbers with some digits, in lists and dictionaries as well."""
+    if isinstance(value, dict):
+        return {key: rounded(inner, digits) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [rounded(inner, digits) for inner in value]
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value

@@ -24,7 +24,6 @@ takes the same one: that is what is left of the difference from libigl's.
 
 import argparse
 import gc
-import json
 import os
 import pathlib
 import sys
@@ -42,10 +41,10 @@ from dolfinx import fem, geometry, mesh
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from machine import circumstances
+from machine import circumstances, write
 
 import qsdolfinx as qs
-from qsdolfinx import _cpp
+import qsdolfinx._cpp as _cpp
 
 try:
     import igl
@@ -111,11 +110,11 @@ class OurPairing:
         self.contact.update()
 
     def pairing(self):
-        slave, master = (surface._cpp_object for surface in self.surfaces)
+        slave, master = (surface.cpp_object for surface in self.surfaces)
         _cpp.pair_surfaces(slave, master, False, RADIUS, 0)
 
     def search(self):
-        slave, master = (surface._cpp_object for surface in self.surfaces)
+        slave, master = (surface.cpp_object for surface in self.surfaces)
         self.found, self.closest = _cpp.closest_facets(slave, master, RADIUS)
 
     def distances(self):
@@ -128,8 +127,8 @@ class Libigl:
     """libigl's tree of axis-aligned boxes of triangles."""
 
     def __init__(self, slave, master):
-        x = master._cpp_object.facet_x
-        dofs = master._cpp_object.facet_dofs[:, :, 0]
+        x = master.cpp_object.facet_x
+        dofs = master.cpp_object.facet_dofs[:, :, 0]
         _, first, self.triangles = np.unique(dofs, return_index=True, return_inverse=True)
         self.triangles = np.ascontiguousarray(self.triangles.reshape(dofs.shape), dtype=np.int64)
         self.x = np.ascontiguousarray(x.reshape(-1, 3)[first])
@@ -259,8 +258,7 @@ def main():
             result["rows"].append({"facet": facet} | row)
             worst = max(worst, row.get("libigl", {}).get("agreement", 0.0))
     if a.json:
-        with open(a.json, "w") as file:
-            json.dump(circumstances(1) | result, file, indent=1)
+        write(a.json, circumstances(1) | result)
     if worst > TARGET:
         raise SystemExit(f"distances differ from libigl's by {worst:.1e} of the surface")
 

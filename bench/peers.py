@@ -26,11 +26,13 @@ import time
 
 import numpy as np
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "peers"))
 
 import hertz_error
 import install
 import jobs
+from machine import cpu_model, write
 
 #: Where the drivers are.
 HERE = pathlib.Path(__file__).resolve().parent / "peers"
@@ -108,11 +110,8 @@ def measure(arguments, own, limit):
 
 def machine():
     """What the numbers were measured on."""
-    model = platform.processor()
-    with open("/proc/cpuinfo") as file:
-        names = [line.split(":")[1].strip() for line in file if line.startswith("model name")]
     return {
-        "cpu": names[0] if names else model,
+        "cpu": cpu_model(),
         "cores": os.cpu_count(),
         "system": platform.system(),
         "python": platform.python_version(),
@@ -243,7 +242,7 @@ def main():
             "repeats": p.repeats,
             "rows": results,
         }
-        pathlib.Path(p.json).write_text(json.dumps(result, indent=2) + "\n")
+        write(p.json, result)
 
 
 if __name__ == "__main__":

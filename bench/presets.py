@@ -24,46 +24,24 @@ from mpi4py import MPI
 
 import numpy as np
 
-import ufl
-from dolfinx import fem, mesh
-
 import qsdolfinx as qs
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from flow_scene import flow
+from two_blocks import box, two_bodies
 
 COMM = MPI.COMM_WORLD
 E = 3e4, 1.3e4  # of the lower and the upper block
 SOLVERS = {"elastic": ("direct", "amg", "fieldsplit"), "flow": ("direct", "schur")}
 
 
-def block(dim, n, low, modulus, far, press):
-    """Form, displacement, conditions and contact surface of one block."""
-    corner = np.append(np.zeros(dim - 1), low)
-    cell = mesh.CellType.quadrilateral if dim == 2 else mesh.CellType.hexahedron
-    create = mesh.create_rectangle if dim == 2 else mesh.create_box
-    msh = create(COMM, [corner, corner + 1], [n] * dim, cell)
-    V = fem.functionspace(msh, ("Lagrange", 1, (dim,)))
-    u, v = fem.Function(V), ufl.TestFunction(V)
-    strain = ufl.sym(ufl.grad(u))
-    stress = modulus / 1.3 * (strain + 0.75 * ufl.tr(strain) * ufl.Identity(dim))
-    held, touching = (
-        mesh.locate_entities_boundary(msh, dim - 1, lambda x, z=z: np.isclose(x[dim - 1], z))
-        for z in (far, 1.0)
-    )
-    value = np.append(np.zeros(dim - 1), press)
-    bc = fem.dirichletbc(value, fem.locate_dofs_topological(V, dim - 1, held), V)
-    return ufl.inner(stress, ufl.grad(v)) * ufl.dx, u, [bc], qs.Surface(V, facets=touching)
-
-
 def elastic(dim, n, solver, enforcement):
     """Two elastic blocks."""
-    lower = block(dim, n, 0.0, E[0], 0.0, 0.0)
-    upper = block(dim, 4 * n // 5, 1.0, E[1], 2.0, -0.02)
-    contact = qs.Contact(upper[3], lower[3], enforcement=enforcement)
-    bodies = lower, upper
-    forms, u, bcs = ([body[i] for body in bodies] for i in range(3))
+    cell = "quadrilateral" if dim == 2 else "hexahedron"
+    meshes = box(cell, n, 0.0, 1.0), box(cell, 4 * n // 5, 1.0, 2.0)
+    forms, u, bcs, surfaces = two_bodies(meshes, E)
+    contact = qs.Contact(*surfaces[::-1], enforcement=enforcement)
     return qs.ContactProblem(forms, u, [contact], bcs, solver=solver)
 
 
@@ -84,7 +62,7 @@ def measure(p, n, solver):
         problem.solve()
         counts += problem.num_iterations, problem.num_linear_iterations
     seconds = COMM.allreduce(time.perf_counter() - start, op=MPI.MAX)
-    unknowns = problem._x.getSize()
+    unknowns = problem.system.x.getSize()
     problem.destroy()
     return seconds, counts, unknowns
 

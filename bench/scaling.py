@@ -24,6 +24,8 @@ import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
+from machine import circumstances, write
+
 MODELS = ("bonded", "tied", "unilateral")
 CONTACT = ("pairing", "gap", "insertion", "conversion")
 #: Stages of the work, in the order of the table.
@@ -133,11 +135,8 @@ def main():
     for cells in p.cells:
         speed_up(rows, cells, p)
     if p.json:
-        from machine import circumstances  # starts MPI, which mpirun would mind
-
         given = {"cell": p.cell, "quadrature": p.quadrature, "enforcement": p.enforcement}
-        text = json.dumps(circumstances(p.ranks) | given | {"rows": rows}, indent=1)
-        pathlib.Path(p.json).write_text(text + "\n", encoding="utf-8")
+        write(p.json, circumstances(p.ranks) | given | {"rows": rows})
 
 
 def speed_up(rows, cells, p):

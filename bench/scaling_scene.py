@@ -6,42 +6,17 @@ import time
 from mpi4py import MPI
 from petsc4py import PETSc
 
-import numpy as np
+from two_blocks import PRESS, box, clamp, residual, two_bodies
 
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 import qsdolfinx as qs
-from qsdolfinx.bulk import Body
-from qsdolfinx.presets import AGGREGATION, EXACT
-from qsdolfinx.rigid import orthonormal, rigid_modes, set_near_nullspace
+from qsdolfinx.linear.presets import AGGREGATION, EXACT
 
 COMM = MPI.COMM_WORLD
-E, NU = 1e4, 0.3
-PRESS = -0.02
-
-
-def box(low, high, n, cell):
-    """Mesh of a box [0, 1]² × [low, high] with n cells along x and y, and as long ones along z."""
-    corners = [[0.0, 0.0, low], [1.0, 1.0, high]]
-    counts = [n, n, round(n * (high - low))]
-    return mesh.create_box(COMM, corners, counts, mesh.CellType[cell])
-
-
-def residual(u, v):
-    """Virtual work of linear elasticity."""
-    mu, lame = E / (2 * (1 + NU)), E * NU / ((1 + NU) * (1 - 2 * NU))
-    strain = ufl.sym(ufl.grad(u))
-    stress = lame * ufl.tr(strain) * ufl.Identity(3) + 2 * mu * strain
-    return ufl.inner(stress, ufl.grad(v)) * ufl.dx
-
-
-def clamp(V, z, press):
-    """Displacement (0, 0, press) of the nodes at a height."""
-    facets = mesh.locate_entities_boundary(V.mesh, 2, lambda x: np.isclose(x[2], z))
-    dofs = fem.locate_dofs_topological(V, 2, facets)
-    return fem.dirichletbc(np.array([0.0, 0.0, press]), dofs, V)
+E = 1e4
 
 
 def bonded_cells(unknowns):
@@ -62,10 +37,9 @@ def measure(model, p):
 
 def warm_up(p):
     """Compile the forms."""
-    msh = box(0.0, 1.0, 2, p.cell)
-    V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
+    V = fem.functionspace(box(p.cell, 2, 0.0, 1.0), ("Lagrange", 1, (3,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
-    F = residual(u, v)
+    F = residual(u, v, E)
     fem.form(F), fem.form(ufl.derivative(F, u))
 
 
@@ -75,13 +49,13 @@ def largest(value):
 
 def bonded(n, p):
     """One body of DOLFINx, by PETSc's linear solver."""
-    msh = box(0.0, 2.0, n, p.cell)
+    msh = box(p.cell, n, 0.0, 2.0)
     COMM.barrier()
     start = time.perf_counter()
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
     bcs = [clamp(V, 0.0, 0.0), clamp(V, 2.0, PRESS)]
-    F = residual(u, v)
+    F = residual(u, v, E)
     a = fem.form(ufl.derivative(F, u))
     before = time.perf_counter()
     A = fem_petsc.assemble_matrix(a, bcs)
@@ -91,13 +65,13 @@ def bonded(n, p):
     b = fem_petsc.assemble_vector(fem.form(-F))
     b.ghostUpdate(PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE)
     assembly = time.perf_counter() - before
-    body = Body(F, u, bcs)
-    b.array[body.owned_constrained] = 0
-    x = A.createVecRight()
-    modes = [x.duplicate() for _ in range(6)]
-    for mode, values in zip(modes, rigid_modes(body), strict=True):
-        mode.array[:] = values
-    set_near_nullspace(A, orthonormal(modes))
+    for bc in bcs:
+        dofs, owned = bc.dof_indices()
+        b.array[dofs[:owned]] = 0
+    x, coordinates = A.createVecs()
+    coordinates.setBlockSize(3)
+    coordinates.array[:] = V.tabulate_dof_coordinates()[: coordinates.local_size // 3].ravel()
+    A.setNearNullSpace(PETSc.NullSpace().createRigidBody(coordinates))
     before = time.perf_counter()
     ksp = solver(A)
     ksp.setUp()
@@ -134,17 +108,10 @@ def solver(A):
 
 def contact(model, n, p):
     """Two bodies."""
-    meshes = box(0.0, 1.0, n[0], p.cell), box(1.0, 2.0, n[1], p.cell)
+    meshes = [box(p.cell, count, float(i), i + 1.0) for i, count in enumerate(n)]
     COMM.barrier()
     start = time.perf_counter()
-    forms, u, bcs, surfaces = [], [], [], []
-    for msh, far, press in zip(meshes, (0.0, 2.0), (0.0, PRESS), strict=True):
-        V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
-        u.append(fem.Function(V))
-        forms.append(residual(u[-1], ufl.TestFunction(V)))
-        bcs.append([clamp(V, far, press)])
-        facets = mesh.locate_entities_boundary(msh, 2, lambda x: np.isclose(x[2], 1.0))
-        surfaces.append(qs.Surface(V, facets=facets))
+    forms, u, bcs, surfaces = two_bodies(meshes, (E, E))
     law = qs.Tied() if model == "tied" else qs.Unilateral()
     pair = qs.Contact(
         surfaces[1], surfaces[0], law=law, quadrature=p.quadrature, enforcement=p.enforcement
@@ -158,7 +125,7 @@ def contact(model, n, p):
     stages = {name: span.max for name, span in problem.timings.items()}
     points = largest(len(pair.pairing.slave.x))
     return {
-        "unknowns": problem._x.getSize(),
+        "unknowns": problem.system.x.getSize(),
         "seconds": seconds,
         "stages": stages,
         "newton": problem.num_iterations,

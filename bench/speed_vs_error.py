@@ -1,17 +1,17 @@
-"""Speed against error: every formulation, quadrature and enforcement on four mesh levels.
+"""Speed against error: formulations, quadratures and enforcements on four mesh levels.
 
-Five cases: patch, hertz2d, hertz3d, upsetting, forging, see speed_cases.py and speed_forging.py.
-Measured are CPU seconds of all ranks, from the bodies in hand to the solution: contact and problem
-are made, and the problem is solved, or all steps are made. Meshes and errors are not in it. The
-least of up to --repeats runs counts; runs are repeated as long as they took less than two seconds
-in all. A kind of contact that has no solution on two levels, or takes 20 times as long as the
-fastest, is not tried on finer ones.
+The cases are in speed_scenes.py. Measured are CPU seconds of all ranks, from the bodies in hand to
+the solution: contact and problem are made, and the problem is solved, or all steps are made. Meshes
+and errors are not in it. The least of up to --repeats runs counts, in which the kinds of contact
+take turns; a kind is not run again that took ten seconds. Writes a summary speed_vs_error_CASE.json
+to --json-dir.
 
-Writes speed_vs_error_CASE.json to --json-dir. Then bench/speed_report.py makes
-docs/speed-vs-error.md and its figures of them.
+With --page nothing is measured: the tables of docs/speed-vs-error.md and the figures are made of
+the summaries. What the page advises, above its tables, is written by hand: read it again then.
 
     python3 bench/speed_vs_error.py
     mpirun -n 2 python3 bench/speed_vs_error.py --cases patch hertz2d --levels 0 1 2 --repeats 1
+    python3 bench/speed_vs_error.py --page
 """
 
 import argparse
@@ -19,131 +19,294 @@ import gc
 import itertools
 import json
 import pathlib
+import statistics
 import sys
 import time
 
 from mpi4py import MPI
 
-import numpy as np
-
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from machine import circumstances
-from speed_cases import Hertz2D, Hertz3D, Kind, Patch, Upsetting
-from speed_forging import Forging
+from machine import circumstances, write
+from speed_scenes import CASES, SIDES, Kind
 
 import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "two-half-pass")
+RESULTS, DOCS = ROOT / "bench" / "results", ROOT / "docs"
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
 ENFORCEMENTS = ("penalty", "augmented-lagrangian")
-KINDS = [Kind(*k) for k in itertools.product(FORMULATIONS, ("nodal", "overlay"), ENFORCEMENTS)]
-CASES = {
-    "patch": Patch,
-    "hertz2d": Hertz2D,
-    "hertz3d": Hertz3D,
-    "upsetting": Upsetting,
-    "forging": Forging,
-}
-#: CPU seconds after which a run is not repeated.
-LONG = 2.0
-#: Levels without a solution after which finer ones are not tried.
-PATIENCE = 2
-#: Times as slow as the fastest on its level is what is not tried on finer ones.
-SLOW = 20
+#: All but double-pass with an augmented Lagrangian, which cannot close every gap.
+KINDS = [
+    Kind(*kind)
+    for kind in itertools.product(FORMULATIONS, ("nodal", "overlay"), ENFORCEMENTS)
+    if kind[::2] != ("double-pass", "augmented-lagrangian")
+]
+#: The kind beside which the others are put.
+BASE = Kind("quasi-symmetric", "overlay", "penalty")
+#: Errors by what is wrong: the worst of some entries of a summary's rows.
+MEASURES = {"energy norm": ("energy",), "traction": SIDES}
+#: CPU seconds after which a kind is not run again.
+LONG = 10.0
+#: Relative error below which a solution is as good as exact: multipliers are augmented to 1e-8.
+EXACT = 1e-8
+#: Lines of the page between which --page writes.
+BEGIN, END = "<!-- made by bench/speed_vs_error.py --page -->", "<!-- end -->"
+
+
+def kind_of(row):
+    """Of a row of a summary."""
+    return Kind(*(row[field] for field in Kind._fields))
+
+
+def name(kind):
+    """Of a kind in words."""
+    return " ".join(kind).replace("augmented-lagrangian", "AL")
+
+
+# --- Measuring
 
 
 def run_once(scene, kind):
-    """One timed run: seconds, iterations and errors."""
+    """Seconds, share of contact in them, and errors of one run; no errors without a solution."""
     gc.collect()
     COMM.barrier()
     cpu, wall = time.process_time(), time.perf_counter()
     contacts, problem, solve = scene.assemble(kind)
     try:
-        newton, reason = solve(), ""
+        solve()
+        failure = None
     except (qs.ConvergenceError, qs.StepError) as error:
-        newton, reason = None, str(error).split("; residuals")[0]
+        failure = str(error)
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-    row = {
-        "status": "no solution" if reason else "ok",
-        "reason": reason,
-        "cpu_seconds": COMM.allreduce(cpu),
-        "wall_seconds": COMM.allreduce(wall, op=MPI.MAX),
-        "contact_wall_seconds": COMM.allreduce(sum(c.seconds for c in contacts), op=MPI.MAX),
-        "newton": newton,
-    }
+    seconds = COMM.allreduce(cpu)
     # The library's stopwatch tells wall time.
-    row["contact_share"] = min(row["contact_wall_seconds"] / row["wall_seconds"], 1.0)
-    row["errors"] = {} if reason else scene.errors(contacts)
+    in_contact = COMM.allreduce(sum(c.seconds for c in contacts), op=MPI.MAX)
+    share = min(in_contact / COMM.allreduce(wall, op=MPI.MAX), 1.0)
+    errors = {} if failure else scene.errors(contacts)
     problem.destroy()
-    return row
+    if failure and COMM.rank == 0:
+        print(f"{name(kind)}: no solution after {seconds:.1f} s: {failure}")
+    return {"seconds": seconds, "contact": share, **errors}
 
 
-def run(scene, kind, repeats):
-    """The fastest of some runs."""
-    best, spent = None, 0.0
-    for count in range(1, repeats + 1):
-        row = run_once(scene, kind)
-        spent += row["cpu_seconds"]
-        if best is None or row["cpu_seconds"] < best["cpu_seconds"]:
-            best = row
-        best["runs"] = count
-        if spent > LONG or best["status"] != "ok":
-            break
-    return best
+def fastest(scene, kinds, repeats):
+    """Of each kind the fastest run; they take turns, so that what else runs here hits them all."""
+    runs = {kind: [] for kind in kinds}
+    for _ in range(repeats):
+        for kind, rows in runs.items():
+            if sum(row["seconds"] for row in rows) <= LONG:
+                rows.append(run_once(scene, kind))
+    return [min(rows, key=lambda row: row["seconds"]) for rows in runs.values()]
 
 
-def measure(case, levels, repeats, kinds=tuple(KINDS), say=lambda row: None):
-    """All rows of a case, and numbers on its reference."""
+def measure(case, levels, repeats, kinds=KINDS):
+    """Summary of a case: a row for each kind, with lists over the levels."""
     cls = CASES[case]
     shared = cls.prepare(COMM, levels)
     compiled = cls(COMM, min(levels), shared)
-    for kind in kinds[:2]:  # forms are compiled before anything is timed
-        run_once(compiled, kind)
-    rows, given_up = [], {}
-    for level in sorted(levels):
+    for quadrature in ("nodal", "overlay"):  # forms are compiled before anything is timed
+        run_once(compiled, BASE._replace(quadrature=quadrature))
+    rows = [kind._asdict() for kind in kinds]
+    h, unknowns = [], []
+    for level in levels:
         scene = cls(COMM, level, shared)
-        for kind in kinds:
-            row = {"level": level, "h": scene.h, "dofs": scene.dofs, **kind._asdict()}
-            if kind in given_up:
-                row |= {"status": "not tried", "reason": given_up[kind]}
-            else:
-                row |= run(scene, kind, repeats)
-            rows.append(row)
-            say(row)
-        given_up |= hopeless(rows, level)
-    return rows, cls.describe(shared)
+        h.append(float(scene.h))
+        unknowns.append(scene.dofs)
+        for row, found in zip(rows, fastest(scene, kinds, repeats), strict=True):
+            for key in ("seconds", "contact", *cls.errors_of):
+                row.setdefault(key, []).append(found.get(key))
+            if COMM.rank == 0:
+                told = "".join(f" {key} {value:.2e}" for key, value in found.items())
+                print(f"{scene.dofs:8} {name(kind_of(row)):35}{told}", flush=True)
+    return {
+        "case": case,
+        **circumstances(COMM.size),
+        "h": h,
+        "unknowns": unknowns,
+        "reference": cls.describe(shared),
+        "rows": rows,
+    }
 
 
-def hopeless(rows, level):
-    """Kinds not to be tried on levels finer than this one, and why."""
-    out = {}
-    here = [r for r in rows if r["level"] == level and r["status"] != "not tried"]
-    fastest = min((r["cpu_seconds"] for r in here if r["status"] == "ok"), default=np.inf)
-    for row in here:
-        kind = Kind(*(row[name] for name in Kind._fields))
-        mine = [r for r in rows if all(r[name] == row[name] for name in Kind._fields)]
-        if sum(r["status"] == "no solution" for r in mine) >= PATIENCE:
-            out[kind] = "no solution on coarser levels"
-        elif row["cpu_seconds"] > SLOW * fastest:
-            ratio = row["cpu_seconds"] / fastest
-            out[kind] = f"{ratio:.0f} times as slow as the fastest on the level before"
-    return out
+# --- The page
 
 
-def line(row):
-    """Of the terminal."""
-    start = (
-        f"{row['level']:2}{row['dofs']:8}  {row['formulation']:16}{row['quadrature']:9}"
-        f"{row['enforcement']:21}"
+def worst(row, measure):
+    """Errors of all levels, the worse of the two sides; None without a solution."""
+    levels = zip(*(row[key] for key in MEASURES[measure]), strict=True)
+    return [None if None in errors else max(errors) for errors in levels]
+
+
+def measures(result):
+    """What a summary has errors of."""
+    return [m for m, keys in MEASURES.items() if all(key in result["rows"][0] for key in keys)]
+
+
+def percent(error):
+    """Two digits."""
+    if error is None:
+        return "no solution"
+    if error < EXACT:
+        return "exact"
+    return f"{100 * error:.0f}" if error >= 0.0995 else f"{100 * error:#.2g}"
+
+
+def table(head, rows):
+    """Markdown of a table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def finest(results):
+    """Error and time of all kinds on the finest level, the time in that of BASE."""
+    columns, heads = [], [""]
+    for result in results:
+        rows = {kind_of(row): row for row in result["rows"]}
+        base = rows[BASE]["seconds"][-1]
+        for measure in measures(result):
+            norm = ", energy norm" if measure == "energy norm" else ""
+            heads.append(CASES[result["case"]].title + norm)
+            columns.append(
+                {
+                    k: f"{percent(worst(r, measure)[-1])}, {r['seconds'][-1] / base:.2f}"
+                    for k, r in rows.items()
+                }
+            )
+    return table(heads, [[name(k), *(column[k] for column in columns)] for k in columns[0]])
+
+
+def case_table(result):
+    """Errors, seconds and share of contact of every kind and level."""
+    keys = [key for measure in reversed(measures(result)) for key in MEASURES[measure]]
+    heads = [
+        f"h = {h:.3g}, {unknowns:,} unknowns"
+        for h, unknowns in zip(result["h"], result["unknowns"], strict=True)
+    ]
+    rows = []
+    for row in result["rows"]:
+        cells = [name(kind_of(row))]
+        for i, seconds in enumerate(row["seconds"]):
+            errors = [percent(row[key][i]) for key in keys]
+            text = "no solution" if "no solution" in errors else " / ".join(errors)
+            cells.append(f"{text}; {seconds:.3g} s, {100 * row['contact'][i]:.0f} %")
+        rows.append(cells)
+    return table([" / ".join(keys), *heads], rows)
+
+
+def circumstances_of(results):
+    """Command, date, machine and versions, once for all cases that have the same."""
+    groups = {}
+    for r in results:
+        versions = ", ".join(f"{key} {value}" for key, value in r["versions"].items())
+        text = (
+            f"`{r['command']}`, {r['date']}, {r['ranks']} rank{'s' * (r['ranks'] > 1)}, "
+            f"{r['machine']['cpu']}, {versions}"
+        )
+        groups.setdefault(text, []).append(CASES[r["case"]].title)
+    return "\n".join(f"- {', '.join(titles)}: {text}" for text, titles in groups.items())
+
+
+def tables(results):
+    """What --page writes between its two lines."""
+    shares = {
+        quadrature: statistics.median(
+            share
+            for result in results
+            for row in result["rows"]
+            if row["quadrature"] == quadrature
+            for share in row["contact"]
+        )
+        for quadrature in ("overlay", "nodal")
+    }
+    parts = [
+        "## On the finest meshes",
+        f"Error in %, and CPU time in that of {name(BASE)} contact (AL: augmented Lagrangian):",
+        finest(results),
+        "Measured with",
+        circumstances_of(results),
+        f"The share of contact in the time has a median of {100 * shares['overlay']:.0f} % "
+        f"(nodal: {100 * shares['nodal']:.0f} %) over all solves.",
+        "## All meshes",
+        "Errors in % (below 1e-8: exact), CPU seconds, and share of contact in the time.",
+    ]
+    for result in results:
+        title = CASES[result["case"]].title
+        parts += [
+            f"### {title}",
+            f"![{title}: error over CPU time](figures/speed_{result['case']}.png)",
+        ]
+        told = [f"{key}: {v:{',' if v > 1e3 else '.4g'}}" for key, v in result["reference"].items()]
+        parts += [f"Of the reference: {'; '.join(told)}."] if told else []
+        parts.append(case_table(result))
+    return "\n\n".join(parts)
+
+
+def rewritten(page, results):
+    """The text of the page with new tables."""
+    before, rest = page.split(BEGIN)
+    return f"{before}{BEGIN}\n\n{tables(results)}\n\n{END}{rest.split(END)[1]}"
+
+
+# --- Figures
+
+COLORS = dict(zip(FORMULATIONS, ("tab:red", "tab:green", "tab:blue"), strict=True))
+STYLES = {"nodal": "s--", "overlay": "o-"}
+
+
+def plot(result, filename):
+    """Error over time, a row for each measure, a column for each enforcement."""
+    from common.drawing import pyplot, save
+
+    shown, title = measures(result), CASES[result["case"]].title
+    figure, grid = pyplot().subplots(
+        len(shown),
+        len(ENFORCEMENTS),
+        figsize=(11, 1.2 + 3.9 * len(shown)),
+        sharex=True,
+        sharey="row",
+        squeeze=False,
+        layout="constrained",
     )
-    if row["status"] != "ok":
-        spent = f" after {row['cpu_seconds']:.1f} s" if "cpu_seconds" in row else ""
-        return f"{start}{row['status']}{spent}: {row['reason']}"
-    errors = "".join(f" {name} {value:.2e}" for name, value in row["errors"].items())
-    seconds = f"{row['cpu_seconds']:8.3f} s, contact {100 * row['contact_share']:4.1f} %"
-    return f"{start}{seconds}, Newton {row['newton']:3},{errors}"
+    for axes, measure in zip(grid, shown, strict=True):
+        for axis, enforcement in zip(axes, ENFORCEMENTS, strict=True):
+            draw(axis, result, measure, enforcement)
+        side = ", worse of the two sides" if measure == "traction" else ""
+        axes[0].set_ylabel(f"relative error, {measure}{side} (-)")
+    for axis, enforcement in zip(grid[0], ENFORCEMENTS, strict=True):
+        axis.set_title(f"{title}, {enforcement}")
+    for axis in grid[-1]:
+        axis.set_xlabel("CPU time of the solve (s)")
+    figure.legend(*grid[0][0].get_legend_handles_labels(), loc="outside lower center", ncol=3)
+    save(figure, filename)
+
+
+def draw(axis, result, measure, enforcement):
+    """One panel: the kinds with this enforcement."""
+    least = min(e for row in result["rows"] for e in worst(row, measure) if e is not None)
+    for row in result["rows"]:
+        if row["enforcement"] == enforcement:
+            errors = [e and max(e, EXACT) for e in worst(row, measure)]
+            axis.plot(
+                row["seconds"],
+                [float("nan") if e is None else e for e in errors],
+                STYLES[row["quadrature"]],
+                color=COLORS[row["formulation"]],
+                mfc="white" if row["quadrature"] == "nodal" else None,
+                label=f"{row['formulation']}, {row['quadrature']}",
+            )
+    axis.set(xscale="log", yscale="log")
+    if least < EXACT:
+        axis.set_ylim(bottom=EXACT / 3)
+        axis.annotate("exact: below 1e-8", (0.98, 0.015), xycoords="axes fraction", ha="right")
+    axis.grid(which="both")
+
+
+def load(folder):
+    """Summaries of all cases that are there."""
+    files = (folder / f"speed_vs_error_{case}.json" for case in CASES)
+    return [json.loads(f.read_text(encoding="utf-8")) for f in files if f.exists()]
 
 
 def main():
@@ -152,38 +315,26 @@ def main():
     )
     parser.add_argument("--cases", nargs="+", choices=tuple(CASES), default=list(CASES))
     parser.add_argument(
-        "--levels", nargs="+", type=int, help="mesh levels, 0 is the coarsest; 0 1 2 3 by default"
+        "--levels", nargs="+", type=int, help="mesh levels, 0 is the coarsest; four by default"
     )
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--json-dir", type=pathlib.Path, default=ROOT / "bench" / "results")
-    a = parser.parse_args()
-    if a.levels is not None and min(a.levels) < 0:
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--json-dir", type=pathlib.Path, default=RESULTS, metavar="FOLDER")
+    parser.add_argument("--page", action="store_true", help="tables and figures of the page")
+    p = parser.parse_args()
+    if p.levels is not None and min(p.levels) < 0:
         parser.error("--levels must not be negative")
-    if a.repeats < 1:
+    if p.repeats < 1:
         parser.error("--repeats must be at least 1")
-    say = print if COMM.rank == 0 else lambda *args, **kwargs: None
-    for case in a.cases:
-        start = time.perf_counter()
-        levels = sorted(set(a.levels or CASES[case].levels))
-        say(f"\n{CASES[case].title}: level, unknowns, CPU seconds, errors", flush=True)
-        rows, reference = measure(case, levels, a.repeats, say=lambda r: say(line(r), flush=True))
-        result = {
-            "case": case,
-            "title": CASES[case].title,
-            "text": CASES[case].text,
-            "measures": CASES[case].measures,
-            "reference": reference,
-            "levels": levels,
-            "measured_in_seconds": time.perf_counter() - start,
-            **circumstances(COMM.size),
-            "rows": rows,
-        }
-        say(f"{case}: {result['measured_in_seconds']:.0f} s")
+    if p.page:
+        results, page = load(p.json_dir), DOCS / "speed-vs-error.md"
+        page.write_text(rewritten(page.read_text(encoding="utf-8"), results), encoding="utf-8")
+        for result in results:
+            plot(result, DOCS / "figures" / f"speed_{result['case']}.png")
+        return
+    for case in p.cases:
+        result = measure(case, sorted(set(p.levels or CASES[case].levels)), p.repeats)
         if COMM.rank == 0:
-            a.json_dir.mkdir(parents=True, exist_ok=True)
-            text = json.dumps(result, indent=1, ensure_ascii=False)
-            filename = a.json_dir / f"speed_vs_error_{case}.json"
-            filename.write_text(text + "\n", encoding="utf-8")
+            write(p.json_dir / f"speed_vs_error_{case}.json", result, digits=4)
 
 
 if __name__ == "__main__":

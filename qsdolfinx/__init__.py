@@ -6,33 +6,29 @@ as in (12), are the paper's.
 """
 
 from qsdolfinx import compat, materials
-from qsdolfinx.advice import ContactWarning
-from qsdolfinx.balance import BalanceWarning
-from qsdolfinx.contact import Contact
-from qsdolfinx.continuation import solve_with_continuation
-from qsdolfinx.crash import end_all_ranks
-from qsdolfinx.friction import Coulomb, CoulombTresca, Friction, Norton, Sticking, Tresca
-from qsdolfinx.history import History, step_row
-from qsdolfinx.laws import Law, Tied, Unilateral
-from qsdolfinx.output import FieldWriter
-from qsdolfinx.pairing import Pairing
-from qsdolfinx.problem import ContactProblem
-from qsdolfinx.reach import ReachWarning
-from qsdolfinx.report import ContactReport
-from qsdolfinx.restart import load_run, save_run
-from qsdolfinx.rigid_surface import RigidSurface
-from qsdolfinx.solver import ConvergenceError
-from qsdolfinx.status import Status
-from qsdolfinx.stepper import StepError, TimeStepper
-from qsdolfinx.surface import Surface
+from qsdolfinx.base.messages import ContactWarning
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.fields import Status
+from qsdolfinx.contact.reach import ReachWarning
+from qsdolfinx.contact.report import ContactReport
+from qsdolfinx.friction.laws import Coulomb, CoulombTresca, Friction, Norton, Sticking, Tresca
+from qsdolfinx.gap.laws import Law, Tied, Unilateral
+from qsdolfinx.output.fields import FieldWriter
+from qsdolfinx.output.history import History
+from qsdolfinx.pairing.points import Pairing
+from qsdolfinx.solve.continuation import solve_with_continuation
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.solve.snes import ConvergenceError
+from qsdolfinx.steps.restart import load_run, save_run
+from qsdolfinx.steps.step_row import step_row
+from qsdolfinx.steps.stepper import StepError, TimeStepper
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 #: The one place of the version; pyproject.toml reads it here.
 __version__ = "0.1.0"
 
-end_all_ranks()
-
 __all__ = [
-    "BalanceWarning",
     "Contact",
     "ContactProblem",
     "ContactReport",

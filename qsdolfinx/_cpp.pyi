@@ -1,95 +1,12 @@
-"""The C++ extension; see the headers in cpp/."""
-
-from __future__ import annotations
-
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Ranks = npt.NDArray[np.int32]
-
-class Surface:
-    def __init__(
-        self,
-        comm: int,
-        gdim: int,
-        num_vertices: int,
-        x: Array,
-        degree: int,
-        dofs: Indices,
-        owner: Ranks,
-        inside: Array,
-        local_size: int,
-        axisymmetric: bool,
-    ) -> None: ...
-    def move(self, x: Array, inside: Array) -> None: ...
-    @property
-    def facet_size_range(self) -> list[float]: ...
-    @property
-    def facet_x(self) -> Array: ...
-    @property
-    def facet_dofs(self) -> Indices: ...
-    @property
-    def node_dofs(self) -> Indices: ...
-    @property
-    def node_x(self) -> Array: ...
-    @property
-    def node_area(self) -> Array: ...
-    @property
-    def node_normal(self) -> Array: ...
-
-def mean_of_rows(x: Array, rows: Ranks) -> Array: ...
-def count_degenerate(num_vertices: int, x: Array) -> int: ...
-
-class PairingPoints:
-    @property
-    def size(self) -> int: ...
-    @property
-    def slave(self) -> dict[str, Any]: ...
-    @property
-    def master(self) -> dict[str, Any]: ...
-    @property
-    def normal(self) -> Array: ...
-    @property
-    def gap(self) -> Array: ...
-    @property
-    def weight(self) -> Array: ...
-    @property
-    def multiplier_values(self) -> Array: ...
-    @property
-    def num_unpaired(self) -> int: ...
-
-def overlay_surfaces(
-    slave: Surface,
-    master: Surface,
-    both: bool,
-    radius: float,
-    normals: int,
-    piece_x: Array,
-    piece_w: Array,
-    edge_x: Array,
-    edge_w: Array,
-) -> PairingPoints: ...
-def pair_surfaces(
-    slave: Surface, master: Surface, both: bool, radius: float, normals: int
-) -> PairingPoints: ...
-def closest_facets(
-    nodes: Surface, surface: Surface, radius: float
-) -> tuple[npt.NDArray[np.uint8], Array]: ...
-def closest_point(
-    num_vertices: int, vertices: Array, p: Array
-) -> tuple[float, list[float], list[float]]: ...
-def sample_nodes(slave: Surface) -> PairingPoints: ...
-def sample_facets(slave: Surface, x: Array, w: Array) -> PairingPoints: ...
-def face_tool(
-    points: PairingPoints, keep: npt.NDArray[np.uint8], normal: Array, gap: Array, group: int
-) -> None: ...
-def forget_master(points: PairingPoints) -> None: ...
+import numpy
+import numpy.typing
 
 class GapOperator:
+    """Weighted gaps of the slave nodes of this rank; see gap/gap.h."""
+
     def __init__(
         self,
         slave: Surface,
@@ -97,46 +14,212 @@ class GapOperator:
         points: PairingPoints,
         jump: bool,
         by_cover: bool,
-    ) -> None: ...
+    ) -> None:
+        """Collective."""
+
     @property
     def num_rows(self) -> int: ...
     @property
-    def width(self) -> int: ...
+    def width(self) -> int:
+        """Values per row: 1, or gdim of a jump."""
+
     @property
-    def row_node(self) -> Indices: ...
+    def row_node(self) -> numpy.typing.NDArray[numpy.int64]:
+        """Index of each row's node in the slave's nodes, [row]."""
+
     @property
-    def row_area(self) -> Array: ...
+    def row_area(self) -> numpy.typing.NDArray[numpy.float64]:
+        """What each row's gap is divided by: S_k or its covered part, [row]."""
+
     @property
-    def initial_gap(self) -> Array: ...
+    def initial_gap(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Initial weighted gap, zero for a jump, [row]."""
+
     @property
-    def slave_sum(self) -> Array: ...
-    def apply(self, slave: int, master: int, scale: tuple[float, float] = (1.0, 1.0)) -> Array: ...
-    def add_transpose(self, f: Array, slave: int, master: int, slave_only: bool) -> None: ...
-    def constrain(self, slave: int, master: int) -> None: ...
+    def slave_sum(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Sum of the slave's coefficients, [row][gdim], of a jump [row][1]."""
+
+    def apply(
+        self, slave: int, master: int, scale: Sequence[float] = [1.0, 1.0]
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """Linear part of the gap, [row][width]; collective."""
+
+    def add_transpose(
+        self, f: numpy.typing.NDArray[numpy.float64], slave: int, master: int
+    ) -> None:
+        """Add the transposed operator times f; collective."""
+
+    def constrain(self, slave: int, master: int) -> None:
+        """Mark constrained unknowns; collective."""
+
+class PairingPoints:
+    """Pairing points of one pass; see pairing/pairing.h."""
+
+    @property
+    def size(self) -> int: ...
+    @property
+    def slave(self) -> dict[str, Any]:
+        """Arrays of the slave's side: x, dofs, owner, shape_values."""
+
+    @property
+    def master(self) -> dict[str, Any]:
+        """Those of the master's side."""
+
+    @property
+    def multiplier_values(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Functions of the multipliers, [point][slave vertex]."""
+
+    @property
+    def normal(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Unit normals outward of the slave, [point][3]."""
+
+    @property
+    def gap(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Signed distances, positive when open, [point]."""
+
+    @property
+    def weight(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Areas, [point]."""
+
+    @property
+    def num_unpaired(self) -> int:
+        """Owned nodes (overlay: facets) that found no partner."""
+
+class Surface:
+    """Distributed contact surface; see surface/surface.h."""
+
+    def __init__(
+        self,
+        comm: int,
+        gdim: int,
+        num_vertices: int,
+        x: numpy.typing.NDArray[numpy.float64],
+        degree: int,
+        dofs: numpy.typing.NDArray[numpy.int64],
+        owner: numpy.typing.NDArray[numpy.int32],
+        inside: numpy.typing.NDArray[numpy.float64],
+        local_size: int,
+        axisymmetric: bool,
+    ) -> None:
+        """Collective."""
+
+    def move(
+        self, x: numpy.typing.NDArray[numpy.float64], inside: numpy.typing.NDArray[numpy.float64]
+    ) -> None:
+        """Let the facets have other coordinates; collective."""
+
+    @property
+    def facet_size_range(self) -> list[float]:
+        """Smallest and largest facet size; collective."""
+
+    @property
+    def facet_x(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Coordinates of the vertices, [facet][vertex][3]."""
+
+    @property
+    def facet_dofs(self) -> numpy.typing.NDArray[numpy.int64]:
+        """Global unknowns of the trace, [facet][node][gdim]."""
+
+    @property
+    def node_dofs(self) -> numpy.typing.NDArray[numpy.int64]:
+        """Global unknowns of the owned nodes, [node][gdim]."""
+
+    @property
+    def node_x(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Their coordinates, [node][3]."""
+
+    @property
+    def node_area(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Their areas S_k, [node]."""
+
+    @property
+    def node_normal(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Their averaged outward unit normals, [node][3]."""
+
+def closest_facets(
+    nodes: Surface, surface: Surface, radius: float
+) -> tuple[numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.float64]]:
+    """Which owned nodes find a facet, [node], and the closest points, [node][3]; collective."""
+
+def closest_point(
+    num_vertices: int, vertices: numpy.typing.NDArray[numpy.float64], p: Sequence[float]
+) -> tuple[float, list[float], list[float]]:
+    """Closest point of one facet to p: distance, reference coordinates, position."""
+
+def count_degenerate(num_vertices: int, x: numpy.typing.NDArray[numpy.float64]) -> int:
+    """Number of facets x [facet][vertex][3] without area, or not convex."""
+
+def count_entries(block: int) -> numpy.typing.NDArray[numpy.int32]:
+    """Number of entries in own and in other columns, [2][row]."""
+
+def face_tool(
+    points: PairingPoints,
+    keep: numpy.typing.NDArray[numpy.uint8],
+    normal: numpy.typing.NDArray[numpy.float64],
+    gap: numpy.typing.NDArray[numpy.float64],
+    group: int,
+) -> None:
+    """Set normals and gaps, and drop points; see pairing/rigid.h."""
+
+def forget_master(points: PairingPoints) -> None:
+    """Forget the unknowns of the master."""
 
 def insert_contact(
     gap: GapOperator,
-    stiffness: Array,
-    blocks: list[int],
-    scale: tuple[float, float],
-    slave_only: bool,
+    stiffness: numpy.typing.NDArray[numpy.float64],
+    blocks: Sequence[int],
+    scale: Sequence[float],
     pattern: bool,
-) -> None: ...
+) -> None:
+    """Add Gᵀ D G to the blocks (ss, sm, ms, mm)."""
+
 def insert_friction(
     jump: GapOperator,
     normal: GapOperator,
-    stiffness: Array,
-    coupling: Array,
-    blocks: list[int],
-    scale: tuple[float, float],
-    slave_only: bool,
-) -> None: ...
+    stiffness: numpy.typing.NDArray[numpy.float64],
+    coupling: numpy.typing.NDArray[numpy.float64],
+    blocks: Sequence[int],
+    scale: Sequence[float],
+) -> None:
+    """Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm)."""
+
+def mean_of_rows(
+    x: numpy.typing.NDArray[numpy.float64], rows: numpy.typing.NDArray[numpy.int32]
+) -> numpy.typing.NDArray[numpy.float64]:
+    """Means of points x [point][3], one of each row of their numbers, [row][3]."""
+
+def overlay_surfaces(
+    slave: Surface,
+    master: Surface,
+    both: bool,
+    radius: float,
+    normals: int,
+    piece_x: numpy.typing.NDArray[numpy.float64],
+    piece_w: numpy.typing.NDArray[numpy.float64],
+    edge_x: numpy.typing.NDArray[numpy.float64],
+    edge_w: numpy.typing.NDArray[numpy.float64],
+) -> PairingPoints:
+    """Pairing points on the overlay; collective."""
+
+def pair_surfaces(
+    slave: Surface, master: Surface, both: bool, radius: float, normals: int
+) -> PairingPoints:
+    """Nodal pairing points; collective."""
+
 def put_rows(
     block: int,
     matrix: int,
-    rows: Ranks,
-    row_numbers: tuple[Indices, Indices],
-    column_numbers: tuple[Indices, Indices],
+    rows: numpy.typing.NDArray[numpy.int32],
+    row_numbers: Sequence[numpy.typing.NDArray[numpy.int64]],
+    column_numbers: Sequence[numpy.typing.NDArray[numpy.int64]],
     mode: int,
-) -> None: ...
-def count_entries(block: int) -> Ranks: ...
+) -> None:
+    """Put rows of one body's block into the matrix of all bodies."""
+
+def sample_facets(
+    slave: Surface, x: numpy.typing.NDArray[numpy.float64], w: numpy.typing.NDArray[numpy.float64]
+) -> PairingPoints:
+    """Quadrature points on the facets, without a master."""
+
+def sample_nodes(slave: Surface) -> PairingPoints:
+    """Points at the nodes, without a master."""

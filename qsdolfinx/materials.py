@@ -18,12 +18,26 @@ import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
-from qsdolfinx.checks import check_positive, check_type
+from qsdolfinx.base.checks import (
+    FINITE,
+    FUNCTION,
+    MESH,
+    POSITIVE,
+    UP_TO_ONE,
+    Kind,
+    check,
+    either,
+    instance,
+    number,
+    require,
+)
 
 #: A number, a fem.Constant, a fem.Function or any other scalar of UFL.
 Scalar = typing.Any
 #: A scalar, vector or tensor of UFL.
 Expression = typing.Any
+
+POISSON = number("above -1 and below 0.5", lambda nu: -1 < nu < 0.5)
 
 _SIMPLICES = (mesh.CellType.triangle, mesh.CellType.tetrahedron)
 
@@ -39,10 +53,9 @@ def gradient(u: Expression, axisymmetric: bool = False) -> Expression:
         Tensor of as many rows as u has components; 3 × 3 in the order r, z, θ if axisymmetric.
     """
     shape = getattr(u, "ufl_shape", None)
-    if shape not in ((2,), (3,)):
-        raise ValueError("u: must be a vector field of UFL with 2 or 3 components")
-    if axisymmetric and shape != (2,):
-        raise ValueError("axisymmetric: needs a 2D mesh with coordinates (r, z)")
+    require(shape in ((2,), (3,)), "u: must be a vector field of UFL with 2 or 3 components")
+    fits = not axisymmetric or shape == (2,)
+    require(fits, "axisymmetric: needs a 2D mesh with coordinates (r, z)")
     grad = ufl.grad(u)
     if not axisymmetric:
         return grad
@@ -65,8 +78,8 @@ def axisymmetric_weight(msh: mesh.Mesh) -> Expression:
 
     Forces are then those on the whole ring.
     """
-    if msh.geometry.dim != 2:
-        raise ValueError("msh: axisymmetric bodies need a 2D mesh with coordinates (r, z)")
+    fits = msh.geometry.dim == 2
+    require(fits, "msh: axisymmetric bodies need a 2D mesh with coordinates (r, z)")
     return 2 * math.pi * ufl.SpatialCoordinate(msh)[0]
 
 
@@ -81,11 +94,8 @@ def linear_elastic(u: Expression, E: Scalar, nu: Scalar, axisymmetric: bool = Fa
         nu: Poisson's ratio, −1 < ν < ½.
         axisymmetric: Whether the coordinates are (r, z).
     """
-    _check_positive(E=E)
-    _check_scalar("nu", nu)
-    value = _value(nu)
-    if value is not None and not -1 < value < 0.5:
-        raise ValueError(f"nu: must be above -1 and below 0.5, not {value!r}")
+    _check(POSITIVE, E=E)
+    _check(POISSON, nu=nu)
     eps = strain(u, axisymmetric)
     mu, lmbda = E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
     return 2 * mu * eps + lmbda * ufl.tr(eps) * ufl.Identity(eps.ufl_shape[0])
@@ -105,8 +115,8 @@ def neo_hookean_energy(
         lmbda: Lamé's first parameter at small strains, a stress.
         axisymmetric: Whether the coordinates are (r, z).
     """
-    _check_positive(mu=mu)
-    _check_scalar("lmbda", lmbda)
+    _check(POSITIVE, mu=mu)
+    _check(FINITE, lmbda=lmbda)
     F = _deformation_gradient(u, axisymmetric)
     log_J = ufl.ln(ufl.det(F))
     # The sum of the squared stretches; the one across the plane is 1.
@@ -126,8 +136,8 @@ def neo_hookean(u: Expression, mu: Scalar, lmbda: Scalar, axisymmetric: bool = F
         lmbda: Lamé's first parameter at small strains, a stress.
         axisymmetric: Whether the coordinates are (r, z).
     """
-    _check_positive(mu=mu)
-    _check_scalar("lmbda", lmbda)
+    _check(POSITIVE, mu=mu)
+    _check(FINITE, lmbda=lmbda)
     F = _deformation_gradient(u, axisymmetric)
     inverse = ufl.inv(F).T
     return mu * (F - inverse) + lmbda * ufl.ln(ufl.det(F)) * inverse
@@ -141,7 +151,7 @@ def newtonian(v: Expression, K: Scalar, axisymmetric: bool = False) -> Expressio
         K: Viscosity, stress × time.
         axisymmetric: Whether the coordinates are (r, z).
     """
-    _check_positive(K=K)
+    _check(POSITIVE, K=K)
     return 2 * K * strain(v, axisymmetric)
 
 
@@ -173,10 +183,8 @@ def norton_hoff(
         regularisation: ε̇₀ per time, such as a thousandth of velocity / height.
         axisymmetric: Whether the coordinates are (r, z).
     """
-    _check_positive(K=K, m=m, regularisation=regularisation)
-    value = _value(m)
-    if value is not None and value > 1:
-        raise ValueError(f"m: must be at most 1, not {value!r}")
+    _check(POSITIVE, K=K, regularisation=regularisation)
+    _check(UP_TO_ONE, m=m)
     rate = strain(v, axisymmetric)
     squared = 2 * ufl.inner(rate, rate) + 3 * regularisation**2  # (√3 ε̇)²
     return 2 * K * squared ** ((m - 1) / 2) * rate
@@ -191,14 +199,11 @@ def mini_space(msh: mesh.Mesh) -> fem.FunctionSpace:
     Args:
         msh: Mesh of triangles or tetrahedra.
     """
-    if not isinstance(msh, mesh.Mesh):
-        raise TypeError(f"msh: must be a dolfinx.mesh.Mesh, not {type(msh).__name__}")
+    check(MESH, msh=msh)
     gdim, cell_type = msh.geometry.dim, msh.topology.cell_type
-    if cell_type not in _SIMPLICES or msh.topology.dim != gdim:
-        raise ValueError(
-            "msh: the MINI element needs triangles in 2D or tetrahedra in 3D, "
-            f"not {cell_type.name} cells in {gdim}D"
-        )
+    text = "msh: the MINI element needs triangles in 2D or tetrahedra in 3D, not "
+    fits = cell_type in _SIMPLICES and msh.topology.dim == gdim
+    require(fits, f"{text}{cell_type.name} cells in {gdim}D")
     cell = msh.basix_cell()
     linear = basix.ufl.element("Lagrange", cell, 1)
     bubble = basix.ufl.element("Bubble", cell, gdim + 1)
@@ -222,20 +227,18 @@ def incompressible(w: fem.Function, stress: Expression, dx: ufl.Measure | None =
         dx: Measure; by default over the mesh with a rule that is exact for the MINI element with
             constant viscosity, but in axisymmetric flow.
     """
-    if not isinstance(w, fem.Function):
-        raise TypeError(f"w: must be a dolfinx.fem.Function, not {type(w).__name__}")
+    check(FUNCTION, w=w)
+    check(either(instance(ufl.Measure, "a measure of UFL"), None), dx=dx)
     msh = w.function_space.mesh
     gdim = msh.geometry.dim
     subs = [w.function_space.sub(i) for i in range(w.function_space.num_sub_spaces)]
-    if [sub.num_sub_spaces for sub in subs] != [gdim, 0]:
-        raise ValueError("w: must be in a mixed space of velocity and pressure, see mini_space")
+    mixed = [sub.num_sub_spaces for sub in subs] == [gdim, 0]
+    require(mixed, "w: must be in a mixed space of velocity and pressure, see mini_space")
     shape = getattr(stress, "ufl_shape", None)
     axisymmetric = gdim == 2 and shape == (3, 3)
-    if shape != (gdim, gdim) and not axisymmetric:
-        raise ValueError(f"stress: must be a tensor of UFL for velocities in {gdim}D")
-    if dx is not None:
-        check_type("dx", dx, ufl.Measure, "a measure of UFL")
-    else:
+    fits = shape == (gdim, gdim) or axisymmetric
+    require(fits, f"stress: must be a tensor of UFL for velocities in {gdim}D")
+    if dx is None:
         # UFL would estimate far more for a power.
         degree = 2 * gdim + axisymmetric
         dx = ufl.Measure("dx", domain=msh, metadata={"quadrature_degree": degree})
@@ -257,20 +260,11 @@ def _value(given: Scalar) -> float | None:
     return float(given) if isinstance(given, (int, float, np.number)) else None
 
 
-def _check_positive(**parameters: Scalar) -> None:
-    """Refuse what is neither a positive number or Constant nor a scalar of UFL."""
+def _check(kind: Kind, **parameters: Scalar) -> None:
+    """Refuse what is neither a scalar of UFL nor a number or Constant of a kind."""
     for name, given in parameters.items():
         value = _value(given)
         if value is not None:
-            check_positive(name, value)
-        else:
-            _check_scalar(name, given)
-
-
-def _check_scalar(name: str, given: Scalar) -> None:
-    """Refuse what is neither a finite number or Constant nor a scalar of UFL."""
-    value = _value(given)
-    if value is None and getattr(given, "ufl_shape", None) != ():
-        raise TypeError(f"{name}: must be a number, a Constant, a Function or a scalar of UFL")
-    if value is not None and not math.isfinite(value):
-        raise ValueError(f"{name}: must be finite, not {value!r}")
+            check(kind, **{name: value})
+        elif getattr(given, "ufl_shape", None) != ():
+            raise TypeError(f"{name}: must be a number, a Constant, a Function or a scalar of UFL")

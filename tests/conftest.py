@@ -18,10 +18,13 @@ from mpi4py import MPI
 
 import pytest
 
-# Tests import scenes.py beside them, the demos and the benchmarks.
+# Tests import what is beside this file (scenes), in a folder of tests (hard.scenes), the demos and
+# the benchmarks.
 here = pathlib.Path(__file__).resolve().parent
-scenes = [here.parent / folder for folder in ("demos", "bench")]
-sys.path[:0] = [str(here), *map(str, scenes)]
+programs = [here.parent / folder for folder in ("demos", "bench")]
+sys.path[:0] = [str(here), *map(str, programs)]
+#: Modules of tests that import from these are shared out: see pytest_collection_modifyitems.
+scenes = [*programs, here / "hard", here / "fuzz"]
 
 import ffcx.codegeneration.jit as ffcx_jit  # noqa: E402
 from dolfinx import jit  # noqa: E402
@@ -117,7 +120,7 @@ def pytest_collection_modifyitems(config, items):
 
 
 def uses_scenes(module):
-    """Whether a module of tests imports something of the demos or benchmarks."""
+    """Whether a module of tests imports demos, benchmarks, hard cases or random scenes."""
     names = {getattr(value, "__module__", None) for value in vars(module).values()}
     names |= {value.__name__ for value in vars(module).values() if inspect.ismodule(value)}
     files = [getattr(sys.modules.get(name), "__file__", None) for name in names]
@@ -127,7 +130,9 @@ def uses_scenes(module):
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config):
     if comm.rank > 0:  # only rank 0 writes to the terminal
-        config.pluginmanager.get_plugin("terminalreporter")._tw._file = io.StringIO()
+        reporter = config.pluginmanager.unregister(name="terminalreporter")
+        silent = type(reporter)(config, io.StringIO())
+        config.pluginmanager.register(silent, "terminalreporter")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+import basix
 import basix.ufl
 import ufl
 from dolfinx import fem, graph, mesh
@@ -18,25 +19,32 @@ LAWS = (qs.Tied, qs.Unilateral)
 WORLD = MPI.COMM_WORLD
 
 
-def spread(rank_of):
-    """Partitioner that puts a cell at position p in [0, 1) on ``rank_of(p, size)``."""
+def allowed(formulations, options):
+    """Pairs of a formulation and a key of the options that may be used together."""
+    return [
+        (formulation, key)
+        for formulation in formulations
+        for key, chosen in options.items()
+        if formulation != "double-pass" or "enforcement" not in chosen
+    ]
+
+
+def dealt(ranks_of):
+    """Partitioner that puts all cells together on ``ranks_of(number of cells, size)``."""
 
     def partition(comm, size, types, cells):
-        per_cell = mesh.CellType
-        vertices = {
-            per_cell.triangle: 3,
-            per_cell.quadrilateral: 4,
-            per_cell.tetrahedron: 4,
-            per_cell.hexahedron: 8,
-        }[types[0]]
-        count = len(cells[0]) // vertices
+        count = len(cells[0]) // len(basix.topology(basix.CellType[types[0].name])[0])
         first, total = comm.exscan(count) or 0, comm.allreduce(count)
-        position = (first + np.arange(count)) / total
-        dest = np.array([rank_of(p, size) for p in position], dtype=np.int32)
+        dest = np.asarray(ranks_of(total, size)[first : first + count], dtype=np.int32)
         lists = graph.adjacencylist(dest, np.arange(count + 1, dtype=np.int32))
         return getattr(lists, "_cpp_object", lists)
 
     return partition
+
+
+def spread(rank_of):
+    """Partitioner that puts a cell at position p in [0, 1) on ``rank_of(p, size)``."""
+    return dealt(lambda total, size: [rank_of(i / total, size) for i in range(total)])
 
 
 #: How cells can be spread over ranks: in order, backwards, one by one, and all on one rank.
@@ -56,9 +64,9 @@ def box(comm, n, cell, low, high, partition=None):
     return create(comm, [low, high], list(n), mesh.CellType[cell], **options)
 
 
-def create_mesh(cells, x, domain, comm=WORLD):
+def create_mesh(cells, x, domain, comm=WORLD, **options):
     """dolfinx.mesh.create_mesh, the order of whose arguments differs between versions."""
-    return mesh.create_mesh(comm, cells=cells.astype(np.int64), x=x, e=domain)
+    return mesh.create_mesh(comm, cells=cells.astype(np.int64), x=x, e=domain, **options)
 
 
 def curved_triangle():
@@ -187,13 +195,21 @@ def drag_top(pair, shift, press=-0.1):
     pair.bcs[1][:] = [clamp(pair.V[1], top, value)]
 
 
+def all_facets(surface):
+    """Vertex coordinates of the facets of all ranks, shape (facets, vertices, 3). Collective."""
+    msh, fdim = surface.mesh, surface.mesh.topology.dim - 1
+    msh.topology.create_connectivity(fdim, fdim + 1)
+    vertices = mesh.entities_to_geometry(msh, fdim, surface.facets)
+    return gathered(surface.comm, msh.geometry.x[vertices])
+
+
 def gathered(comm, values):
     """Values of all ranks, on every rank."""
     return np.concatenate(comm.allgather(values))
 
 
 def raises_everywhere(comm, error, match, call):
-    """Assert that every rank raises this error."""
+    """Assert that every rank raises this error; returns it."""
     try:
         call()
         found = None
@@ -203,11 +219,13 @@ def raises_everywhere(comm, error, match, call):
     assert match in str(found), f"{match!r} is not in {found}"
     texts = set(comm.allgather(str(found)))
     assert len(texts) == 1, texts
+    return found
 
 
-def largest(values):
+def largest(*arrays):
     """Largest absolute value on all ranks."""
-    return WORLD.allreduce(np.abs(values).max(initial=0.0), op=MPI.MAX)
+    local = max(float(np.abs(a).max(initial=0.0)) for a in arrays)
+    return WORLD.allreduce(local, op=MPI.MAX)
 
 
 @contextlib.contextmanager

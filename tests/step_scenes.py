@@ -7,6 +7,7 @@ import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.contact import multipliers
 
 K, SPEED = 3.0, 1.0
 
@@ -82,7 +83,7 @@ class Upset:
     def state(self):
         """All that a failed step must leave as it was."""
         arrays = [u.x.array for u in self.u] + [u.function_space.mesh.geometry.x for u in self.u]
-        arrays += [m for c in self.contacts for m in c.multipliers_on_nodes()]
+        arrays += [m for c in self.contacts for m in multipliers.on_nodes(c.model.parts)]
         arrays += [self.tool.position, self.tool.displacement]
         return [a.copy() for a in arrays] + [np.array([self.stepper.t, self.stepper.num_steps])]
 

@@ -11,10 +11,13 @@ import subprocess
 import sys
 
 PACKAGES = {
-    "kratos": ["KratosMultiphysics", "KratosContactStructuralMechanicsApplication"],
+    "kratos": [
+        "KratosMultiphysics",
+        "KratosContactStructuralMechanicsApplication",
+        "KratosLinearSolversApplication",
+    ],
     "ngsolve": ["ngsolve"],
 }
-PACKAGES["kratos"].append("KratosLinearSolversApplication")
 MODULES = {
     "kratos": "KratosMultiphysics.ContactStructuralMechanicsApplication",
     "ngsolve": "ngsolve",

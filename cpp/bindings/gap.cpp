@@ -1,0 +1,68 @@
+#include "gap/gap.h"
+#include "bindings/arrays.h"
+#include "bindings/module.h"
+
+#include <nanobind/stl/array.h>
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace qsdolfinx;
+
+namespace
+{
+std::array<Vec, 2> vecs(Handle slave, Handle master)
+{
+  return {reinterpret_cast<Vec>(slave), reinterpret_cast<Vec>(master)};
+}
+} // namespace
+
+void qsdolfinx::bind_gap(nb::module_& m)
+{
+  nb::class_<GapOperator>(m, "GapOperator",
+                          "Weighted gaps of the slave nodes of this rank; see gap/gap.h.")
+      .def(
+          "__init__",
+          [](GapOperator* self, const Surface& slave, const Surface* master,
+             const PairingPoints& points, bool jump, bool by_cover)
+          {
+            new (self) GapOperator(slave, master, points, jump ? GapKind::jump : GapKind::normal,
+                                   by_cover);
+          },
+          "slave"_a, "master"_a.none(), "points"_a, "jump"_a, "by_cover"_a, "Collective.")
+      .def_prop_ro("num_rows", &GapOperator::num_rows)
+      .def_prop_ro("width", &GapOperator::width, "Values per row: 1, or gdim of a jump.")
+      .def_prop_ro(
+          "row_node", [](const GapOperator& g) { return copy(g.row_node(), {g.num_rows()}); },
+          "Index of each row's node in the slave's nodes, [row].")
+      .def_prop_ro(
+          "row_area", [](const GapOperator& g) { return copy(g.row_area(), {g.num_rows()}); },
+          "What each row's gap is divided by: S_k or its covered part, [row].")
+      .def_prop_ro(
+          "initial_gap", [](const GapOperator& g) { return copy(g.initial_gap(), {g.num_rows()}); },
+          "Initial weighted gap, zero for a jump, [row].")
+      .def_prop_ro(
+          "slave_sum",
+          [](const GapOperator& g)
+          {
+            const std::size_t width = g.kind() == GapKind::normal ? g.gdim() : 1;
+            return copy(g.slave_sum(), {g.num_rows(), width});
+          },
+          "Sum of the slave's coefficients, [row][gdim], of a jump [row][1].")
+      .def(
+          "apply",
+          [](GapOperator& g, Handle slave, Handle master, std::array<double, 2> scale)
+          {
+            return copy(g.apply(vecs(slave, master), scale),
+                        {g.num_rows(), static_cast<std::size_t>(g.width())});
+          },
+          "slave"_a, "master"_a, "scale"_a = std::array{1.0, 1.0},
+          "Linear part of the gap, [row][width]; collective.")
+      .def(
+          "add_transpose", [](GapOperator& g, In<double> f, Handle slave, Handle master)
+          { g.add_transpose(f.view(), vecs(slave, master)); }, "f"_a, "slave"_a, "master"_a,
+          "Add the transposed operator times f; collective.")
+      .def(
+          "constrain",
+          [](GapOperator& g, Handle slave, Handle master) { g.constrain(vecs(slave, master)); },
+          "slave"_a, "master"_a, "Mark constrained unknowns; collective.");
+}

@@ -1,0 +1,14 @@
+// The extension module, bound folder by folder. Communicators come as Fortran handles (mpi4py's
+// comm.py2f()), PETSc objects as the `handle` of petsc4py's, so that no header or binary interface
+// of mpi4py or petsc4py is needed.
+#include "bindings/module.h"
+
+NB_MODULE(_cpp, m)
+{
+  m.doc() = "Contact kernels: surfaces, search, pairing points, weighted gaps, tangents.";
+  qsdolfinx::bind_surface(m);
+  qsdolfinx::bind_search(m);
+  qsdolfinx::bind_pairing(m);
+  qsdolfinx::bind_gap(m);
+  qsdolfinx::bind_tangent(m);
+}

@@ -1,0 +1,13 @@
+// What each folder gives to the extension module.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+namespace qsdolfinx
+{
+void bind_surface(nanobind::module_& m);
+void bind_search(nanobind::module_& m);
+void bind_pairing(nanobind::module_& m);
+void bind_gap(nanobind::module_& m);
+void bind_tangent(nanobind::module_& m);
+} // namespace qsdolfinx

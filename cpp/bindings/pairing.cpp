@@ -1,0 +1,107 @@
+#include "pairing/pairing.h"
+#include "bindings/arrays.h"
+#include "bindings/module.h"
+#include "pairing/overlay.h"
+#include "pairing/rigid.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace qsdolfinx;
+
+namespace
+{
+/// Quadrature rule from points [point][dim] and weights, scaled to sum to 1.
+Rule rule(const In<double>& x, const In<double>& w)
+{
+  const auto points = x.view(), weights = w.view();
+  const std::size_t n = weights.size(), dim = points.size() / n;
+  Rule out{{}, {weights.begin(), weights.end()}};
+  double total = 0;
+  for (std::size_t i = 0; i < n; ++i)
+  {
+    out.x.push_back({points[i * dim], dim > 1 ? points[i * dim + 1] : 0.0});
+    total += out.w[i];
+  }
+  for (double& value : out.w)
+    value /= total;
+  return out;
+}
+
+using Side = nb::typed<nb::dict, nb::str, nb::any>;
+
+Side as_dict(const PairingPoints& points, const PairingSide& side)
+{
+  const std::size_t n = points.size(), nv = side.num_nodes;
+  Side out;
+  out["x"] = copy(side.x, {n, 3});
+  out["dofs"] = copy(side.dofs, {n, nv, static_cast<std::size_t>(points.gdim)});
+  out["owner"] = copy(side.owner, {n, nv});
+  out["shape_values"] = copy(side.shape_values, {n, nv});
+  return out;
+}
+} // namespace
+
+void qsdolfinx::bind_pairing(nb::module_& m)
+{
+  nb::class_<PairingPoints>(m, "PairingPoints",
+                            "Pairing points of one pass; see pairing/pairing.h.")
+      .def_prop_ro("size", &PairingPoints::size)
+      .def_prop_ro(
+          "slave", [](const PairingPoints& p) { return as_dict(p, p.slave); },
+          "Arrays of the slave's side: x, dofs, owner, shape_values.")
+      .def_prop_ro(
+          "master", [](const PairingPoints& p) { return as_dict(p, p.master); },
+          "Those of the master's side.")
+      .def_prop_ro(
+          "multiplier_values",
+          [](const PairingPoints& p)
+          {
+            return copy(p.multiplier_values,
+                        {p.size(), static_cast<std::size_t>(p.num_multipliers)});
+          },
+          "Functions of the multipliers, [point][slave vertex].")
+      .def_prop_ro(
+          "normal", [](const PairingPoints& p) { return copy(p.normal, {p.size(), 3}); },
+          "Unit normals outward of the slave, [point][3].")
+      .def_prop_ro(
+          "gap", [](const PairingPoints& p) { return copy(p.gap, {p.size()}); },
+          "Signed distances, positive when open, [point].")
+      .def_prop_ro(
+          "weight", [](const PairingPoints& p) { return copy(p.weight, {p.size()}); },
+          "Areas, [point].")
+      .def_ro("num_unpaired", &PairingPoints::num_unpaired,
+              "Owned nodes (overlay: facets) that found no partner.");
+
+  m.def(
+      "pair_surfaces",
+      [](const Surface& slave, const Surface& master, bool both, double radius, int normals)
+      {
+        return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius,
+                             static_cast<Normals>(normals));
+      },
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a,
+      "Nodal pairing points; collective.");
+  m.def(
+      "overlay_surfaces",
+      [](const Surface& slave, const Surface& master, bool both, double radius, int normals,
+         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w)
+      {
+        const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
+        return overlay_surfaces(slave, master, both, radius, static_cast<Normals>(normals), rules);
+      },
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a,
+      "edge_x"_a, "edge_w"_a, "Pairing points on the overlay; collective.");
+
+  m.def("sample_nodes", &sample_nodes, "slave"_a, "Points at the nodes, without a master.");
+  m.def(
+      "sample_facets", [](const Surface& slave, In<double> x, In<double> w)
+      { return sample_facets(slave, rule(x, w)); }, "slave"_a, "x"_a, "w"_a,
+      "Quadrature points on the facets, without a master.");
+  m.def(
+      "face_tool",
+      [](PairingPoints& points, In<std::uint8_t> keep, In<double> normal, In<double> gap,
+         std::size_t group) { face_tool(points, keep.view(), normal.view(), gap.view(), group); },
+      "points"_a, "keep"_a, "normal"_a, "gap"_a, "group"_a,
+      "Set normals and gaps, and drop points; see pairing/rigid.h.");
+  m.def("forget_master", &forget_master, "points"_a, "Forget the unknowns of the master.");
+}

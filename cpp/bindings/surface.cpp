@@ -1,0 +1,81 @@
+#include "surface/surface.h"
+#include "bindings/arrays.h"
+#include "bindings/module.h"
+
+#include <nanobind/stl/array.h>
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace qsdolfinx;
+
+void qsdolfinx::bind_surface(nb::module_& m)
+{
+  nb::class_<Surface>(m, "Surface", "Distributed contact surface; see surface/surface.h.")
+      .def(
+          "__init__",
+          [](Surface* self, int comm, int gdim, int num_vertices, In<double> x, int degree,
+             In<std::int64_t> dofs, In<int> owner, In<double> inside, std::int64_t local_size,
+             bool axisymmetric)
+          {
+            new (self) Surface(MPI_Comm_f2c(comm), gdim, facet_type(num_vertices), x.view(), degree,
+                               dofs.view(), owner.view(), inside.view(), local_size, axisymmetric);
+          },
+          "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
+          "local_size"_a, "axisymmetric"_a, "Collective.")
+      .def(
+          "move",
+          [](Surface& s, In<double> x, In<double> inside) { s.move(x.view(), inside.view()); },
+          "x"_a, "inside"_a, "Let the facets have other coordinates; collective.")
+      .def_prop_ro("facet_size_range", &Surface::facet_size_range,
+                   "Smallest and largest facet size; collective.")
+      .def_prop_ro(
+          "facet_x",
+          [](const Surface& s)
+          {
+            return copy(s.facets().x,
+                        {s.num_facets(), static_cast<std::size_t>(s.num_vertices()), 3});
+          },
+          "Coordinates of the vertices, [facet][vertex][3].")
+      .def_prop_ro(
+          "facet_dofs",
+          [](const Surface& s)
+          {
+            return copy(s.facets().dofs, {s.num_facets(), static_cast<std::size_t>(s.num_trace()),
+                                          static_cast<std::size_t>(s.gdim())});
+          },
+          "Global unknowns of the trace, [facet][node][gdim].")
+      .def_prop_ro(
+          "node_dofs", [](const Surface& s)
+          { return copy(s.nodes().dofs, {s.nodes().size(), static_cast<std::size_t>(s.gdim())}); },
+          "Global unknowns of the owned nodes, [node][gdim].")
+      .def_prop_ro(
+          "node_x", [](const Surface& s) { return copy(s.nodes().x, {s.nodes().size(), 3}); },
+          "Their coordinates, [node][3].")
+      .def_prop_ro(
+          "node_area", [](const Surface& s) { return copy(s.nodes().area, {s.nodes().size()}); },
+          "Their areas S_k, [node].")
+      .def_prop_ro(
+          "node_normal",
+          [](const Surface& s) { return copy(s.nodes().normal, {s.nodes().size(), 3}); },
+          "Their averaged outward unit normals, [node][3].");
+
+  m.def(
+      "mean_of_rows",
+      [](In<double> x, In<std::int32_t> rows)
+      {
+        const std::size_t n = rows.array.shape(0), width = rows.array.shape(1);
+        const auto points = x.view();
+        const auto numbers = rows.view();
+        std::vector<double> out(3 * n, 0.0);
+        for (std::size_t i = 0; i < n; ++i)
+          for (std::size_t j = 0; j < width; ++j)
+            for (std::size_t k = 0; k < 3; ++k)
+              out[3 * i + k] += points[3 * numbers[i * width + j] + k] / width;
+        return copy(std::move(out), {n, 3});
+      },
+      "x"_a, "rows"_a, "Means of points x [point][3], one of each row of their numbers, [row][3].");
+  m.def(
+      "count_degenerate", [](int num_vertices, In<double> x)
+      { return count_degenerate(facet_type(num_vertices), x.view()); }, "num_vertices"_a, "x"_a,
+      "Number of facets x [facet][vertex][3] without area, or not convex.");
+}

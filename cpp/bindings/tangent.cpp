@@ -1,0 +1,65 @@
+#include "bindings/arrays.h"
+#include "bindings/module.h"
+#include "tangent/friction.h"
+#include "tangent/insertion.h"
+#include "tangent/rows.h"
+
+#include <nanobind/stl/array.h>
+
+#include <algorithm>
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace qsdolfinx;
+
+namespace
+{
+ContactBlocks contact_blocks(const std::array<Handle, 4>& handles)
+{
+  ContactBlocks blocks;
+  std::ranges::transform(handles, blocks.begin(),
+                         [](Handle h) { return reinterpret_cast<Mat>(h); });
+  return blocks;
+}
+} // namespace
+
+void qsdolfinx::bind_tangent(nb::module_& m)
+{
+  m.def(
+      "insert_contact",
+      [](const GapOperator& gap, In<double> stiffness, std::array<Handle, 4> blocks,
+         std::array<double, 2> scale, bool pattern)
+      { insert_contact(gap, stiffness.view(), contact_blocks(blocks), scale, pattern); },
+      "gap"_a, "stiffness"_a, "blocks"_a, "scale"_a, "pattern"_a,
+      "Add Gᵀ D G to the blocks (ss, sm, ms, mm).");
+  m.def(
+      "insert_friction",
+      [](const GapOperator& jump, const GapOperator& normal, In<double> stiffness,
+         In<double> coupling, std::array<Handle, 4> blocks, std::array<double, 2> scale)
+      {
+        insert_friction(jump, normal, stiffness.view(), coupling.view(), contact_blocks(blocks),
+                        scale);
+      },
+      "jump"_a, "normal"_a, "stiffness"_a, "coupling"_a, "blocks"_a, "scale"_a,
+      "Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm).");
+  m.def(
+      "put_rows",
+      [](Handle block, Handle matrix, In<std::int32_t> rows,
+         std::array<In<std::int64_t>, 2> row_numbers, std::array<In<std::int64_t>, 2> columns,
+         int mode)
+      {
+        put_rows(reinterpret_cast<Mat>(block), reinterpret_cast<Mat>(matrix), rows.view(),
+                 {row_numbers[0].view(), row_numbers[1].view()},
+                 {columns[0].view(), columns[1].view()}, static_cast<RowMode>(mode));
+      },
+      "block"_a, "matrix"_a, "rows"_a, "row_numbers"_a, "column_numbers"_a, "mode"_a,
+      "Put rows of one body's block into the matrix of all bodies.");
+  m.def(
+      "count_entries",
+      [](Handle block)
+      {
+        const std::vector<std::int32_t> counts = count_entries(reinterpret_cast<Mat>(block));
+        return copy(counts, {2, counts.size() / 2});
+      },
+      "block"_a, "Number of entries in own and in other columns, [2][row].");
+}

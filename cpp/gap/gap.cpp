@@ -1,0 +1,218 @@
+#include "gap/gap.h"
+#include "gap/gap_rows.h"
+#include "parallel/exchange.h"
+#include "parallel/petsc.h"
+#include "parallel/records.h"
+
+#include <algorithm>
+#include <stdexcept>
+#include <tuple>
+
+using namespace qsdolfinx;
+
+namespace
+{
+/// Pairing points that other ranks found and that act on multipliers of this one.
+PairingPoints points_from_others(const Surface& slave, const PairingPoints& points)
+{
+  const int nk = points.num_multipliers, ns = points.slave.num_nodes, nm = points.master.num_nodes,
+            d = points.gdim;
+  const int num_doubles = nk + ns + nm + 5, num_dofs = (ns + nm) * d;
+  std::vector<int> dest;
+  std::vector<double> doubles;
+  std::vector<std::int64_t> dofs;
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    std::array<int, 4> sent;
+    sent.fill(slave.rank());
+    for (int i = 0; i < nk; ++i)
+    {
+      const int rank = points.slave.owner[p * ns + i];
+      if (points.multiplier_values[p * nk + i] == 0
+          || std::find(sent.begin(), sent.end(), rank) != sent.end())
+        continue;
+      sent[i] = rank;
+      dest.push_back(rank);
+      append_record(doubles, points.multiplier_values, p, nk);
+      append_record(doubles, points.slave.shape_values, p, ns);
+      append_record(doubles, points.master.shape_values, p, nm);
+      append_record(doubles, points.normal, p, 3);
+      append_record(doubles, points.gap, p, 1);
+      append_record(doubles, points.weight, p, 1);
+      append_record(dofs, points.slave.dofs, p, ns * d);
+      append_record(dofs, points.master.dofs, p, nm * d);
+    }
+  }
+  const Exchange exchange(slave.comm(), dest);
+  doubles = exchange.forward<double>(doubles, num_doubles);
+  dofs = exchange.forward<std::int64_t>(dofs, num_dofs);
+
+  PairingPoints out = points.none_like();
+  for (std::size_t p = 0; p < exchange.num_received(); ++p)
+  {
+    const double* v = doubles.data() + p * num_doubles;
+    const auto take = [&v](std::vector<double>& to, int n)
+    {
+      to.insert(to.end(), v, v + n);
+      v += n;
+    };
+    take(out.multiplier_values, nk);
+    take(out.slave.shape_values, ns);
+    take(out.master.shape_values, nm);
+    take(out.normal, 3);
+    take(out.gap, 1);
+    take(out.weight, 1);
+    const std::int64_t* i = dofs.data() + p * num_dofs;
+    out.slave.dofs.insert(out.slave.dofs.end(), i, i + ns * d);
+    out.master.dofs.insert(out.master.dofs.end(), i + ns * d, i + num_dofs);
+  }
+  return out;
+}
+} // namespace
+
+GapOperator::GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,
+                         GapKind kind, bool by_cover)
+    : kind_(kind), gdim_(points.gdim), num_sides_(master ? 2 : 1)
+{
+  const PairingPoints others = points_from_others(slave, points);
+  build_rows(slave, {&points, &others}, by_cover);
+  build_scatters(slave, master);
+}
+
+GapOperator::~GapOperator()
+{
+  if (!petsc_is_running())
+    return;
+  for (Side& side : sides_)
+  {
+    std::ignore = VecDestroy(&side.local);
+    std::ignore = VecScatterDestroy(&side.scatter);
+  }
+}
+
+void GapOperator::build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
+                             bool by_cover)
+{
+  const std::vector<Patch> patches = find_patches(slave, sets);
+  std::vector<double> area = slave.nodes().area;
+  if (by_cover)
+  {
+    std::ranges::fill(area, 0.0);
+    for (const Patch& patch : patches)
+      area[patch.node] += cover(patch);
+  }
+  const RowTerms of_slave(patches, 0, kind_, area), of_master(patches, 1, kind_, area);
+  const std::vector<std::int64_t> row_of = of_slave.rows(area.size(), row_node_);
+  of_slave.compress(sides_[0], gdim_, row_of, row_node_.size());
+  of_master.compress(sides_[1], gdim_, row_of, row_node_.size());
+
+  for (std::int64_t node : row_node_)
+    row_area_.push_back(area[node]);
+  initial_gap_.assign(row_node_.size(), 0);
+  if (kind_ == GapKind::jump)
+    return;
+  for (const Patch& patch : patches)
+    if (const std::int64_t row = row_of[patch.node]; row >= 0) // else its function vanishes there
+      for (std::size_t p = patch.first; p < patch.last; ++p)
+        initial_gap_[row] += patch.weight(p) * patch.points->gap[p] / area[patch.node];
+}
+
+void GapOperator::build_scatters(const Surface& slave, const Surface* master)
+{
+  for (int i = 0; i < num_sides_; ++i)
+  {
+    Side& side = sides_[i];
+    const Surface& surface = i == 0 ? slave : *master;
+    const auto n = static_cast<PetscInt>(side.dofs.size());
+    Vec layout;
+    IS is;
+    check(VecCreateMPI(surface.comm(), static_cast<PetscInt>(surface.local_size()), PETSC_DETERMINE,
+                       &layout));
+    check(VecCreateSeq(PETSC_COMM_SELF, n, &side.local));
+    check(ISCreateGeneral(PETSC_COMM_SELF, n, side.dofs.data(), PETSC_USE_POINTER, &is));
+    check(VecScatterCreate(layout, is, side.local, nullptr, &side.scatter));
+    check(ISDestroy(&is));
+    check(VecDestroy(&layout));
+  }
+}
+
+std::vector<double> GapOperator::slave_sum() const
+{
+  const std::size_t width = kind_ == GapKind::normal ? gdim_ : 1;
+  std::vector<double> sum(num_rows() * width, 0);
+  for (std::size_t r = 0; r < num_rows(); ++r)
+    for (std::int64_t e = sides_[0].offset[r]; e < sides_[0].offset[r + 1]; ++e)
+      for (std::size_t i = 0; i < width; ++i)
+        sum[r * width + i] += sides_[0].coefficient[e * width + i];
+  return sum;
+}
+
+std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 2> scale)
+{
+  std::vector<double> g(num_rows() * width(), 0);
+  for (int s = 0; s < num_sides_; ++s)
+  {
+    Side& side = sides_[s];
+    check(VecScatterBegin(side.scatter, x[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
+    check(VecScatterEnd(side.scatter, x[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
+    const PetscScalar* values;
+    check(VecGetArrayRead(side.local, &values));
+    for (std::size_t r = 0; r < num_rows(); ++r)
+    {
+      for (std::int64_t e = side.offset[r]; e < side.offset[r + 1]; ++e)
+      {
+        for (int i = 0; i < gdim_; ++i)
+        {
+          const double value = scale[s] * values[side.column[e] * gdim_ + i];
+          if (kind_ == GapKind::normal)
+            g[r] += side.coefficient[e * gdim_ + i] * value;
+          else
+            g[r * gdim_ + i] += side.coefficient[e] * value;
+        }
+      }
+    }
+    check(VecRestoreArrayRead(side.local, &values));
+  }
+  return g;
+}
+
+void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
+{
+  if (f.size() != num_rows() * width())
+    throw std::invalid_argument("f must hold `width` values per row");
+  for (int s = 0; s < num_sides_; ++s)
+  {
+    Side& side = sides_[s];
+    check(VecSet(side.local, 0));
+    PetscScalar* y;
+    check(VecGetArray(side.local, &y));
+    for (std::size_t r = 0; r < num_rows(); ++r)
+    {
+      for (std::int64_t e = side.offset[r]; e < side.offset[r + 1]; ++e)
+      {
+        for (int i = 0; i < gdim_; ++i)
+          y[side.column[e] * gdim_ + i] += kind_ == GapKind::normal
+                                               ? side.coefficient[e * gdim_ + i] * f[r]
+                                               : side.coefficient[e] * f[r * gdim_ + i];
+      }
+    }
+    check(VecRestoreArray(side.local, &y));
+    check(VecScatterBegin(side.scatter, side.local, b[s], ADD_VALUES, SCATTER_REVERSE));
+    check(VecScatterEnd(side.scatter, side.local, b[s], ADD_VALUES, SCATTER_REVERSE));
+  }
+}
+
+void GapOperator::constrain(std::array<Vec, 2> markers)
+{
+  for (int s = 0; s < num_sides_; ++s)
+  {
+    Side& side = sides_[s];
+    check(VecScatterBegin(side.scatter, markers[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
+    check(VecScatterEnd(side.scatter, markers[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
+    const PetscScalar* marked;
+    check(VecGetArrayRead(side.local, &marked));
+    for (std::size_t i = 0; i < side.dofs.size(); ++i)
+      side.free_dofs[i] = marked[i] != 0 ? -1 : side.dofs[i];
+    check(VecRestoreArrayRead(side.local, &marked));
+  }
+}

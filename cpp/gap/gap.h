@@ -1,0 +1,88 @@
+// The weighted gap as a distributed linear operator: g = G_s u_s + G_m u_m - d.
+#pragma once
+
+#include "pairing/pairing.h"
+#include <array>
+#include <petscmat.h>
+#include <petscvec.h>
+#include <span>
+#include <vector>
+
+namespace qsdolfinx
+{
+
+/// What is weighted: the normal part of the jump, less the initial gap, or the whole jump.
+enum class GapKind
+{
+  normal, ///< one value a row: ḡ_k = (1/S_k) Σ w_p N_k(ξ_p) [(u_s - u_m)·n_p - δ_p]
+  jump    ///< gdim values a row: (1/S_k) Σ w_p N_k(ξ_p) (u_s - u_m)
+};
+
+/// Weighted gaps of the slave nodes that this rank owns. One row per node with at least one pairing
+/// point; rows are in the order of the slave surface's nodes.
+class GapOperator
+{
+public:
+  /// Unknowns of one body that the rows of this rank use.
+  struct Side
+  {
+    std::vector<PetscInt> dofs;       ///< global unknowns, [column node][gdim]
+    std::vector<PetscInt> free_dofs;  ///< the same, -1 where a Dirichlet condition holds
+    std::vector<std::int64_t> offset; ///< entries of row i: [offset[i], offset[i + 1])
+    std::vector<std::int32_t> column; ///< column node of each entry
+    std::vector<double>
+        coefficient;              ///< [entry][gdim] for normal, [entry] for jump; master negative
+    Vec local = nullptr;          ///< values at `dofs`
+    VecScatter scatter = nullptr; ///< from the body's vector to `local`
+  };
+
+  /// Collective. @param master null for a rigid tool, which has no unknowns
+  /// @param points pairing points, anywhere on the communicator
+  /// @param by_cover weighted with what the points cover of S_k, Σ_p w_p N_k(ξ_p), instead of S_k
+  GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,
+              GapKind kind, bool by_cover);
+  ~GapOperator();
+  GapOperator(const GapOperator&) = delete;
+  GapOperator& operator=(const GapOperator&) = delete;
+
+  GapKind kind() const { return kind_; }
+  int gdim() const { return gdim_; }
+  /// Values per row: 1 or gdim.
+  int width() const { return kind_ == GapKind::normal ? 1 : gdim_; }
+  std::size_t num_rows() const { return row_node_.size(); }
+  /// Index of each row's node in the slave surface's nodes.
+  const std::vector<std::int64_t>& row_node() const { return row_node_; }
+  /// What each row's gap is divided by: S_k or its covered part.
+  const std::vector<double>& row_area() const { return row_area_; }
+  /// Initial weighted gap d of each row (zero for a jump).
+  const std::vector<double>& initial_gap() const { return initial_gap_; }
+  /// Sum of the slave's coefficients of each row: for the normal part the mean normal times what is
+  /// covered of the row's area, [row][gdim]; for the jump that part itself, [row].
+  std::vector<double> slave_sum() const;
+  /// Sides with unknowns: 2, or 1 if the master is rigid.
+  int num_sides() const { return num_sides_; }
+  /// 0: slave, 1: master.
+  const Side& side(int i) const { return sides_[i]; }
+
+  /// Linear part G_s u_s + G_m u_m, [row][width]. Collective.
+  /// @param x vectors of the two bodies; a rigid one's is ignored
+  /// @param scale displacement per unknown of each of them: u = scale · x
+  std::vector<double> apply(std::array<Vec, 2> x, std::array<double, 2> scale);
+  /// b += Gᵀ f on both bodies. Collective. @param f [row][width]
+  void add_transpose(std::span<const double> f, std::array<Vec, 2> b);
+  /// Say which unknowns carry Dirichlet conditions: nonzero entries of the markers. Collective.
+  void constrain(std::array<Vec, 2> markers);
+
+private:
+  void build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
+                  bool by_cover);
+  void build_scatters(const Surface& slave, const Surface* master);
+
+  GapKind kind_;
+  int gdim_, num_sides_;
+  std::vector<std::int64_t> row_node_;
+  std::vector<double> row_area_, initial_gap_;
+  std::array<Side, 2> sides_;
+};
+
+} // namespace qsdolfinx

@@ -1,0 +1,214 @@
+#include "gap/gap_rows.h"
+
+#include <algorithm>
+#include <bit>
+#include <numeric>
+
+using namespace qsdolfinx;
+
+namespace
+{
+/// Numbers keys in the order of their first appearance: a hash table with open addressing.
+class KeyNumbers
+{
+public:
+  explicit KeyNumbers(std::size_t expected)
+      : keys_(std::bit_ceil(2 * expected + 16), -1), numbers_(keys_.size())
+  {
+  }
+
+  /// Number of a key that is not negative; size() - 1 if it is new.
+  std::int32_t operator()(std::int64_t key)
+  {
+    if (2 * size_ >= keys_.size())
+      grow();
+    const std::size_t i = find(key);
+    if (keys_[i] < 0)
+    {
+      keys_[i] = key;
+      numbers_[i] = static_cast<std::int32_t>(size_++);
+    }
+    return numbers_[i];
+  }
+
+  std::size_t size() const { return size_; }
+
+private:
+  std::size_t find(std::int64_t key) const
+  {
+    // Fibonacci hashing: unknowns of a surface may come in strides.
+    const std::size_t mask = keys_.size() - 1;
+    const std::uint64_t hash = static_cast<std::uint64_t>(key) * 0x9E3779B97F4A7C15u;
+    std::size_t i = (hash >> 32) & mask;
+    while (keys_[i] >= 0 && keys_[i] != key)
+      i = (i + 1) & mask;
+    return i;
+  }
+
+  void grow()
+  {
+    KeyNumbers larger(keys_.size());
+    for (std::size_t i = 0; i < keys_.size(); ++i)
+      if (keys_[i] >= 0)
+      {
+        const std::size_t to = larger.find(keys_[i]);
+        larger.keys_[to] = keys_[i];
+        larger.numbers_[to] = numbers_[i];
+      }
+    keys_.swap(larger.keys_);
+    numbers_.swap(larger.numbers_);
+  }
+
+  std::vector<std::int64_t> keys_;
+  std::vector<std::int32_t> numbers_;
+  std::size_t size_ = 0;
+};
+
+std::span<const std::int64_t> facet_of(const PairingSide& side, std::size_t p, int gdim)
+{
+  const std::size_t width = static_cast<std::size_t>(side.num_nodes) * gdim;
+  return std::span(side.dofs).subspan(p * width, width);
+}
+} // namespace
+
+std::vector<Patch> qsdolfinx::find_patches(const Surface& slave,
+                                           std::span<const PairingPoints* const> sets)
+{
+  std::int64_t end = 0, size = slave.local_size();
+  MPI_Scan(&size, &end, 1, MPI_INT64_T, MPI_SUM, slave.comm());
+  std::vector<Patch> out;
+  for (const PairingPoints* points : sets)
+  {
+    const int d = points->gdim;
+    for (std::size_t first = 0, last; first < points->size(); first = last)
+    {
+      const auto on_slave = facet_of(points->slave, first, d),
+                 on_master = facet_of(points->master, first, d);
+      for (last = first + 1; last < points->size(); ++last)
+        if (!std::ranges::equal(facet_of(points->slave, last, d), on_slave)
+            || !std::ranges::equal(facet_of(points->master, last, d), on_master))
+          break;
+      for (int i = 0; i < points->num_multipliers; ++i)
+        if (const std::int64_t dof = on_slave[i * d]; dof >= end - size && dof < end)
+          out.push_back({points, first, last, i, static_cast<std::int64_t>(slave.node_index(dof))});
+    }
+  }
+  return out;
+}
+
+double qsdolfinx::cover(const Patch& patch)
+{
+  double sum = 0;
+  for (std::size_t p = patch.first; p < patch.last; ++p)
+    sum += patch.weight(p);
+  return sum;
+}
+
+RowTerms::RowTerms(std::span<const Patch> patches, int side, GapKind kind,
+                   std::span<const double> area)
+    : width_(kind == GapKind::normal && !patches.empty() ? patches[0].points->gdim : 1)
+{
+  terms_.reserve(patches.size());
+  KeyNumbers numbering(area.size());
+  for (const Patch& patch : patches)
+  {
+    const PairingPoints& points = *patch.points;
+    const PairingSide& columns = side == 0 ? points.slave : points.master;
+    const int nc = columns.num_nodes;
+    const double sign = (side == 0 ? 1.0 : -1.0) / area[patch.node];
+    for (int j = 0; j < nc; ++j)
+    {
+      std::array<double, 3> value{0, 0, 0};
+      bool any = false;
+      for (std::size_t p = patch.first; p < patch.last; ++p)
+      {
+        const double N = patch.multiplier_value(p), M = columns.shape_values[p * nc + j];
+        const double w = sign * points.weight[p] * N * M;
+        any = any || (N != 0 && M != 0);
+        for (int i = 0; i < 3; ++i)
+          value[i] += w * (kind == GapKind::normal ? points.normal[3 * p + i] : 1.0);
+      }
+      if (!any)
+        continue;
+      const std::int64_t* dofs = &columns.dofs[(patch.first * nc + j) * points.gdim];
+      const std::int32_t column = numbering(*dofs);
+      if (numbering.size() > column_dofs_.size())
+        column_dofs_.push_back(dofs);
+      terms_.push_back({patch.node, column, value});
+    }
+  }
+}
+
+std::vector<std::int64_t> RowTerms::rows(std::size_t num_nodes,
+                                         std::vector<std::int64_t>& row_node) const
+{
+  std::vector<std::int64_t> row_of(num_nodes, -1);
+  for (const Term& term : terms_)
+    row_of[term.node] = 0;
+  for (std::size_t node = 0; node < num_nodes; ++node)
+    if (row_of[node] == 0)
+    {
+      row_of[node] = static_cast<std::int64_t>(row_node.size());
+      row_node.push_back(static_cast<std::int64_t>(node));
+    }
+  return row_of;
+}
+
+/// Numbers in the order of the unknowns; sets these.
+std::vector<std::int32_t> RowTerms::number_columns(GapOperator::Side& out, int gdim) const
+{
+  std::vector<std::int32_t> order(column_dofs_.size()), number(order.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::ranges::sort(order, {}, [this](std::int32_t i) { return *column_dofs_[i]; });
+  out.dofs.reserve(order.size() * gdim);
+  for (std::size_t i = 0; i < order.size(); ++i)
+  {
+    number[order[i]] = static_cast<std::int32_t>(i);
+    for (int j = 0; j < gdim; ++j)
+      out.dofs.push_back(static_cast<PetscInt>(column_dofs_[order[i]][j]));
+  }
+  return number;
+}
+
+void RowTerms::compress(GapOperator::Side& out, int gdim, std::span<const std::int64_t> row_of,
+                        std::size_t num_rows) const
+{
+  const std::vector<std::int32_t> number = number_columns(out, gdim);
+  out.free_dofs = out.dofs;
+
+  // Terms by rows, in the order of the terms within each.
+  std::vector<std::size_t> end(num_rows + 1, 0), order(terms_.size());
+  for (const Term& term : terms_)
+    ++end[row_of[term.node] + 1];
+  std::partial_sum(end.begin(), end.end(), end.begin());
+  for (std::size_t t = 0; t < terms_.size(); ++t)
+    order[end[row_of[terms_[t].node]]++] = t; // end[r] moves from the first term to past the last
+
+  std::vector<std::int64_t> place(number.size(), -1); // of a column's entry, if in this row
+  std::vector<std::int32_t> columns;
+  out.offset.assign(1, 0);
+  for (std::size_t r = 0, first = 0; r < num_rows; first = end[r++])
+  {
+    const std::int64_t start = out.offset.back();
+    columns.clear();
+    for (std::size_t i = first; i < end[r]; ++i)
+      if (const std::int32_t c = number[terms_[order[i]].column]; place[c] < start)
+      {
+        place[c] = start;
+        columns.push_back(c);
+      }
+    std::sort(columns.begin(), columns.end());
+    for (std::size_t i = 0; i < columns.size(); ++i)
+      place[columns[i]] = start + static_cast<std::int64_t>(i);
+    out.column.insert(out.column.end(), columns.begin(), columns.end());
+    out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
+    out.coefficient.resize(out.column.size() * width_, 0.0);
+    for (std::size_t i = first; i < end[r]; ++i)
+    {
+      const Term& term = terms_[order[i]];
+      double* c = &out.coefficient[place[number[term.column]] * width_];
+      for (int j = 0; j < width_; ++j)
+        c[j] += term.value[j];
+    }
+  }
+}

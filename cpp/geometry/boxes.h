@@ -1,0 +1,146 @@
+// Axis-aligned boxes and a tree of them.
+#pragma once
+
+#include "geometry/facet.h"
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+namespace qsdolfinx
+{
+
+/// Lowest and highest corner. At first without any point: it meets nothing.
+struct Box
+{
+  static constexpr double inf = std::numeric_limits<double>::infinity();
+  Vec3 low{inf, inf, inf}, high{-inf, -inf, -inf};
+
+  /// Let it hold another box, or a point.
+  void include(const Vec3& other_low, const Vec3& other_high)
+  {
+    for (std::size_t j = 0; j < 3; ++j)
+    {
+      low[j] = std::min(low[j], other_low[j]);
+      high[j] = std::max(high[j], other_high[j]);
+    }
+  }
+};
+
+/// Smallest box around points. A bilinear facet lies within the convex hull, hence the box, of its
+/// vertices. @param x 3 coordinates a point
+inline Box box_of(std::span<const double> x)
+{
+  Box box;
+  for (std::size_t i = 0; i < x.size(); i += 3)
+  {
+    const Vec3 p{x[i], x[i + 1], x[i + 2]};
+    box.include(p, p);
+  }
+  return box;
+}
+
+/// A box with everything within the radius, coordinate by coordinate.
+inline Box widened(const Box& box, double radius)
+{
+  const Vec3 all{radius, radius, radius};
+  return {box.low - all, box.high + all};
+}
+
+/// Whether two boxes have a point in common.
+inline bool meet(const Box& a, const Box& b)
+{
+  for (std::size_t j = 0; j < 3; ++j)
+    if (!(a.low[j] <= b.high[j] && a.high[j] >= b.low[j]))
+      return false;
+  return true;
+}
+
+/// Square of a point's distance from a box.
+inline double squared_distance(const Box& box, const Vec3& p)
+{
+  double sum = 0;
+  for (std::size_t j = 0; j < 3; ++j)
+  {
+    const double d = std::max({box.low[j] - p[j], p[j] - box.high[j], 0.0});
+    sum += d * d;
+  }
+  return sum;
+}
+
+/// Balanced binary tree of numbered boxes in one array, halved at the median of the longest side.
+/// Queries allocate nothing, and the tree is the same whatever order of boxes the median leaves.
+class BoxTree
+{
+public:
+  explicit BoxTree(const std::vector<Box>& boxes);
+
+  /// Numbers of the boxes within the radius of a box, coordinate by coordinate, ascending.
+  void near(const Box& box, double radius, std::vector<std::size_t>& out) const;
+
+  /// Call visit(i) for the boxes within the limit of p, those in near branches first. It returns
+  /// the limit from then on.
+  template <typename Visit>
+  void nearest(const Vec3& p, double limit, Visit visit) const
+  {
+    if (nodes_.empty())
+      return;
+    struct Branch
+    {
+      std::uint32_t node;
+      double square;
+    };
+    std::array<Branch, max_depth> stack;
+    std::size_t depth = 0;
+    double square = limit * limit;
+    stack[depth++] = {0, squared_distance(nodes_[0].box, p)};
+    while (depth > 0)
+    {
+      Branch here = stack[--depth];
+      while (here.square <= square && nodes_[here.node].count == 0)
+      {
+        Branch left{here.node + 1, 0}, right{nodes_[here.node].first, 0};
+        left.square = squared_distance(nodes_[left.node].box, p);
+        right.square = squared_distance(nodes_[right.node].box, p);
+        if (right.square < left.square)
+          std::swap(left, right);
+        if (right.square <= square)
+          stack[depth++] = right;
+        here = left;
+      }
+      if (here.square > square)
+        continue;
+      const Node& leaf = nodes_[here.node];
+      for (std::uint32_t i = leaf.first; i < leaf.first + leaf.count; ++i)
+      {
+        if (leaf.count > 1 && squared_distance(entries_[i].box, p) > square)
+          continue;
+        limit = visit(entries_[i].number);
+        square = limit * limit;
+      }
+    }
+  }
+
+private:
+  struct Entry
+  {
+    Box box;
+    std::size_t number;
+  };
+  /// The left branch of a node is the next one.
+  struct Node
+  {
+    Box box;
+    std::uint32_t first; ///< first entry of a leaf; right branch of others
+    std::uint32_t count; ///< entries of a leaf; 0 of others
+  };
+  static constexpr std::size_t leaf_size = 4;
+  static constexpr std::size_t max_depth = 64;
+
+  void build(std::size_t first, std::size_t last);
+
+  std::vector<Entry> entries_;
+  std::vector<Node> nodes_;
+};
+
+} // namespace qsdolfinx

@@ -1,0 +1,204 @@
+#include "geometry/planar.h"
+
+#include <algorithm>
+
+using namespace qsdolfinx;
+
+namespace
+{
+constexpr double inverse_tolerance = 1e-14;
+constexpr int inverse_max_iterations = 30;
+constexpr double fold_tolerance = 1e-6; // smallest Jacobian over the largest
+
+bool is_interval(const Polygon& p) { return p.size() == 2; }
+
+/// Keep the part of `in` to the left of the line from a to b.
+void clip_by_line(const Polygon& in, const Vec2& a, const Vec2& b, Polygon& out)
+{
+  out.clear();
+  const Vec2 t = b - a;
+  for (std::size_t i = 0; i < in.size(); ++i)
+  {
+    const Vec2 &p = in[i], &q = in[i + 1 < in.size() ? i + 1 : 0];
+    const double dp = cross(t, p - a), dq = cross(t, q - a);
+    if (dp >= 0)
+      out.push_back(p);
+    if ((dp > 0 && dq < 0) || (dp < 0 && dq > 0))
+      out.push_back(p + (dp / (dp - dq)) * (q - p));
+  }
+}
+} // namespace
+
+double qsdolfinx::measure(const Polygon& p)
+{
+  if (p.size() < 2)
+    return 0;
+  if (is_interval(p))
+    return p[1][0] - p[0][0];
+  double twice = 0;
+  for (std::size_t i = 1; i + 1 < p.size(); ++i)
+    twice += cross(p[i] - p[0], p[i + 1] - p[0]);
+  return 0.5 * twice;
+}
+
+void qsdolfinx::intersect(const Polygon& a, const Polygon& b, Polygon& out)
+{
+  if (is_interval(b))
+  {
+    const double low = std::max(a[0][0], b[0][0]), high = std::min(a[1][0], b[1][0]);
+    out.clear();
+    if (low < high)
+      out = {{low, 0}, {high, 0}};
+    return;
+  }
+  // Two polygons take turns: one is cut, the other takes what is left.
+  Polygon first = a, second;
+  Polygon *in = &first, *cut = &second;
+  for (std::size_t i = 0; i < b.size() && !in->empty(); ++i)
+  {
+    clip_by_line(*in, b[i], b[(i + 1) % b.size()], *cut);
+    std::swap(in, cut);
+  }
+  out = *in;
+  if (out.size() < 3)
+    out.clear();
+}
+
+bool qsdolfinx::contains(const Polygon& p, const Vec2& q)
+{
+  if (is_interval(p))
+    return p[0][0] <= q[0] && q[0] <= p[1][0];
+  for (std::size_t i = 0; i < p.size(); ++i)
+    if (cross(p[(i + 1) % p.size()] - p[i], q - p[i]) < 0)
+      return false;
+  return true;
+}
+
+Frame::Frame(FacetType type, std::span<const double> v)
+{
+  const Vec3 area = area_vector(type, v, facet_centre(type));
+  normal = (1 / norm(area)) * area;
+  origin = facet_point(type, v, facet_centre(type));
+  const Vec3 t = facet_vertex(v, 1) - facet_vertex(v, 0);
+  const Vec3 across = t - dot(t, normal) * normal;
+  e0 = (1 / norm(across)) * across;
+  e1 = type == FacetType::interval ? Vec3{0, 0, 0} : cross(normal, e0);
+}
+
+Vec2 Frame::project(const Vec3& x) const { return {dot(e0, x - origin), dot(e1, x - origin)}; }
+
+void qsdolfinx::append_points(const Polygon& p, const Rule& rule, std::vector<Vec2>& x,
+                              std::vector<double>& w)
+{
+  if (is_interval(p))
+  {
+    const Vec2 t = p[1] - p[0];
+    for (std::size_t i = 0; i < rule.w.size(); ++i)
+    {
+      x.push_back(p[0] + rule.x[i][0] * t);
+      w.push_back(rule.w[i] * t[0]);
+    }
+    return;
+  }
+  for (std::size_t k = 1; k + 1 < p.size(); ++k)
+  {
+    const Vec2 s = p[k] - p[0], t = p[k + 1] - p[0];
+    const double area = 0.5 * cross(s, t);
+    if (area <= 0) // vertices that coincide but for rounding
+      continue;
+    for (std::size_t i = 0; i < rule.w.size(); ++i)
+    {
+      x.push_back(p[0] + rule.x[i][0] * s + rule.x[i][1] * t);
+      w.push_back(rule.w[i] * area);
+    }
+  }
+}
+
+PlanarFacet::PlanarFacet(FacetType type, std::span<const double> v, const Frame& frame)
+    : type_(type)
+{
+  const int nv = static_cast<int>(type);
+  std::array<Vec2, 4> q{};
+  for (int i = 0; i < nv; ++i)
+    q[i] = frame.project(facet_vertex(v, i));
+  x0_ = q[0];
+  a_ = q[1] - q[0];
+  if (type == FacetType::interval)
+  {
+    polygon_ = {q[0], q[1]};
+    if (a_[0] < 0)
+      std::swap(polygon_[0], polygon_[1]);
+    polygon_[0][1] = polygon_[1][1] = 0;
+    return;
+  }
+  b_ = q[2] - q[0];
+  if (type == FacetType::triangle)
+    polygon_ = {q[0], q[1], q[2]};
+  else
+  {
+    c_ = q[3] - q[1] - q[2] + q[0];
+    const double size = std::max(std::abs(cross(q[3] - q[0], q[2] - q[1])), 1e-300);
+    affine_ = c_[0] * c_[0] + c_[1] * c_[1] <= 1e-26 * size;
+    if (affine_)
+      c_ = {0, 0};
+    polygon_ = {q[0], q[1], q[3], q[2]};
+    // The Jacobian is linear in ξ and in η: its extremes are those at the corners.
+    const auto [low, high] = std::minmax(
+        {cross(a_, b_), cross(a_, b_ + c_), cross(a_ + c_, b_), cross(a_ + c_, b_ + c_)});
+    unfolded_ = low > fold_tolerance * high || high < fold_tolerance * low;
+  }
+  if (measure(polygon_) < 0)
+    polygon_.reverse();
+}
+
+Vec2 PlanarFacet::invert(const Vec2& q) const
+{
+  if (type_ == FacetType::interval)
+    return {(q[0] - x0_[0]) / a_[0], 0};
+  const Vec2 d = q - x0_;
+  Vec2 xi{0.5, 0.5};
+  for (int i = 0; i < inverse_max_iterations; ++i)
+  {
+    const Vec2 r = d - xi[0] * a_ - xi[1] * b_ - (xi[0] * xi[1]) * c_;
+    const Vec2 s = a_ + xi[1] * c_, t = b_ + xi[0] * c_;
+    const double det = cross(s, t);
+    const Vec2 step{cross(r, t) / det, cross(s, r) / det};
+    xi = xi + step;
+    if (affine_ || std::max(std::abs(step[0]), std::abs(step[1])) < inverse_tolerance)
+      break;
+  }
+  return xi;
+}
+
+double PlanarFacet::jacobian(const Vec2& xi) const
+{
+  if (type_ == FacetType::interval)
+    return std::abs(a_[0]);
+  return std::abs(cross(a_ + xi[1] * c_, b_ + xi[0] * c_));
+}
+
+std::array<double, 4> PlanarFacet::integrals(const Polygon& p, const Rule& edge) const
+{
+  // N_i J = f(ξ) g(η) (j0 + j1 ξ + j2 η); the integral over ξ from 0 is a polynomial, and the
+  // integral of that over η along the boundary is what we want.
+  const double j0 = cross(a_, b_), j1 = cross(a_, c_), j2 = cross(c_, b_);
+  std::array<double, 4> out{};
+  for (std::size_t k = 0; k < p.size(); ++k)
+  {
+    const Vec2 t = p[(k + 1) % p.size()] - p[k];
+    for (std::size_t i = 0; i < edge.w.size(); ++i)
+    {
+      const auto [s, e] = invert(p[k] + edge.x[i][0] * t);
+      const double j = j0 + j1 * s + j2 * e;
+      const double deta = edge.w[i] * cross(a_ + e * c_, t) / j;
+      const double h = j0 + j2 * e, s2 = s * s / 2, s3 = s * s * s / 3;
+      const double f0 = h * (s - s2) + j1 * (s2 - s3), f1 = h * s2 + j1 * s3;
+      out[0] += deta * f0 * (1 - e);
+      out[1] += deta * f1 * (1 - e);
+      out[2] += deta * f0 * e;
+      out[3] += deta * f1 * e;
+    }
+  }
+  // Where the map turns over, the boundary runs the other way round, and J is -|J|: no change.
+  return out;
+}

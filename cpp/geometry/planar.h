@@ -1,0 +1,105 @@
+// Facets and polygons in a plane, in 2D on a line: projection, clipping, inverse maps, integrals.
+#pragma once
+
+#include "geometry/facet.h"
+#include <algorithm>
+#include <cstdint>
+#include <initializer_list>
+#include <vector>
+
+namespace qsdolfinx
+{
+
+using Vec2 = std::array<double, 2>;
+
+inline Vec2 operator-(const Vec2& a, const Vec2& b) { return {a[0] - b[0], a[1] - b[1]}; }
+inline Vec2 operator+(const Vec2& a, const Vec2& b) { return {a[0] + b[0], a[1] + b[1]}; }
+inline Vec2 operator*(double s, const Vec2& a) { return {s * a[0], s * a[1]}; }
+inline double cross(const Vec2& a, const Vec2& b) { return a[0] * b[1] - a[1] * b[0]; }
+
+/// Convex polygon, corners anticlockwise. On a line: two corners (s, 0), the smaller s first.
+class Polygon
+{
+public:
+  Polygon() = default;
+  Polygon(std::initializer_list<Vec2> corners)
+  {
+    for (const Vec2& q : corners)
+      push_back(q);
+  }
+
+  std::size_t size() const { return size_; }
+  bool empty() const { return size_ == 0; }
+  Vec2& operator[](std::size_t i) { return corners_[i]; }
+  const Vec2& operator[](std::size_t i) const { return corners_[i]; }
+  void clear() { size_ = 0; }
+  void push_back(const Vec2& q) { corners_.at(size_++) = q; }
+  void reverse() { std::reverse(corners_.begin(), corners_.begin() + size_); }
+
+private:
+  // A line cuts at most half the sides: 4 corners become 6, 9, 13, 19 along 4 lines.
+  std::array<Vec2, 20> corners_;
+  std::uint32_t size_ = 0;
+};
+
+/// Area of a polygon, length of an interval.
+double measure(const Polygon& polygon);
+
+/// Intersection of two convex polygons (Sutherland & Hodgman) or intervals; empty if there is none.
+void intersect(const Polygon& a, const Polygon& b, Polygon& out);
+
+/// Whether a convex polygon or interval contains a point.
+bool contains(const Polygon& polygon, const Vec2& q);
+
+/// Plane of a facet (2D: its line), and the direction along which others are projected onto it.
+struct Frame
+{
+  Vec3 origin, e0, e1, normal;
+
+  /// Plane through the facet's centre across its area vector there.
+  Frame(FacetType type, std::span<const double> vertices);
+  Vec2 project(const Vec3& x) const;
+};
+
+/// Points and weights on the reference interval [0, 1], triangle or square; weights sum to 1.
+struct Rule
+{
+  std::vector<Vec2> x;
+  std::vector<double> w;
+};
+
+/// Quadrature points of a polygon (fan of triangles) or interval, appended; weights are areas.
+void append_points(const Polygon& polygon, const Rule& rule, std::vector<Vec2>& x,
+                   std::vector<double>& w);
+
+/// A facet projected into a plane.
+class PlanarFacet
+{
+public:
+  PlanarFacet(FacetType type, std::span<const double> vertices, const Frame& frame);
+
+  const Polygon& polygon() const { return polygon_; }
+  /// Whether the map from the reference facet is affine; else it is that of a general
+  /// quadrilateral.
+  bool affine() const { return affine_; }
+  /// Whether the map turns nowhere over. A quadrilateral that is not flat may fold where it is seen
+  /// from the side; nothing can then be inverted or clipped.
+  bool unfolded() const { return unfolded_; }
+  /// Reference coordinates of a point of the facet, by Newton's method if the map is not affine.
+  Vec2 invert(const Vec2& q) const;
+  /// |∂q/∂ξ|, area per reference area.
+  double jacobian(const Vec2& xi) const;
+  /// ∫ N_i over a polygon within the facet, N_i the bilinear functions, which are not polynomials
+  /// in the plane. By Green's theorem on the reference facet: an integral over the polygon's edges
+  /// of a function that is known in closed form.
+  /// @param edge rule on the interval
+  std::array<double, 4> integrals(const Polygon& polygon, const Rule& edge) const;
+
+private:
+  FacetType type_;
+  Vec2 x0_, a_, b_{0, 0}, c_{0, 0}; // q = x0 + ξ a + η b + ξη c
+  bool affine_ = true, unfolded_ = true;
+  Polygon polygon_;
+};
+
+} // namespace qsdolfinx

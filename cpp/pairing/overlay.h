@@ -1,0 +1,39 @@
+// Pairing points on the overlay of two surfaces: exact quadrature of (7).
+#pragma once
+
+#include "geometry/planar.h"
+#include "pairing/pairing.h"
+
+namespace qsdolfinx
+{
+
+/// Parts of a facet that are smaller than this part of its area are left out of the overlay.
+inline constexpr double sliver_tolerance = 1e-14;
+
+/// Quadrature on the pieces of the overlay.
+struct OverlayRules
+{
+  Rule piece; ///< points on the interval [0, 1] (2D) or triangle (3D)
+  Rule edge;  ///< points on the interval for integrals along edges, see PlanarFacet::integrals
+};
+
+/// Pairing points on the overlay of two surfaces, on the ranks that own the facets they were made
+/// from. Collective.
+///
+/// Every facet of the slave, and with `both` also every facet of the master, each with half the
+/// weight, is cut along the facets of the other surface that it faces. Those are projected onto its
+/// plane, along its normal, which is the direction from ξ_p to ζ_p as well. The normal n_p is
+/// chosen by `normals`. Where projected facets cover each other, the nearest counts.
+///
+/// The shape functions of general quadrilaterals are not polynomials in the plane. On each piece a
+/// constant is added to them that makes Σ w_p N_i(ξ_p) the exact integral; their sum stays 1 and
+/// they still interpolate positions exactly.
+///
+/// @param both (7) with both halves; otherwise the integral over the slave alone
+/// @param radius points further than this from the other surface are left out
+/// @param normals which normals n_p are
+/// @param rules quadrature
+PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool both,
+                               double radius, Normals normals, const OverlayRules& rules);
+
+} // namespace qsdolfinx

@@ -1,0 +1,89 @@
+// Pairing points: where the gap is sampled, with which weight, normal and initial distance.
+#pragma once
+
+#include "search/search.h"
+#include <cstdint>
+#include <vector>
+
+namespace qsdolfinx
+{
+
+/// One side of the pairing points: the facet a point lies on, by the nodes of the body's trace
+/// there. The vertices come first. A point at a node has one node with value 1; the unused places
+/// have owner -1 and value 0.
+struct PairingSide
+{
+  int num_nodes = 0;                ///< places per point
+  std::vector<double> x;            ///< position, [point][3]
+  std::vector<std::int64_t> dofs;   ///< unknowns of the nodes, [point][node][gdim]
+  std::vector<int> owner;           ///< their owners, [point][node]
+  std::vector<double> shape_values; ///< trace functions, [point][node]
+};
+
+/// Pairing points of one pass, on the rank that owns the node or facet each of them comes from. The
+/// slave is the side that carries the multiplier, at the vertices of its facets.
+struct PairingPoints
+{
+  PairingPoints() = default;
+  /// No points yet. @param master null for a rigid tool, which has no unknowns
+  /// @throws std::invalid_argument on surfaces of different geometric dimension
+  PairingPoints(const Surface& slave, const Surface* master);
+
+  int gdim = 0;
+  int num_multipliers = 0; ///< vertices of a slave facet
+  PairingSide slave, master;
+  std::vector<double> multiplier_values; ///< P1 or Q1 functions N_k, [point][slave vertex]
+  std::vector<double> normal;            ///< outward of the slave, into the master, [point][3]
+  std::vector<double> gap;       ///< signed distance (x_master - x_slave)·n, positive when open
+  std::vector<double> weight;    ///< area
+  std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
+
+  std::size_t size() const { return weight.size(); }
+  /// Call visit(array, width) for all arrays, of `width` values per point.
+  template <typename Visit>
+  void for_each_array(Visit visit)
+  {
+    for (PairingSide* side : {&slave, &master})
+    {
+      const std::size_t nodes = side->num_nodes;
+      visit(side->x, 3);
+      visit(side->dofs, nodes * gdim);
+      visit(side->owner, nodes);
+      visit(side->shape_values, nodes);
+    }
+    visit(multiplier_values, num_multipliers);
+    visit(normal, 3);
+    visit(gap, 1);
+    visit(weight, 1);
+  }
+  /// Room for n points in all, so that appending allocates nothing.
+  void reserve(std::size_t n);
+  /// No points, but with as many places in each.
+  PairingPoints none_like() const;
+};
+
+/// Append a point at an owned node: the node itself is its only vertex.
+void append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim, int rank);
+
+/// Which normals the gap is measured along.
+enum class Normals
+{
+  facet,   ///< of the facet that was cut, or found closest to a node
+  bisector ///< bisecting the normals of both surfaces; of the node and the facet
+};
+
+/// Which nodes sample the gap.
+enum class Sampling
+{
+  slave_nodes, ///< master-slave, (5): every slave node k with w = S_k
+  both         ///< quasi-symmetric, (11), (12): slave nodes with S_k/2 and master nodes with S_l/2
+};
+
+/// Nodal pairing points of two surfaces. Collective.
+/// @param normals which normals n_p are
+/// @param radius nodes further than this from the other surface are unpaired
+/// @throws std::invalid_argument on traces of degree 2, or as PairingPoints does
+PairingPoints pair_surfaces(const Surface& slave, const Surface& master, Sampling sampling,
+                            double radius, Normals normals);
+
+} // namespace qsdolfinx

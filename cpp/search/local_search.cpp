@@ -1,0 +1,89 @@
+#include "search/local_search.h"
+
+#include <algorithm>
+
+using namespace qsdolfinx;
+
+namespace
+{
+std::vector<Box> boxes(const Surface& surface)
+{
+  std::vector<Box> out(surface.num_facets());
+  for (std::size_t f = 0; f < out.size(); ++f)
+    out[f] = box_of(surface.facet_x(f));
+  return out;
+}
+} // namespace
+
+std::array<double, 12> qsdolfinx::name_of(std::span<const double> x)
+{
+  std::array<double, 12> name{};
+  std::ranges::copy(x, name.begin());
+  const auto vertex = [&name](std::size_t i) { return std::span(name).subspan(3 * i, 3); };
+  for (std::size_t i = 1; i < x.size() / 3; ++i)
+    for (std::size_t j = i; j > 0 && std::ranges::lexicographical_compare(vertex(j), vertex(j - 1));
+         --j)
+      std::ranges::swap_ranges(vertex(j), vertex(j - 1));
+  return name;
+}
+
+LocalSearch::LocalSearch(const Surface& surface, double radius)
+    : surface_(surface), radius_(radius), tree_(boxes(surface))
+{
+}
+
+std::span<const Candidate> LocalSearch::candidates(const Vec3& p, const Vec3& normal)
+{
+  found_.clear();
+  double limit = bound(p, normal);
+  tree_.nearest(p, limit,
+                [&](std::size_t f)
+                {
+                  const Candidate c{f, closest_point(surface_.type(), surface_.facet_x(f), p)};
+                  if (c.point.distance <= limit && faces(c, normal))
+                  {
+                    found_.push_back(c);
+                    limit = std::min(limit, c.point.distance + tie(f));
+                  }
+                  return limit;
+                });
+  std::erase_if(found_, [limit](const Candidate& c) { return c.point.distance > limit; });
+  if (!found_.empty())
+    last_ = found_.front().facet;
+  return found_;
+}
+
+const Candidate* LocalSearch::closest(const Vec3& p, const Vec3& normal)
+{
+  const auto ties = candidates(p, normal);
+  if (ties.empty())
+    return nullptr;
+  if (ties.size() == 1)
+    return &ties.front();
+  return &*std::ranges::min_element(ties, {}, [this](const Candidate& c)
+                                    { return name_of(surface_.facet_x(c.facet)); });
+}
+
+bool LocalSearch::beside(const Candidate& c, const Vec3& p) const
+{
+  const Vec3 n = surface_.normal(c.facet, c.point.xi), d = p - c.point.x;
+  const double height = dot(d, n), offset = norm(d - height * n);
+  return offset > overhang_tolerance * surface_.facets().size[c.facet]
+         && (offset > 2 * std::abs(height) || surface_.on_surface_boundary(c.facet, c.point.xi));
+}
+
+bool LocalSearch::faces(const Candidate& c, const Vec3& normal) const
+{
+  const Vec3 a = area_vector(surface_.type(), surface_.facet_x(c.facet), c.point.xi);
+  return surface_.facets().orientation[c.facet] * dot(a, normal) < 0;
+}
+
+/// No facet further than this is closest: the radius, or the distance of the facet that was found
+/// for the last node, which often is a neighbour.
+double LocalSearch::bound(const Vec3& p, const Vec3& normal) const
+{
+  if (last_ >= surface_.num_facets())
+    return radius_;
+  const Candidate c{last_, closest_point(surface_.type(), surface_.facet_x(last_), p)};
+  return faces(c, normal) ? std::min(radius_, c.point.distance + tie(last_)) : radius_;
+}

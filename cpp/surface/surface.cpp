@@ -1,0 +1,288 @@
+#include "surface/surface.h"
+#include "parallel/petsc.h"
+
+#include <algorithm>
+#include <limits>
+#include <numeric>
+#include <stdexcept>
+
+using namespace qsdolfinx;
+
+namespace
+{
+/// What bounds a facet: edges, given by their vertices; for an interval its two ends.
+std::span<const std::array<int, 2>> edges_of(FacetType type)
+{
+  static constexpr std::array<std::array<int, 2>, 2> ends{{{0, 0}, {1, 1}}};
+  return type == FacetType::interval ? std::span<const std::array<int, 2>>(ends)
+                                     : facet_edges(type);
+}
+
+/// ∫ N_i da over one facet, da the outward area vector: per vertex the scalar area and the vector.
+/// Exact for planar facets, also of rings; 3 × 3 Gauss points on the quadrilateral.
+std::array<std::array<double, 4>, 4> vertex_areas(const Surface& surface, std::size_t facet)
+{
+  const FacetType type = surface.type();
+  const std::span<const double> v = surface.facet_x(facet);
+  const double orientation = surface.facets().orientation[facet];
+  std::array<std::array<double, 4>, 4> out{};
+  const int nv = static_cast<int>(type);
+  const auto add = [&](std::array<double, 2> xi, double weight)
+  {
+    const Vec3 a = surface.area_factor(facet_point(type, v, xi)) * area_vector(type, v, xi);
+    const auto N = shape_functions(type, xi);
+    for (int i = 0; i < nv; ++i)
+    {
+      out[i][0] += weight * N[i] * norm(a);
+      for (int j = 0; j < 3; ++j)
+        out[i][1 + j] += weight * N[i] * orientation * a[j];
+    }
+  };
+  if (type == FacetType::interval)
+  {
+    const double g = 0.5 / std::sqrt(3.0); // the radius of a ring is linear, as N_i is
+    add({0.5 - g, 0}, 0.5);
+    add({0.5 + g, 0}, 0.5);
+  }
+  else if (type == FacetType::triangle)
+    add({1.0 / 3, 1.0 / 3}, 0.5);
+  else
+  {
+    const double g = 0.5 * std::sqrt(0.6);
+    const std::array<double, 3> points{0.5 - g, 0.5, 0.5 + g},
+        weights{5.0 / 18, 8.0 / 18, 5.0 / 18};
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j)
+        add({points[i], points[j]}, weights[i] * weights[j]);
+  }
+  return out;
+}
+} // namespace
+
+Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
+                 std::span<const std::int64_t> dofs, std::span<const int> owner,
+                 std::span<const double> inside, std::int64_t local_size, bool axisymmetric)
+    : gdim_(gdim), type_(type), degree_(degree), axisymmetric_(axisymmetric),
+      local_size_(local_size)
+{
+  facets_.x.assign(x.begin(), x.end());
+  facets_.dofs.assign(dofs.begin(), dofs.end());
+  facets_.owner.assign(owner.begin(), owner.end());
+  const int nv = num_vertices(), nt = num_trace();
+  for (std::size_t f = 0; f < inside.size() / 3; ++f)
+  {
+    const std::size_t first = f * nt;
+    facets_.vertex_dofs.insert(facets_.vertex_dofs.end(), dofs.begin() + first * gdim,
+                               dofs.begin() + (first + nv) * gdim);
+    facets_.vertex_owner.insert(facets_.vertex_owner.end(), owner.begin() + first,
+                                owner.begin() + first + nv);
+  }
+  MPI_Comm_dup(comm, &comm_);
+  // mpi4py's communicators return error codes, which nothing here would look at.
+  MPI_Comm_set_errhandler(comm_, MPI_ERRORS_ARE_FATAL);
+  MPI_Comm_rank(comm_, &rank_);
+  number_nodes();
+  orient_and_measure(inside);
+  measure_nodes();
+  mark_boundary();
+}
+
+void Surface::move(std::span<const double> x, std::span<const double> inside)
+{
+  if (x.size() != facets_.x.size())
+    throw std::invalid_argument("Surface::move: other facets than before");
+  std::ranges::copy(x, facets_.x.begin());
+  orient_and_measure(inside);
+  measure_nodes();
+}
+
+Surface::~Surface()
+{
+  to_owner_.reset();
+  if (petsc_is_running())
+    MPI_Comm_free(&comm_);
+}
+
+void Surface::orient_and_measure(std::span<const double> inside)
+{
+  const std::size_t n = inside.size() / 3;
+  facets_.size.resize(n);
+  facets_.orientation.resize(n);
+  for (std::size_t f = 0; f < n; ++f)
+  {
+    const auto v = facet_x(f);
+    facets_.size[f] = std::sqrt(squared_size(type_, v));
+    const Vec3 outward
+        = facet_point(type_, v, facet_centre(type_)) - facet_vertex(inside, static_cast<int>(f));
+    facets_.orientation[f] = dot(area_vector(type_, v, facet_centre(type_)), outward) > 0 ? 1 : -1;
+  }
+}
+
+void Surface::number_nodes()
+{
+  // A rank may own a node without owning any facet at it: every facet tells its vertices' owners.
+  to_owner_ = std::make_unique<Exchange>(comm_, facets_.vertex_owner);
+  const auto dofs = to_owner_->forward<std::int64_t>(facets_.vertex_dofs, gdim_);
+  std::vector<std::size_t> order(to_owner_->num_received());
+  std::iota(order.begin(), order.end(), 0);
+  std::ranges::sort(order, {}, [&](std::size_t i) { return dofs[i * gdim_]; });
+  node_of_record_.resize(order.size());
+  for (std::size_t i : order)
+  {
+    if (nodes_.dofs.empty() || dofs[i * gdim_] != nodes_.dofs[nodes_.dofs.size() - gdim_])
+      nodes_.dofs.insert(nodes_.dofs.end(), &dofs[i * gdim_], &dofs[i * gdim_] + gdim_);
+    node_of_record_[i] = nodes_.dofs.size() / gdim_ - 1;
+  }
+}
+
+void Surface::measure_nodes()
+{
+  const int nv = num_vertices();
+  constexpr int width = 7; // x, area, area vector
+  std::vector<double> values(facets_.vertex_owner.size() * width);
+  for (std::size_t f = 0; f < num_facets(); ++f)
+  {
+    const auto areas = vertex_areas(*this, f);
+    for (int i = 0; i < nv; ++i)
+    {
+      double* out = values.data() + (f * nv + i) * width;
+      std::copy_n(facets_.x.data() + (f * nv + i) * 3, 3, out);
+      std::copy_n(areas[i].data(), 4, out + 3);
+    }
+  }
+  const auto data = to_owner_->forward<double>(values, width);
+
+  const std::size_t n = nodes_.dofs.size() / gdim_;
+  nodes_.x.resize(3 * n);
+  nodes_.area.assign(n, 0);
+  nodes_.normal.assign(3 * n, 0);
+  for (std::size_t i = 0; i < node_of_record_.size(); ++i)
+  {
+    const double* record = data.data() + i * width;
+    const std::size_t k = node_of_record_[i];
+    std::copy_n(record, 3, nodes_.x.begin() + 3 * k);
+    nodes_.area[k] += record[3];
+    for (int j = 0; j < 3; ++j)
+      nodes_.normal[3 * k + j] += record[4 + j];
+  }
+  for (std::size_t k = 0; k < n; ++k)
+  {
+    const Vec3 a = facet_vertex(nodes_.normal, static_cast<int>(k));
+    const double length = norm(a);
+    for (int j = 0; j < 3; ++j)
+      nodes_.normal[3 * k + j] = length > 0 ? a[j] / length : 0.0;
+  }
+}
+
+void Surface::mark_boundary()
+{
+  const int nv = num_vertices();
+  const auto edges = edges_of(type_);
+  const std::size_t ne = edges.size();
+
+  // Each edge is counted on the owner of its vertex with the smaller unknown.
+  std::vector<int> dest(num_facets() * ne);
+  std::vector<std::int64_t> keys(num_facets() * ne * 2);
+  for (std::size_t f = 0; f < num_facets(); ++f)
+  {
+    for (std::size_t e = 0; e < ne; ++e)
+    {
+      std::size_t a = f * nv + edges[e][0], b = f * nv + edges[e][1];
+      if (facets_.vertex_dofs[b * gdim_] < facets_.vertex_dofs[a * gdim_])
+        std::swap(a, b);
+      dest[f * ne + e] = facets_.vertex_owner[a];
+      keys[2 * (f * ne + e)] = facets_.vertex_dofs[a * gdim_];
+      keys[2 * (f * ne + e) + 1] = facets_.vertex_dofs[b * gdim_];
+    }
+  }
+  Exchange by_edge(comm_, dest);
+  const auto received = by_edge.forward<std::int64_t>(keys, 2);
+  const auto key = [&](std::size_t i) { return std::pair(received[2 * i], received[2 * i + 1]); };
+  std::vector<std::size_t> order(by_edge.num_received());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](auto a, auto b) { return key(a) < key(b); });
+  std::vector<std::uint8_t> single(order.size(), 0);
+  for (std::size_t r = 0; r < order.size(); ++r)
+  {
+    const bool shared = (r > 0 && key(order[r - 1]) == key(order[r]))
+                        || (r + 1 < order.size() && key(order[r + 1]) == key(order[r]));
+    single[order[r]] = !shared;
+  }
+  facets_.edge_on_boundary = by_edge.reverse<std::uint8_t>(single, 1);
+
+  // A facet that touches the boundary with one vertex only learns it from the vertex's owner.
+  std::vector<std::uint8_t> flags(facets_.vertex_owner.size(), 0);
+  for (std::size_t f = 0; f < num_facets(); ++f)
+    for (std::size_t e = 0; e < ne; ++e)
+      if (facets_.edge_on_boundary[f * ne + e])
+        flags[f * nv + edges[e][0]] = flags[f * nv + edges[e][1]] = 1;
+  auto answers = to_owner_->forward<std::uint8_t>(flags, 1);
+  std::vector<std::uint8_t> on_boundary(nodes_.size(), 0);
+  for (std::size_t i = 0; i < answers.size(); ++i)
+    on_boundary[node_of_record_[i]] |= answers[i];
+  for (std::size_t i = 0; i < answers.size(); ++i)
+    answers[i] = on_boundary[node_of_record_[i]];
+  facets_.vertex_on_boundary = to_owner_->reverse<std::uint8_t>(answers, 1);
+}
+
+Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi) const
+{
+  const Vec3 a = area_vector(type_, facet_x(facet), xi);
+  return (facets_.orientation[facet] / norm(a)) * a;
+}
+
+bool Surface::on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const
+{
+  // An edge is where the shape functions of the vertices that are not on it vanish.
+  constexpr double tolerance = 1e-12;
+  const auto N = shape_functions(type_, xi);
+  const int nv = num_vertices();
+  for (int i = 0; i < nv; ++i)
+    if (N[i] > 1 - tolerance)
+      return facets_.vertex_on_boundary[facet * nv + i];
+  const auto edges = edges_of(type_);
+  for (std::size_t e = 0; e < edges.size(); ++e)
+    if (N[edges[e][0]] + N[edges[e][1]] > 1 - tolerance && edges[e][0] != edges[e][1])
+      return facets_.edge_on_boundary[facet * edges.size() + e];
+  return false;
+}
+
+std::vector<Box> Surface::rank_boxes(double radius) const
+{
+  constexpr int width = sizeof(Box) / sizeof(double);
+  int size;
+  MPI_Comm_size(comm_, &size);
+  const Box box = widened(box_of(facets_.x), radius);
+  std::vector<Box> boxes(static_cast<std::size_t>(size));
+  MPI_Allgather(&box, width, MPI_DOUBLE, boxes.data(), width, MPI_DOUBLE, comm_);
+  return boxes;
+}
+
+std::array<double, 2> Surface::facet_size_range() const
+{
+  double low = std::numeric_limits<double>::infinity(), high = 0;
+  for (double h : facets_.size)
+  {
+    low = std::min(low, h);
+    high = std::max(high, h);
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &low, 1, MPI_DOUBLE, MPI_MIN, comm_);
+  MPI_Allreduce(MPI_IN_PLACE, &high, 1, MPI_DOUBLE, MPI_MAX, comm_);
+  return {low, high};
+}
+
+std::size_t Surface::node_index(std::int64_t first_dof) const
+{
+  std::size_t low = 0, high = nodes_.size();
+  while (low < high)
+  {
+    const std::size_t middle = (low + high) / 2;
+    if (nodes_.dofs[middle * gdim_] < first_dof)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  if (low == nodes_.size() || nodes_.dofs[low * gdim_] != first_dof)
+    throw std::logic_error("Surface::node_index: this rank does not own the node");
+  return low;
+}

@@ -1,0 +1,123 @@
+// A distributed surface: facets on the ranks that own their cells, nodes on the ranks that own
+// their unknowns.
+#pragma once
+
+#include "geometry/boxes.h"
+#include "geometry/facet.h"
+#include "parallel/exchange.h"
+#include <cstdint>
+#include <memory>
+#include <mpi.h>
+#include <numbers>
+#include <span>
+#include <vector>
+
+namespace qsdolfinx
+{
+
+/// Facets of a contact surface on this rank. Every facet lives on exactly one rank (its cell's
+/// owner), its vertices may belong to others. The nodes of the trace on a facet are its vertices,
+/// then, for degree 2, those of trace_functions.
+struct Facets
+{
+  std::vector<double> x;                      ///< vertex coordinates, [facet][vertex][3]
+  std::vector<std::int64_t> dofs;             ///< global unknowns of the trace, [facet][node][gdim]
+  std::vector<int> owner;                     ///< rank that owns the unknowns, [facet][node]
+  std::vector<std::int64_t> vertex_dofs;      ///< of these the vertices', [facet][vertex][gdim]
+  std::vector<int> vertex_owner;              ///< and their owners, [facet][vertex]
+  std::vector<double> orientation;            ///< ±1, times the area vector points outward
+  std::vector<double> size;                   ///< largest distance of two vertices
+  std::vector<std::uint8_t> edge_on_boundary; ///< edge belongs to one facet only, [facet][edge]
+  std::vector<std::uint8_t> vertex_on_boundary; ///< vertex touches such an edge, [facet][vertex]
+};
+
+/// Nodes of a contact surface whose unknowns this rank owns, in ascending order of `dofs`. This
+/// rank need not have any facet at them.
+struct Nodes
+{
+  std::vector<std::int64_t> dofs; ///< global unknowns, [node][gdim]
+  std::vector<double> x;          ///< coordinates, [node][3]
+  std::vector<double> area;       ///< nodal area S_k = ∫ N_k ds
+  std::vector<double> normal;     ///< outward unit normal, average weighted with N_k, [node][3]
+
+  std::size_t size() const { return area.size(); }
+};
+
+/// Contact surface of one body.
+class Surface
+{
+public:
+  /// Collective. Arrays are row-major, one entry per facet of this rank.
+  /// @param comm communicator, duplicated
+  /// @param gdim geometric dimension, 2 or 3
+  /// @param type shape of all facets
+  /// @param x vertex coordinates, [facet][vertex][3]
+  /// @param degree of the trace, 1 or 2
+  /// @param dofs global unknowns of the trace, [facet][node][gdim]
+  /// @param owner rank that owns the unknowns of a node, [facet][node]
+  /// @param inside a point of the body behind the facet, [facet][3]
+  /// @param local_size number of unknowns of the body that this rank owns
+  /// @param axisymmetric coordinates are (r, z): facets stand for rings, areas are 2πr times
+  /// lengths
+  Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
+          std::span<const std::int64_t> dofs, std::span<const int> owner,
+          std::span<const double> inside, std::int64_t local_size, bool axisymmetric);
+  ~Surface();
+  /// Let the facets have other coordinates; collective. @param x, inside as above
+  void move(std::span<const double> x, std::span<const double> inside);
+  Surface(const Surface&) = delete;
+  Surface& operator=(const Surface&) = delete;
+
+  MPI_Comm comm() const { return comm_; }
+  int rank() const { return rank_; }
+  int gdim() const { return gdim_; }
+  FacetType type() const { return type_; }
+  int num_vertices() const { return static_cast<int>(type_); }
+  int degree() const { return degree_; }
+  /// Area that a unit of facet at x stands for: 2πr of a ring, otherwise 1.
+  double area_factor(const Vec3& x) const
+  {
+    return axisymmetric_ ? 2 * std::numbers::pi * x[0] : 1.0;
+  }
+  /// Nodes of the trace on a facet.
+  int num_trace() const { return trace_size(type_, degree_); }
+  std::size_t num_facets() const { return facets_.size.size(); }
+  std::int64_t local_size() const { return local_size_; }
+  const Facets& facets() const { return facets_; }
+  const Nodes& nodes() const { return nodes_; }
+
+  /// Coordinates of a facet's vertices.
+  std::span<const double> facet_x(std::size_t facet) const
+  {
+    return std::span(facets_.x).subspan(facet * num_vertices() * 3, num_vertices() * 3);
+  }
+  /// Outward unit normal of a facet at ξ.
+  Vec3 normal(std::size_t facet, std::array<double, 2> xi) const;
+  /// Whether ξ lies on an edge or vertex of the facet that bounds the surface.
+  bool on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const;
+  /// Boxes around the facets of each rank, widened by the radius. Collective.
+  std::vector<Box> rank_boxes(double radius) const;
+  /// Smallest and largest facet size over all ranks. Collective.
+  std::array<double, 2> facet_size_range() const;
+  /// Index of the owned node with this first unknown. @throws std::logic_error if it is not here
+  std::size_t node_index(std::int64_t first_dof) const;
+
+private:
+  void orient_and_measure(std::span<const double> inside);
+  void number_nodes();
+  void measure_nodes();
+  void mark_boundary();
+
+  MPI_Comm comm_;
+  int rank_, gdim_;
+  FacetType type_;
+  int degree_;
+  bool axisymmetric_;
+  std::int64_t local_size_;
+  Facets facets_;
+  Nodes nodes_;
+  std::unique_ptr<Exchange> to_owner_;      ///< from the vertices of facets to their owners
+  std::vector<std::size_t> node_of_record_; ///< node of each vertex that this rank was told of
+};
+
+} // namespace qsdolfinx

@@ -1,0 +1,203 @@
+"""What looks like a mistake where a contact is first paired, and what to do about it."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
+
+Array = npt.NDArray[np.float64]
+
+#: Part of the slave's nodes near the master that finds a partner in any sound scene.
+FEW = 0.1
+
+#: Cosine from which on surfaces face each other, or away from each other.
+FACING = 0.1
+
+#: Facet size of the master over the slave's below which nodal quadrature leaves spikes. A half
+#: gives no warning: rounding, and graded meshes.
+FINER = 0.45
+
+#: Initial penetration over the smallest facet that is hardly meant to be pressed out at once.
+DEEP = 0.25
+
+
+def advise(model: ContactModel, stacklevel: int) -> None:
+    """Warn, on all ranks, of what is suspicious about the first pairing. Collective.
+
+    Args:
+        model: The contact.
+        stacklevel: Of the warnings, 1 being the caller.
+    """
+    found = [_pairing(model), _finer_master(model), _overclosure(model)]
+    for text in found:
+        if text:
+            warn(text, ContactWarning, stacklevel + 1)
+
+
+# --- Nothing, or little, is paired
+
+
+class Candidates(typing.NamedTuple):
+    """Slave nodes of all ranks, where hardly any is paired.
+
+    Attributes:
+        near: Those in the master's surroundings, of the size of the search radius.
+        turned: Those that would be paired if normals were turned.
+        facing: Those that face the master at any distance.
+        away: The least of these distances (length).
+    """
+
+    near: int
+    turned: int
+    facing: int
+    away: float
+
+
+def _pairing(model: ContactModel) -> str:
+    rows = _total(model, len(model.gaps[0].row_node))
+    tool = as_tool(model.master)
+    if tool is not None and tool.is_analytic:
+        found = _of_shape(model, tool)
+    else:
+        corners = _box(model.comm, model.master.search_object(model.slave).facet_x)
+        low, high = corners[0] - model.paired.search_radius, corners[1] + model.paired.search_radius
+        nodes = model.slave.node_x
+        near = _total(model, np.count_nonzero(np.all((nodes >= low) & (nodes <= high), axis=1)))
+        if rows > 0 and rows >= FEW * near:
+            return ""
+        found = _of_facets(model, near, corners)
+    if rows > 0 and rows >= FEW * found.near:
+        return ""
+    paired = f"{rows} of {found.near} slave nodes near the master" if rows else "no slave node"
+    if found.turned > max(2 * rows, FEW * found.near):
+        return (
+            f"normals: {paired} found a partner, since where the surfaces meet their outward "
+            "normals point the same way, as if one body were inside the other; check the facets or "
+            "tags that were chosen, and a rigid tool's normal or the orientation of its facets"
+        )
+    if found.facing <= max(2 * rows, FEW * found.near):
+        return ""  # a free side, say, at right angles to the die that it will fold on
+    return (
+        f"search_radius: {paired} found a partner within {model.paired.search_radius:.3g}, and "
+        f"{found.facing} face the master from {found.away:.3g} on; give a larger search_radius, or "
+        "check where the meshes are (time steps, which pair anew, may bring them together)"
+    )
+
+
+def _of_shape(model: ContactModel, tool: RigidSurface) -> Candidates:
+    distance, normal = tool.distance(model.slave.node_x)
+    cosine = np.sum(normal * model.slave.node_normal, axis=1)
+    close, facing = np.abs(distance) <= model.paired.search_radius, cosine < -FACING
+    away = float(np.min(np.abs(distance[facing]), initial=np.inf))
+    near, turned, faces = (
+        _total(model, np.count_nonzero(mask)) for mask in (close, close & (cosine > FACING), facing)
+    )
+    return Candidates(near, turned, faces, model.comm.allreduce(away, op=MPI.MIN))
+
+
+def _of_facets(model: ContactModel, near: int, corners: tuple[Array, Array]) -> Candidates:
+    """Pair with turned normals, and without a radius."""
+    slave, master = model.slave.linear, deformable(model.master)
+    other = (model.master if master is None else master.linear).search_object(slave)
+    x, inside = slave.coordinates
+    slave.cpp_object.move(x, 2 * x.mean(axis=1) - inside)
+    turned = _cpp.pair_surfaces(slave.cpp_object, other, False, model.paired.search_radius, 0)
+    slave.cpp_object.move(x, inside)
+    low, high = _box(model.comm, np.concatenate([slave.node_x, *(c[None] for c in corners)]))
+    anywhere = float(np.linalg.norm(high - low))
+    faced = _cpp.pair_surfaces(slave.cpp_object, other, False, anywhere, 0)
+    away = float(np.min(np.abs(faced.gap), initial=np.inf))
+    return Candidates(
+        near,
+        _total(model, turned.size),
+        _total(model, faced.size),
+        model.comm.allreduce(away, op=MPI.MIN),
+    )
+
+
+def _box(comm: MPI.Intracomm, x: Array) -> tuple[Array, Array]:
+    """Corners of the smallest box around points of all ranks. Collective."""
+    x = x.reshape(-1, 3)
+    low, high = np.min(x, axis=0, initial=np.inf), np.max(x, axis=0, initial=-np.inf)
+    corners = np.concatenate([-low, high])
+    comm.Allreduce(MPI.IN_PLACE, corners, op=MPI.MAX)
+    return -corners[:3], corners[3:]
+
+
+def _total(model: ContactModel, count: int) -> int:
+    """Sum over the ranks. Collective."""
+    return int(model.comm.allreduce(int(count), op=MPI.SUM))
+
+
+# --- Facets
+
+
+def _finer_master(model: ContactModel) -> str:
+    if model.settings.sampling.quadrature != "nodal" or len(model.gaps) > 1:
+        return ""
+    sizes = local_sizes(model)
+    if sizes is None or sizes[1] >= FINER * sizes[0]:
+        return ""
+    return (
+        f"quadrature: where they meet the master's facets ({sizes[1]:.3g}) are much smaller than "
+        f"the slave's ({sizes[0]:.3g}); at nodes that leaves spikes of traction, and with "
+        'master-slave contact nodes without force: use quadrature="overlay", or swap slave and '
+        "master"
+    )
+
+
+def local_sizes(model: ContactModel) -> tuple[float, float] | None:
+    """Mean facet size of slave and master where they are paired. Collective.
+
+    None if nothing is, or the master has no facets that count.
+    """
+    master = deformable(model.master)
+    if master is None:
+        return None
+    points = model.gaps[0].points
+    low, high = _box(model.comm, points.slave["x"])
+    if not np.all(low <= high):
+        return None
+    sizes = []
+    for surface in (model.slave, master):
+        x = surface.coordinates[0]
+        middle, size = x.mean(axis=1), facet_sizes(x)
+        reach = size[:, None]
+        here = np.all((middle >= low - reach) & (middle <= high + reach), axis=1)
+        sums = np.array([size[here].sum(), np.count_nonzero(here)])
+        total, count = model.comm.allreduce(sums, op=MPI.SUM)
+        if count == 0:
+            return None
+        sizes.append(float(total / count))
+    return sizes[0], sizes[1]
+
+
+def facet_sizes(x: Array) -> Array:
+    """Largest distance of two vertices of each facet, x of shape (facets, vertices, 3)."""
+    sides = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
+    return np.max(sides, axis=(1, 2), initial=0.0)
+
+
+# --- Penetration
+
+
+def _overclosure(model: ContactModel) -> str:
+    overclosure = model.overclosure
+    size = model.paired.facet_size
+    if model.law.jump or overclosure.treatment != "resolve" or overclosure.depth <= DEEP * size:
+        return ""
+    return (
+        f"initial_overclosure: the surfaces penetrate each other by {overclosure.depth:.3g}, "
+        f"{overclosure.depth / size:.2g} of the smallest facet, which the next solve presses out; "
+        'move a mesh, choose initial_overclosure="ignore", or, for an interference fit, resolve '
+        "it gradually with contact.allow_overclosure"
+    )

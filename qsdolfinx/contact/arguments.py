@@ -1,0 +1,57 @@
+"""What a contact cannot be made of."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+from dolfinx import fem
+
+from qsdolfinx.base.checks import check, either, instance, require
+from qsdolfinx.friction.laws import Friction
+from qsdolfinx.gap.laws import Law
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, deformable
+
+SLAVE = instance(Surface, "a qsdolfinx.Surface; a rigid tool can be the master only")
+MASTER = instance(Surface | RigidSurface, "a qsdolfinx.Surface, or a rigid tool")
+
+
+def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
+    """Refuse surfaces that cannot be in contact."""
+    check(SLAVE, slave=slave)
+    check(MASTER, master=master)
+    same = slave.gdim == master.gdim
+    require(same, "slave and master have different geometric dimensions")
+    same = MPI.Comm.Compare(slave.comm, master.comm) in (MPI.IDENT, MPI.CONGRUENT)
+    require(same, "slave and master: the meshes must be on the same ranks in the same order")
+    other = deformable(master)
+    if other is not None:
+        slave.check_partner(other)
+
+
+def check_formulation(formulation: str, enforcement: str, master: AnySurface) -> None:
+    """Refuse multipliers where they cannot be."""
+    both = formulation == "double-pass"
+    require(
+        not both or master.V is not None,
+        "formulation: double-pass needs a multiplier on both sides, and a rigid tool has none; "
+        'use "master-slave" or "quasi-symmetric"',
+    )
+    require(
+        not both or enforcement == "penalty",
+        "enforcement: the multipliers of double-pass contact, on both sides, cannot close every "
+        'gap of non-matching meshes; use "penalty", or formulation="quasi-symmetric"',
+    )
+
+
+def check_friction(friction: typing.Any, penalty: typing.Any, law: Law, slave: Surface) -> None:
+    """Refuse friction of another type, of tied contact, or with parameters of another mesh."""
+    check(either(instance(Friction, "such as qs.Coulomb(0.2)"), None), friction=friction)
+    require(friction is not None or penalty is None, "friction_penalty: needs friction")
+    slips = friction is None or not law.jump
+    require(slips, "friction: tied contact sticks already; leave it out, or use Unilateral()")
+    for name, value in friction.parameters.items() if friction is not None else ():
+        fits = not isinstance(value, fem.Function) or value.function_space.mesh is slave.mesh
+        require(fits, f"friction: {name}: the Function must be on the mesh of the slave")

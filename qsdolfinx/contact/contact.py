@@ -1,0 +1,604 @@
+"""Contact between two surfaces: formulation, law, penalty, and what there is to read afterwards."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem
+
+from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
+from qsdolfinx.base.collective import checked
+from qsdolfinx.contact import fields, motion, multipliers, results
+from qsdolfinx.contact.advice import advise
+from qsdolfinx.contact.arguments import check_formulation, check_friction, check_surfaces
+from qsdolfinx.contact.model import ContactModel, Settings
+from qsdolfinx.contact.penalty import Penalty
+from qsdolfinx.contact.report import ContactReport, make_report
+from qsdolfinx.friction.history import FrictionHistory
+from qsdolfinx.friction.laws import Friction
+from qsdolfinx.gap.kinematics import Kinematics
+from qsdolfinx.gap.laws import Law, Unilateral
+from qsdolfinx.gap.overclosure import Overclosure
+from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
+from qsdolfinx.pairing.points import Pairing
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
+
+Array = npt.NDArray[np.float64]
+
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
+ENFORCEMENTS = ("penalty", "augmented-lagrangian")
+
+
+class Contact:
+    """Contact of a slave surface with a master surface by the penalty method.
+
+    The energy is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations differ in where
+    the gap is sampled: ``"master-slave"``, (5), at the slave nodes; ``"quasi-symmetric"``, (11) and
+    (12), at the nodes of both sides, while the multiplier stays on the slave; ``"double-pass"``,
+    (6), is the mean of two master-slave contacts with the roles swapped, and so has multipliers on
+    both sides. They cannot close every gap of non-matching meshes: it takes a moderate penalty, and
+    no augmented Lagrangian.
+
+    The ½ of (11) is kept in the gap, so that ε means the same in every formulation: matching meshes
+    give the same result with each. The ρ of (12) is ε/8 for quasi-symmetric contact and ε/2 for
+    master-slave.
+
+    Pairing points are found when the object is made, and again by :meth:`update`. Collective.
+
+    Args:
+        slave: Surface that carries the multiplier.
+        master: The other surface, or a rigid tool.
+        formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
+            carries no multiplier, so that only the first and the third are possible; with an
+            analytic shape they are the same.
+        law: ``Unilateral()`` or ``Tied()``.
+        penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
+            contact nodes when the problem is first solved; with an augmented Lagrangian and bodies
+            in velocities, whenever contact has paired anew.
+        search_radius: Points further than this from the other surface are not paired (length). By
+            default the largest facet size of the two surfaces; analytic shapes have no facets.
+        quadrature: ``"nodal"``: the gap is sampled at nodes, as in (5), (6), (12).
+            ``"overlay"``: (7) is integrated exactly over the pieces that the facets of one surface
+            cut from those of the other; needed for displacements of degree 2.
+        quadrature_degree: Degree of the rule on the pieces of the overlay; by default that of the
+            integrand on affine facets.
+        normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
+            (the default at nodes without friction); ``"bisector"`` of it and the mean normal at the
+            node or point of the other surface (the default on the overlay, and with friction,
+            which takes closing a gap along a tilted facet's normal for slip). Those of an analytic
+            shape are always its own, at the point that is closest.
+        enforcement: ``"penalty"``, or ``"augmented-lagrangian"``: multipliers are updated until
+            they leave no gap larger than the tolerance. They are kept for the next solve, also
+            when contact pairs anew; :meth:`reset` forgets them.
+        gap_tolerance: That gap in units of the smallest facet.
+        unknown: What the unknowns of the bodies are: ``"displacement"`` or ``"velocity"``, (2) and
+            (3), or one of them for the slave and the master, such as a forged workpiece and an
+            elastic die, ``("velocity", "displacement")``.
+        dt: Δt, time, if a body has velocities or friction depends on rates; :meth:`set_dt` changes
+            it.
+        friction: ``qs.Coulomb``, ``qs.Tresca``, ``qs.CoulombTresca``, ``qs.Norton``,
+            ``qs.Sticking``, or None. Slip counts from the end of the last step: a step is a solve
+            of the problem, unless the solve is part of ``ContactProblem.one_step``.
+        friction_penalty: ε in tangential direction (stress per length); by default that of the
+            gaps. Not used by ``qs.Norton``.
+        initial_overclosure: What becomes of penetration at the first pairing, before anything has
+            moved. ``"resolve"``: it is a misfit as any other, and the next solve presses the bodies
+            apart (an interference fit; :meth:`allow_overclosure` does so gradually). ``"ignore"``:
+            it never counts as a gap: each node keeps its depth, without strain. ``"error"``: it is
+            refused. Points deeper than the search radius are not paired, and not seen. A tie leaves
+            any gap as it is; with it the first two are the same.
+
+    Raises:
+        ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
+            surfaces share facets or differ in dimension or communicator.
+        TypeError: If a surface or the law is of another type.
+
+    Warns:
+        ContactWarning: If hardly anything is paired, the master is much finer and sampled at nodes,
+            or the surfaces penetrate each other deeply.
+    """
+
+    def __init__(
+        self,
+        slave: Surface,
+        master: Surface | RigidSurface,
+        formulation: str = "quasi-symmetric",
+        law: Law | None = None,
+        penalty: float | str = "auto",
+        search_radius: float | None = None,
+        quadrature: str = "nodal",
+        quadrature_degree: int | None = None,
+        normals: str | None = None,
+        enforcement: str = "penalty",
+        gap_tolerance: float = 1e-8,
+        unknown: str | typing.Sequence[str] = "displacement",
+        dt: float | None = None,
+        friction: Friction | None = None,
+        friction_penalty: float | None = None,
+        initial_overclosure: str = "resolve",
+    ) -> None:
+        law = Unilateral() if law is None else law
+        # Without surfaces there is no communicator of ours to agree on the error with.
+        comm = next((s.comm for s in (slave, master) if isinstance(s, Surface)), MPI.COMM_WORLD)
+        with checked(comm) as same:
+            check_surfaces(slave, master)
+            same(one_of(FORMULATIONS), formulation=formulation)
+            same(one_of(ENFORCEMENTS), enforcement=enforcement)
+            check_formulation(formulation, enforcement, master)
+            same(one_of(QUADRATURES), quadrature=quadrature)
+            degree = check_quadrature(slave, master, quadrature, quadrature_degree)
+            if normals is None:
+                averaging = quadrature == "overlay" or friction is not None
+                normals = "bisector" if averaging else "facet"
+            same(one_of(NORMALS), normals=normals)
+            check(instance(Law, "qs.Tied() or qs.Unilateral()"), law=law)
+            same(either(POSITIVE, "auto"), penalty=penalty)
+            same(either(POSITIVE, None), search_radius=search_radius)
+            same(POSITIVE, gap_tolerance=gap_tolerance)
+            same(either(POSITIVE, None), friction_penalty=friction_penalty)
+            check_friction(friction, friction_penalty, law, slave)
+            overclosure = Overclosure(initial_overclosure)
+            needs_dt = friction is not None and friction.needs_dt
+            kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=master.V is None)
+            same(law=type(law).__name__, quadrature_degree=degree, friction=friction)
+            same(unknown=kinematics.unknown, dt=dt, initial_overclosure=initial_overclosure)
+        augmented = enforcement == "augmented-lagrangian"
+        settings = Settings(
+            slave,
+            master,
+            formulation,
+            law,
+            Sampling(quadrature, degree, normals),
+            None if search_radius is None else float(search_radius),
+            augmented,
+            float(gap_tolerance),
+        )
+        #: The parts, for the problem and for those who extend the library.
+        self.model = ContactModel(
+            settings,
+            kinematics,
+            Penalty(penalty, quadrature, augmented, "velocity" in kinematics.unknown),
+            overclosure,
+            None if friction is None else FrictionHistory(friction, slave, friction_penalty),
+        )
+        motion.pair_anew(self.model)
+        advise(self.model, stacklevel=2)
+
+    # --- What it was made with
+
+    @property
+    def slave(self) -> Surface:
+        """Surface that carries the multiplier."""
+        return self.model.slave
+
+    @property
+    def master(self) -> AnySurface:
+        """The other surface, or a rigid tool."""
+        return self.model.master
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the surfaces."""
+        return self.model.comm
+
+    @property
+    def formulation(self) -> str:
+        """Which surfaces are sampled, and which carry multipliers."""
+        return self.model.settings.formulation
+
+    @property
+    def law(self) -> Law:
+        """From the gap to the multiplier."""
+        return self.model.law
+
+    @property
+    def quadrature(self) -> str:
+        """``"nodal"`` or ``"overlay"``."""
+        return self.model.settings.sampling.quadrature
+
+    @property
+    def quadrature_degree(self) -> int:
+        """Degree of the rule on the pieces of the overlay."""
+        return self.model.settings.sampling.degree
+
+    @property
+    def normals(self) -> str:
+        """``"facet"`` or ``"bisector"``."""
+        return self.model.settings.sampling.normals
+
+    @property
+    def enforcement(self) -> str:
+        """``"penalty"`` or ``"augmented-lagrangian"``."""
+        return "augmented-lagrangian" if self.augmented else "penalty"
+
+    @property
+    def augmented(self) -> bool:
+        """Whether the multiplier is augmented until the gap is closed."""
+        return self.model.augmented
+
+    @property
+    def gap_tolerance(self) -> float:
+        """Gap at which augmentation ends, in units of the smallest facet."""
+        return self.model.settings.gap_tolerance
+
+    @property
+    def allowed_gap(self) -> float:
+        """Gap (length) at which augmentation ends: ``gap_tolerance`` × the smallest facet."""
+        return self.model.allowed_gap
+
+    @property
+    def friction(self) -> Friction | None:
+        """The law of friction, None without."""
+        return None if self.model.friction is None else self.model.friction.law
+
+    @property
+    def overclosure(self) -> Overclosure:
+        """Penetration at the first pairing: its ``depth``, and the ``part`` that is allowed."""
+        return self.model.overclosure
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether what contact adds to the tangent is symmetric."""
+        return self.model.symmetric
+
+    # --- Pairing
+
+    def update(self) -> None:
+        """Pair anew, after the meshes of the bodies have been moved. Collective.
+
+        Displacements then count from the moved meshes.
+
+        Raises:
+            ValueError: If coordinates are not finite or a facet has no area.
+        """
+        motion.pair_anew(self.model)
+
+    def allow_overclosure(self, part: float) -> None:
+        """Set the part of the initial overclosure that is not resolved, from 0 to 1. Collective.
+
+        Ramped from 1 to 0 over some solves, or in a stepper's ``drive``, it shrinks an interference
+        fit on gradually, where bodies are nonlinear or overclosed by much of an element.
+
+        Raises:
+            ValueError: If it is not from 0 to 1, the same on all ranks.
+        """
+        self.model.overclosure.allow(self.comm, part)
+        self.model.overclosure.apply(self.model.gaps)
+
+    @property
+    def version(self) -> int:
+        """Counts the pairings made so far."""
+        return self.model.num_pairings
+
+    @property
+    def search_radius(self) -> float:
+        """Distance (length) beyond which a node is not paired."""
+        return self.model.paired.search_radius
+
+    @property
+    def pairing(self) -> Pairing:
+        """Pairing points that were found from nodes this rank owns; those of the first pass."""
+        return self.pairings[0]
+
+    @property
+    def pairings(self) -> list[Pairing]:
+        """Pairing points of every pass: two for double-pass contact, otherwise one."""
+        return [Pairing.from_cpp(p.points) for p in self.model.gaps]
+
+    @property
+    def num_unpaired(self) -> int:
+        """Nodes that were searched and found no partner, over all passes and ranks. Collective."""
+        return int(self.comm.allreduce(sum(p.points.num_unpaired for p in self.model.gaps)))
+
+    # --- Penalty
+
+    @property
+    def penalty(self) -> float | None:
+        """ε, stress per length; None as long as an automatic one has not been computed."""
+        return self.model.penalty.value
+
+    @property
+    def penalty_source(self) -> str:
+        """How ε was chosen."""
+        return self.model.penalty.source
+
+    @property
+    def has_automatic_penalty(self) -> bool:
+        """Whether ε is, or is going to be, computed from the stiffness of the bodies."""
+        return self.model.penalty.automatic
+
+    @property
+    def stiffness(self) -> tuple[float, ...]:
+        """Mean K_kk / S_k (stress per length) at the contact nodes, when matrices were last made.
+
+        Of the slave, and of a deformable master.
+        """
+        return self.model.penalty.stiffness
+
+    @property
+    def eps(self) -> float:
+        """The penalty as a number.
+
+        Raises:
+            RuntimeError: If an automatic penalty has not been computed yet.
+        """
+        return self.model.eps
+
+    @property
+    def tangential_penalty(self) -> float:
+        """ε in tangential direction; only with friction."""
+        return self.model.tangential_eps
+
+    def set_penalty(self, penalty: float) -> None:
+        """Set ε, stress per length, for the solves to come. Collective.
+
+        Raises:
+            ValueError: If it is not a positive number, the same on all ranks.
+        """
+        with checked(self.comm) as same:
+            same(POSITIVE, penalty=penalty)
+        self.model.penalty.set(penalty)
+
+    def reset(self) -> None:
+        """Forget the multipliers: the next solve starts from λ̂ = 0 and no friction."""
+        multipliers.reset(self.model)
+
+    def violation(self) -> float:
+        """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
+        return multipliers.violation(self.model)
+
+    # --- Motion
+
+    @property
+    def unknown(self) -> tuple[str, str]:
+        """``"displacement"`` or ``"velocity"``, of the slave's and of the master's body."""
+        return self.model.kinematics.unknown
+
+    @property
+    def dt(self) -> float | None:
+        """Δt, time; None if nothing depends on it."""
+        return self.model.kinematics.dt
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Displacement per unknown of the slave's and the master's body: 1 or Δt."""
+        return self.model.kinematics.scale
+
+    @property
+    def offset(self) -> tuple[PETSc.Vec | None, PETSc.Vec | None]:
+        """Displacements (length) on top of those of the unknowns, see :meth:`set_offset`."""
+        return self.model.offset or (None, None)
+
+    def set_dt(self, dt: float) -> None:
+        """Set Δt (time) for the solves to come. Collective.
+
+        Raises:
+            ValueError: If it is not a positive number, the same on all ranks, or nothing
+                depends on it.
+        """
+        with checked(self.comm) as same:
+            self.model.kinematics.check_dt(dt)
+            same(dt=dt)
+        self.model.kinematics.dt = dt
+        motion.set_motion(self.model)
+
+    def set_offset(self, slave: fem.Function | None, master: fem.Function | None) -> None:
+        """Set displacements (length) on top of those of the unknowns: u = scale · x + offset.
+
+        For time stepping: from the meshes as they are, contact then sees the displacements to the
+        end of the step, whatever part of the step the meshes have been moved already. Collective.
+
+        Args:
+            slave: On the space of the slave's body (the mixed one, if its surface has a sub-space),
+                read now; None for no offset.
+            master: The same for the master.
+
+        Raises:
+            ValueError: If a space is not that of the body.
+        """
+        motion.set_offset(self.model, slave, master)
+
+    # --- At nodes
+
+    def gap(self, side: str = "slave") -> Array:
+        """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
+
+        Args:
+            side: Side that carries the multiplier; ``"master"`` with two multipliers only.
+
+        Returns:
+            In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes,
+            gdim). NaN where a node has no pairing point.
+        """
+        return results.gap(self.model, side)
+
+    def multiplier(self, side: str = "slave") -> Array:
+        """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as the gap.
+
+        λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
+        """
+        return results.multiplier(self.model, side)
+
+    def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
+        """Nodes of this rank that are in contact, shape (nodes,)."""
+        return results.active(self.model, side)
+
+    def tangential_multiplier(self, side: str = "slave") -> Array:
+        """τ (stress) at the nodes of this rank, (nodes, gdim); friction on the slave is −τ.
+
+        Args:
+            side: As for :meth:`gap`.
+
+        Raises:
+            ValueError: If the contact has no friction.
+        """
+        return results.tangential_multiplier(self.model, side)
+
+    def slip(self, side: str = "slave") -> Array:
+        """Slip (length) over all steps at the nodes of this rank, shape (nodes, gdim).
+
+        Displacement of the slave against the master while in contact, less what is elastic with
+        the penalty; see :meth:`tangential_multiplier`.
+        """
+        return results.slip(self.model, side)
+
+    def slipping(self, side: str = "slave") -> npt.NDArray[np.bool_]:
+        """Nodes of this rank that are in contact and slip, shape (nodes,).
+
+        Among them are nodes that have lost the friction of a law that jumps when they open.
+        """
+        return results.slipping(self.model, side)
+
+    def dissipation(self, side: str = "slave") -> Array:
+        """Energy that friction took at each node of this rank in the last step, shape (nodes,).
+
+        0 after contact has paired anew.
+        """
+        return results.dissipation(self.model, side)
+
+    # --- Totals
+
+    def penetration(self) -> float:
+        """Largest gap (length) of the slave, 0 if all are open; of a tied one its size.
+
+        Collective.
+        """
+        return results.penetration(self.model)
+
+    @property
+    def energy(self) -> float:
+        """Energy Φ of the gaps at the last evaluation; of the augmented Lagrangian if that is used.
+
+        Collective.
+        """
+        return results.energy(self.model)
+
+    def step_dissipation(self) -> float:
+        """Energy that friction took in the last step. Collective."""
+        return results.step_dissipation(self.model)
+
+    def dissipated_energy(self) -> float:
+        """Energy that friction has taken in all steps that have ended. Collective."""
+        friction = self.model.friction
+        return 0.0 if friction is None else friction.dissipated_energy()
+
+    def patch(self) -> tuple[float, float]:
+        """Size of the contact at the last evaluation. Collective.
+
+        Returns:
+            Area of the closed slave nodes, Σ S_k (2D: length), and the radius of a disc of this
+            area (2D: half the length). Known to about half a facet at the rim.
+        """
+        return results.patch(self.model)
+
+    def force(self, side: str) -> Array:
+        """Total contact force on the body of one side, shape (gdim,). Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+        """
+        return results.force(self.model, side)
+
+    def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
+        """Total moment of the contact forces on the body of one side. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+            about: Point, shape (gdim,); by default the centre of a rigid tool, or the origin.
+
+        Returns:
+            Shape (3,), in 2D (1,).
+        """
+        return results.moment(self.model, side, about)
+
+    def traction(self, side: str, part: str = "whole") -> fem.Function:
+        """Traction t (stress) recovered from the contact forces. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``: the traction that acts on this body.
+            part: Of the forces: ``"whole"``, those of the gaps, ``"normal"``, or those of friction,
+                ``"tangential"``.
+
+        Returns:
+            Function of degree 1, zero off the surface. Its space is that of the surface, collapsed
+            if that is a sub-space; for displacements of degree 2 a new one of degree 1, and the
+            nodal forces f_k are then those conjugate to this space.
+        """
+        return results.traction(self.model, side, part)
+
+    # --- Fields
+
+    def status(self, side: str = "slave") -> fem.Function:
+        """Status of each node: 0 unpaired, 1 open, 2 active or sticking, 3 slipping. Collective.
+
+        The numbers are those of ``qs.Status``. On a side without multipliers, the master of
+        master-slave and quasi-symmetric contact, nodes that a force reaches are active, and
+        slipping if more than half of what they face slips.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+
+        Returns:
+            Function of degree 1, zero off the surface.
+        """
+        return fields.status(self.model, side)
+
+    def gap_function(self, side: str = "slave") -> fem.Function:
+        """The weighted gap as a Function; of tied contact the size of the jump. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``. On a side without multipliers it is the mean of the
+                other side's gap over what a node faces.
+
+        Returns:
+            Function of degree 1 (length, positive in penetration), zero off the surface and where
+            :meth:`status` is 0.
+        """
+        return fields.gap_function(self.model, side)
+
+    def field_sources(self, side: str = "slave") -> dict[str, typing.Callable[[], fem.Function]]:
+        """Functions that return the fields of :meth:`fields` anew, for :class:`qs.FieldWriter`.
+
+        ``qs.FieldWriter("die.xdmf", mesh, {"u": u} | contact.field_sources("master"))`` writes them
+        all, as they are at each time.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+        """
+        return fields.sources(self.model, side)
+
+    def fields(self, side: str = "slave") -> dict[str, fem.Function]:
+        """Fields to look at: traction, gap and status. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+
+        Returns:
+            Functions of degree 1, zero off the surface: ``"traction"`` (stress, a vector),
+            ``"gap"`` (length, positive in penetration, see :meth:`gap_function`) and ``"status"``
+            (0 unpaired, 1 open, 2 active, 3 slipping, see :meth:`status`). With friction also its
+            parts ``"normal_traction"`` and ``"tangential_traction"``, and on a side that carries
+            multipliers ``"slip"`` (length, a vector).
+        """
+        return {name: source() for name, source in self.field_sources(side).items()}
+
+    def report(self) -> ContactReport:
+        """What the contact is and does, to print as a table. Collective.
+
+        Pairing, gaps and active nodes as at the last evaluation, penalty and what it means for
+        linear solvers, nodes that no force reaches. The same on all ranks; it costs about as much
+        as a nodal pairing.
+        """
+        return make_report(self.model)
+
+    @property
+    def seconds(self) -> float:
+        """Wall time (s) that this rank has spent in pairing, gaps and insertion."""
+        return sum(self.model.watch.seconds.values())

@@ -1,0 +1,153 @@
+"""What a contact shows on both bodies: status, gap and traction as Functions."""
+
+from __future__ import annotations
+
+import enum
+import functools
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem
+
+from qsdolfinx.contact import active_set, results
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.traction import nodal_forces
+from qsdolfinx.tools.rigid_surface import deformable
+
+Array = npt.NDArray[np.float64]
+
+#: Part of a node's area, or of what it faces, that may be rounding.
+SOME = 1e-10
+
+
+class Status(enum.IntEnum):
+    """What a node does, the values of :meth:`qs.Contact.status`."""
+
+    #: No pairing point reaches it: it is off the surface, or too far from the other one.
+    UNPAIRED = 0
+    #: A gap is open.
+    OPEN = 1
+    #: In contact, and with friction sticking; a tied node.
+    ACTIVE = 2
+    #: In contact and slipping.
+    SLIPPING = 3
+
+
+class Faced(typing.NamedTuple):
+    """For a master's nodes: which a pairing point reaches, and the mean of values they face."""
+
+    reached: npt.NDArray[np.bool_]
+    mean: Array
+
+
+def faced(p: WeightedGap, rows: Array) -> Faced:
+    """Means over what the master's nodes of a pass face of values at its rows. Collective.
+
+    For node l that is Σ_p w_p N_l(ζ_p) c(ξ_p) / Σ_p w_p N_l(ζ_p), which the transposed operator
+    gives: nodes are where a multiplier's force would reach them.
+
+    Args:
+        p: The pass; its master is deformable.
+        rows: Values c_k of the rows, shape (rows,).
+    """
+    master = deformable(p.master)
+    assert master is not None
+    operator = p.jump_operator()
+    forces = np.zeros((len(rows), p.slave.gdim))
+    forces[:, 0], forces[:, 1] = p.operator.row_area, p.operator.row_area * rows
+    vecs = p.slave.create_vec(), master.create_vec()
+    operator.add_transpose(forces, vecs[0].handle, vecs[1].handle)
+    area, sums = -nodal_forces(master, vecs[1])[:, :2].T
+    for vec in vecs:
+        vec.destroy()
+    reached = area > SOME * master.linear.node_area
+    return Faced(reached, np.divide(sums, area, out=np.full_like(sums, np.nan), where=reached))
+
+
+def status(model: ContactModel, side: str) -> fem.Function:
+    """:class:`Status` of each node. Collective."""
+    surface = deformable_side(model, side)
+    of_nodes = _of_own_rows if results.has_multiplier(model, side) else _of_faced_rows
+    return _scalar(surface, of_nodes(model, side).astype(np.float64))
+
+
+def gap_function(model: ContactModel, side: str) -> fem.Function:
+    """The weighted gap, of tied contact the size of the jump. Collective."""
+    surface = deformable_side(model, side)
+    if results.has_multiplier(model, side):
+        values = _sizes(results.gap(model, side))
+    else:
+        values = faced(model.gaps[0], _sizes(model.gaps[0].state.values)).mean
+    return _scalar(surface, np.nan_to_num(values))
+
+
+def sources(model: ContactModel, side: str) -> dict[str, typing.Callable[[], fem.Function]]:
+    """Functions that return the fields anew. Collective."""
+    surface = deformable_side(model, side)
+    traction = functools.partial(results.traction, model, side)
+    out: dict[str, typing.Callable[[], fem.Function]] = {
+        "traction": functools.partial(traction, "whole"),
+        "gap": functools.partial(gap_function, model, side),
+        "status": functools.partial(status, model, side),
+    }
+    if model.slips:
+        for part in ("normal", "tangential"):
+            out[f"{part}_traction"] = functools.partial(traction, part)
+        if results.has_multiplier(model, side):
+            out["slip"] = lambda: surface.linear.function(results.slip(model, side))
+    return out
+
+
+def deformable_side(model: ContactModel, side: str) -> Surface:
+    """The surface of one side, the same on all ranks. Collective.
+
+    Raises:
+        ValueError: If it is a rigid tool.
+    """
+    surface = deformable(results.agreed(model, side))
+    if surface is None:
+        raise ValueError("side: a rigid tool has no fields; see those of the slave")
+    return surface
+
+
+def _of_own_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
+    """Status of the nodes of a side that carries multipliers."""
+    p = results.gap_of(model, side)
+    paired = p.on_nodes(np.ones(len(p.row_node), dtype=bool), False)
+    status = np.where(paired, Status.OPEN, Status.UNPAIRED)
+    status = np.where(results.active(model, side), Status.ACTIVE, status)
+    if model.slips:
+        status = np.where(results.slipping(model, side), Status.SLIPPING, status)
+    return status
+
+
+def _of_faced_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
+    """Status of a master's nodes, by what they face. Collective."""
+    p = model.gaps[0]
+    # An open gap may be at a node of which another row's force reaches a part.
+    force = faced(p, active_set.closed(model, p).astype(np.float64))
+    status = np.where(force.reached, Status.OPEN, Status.UNPAIRED)
+    active = force.mean > SOME  # not where it is NaN
+    status = np.where(active, Status.ACTIVE, status)
+    if model.slips:
+        slip = faced(p, model.slips[0].slipping.astype(np.float64))
+        status = np.where(active & (slip.mean > force.mean / 2), Status.SLIPPING, status)
+    return status
+
+
+def _sizes(values: Array) -> Array:
+    """Gaps as they are, jumps by their size."""
+    if values.ndim == 1:
+        return values
+    return values[:, 0] if values.shape[1] == 1 else np.linalg.norm(values, axis=1)
+
+
+def _scalar(surface: Surface, values: Array) -> fem.Function:
+    """Function of degree 1 with these values at the nodes. Collective."""
+    padded = np.zeros((len(values), surface.gdim))
+    padded[:, 0] = values
+    return surface.linear.function(padded).sub(0).collapse()

@@ -1,0 +1,224 @@
+"""The parts of a contact, as solvers see them."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.contact.penalty import Penalty
+from qsdolfinx.friction.history import FrictionHistory
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.kinematics import Kinematics
+from qsdolfinx.gap.laws import Law
+from qsdolfinx.gap.overclosure import Overclosure
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.pairing.pair import Sampling, pair
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+
+T = typing.TypeVar("T")
+
+#: Gaps smaller than this part of the smallest facet count as closed.
+TOUCHING = 1e-12
+
+#: A part with multipliers: the gap of a pass, or its slip.
+Part = WeightedGap | Slip
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """What a contact was made with and keeps; see :class:`qs.Contact`.
+
+    Attributes:
+        slave: Surface that carries the multiplier.
+        master: The other surface, or a rigid tool.
+        formulation: Which surfaces are sampled, and which carry multipliers.
+        law: From the gap to the multiplier.
+        sampling: Where the gap is sampled.
+        search_radius: Length; None for the largest facet at each pairing.
+        augmented: Whether the multiplier is augmented until the gap is closed.
+        gap_tolerance: Gap at which augmentation ends, in units of the smallest facet.
+    """
+
+    slave: Surface
+    master: AnySurface
+    formulation: str
+    law: Law
+    sampling: Sampling
+    search_radius: float | None
+    augmented: bool
+    gap_tolerance: float
+
+    @property
+    def roles(self) -> list[tuple[Surface, AnySurface]]:
+        """Slave and master of each pass."""
+        first: tuple[Surface, AnySurface] = (self.slave, self.master)
+        master = deformable(self.master)
+        if self.formulation != "double-pass" or master is None:
+            return [first]
+        return [first, (master, self.slave)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Paired:
+    """What one pairing has found; of its parts only the states change.
+
+    Attributes:
+        gaps: Weighted gap of each pass.
+        slips: Slip of each pass; none without friction.
+        search_radius: Distance (length) beyond which nothing was paired.
+        facet_size: Of the smallest facet, length.
+        tool_version: Position of a rigid tool that it was paired with.
+    """
+
+    gaps: tuple[WeightedGap, ...]
+    slips: tuple[Slip, ...]
+    search_radius: float
+    facet_size: float
+    tool_version: int
+
+    @property
+    def touching(self) -> float:
+        """Gap (length) that counts as closed."""
+        return TOUCHING * self.facet_size
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All that has multipliers: gaps of the passes, then their slips."""
+        return (*self.gaps, *self.slips)
+
+
+def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
+    """Pair the surfaces where they are now. Collective."""
+    slave, master = settings.slave, settings.master
+    with_facets = [s for s in (slave, master) if not s.is_analytic]
+    low, high = zip(*(s.facet_size_range for s in with_facets), strict=True)
+    radius = max(high) if settings.search_radius is None else settings.search_radius
+    roles = settings.roles
+    gaps = tuple(
+        WeightedGap(
+            first,
+            second,
+            pair(
+                first, second, settings.sampling, settings.formulation == "quasi-symmetric", radius
+            ),
+            settings.law,
+            1 / len(roles),
+            by_cover=settings.sampling.quadrature == "overlay",
+            augmented=settings.augmented,
+        )
+        for first, second in roles
+    )
+    slips = () if friction is None else friction.slips_of(gaps)
+    return Paired(gaps, slips, radius, min(low), master.version)
+
+
+class ContactModel:
+    """What the terms of a contact are functions of.
+
+    Args:
+        settings: What it was made with.
+        kinematics: How unknowns move its surfaces.
+        penalty: ε.
+        overclosure: What becomes of initial penetration.
+        friction: None without.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        kinematics: Kinematics,
+        penalty: Penalty,
+        overclosure: Overclosure,
+        friction: FrictionHistory | None,
+    ) -> None:
+        self.settings = settings
+        self.kinematics = kinematics
+        self.penalty = penalty
+        self.overclosure = overclosure
+        self.friction = friction
+        #: What the last pairing found; see :func:`qsdolfinx.contact.motion.pair_anew`.
+        self.paired: Paired
+        #: Counts the pairings made so far.
+        self.num_pairings = 0
+        #: Displacements (length) on top of the unknowns', of the slave's and the master's
+        #: body; see :meth:`qs.Contact.set_offset`.
+        self.offset: tuple[PETSc.Vec | None, PETSc.Vec | None] | None = None
+        #: Whether a gap that is open by rounding alone counts as open.
+        self.strict = False
+        #: Wall time that this rank has spent in pairing, gaps and insertion.
+        self.watch = Stopwatch()
+
+    @property
+    def slave(self) -> Surface:
+        """Surface that carries the multiplier."""
+        return self.settings.slave
+
+    @property
+    def master(self) -> AnySurface:
+        """The other surface, or a rigid tool."""
+        return self.settings.master
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the surfaces."""
+        return self.slave.comm
+
+    @property
+    def law(self) -> Law:
+        """From the gap to the multiplier."""
+        return self.settings.law
+
+    @property
+    def augmented(self) -> bool:
+        """Whether the multiplier is augmented until the gap is closed."""
+        return self.settings.augmented
+
+    @property
+    def gaps(self) -> tuple[WeightedGap, ...]:
+        """Weighted gap of each pass."""
+        return self.paired.gaps
+
+    @property
+    def slips(self) -> tuple[Slip, ...]:
+        """Slip of each pass; none without friction."""
+        return self.paired.slips
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All that has multipliers: gaps of the passes, then their slips."""
+        return self.paired.parts
+
+    @property
+    def eps(self) -> float:
+        """ε as a number (stress per length).
+
+        Raises:
+            RuntimeError: If an automatic penalty has not been computed yet.
+        """
+        return self.penalty.eps
+
+    @property
+    def tangential_eps(self) -> float:
+        """ε in tangential direction; only with friction."""
+        assert self.friction is not None
+        return self.friction.penalty(self.eps)
+
+    @property
+    def allowed_gap(self) -> float:
+        """Gap (length) at which augmentation ends."""
+        return self.settings.gap_tolerance * self.paired.facet_size
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether what contact adds to the tangent is symmetric."""
+        first, second = self.kinematics.scale
+        return first == second and (self.friction is None or self.friction.law.symmetric)
+
+    def ordered(self, gap: WeightedGap, of_bodies: tuple[T, T]) -> tuple[T, T]:
+        """Things of the slave's and the master's body in the order of a pass."""
+        return of_bodies if gap.slave is self.slave else (of_bodies[1], of_bodies[0])

@@ -1,0 +1,144 @@
+"""How a contact follows its bodies and tools: pairing, Δt, offsets, starts of steps."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+from dolfinx import fem
+
+from qsdolfinx.base.checks import FUNCTION, check, either, require
+from qsdolfinx.base.collective import checked
+from qsdolfinx.contact import multipliers
+from qsdolfinx.contact.model import ContactModel, find_pairs
+from qsdolfinx.gap.weighted_gap import handle_of
+from qsdolfinx.surface.affine import Affine
+from qsdolfinx.surface.surface import update_surfaces
+from qsdolfinx.tools.rigid_surface import deformable
+
+Vecs = tuple[PETSc.Vec | None, PETSc.Vec | None]
+
+
+def pair_anew(model: ContactModel) -> None:
+    """Pair where meshes and tools are now; multipliers stay at their nodes. Collective.
+
+    Raises:
+        ValueError: If coordinates are not finite or a facet has no area.
+    """
+    first = model.num_pairings == 0
+    model.master.check_state()
+    with model.watch.stage("pairing"):
+        if not first:
+            surfaces = map(deformable, (model.slave, model.master))
+            update_surfaces(*(s for s in surfaces if s is not None))
+        kept = [] if first else multipliers.on_nodes(model.parts)
+        paired = find_pairs(model.settings, model.friction)
+        if first:
+            model.overclosure.read(paired.gaps, paired.facet_size)
+        model.overclosure.apply(paired.gaps)
+        model.paired = paired
+        if not first:
+            _continue_step(model)
+            multipliers.set_on_nodes(paired.parts, kept)
+        set_motion(model)
+        model.num_pairings += 1
+
+
+def _continue_step(model: ContactModel) -> None:
+    """Let slip count from where the bodies and the tool are now, however they got there.
+
+    Bodies in total displacements keep their unknowns when contact pairs anew, unless whoever
+    has moved their mesh sets them to zero; which of the two the next evaluation tells.
+    """
+    for slip in model.slips:
+        slip.state.starts_there = True
+        if model.master.motion is not None and model.kinematics.in_displacement[0]:
+            slip.state.start = slip.change(model.master.motion)
+
+
+def move_tool(model: ContactModel) -> None:
+    """Let gaps and slips follow the motion of a rigid tool. Collective.
+
+    Raises:
+        ValueError: If it is not finite or differs between ranks.
+        RuntimeError: If the tool has another position than when contact was last paired.
+    """
+    if model.paired.tool_version != model.master.version:
+        raise RuntimeError("the tool has been moved for good: call contact.update()")
+    model.master.check_state()
+    if model.master.motion is None:
+        return
+    with model.watch.stage("gap"):
+        for part in model.parts:
+            part.state.shift = part.change(model.master.motion)
+
+
+def set_motion(model: ContactModel) -> None:
+    """Hand scales and offsets to the passes. Collective."""
+    for gap in model.gaps:
+        gap.state.scale = model.ordered(gap, model.kinematics.scale)
+        if model.offset is not None:
+            u = model.ordered(gap, model.offset)
+            gap.state.offset = gap.operator.apply(handle_of(u[0]), handle_of(u[1]))
+
+
+def set_offset(
+    model: ContactModel, slave: fem.Function | None, master: fem.Function | None
+) -> None:
+    """Set displacements on top of those of the unknowns, see :meth:`qs.Contact.set_offset`."""
+    offset = _vecs(model, slave, master)
+    free_offset(model)
+    model.offset = offset
+    set_motion(model)
+
+
+def free_offset(model: ContactModel) -> None:
+    """Free the vectors of displacements on top of the unknowns'. Collective."""
+    for vec in model.offset or ():
+        if vec is not None:
+            vec.destroy()
+    model.offset = None
+
+
+def set_start(
+    model: ContactModel,
+    slave: fem.Function | None,
+    master: fem.Function | None,
+    moved: Affine | None = None,
+) -> None:
+    """Say where the step began whose slip is to be found. Collective.
+
+    Without this, after pairing anew, it begins where the bodies are at the next evaluation.
+
+    Args:
+        model: The contact.
+        slave: Unknowns of the slave's body at the start, as for :meth:`qs.Contact.set_offset`.
+        master: The same for the master.
+        moved: Motion that a rigid tool has made in this step already, as a field over the
+            places where it is now.
+    """
+    if not model.slips:
+        return
+    at_start = _vecs(model, slave, master)
+    for slip in model.slips:
+        slip.state.start = slip.jump_of(model.ordered(slip.gap, at_start))
+        slip.state.starts_there = False
+        if moved is not None:
+            slip.state.start = slip.state.start - slip.change(moved)
+    for vec in at_start:
+        if vec is not None:
+            vec.destroy()
+
+
+def _vecs(model: ContactModel, slave: fem.Function | None, master: fem.Function | None) -> Vecs:
+    """Owned values of functions on the bodies' spaces as vectors; None of a rigid tool."""
+    vecs = model.slave.create_vec(), model.master.create_vec()
+    with checked(model.comm):
+        check(either(FUNCTION, None), slave=slave, master=master)
+        for name, vec, function in zip(("slave", "master"), vecs, (slave, master), strict=True):
+            if function is not None:
+                dofmap = function.function_space.dofmap
+                owned = dofmap.index_map.size_local * dofmap.index_map_bs
+                fits = vec is not None and len(vec.array_r) == owned
+                require(fits, f"{name}: the function must be on the space of the body")
+                vec.array[:] = function.x.array[:owned]
+    return vecs

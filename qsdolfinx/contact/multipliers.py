@@ -1,0 +1,59 @@
+"""Augmented multipliers λ̂ and τ̂ of a contact, and how they are kept when it pairs anew."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.contact.model import ContactModel, Part
+from qsdolfinx.friction.slip import Slip
+
+Array = npt.NDArray[np.float64]
+
+
+def violation(model: ContactModel) -> float:
+    """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
+    gaps = [gap.violation(model.eps) for gap in model.gaps]
+    local = max(gaps + [slip.violation(model.tangential_eps) for slip in model.slips])
+    return float(model.comm.allreduce(local, op=MPI.MAX))
+
+
+def known(model: ContactModel) -> list[Array]:
+    """λ̂ and τ̂, one array for each part; see :func:`set_known`."""
+    return [part.state.augmented for part in model.parts]
+
+
+def set_known(model: ContactModel, multipliers: typing.Sequence[Array]) -> None:
+    """Put back what :func:`known` gave."""
+    for part, multiplier in zip(model.parts, multipliers, strict=True):
+        part.state.augmented = multiplier
+
+
+def on_nodes(parts: typing.Sequence[Part]) -> list[Array]:
+    """λ̂ and τ̂ at all owned nodes of each part's slave; the same when contact pairs anew."""
+    return [
+        np.asarray((part.gap if isinstance(part, Slip) else part).on_nodes(augmented, 0.0))
+        for part in parts
+        for augmented in (part.state.augmented,)
+    ]
+
+
+def set_on_nodes(
+    parts: typing.Sequence[Part], multipliers: typing.Sequence[Array], turn: bool = True
+) -> None:
+    """Put back what :func:`on_nodes` gave; τ̂ turns with the surface if asked."""
+    for part, multiplier in zip(parts, multipliers, strict=True):
+        at_rows = np.array(multiplier[part.row_node], dtype=np.float64)
+        if turn and isinstance(part, Slip):
+            at_rows = part.turned(at_rows)
+        part.state.augmented = at_rows
+
+
+def reset(model: ContactModel) -> None:
+    """Forget the multipliers: the next solve starts from λ̂ = 0 and no friction."""
+    for part in model.parts:
+        part.state.augmented = np.zeros_like(part.state.augmented)

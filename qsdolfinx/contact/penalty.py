@@ -1,0 +1,168 @@
+"""The automatic penalty, from the stiffness of the bodies where they touch."""
+
+from __future__ import annotations
+
+import math
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+
+from qsdolfinx.surface.surface import Surface
+
+#: Ratio of the automatic penalty to the stiffness of the bodies, by quadrature. At nodes a large
+#: one does no harm. On the overlay every facet's mean gap is resisted, and where contact ends
+#: within a facet a stiff penalty makes multipliers oscillate; this one balances that error and the
+#: penalty's, see bench/hertz_penalty.py.
+FACTORS = {"nodal": 100.0, "overlay": 5.0}
+
+#: The same with an augmented Lagrangian, which closes the gap whatever the penalty; by whether its
+#: multipliers come from one linear system, which a soft one keeps fast, or from updates, of which a
+#: stiffer one takes fewer.
+AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
+
+#: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
+#: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,
+#: is no longer small compared with the tolerances. tests/contact/test_report.py measures both.
+MODERATE, EXTREME = 30.0, 1e7
+
+
+def nodal_stiffness(
+    surface: Surface, matrix: PETSc.Mat, constrained: PETSc.Vec, scale: float
+) -> tuple[float, float]:
+    """Stiffness of a body at its surface, from the free unknowns' K_kk. Collective.
+
+    Args:
+        surface: Contact surface.
+        matrix: The body's bulk block.
+        constrained: Nonzero at unknowns with Dirichlet conditions.
+        scale: Displacement per unknown: 1, or Δt for velocities.
+
+    Returns:
+        Mean of K_kk / S_k, stress per length; and of K_kk S_k^(1/(gdim-1)) / S_k, a stress of the
+        order of Young's modulus. Infinity if no unknown is free: a rigid side is no bound.
+    """
+    diagonal = matrix.getDiagonal()
+    dofs = surface.node_dofs - diagonal.owner_range[0]
+    free = constrained.array_r[dofs] == 0
+    stiffness = diagonal.array_r[dofs] / surface.node_area[:, None] / scale
+    modulus = stiffness * surface.node_size[:, None]
+    diagonal.destroy()
+    sums = [stiffness[free].sum(), modulus[free].sum(), np.count_nonzero(free)]
+    totals = surface.comm.allreduce(np.array(sums, dtype=np.float64), op=MPI.SUM)
+    if totals[2] == 0:
+        return math.inf, math.inf
+    return float(totals[0] / totals[2]), float(totals[1] / totals[2])
+
+
+def automatic_penalty(
+    stiffness: typing.Sequence[float],
+    modulus: typing.Sequence[float],
+    quadrature: str,
+    augmented: bool,
+    together: bool,
+) -> float:
+    """The penalty, stress per length, for the nodal stiffness of the two sides.
+
+    A multiple of the softer side's stiffness. With an augmented Lagrangian of the softer side's
+    modulus over the finer side's facet size: the finer side has the modes that converge last.
+
+    Args:
+        stiffness: Mean of K_kk / S_k of each side, stress per length.
+        modulus: Of each side, stress, see :func:`nodal_stiffness`.
+        quadrature: ``"nodal"`` or ``"overlay"``.
+        augmented: Whether augmented multipliers close the gap.
+        together: Whether its multipliers come from one linear system: tied contact with ``"amg"``.
+
+    Raises:
+        ValueError: If neither gives a positive number.
+    """
+    if augmented:
+        sizes = [E / k for k, E in zip(stiffness, modulus, strict=True) if 0 < k < math.inf]
+        penalty = AUGMENTED_FACTORS[together] * min(modulus) / min(sizes, default=math.inf)
+    else:
+        penalty = FACTORS[quadrature] * min(stiffness)
+    if not (math.isfinite(penalty) and penalty > 0):
+        raise ValueError(
+            'penalty: "auto" needs unknowns without Dirichlet conditions and with stiffness on the '
+            "contact surfaces; give a number instead"
+        )
+    return penalty
+
+
+def source(
+    stiffness: typing.Sequence[float],
+    modulus: typing.Sequence[float],
+    quadrature: str,
+    augmented: bool,
+    together: bool,
+) -> str:
+    """What :func:`automatic_penalty` has done, in words; arguments as there."""
+    sides = ("slave", "master")
+    if augmented:
+        sizes = [E / k if 0 < k < math.inf else math.inf for k, E in zip(stiffness, modulus)]
+        soft, fine = sides[np.argmin(modulus)], sides[np.argmin(sizes)]
+        factor = AUGMENTED_FACTORS[together]
+        return (
+            f"automatic: {factor:g} x modulus {min(modulus):.4g} of the {soft} / "
+            f"facet size {min(sizes):.4g} of the {fine}"
+        )
+    soft = sides[np.argmin(stiffness)]
+    return f"automatic: {FACTORS[quadrature]:g} x stiffness {min(stiffness):.4g} of the {soft}"
+
+
+class Penalty:
+    """ε of a contact, stress per length: given, or computed from the stiffness of its bodies.
+
+    Args:
+        given: A number, or ``"auto"``.
+        quadrature: ``"nodal"`` or ``"overlay"``.
+        augmented: Whether augmented multipliers close the gap.
+        flows: Whether a body has velocities.
+    """
+
+    def __init__(self, given: float | str, quadrature: str, augmented: bool, flows: bool) -> None:
+        self._quadrature, self._augmented, self._flows = quadrature, augmented, flows
+        self.automatic = isinstance(given, str)
+        #: The number; None as long as an automatic one has not been computed.
+        self.value: float | None = None if isinstance(given, str) else float(given)
+        #: How it was chosen.
+        self.source = "automatic, at the first solve" if self.automatic else "given"
+        #: Mean K_kk / S_k (stress per length) at the contact nodes of the slave and of a deformable
+        #: master, when matrices were last made.
+        self.stiffness: tuple[float, ...] = ()
+
+    @property
+    def eps(self) -> float:
+        """The number.
+
+        Raises:
+            RuntimeError: If an automatic one has not been computed yet.
+        """
+        if self.value is None:
+            raise RuntimeError('penalty="auto" is computed by the first solve, which has not been')
+        return self.value
+
+    def set(self, value: float) -> None:
+        """Give a number."""
+        self.value, self.automatic, self.source = float(value), False, "given"
+
+    def set_automatic(self, value: float, source: str) -> None:
+        """Set a number that was computed as ``source`` says."""
+        self.value, self.source = value, source
+
+    def follow(
+        self, stiffness: tuple[float, ...], modulus: tuple[float, ...], together: bool
+    ) -> None:
+        """Store the bodies' stiffness, and compute an automatic penalty from it.
+
+        Once: with another ε the gaps of the last step would be wrong ones. But an augmented
+        Lagrangian may have any, and that of bodies in velocities follows Δt and how fast they flow.
+        Arguments are those of :func:`automatic_penalty`.
+        """
+        self.stiffness = stiffness
+        if self.automatic and (self.value is None or (self._augmented and self._flows)):
+            known = stiffness, modulus, self._quadrature, self._augmented, together
+            self.set_automatic(automatic_penalty(*known), source(*known))

@@ -1,0 +1,259 @@
+"""What a contact is and does, in numbers that are the same on all ranks, as a table."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact.active_set import num_closed
+from qsdolfinx.contact.fields import faced
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.penalty import EXTREME, MODERATE
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class SideReport:
+    """One side of a contact.
+
+    Attributes:
+        nodes: Contact nodes.
+        area: Area (2D: length); None for a rigid tool.
+        facet_sizes: Smallest and largest facet (length).
+        found: Nodes that found a partner; None if the side's nodes are not searched for one.
+    """
+
+    nodes: int
+    area: float | None
+    facet_sizes: tuple[float, float]
+    found: int | None
+
+    @property
+    def missed(self) -> int | None:
+        """Nodes that found no partner; None if they are not searched for one."""
+        return None if self.found is None else self.nodes - self.found
+
+    def __str__(self) -> str:
+        low, high = self.facet_sizes
+        text = f"{self.nodes} nodes, facets {low:.3g} to {high:.3g}"
+        if self.area is not None:
+            text += f", area {self.area:.4g}"
+        return text if self.found is None else f"{text}; {self.found} paired, {self.missed} not"
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactReport:
+    """What :meth:`qs.Contact.report` returns; ``print`` shows it as a table.
+
+    Attributes:
+        slave: The slave's side.
+        master: The master's, None for a tool with an analytic shape.
+        points: Pairing points, of all passes.
+        covered: Area that the points stand for over the area of the slave. At nodes a master that
+            extends beyond the slave can make it more than 1.
+        missed_facets: On the overlay, facets that found no partner; else 0.
+        gap: Smallest and largest weighted gap at the last evaluation (length, positive in
+            penetration; of tied contact the size of the jump); None if nothing is paired.
+        active: Rows (nodes with a multiplier) in contact; None before the first solve with an
+            automatic penalty.
+        rows: Rows.
+        slipping: Active rows that slip; None without friction.
+        unloaded: Nodes of the master within reach of the slave that no force can ever load,
+            because no pairing point of a multiplier is beside them.
+        penalty: ε (stress per length), None before an automatic one is computed.
+        penalty_source: How it was chosen.
+        stiffness_ratio: ε over the stiffness of the softer body's contact nodes, the mean of
+            K_kk / S_k; None before the first solve.
+        overclosure: Penetration at the first pairing (length).
+        treatment: What becomes of it, ``initial_overclosure``.
+        search_radius: Distance (length) beyond which nothing is paired.
+        method: Formulation, quadrature and normals.
+        law: Law, enforcement and friction.
+        motion: Unknowns of the bodies, and Δt.
+    """
+
+    slave: SideReport
+    master: SideReport | None
+    points: int
+    covered: float
+    missed_facets: int
+    gap: tuple[float, float] | None
+    active: int | None
+    rows: int
+    slipping: int | None
+    unloaded: int
+    penalty: float | None
+    penalty_source: str
+    stiffness_ratio: float | None
+    overclosure: float
+    treatment: str
+    search_radius: float
+    method: str
+    law: str
+    motion: str
+
+    @property
+    def conditioning(self) -> str:
+        """What penalty over stiffness means for gaps and for linear solvers."""
+        ratio = self.stiffness_ratio
+        if ratio is None:
+            return "penalty / stiffness is known after the first solve"
+        text = f"penalty / stiffness of the softer side {ratio:.3g}: "
+        if ratio < 1:
+            return text + "soft, gaps as large as the strain of a layer of cells"
+        if ratio <= MODERATE:
+            return text + "moderate, any linear solver"
+        if ratio < EXTREME:
+            return text + 'stiff, direct solver; for "amg" take an augmented Lagrangian'
+        return text + f"a direct solver's error may be {1e-15 * ratio:.0e}, iterative ones fail"
+
+    def __str__(self) -> str:
+        parts = [f"{self.points} points, {100 * self.covered:.4g} % of the slave's area"]
+        if self.missed_facets:
+            parts.append(f"{self.missed_facets} facets without a partner")
+        active = f"{'?' if self.active is None else self.active} of {self.rows} rows"
+        if self.slipping:
+            active += f", {self.slipping} of them slip"
+        unloaded = "0"
+        if self.unloaded:
+            unloaded = f'{self.unloaded} master nodes: use quadrature="overlay", or swap sides'
+        penalty = "" if self.penalty is None else f"{self.penalty:.6g}, "
+        lines = {
+            "contact": self.method,
+            "law": self.law,
+            "unknowns": self.motion,
+            "slave": str(self.slave),
+            "master": "analytic shape" if self.master is None else str(self.master),
+            "pairing": ", ".join([*parts, f"search radius {self.search_radius:.4g}"]),
+            "gap": "none" if self.gap is None else "{:.4g} to {:.4g}".format(*self.gap),
+            "active": active,
+            "unloaded": unloaded,
+            "penalty": penalty + self.penalty_source,
+            "conditioning": self.conditioning,
+            "overclosure": f"{self.overclosure:.4g} at first, {self.treatment}",
+        }
+        return "\n".join(f"{name:13}{text}" for name, text in lines.items())
+
+
+def make_report(model: ContactModel) -> ContactReport:
+    """Read a contact's numbers; only sums, minima and maxima go between ranks. Collective."""
+    counts = np.array(
+        [
+            sum(p.points.size for p in model.gaps),
+            sum(p.points.num_unpaired for p in model.gaps),
+            sum(len(p.row_node) for p in model.gaps),
+            0 if model.penalty.value is None else num_closed(model),
+            sum(int(np.count_nonzero(slip.slipping)) for slip in model.slips),
+        ]
+    )
+    points, unpaired, rows, active, slipping = model.comm.allreduce(counts).tolist()
+    weight = model.comm.allreduce(float(model.gaps[0].points.weight.sum()))
+    overlay = model.settings.sampling.quadrature == "overlay"
+    dt = "" if model.kinematics.dt is None else f", dt {model.kinematics.dt:.6g}"
+    friction = "no friction" if model.friction is None else f"friction {model.friction.law!r}"
+    settings, sampling = model.settings, model.settings.sampling
+    enforcement = "augmented-lagrangian" if model.augmented else "penalty"
+    slave = _side(model, model.slave)
+    assert slave is not None
+    return ContactReport(
+        slave,
+        _side(model, model.master),
+        points,
+        weight / model.slave.area,
+        unpaired if overlay else 0,
+        _gap_range(model),
+        None if model.penalty.value is None else active,
+        rows,
+        slipping if model.slips else None,
+        _unloaded(model),
+        model.penalty.value,
+        model.penalty.source,
+        _stiffness_ratio(model),
+        model.overclosure.depth,
+        _treatment(model),
+        model.paired.search_radius,
+        f"{settings.formulation}, {sampling.quadrature}, {sampling.normals} normals",
+        f"{type(model.law).__name__}, {enforcement}, {friction}",
+        f"{' and '.join(dict.fromkeys(model.kinematics.unknown))}{dt}",
+    )
+
+
+def _side(model: ContactModel, surface: AnySurface) -> SideReport | None:
+    if surface.is_analytic:
+        return None
+    nodes, with_area = len(surface.search_object(model.slave).node_x), deformable(surface)
+    area = None if with_area is None else with_area.area
+    found = _found(model, surface)
+    total = model.comm.allreduce(np.array([nodes, 0 if found is None else found]))
+    return SideReport(
+        int(total[0]), area, surface.facet_size_range, None if found is None else int(total[1])
+    )
+
+
+def _found(model: ContactModel, surface: AnySurface) -> int | None:
+    """Nodes of this rank that found a partner."""
+    first = model.gaps[0]
+    if surface is model.slave or len(model.gaps) > 1:
+        p = first if surface is model.slave else model.gaps[1]
+        return len(p.row_node) if model.settings.sampling.quadrature == "overlay" else _at_slave(p)
+    if (
+        model.settings.sampling.quadrature == "nodal"
+        and model.settings.formulation == "quasi-symmetric"
+    ):
+        return first.points.size - _at_slave(first)
+    return None
+
+
+def _at_slave(p: WeightedGap) -> int:
+    """Points of this rank that were found for nodes of the slave: they have one vertex alone."""
+    return int(np.count_nonzero(p.points.slave["owner"][:, 1] < 0))
+
+
+def _gap_range(model: ContactModel) -> tuple[float, float] | None:
+    sizes = [
+        np.linalg.norm(p.state.values, axis=1) if p.law.jump else p.state.values for p in model.gaps
+    ]
+    gaps = np.concatenate([values.ravel() for values in sizes])
+    low = model.comm.allreduce(float(np.min(gaps, initial=np.inf)), op=MPI.MIN)
+    high = model.comm.allreduce(float(np.max(gaps, initial=-np.inf)), op=MPI.MAX)
+    return (low, high) if low <= high else None
+
+
+def _unloaded(model: ContactModel) -> int:
+    """Nodes of the master that face the slave within the radius, and no force reaches."""
+    surface, p = deformable(model.master), model.gaps[0]
+    if surface is None or len(model.gaps) > 1:
+        return 0
+    master = surface.linear
+    surfaces = master.cpp_object, model.slave.linear.cpp_object
+    near = _cpp.pair_surfaces(*surfaces, False, model.paired.search_radius, 0).slave["dofs"][
+        :, 0, 0
+    ]
+    reached = faced(p, np.zeros(len(p.row_node))).reached
+    alone = np.isin(master.node_dofs[:, 0], near) & ~reached
+    return int(model.comm.allreduce(int(np.count_nonzero(alone))))
+
+
+def _stiffness_ratio(model: ContactModel) -> float | None:
+    if (
+        model.penalty.value is None
+        or not model.penalty.stiffness
+        or min(model.penalty.stiffness) == 0
+    ):
+        return None
+    return model.penalty.value / min(model.penalty.stiffness)
+
+
+def _treatment(model: ContactModel) -> str:
+    if model.law.jump:
+        return "which a tie keeps"
+    allowed = model.overclosure.part
+    return f'"{model.overclosure.treatment}", {100 * allowed:.4g} % of it allowed'

@@ -1,0 +1,239 @@
+"""What can be read from a contact after a solve; see :class:`qs.Contact` for what it means."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem
+
+from qsdolfinx.base.checks import check, check_vector, one_of
+from qsdolfinx.base.collective import checked
+from qsdolfinx.contact import active_set
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.surface.affine import Affine, affine_vec, skew
+from qsdolfinx.surface.traction import nodal_forces, recover
+from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+SIDES = ("slave", "master")
+SIDE = one_of(SIDES)
+PART = one_of(("whole", "normal", "tangential"))
+
+
+# --- Sides
+
+
+def surface_of(model: ContactModel, side: str) -> AnySurface:
+    """The surface of one side.
+
+    Raises:
+        ValueError: If there is no such side.
+    """
+    check(SIDE, side=side)
+    return model.slave if side == "slave" else model.master
+
+
+def agreed(model: ContactModel, side: str) -> AnySurface:
+    """The surface of one side, the same on all ranks. Collective."""
+    with checked(model.comm) as same:
+        same(SIDE, side=side)
+    return surface_of(model, side)
+
+
+def has_multiplier(model: ContactModel, side: str) -> bool:
+    """Whether a side carries multipliers."""
+    return side == "slave" or len(model.gaps) > 1
+
+
+def gap_of(model: ContactModel, side: str) -> WeightedGap:
+    """The pass whose slave is this side.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    surface_of(model, side)
+    if not has_multiplier(model, side):
+        formulation = model.settings.formulation
+        raise ValueError(f"side: {formulation} contact has no multiplier on the master")
+    return model.gaps[SIDES.index(side)]
+
+
+def slip_of(model: ContactModel, side: str) -> Slip:
+    """The slip of the pass whose slave is this side.
+
+    Raises:
+        ValueError: If there is none, or the contact has no friction.
+    """
+    gap_of(model, side)
+    if not model.slips:
+        raise ValueError("friction: this contact has none")
+    return model.slips[SIDES.index(side)]
+
+
+# --- At nodes
+
+
+def gap(model: ContactModel, side: str) -> Array:
+    """Weighted gap ḡ, NaN where a node has no pairing point."""
+    p = gap_of(model, side)
+    return typing.cast(Array, _flat(p.on_nodes(p.state.values, math.nan)))
+
+
+def multiplier(model: ContactModel, side: str) -> Array:
+    """λ, 0 where unpaired."""
+    p = gap_of(model, side)
+    return typing.cast(Array, _flat(p.on_nodes(p.multiplier(model.eps), 0.0)))
+
+
+def active(model: ContactModel, side: str) -> Flags:
+    """Nodes in contact."""
+    p = gap_of(model, side)
+    return typing.cast(Flags, p.on_nodes(active_set.closed(model, p), False))
+
+
+def tangential_multiplier(model: ContactModel, side: str) -> Array:
+    """τ, 0 where unpaired."""
+    slip = slip_of(model, side)
+    return np.asarray(slip.gap.on_nodes(slip.state.response.traction, 0.0), dtype=np.float64)
+
+
+def slip(model: ContactModel, side: str) -> Array:
+    """Slip over all steps."""
+    found = slip_of(model, side)
+    assert model.friction is not None
+    return model.friction.slip(SIDES.index(side), found)
+
+
+def slipping(model: ContactModel, side: str) -> Flags:
+    """Nodes in contact that slip."""
+    found = slip_of(model, side)
+    return np.asarray(found.gap.on_nodes(found.slipping, False), dtype=bool)
+
+
+def dissipation(model: ContactModel, side: str) -> Array:
+    """Energy that friction took at each node in the last step."""
+    found = slip_of(model, side)
+    return np.asarray(found.gap.on_nodes(found.dissipation(), 0.0), dtype=np.float64)
+
+
+# --- Totals
+
+
+def penetration(model: ContactModel) -> float:
+    """Largest gap of the slave, of a tied one its size. Collective."""
+    gaps = gap(model, "slave")
+    gaps = np.abs(gaps) if gaps.ndim == 2 else gaps
+    local = float(np.max(gaps[np.isfinite(gaps)], initial=0.0))
+    return float(model.comm.allreduce(local, op=MPI.MAX))
+
+
+def energy(model: ContactModel) -> float:
+    """Energy Φ of the gaps. Collective."""
+    local = sum(p.energy(model.eps) for p in model.gaps)
+    return float(model.comm.allreduce(local, op=MPI.SUM))
+
+
+def step_dissipation(model: ContactModel) -> float:
+    """Energy that friction took in the last step. Collective."""
+    local = sum(float(slip.dissipation().sum()) for slip in model.slips)
+    return float(model.comm.allreduce(local, op=MPI.SUM))
+
+
+def patch(model: ContactModel) -> tuple[float, float]:
+    """Area of the closed slave nodes, and the radius of a disc of this area. Collective."""
+    slave = model.slave
+    area = float(np.sum(slave.node_area[active(model, "slave")]))
+    area = float(model.comm.allreduce(area, op=MPI.SUM))
+    return area, area / 2 if slave.area_dim == 1 else math.sqrt(area / math.pi)
+
+
+# --- Forces
+
+
+def force(model: ContactModel, side: str) -> Array:
+    """Total contact force on the body of one side, shape (gdim,). Collective."""
+    agreed(model, side)
+    return _force(model, side)
+
+
+def _force(model: ContactModel, side: str) -> Array:
+    surface = deformable(surface_of(model, side))
+    if surface is None:
+        return -_force(model, "slave")
+    with _force_vec(model, side) as vec:
+        owned = nodal_forces(surface, vec).sum(axis=0)
+    return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))
+
+
+def moment(model: ContactModel, side: str, about: npt.ArrayLike | None) -> Array:
+    """Total moment of the contact forces on one side, shape (3,) or (1,). Collective."""
+    with checked(model.comm) as same:
+        same(SIDE, side=side)
+        center = model.master.center if about is None else about
+        point = check_vector("about", center, model.slave.gdim)
+        same(about=point)
+    return _moment(model, side, point)
+
+
+def _moment(model: ContactModel, side: str, about: Array) -> Array:
+    surface = deformable(surface_of(model, side))
+    if surface is None:
+        return -_moment(model, "slave", about)
+    out = []
+    with _force_vec(model, side) as vec:
+        for axis in np.eye(1 if len(about) == 2 else 3):
+            A = skew(axis)  # the forces' work in a small rotation
+            field = affine_vec(surface, Affine(A, -A @ about))
+            out.append(field.dot(vec))
+            field.destroy()
+    return np.array(out)
+
+
+def traction(model: ContactModel, side: str, part: str) -> fem.Function:
+    """Traction t_k = f_k / S_k recovered from the contact forces. Collective."""
+    with checked(model.comm) as same:
+        same(SIDE, side=side)
+        same(PART, part=part)
+    surface = deformable(surface_of(model, side))
+    if surface is None:
+        raise ValueError(
+            "side: a rigid tool has no traction; what acts on it is minus that of the slave"
+        )
+    with _force_vec(model, side, part) as vec:
+        return recover(surface, vec)
+
+
+@contextlib.contextmanager
+def _force_vec(model: ContactModel, side: str, part: str = "whole") -> typing.Iterator[PETSc.Vec]:
+    """Contact forces on the unknowns of one side's body: minus what is assembled."""
+    vecs = model.slave.create_vec(), model.master.create_vec()
+    for p in model.gaps if part != "tangential" else ():
+        p.add_forces(p.multiplier(model.eps), model.ordered(p, vecs))
+    for slip in model.slips if part != "normal" else ():
+        slip.add_forces(model.ordered(slip.gap, vecs))
+    wanted = vecs[SIDES.index(side)]
+    assert wanted is not None
+    wanted.scale(-1)
+    try:
+        yield wanted
+    finally:
+        for vec in vecs:
+            if vec is not None:
+                vec.destroy()
+
+
+def _flat(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """Drop the second axis of single-valued rows."""
+    return values[:, 0] if values.shape[1] == 1 else values

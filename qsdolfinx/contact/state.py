@@ -1,0 +1,47 @@
+"""What a contact shows after a solve, to be put back when the attempts that follow fail."""
+
+from __future__ import annotations
+
+import copy
+
+from qsdolfinx.contact import motion
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.tools.rigid_surface import deformable
+
+
+class ContactState:
+    """Pairing, gaps, multipliers and slip of a contact, as they are when this is made.
+
+    Args:
+        model: The contact.
+    """
+
+    def __init__(self, model: ContactModel) -> None:
+        self._model = model
+        # What pairing found and the arrays of its states are never written into: references do.
+        self._paired = model.paired
+        self._states = [copy.copy(part.state) for part in model.parts]
+        self._penalty = copy.copy(model.penalty)
+        self._dt = model.kinematics.dt
+        surfaces = [s for s in map(deformable, (model.slave, model.master)) if s is not None]
+        self._surfaces = [(surface, surface.coordinates) for surface in surfaces]
+        self._offset = None
+        if model.offset is not None:
+            self._offset = [None if v is None else v.array_r.copy() for v in model.offset]
+
+    def restore(self) -> None:
+        """Put everything back."""
+        model = self._model
+        for surface, coordinates in self._surfaces:
+            surface.coordinates = coordinates
+        model.paired = self._paired
+        for part, state in zip(model.parts, self._states, strict=True):
+            part.state = copy.copy(state)
+        model.penalty = copy.copy(self._penalty)
+        model.kinematics.restore_dt(self._dt)
+        if self._offset is None:
+            motion.free_offset(model)
+            return
+        for vec, array in zip(model.offset or (), self._offset, strict=True):
+            if vec is not None:
+                vec.array[:] = array

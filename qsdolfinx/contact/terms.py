@@ -1,0 +1,80 @@
+"""What a contact adds to the equations: gaps, forces, tangent. All functions are collective.
+
+For a rigid tool, None takes the place of what belongs to the master's body.
+"""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.contact import active_set
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.gap.weighted_gap import handle_of
+
+#: Blocks ss, sm, ms, mm of the slave's and the master's body.
+BlocksOf = tuple[PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None]
+
+
+def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+    """Compute gaps and slips for the unknowns of the two bodies."""
+    with model.watch.stage("gap"):
+        for gap in model.gaps:
+            gap.evaluate(model.ordered(gap, (slave, master)))
+        for slip in model.slips:
+            gap = slip.gap
+            slip.evaluate(
+                model.ordered(gap, (slave, master)),
+                gap.multiplier(model.eps)[:, 0],
+                active_set.closed(model, gap),
+                model.tangential_eps,
+                model.kinematics.dt,
+                model.paired.facet_size,
+                model.ordered(gap, model.kinematics.in_displacement),
+            )
+
+
+def add_residual(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+    """Add contact's virtual work at the last evaluation to the residuals of the two bodies.
+
+    That is ∂Φ/∂u, and the work of friction.
+    """
+    with model.watch.stage("gap"):
+        with collective_errors(model.comm):  # a law may be the user's
+            multipliers = [gap.multiplier(model.eps) for gap in model.gaps]
+        for gap, multiplier in zip(model.gaps, multipliers, strict=True):
+            gap.add_forces(multiplier, model.ordered(gap, (slave, master)))
+        for slip in model.slips:
+            slip.add_forces(model.ordered(slip.gap, (slave, master)))
+
+
+def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
+    """Add the residual's derivative to the blocks; not assembled here."""
+    with model.watch.stage("insertion"):
+        for gap in model.gaps:
+            slope = active_set.slope(model, gap)
+            gap.add_stiffness(slope, _ordered(model, gap.slave is model.slave, blocks), False)
+        for slip in model.slips:
+            slope = active_set.slope(model, slip.gap)
+            slip.add_stiffness(slope, _ordered(model, slip.slave is model.slave, blocks))
+
+
+def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
+    """Add zeros wherever :func:`add_tangent` may ever add anything."""
+    with model.watch.stage("insertion"):
+        for gap in model.gaps:
+            none = np.zeros(len(gap.row_node))
+            gap.add_stiffness(none, _ordered(model, gap.slave is model.slave, blocks), True)
+
+
+def _ordered(model: ContactModel, as_given: bool, blocks: BlocksOf) -> BlocksOf:
+    return blocks if as_given else (blocks[3], blocks[2], blocks[1], blocks[0])
+
+
+def constrain(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+    """Mark the unknowns with Dirichlet conditions by nonzero entries."""
+    for gap in model.gaps:
+        first, second = model.ordered(gap, (slave, master))
+        gap.operator.constrain(handle_of(first), handle_of(second))

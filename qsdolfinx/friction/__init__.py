@@ -1,0 +1,27 @@
+"""Friction: laws, slip, and what is carried from step to step."""
+
+from qsdolfinx.friction.laws import (
+    Coulomb,
+    CoulombTresca,
+    Friction,
+    Limited,
+    Norton,
+    Parameter,
+    Response,
+    Rows,
+    Sticking,
+    Tresca,
+)
+
+__all__ = [
+    "Coulomb",
+    "CoulombTresca",
+    "Friction",
+    "Limited",
+    "Norton",
+    "Parameter",
+    "Response",
+    "Rows",
+    "Sticking",
+    "Tresca",
+]

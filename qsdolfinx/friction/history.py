@@ -1,0 +1,153 @@
+"""Friction of one contact: the slips of its passes, and what is carried from step to step."""
+
+from __future__ import annotations
+
+import functools
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+import ufl
+from dolfinx import fem, la
+
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.friction.laws import Friction
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.traction import facet_measure
+
+Array = npt.NDArray[np.float64]
+
+
+class FrictionHistory:
+    """What friction adds to a contact, and keeps when that pairs anew.
+
+    Args:
+        friction: The law.
+        slave: Surface of the contact's slave.
+        penalty: ε in tangential direction (stress per length); None for that of the gaps.
+    """
+
+    def __init__(self, friction: Friction, slave: Surface, penalty: float | None) -> None:
+        self.law = friction
+        self._slave = slave
+        self._penalty = penalty
+        #: Slip until the last step ended, at the nodes of each pass's slave, shape (nodes, gdim).
+        self.slipped: list[Array] = []
+        #: This rank's part of the energy that friction has taken until the last step ended.
+        self.dissipated = 0.0
+
+    def slips_of(self, passes: typing.Sequence[WeightedGap]) -> tuple[Slip, ...]:
+        """Slips of new passes, with the values of the law's parameters. Collective."""
+        slips = tuple(Slip(p, self.law) for p in passes)
+        if not self.slipped:
+            self.slipped = [np.zeros((len(p.slave.node_area), p.slave.gdim)) for p in passes]
+        for name, value in self.law.parameters.items():
+            if isinstance(value, float):
+                for slip in slips:
+                    slip.parameters[name] = np.full(len(slip.row_node), value)
+        self.read_parameters(slips)
+        return slips
+
+    def penalty(self, eps: float) -> float:
+        """ε in tangential direction, that of the gaps being given."""
+        return eps if self._penalty is None else self._penalty
+
+    # --- Parameters
+
+    def read_parameters(self, slips: typing.Sequence[Slip]) -> None:
+        """Read the values that the law's Constants and Functions have now. Collective.
+
+        Raises:
+            ValueError: If a Function or Constant is negative or not finite.
+        """
+        for name, value in self.law.parameters.items():
+            if isinstance(value, float):
+                continue
+            if isinstance(value, fem.Constant):
+                at_rows: list[Array] = [np.full(len(s.row_node), float(value.value)) for s in slips]
+            else:
+                at_rows = self._at_rows(self._means[name], slips)
+            with collective_errors(self._slave.comm):
+                for values in at_rows:
+                    if not (np.isfinite(values).all() and np.all(values >= -1e-12)):
+                        raise ValueError(f"{name}: must be finite and not negative")
+            for slip, values in zip(slips, at_rows, strict=True):
+                slip.parameters[name] = np.maximum(values, 0)
+
+    @functools.cached_property
+    def _means(self) -> dict[str, fem.Form]:
+        """For each Function f the form of ∫ f N_k ds and, in another component, ∫ N_k ds."""
+        linear = self._slave.linear
+        v, zero = (
+            ufl.TestFunction(linear.collapsed_space),
+            0 * ufl.SpatialCoordinate(linear.mesh)[0],
+        )
+        forms = {}
+        for name, value in self.law.parameters.items():
+            if isinstance(value, fem.Function):
+                components = [value, 1 + zero, zero][: linear.gdim]
+                integrand = ufl.inner(ufl.as_vector(components), v)
+                forms[name] = fem.form(integrand * facet_measure(linear))
+        return forms
+
+    def _at_rows(self, form: fem.Form, slips: typing.Sequence[Slip]) -> list[Array]:
+        """Means with the weights N_k at the rows of all passes. Collective."""
+        linear = self._slave.linear
+        b = fem.assemble_vector(form)
+        b.scatter_reverse(la.InsertMode.add)
+        integrals = fem.Function(linear.collapsed_space)
+        integrals.x.array[:] = b.array
+        means = linear.node_values(integrals)
+        values = means[:, 0] / means[:, 1]
+        out = []
+        for slip in slips:
+            if slip.gap.slave is self._slave:
+                out.append(values[slip.row_node])
+            else:
+                out.append(self._on_other_side(values, slip))
+        return out
+
+    def _on_other_side(self, values: Array, slip: Slip) -> Array:
+        """Mean over what the rows of the second pass face of values at the slave's nodes.
+
+        Collective.
+        """
+        padded = np.zeros((len(values), self._slave.gdim))
+        padded[:, 0], padded[:, 1] = values, 1.0
+        faced, own = self._slave.nodal_vec(padded), slip.slave.create_vec()
+        # The slave of the contact is the master of this pass, which counts negative.
+        sums = -slip.operator.apply(own.handle, faced.handle)
+        for vec in (faced, own):
+            vec.destroy()
+        return np.asarray(sums[:, 0] / sums[:, 1])
+
+    # --- Steps
+
+    def end_step(self, slips: typing.Sequence[Slip]) -> None:
+        """Let the next step begin where this one ended."""
+        for i, slip in enumerate(slips):
+            if slip.state.ended:
+                continue
+            self.slipped[i] = self.slip(i, slip)
+            self.dissipated += float(slip.dissipation().sum())
+            slip.end_step()
+
+    def slip(self, i: int, slip: Slip) -> Array:
+        """Slip at the nodes of pass i: of earlier steps and of the present one."""
+        state = slip.state
+        if state.ended:
+            return self.slipped[i]
+        mean = np.where(
+            state.closed[:, None], state.response.dissipative / slip.cover[:, None], 0.0
+        )
+        at_nodes = np.asarray(slip.gap.on_nodes(mean, 0.0), dtype=np.float64)
+        return self.slipped[i] + at_nodes
+
+    def dissipated_energy(self) -> float:
+        """Energy that friction has taken until the last step ended. Collective."""
+        return float(self._slave.comm.allreduce(self.dissipated, op=MPI.SUM))

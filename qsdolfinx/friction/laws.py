@@ -1,0 +1,279 @@
+"""Friction laws: from slip and contact pressure to the tangential multiplier, at slave nodes."""
+
+from __future__ import annotations
+
+import abc
+import math
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem
+
+from qsdolfinx.base.checks import POSITIVE, check, either
+
+Array = npt.NDArray[np.float64]
+#: A constant, or a scalar function on the mesh of the slave.
+Parameter: typing.TypeAlias = float | fem.Constant | fem.Function
+
+#: Slip rate, in facet sizes per Δt, below which Norton's law is linear by default.
+REST = 1e-3
+
+#: Part of the limit by which a trial has to exceed it to slip. A node that has slipped starts the
+#: next step on its limit, where rounding would decide whether Newton's method sets out from stick.
+ON_LIMIT = 1e-10
+
+
+class Rows(typing.NamedTuple):
+    """What a friction law knows about the rows of a weighted gap.
+
+    Attributes:
+        slip: Tangential part of the jump's change since the step began, g (length), (rows, gdim).
+        traction: Multiplier τ̂ that the trial starts from (stress), tangential, (rows, gdim).
+        pressure: Normal multiplier λ ≥ 0 (stress), (rows,).
+        closed: Rows in contact, (rows,).
+        unlimited: Rows to be evaluated as if there were no limit, (rows,).
+        penalty: ε of each row in tangential direction (stress per length), (rows,).
+        projector: On the tangent plane, (rows, gdim, gdim).
+        cover: Part of the row's area that pairing points stand for: what g is to be divided by for
+            a mean slip, (rows,).
+        dt: Δt (time), None if there is none.
+        facet_size: Of the smallest facet (length).
+        parameters: Values of the law's parameters, (rows,) each.
+    """
+
+    slip: Array
+    traction: Array
+    pressure: Array
+    closed: npt.NDArray[np.bool_]
+    unlimited: npt.NDArray[np.bool_]
+    penalty: Array
+    projector: Array
+    cover: Array
+    dt: float | None
+    facet_size: float
+    parameters: dict[str, Array]
+
+
+class Response(typing.NamedTuple):
+    """What a friction law answers.
+
+    Attributes:
+        traction: Multiplier τ (stress); the friction on the slave is −τ, (rows, gdim).
+        stiffness: D = ∂τ/∂g (stress per length), (rows, gdim, gdim).
+        coupling: ∂τ/∂λ, (rows, gdim).
+        slipping: Closed rows that slip, (rows,).
+        dissipative: Part of g on which the work of τ is lost (length), (rows, gdim).
+        secant: |τ| over the slip that it belongs to (stress per length), (rows,): τ's rigidity if
+            its direction were free to follow g.
+    """
+
+    traction: Array
+    stiffness: Array
+    coupling: Array
+    slipping: npt.NDArray[np.bool_]
+    dissipative: Array
+    secant: Array
+
+
+class Friction(abc.ABC):
+    """Tangential multipliers τ_k on the slave nodes; they act through the weighted jump.
+
+    A law with a limit that does not vanish with the pressure lets τ jump to zero when a node opens.
+    Where such a node can be neither open nor closed with the whole of τ, it is closed without any:
+    see ``StickSlip``.
+
+    The virtual work of contact is Σ S_k (λ_k δḡ_k + τ_k · δg_k), g_k being the tangential part of
+    (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), Δu the displacement since the step began.
+
+    Args:
+        parameters: The law's parameters by name.
+
+    Raises:
+        ValueError: If a number is negative or not finite.
+        TypeError: If a parameter is neither a number nor a scalar Constant or Function.
+    """
+
+    #: Whether τ has a potential in g, so that the tangent is symmetric.
+    symmetric: bool = True
+    #: Whether τ jumps to zero when a node opens.
+    jumps: bool = True
+    #: Whether τ depends on the slip rate, and so on Δt.
+    needs_dt: bool = False
+
+    def __init__(self, **parameters: Parameter) -> None:
+        self.parameters = {name: _checked(name, value) for name, value in parameters.items()}
+
+    def __repr__(self) -> str:
+        numbers = {k: v if isinstance(v, float) else "…" for k, v in self.parameters.items()}
+        given = ", ".join(f"{name}={value}" for name, value in numbers.items())
+        return f"{type(self).__name__}({given})"
+
+    @abc.abstractmethod
+    def respond(self, rows: Rows) -> Response:
+        """τ and its derivatives."""
+
+
+class Limited(Friction):
+    """Sticks while |τ| is below a limit κ(λ), and slips in the direction of τ at the limit.
+
+    Return mapping: the trial τ̂ + ε g is kept where it is below κ, and otherwise scaled to it. With
+    a penalty τ̂ is the multiplier at the end of the last step, so that a stick is elastic with the
+    stiffness ε; an augmented Lagrangian updates τ̂ until the stick is rigid and slip and τ have the
+    same direction.
+    """
+
+    @abc.abstractmethod
+    def limit(self, rows: Rows) -> tuple[Array, Array]:
+        """κ (stress) and ∂κ/∂λ, (rows,) each."""
+
+    def respond(self, rows: Rows) -> Response:
+        """τ and its derivatives."""
+        limit, slope = self.limit(rows)
+        limit = np.where(rows.unlimited, np.inf, limit)
+        eps = rows.penalty[:, None]
+        trial = rows.traction + eps * rows.slip
+        size = np.linalg.norm(trial, axis=1)
+        slipping = rows.closed & (size > limit * (1 + ON_LIMIT))
+        safe = np.where(size > 0, size, 1.0)
+        factor = np.where(slipping, limit / safe, 1.0) * rows.closed
+        traction = np.where(factor[:, None] > 0, factor[:, None] * trial, 0.0)
+        direction = np.where(slipping, 1 / safe, 0.0)[:, None] * trial
+        plane = rows.projector - direction[:, :, None] * direction[:, None, :]
+        return Response(
+            traction,
+            (factor * rows.penalty)[:, None, None] * plane,
+            slope[:, None] * direction,
+            slipping,
+            np.where(rows.closed[:, None], (trial - traction) / eps, rows.slip),
+            factor * rows.penalty,
+        )
+
+
+class Coulomb(Limited):
+    """Coulomb's law |τ| ≤ μ λ. Its tangent is not symmetric.
+
+    Args:
+        mu: Coefficient of friction μ.
+    """
+
+    symmetric = False
+    jumps = False
+
+    def __init__(self, mu: Parameter) -> None:
+        super().__init__(mu=mu)
+
+    def limit(self, rows: Rows) -> tuple[Array, Array]:
+        """κ = μ λ."""
+        mu = rows.parameters["mu"]
+        return mu * rows.pressure, mu
+
+
+class Tresca(Limited):
+    """Tresca's law |τ| ≤ κ at nodes in contact.
+
+    Args:
+        limit: κ, stress.
+    """
+
+    def __init__(self, limit: Parameter) -> None:
+        super().__init__(limit=limit)
+
+    def limit(self, rows: Rows) -> tuple[Array, Array]:
+        """κ as given."""
+        limit = rows.parameters["limit"]
+        return limit, np.zeros_like(limit)
+
+
+class CoulombTresca(Limited):
+    """Coulomb's law limited by the shear yield stress, |τ| ≤ min(μ λ, m̄ σ₀/√3). Not symmetric.
+
+    Args:
+        mu: Coefficient of friction μ.
+        m_bar: Friction factor m̄, from 0 to 1; of a Constant or Function that is not checked.
+        flow_stress: σ₀, stress.
+    """
+
+    symmetric = False
+    jumps = False
+
+    def __init__(self, mu: Parameter, m_bar: Parameter, flow_stress: Parameter) -> None:
+        super().__init__(mu=mu, m_bar=m_bar, flow_stress=flow_stress)
+        factor = self.parameters["m_bar"]
+        if isinstance(factor, float) and factor > 1:
+            raise ValueError(f"m_bar: must be from 0 to 1, not {m_bar!r}")
+
+    def limit(self, rows: Rows) -> tuple[Array, Array]:
+        """κ = min(μ λ, m̄ σ₀/√3)."""
+        p = rows.parameters
+        highest = p["m_bar"] * p["flow_stress"] / math.sqrt(3)
+        limit = p["mu"] * rows.pressure
+        return np.minimum(limit, highest), np.where(limit < highest, p["mu"], 0.0)
+
+
+class Sticking(Limited):
+    """No slip at nodes in contact, whatever their pressure."""
+
+    def limit(self, rows: Rows) -> tuple[Array, Array]:
+        """κ = ∞."""
+        zero = np.zeros_like(rows.pressure)
+        return zero + np.inf, zero
+
+
+class Norton(Friction):
+    """Viscoplastic friction τ = α K |Δv|^(q−1) Δv at nodes in contact, −τ acting on the slave.
+
+    |Δv| is regularised as √(|Δv|² + v₀²), so that the law is linear for slip rates well below v₀,
+    and τ changes by a factor of less than 1 + ½ |q − 1| (v₀/|Δv|)² above.
+
+    Args:
+        alpha: α, dimensionless.
+        K: Consistency K, stress × (time/length)^q.
+        q: Sensitivity to the slip rate, above 0.
+        v0: Slip rate v₀ (length per time); by default 1e-3 of the smallest facet in each Δt.
+    """
+
+    needs_dt = True
+
+    def __init__(self, alpha: Parameter, K: Parameter, q: float, v0: float | None = None) -> None:
+        check(POSITIVE, q=q)
+        check(either(POSITIVE, None), v0=v0)
+        super().__init__(alpha=alpha, K=K)
+        self.q, self.v0 = float(q), v0
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()[:-1]}, q={self.q}, v0={self.v0})"
+
+    def respond(self, rows: Rows) -> Response:
+        """τ and its derivatives."""
+        assert rows.dt is not None
+        # The mean slip rate of a row, and its derivative to g.
+        per_slip = np.where(rows.closed, 1 / (rows.cover * rows.dt), 0.0)
+        v = per_slip[:, None] * rows.slip
+        v0 = REST * rows.facet_size / rows.dt if self.v0 is None else self.v0
+        size = np.sqrt(np.sum(v**2, axis=1) + v0**2)
+        viscosity = rows.parameters["alpha"] * rows.parameters["K"] * size ** (self.q - 1)
+        direction = v / size[:, None]
+        plane = rows.projector + (self.q - 1) * direction[:, :, None] * direction[:, None, :]
+        return Response(
+            viscosity[:, None] * v,
+            (viscosity * per_slip)[:, None, None] * plane,
+            np.zeros_like(v),
+            rows.closed & (np.sum(v**2, axis=1) > v0**2),
+            rows.slip,
+            viscosity * per_slip,
+        )
+
+
+def _checked(name: str, value: Parameter) -> Parameter:
+    if isinstance(value, (fem.Constant, fem.Function)):
+        if value.ufl_shape != ():
+            raise TypeError(f"{name}: must be scalar, not of shape {value.ufl_shape}")
+        return value
+    number = isinstance(value, (int, float, np.floating, np.integer))
+    if not number or isinstance(value, bool):
+        raise TypeError(f"{name}: must be a number or a scalar Constant or Function, not {value!r}")
+    if not (math.isfinite(value) and value >= 0):
+        raise ValueError(f"{name}: must be finite and not negative, not {value!r}")
+    return float(value)

@@ -1,0 +1,254 @@
+"""Slip of one pass: the tangential part of its weighted jump, and the friction that works on it."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.friction.laws import Friction, Response, Rows
+from qsdolfinx.friction.stick_slip import StickSlip
+from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap, handle_of
+from qsdolfinx.surface.affine import Affine, affine_vec
+from qsdolfinx.surface.surface import Surface
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass
+class SlipState:
+    """What changes at the rows of a slip, while its pairing stays.
+
+    Arrays are replaced, never written into: a shallow copy keeps the state.
+
+    Attributes:
+        jump: Weighted jump of the last evaluation, shape (rows, gdim).
+        start: Where it was when the step began.
+        starts_there: Whether that is not known yet: it is where the bodies are at the next
+            evaluation.
+        carried: Jump that the next step starts from if this one ends at the last evaluation.
+        shift: What a rigid tool's motion adds to the jump.
+        augmented: τ̂, what the trial multiplier starts from.
+        closed: Rows in contact at the last evaluation.
+        stuck: Rows that were made to stick there.
+        ended: Whether the step of the last evaluation has been ended.
+        response: What the law answered at the last evaluation.
+    """
+
+    jump: Array
+    start: Array
+    carried: Array
+    shift: Array
+    augmented: Array
+    closed: npt.NDArray[np.bool_]
+    stuck: npt.NDArray[np.bool_]
+    response: Response
+    starts_there: bool = False
+    ended: bool = True
+
+    @classmethod
+    def at_rest(cls, rows: int, gdim: int) -> SlipState:
+        """Before the first evaluation."""
+        zero, no = np.zeros((rows, gdim)), np.zeros(rows, dtype=bool)
+        stiffness = np.zeros((rows, gdim, gdim))
+        response = Response(zero, stiffness, zero, no, zero, np.zeros(rows))
+        return cls(zero, zero, zero, zero, zero, no, no, response)
+
+
+class Slip:
+    """g_k = P_k (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), P_k = 1 − n_k n_kᵀ, on the rows of a gap.
+
+    Δu is the displacement since the step began; n_k is the mean of the normals of the row's pairing
+    points.
+
+    Args:
+        gap: The weighted gap of the pass.
+        friction: The law.
+    """
+
+    def __init__(self, gap: WeightedGap, friction: Friction) -> None:
+        self.gap = gap
+        self.friction = friction
+        self.operator = gap.jump_operator()
+        normal = gap.operator.slave_sum
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+        gdim = gap.slave.gdim
+        #: P_k, shape (rows, gdim, gdim).
+        self.projector: Array = np.eye(gdim) - normal[:, :, None] * normal[:, None, :]
+        #: Part of S_k that the row's pairing points stand for, shape (rows,).
+        self.cover: Array = self.operator.slave_sum[:, 0]
+        #: What changes while the pairing stays.
+        self.state = SlipState.at_rest(self.operator.num_rows, gdim)
+        #: Values of the law's parameters at the rows.
+        self.parameters: dict[str, Array] = {}
+        #: What helps Newton's method from stick to slip and back.
+        self.stick_slip = StickSlip(friction, self.operator.num_rows, gdim)
+
+    @property
+    def slave(self) -> Surface:
+        """Surface that carries the multiplier."""
+        return self.gap.slave
+
+    @property
+    def row_node(self) -> npt.NDArray[np.int64]:
+        """Slave node of each row."""
+        return self.gap.row_node
+
+    @property
+    def weight(self) -> Array:
+        """Area of each row in the virtual work."""
+        return self.gap.weight
+
+    @property
+    def values(self) -> Array:
+        """Slip g of the last evaluation (length), shape (rows, gdim)."""
+        return self.tangential(self.state.jump - self.state.start)
+
+    def tangential(self, vectors: Array) -> Array:
+        """Tangential parts of vectors at the rows."""
+        return np.asarray(np.einsum("rij,rj->ri", self.projector, vectors))
+
+    def turned(self, vectors: Array) -> Array:
+        """Vectors at the rows brought into the tangent planes, their lengths kept."""
+        flat = self.tangential(vectors)
+        size = np.linalg.norm(flat, axis=1)
+        grow = np.divide(np.linalg.norm(vectors, axis=1), size, where=size > 0, out=0 * size)
+        return np.asarray(flat * grow[:, None])
+
+    def jump_of(self, u: Vecs) -> Array:
+        """Weighted jump for given displacements over the bodies' scales. Collective."""
+        return self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.gap.state.scale)
+
+    def change(self, field: Affine) -> Array:
+        """How the jump changes when a rigid tool is displaced by this field. Collective."""
+        r = affine_vec(self.gap.slave, field)
+        out = -self.operator.apply(r.handle, 0)
+        r.destroy()
+        return out
+
+    def evaluate(
+        self,
+        u: Vecs,
+        pressure: Array,
+        closed: npt.NDArray[np.bool_],
+        penalty: float,
+        dt: float | None,
+        facet_size: float,
+        in_displacement: tuple[bool, bool],
+    ) -> None:
+        """Compute slip and response for unknowns u. Collective.
+
+        Args:
+            u: Unknowns of the bodies.
+            pressure: λ at the rows.
+            closed: Rows in contact.
+            penalty: ε in tangential direction.
+            dt: Δt.
+            facet_size: Of the smallest facet.
+            in_displacement: Whether the slave's and the master's body have (total) displacements;
+                what moves with velocities starts each step from where it is.
+        """
+        state = self.state
+        state.jump = state.carried = self.jump_of(u)
+        if not all(in_displacement):
+            scales = [
+                s * kept for s, kept in zip(self.gap.state.scale, in_displacement, strict=True)
+            ]
+            handles = handle_of(u[0]), handle_of(u[1])
+            state.carried = self.operator.apply(*handles, (scales[0], scales[1]))
+        if state.starts_there:
+            state.start, state.starts_there = state.start + state.carried, False
+        state.jump = state.jump + state.shift
+        if in_displacement[0]:
+            state.carried = state.carried + state.shift
+        state.closed, state.ended = closed, False
+        rows = Rows(
+            self.values,
+            self.state.augmented,
+            pressure,
+            closed & ~self.stick_slip.without_friction,
+            np.zeros_like(closed),
+            penalty * self.gap.relative_penalty,
+            self.projector,
+            self.cover,
+            dt,
+            facet_size,
+            self.parameters,
+        )
+        with collective_errors(self.slave.comm):  # a law may be the user's
+            self.state.response = self.friction.respond(rows)
+            self.state.stuck = self.stick_slip.made_to_stick(self.state.response)
+            if self.state.stuck.any():
+                self.state.response = self.friction.respond(
+                    rows._replace(unlimited=self.state.stuck)
+                )
+
+    def note(self) -> None:
+        """Announce that a tangent at the last evaluation follows."""
+        self.stick_slip.note(self.state.response, self.state.closed, self.state.stuck)
+
+    def unsettled(self) -> bool:
+        """Whether rows were made to stick or are given friction back: the solve has to go on."""
+        return bool(self.state.stuck.any()) | self.stick_slip.give_back(self.state.closed)
+
+    def violation(self, penalty: float) -> float:
+        """Largest |τ − τ̂| / ε (length) on this rank; 0 of a law without a limit to keep."""
+        if self.friction.needs_dt:
+            return 0.0
+        change = np.linalg.norm(self.state.response.traction - self.state.augmented, axis=1)
+        return float(np.max(change / (penalty * self.gap.relative_penalty), initial=0.0))
+
+    def add_forces(self, b: Vecs) -> None:
+        """Add Jᵀ S τ to b. Collective."""
+        force = np.ascontiguousarray(self.weight[:, None] * self.state.response.traction)
+        handles = handle_of(b[0]), handle_of(b[1])
+        self.operator.add_transpose(force, *handles)
+
+    def add_stiffness(self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
+        """Add Jᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm)."""
+        careful = self.stick_slip.careful[:, None]
+        secant = self.state.response.secant[:, None, None] * self.projector
+        stiffness = np.where(careful[:, None], secant, self.state.response.stiffness)
+        stiffness = self.weight[:, None, None] * stiffness
+        coupling = np.where(careful, 0.0, self.state.response.coupling)
+        coupling = (self.weight * slope)[:, None] * coupling
+        _cpp.insert_friction(
+            self.operator,
+            self.gap.operator,
+            np.ascontiguousarray(stiffness),
+            np.ascontiguousarray(coupling),
+            [handle_of(mat) for mat in blocks],
+            self.gap.state.scale,
+        )
+
+    def dissipation(self) -> Array:
+        """Energy of each row that friction took in this step, never negative, shape (rows,)."""
+        work = np.sum(self.state.response.traction * self.state.response.dissipative, axis=1)
+        return np.asarray(self.weight * work)
+
+    @property
+    def slipping(self) -> npt.NDArray[np.bool_]:
+        """Rows in contact that slip, those included that have lost their friction."""
+        return self.state.response.slipping | (self.state.closed & self.stick_slip.without_friction)
+
+    def slipping_state(self) -> bytes:
+        """Which rows of this rank slip."""
+        return self.state.response.slipping.tobytes()
+
+    def tangent_state(self) -> bytes:
+        """What the tangent depends on."""
+        law = self.state.response.stiffness.tobytes() + self.state.response.coupling.tobytes()
+        return law + np.where(self.stick_slip.careful, self.state.response.secant, -1.0).tobytes()
+
+    def end_step(self) -> None:
+        """Let the next step begin where this one ended."""
+        self.state.augmented = self.state.response.traction
+        self.state.start = self.state.carried
+        self.state.ended = True

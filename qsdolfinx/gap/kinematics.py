@@ -1,0 +1,78 @@
+"""How the unknowns of a contact's two bodies move its surfaces."""
+
+from __future__ import annotations
+
+import typing
+
+from qsdolfinx.base.checks import POSITIVE, check, one_of, require
+
+UNKNOWNS = ("displacement", "velocity")
+
+_UNUSED = 'needs unknown="velocity" on at least one side, or friction that depends on slip rates'
+
+
+class Kinematics:
+    """u = x for a body with displacements x, u = x Δt, (2), for one with velocities.
+
+    With velocities on both sides λ = ε [ḡ]₊ is then the penalty form of (3), v at t + Δt on both
+    sides, with the penalty ε Δt (stress per velocity).
+
+    Args:
+        unknown: ``"displacement"`` or ``"velocity"``, or one of them for the slave and the master.
+        dt: Δt, time; None if nothing needs it.
+        rates: Whether friction depends on rates, and so needs Δt too.
+        rigid_master: Whether the master is a rigid tool, which moves as its slave does.
+
+    Raises:
+        ValueError: If a name is unknown or Δt is not positive, missing, or not used.
+    """
+
+    def __init__(
+        self,
+        unknown: str | typing.Sequence[str],
+        dt: float | None,
+        rates: bool = False,
+        rigid_master: bool = False,
+    ) -> None:
+        both = (unknown, unknown) if isinstance(unknown, str) else unknown
+        two = isinstance(both, typing.Sequence) and len(both) == 2
+        require(two, "unknown: must be one name, or one for the slave and the master")
+        for name in both:
+            check(one_of(UNKNOWNS), unknown=name)
+        #: Of the slave and of the master.
+        self.unknown: tuple[str, str] = (both[0], both[0 if rigid_master else 1])
+        if "velocity" in both or rates:
+            check(POSITIVE, dt=dt)
+        else:
+            require(dt is None, f"dt: {_UNUSED}")
+        self._dt = None if dt is None else float(dt)
+
+    @property
+    def dt(self) -> float | None:
+        """Δt, time."""
+        return self._dt
+
+    @dt.setter
+    def dt(self, value: float) -> None:
+        self.check_dt(value)
+        self._dt = float(value)
+
+    def check_dt(self, value: typing.Any) -> None:
+        """Refuse what is not positive, or not used."""
+        require(self._dt is not None, f"dt: {_UNUSED}")
+        check(POSITIVE, dt=value)
+
+    def restore_dt(self, dt: float | None) -> None:
+        """Put back a Δt that was read before."""
+        self._dt = dt
+
+    @property
+    def in_displacement(self) -> tuple[bool, bool]:
+        """Whether slave and master have displacements, which continue from step to step."""
+        return self.unknown[0] == "displacement", self.unknown[1] == "displacement"
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """∂u/∂x of the slave and the master: 1, or Δt (time)."""
+        s, m = (1.0 if name == "displacement" else self._dt or 0.0 for name in self.unknown)
+        return s, m

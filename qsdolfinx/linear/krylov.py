@@ -1,0 +1,146 @@
+"""The Krylov solvers of large problems: type, tolerance, and when multigrid's spaces are stale."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from qsdolfinx.linear.multigrid import Multigrid
+from qsdolfinx.linear.presets import EXACT, GMRES_RESTART
+from qsdolfinx.system.additive import Additive
+
+#: Relative tolerance of a linear solve after which the active set may still change.
+LOOSE = 1e-3
+
+#: Norm that a linear solve leaves, relative to what Newton's method may end with.
+SAFETY = 0.3
+
+#: Bounds of the relative tolerance of a linear solve.
+_TIGHTEST, _LOOSEST = 1e-12, 0.1
+
+#: A hierarchy is rebuilt when a linear solve takes this many times the iterations of its first.
+STALE = 1.5
+
+
+class Tolerances(typing.NamedTuple):
+    """Norms of the residual with which Newton's method ends.
+
+    Attributes:
+        relative: In units of the first norm.
+        absolute: As it is.
+    """
+
+    relative: float
+    absolute: float
+
+
+class Krylov:
+    """Prepares each linear solve of Newton's method, where the preset is an iterative one.
+
+    Args:
+        ksp: The linear solver.
+        given: Names of the options that the user has given, without the prefix.
+        linear: Whether all bodies are linear.
+    """
+
+    def __init__(self, ksp: PETSc.KSP, given: typing.Collection[str], linear: bool) -> None:
+        self._ksp = ksp
+        self._linear = linear
+        self._chooses_type = "ksp_type" not in given
+        #: Whether the user leaves the tolerance of linear solves to this class.
+        self.chooses_tolerance = not {"ksp_rtol", "ksp_atol", "snes_ksp_ew"} & set(given)
+        self._multigrid: Multigrid | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Free multigrid: there is, or will be, a new matrix. Collective."""
+        if self._multigrid is not None:
+            self._multigrid.destroy()
+        self._multigrid = None
+        self._hierarchy: list[bytes] | None = None
+        self._first_pace: float | None = None
+        self._solved = False
+
+    def needs_hierarchy(self, fingerprints: list[bytes]) -> bool:
+        """Whether multigrid's coarse spaces have to be built, or rebuilt.
+
+        Args:
+            fingerprints: What linear bodies' tangents depend on.
+        """
+        stale = False
+        if self._solved and not self._linear:
+            digits = -np.log10(max(self._ksp.getTolerances()[0], _TIGHTEST))
+            pace = self._ksp.getIterationNumber() / digits
+            if self._first_pace is None:
+                self._first_pace = pace
+            stale = pace > STALE * self._first_pace
+        return self._hierarchy != fingerprints or stale
+
+    def make_hierarchy(
+        self, tangent: Additive, modes: typing.Sequence[list[PETSc.Vec]], fingerprints: list[bytes]
+    ) -> None:
+        """Choose multigrid's coarse spaces for the bodies without contact. Collective.
+
+        They stay while contact's active set changes.
+
+        Args:
+            tangent: The tangent, of the bulk alone.
+            modes: Rigid modes of each body.
+            fingerprints: What linear bodies' tangents depend on.
+        """
+        self.forget()
+        self._multigrid = Multigrid(self._ksp.getPC(), tangent, modes)
+        self._hierarchy = fingerprints
+
+    def update(self) -> None:
+        """Follow a tangent that has changed. Collective."""
+        if self._multigrid is not None:
+            self._multigrid.update()
+
+    def choose_type(self, symmetric: bool) -> None:
+        """Conjugate gradients, or GMRES for a tangent that is not symmetric."""
+        kind = PETSc.KSP.Type.CG if symmetric else PETSc.KSP.Type.GMRES
+        if not self._chooses_type or self._ksp.getType() == PETSc.KSP.Type.FGMRES:
+            return
+        if self._ksp.getType() != kind:
+            self._ksp.setType(kind)
+            if not symmetric:
+                self._ksp.setGMRESRestart(GMRES_RESTART)
+                self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
+            else:
+                self._ksp.setPCSide(PETSc.PC.Side.LEFT)
+        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # Newton's method ends by it
+
+    def set_tolerance(
+        self, norms: typing.Sequence[float], until: Tolerances, changed: bool
+    ) -> None:
+        """Solve as exactly as it takes to end, or to find out which contacts close.
+
+        While the tangent changes a few digits do (inexact Newton methods: Eisenstat and Walker,
+        1996). For linear bodies the residual is linear while the active set stays: one solve then
+        ends Newton's method.
+
+        Args:
+            norms: Norm of the residual at each iteration so far.
+            until: Tolerances of Newton's method.
+            changed: Whether the tangent has changed since the last linear solve.
+        """
+        self._solved = True
+        if not self.chooses_tolerance or not norms or norms[-1] == 0:
+            return
+        last = SAFETY * max(until.absolute, until.relative * norms[0]) / norms[-1]
+        if self._linear and not changed:
+            tolerance = last
+        elif self._linear or len(norms) < 2:
+            tolerance = max(last, LOOSE)
+        else:
+            tolerance = max(last, min(LOOSE, (norms[-1] / norms[-2]) ** 2))
+        self._ksp.setTolerances(rtol=min(max(tolerance, _TIGHTEST), _LOOSEST))
+
+    def set_exact(self) -> None:
+        """The tolerance of a linear solve outside of Newton's method."""
+        if self.chooses_tolerance:
+            self._ksp.setTolerances(rtol=EXACT)

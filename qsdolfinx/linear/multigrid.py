@@ -1,0 +1,175 @@
+"""Multigrid whose coarse spaces are the bodies' own, with contact in the coarse matrices."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from qsdolfinx.linear.presets import FIRST
+from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.rigid_modes import orthonormal, set_near_nullspace
+
+#: Weight of contact's diagonal in Jacobi's method. By itself it is too small: contact couples
+#: many nodes with equal strength, its largest eigenvalue would be more than twice the bulk's, and
+#: so would be the interval that Chebyshev's polynomials have to damp.
+CONTACT_WEIGHT = 3.0
+
+_SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
+
+
+class Multigrid:
+    """Two levels: Chebyshev's smoothing on the tangent, and GAMG on the first coarse matrix.
+
+    Unknowns are aggregated body by body, and the coarse spaces have each body's rigid modes: bodies
+    can slide along each other on all levels. The first coarse matrix is PᵀKP, made once while K
+    stays, plus PᵀCP of contact, which has few rows. GAMG's spaces below are those of PᵀKP.
+
+    Args:
+        pc: PETSc's preconditioner, of type "mg".
+        tangent: The tangent, of the bulk alone.
+        modes: Rigid modes of each body.
+    """
+
+    def __init__(
+        self,
+        pc: PETSc.PC,
+        tangent: Additive,
+        modes: typing.Sequence[list[PETSc.Vec]],
+    ) -> None:
+        self._pc, self._tangent = pc, tangent
+        prefix = (pc.getOptionsPrefix() or "") + FIRST
+        self._spaces = [
+            Aggregates(*K, m, prefix) for K, m in zip(tangent.bodies, modes, strict=True)
+        ]
+        self._P = _diagonal([space.P for space in self._spaces])
+        self._bulk = _diagonal([space.coarse for space in self._spaces])
+        self._contact: PETSc.Mat = tangent.contact.ptap(self._P)
+        # With room for contact already, so that GAMG may keep its spaces when that comes in.
+        self._coarse: PETSc.Mat = self._contact.copy()
+        self._coarse.zeroEntries()
+        self._coarse.axpy(1.0, self._bulk, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._coarse.setBlockSize(self._spaces[0].coarse.getBlockSize())
+        self._set_modes(modes)
+        self._smoothed: PETSc.Mat = PETSc.Mat().createDiagonal(tangent.weighted_diagonal(1.0))
+        self._start()
+
+    def _start(self) -> None:
+        """Hand all matrices to PETSc, and make GAMG's spaces for the bulk."""
+        pc = self._pc
+        pc.reset()
+        pc.setMGLevels(2)
+        pc.setMGInterpolation(1, self._P)
+        pc.setFromOptions()
+        pc.getMGSmoother(1).setOperators(self._tangent.matrix, self._smoothed)
+        below = pc.getMGCoarseSolve()
+        below.setOperators(self._coarse)
+        below.setFromOptions()
+        below.setUp()
+
+    def update(self) -> None:
+        """Follow the tangent, which has changed. Collective."""
+        if not all([space.update() for space in self._spaces]):
+            self._bulk.destroy()
+            self._bulk = _diagonal([space.coarse for space in self._spaces])
+        self._tangent.contact.ptap(self._P, self._contact)
+        self._coarse.zeroEntries()
+        for part in (self._bulk, self._contact):
+            self._coarse.axpy(1.0, part, structure=_SUBSET)
+        self._add_shift()
+        diagonal = self._tangent.weighted_diagonal(CONTACT_WEIGHT)
+        self._smoothed.setDiagonal(diagonal)
+        diagonal.destroy()
+        self._pc.getMGSmoother(1).setOperators(self._tangent.matrix, self._smoothed)
+        self._pc.getMGCoarseSolve().setOperators(self._coarse)
+
+    def _add_shift(self) -> None:
+        """What holds bodies that nothing else does."""
+        if self._tangent.shift is None:
+            return
+        shift = self._tangent.matrix.createVecLeft()
+        shift.array[:] = self._tangent.shift
+        matrix = PETSc.Mat().createAIJ(self._tangent.matrix.getSizes(), nnz=1, comm=shift.comm)
+        matrix.setDiagonal(shift)
+        coarse = matrix.ptap(self._P)
+        self._coarse.axpy(1.0, coarse, structure=_SUBSET)
+        for thing in (shift, matrix, coarse):
+            thing.destroy()
+
+    def _set_modes(self, modes: typing.Sequence[list[PETSc.Vec]]) -> None:
+        """Rigid modes in the coarse unknowns: columns of P are orthonormal."""
+        if len({len(m) for m in modes}) > 1 or not modes[0]:
+            return
+        fine, vecs = self._P.createVecLeft(), []
+        for parts in zip(*modes, strict=True):
+            fine.array[:] = np.concatenate([part.array_r for part in parts])
+            vecs.append(self._P.createVecRight())
+            self._P.multTranspose(fine, vecs[-1])
+        set_near_nullspace(self._coarse, orthonormal(vecs))
+        for vec in (fine, *vecs):
+            vec.destroy()
+
+    def destroy(self) -> None:
+        """Free the matrices. Collective."""
+        self._pc.reset()
+        for space in self._spaces:
+            space.destroy()
+        for mat in (self._P, self._bulk, self._contact, self._coarse, self._smoothed):
+            mat.destroy()
+
+
+class Aggregates:
+    """Coarse space of one body, by GAMG's aggregation of its unknowns.
+
+    Args:
+        K: The body's matrix.
+        linear: Whether K stays.
+        modes: Its rigid modes.
+        prefix: Of the options.
+    """
+
+    def __init__(self, K: PETSc.Mat, linear: bool, modes: list[PETSc.Vec], prefix: str) -> None:
+        self._K, self._linear = K, linear
+        copy: PETSc.Mat = K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+        if modes:
+            set_near_nullspace(copy, modes)
+        pc = PETSc.PC().create(comm=K.comm)
+        pc.setOptionsPrefix(prefix)
+        pc.setOperators(copy)
+        pc.setFromOptions()
+        pc.setGAMGLevels(2)
+        pc.setUp()
+        #: From coarse unknowns to the body's.
+        self.P: PETSc.Mat = pc.getMGInterpolation(1)
+        #: Pᵀ K P.
+        self.coarse: PETSc.Mat
+        if linear:
+            self.coarse = pc.getMGCoarseSolve().getOperators()[0].copy()
+            copy.destroy()
+        else:
+            self.coarse = copy.ptap(self.P)
+        self._copy = copy
+        pc.destroy()
+
+    def update(self) -> bool:
+        """Follow K; whether it has stayed. Collective."""
+        if not self._linear:
+            self._K.convert(PETSc.Mat.Type.AIJ, self._copy)
+            self._copy.ptap(self.P, self.coarse)
+        return self._linear
+
+    def destroy(self) -> None:
+        """Free the matrices. Collective."""
+        for mat in (self._copy, self.P, self.coarse):
+            mat.destroy()
+
+
+def _diagonal(blocks: list[PETSc.Mat]) -> PETSc.Mat:
+    """New AIJ matrix with these blocks on its diagonal. Collective."""
+    rows = [[b if i == j else None for j in range(len(blocks))] for i, b in enumerate(blocks)]
+    nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
+    out: PETSc.Mat = nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    nest.destroy()
+    return out

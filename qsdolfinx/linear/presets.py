@@ -1,0 +1,121 @@
+"""Linear solvers by name, and which one is taken when none is named."""
+
+from __future__ import annotations
+
+import typing
+
+from qsdolfinx.linear.schur_options import SCHUR
+
+#: Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
+#: incompressible flow, need more; on several ranks how much also depends on timing.
+_EXTRA_MEMORY = 100
+
+#: Relative tolerance of a linear solve outside of Newton's method.
+EXACT = 1e-8
+
+#: Aggregation with the rigid modes. Without smoothed prolongators its set-up costs a fifth; the
+#: W-cycle makes up for that, and for contact, which is stiff compared with the coarse levels.
+AGGREGATION: dict[str, typing.Any] = {
+    "pc_type": "gamg",
+    "pc_gamg_agg_nsmooths": 0,
+    "pc_gamg_threshold": 0.02,
+    "pc_gamg_aggressive_coarsening": 1,
+    "pc_gamg_coarse_eq_limit": 1000,
+    "pc_mg_cycle_type": "w",
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "jacobi",
+}
+
+#: Below the first coarse matrix, which takes two W-cycles. Sweeps cost little there.
+_BELOW = AGGREGATION | {
+    "ksp_type": "richardson",
+    "ksp_max_it": 2,
+    "ksp_norm_type": "none",
+    "pc_gamg_aggressive_coarsening": 0,
+    "pc_gamg_reuse_interpolation": True,
+    "mg_levels_ksp_max_it": 4,
+}
+
+#: Prefix of the options of each body's first coarsening, after the problem's.
+FIRST = "aggregation_"
+
+#: That coarsening alone; its matrices are not solved with.
+_FIRST = AGGREGATION | {
+    "pc_gamg_parallel_coarse_grid_solver": True,  # otherwise all of it moves to one rank
+    "mg_levels_ksp_type": "richardson",
+    "mg_levels_pc_type": "none",
+    "mg_coarse_ksp_type": "preonly",
+    "mg_coarse_pc_type": "none",
+}
+
+#: :class:`qsdolfinx.linear.multigrid.Multigrid`.
+_TWO_LEVELS: dict[str, typing.Any] = {
+    "pc_type": "mg",
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_ksp_max_it": 2,
+    "mg_levels_pc_type": "jacobi",
+}
+_TWO_LEVELS |= {f"mg_coarse_{key}": value for key, value in _BELOW.items()}
+_TWO_LEVELS |= {FIRST + key: value for key, value in _FIRST.items()}
+
+_KRYLOV: dict[str, typing.Any] = {
+    "ksp_type": "cg",  # GMRES where the tangent is not symmetric
+    "ksp_rtol": EXACT,  # between Newton steps; theirs follows the residual
+}
+
+#: Iterations after which GMRES restarts.
+GMRES_RESTART = 100
+
+PRESETS: dict[str, dict[str, typing.Any]] = {
+    "direct": {
+        "ksp_type": "preonly",
+        "pc_type": "lu",
+        "pc_factor_mat_solver_type": "mumps",
+        "mat_mumps_icntl_14": _EXTRA_MEMORY,
+    },
+    "amg": _KRYLOV | _TWO_LEVELS,
+    # One V-cycle for each body, one body after the other and back.
+    "fieldsplit": _KRYLOV
+    | {"pc_type": "fieldsplit", "pc_fieldsplit_type": "symmetric_multiplicative"},
+    "schur": SCHUR,
+}
+
+#: Presets whose Krylov solver is prepared by :class:`qsdolfinx.linear.krylov.Krylov`.
+ITERATIVE = ("amg", "fieldsplit", "schur")
+
+#: Options of each body's block with "fieldsplit", after "fieldsplit_I_".
+BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | AGGREGATION
+
+#: Unknowns in 2D and 3D from which on multigrid is taken: see ``bench/presets.py``.
+LARGE = {2: 1_000_000, 3: 40_000}
+
+#: The same of velocity–pressure bodies, and of "schur".
+LARGE_FLOW = {2: 150_000, 3: 20_000}
+
+
+def pick(
+    unknowns: int, dim: int, has_modes: bool, kind: str, is_flow: bool = False
+) -> tuple[str, str]:
+    """The preset for a problem, and why.
+
+    Args:
+        unknowns: Number of unknowns, over all ranks.
+        dim: Of space.
+        has_modes: Whether all bodies are in displacements or velocities alone.
+        kind: ``"mpi"`` or ``"nest"``, the matrix that the solver sees.
+        is_flow: Whether there are bodies in velocity and pressure, for ``"schur"``.
+    """
+    if is_flow and kind == "mpi":
+        if unknowns < LARGE_FLOW[dim]:
+            reason = f"{unknowns} unknowns of flow in {dim}D are fewer than {LARGE_FLOW[dim]}"
+            return "direct", reason
+        reason = f"{unknowns} unknowns of velocity and pressure in {dim}D are"
+        return "schur", f"{reason} {LARGE_FLOW[dim]} or more"
+    if not has_modes:
+        return "direct", "a body has other unknowns than displacements"
+    if unknowns < LARGE[dim]:
+        return "direct", f"{unknowns} unknowns in {dim}D are fewer than {LARGE[dim]}"
+    return (
+        "amg" if kind == "mpi" else "fieldsplit",
+        f"{unknowns} unknowns in {dim}D are {LARGE[dim]} or more",
+    )

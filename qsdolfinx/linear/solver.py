@@ -1,0 +1,194 @@
+"""The linear solver of a problem: a preset, and what has to follow the tangent."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.linear.krylov import Krylov, Tolerances
+from qsdolfinx.linear.presets import BLOCK, ITERATIVE, PRESETS
+from qsdolfinx.linear.saddle import SaddlePoint
+from qsdolfinx.linear.schur import Forms, Schur
+from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.system import ContactSystem
+
+Array = npt.NDArray[np.float64]
+
+
+def preset_options(
+    name: str, num_bodies: int, chosen: typing.Collection[str]
+) -> dict[str, typing.Any]:
+    """PETSc options of a preset.
+
+    Args:
+        name: Of the preset; others have no options.
+        num_bodies: Number of bodies.
+        chosen: Names of the options that the user has chosen, without the prefix.
+    """
+    options = dict(PRESETS.get(name, {}))
+    if name == "amg" and "pc_type" in chosen:
+        options = {key: value for key, value in options.items() if key.startswith("ksp_")}
+    if name == "fieldsplit":
+        for i in range(num_bodies):
+            options |= {f"fieldsplit_{i}_{key}": value for key, value in BLOCK.items()}
+    return options
+
+
+class LinearSolver:
+    """Solves with the tangent of a system.
+
+    Args:
+        ksp: PETSc's solver, with its options set.
+        name: The preset, or ``"options"``.
+        system: The system.
+        chosen: Names of the options that the user has chosen, without the prefix.
+        pressure_preconditioner: For ``"schur"``, see :class:`qs.ContactProblem`.
+    """
+
+    def __init__(
+        self,
+        ksp: PETSc.KSP,
+        name: str,
+        system: ContactSystem,
+        chosen: typing.Collection[str],
+        pressure_preconditioner: Forms = None,
+    ) -> None:
+        self.ksp = ksp
+        self._system = system
+        #: Coarse spaces and tolerances of an iterative preset.
+        self.krylov = Krylov(ksp, chosen, system.linear) if name in ITERATIVE else None
+        #: Preconditioner of the pressures for ``"schur"``.
+        self.schur = Schur(system.bodies, pressure_preconditioner) if name == "schur" else None
+
+    @property
+    def watch(self) -> Stopwatch:
+        """Counts the time of the stage "solve"."""
+        return self._system.watch
+
+    @property
+    def chooses_tolerance(self) -> bool:
+        """Whether the accuracy of linear solves is ours to choose."""
+        return self.krylov is not None and self.krylov.chooses_tolerance
+
+    def forget(self) -> None:
+        """Free what was made for the matrices, which are about to be freed. Collective."""
+        if self.krylov is not None:
+            self.krylov.forget()
+
+    def set_up(self) -> None:
+        """Hand new matrices' parts to PCFIELDSPLIT, if that is the preconditioner. Collective."""
+        pc = self.ksp.getPC()
+        if pc.getType() != PETSc.PC.Type.FIELDSPLIT:
+            return
+        # A reset takes the options from the splits: start from scratch.
+        pc.setType(PETSc.PC.Type.NONE)
+        pc.setFromOptions()
+        if self.schur is not None:
+            self.schur.split(pc, self._system.scales)
+            return
+        index_sets = self._system.made.blocks.matrix.getNestISs()[0]
+        pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
+
+    def assemble(self) -> bool:
+        """Tangent at the last evaluation, and multigrid for it; whether it has changed."""
+        changed = self._system.assemble()
+        if changed:
+            self.follow()
+        return changed
+
+    def follow(self) -> None:
+        """Let multigrid follow a tangent that has changed. Collective."""
+        if self.krylov is not None:
+            with self.watch.stage("solve"):
+                self.krylov.update()
+
+    def make_hierarchy(self) -> None:
+        """Choose multigrid's coarse spaces where there are none that fit. Collective."""
+        made = self._system.made
+        if self.krylov is None or not isinstance(made.tangent, Additive):
+            return
+        fingerprints = [body.fingerprint for body in self._system.bodies]
+        if self.krylov.needs_hierarchy(fingerprints):
+            self._system.assemble_bulk()
+            with self.watch.stage("solve"):
+                self.krylov.make_hierarchy(made.tangent, made.rigid.modes, fingerprints)
+
+    def prepare(
+        self, matrix: PETSc.Mat, norms: typing.Sequence[float], until: Tolerances, changed: bool
+    ) -> None:
+        """Get ready for the next linear solve of Newton's method. Collective.
+
+        Args:
+            matrix: The tangent, assembled.
+            norms: Norm of the residual at each iteration so far.
+            until: Tolerances of Newton's method.
+            changed: Whether the tangent has changed since the last linear solve.
+        """
+        if self.schur is not None:
+            self.schur.update(self.ksp, matrix)
+        if self.krylov is not None:
+            self.krylov.choose_type(self._system.symmetric)
+            self.krylov.set_tolerance(norms, until, changed)
+
+    def solve(self, load: Array) -> tuple[Array, int]:
+        """Solve with the tangent as it is, outside of Newton's method. Collective.
+
+        Args:
+            load: Right-hand side, owned values.
+
+        Returns:
+            Owned values of the solution, and PETSc's KSPConvergedReason, negative on failure.
+        """
+        self.ksp.setOperators(self._system.matrix, self._system.matrix)
+        b, y = self._system.x.duplicate(), self._system.x.duplicate()
+        b.array[:] = load
+        if self.krylov is not None:
+            self.krylov.set_exact()
+        with self.watch.stage("solve"):
+            self.ksp.solve(b, y)
+        out = y.array_r.copy()
+        b.destroy()
+        y.destroy()
+        return out, self.ksp.getConvergedReason()
+
+    @property
+    def has_saddle_point(self) -> bool:
+        """Whether unknowns and multipliers can be solved for together, see SaddlePoint."""
+        if not (self.chooses_tolerance and isinstance(self._system.made.tangent, Additive)):
+            return False
+        augmented = [c for c in self._system.contacts if c.augmented]
+        return self._system.linear and all(len(c.gaps) == 1 for c in augmented)
+
+    def solve_saddle_point(self, residual: Array, final: float) -> SaddlePoint | None:
+        """Solve for changes of unknowns and multipliers as if the active set stayed. Collective.
+
+        Args:
+            residual: At the last evaluation, owned values; the tangent is that of there.
+            final: Norm of the residual that a solution may have.
+
+        Returns:
+            The system, solved or not; None where free motions are held by the tangent alone.
+        """
+        system = self._system
+        assert isinstance(system.made.tangent, Additive)
+        if system.made.tangent.shift is not None:
+            return None
+        self.ksp.setOperators(system.matrix, system.matrix)
+        pairs = zip(system.contacts, system.sides, strict=True)
+        contacts, sides = zip(*((c, s) for c, s in pairs if c.augmented), strict=True)
+        with self.watch.stage("solve"):
+            self.ksp.setUp()
+            saddle = SaddlePoint(system.bodies, contacts, sides, self.ksp)
+            saddle.solve(residual, final, system.rounding())
+        return saddle
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        self.forget()
+        if self.schur is not None:
+            self.schur.destroy()

@@ -1,0 +1,1 @@
+"""Fields and histories in files."""

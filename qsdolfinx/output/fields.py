@@ -1,0 +1,216 @@
+"""Fields for ParaView."""
+
+from __future__ import annotations
+
+import ctypes
+import pathlib
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+import basix
+from dolfinx import fem, io, mesh
+from ufl.core.expr import Expr
+
+from qsdolfinx.base.checks import FINITE, MAPPING, MESH, check, check_file, either, require
+from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.compat import cell_nodes, coordinate_element, interpolation_points
+from qsdolfinx.output import vtkhdf
+
+#: A function, anything of UFL that can be evaluated in the cells, or what returns a new function.
+Field = typing.Any
+
+
+class FieldWriter:
+    """Writes fields of one body at several times, to XDMF or, with ADIOS2, to VTX, or to VTK-HDF.
+
+    Functions of degree 1 are written at the vertices, other fields at the cells' midpoints unless
+    they are given as continuous. A field such as ``lambda: contact.traction("master")`` is called
+    for each time. In XDMF
+    the mesh is that of the first time, and the field ``displacement`` says where its vertices have
+    moved (ParaView: Warp By Vector), unless a field of this name is given, such as the unknown of a
+    body in displacements, whose mesh stays; in VTX the mesh moves. VTX has one kind of field per
+    file: those of the cells go to a second one, ``NAME_cells.bp``. VTK-HDF, with a DOLFINx that has
+    it, has a file per field, ``NAME_FIELD.vtkhdf``, and the mesh of the first time.
+
+    Args:
+        filename: Ends in ``.xdmf``, ``.bp`` or ``.vtkhdf``.
+        msh: The mesh.
+        fields: Name and function, or UFL expression, of each field.
+        continuous: More of them, that have one value at a vertex, such as ``ufl.split(w)[0]``.
+
+    Raises:
+        ValueError: If the file name ends in something else, DOLFINx has no ADIOS2 for VTX, or a
+            field is on another mesh.
+        TypeError: If an argument is of another type.
+        OSError: If the folder is missing.
+    """
+
+    def __init__(
+        self,
+        filename: str | pathlib.Path,
+        msh: mesh.Mesh,
+        fields: typing.Mapping[str, Field],
+        continuous: typing.Mapping[str, Field] | None = None,
+    ) -> None:
+        check(MESH, msh=msh)
+        with checked(msh.comm) as same:
+            path = check_file("filename", filename)
+            _check_suffix(path, msh)
+            check(MAPPING, fields=fields)
+            check(either(MAPPING, None), continuous=continuous)
+            _check_fields("fields", fields, msh)
+            _check_fields("continuous", continuous or {}, msh)
+            same(filename=str(path), fields=list(fields), continuous=list(continuous or {}))
+        self._msh = msh
+        self._path = path
+        self._x0: npt.NDArray[np.float64] = np.array(msh.geometry.x, dtype=np.float64)
+        self._points: list[tuple[fem.Function, Field]] = []
+        self._cells: list[tuple[fem.Function, Field]] = []
+        for name, field in fields.items():
+            self._add(name, field, at_vertices=False)
+        for name, field in (continuous or {}).items():
+            self._add(name, field, at_vertices=True)
+        self._xdmf = None
+        self._vtx: list[typing.Any] | None = None
+        if path.suffix == ".xdmf":
+            vector = fem.functionspace(msh, ("Lagrange", 1, (msh.geometry.dim,)))
+            self._displacement = (
+                None if "displacement" in fields else fem.Function(vector, name="displacement")
+            )
+            self._xdmf = io.XDMFFile(msh.comm, str(path), "w")
+            self._xdmf.write_mesh(msh)
+        elif path.suffix == ".vtkhdf":
+            self._vtx = [
+                vtkhdf.VTKHDFWriter(path.with_name(f"{path.stem}_{function.name}.vtkhdf"), function)
+                for function, _ in (*self._points, *self._cells)
+            ]
+        else:
+            self._vtx = [
+                io.VTXWriter(
+                    msh.comm,
+                    str(path.with_name(path.stem + suffix)),
+                    [function for function, _ in functions],
+                    engine="BP4",
+                    mesh_policy=io.VTXMeshPolicy.update,
+                )
+                for suffix, functions in ((".bp", self._points), ("_cells.bp", self._cells))
+                if functions
+            ]
+
+    def _add(self, name: str, field: Field, at_vertices: bool) -> None:
+        first = self._made(field) if _is_source(field) else field
+        linear = isinstance(first, fem.Function) and _is_linear(first.function_space)
+        element = ("Lagrange", 1) if at_vertices or linear else ("DG", 0)
+        space = fem.functionspace(self._msh, (*element, first.ufl_shape))
+        written = self._points if at_vertices or linear else self._cells
+        if not linear and not _is_source(field):
+            field = _expression(field, space)
+        written.append((fem.Function(space, name=name), field))
+
+    def _made(self, source: typing.Callable[[], Field]) -> Field:
+        """What a source returns; what it raises on one rank is raised on all."""
+        with collective_errors(self._msh.comm):
+            return source()
+
+    def write(self, t: float) -> None:
+        """Write all fields at time t. Collective.
+
+        Raises:
+            ValueError: If t is no finite number, the same on all ranks.
+            OSError: If the file cannot be written; nothing more can be written to it then.
+        """
+        with checked(self._msh.comm) as same:
+            same(FINITE, t=t)
+        for function, field in (*self._points, *self._cells):
+            if _is_source(field):
+                field = _expression(self._made(field), function.function_space)
+            function.interpolate(field)
+        if self._vtx is not None:
+            for writer in self._vtx:
+                writer.write(t)
+            return
+        if self._xdmf is None:
+            raise OSError(f"filename: {self._path} has been closed, or could not be written before")
+        functions = [function for function, _ in (*self._points, *self._cells)]
+        if self._displacement is not None:
+            # The file has the first mesh: the displacement is written as a function on it.
+            x = np.asarray(self._msh.geometry.x, dtype=np.float64)
+            _set_at_vertices(self._displacement, (x - self._x0)[:, : self._msh.geometry.dim])
+            functions.insert(0, self._displacement)
+        for function in functions:
+            try:
+                with collective_errors(self._msh.comm):
+                    self._xdmf.write_function(function, t)
+            except RuntimeError as error:
+                self._abandon()
+                raise OSError(f"filename: {self._path} cannot be written: {error}") from error
+
+    def _abandon(self) -> None:
+        """Give up a file that could not be written.
+
+        Closing or freeing it would end the program: DOLFINx has left parts of it open.
+        """
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._xdmf))
+        self._xdmf, self._vtx = None, []
+
+    def __enter__(self) -> FieldWriter:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files; at the end of a ``with`` block that is done. Collective."""
+        for writer in (self._xdmf, *(self._vtx or [])):
+            if writer is not None:
+                writer.close()
+
+
+def _check_suffix(path: pathlib.Path, msh: mesh.Mesh) -> None:
+    """Refuse files of formats that are unknown, or that this DOLFINx cannot write the mesh in."""
+    known = path.suffix in (".xdmf", ".bp", ".vtkhdf")
+    require(known, f"filename: must end in .xdmf or .bp, or .vtkhdf, not {path.name!r}")
+    if path.suffix == ".vtkhdf":
+        require(vtkhdf.module, "filename: this DOLFINx has no VTK-HDF; use .xdmf or .bp")
+        straight = coordinate_element(msh).degree == 1
+        require(straight, "filename: no VTK-HDF of curved meshes; use .xdmf or .bp")
+    has_vtx = path.suffix != ".bp" or hasattr(io, "VTXWriter")
+    require(has_vtx, "filename: this DOLFINx has no ADIOS2 for VTX; use .xdmf")
+
+
+def _check_fields(argument: str, fields: typing.Mapping[str, Field], msh: mesh.Mesh) -> None:
+    """Refuse what is no field, or a Function on another mesh."""
+    for name, field in fields.items():
+        text = f"{argument}: {name!r} must be a Function, of UFL, or return a Function"
+        require(callable(field) or hasattr(field, "ufl_shape"), text, TypeError)
+        here = not isinstance(field, fem.Function) or field.function_space.mesh is msh
+        require(here, f"{argument}: {name!r} is on another mesh")
+
+
+def _is_source(field: Field) -> bool:
+    """Whether it is to be called for the function; those of UFL can be called, too."""
+    return callable(field) and not isinstance(field, fem.Expression | fem.Function | Expr)
+
+
+def _expression(field: Field, space: fem.FunctionSpace) -> fem.Expression:
+    return fem.Expression(field, interpolation_points(space))
+
+
+def _is_linear(V: fem.FunctionSpace) -> bool:
+    element = V.element.basix_element if not V.num_sub_spaces else V.sub(0).element.basix_element
+    return bool(element.family == basix.ElementFamily.P and element.degree == 1) and not bool(
+        element.discontinuous
+    )
+
+
+def _set_at_vertices(u: fem.Function, values: npt.NDArray[np.float64]) -> None:
+    """Set a P1 or Q1 function to values at the geometry nodes."""
+    V = u.function_space
+    layout = coordinate_element(V.mesh).create_dof_layout()
+    count = V.dofmap.list.shape[1]
+    places = [layout.entity_dofs(0, v)[0] for v in range(count)]
+    nodes = cell_nodes(V.mesh)[:, places]
+    own = [V.dofmap.dof_layout.entity_dofs(0, v)[0] for v in range(count)]
+    u.x.array.reshape(-1, V.mesh.geometry.dim)[V.dofmap.list[:, own]] = values[nodes]

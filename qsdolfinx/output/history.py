@@ -1,0 +1,128 @@
+"""The history of a run as a table."""
+
+from __future__ import annotations
+
+import csv
+import os
+import pathlib
+import sys
+import typing
+
+from mpi4py import MPI
+
+from qsdolfinx.base.checks import MAPPING, check, check_file, require
+from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.base.progress import bar
+
+
+class History:
+    """Table of numbers, one line a step, as CSV and on the terminal.
+
+    On a terminal with tqdm installed there is a progress bar; otherwise one plain line a step.
+
+    Args:
+        comm: Communicator; its rank 0 writes.
+        filename: CSV file, or None.
+        t_end: Time at which the run ends, for the bar.
+        verbose: Whether to print.
+        append: Whether to continue an existing file, after a restart: lines with ``t`` before
+            that of the first new one are kept.
+
+    Raises:
+        OSError: If the folder of the file is missing.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Intracomm,
+        filename: str | pathlib.Path | None = None,
+        t_end: float = 1.0,
+        verbose: bool = True,
+        append: bool = False,
+    ) -> None:
+        #: All lines that were added, on every rank.
+        self.rows: list[dict[str, float]] = []
+        self._comm, self._writes = comm, comm.rank == 0
+        with checked(comm):
+            self._path = None if filename is None else check_file("filename", filename)
+        self._append = append
+        self._verbose = verbose and self._writes
+        self._bar = bar(t_end) if self._verbose and sys.stderr.isatty() else None
+
+    def add(self, row: typing.Mapping[str, float]) -> None:
+        """Add a line; the first one names the columns, its ``t`` moves the bar. Collective.
+
+        Raises:
+            ValueError: If its columns are not those of the lines before.
+            OSError: If it cannot be written.
+        """
+        with collective_errors(self._comm):
+            check(MAPPING, row=row)
+            require("t" in row, "row: needs a column t, the time")
+            columns = list(self.rows[0] if self.rows else row)
+            require(set(row) == set(columns), f"row: must have the columns {', '.join(columns)}")
+            if self._writes and self._path is not None:
+                self._write(self._path, columns, row)
+        self.rows.append(dict(row))
+        if self._bar is not None:
+            self._bar.update(row["t"] - self._bar.n)
+        elif self._verbose:
+            print(", ".join(f"{k} {_short(v)}" for k, v in row.items()), flush=True)
+
+    def _write(
+        self, path: pathlib.Path, columns: list[str], row: typing.Mapping[str, float]
+    ) -> None:
+        """Write a line; the first one after the lines before it, if they are to be kept."""
+        lines: list[typing.Mapping[str, typing.Any]] = [{k: _exact(v) for k, v in row.items()}]
+        if not self.rows:
+            if self._append and path.exists():
+                lines = _earlier(path, columns, row["t"]) + lines
+            lines.insert(0, {column: column for column in columns})
+        if self.rows:
+            _append(path, columns, lines)
+            return
+        aside = path.with_name(path.name + ".new")
+        try:
+            _append(aside, columns, lines, "w")
+            aside.replace(path)
+        finally:
+            aside.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """End the progress bar."""
+        if self._bar is not None:
+            self._bar.close()
+
+
+def _exact(value: float) -> str:
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _short(value: float) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def _append(
+    path: pathlib.Path,
+    columns: list[str],
+    lines: list[typing.Mapping[str, typing.Any]],
+    mode: str = "a",
+) -> None:
+    """Add lines to a file, whole ones or none."""
+    size = path.stat().st_size if mode == "a" and path.exists() else 0
+    try:
+        with path.open(mode, newline="") as file:
+            csv.DictWriter(file, columns).writerows(lines)
+    except OSError:
+        if path.exists():
+            os.truncate(path, size)
+        raise
+
+
+def _earlier(path: pathlib.Path, columns: list[str], t: float) -> list[dict[str, typing.Any]]:
+    """Lines of a file before a time: a run may have gone on after the checkpoint."""
+    with path.open(newline="") as file:
+        table = csv.DictReader(file)
+        if table.fieldnames is not None and list(table.fieldnames) != columns:
+            raise ValueError(f"filename: {path} has other columns")
+        return [line for line in table if float(line["t"]) < t]

@@ -1,0 +1,71 @@
+"""Pairing points as arrays that a user can look at."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+
+
+@dataclasses.dataclass(frozen=True)
+class PairingSide:
+    """One side of the pairing points.
+
+    Attributes:
+        x: Positions, shape (points, 3).
+        dofs: Global unknowns of the facet's vertices, shape (points, vertices, gdim); -1 if unused.
+        owner: Ranks that own them, shape (points, vertices); -1 if unused.
+        shape_values: Shape functions of the vertices, shape (points, vertices). A point at a node
+            has one vertex with value 1.
+    """
+
+    x: npt.NDArray[np.float64]
+    dofs: npt.NDArray[np.int64]
+    owner: npt.NDArray[np.int32]
+    shape_values: npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Pairing:
+    """Pairing points of one pass, as found on this rank.
+
+    A point lives on the rank that owns the node which it was found for. In a pass, the slave is the
+    side that carries the multiplier.
+
+    Attributes:
+        slave: Positions, vertices and shape functions on the slave.
+        master: The same on the master.
+        normal: Unit normals, outward of the slave, shape (points, 3).
+        gap: Signed initial distances (x_master - x_slave)·n, positive when open, shape (points,).
+        weight: Areas w_p, shape (points,).
+        multiplier_values: P1 or Q1 functions N_k of the slave's vertices, which come first among
+            its nodes, shape (points, vertices).
+        num_unpaired: Owned nodes (overlay: facets) that were searched and found no partner.
+    """
+
+    slave: PairingSide
+    master: PairingSide
+    normal: npt.NDArray[np.float64]
+    gap: npt.NDArray[np.float64]
+    weight: npt.NDArray[np.float64]
+    multiplier_values: npt.NDArray[np.float64]
+    num_unpaired: int
+
+    @classmethod
+    def from_cpp(cls, points: _cpp.PairingPoints) -> Pairing:
+        """Copy the arrays of the extension's object."""
+        return cls(
+            PairingSide(**points.slave),
+            PairingSide(**points.master),
+            points.normal,
+            points.gap,
+            points.weight,
+            points.multiplier_values,
+            points.num_unpaired,
+        )
+
+    def __len__(self) -> int:
+        return len(self.weight)

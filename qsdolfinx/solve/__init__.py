@@ -1,0 +1,1 @@
+"""The nonlinear problem and how it is solved."""

@@ -1,0 +1,95 @@
+"""Arguments of ContactProblem: what can be told before anything is built."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import ufl
+from dolfinx import fem
+
+from qsdolfinx.base.checks import Kind, check, instance, require
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.system.body import body_of, contains
+
+LIST = instance(typing.Sequence, "a list")
+OPTIONS = Kind(
+    "a dictionary of options without the prefix",
+    lambda given: isinstance(given, dict) and all(isinstance(key, str) for key in given),
+    TypeError,
+)
+
+
+def communicator(u: typing.Any) -> MPI.Intracomm:
+    """Communicator to agree on errors with; that of the first body if there is one."""
+    if isinstance(u, typing.Sequence) and len(u) and isinstance(u[0], fem.Function):
+        comm: MPI.Intracomm = u[0].function_space.mesh.comm
+        return comm
+    return MPI.COMM_WORLD
+
+
+def check_bodies(
+    F: typing.Sequence[ufl.Form],
+    u: typing.Sequence[fem.Function],
+    contacts: typing.Sequence[Contact],
+    bcs: typing.Sequence[typing.Sequence[fem.DirichletBC]],
+    J: typing.Sequence[ufl.Form | None],
+) -> None:
+    """Refuse lists that no problem can be made of."""
+    require(len(u) > 0, "u: there must be at least one body")
+    for name, given in (("F", F), ("bcs", bcs), ("J", J)):
+        text = f"{name}: must have one entry for each of the {len(u)} bodies in u"
+        require(len(given) == len(u), text)
+    require(_all(fem.Function, u), "u: must hold a dolfinx.fem.Function for each body", TypeError)
+    text = "bcs: must be a list of lists, one list of Dirichlet conditions per body"
+    require(_all(typing.Sequence, bcs), text)
+    conditions = [bc for entry in bcs for bc in entry]
+    text = "bcs: must be a list of lists of dolfinx.fem.DirichletBC"
+    require(_all(fem.DirichletBC, conditions), text, TypeError)
+    require(_all(Contact, contacts), "contacts: must be a list of qsdolfinx.Contact")
+    twice = len({id(contact) for contact in contacts}) < len(contacts)
+    require(not twice, "contacts: one of them is in the list twice")
+    spaces = [function.function_space for function in u]
+    shared = any(V == W for i, V in enumerate(spaces) for W in spaces[:i])
+    require(not shared, "u: every body needs a function space of its own")
+    ranks = {MPI.Comm.Compare(spaces[0].mesh.comm, V.mesh.comm) for V in spaces}
+    same = ranks <= {MPI.IDENT, MPI.CONGRUENT}
+    require(same, "u: all meshes must be on the same ranks in the same order")
+    for i, V in enumerate(spaces):
+        fit = all(contains(V, bc.function_space) for bc in bcs[i])
+        require(fit, f"bcs: entry {i} has a condition on a space other than that of u[{i}]")
+        _check_form("F", i, F[i], 1, u[i])
+        if J[i] is not None:
+            _check_form("J", i, J[i], 2, u[i])
+    _check_unknowns(u, contacts)
+
+
+def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[Contact]) -> None:
+    """Refuse contacts of no body of ours, or that disagree on what a body's unknowns are."""
+    known: dict[int, float] = {}
+    for contact in contacts:
+        surfaces = ("slave", contact.slave), ("master", contact.master)
+        for (name, surface), scale in zip(surfaces, contact.scale, strict=True):
+            try:
+                i = body_of(u, surface.V)
+            except ValueError:
+                text = f"contacts: the {name} surface of one belongs to the space of none of u"
+                raise ValueError(text) from None
+            alike = i is None or known.setdefault(i, scale) == scale
+            require(alike, f"contacts: must agree on whether u[{i}] is a velocity, and on dt")
+
+
+def _check_form(name: str, i: int, form: typing.Any, rank: int, u: fem.Function) -> None:
+    """Refuse what is not a form of this rank on the body's space."""
+    check(instance(ufl.Form, "a UFL form"), **{f"{name}: entry {i}": form})
+    spaces = [argument.ufl_function_space() for argument in form.arguments()]
+    what = "a test function" if rank == 1 else "a test and a trial function"
+    text = f"{name}: entry {i} must have {what} in the space of u[{i}], and no other"
+    require(spaces == [u.function_space] * rank, text)
+    depends = rank == 2 or u in form.coefficients()
+    require(depends, f"F: entry {i} does not depend on u[{i}]")
+
+
+def _all(kind: type, values: typing.Iterable[typing.Any]) -> bool:
+    return all(isinstance(value, kind) for value in values)

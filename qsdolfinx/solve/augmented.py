@@ -1,0 +1,139 @@
+"""Updates of augmented multipliers around equilibrium, until the gaps are closed."""
+
+from __future__ import annotations
+
+import contextlib
+
+from mpi4py import MPI
+
+from qsdolfinx.contact import active_set, multipliers
+from qsdolfinx.solve.anderson import Augmentation
+from qsdolfinx.solve.equilibrium import Equilibrium
+from qsdolfinx.solve.snes import NOT_CLOSED
+
+#: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
+MAX_AUGMENTATIONS = 100
+
+#: Residual after an update of the multipliers, relative to that before, with which the next may be
+#: made. With 1e-3 Anderson's combination of earlier updates can fail on the errors.
+INNER = 1e-4
+
+#: Times that unknowns and multipliers are solved for together. If the active set changes, Uzawa's
+#: method goes on: a primal-dual active set method can cycle at nodes without pressure.
+MAX_SADDLE_POINTS = 4
+
+#: Residual, relative to the first one, from which on that is tried.
+FIRST = 1e-2
+
+#: Residual, relative to the first one, at which rounding errors set in.
+ROUNDING = 1e-13
+
+
+class AugmentedLagrangian:
+    """Finds the multipliers λ̂ that close the gaps.
+
+    Args:
+        equilibrium: Of the bodies, for given multipliers.
+    """
+
+    def __init__(self, equilibrium: Equilibrium) -> None:
+        self._equilibrium = equilibrium
+        self._newton = equilibrium.newton
+        self._system = equilibrium.newton.system
+        self._contacts = [c for c in self._system.contacts if c.augmented]
+        linear = self._newton.linear
+        #: Whether solves between updates of the multipliers need not be exact.
+        self._is_loose = bool(
+            linear.chooses_tolerance
+            and self._contacts
+            and not self._system.slips
+            and not equilibrium.balance.tools
+        )
+        self._together = MAX_SADDLE_POINTS if self._is_loose and linear.has_saddle_point else 0
+
+    def first_accuracy(self) -> contextlib.AbstractContextManager[None]:
+        """Of the solve before the first update of multipliers."""
+        if self._is_loose:
+            first = FIRST if self._together else INNER
+            return self._newton.accuracy(first, self._newton.final_norm)
+        return contextlib.nullcontext()
+
+    def close_gaps(self) -> None:
+        """Update λ̂ and solve again, until the gaps that multipliers hold are closed. Collective.
+
+        Raises:
+            ConvergenceError: If a solve fails, or too many updates leave gaps.
+        """
+        if not self._contacts:
+            return
+        newton, contacts = self._newton, self._contacts
+        augmentation = Augmentation(contacts)
+        final, loose, together = newton.final_norm, self._is_loose, self._together
+        stays = self._has_stayed()
+        while True:
+            gaps = [multipliers.violation(contact) for contact in contacts]
+            newton.record.violations.append(max(gaps))
+            closed = all(g <= c.allowed_gap for g, c in zip(gaps, contacts, strict=True))
+            if closed and (newton.record.norms[-1] <= final or not loose):
+                return
+            if closed and not together:
+                loose = False
+                with newton.accuracy(0.0, final):
+                    self._equilibrium.find()
+                continue
+            if len(newton.record.violations) > MAX_AUGMENTATIONS:
+                newton.fail(NOT_CLOSED)
+            if together:
+                together -= 1
+                if not (stays and self._close_together(final) and together):
+                    together = 0  # Uzawa's method starts from the solution for its multipliers
+                    with newton.accuracy(0.0, max(INNER * newton.first_norm, final)):
+                        self._equilibrium.find()
+                continue
+            augmentation.update()
+            self._solve_again(final, loose)
+
+    def _has_stayed(self) -> bool:
+        """Whether all iterations so far had the same numbers of closed rows. Collective."""
+        counts = self._newton.record.active
+        changed = counts != counts[:1] * len(counts)
+        return not self._system.comm.allreduce(changed, op=MPI.LOR)
+
+    def _solve_again(self, final: float, loose: bool) -> None:
+        """Solve after an update; what it adds is to be solved for, however small it is."""
+        system, newton = self._system, self._newton
+        norm = INNER * system.norm(system.residual(system.x.array_r))
+        norm = norm if loose else min(norm, final)
+        with newton.accuracy(0.0, max(norm, INNER * final, ROUNDING * newton.first_norm)):
+            self._equilibrium.find()
+
+    def _close_together(self, final: float) -> bool:
+        """Solve for unknowns and multipliers as if the active set stayed.
+
+        Args:
+            final: Norm of the residual that a solution may have.
+
+        Returns:
+            Whether it could be solved for, and the active set has stayed.
+        """
+        system, newton = self._system, self._newton
+        residual = system.residual(system.x.array_r)
+        newton.linear.assemble()
+        before = self._active_states()
+        saddle = newton.linear.solve_saddle_point(residual, final)
+        if saddle is None:
+            return False
+        newton.record.iterations += 1
+        newton.record.linear_iterations += saddle.num_iterations
+        if not saddle.converged:
+            return False
+        system.x.array[:] += saddle.change
+        for contact, multiplier in zip(self._contacts, saddle.multipliers, strict=True):
+            p = contact.gaps[0]
+            p.state.augmented = p.law.admissible(multiplier)
+        norm = system.norm(system.residual(system.x.array_r))
+        newton.record.add(0, norm, system.num_active_local())
+        return not system.comm.allreduce(before != self._active_states(), op=MPI.LOR)
+
+    def _active_states(self) -> list[bytes]:
+        return [active_set.active_state(contact) for contact in self._contacts]

@@ -1,0 +1,163 @@
+"""Continuation in the rate sensitivity of viscoplastic bodies."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem
+
+from qsdolfinx.base.checks import UP_TO_ONE, check, instance, require
+from qsdolfinx.base.collective import checked
+from qsdolfinx.contact import multipliers
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.solve.snes import ConvergenceError, line_search
+
+Array = npt.NDArray[np.float64]
+
+#: Largest factor between the rate sensitivities of two solves.
+FACTOR = 4.0
+
+#: Smallest part of the way that is tried.
+SMALLEST_STEP = 1 / 64
+
+#: Largest last step of Newton's method, relative to the unknowns, after which a solve from the
+#: present unknowns counts as converged, and how many solves may follow each other until then.
+SETTLED, MAX_SOLVES = 1e-3, 10
+
+#: Line search. Where a body hardly flows, full steps change the viscosity for small m by orders of
+#: magnitude, until the matrix is singular to working precision. Of PETSc's line searches this is
+#: the only one without failures or wrong results in ``bench/norton_hoff.py``.
+LINE_SEARCH = "bt"
+
+
+def solve_with_continuation(
+    problem: ContactProblem,
+    m: fem.Constant | typing.Sequence[fem.Constant],
+    target: float | typing.Sequence[float],
+) -> list[tuple[float, int]]:
+    """Solve a problem with Norton-Hoff bodies of small rate sensitivities. Collective.
+
+    Starts from m = 1, whose solution does not depend on the first guess, and lowers all m as powers
+    of their targets, m = target^s with s from 0 to 1. A step that fails is halved. From rest, SNES
+    would measure its tolerance by the huge viscosity there, and end too early. If all m are at
+    their targets and the bodies are not at rest (later steps of a loading history), that is tried
+    first from the present unknowns.
+
+    Steps are damped with the line search ``bt``, unless the problem's options name another.
+
+    Args:
+        problem: The problem; its forms contain the Constants.
+        m: The rate sensitivity of one body, or those of several bodies.
+        target: Their values to reach, above 0 and at most 1.
+
+    Returns:
+        Each s that was solved for, with the Newton iterations that it took.
+
+    Raises:
+        ConvergenceError: If the smallest step fails; unknowns, multipliers and m are as before.
+    """
+    check(instance(ContactProblem, "a ContactProblem"), problem=problem)
+    constants = [m] if isinstance(m, fem.Constant) else m
+    values = [target] if isinstance(target, (int, float, np.number)) else target
+    with checked(problem.comm) as same:
+        _check(constants, values)
+        targets = [float(value) for value in values]
+        same(target=targets)
+
+    def set_to(s: float) -> None:
+        for constant, value in zip(constants, targets, strict=True):
+            constant.value = value**s
+
+    start = [u.x.array.copy() for u in problem.u]
+    known = [multipliers.known(contact.model) for contact in problem.contacts]
+    before = [constant.value.item() for constant in constants]
+    damped = problem.has_full_steps
+    search = line_search(problem.snes, LINE_SEARCH) if damped else contextlib.nullcontext()
+    with problem.one_step(), search:
+        try:
+            moving = problem.comm.allreduce(any(np.any(x) for x in start), op=MPI.LOR)
+            if moving and before == targets:
+                with contextlib.suppress(ConvergenceError):
+                    iterations = _settle(problem)
+                    if iterations is not None:
+                        return [(1.0, iterations)]
+                _restore(problem, start, known)
+            return _follow(problem, set_to, min(targets))
+        except BaseException:  # Ctrl-C, too
+            _restore(problem, start, known)
+            for constant, value in zip(constants, before, strict=True):
+                constant.value = value
+            raise
+
+
+def _restore(
+    problem: ContactProblem, start: typing.Sequence[Array], known: list[list[Array]]
+) -> None:
+    """Put unknowns and multipliers back."""
+    for u, array in zip(problem.u, start, strict=True):
+        u.x.array[:] = array
+    for contact, kept in zip(problem.contacts, known, strict=True):
+        multipliers.set_known(contact.model, kept)
+
+
+def _settle(problem: ContactProblem) -> int | None:
+    """Solve from the present unknowns, and again until Newton's steps have become small.
+
+    SNES measures its tolerance by the first residual. Where the rate jumps that is the new velocity
+    times the old viscosity, compared with which anything is small.
+
+    Returns:
+        Newton iterations, or None if they have not become small.
+    """
+    iterations = 0
+    for _ in range(MAX_SOLVES):
+        problem.solve()
+        iterations += problem.num_iterations
+        update, x = problem.snes.getSolutionUpdate(), problem.snes.getSolution()
+        if update.norm() <= SETTLED * x.norm():
+            return iterations
+    return None
+
+
+def _follow(
+    problem: ContactProblem, set_to: typing.Callable[[float], None], smallest: float
+) -> list[tuple[float, int]]:
+    """Solve for s = 0, and then on to s = 1."""
+    set_to(0.0)
+    problem.solve()
+    if smallest == 1:
+        return [(1.0, problem.num_iterations)]
+    solved = [(0.0, problem.num_iterations)]
+    step = 1 / math.ceil(math.log(1 / smallest) / math.log(FACTOR))
+    while solved[-1][0] < 1:
+        s = solved[-1][0] + step
+        s = 1.0 if s > 1 - step / 2 else s  # no tiny last step from rounding
+        set_to(s)
+        try:
+            problem.solve()
+        except ConvergenceError:
+            step /= 2
+            if step < SMALLEST_STEP:
+                raise
+        else:
+            solved.append((s, problem.num_iterations))
+    return solved
+
+
+def _check(constants: typing.Any, values: typing.Any) -> None:
+    """Refuse what is not a list of scalar Constants with as many targets."""
+    scalar = isinstance(constants, typing.Sequence) and all(
+        isinstance(constant, fem.Constant) and constant.value.size == 1 for constant in constants
+    )
+    require(scalar, "m: must be a scalar dolfinx.fem.Constant, or a list of them", TypeError)
+    as_many = isinstance(values, typing.Sequence) and len(values) == len(constants) > 0
+    require(as_many, "target: must be a number, or a list with one for each m")
+    for value in values:
+        check(UP_TO_ONE, target=value)

@@ -1,0 +1,147 @@
+"""Rigid motions onto an elastic foundation: where loads press bodies and tools together."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.gap.weighted_gap import WeightedGap
+
+Array = npt.NDArray[np.float64]
+
+_TOLERANCE = 1e-3
+_MAX_STEPS = 30
+_MAX_BISECTIONS = 30
+_MAX_DOUBLINGS = 60
+
+
+@dataclasses.dataclass(frozen=True)
+class Springs:
+    """What a foundation has at the rows of one pass of a contact.
+
+    Attributes:
+        gap: The pass, evaluated where the motions begin.
+        change: How the motions change its gaps, shape (values of the gaps, motions).
+        modulus: E of the contact, stress.
+        contact: Number of the contact: its rows share a patch.
+    """
+
+    gap: WeightedGap
+    change: Array
+    modulus: float
+    contact: int
+
+
+class Foundation:
+    """Rigid bodies under load that press on each other through springs (Winkler's foundation).
+
+    Minimises Π(q) = ½ Σ ε_c S_k [ḡ_k + (G q)_k]₊² + r·q over motions q of bodies or tools. The
+    stiffness ε_c = E/ℓ of the springs of a contact is that of a half-space under a patch of the
+    size ℓ that is found closed. For a cylinder on a half-space the width of the contact is then
+    nearly right.
+
+    There is no matrix to factorise, and Newton's method starts from an active set near the right
+    one, not from a single point or the whole surface, from where it would take a step per facet.
+
+    Args:
+        springs: Those of all passes.
+        loads: r, what the loads do against each motion, the same on all ranks, shape (motions,).
+    """
+
+    def __init__(self, springs: typing.Sequence[Springs], loads: Array) -> None:
+        slave = springs[0].gap.slave
+        self._comm: MPI.Intracomm = slave.comm
+        self._area_dim = slave.area_dim
+        self._moduli = np.zeros(1 + max(s.contact for s in springs))
+        for s in springs:
+            self._moduli[s.contact] = s.modulus
+        self._gap = np.concatenate([s.gap.state.values.ravel() for s in springs])
+        self._weight = np.concatenate(
+            [np.repeat(s.gap.weight, s.gap.state.values.shape[1]) for s in springs]
+        )
+        counts = [s.gap.state.values.size for s in springs]
+        self._tied = np.repeat([s.gap.law.linear for s in springs], counts)
+        self._contact = np.repeat([s.contact for s in springs], counts)
+        self._G = np.concatenate([s.change for s in springs])
+        self._r = loads
+        self._eps = self._springs(np.ones(len(self._gap), dtype=bool))
+        pressure = np.where(self._closed(np.zeros(len(self._r))), self._gap, 0.0)
+        forces = np.abs(self._G).T @ np.abs(pressure * self._eps * self._weight)
+        forces = self._comm.allreduce(forces, op=MPI.SUM)
+        #: Size of the loads and of the springs' forces at the start. Where springs press against
+        #: each other, as between two dies, their difference may be nothing but rounding errors.
+        self._size = float(np.linalg.norm(self._r) + np.linalg.norm(forces))
+
+    def _springs(self, closed: npt.NDArray[np.bool_]) -> Array:
+        """Stiffness at each row, for patches of these closed rows."""
+        area = np.bincount(self._contact[closed], self._weight[closed], minlength=len(self._moduli))
+        size = self._comm.allreduce(area, op=MPI.SUM) ** (1 / self._area_dim)
+        eps = np.divide(self._moduli, size, out=self._moduli.copy(), where=size > 0)
+        return np.asarray(eps[self._contact])
+
+    def _closed(self, q: Array) -> npt.NDArray[np.bool_]:
+        return self._tied | (self._gap + self._G @ q > 0)
+
+    def _gradient(self, q: Array) -> Array:
+        gap = self._gap + self._G @ q
+        pressure = np.where(self._tied | (gap > 0), gap, 0) * self._eps * self._weight
+        return np.asarray(self._comm.allreduce(self._G.T @ pressure, op=MPI.SUM) + self._r)
+
+    def _hessian(self, q: Array) -> Array:
+        stiffness = np.where(self._closed(q), self._eps * self._weight, 0)
+        return np.asarray(self._comm.allreduce((self._G.T * stiffness) @ self._G, op=MPI.SUM))
+
+    def _direction(self, q: Array, gradient: Array) -> Array:
+        """Newton's; down the gradient where that is in motions that no spring resists."""
+        values, vectors = np.linalg.eigh(self._hessian(q))
+        stiff = values > 1e-10 * max(values.max(), 1e-300)
+        along = vectors.T @ gradient
+        if np.linalg.norm(along[~stiff]) > _TOLERANCE * self._size:
+            return np.asarray(-vectors[:, ~stiff] @ along[~stiff])
+        return np.asarray(-vectors[:, stiff] @ (along[stiff] / values[stiff]))
+
+    def _step(self, q: Array, direction: Array) -> float | None:
+        """Where Π is least along a direction; None if it falls without end."""
+        change = self._G @ direction
+        scale = self._comm.allreduce(np.max(np.abs(change), initial=0), op=MPI.MAX)
+        reach = self._comm.allreduce(np.max(np.abs(self._gap), initial=0), op=MPI.MAX)
+        largest = self._comm.allreduce(np.max(np.abs(self._G), initial=0), op=MPI.MAX)
+        if scale <= 1e-12 * largest * np.linalg.norm(direction):
+            return None  # sliding: gaps do not change but for rounding errors
+        # As far as the gaps are wide, or springs at all rows would give way.
+        stiffness = self._comm.allreduce(self._eps * self._weight @ change**2, op=MPI.SUM)
+        low, high = 0.0, max(reach / scale, abs(direction @ self._gradient(q)) / stiffness)
+        for _ in range(_MAX_DOUBLINGS):
+            if direction @ self._gradient(q + high * direction) > 0:
+                break
+            low, high = high, 2 * high
+        else:
+            return None
+        for _ in range(_MAX_BISECTIONS):
+            middle = 0.5 * (low + high)
+            if direction @ self._gradient(q + middle * direction) > 0:
+                high = middle
+            else:
+                low = middle
+        return high
+
+    def settle(self) -> Array | None:
+        """The motions q; None if nothing stops them. Collective."""
+        q: Array = np.zeros(len(self._r))
+        for _ in range(3):
+            for _ in range(_MAX_STEPS):
+                gradient = self._gradient(q)
+                if np.linalg.norm(gradient) <= _TOLERANCE * self._size:
+                    break
+                direction = self._direction(q, gradient)
+                step = self._step(q, direction)
+                if step is None:
+                    return None
+                q = q + step * direction
+            self._eps = self._springs(self._closed(q))
+        return q

@@ -1,0 +1,355 @@
+"""Bodies and contacts as one nonlinear problem, solved by PETSc's SNES."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import ufl
+from dolfinx import fem
+
+from qsdolfinx.base.checks import FLAG, check, either, instance, one_of, require
+from qsdolfinx.base.collective import checked
+from qsdolfinx.base.messages import say
+from qsdolfinx.base.timing import Span
+from qsdolfinx.contact import motion, multipliers
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.reach import check_reach
+from qsdolfinx.linear.presets import PRESETS, pick
+from qsdolfinx.linear.schur import Forms, check_schur, has_schur
+from qsdolfinx.linear.solver import LinearSolver, preset_options
+from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, communicator
+from qsdolfinx.solve.augmented import AugmentedLagrangian
+from qsdolfinx.solve.equilibrium import Equilibrium
+from qsdolfinx.solve.first_guess import guess
+from qsdolfinx.solve.newton import Newton
+from qsdolfinx.solve.snes import ConvergenceError, remove_options, set_options
+from qsdolfinx.solve.summary import summary
+from qsdolfinx.solve.tool_balance import ToolBalance
+from qsdolfinx.system.blocks import Blocks, Side
+from qsdolfinx.system.body import Body
+from qsdolfinx.system.matrices import Form
+from qsdolfinx.system.system import ContactSystem
+
+Array = npt.NDArray[np.float64]
+_counter = itertools.count()
+
+
+class ContactProblem:
+    """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
+
+    Φ is the energy of all contacts. Every body has its own mesh. The unknowns of a rank are those
+    of its part of body 0, then of body 1, and so on. The tangent is a MatNest (``blocks.nest``)
+    with the bulk forms and contact on the diagonal and contact alone elsewhere; with
+    ``kind="mpi"`` it is one AIJ matrix, or with ``"amg"`` a sum that is never formed.
+
+    Args:
+        F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``.
+        u: Unknown of each body, the initial guess.
+        contacts: Contacts between the bodies; may be empty.
+        bcs: For each body the list of its Dirichlet conditions; also on contact nodes.
+        J: For each body the derivative of F, or None to derive it. Forms that are linear in u are
+            found by UFL, and their matrix is assembled once.
+        petsc_options_prefix: Prefix of the solver's options; by default a new one for each problem.
+        petsc_options: PETSc options without the prefix, on top of those of the solver.
+        kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
+        solver: Linear solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
+            not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
+            moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
+            the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with multigrid for
+            velocities and displacements, and pressure mass matrices), or ``"auto"``: direct unless
+            the problem is large, which is then logged; none of these if there is any ``ksp_`` or
+            ``pc_`` option.
+        pressure_preconditioner: For ``"schur"``: for each body None or a bilinear form on its space
+            that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
+            sign. By default it is found from the tangent, at the viscosity of each iterate.
+        verbose: Whether to log a line about every solve (rank 0, logger ``"qsdolfinx"``, which
+            prints as long as logging has no handlers).
+
+    Raises:
+        ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
+            none of the bodies, or a name is unknown.
+    """
+
+    def __init__(
+        self,
+        F: typing.Sequence[ufl.Form],
+        u: typing.Sequence[fem.Function],
+        contacts: typing.Sequence[Contact],
+        bcs: typing.Sequence[typing.Sequence[fem.DirichletBC]] | None = None,
+        J: typing.Sequence[ufl.Form | None] | None = None,
+        *,
+        petsc_options_prefix: str | None = None,
+        petsc_options: dict[str, typing.Any] | None = None,
+        kind: str | None = None,
+        solver: str = "auto",
+        pressure_preconditioner: Forms = None,
+        verbose: bool = False,
+    ) -> None:
+        with checked(communicator(u)) as same:
+            check(LIST, F=F, u=u, contacts=contacts)
+            check(either(LIST, None), bcs=bcs, J=J)
+            bcs = [[] for _ in u] if bcs is None else bcs
+            J = [None for _ in u] if J is None else J
+            same(contacts=len(contacts))
+            same(one_of(("auto", *PRESETS)), solver=solver)
+            if kind is None:
+                kind = "nest" if solver == "fieldsplit" else "mpi"
+            same(one_of(("mpi", "nest")), kind=kind)
+            fits = solver != "amg" or kind == "mpi"
+            require(fits, 'kind: solver="amg" needs kind="mpi"; use "fieldsplit"')
+            check_bodies(F, u, contacts, bcs, J)
+            check_schur(u, solver, kind, pressure_preconditioner)
+            same(either(instance(str, "a string"), None), petsc_options_prefix=petsc_options_prefix)
+            same(either(OPTIONS, None), petsc_options=petsc_options)
+            same(FLAG, verbose=verbose)
+        self.verbose = bool(verbose)
+        self._steps_within = 0
+        bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
+        prefix = f"qsdolfinx_{next(_counter)}_" if petsc_options_prefix is None else ""
+        prefix = petsc_options_prefix or prefix
+        remove_options(prefix)
+        given = petsc_options or {}
+        chosen = {*given, *PETSc.Options(prefix).getAll()}
+        #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
+        self.solver = _pick(solver, bodies, kind, chosen)
+        sums = self.solver == "amg" and "pc_type" not in chosen
+        self._contacts = list(contacts)
+        models = [contact.model for contact in contacts]
+        #: Residual and tangent of the problem.
+        self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
+        options = preset_options(self.solver, len(bodies), chosen)
+        full_steps = set_options(prefix, given, options)
+        #: PETSc's nonlinear solver.
+        self.snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
+        self.snes.setOptionsPrefix(prefix)
+        self.snes.setFromOptions()
+        ksp = self.snes.getKSP()
+        linear = LinearSolver(ksp, self.solver, self.system, chosen, pressure_preconditioner)
+        #: Newton's method for the system.
+        self.newton = Newton(self.system, self.snes, linear, full_steps)
+        #: Closed rows of each contact at each iteration of the last solve, over all ranks.
+        self.active_history: list[list[int]] = []
+
+    # --- What it is made of
+
+    @property
+    def u(self) -> list[fem.Function]:
+        """Unknown of each body."""
+        return self.system.u
+
+    @property
+    def bodies(self) -> list[Body]:
+        """The bodies."""
+        return self.system.bodies
+
+    @property
+    def contacts(self) -> list[Contact]:
+        """The contacts."""
+        return self._contacts
+
+    @property
+    def sides(self) -> list[Side]:
+        """Bodies of the slave and the master of each contact; None for a rigid tool."""
+        return self.system.sides
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the bodies."""
+        return self.system.comm
+
+    @property
+    def unknowns(self) -> list[str]:
+        """``"displacement"`` or ``"velocity"``, for each body, as its contacts say."""
+        return self.system.unknowns
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric, as its matrix is told."""
+        return self.system.symmetric
+
+    @property
+    def blocks(self) -> Blocks | None:
+        """The tangent as a MatNest, ``blocks.nest``; None before the first solve."""
+        return self.system.made.blocks if self.system.has_matrices else None
+
+    @property
+    def has_full_steps(self) -> bool:
+        """Whether the line search is the default and not the user's choice."""
+        return self.newton.has_full_steps
+
+    # --- How the last solve went
+
+    @property
+    def residual_history(self) -> list[float]:
+        """Norm of the residual at each iteration of the last solve."""
+        return self.newton.record.residuals
+
+    @property
+    def violation_history(self) -> list[float]:
+        """Largest gap that an augmented multiplier leaves, after each of its updates."""
+        return self.newton.record.violations
+
+    @property
+    def num_iterations(self) -> int:
+        """Newton iterations of the last solve, over all updates of the multipliers."""
+        return self.newton.record.iterations
+
+    @property
+    def num_linear_iterations(self) -> int:
+        """Iterations of the linear solver in them."""
+        return self.newton.record.linear_iterations
+
+    @property
+    def num_augmentations(self) -> int:
+        """Updates of the multipliers in the last solve."""
+        return max(len(self.violation_history) - 1, 0)
+
+    @property
+    def timings(self) -> dict[str, Span]:
+        """Wall time (s) since the problem was made, of the contacts since they were. Collective.
+
+        Returns:
+            The most and the least that any rank has spent in each stage: ``"pairing"``, ``"gap"``,
+            ``"insertion"`` of contact blocks, ``"bulk assembly"``, ``"conversion"`` of the MatNest,
+            and ``"solve"``, which is what is left of the nonlinear solver: the linear one. The
+            stages of PETSc's ``-log_view`` are the same.
+        """
+        return self.system.timings
+
+    # --- Solving
+
+    @contextlib.contextmanager
+    def one_step(self) -> typing.Iterator[None]:
+        """Make all solves inside the block attempts at one step. Collective.
+
+        Friction counts slip from the end of the last step. Without this block each solve that
+        succeeds is a step.
+        """
+        self._steps_within += 1
+        try:
+            yield
+        finally:
+            self._steps_within -= 1
+        if self._steps_within == 0:
+            for contact in self.system.contacts:
+                if contact.friction is not None:
+                    contact.friction.end_step(contact.slips)
+
+    def set_up(self) -> None:
+        """Compute automatic penalties and build the matrices, as solve() does. Collective."""
+        for body in self.bodies:
+            body.begin_solve()
+        self.newton.update_matrices()
+        for contact in self.system.contacts:
+            motion.move_tool(contact)
+            if contact.friction is not None:
+                contact.friction.read_parameters(contact.slips)
+
+    def solve(self) -> list[fem.Function]:
+        """Solve for all bodies, from their present u. Collective.
+
+        With friction it is the next step of the history, see :meth:`one_step`.
+
+        Returns:
+            The unknowns, which hold the solution.
+
+        Raises:
+            ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
+
+        Warns:
+            ReachWarning: If nodes that were too far away to be paired may have been in contact.
+        """
+        with self.one_step(), summary(self.newton, self.verbose):
+            self._solve()
+        return self.u
+
+    def _solve(self) -> None:
+        state = [body.u.x.array.copy() for body in self.bodies]
+        known = [multipliers.known(contact) for contact in self.system.contacts]
+        self._forget_openings()
+        self.set_up()
+        balance = ToolBalance(self.system)
+        start = self._starting_point()
+        self.newton.begin()
+        try:
+            self._find(balance, start)
+        except BaseException as error:  # Ctrl-C, too
+            for contact, kept in zip(self.system.contacts, known, strict=True):
+                multipliers.set_known(contact, kept)
+            if isinstance(error, Exception) or self.comm.size == 1:  # else on this rank alone
+                balance.restore()
+            self._forget_openings()
+            for slip in self.system.slips:
+                slip.stick_slip.end_iterations()
+            if isinstance(error, ConvergenceError):
+                self.active_history = error.active_history
+                self.system.residual(start)  # gaps and multipliers too
+            for body, array in zip(self.bodies, state, strict=True):
+                body.u.x.array[:] = array
+            raise
+        self.active_history = self.newton.record.active_of_all(self.comm)
+        for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
+            check_reach(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
+
+    def _forget_openings(self) -> None:
+        for slip in self.system.slips:
+            slip.stick_slip.begin_solve()
+
+    def _starting_point(self) -> Array:
+        """Bring the system to the bodies' unknowns; returns a copy of them."""
+        for body, part in zip(self.bodies, self.system.parts(self.system.x.array), strict=True):
+            values = body.u.x.array[: body.num_owned].copy()
+            # Linear ones are evaluated as if their Dirichlet values were in place.
+            part[:] = body.with_conditions(values) if body.linear else values
+        return self.system.x.array.copy()
+
+    def _find(self, balance: ToolBalance, start: Array) -> None:
+        """Unknowns, tools and multipliers in equilibrium, from this starting point."""
+        newton = self.newton
+        if balance.tools:
+            self.system.residual(start)
+            balance.approach()
+        newton.first_norm, newton.predicted = guess(self.system)
+        equilibrium = Equilibrium(newton, balance)
+        augmented = AugmentedLagrangian(equilibrium)
+        with augmented.first_accuracy():
+            equilibrium.find()
+        augmented.close_gaps()
+
+    def destroy(self) -> None:
+        """Free PETSc's objects and options; the problem cannot be used again. Collective.
+
+        In parallel PETSc's objects are not freed when Python drops them. A program that makes many
+        problems should call this for each. A second call does nothing.
+        """
+        if not self.snes:
+            return
+        self.newton.linear.destroy()
+        remove_options(self.snes.getOptionsPrefix())
+        self.snes.destroy()
+        self.system.destroy()
+
+
+def _pick(
+    solver: str, bodies: typing.Sequence[Body], kind: str, chosen: typing.Collection[str]
+) -> str:
+    """The linear solver by name, if it is left to us. Collective."""
+    if solver != "auto":
+        return solver
+    if any(key.startswith(("ksp_", "pc_")) for key in chosen):
+        return "options"
+    gdim, comm = bodies[0].V.mesh.geometry.dim, bodies[0].comm
+    has_modes = all(body.V.dofmap.index_map_bs == gdim for body in bodies)
+    size = sum(body.V.dofmap.index_map.size_global * body.V.dofmap.index_map_bs for body in bodies)
+    name, reason = pick(size, gdim, has_modes, kind, has_schur([body.u for body in bodies]))
+    if name != "direct":
+        say(comm, f'solver="{name}": {reason}')
+    return name

@@ -1,0 +1,141 @@
+"""PETSc's SNES for contact problems: options, monitoring, and what happens when it fails."""
+
+from __future__ import annotations
+
+import contextlib
+import typing
+
+from petsc4py import PETSc
+
+#: Defaults of the nonlinear solver. Full steps make Newton's method an active-set method, which
+#: ends within a few steps where the bodies are linear; the residual may grow by orders of magnitude
+#: when contacts close. A solve that starts at the solution ends by the step tolerance.
+SNES_OPTIONS: dict[str, typing.Any] = {
+    "snes_type": "newtonls",
+    "snes_linesearch_type": "basic",
+    "snes_divergence_tolerance": 1e300,
+    "snes_rtol": 1e-9,
+    "snes_stol": 1e-10,
+    "snes_max_it": 50,
+}
+
+#: Line search that is tried from the start when full steps did not converge.
+LINE_SEARCH = "l2"
+
+#: Reason, in addition to PETSc's, of a solve whose augmented multipliers do not close the gap.
+NOT_CLOSED = -1000
+
+#: The same of a rigid tool for whose driving force no displacement was found.
+NOT_BALANCED = -1001
+
+_NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED"}
+
+
+class ConvergenceError(RuntimeError):
+    """The nonlinear solver did not converge; the unknowns are as they were before.
+
+    Attributes:
+        reason: PETSc's SNESConvergedReason, negative.
+        reason_name: Its name, such as ``"DIVERGED_MAX_IT"``.
+        residual_history: Norm of the residual at each iteration.
+        active_history: Number of active contact rows at each iteration, one list entry per contact.
+        violation_history: Largest gap that an augmented multiplier leaves, after each update.
+    """
+
+    def __init__(
+        self,
+        reason: int,
+        residual_history: list[float],
+        active_history: list[list[int]],
+        linear_reason: int = 0,
+        violation_history: typing.Sequence[float] = (),
+    ) -> None:
+        self.reason = reason
+        self.violation_history = list(violation_history)
+        names = PETSc.SNES.ConvergedReason
+        self.reason_name = _NAMES.get(reason) or reason_name(names, reason)
+        self.residual_history = residual_history
+        self.active_history = active_history
+        linear = ""
+        if linear_reason < 0:
+            name = reason_name(PETSc.KSP.ConvergedReason, linear_reason)
+            linear = f", linear solver: {name} ({linear_reason})"
+        residuals = ", ".join(f"{r:.3e}" for r in residual_history)
+        active = ", ".join("/".join(map(str, counts)) for counts in active_history)
+        gaps = ", ".join(f"{g:.3e}" for g in self.violation_history)
+        super().__init__(
+            f"SNES did not converge: {self.reason_name} ({reason}){linear}; "
+            f"residuals [{residuals}]; active contact rows [{active}]"
+            + (f"; gaps after each update of the multipliers [{gaps}]" if gaps else "")
+        )
+
+
+def reason_name(reasons: type, value: int) -> str:
+    """Name of a PETSc reason, the longest of its names."""
+    names = [n for n, v in vars(reasons).items() if v == value and n.isupper()]
+    return max(names, key=len, default="UNKNOWN")
+
+
+def forget_failure(snes: PETSc.SNES) -> None:
+    """Let a direct solver whose factorisation failed start afresh. Collective.
+
+    Otherwise PETSc's interface to MUMPS refuses all matrices that come after the one that failed,
+    even if that took no more than memory which the first one's analysis did not foresee.
+    """
+    ksp = snes.getKSP()
+    failed = ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED
+    if failed and ksp.getPC().getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
+        ksp.getPC().reset()
+
+
+#: What set_options has put into PETSc's database, by prefix.
+_put: dict[str, dict[str, str]] = {}
+
+
+def set_options(prefix: str, given: dict[str, typing.Any], linear: dict[str, typing.Any]) -> bool:
+    """Put a problem's options into PETSc's database.
+
+    They stay there, because preconditioners look up some of theirs late; those of an earlier
+    problem with this prefix have to be removed before. Defaults give way to the command line.
+
+    Args:
+        prefix: Of the options.
+        given: The user's.
+        linear: Defaults of the linear solver.
+
+    Returns:
+        Whether the full steps are our default and not the user's choice.
+    """
+    database = PETSc.Options(prefix)
+    defaults = SNES_OPTIONS | linear
+    put = {key: value for key, value in defaults.items() if not database.hasName(key)} | given
+    for key, value in put.items():
+        database.setValue(key, value)
+    _put[prefix] = {key: database.getString(key, "") for key in put}
+    return "snes_linesearch_type" in put and "snes_linesearch_type" not in given
+
+
+def remove_options(prefix: str) -> None:
+    """Take out of PETSc's database what set_options has put there and nobody changed since."""
+    database = PETSc.Options(prefix)
+    for key, value in _put.pop(prefix, {}).items():
+        if database.getString(key, "") == value:
+            database.delValue(key)
+
+
+@contextlib.contextmanager
+def line_search(snes: PETSc.SNES, kind: str = LINE_SEARCH) -> typing.Iterator[None]:
+    """Replace full steps by a line search on the residual norm inside the block."""
+    database = PETSc.Options(snes.getOptionsPrefix())
+    before, tolerances = database.getString("snes_linesearch_type"), snes.getTolerances()
+
+    def choose(kind: str) -> None:
+        database.setValue("snes_linesearch_type", kind)
+        snes.setFromOptions()
+        snes.setTolerances(*tolerances)
+
+    choose(kind)
+    try:
+        yield
+    finally:
+        choose(before)

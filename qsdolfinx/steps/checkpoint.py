@@ -1,0 +1,297 @@
+"""Checkpoints: functions and arrays that are found again on any number of ranks."""
+
+from __future__ import annotations
+
+import json
+import pathlib
+import shutil
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+import basix
+from dolfinx import fem, mesh
+
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.compat import cell_nodes, coordinate_element
+
+Array = npt.NDArray[np.float64]
+Keys = npt.NDArray[np.int64]
+
+_MANIFEST = "checkpoint.json"
+
+
+class Checkpoint:
+    """State of functions and meshes in a folder.
+
+    Values are stored with the input numbers of the vertices that they belong to, so that a program
+    which makes the same meshes finds them again on another partition and number of ranks. A folder
+    is written aside and renamed when it is whole; the one before it is only then removed.
+
+    Args:
+        comm: Communicator of all that is stored.
+        folder: The folder.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, folder: str | pathlib.Path) -> None:
+        self._comm = comm
+        self._folder = pathlib.Path(folder)
+
+    def save(
+        self,
+        functions: typing.Mapping[str, fem.Function],
+        meshes: typing.Mapping[str, tuple[mesh.Mesh, Array]],
+        values: typing.Mapping[str, typing.Any],
+    ) -> None:
+        """Write a checkpoint. Collective.
+
+        Args:
+            functions: Functions with at most one node per vertex, edge, face or cell: P1, P2, MINI
+                and mixed spaces of them, piecewise constants.
+            meshes: Meshes with the coordinates to store, shape (geometry nodes, 3).
+            values: What JSON can hold, the same on all ranks.
+
+        Raises:
+            ValueError: If the nodes of a function cannot be told by vertices.
+            OSError: If files cannot be written; the checkpoint before is then as it was.
+        """
+        identities = _identities(self._comm, functions, meshes)
+        aside = self._folder.with_name(self._folder.name + ".new")
+        with collective_errors(self._comm):
+            if self._comm.rank == 0:
+                shutil.rmtree(aside, ignore_errors=True)
+                aside.mkdir(parents=True)
+        try:
+            self._write(aside, functions, meshes, dict(values), identities)
+        except Exception:
+            if self._comm.rank == 0:  # nobody writes any more
+                shutil.rmtree(aside, ignore_errors=True)
+            raise
+
+    def _write(
+        self,
+        aside: pathlib.Path,
+        functions: typing.Mapping[str, fem.Function],
+        meshes: typing.Mapping[str, tuple[mesh.Mesh, Array]],
+        values: dict[str, typing.Any],
+        identities: dict[str, list[int]],
+    ) -> None:
+        """Write all files into the new folder, and replace the old one by it."""
+        with collective_errors(self._comm):
+            arrays: dict[str, npt.NDArray[typing.Any]] = {}
+            for name, function in functions.items():
+                keys, dofs = _function_keys(name, function)
+                owned = function.function_space.dofmap
+                own = dofs < owned.index_map.size_local * owned.index_map_bs
+                arrays[f"{name}/keys"] = keys[own]
+                arrays[f"{name}/values"] = function.x.array[dofs[own]][:, None]
+            for name, (msh, x) in meshes.items():
+                arrays[f"{name}/keys"] = _geometry_keys(msh)
+                arrays[f"{name}/values"] = x
+            np.savez(aside / f"{self._comm.rank}.npz", **arrays)  # type: ignore[arg-type]
+        with collective_errors(self._comm):
+            if self._comm.rank == 0:
+                content = {"ranks": self._comm.size, "values": values, "of": identities}
+                (aside / _MANIFEST).write_text(json.dumps(content))
+                self._replace(aside)
+
+    def _replace(self, aside: pathlib.Path) -> None:
+        """Replace the old folder by the new one."""
+        old = self._folder.with_name(self._folder.name + ".old")
+        shutil.rmtree(old, ignore_errors=True)
+        if self._folder.exists():
+            self._folder.rename(old)
+        aside.rename(self._folder)
+        shutil.rmtree(old, ignore_errors=True)
+
+    def _read(self) -> tuple[pathlib.Path, dict[str, typing.Any]]:
+        """Folder that holds the checkpoint, and its manifest."""
+        folder = self._folder
+        if not folder.exists():  # a process was stopped between two renames
+            folder = folder.with_name(folder.name + ".old")
+        if not (folder / _MANIFEST).exists():
+            raise FileNotFoundError(f"there is no checkpoint in {self._folder}")
+        return folder, json.loads((folder / _MANIFEST).read_text())
+
+    def values(self) -> dict[str, typing.Any]:
+        """The values alone. Collective.
+
+        Raises:
+            OSError: If there is no checkpoint.
+        """
+        with collective_errors(self._comm):
+            _, content = self._read()
+        return typing.cast(dict[str, typing.Any], content["values"])
+
+    def load(
+        self,
+        functions: typing.Mapping[str, fem.Function],
+        meshes: typing.Mapping[str, tuple[mesh.Mesh, Array]],
+    ) -> None:
+        """Read a checkpoint into the functions and coordinates. Collective.
+
+        Raises:
+            OSError: If there is no checkpoint.
+            ValueError: If it is of something else; nothing is changed then.
+        """
+        identities = _identities(self._comm, functions, meshes)
+        with collective_errors(self._comm):
+            folder, content = self._read()
+            for name, identity in identities.items():
+                if name not in content["of"]:
+                    raise ValueError(f"{name}: is not in the checkpoint {self._folder}")
+                if content["of"][name] != identity:
+                    raise ValueError(
+                        f"{name}: the checkpoint {self._folder} is of another mesh or space"
+                    )
+            targets: dict[str, tuple[Keys, Array, typing.Callable[[Array], None]]] = {}
+            for name, function in functions.items():
+                keys, dofs = _function_keys(name, function)
+                targets[name] = keys, np.full((len(keys), 1), np.nan), _writer(function, dofs)
+            for name, (msh, x) in meshes.items():
+                targets[name] = _geometry_keys(msh), np.full_like(x, np.nan), _copier(x)
+            for rank in range(content["ranks"]):
+                with np.load(folder / f"{rank}.npz") as stored:
+                    for name, (keys, found, _) in targets.items():
+                        _pick(stored[f"{name}/keys"], stored[f"{name}/values"], keys, found)
+            for name, (_, found, _) in targets.items():
+                if np.isnan(found).any():
+                    raise ValueError(f"{name}: the checkpoint {self._folder} is incomplete")
+        for _, found, write in targets.values():
+            write(found)
+
+
+def _writer(function: fem.Function, dofs: npt.NDArray[np.int32]) -> typing.Callable[[Array], None]:
+    def write(values: Array) -> None:
+        function.x.array[dofs] = values[:, 0]
+
+    return write
+
+
+def _copier(x: Array) -> typing.Callable[[Array], None]:
+    def write(values: Array) -> None:
+        x[:] = values
+
+    return write
+
+
+def _pick(stored: Keys, values: Array, keys: Keys, found: Array) -> None:
+    """Write the stored values to where their keys are wanted."""
+    if len(stored) == 0 or len(keys) == 0 or stored.shape[1] != keys.shape[1]:
+        return
+    _, number = np.unique(np.vstack([stored, keys]), axis=0, return_inverse=True)
+    number = number.ravel()
+    place = np.full(number.max() + 1, -1)
+    place[number[: len(stored)]] = np.arange(len(stored))
+    at = place[number[len(stored) :]]
+    found[at >= 0] = values[at[at >= 0]]
+
+
+def _identities(
+    comm: MPI.Intracomm,
+    functions: typing.Mapping[str, fem.Function],
+    meshes: typing.Mapping[str, tuple[mesh.Mesh, Array]],
+) -> dict[str, list[int]]:
+    """What tells meshes and spaces apart on any partition. Collective.
+
+    Returns:
+        Number of unknowns and a digest of the cells, by name.
+    """
+    of = {name: [_digest(comm, msh), msh.geometry.dim] for name, (msh, _) in meshes.items()}
+    for name, function in functions.items():
+        V = function.function_space
+        size = V.dofmap.index_map.size_global * V.dofmap.index_map_bs
+        of[name] = [_digest(comm, V.mesh), size]
+    return of
+
+
+def _digest(comm: MPI.Intracomm, msh: mesh.Mesh) -> int:
+    """Sum of digests of the cells' sorted input numbers. Collective."""
+    count = msh.topology.index_map(msh.topology.dim).size_local
+    nodes = np.sort(msh.geometry.input_global_indices[cell_nodes(msh)[:count]], axis=1)
+    digest = np.zeros(count, dtype=np.uint64)
+    for column in nodes.astype(np.uint64).T:
+        digest = (digest + column + np.uint64(1)) * np.uint64(6364136223846793005)
+        digest ^= digest >> np.uint64(29)
+    total = np.array(digest.sum(dtype=np.uint64))
+    comm.Allreduce(MPI.IN_PLACE, total)
+    return int(total)
+
+
+def _geometry_keys(msh: mesh.Mesh) -> Keys:
+    return np.asarray(msh.geometry.input_global_indices, dtype=np.int64)[:, None]
+
+
+def _function_keys(name: str, function: fem.Function) -> tuple[Keys, npt.NDArray[np.int32]]:
+    """Local unknowns and what they are known by on any partition.
+
+    Returns:
+        Keys, shape (unknowns, n): number of the field, component, and the sorted input numbers of
+        the vertices of the unknown's vertex, edge, face or cell; and the unknowns.
+
+    Raises:
+        ValueError: If more than one node belongs to one of these, or it has a direction.
+    """
+    keys, unknowns = [], []
+    for number, V in enumerate(_leaves(function.function_space)):
+        layout, topology = V.dofmap.dof_layout, _cell_topology(V.mesh)
+        several = any(
+            len(layout.entity_dofs(dim, j)) > 1
+            for dim, n in enumerate(topology)
+            for j in range(len(n))
+        )
+        if several or V.element.needs_dof_transformations:
+            raise ValueError(
+                f"{name}: a checkpoint holds functions with one node per vertex, edge, face or cell"
+            )
+        field_keys, field_unknowns = _leaf_keys(V)
+        head = np.full((len(field_keys), 1), number)
+        keys.append(np.hstack([head, field_keys]))
+        unknowns.append(field_unknowns)
+    every = np.concatenate(unknowns)
+    dofs, first = np.unique(every, return_index=True)
+    return np.vstack(keys)[first], dofs.astype(np.int32)
+
+
+def _leaves(V: fem.FunctionSpace) -> list[fem.FunctionSpace]:
+    """The scalar and blocked spaces of a mixed space."""
+    if V.num_sub_spaces == 0 or V.dofmap.dof_layout.block_size > 1:
+        return [V]
+    return [leaf for i in range(V.num_sub_spaces) for leaf in _leaves(V.sub(i))]
+
+
+def _cell_topology(msh: mesh.Mesh) -> list[list[list[int]]]:
+    """Vertices of the reference cell's entities of each dimension."""
+    cell = getattr(basix.CellType, msh.topology.cell_type.name)
+    return basix.topology(cell)
+
+
+def _leaf_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
+    """Keys and local unknowns of a scalar or blocked space."""
+    msh, layout = V.mesh, V.dofmap.dof_layout
+    topology = _cell_topology(msh)
+    vertex_count = len(topology[0])
+    geometry_layout = coordinate_element(msh).create_dof_layout()
+    places = [geometry_layout.entity_dofs(0, v)[0] for v in range(vertex_count)]
+    nodes = msh.geometry.input_global_indices[cell_nodes(msh)[:, places]]
+    bs = layout.block_size
+    unrolled = V.dofmap.list
+    if V.dofmap.bs == bs:
+        # A rank may have no cells: reshape cannot guess then.
+        width = unrolled.shape[1] * bs
+        unrolled = (unrolled[:, :, None] * bs + np.arange(bs)).reshape(len(unrolled), width)
+    keys, unknowns = [], []
+    for dim, entities in enumerate(topology):
+        for j, vertices in enumerate(entities):
+            dofs = layout.entity_dofs(dim, j)
+            for dof in dofs:
+                name = np.full((len(nodes), vertex_count + 1), -1, dtype=np.int64)
+                name[:, 1 : 1 + len(vertices)] = np.sort(nodes[:, vertices], axis=1)
+                for component in range(bs):
+                    name[:, 0] = component
+                    keys.append(name.copy())
+                    unknowns.append(unrolled[:, dof * bs + component].astype(np.int64))
+    return np.vstack(keys), np.concatenate(unknowns)

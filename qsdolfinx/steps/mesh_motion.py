@@ -1,0 +1,123 @@
+"""How a body's mesh moves with its unknowns."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+import ufl
+from dolfinx import fem, mesh
+
+from qsdolfinx.compat import cell_nodes
+from qsdolfinx.surface.unknowns import NUM_CELL_VERTICES, vertex_dofs
+from qsdolfinx.system.rigid_modes import displacement_space
+
+Array = npt.NDArray[np.float64]
+
+#: Vertices next to each vertex of a cell, in the order that gives a right-handed corner.
+_CORNERS: dict[mesh.CellType, list[tuple[int, ...]]] = {
+    mesh.CellType.triangle: [(0, 1, 2)],
+    mesh.CellType.quadrilateral: [(0, 1, 2), (1, 3, 0), (3, 2, 1), (2, 0, 3)],
+    mesh.CellType.tetrahedron: [(0, 1, 2, 3)],
+    mesh.CellType.hexahedron: [
+        (0, 1, 2, 4),
+        (1, 3, 0, 5),
+        (3, 2, 1, 7),
+        (2, 0, 3, 6),
+        (4, 6, 5, 0),
+        (5, 4, 7, 1),
+        (7, 5, 6, 3),
+        (6, 7, 4, 2),
+    ],
+}
+
+
+class MeshMotion:
+    """Moves the vertices of a body's mesh by its displacements or velocities.
+
+    Args:
+        u: Unknown of the body; of a mixed space the first vector field with unknowns at vertices.
+
+    Raises:
+        ValueError: If there is none.
+    """
+
+    def __init__(self, u: fem.Function) -> None:
+        self.u = u
+        self.mesh = u.function_space.mesh
+        V = displacement_space(u.function_space)
+        if V is None:
+            raise ValueError("u: has no displacement or velocity with unknowns at the vertices")
+        topology, geometry = self.mesh.topology, self.mesh.geometry
+        index_map = topology.index_map(topology.dim)
+        cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)[:, None]
+        vertices = np.arange(NUM_CELL_VERTICES[topology.cell_type], dtype=np.int32)[None, :]
+        dofs = vertex_dofs(V, cells, vertices).reshape(-1, geometry.dim)
+        nodes = cell_nodes(self.mesh)[cells[:, 0]]
+        self._nodes, first = np.unique(nodes.ravel(), return_index=True)
+        self._dofs = dofs[first]
+        #: Coordinates of the mesh when the object was made, or as :meth:`set_reference` left them.
+        self.reference: Array = np.array(geometry.x)
+        self._sign = np.sign(self._corners(self.reference))
+        one = fem.Constant(self.mesh, np.float64(1.0))
+        self._volume = fem.form(one * ufl.dx(domain=self.mesh))
+
+    def values(self, x: Array | None = None) -> Array:
+        """Unknowns at the vertices, shape (geometry nodes, 3), in 2D with zeros.
+
+        Args:
+            x: All unknowns of this rank; by default those of u.
+        """
+        out = np.zeros_like(self.reference)
+        x = self.u.x.array if x is None else x
+        out[self._nodes, : self.mesh.geometry.dim] = x[self._dofs]
+        return out
+
+    def move(self, displacement: Array | float = 0.0) -> None:
+        """Put the mesh at the reference coordinates plus a displacement (length)."""
+        self.mesh.geometry.x[:] = self.reference + displacement
+
+    def set_reference(self, x: Array) -> None:
+        """Take these coordinates as the reference, and move the mesh there."""
+        self.reference = x.copy()
+        self.move()
+
+    def quality(self, x: Array | None = None) -> float:
+        """Worst shape of a cell: 1 at best, 0 flat, negative turned inside out. Collective.
+
+        The determinant of the edges at a corner of unit edges' length, by the longest edge there.
+
+        Args:
+            x: Coordinates, shape (geometry nodes, 3); by default those of the mesh as it is.
+        """
+        x = np.asarray(self.mesh.geometry.x, dtype=np.float64) if x is None else x
+        corners = self._corners(x) * self._sign
+        # Coordinates that are not finite are no shape at all.
+        local = float(np.min(np.nan_to_num(corners, nan=-np.inf), initial=1.0))
+        return float(self.mesh.comm.allreduce(local, op=MPI.MIN))
+
+    def _corners(self, x: Array) -> Array:
+        """Determinant of the edges at each cell's corners over that of the best shape."""
+        geometry, kind = self.mesh.geometry, self.mesh.topology.cell_type
+        gdim = geometry.dim
+        x = x[cell_nodes(self.mesh)][:, :, :gdim]
+        simplex = kind in (mesh.CellType.triangle, mesh.CellType.tetrahedron)
+        best = (np.sqrt(3) / 2 if gdim == 2 else np.sqrt(0.5)) if simplex else 1.0
+        out = []
+        for corner in map(list, _CORNERS[kind]):
+            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+                edges = x[:, corner[1:]] - x[:, [corner[0]]]
+                if simplex:
+                    pairs = x[:, :, None] - x[:, None, :]
+                    longest = np.linalg.norm(pairs, axis=-1).max(axis=(1, 2))
+                else:
+                    longest = np.linalg.norm(edges, axis=-1).max(axis=1)
+                out.append(np.linalg.det(edges) / longest**gdim / best)
+        return np.array(out)
+
+    def volume(self) -> float:
+        """Volume (2D: area) of the mesh as it is. Collective."""
+        local = fem.assemble_scalar(self._volume)
+        return float(self.mesh.comm.allreduce(local, op=MPI.SUM))

@@ -1,0 +1,173 @@
+"""Checkpoints of a run of time steps."""
+
+from __future__ import annotations
+
+import json
+import pathlib
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem, mesh
+
+from qsdolfinx.base.checks import FUNCTION, MAPPING, PATH, check, either, instance, require
+from qsdolfinx.base.collective import checked
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.multipliers import on_nodes, set_on_nodes
+from qsdolfinx.steps.checkpoint import Checkpoint
+from qsdolfinx.steps.stepper import TimeStepper
+
+_SCALARS = ("t", "dt", "last_dt", "num_steps", "num_cutbacks")
+
+
+def save_run(
+    stepper: TimeStepper,
+    folder: str | pathlib.Path,
+    functions: typing.Mapping[str, fem.Function] | None = None,
+    values: typing.Mapping[str, typing.Any] | None = None,
+) -> None:
+    """Write all that the steps to come depend on. Collective; see Checkpoint.save.
+
+    Args:
+        stepper: The run, after a step.
+        folder: Folder of the checkpoint; an existing one is replaced when the new one is whole.
+        functions: Functions of the user's own, such as accumulated strains.
+        values: Numbers of the user's own, such as accumulated work; what JSON can hold.
+    """
+    _check(stepper, folder, functions, values)
+    multipliers = _multipliers(stepper.problem.contacts)
+    state: dict[str, typing.Any] = {name: getattr(stepper, name) for name in _SCALARS}
+    state["positions"] = [tool.position.tolist() for tool in stepper.tools]
+    state["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
+    state["automatic"] = [contact.has_automatic_penalty for contact in stepper.problem.contacts]
+    state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
+    state["user"] = dict(values or {})
+    Checkpoint(stepper.problem.comm, folder).save(
+        _functions(stepper, functions) | multipliers, _meshes(stepper), state
+    )
+
+
+def load_run(
+    stepper: TimeStepper,
+    folder: str | pathlib.Path,
+    functions: typing.Mapping[str, fem.Function] | None = None,
+) -> dict[str, typing.Any]:
+    """Continue from a checkpoint, on any number of ranks. Collective.
+
+    Args:
+        stepper: The run, set up just as before.
+        folder: Folder of the checkpoint.
+        functions: As for save_run.
+
+    Returns:
+        The user's values that save_run was given.
+
+    Raises:
+        OSError: If there is no checkpoint.
+        ValueError: If it is of another run; nothing is changed then.
+    """
+    _check(stepper, folder, functions, {})
+    contacts = stepper.problem.contacts
+    meshes = _meshes(stepper)
+    multipliers = _multipliers(contacts)
+    functions_of_run = _functions(stepper, functions)
+    checkpoint = Checkpoint(stepper.problem.comm, folder)
+    values = checkpoint.values()
+    of_contacts = ("penalties", contacts), ("automatic", contacts)
+    for name, mine in (("positions", stepper.tools), *of_contacts):
+        as_many = len(values.get(name, ())) == len(mine)
+        require(as_many, f"stepper: the checkpoint {folder} is of other contacts or tools")
+    checkpoint.load(functions_of_run | multipliers, meshes)
+    for motion, (_, x) in zip(stepper.motions, meshes.values(), strict=True):
+        motion.set_reference(x)
+    for name in _SCALARS:
+        setattr(stepper, name, values[name])
+    for tool, position in zip(stepper.tools, values["positions"], strict=True):
+        tool.position = np.array(position)
+    for i, rate in enumerate(stepper.rates):
+        rate[:] = functions_of_run[f"rate_{i}"].x.array
+    _pair(stepper)
+    for i, (contact, penalty) in enumerate(zip(contacts, values["penalties"], strict=True)):
+        if penalty is not None and values["automatic"][i]:
+            contact.model.penalty.set_automatic(penalty, "automatic, before the restart")
+        elif penalty is not None:
+            contact.set_penalty(penalty)
+        arrays = []
+        for j, part in enumerate(contact.model.parts):
+            at_nodes = part.slave.linear.node_values(multipliers[f"multiplier_{i}_{j}"])
+            arrays.append(at_nodes[:, : part.state.augmented.shape[1]])
+        # The next step turns τ̂ to its tangent planes; turned here as well it would be another.
+        set_on_nodes(contact.model.parts, arrays, turn=False)
+        _load_slip(contact.model, i, multipliers, values["dissipated"][i])
+    return typing.cast(dict[str, typing.Any], values["user"])
+
+
+def _check(
+    stepper: typing.Any, folder: typing.Any, functions: typing.Any, values: typing.Any
+) -> None:
+    """Refuse arguments of another type or that differ between ranks. Collective."""
+    check(instance(TimeStepper, "a TimeStepper"), stepper=stepper)
+    with checked(stepper.problem.comm) as same:
+        check(PATH, folder=folder)
+        check(either(MAPPING, None), functions=functions, values=values)
+        check(FUNCTION, **{f"functions: {name!r}": f for name, f in (functions or {}).items()})
+        try:
+            json.dumps(dict(values or {}))
+        except (TypeError, ValueError) as error:
+            raise TypeError(f"values: must be what JSON can hold: {error}") from None
+        same(folder=str(folder), functions=list(functions or {}))
+
+
+def _pair(stepper: TimeStepper) -> None:
+    """Pair with the bodies where they are, so that all nodes in contact can have multipliers."""
+    for motion, flows in zip(stepper.motions, stepper.in_velocity, strict=True):
+        motion.move(0.0 if flows else motion.values())
+    for contact in stepper.problem.contacts:
+        contact.update()
+    for motion in stepper.motions:
+        motion.move()
+
+
+def _functions(
+    stepper: TimeStepper, more: typing.Mapping[str, fem.Function] | None
+) -> dict[str, fem.Function]:
+    functions = {f"u_{i}": u for i, u in enumerate(stepper.problem.u)}
+    for i, (u, rate) in enumerate(zip(stepper.problem.u, stepper.rates, strict=True)):
+        functions[f"rate_{i}"] = fem.Function(u.function_space)
+        functions[f"rate_{i}"].x.array[:] = rate
+    return functions | {f"user_{name}": f for name, f in (more or {}).items()}
+
+
+def _meshes(stepper: TimeStepper) -> dict[str, tuple[mesh.Mesh, npt.NDArray[np.float64]]]:
+    return {f"x_{i}": (m.mesh, m.reference.copy()) for i, m in enumerate(stepper.motions)}
+
+
+def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
+    """λ̂, τ̂ and slip as functions of degree 1; normal ones in the first component."""
+    out = {}
+    for i, contact in enumerate(contacts):
+        for j, (part, values) in enumerate(
+            zip(contact.model.parts, on_nodes(contact.model.parts), strict=True)
+        ):
+            surface = part.slave.linear
+            padded = np.zeros((len(values), surface.gdim))
+            padded[:, : values.shape[1]] = values
+            out[f"multiplier_{i}_{j}"] = surface.function(padded)
+        if contact.model.friction is not None:
+            slipped = contact.model.friction.slipped
+            for j, (slip, values) in enumerate(zip(contact.model.slips, slipped, strict=True)):
+                out[f"slip_{i}_{j}"] = slip.slave.linear.function(values)
+    return out
+
+
+def _load_slip(
+    model: ContactModel, i: int, functions: dict[str, fem.Function], dissipated: float
+) -> None:
+    """Put back what friction has done so far, if there is any."""
+    if model.friction is None:
+        return
+    for j, slip in enumerate(model.slips):
+        model.friction.slipped[j] = slip.slave.linear.node_values(functions[f"slip_{i}_{j}"])
+    model.friction.dissipated = dissipated if model.comm.rank == 0 else 0.0

@@ -1,0 +1,63 @@
+"""What an attempt at a time step changes, to be put back if it fails."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+
+from qsdolfinx.contact import multipliers
+from qsdolfinx.contact.state import ContactState
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.surface.affine import Affine
+from qsdolfinx.tools.rigid_surface import RigidSurface
+
+
+class Snapshot:
+    """State at the start of a step.
+
+    Args:
+        problem: The problem.
+        motions: How the meshes of its bodies move.
+        tools: Rigid tools.
+    """
+
+    def __init__(
+        self,
+        problem: ContactProblem,
+        motions: typing.Sequence[MeshMotion],
+        tools: typing.Sequence[RigidSurface],
+    ) -> None:
+        self._contacts, self._motions, self._tools = problem.contacts, motions, tools
+        #: Unknowns of the bodies, ghosts included.
+        self.unknowns = [u.x.array.copy() for u in problem.u]
+        self._multipliers = [multipliers.on_nodes(c.model.parts) for c in problem.contacts]
+        self._shown = [ContactState(contact.model) for contact in problem.contacts]
+        self._positions = [(tool.position, tool.displacement, tool.rotation) for tool in tools]
+
+    def motion_since(self, tool: RigidSurface) -> Affine:
+        """Displacement of a tool since then, as a field over the places where it is now."""
+        before = next(
+            position
+            for known, (position, *_) in zip(self._tools, self._positions, strict=True)
+            if known is tool
+        )
+        d = before.shape[0]
+        back = (tool.position[:, :d] @ before[:, :d].T).T
+        return Affine(np.eye(d) - back, back @ tool.position[:, d] - before[:, d])
+
+    def restore(self) -> None:
+        """Put back unknowns, meshes, tools, and what the contacts show."""
+        for motion, unknowns in zip(self._motions, self.unknowns, strict=True):
+            motion.u.x.array[:] = unknowns
+            motion.move()
+        for shown in self._shown:
+            shown.restore()
+        for tool, state in zip(self._tools, self._positions, strict=True):
+            tool.position, tool.displacement, tool.rotation = state
+
+    def restore_multipliers(self) -> None:
+        """Put the multipliers at the nodes that are paired now."""
+        for contact, kept in zip(self._contacts, self._multipliers, strict=True):
+            multipliers.set_on_nodes(contact.model.parts, kept)

@@ -1,0 +1,346 @@
+"""Time steps: bodies in velocities flow, bodies in displacements deform, contact pairs anew."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem
+
+from qsdolfinx.base.checks import (
+    CALLABLE,
+    COUNT,
+    FINITE,
+    FLAG,
+    FRACTION,
+    POSITIVE,
+    check,
+    either,
+    instance,
+    number,
+    require,
+)
+from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.base.progress import progress as progress_bar
+from qsdolfinx.contact.motion import set_start
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.solve.snes import ConvergenceError
+from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.steps.snapshot import Snapshot
+from qsdolfinx.tools.rigid_surface import as_tool
+
+Array = npt.NDArray[np.float64]
+
+GROWTH = number("a number of at least 1", lambda x: x >= 1)
+CUTBACK = number("a number above 0 and below 1", lambda x: 0 < x < 1)
+
+
+class StepError(RuntimeError):
+    """No step could be made; all is as at the end of the last one, what contacts show included."""
+
+
+class _Fault(Exception):
+    """What is wrong with the solution of an attempt.
+
+    Attributes:
+        hopeless: Whether a smaller Δt would not help.
+    """
+
+    def __init__(self, text: str, hopeless: bool = False) -> None:
+        super().__init__(text)
+        self.hopeless = hopeless
+
+
+class TimeStepper:
+    """Steps t → t + Δt of a contact problem.
+
+    A body in velocities v is solved for where its mesh is during the step, and its mesh then moves:
+    x ← x + v Δt, (2). With ``theta=0`` that is the mesh at t, the paper's scheme, of order 1. With
+    ``theta=0.5`` it is the mesh at t + Δt/2, moved there by the velocity of the last step, of order
+    2 at the same cost; the very first step is made twice. A body in displacements u, total ones,
+    keeps its mesh as the reference, so that the matrix of a linear one is assembled once; contact
+    sees it deformed. Either way gaps are those at the end of the step.
+
+    When the solver does not converge, a cell turns inside out or something penetrates too far, the
+    step is made again with a smaller Δt. Any other exception, such as one of ``drive``, is passed
+    on, and leaves the state at the end of the last step too.
+
+    Args:
+        problem: The problem. A body in velocities is one whose contacts say so.
+        dt: First Δt, time.
+        drive: Called as ``drive(t + Δt, Δt)`` before each attempt: sets loads, Dirichlet values,
+            and displacements of rigid tools over the step. What it raises on one rank is raised on
+            all, unless others wait for that rank in a collective call of its own.
+        solve: Called instead of ``problem.solve``, with the step's number from 0 on.
+        theta: Part of the step, from 0 to 1, after which bodies in velocities are solved for.
+        num_pairings: How often contact pairs in a step; after the first, the end of the step that
+            was found so far is where it pairs.
+        dt_min: Δt below which no step is tried; by default dt / 1000.
+        dt_max: Largest Δt; by default dt.
+        growth: Factor of Δt after a step of at most ``easy`` Newton iterations.
+        cutback: Factor of Δt after a failure.
+        easy: See growth.
+        max_penetration: Largest gap (length, positive in penetration) at the end of a step; not
+            limited by default.
+        min_quality: Shape of the worst cell, see MeshMotion.quality, at which to stop.
+        progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
+
+    Raises:
+        TypeError: If the problem is of another type.
+        ValueError: If a number is out of range, or differs between ranks.
+    """
+
+    def __init__(
+        self,
+        problem: ContactProblem,
+        dt: float,
+        drive: typing.Callable[[float, float], None] | None = None,
+        *,
+        solve: typing.Callable[[int], object] | None = None,
+        theta: float = 0.5,
+        num_pairings: int = 1,
+        dt_min: float | None = None,
+        dt_max: float | None = None,
+        growth: float = 1.5,
+        cutback: float = 0.5,
+        easy: int = 8,
+        max_penetration: float | None = None,
+        min_quality: float = 0.02,
+        progress: bool = False,
+    ) -> None:
+        check(instance(ContactProblem, "a ContactProblem"), problem=problem)
+        with checked(problem.comm) as same:
+            check(either(CALLABLE, None), drive=drive, solve=solve)
+            same(POSITIVE, dt=dt)
+            dt_min = dt / 1000 if dt_min is None else dt_min
+            dt_max = dt if dt_max is None else dt_max
+            same(POSITIVE, dt_min=dt_min, dt_max=dt_max, min_quality=min_quality)
+            require(dt_min <= dt <= dt_max, "dt: must be between dt_min and dt_max")
+            same(FRACTION, theta=theta)
+            same(COUNT, num_pairings=num_pairings, easy=easy)
+            same(GROWTH, growth=growth)
+            same(CUTBACK, cutback=cutback)
+            same(either(POSITIVE, None), max_penetration=max_penetration)
+            same(FLAG, progress=progress)
+        self.problem = problem
+        self.drive = drive or (lambda t, dt: None)
+        self._solve = solve or (lambda step: problem.solve())
+        self.theta, self.num_pairings = float(theta), int(num_pairings)
+        self.dt_min, self.dt_max = float(dt_min), float(dt_max)
+        self.growth, self.cutback, self.easy = float(growth), float(cutback), int(easy)
+        self.max_penetration, self.min_quality = max_penetration, float(min_quality)
+        self.progress = bool(progress)
+        #: Time at the end of the last step.
+        self.t = 0.0
+        #: Δt that will be tried next.
+        self.dt = float(dt)
+        #: Δt of the last step.
+        self.last_dt = 0.0
+        #: Steps made.
+        self.num_steps = 0
+        #: Attempts that failed, so far.
+        self.num_cutbacks = 0
+        #: Newton iterations of the last step, over its attempts and pairings.
+        self.num_iterations = 0
+        #: How the meshes of the bodies move.
+        self.motions = [MeshMotion(u) for u in problem.u]
+        #: Called once a step, when it has succeeded, while the meshes are where it was solved for.
+        self.on_solved: typing.Callable[[], None] | None = None
+        tools = [tool for c in problem.contacts if (tool := as_tool(c.master)) is not None]
+        #: Rigid tools, each once.
+        self.tools = list({id(tool): tool for tool in tools}.values())
+        self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
+        #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
+        #: first zero. They are where the next step starts from.
+        self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
+
+    # --- Steps
+
+    def step(self, t_end: float | None = None) -> float:
+        """Make one step. Collective.
+
+        Args:
+            t_end: Time not to step over.
+
+        Returns:
+            Its Δt.
+
+        Raises:
+            StepError: If it cannot be made, even with the smallest Δt, or a mesh is distorted.
+        """
+        with checked(self.problem.comm) as same:
+            same(either(FINITE, None), t_end=t_end)
+        planned = dt = self._planned(t_end)
+        self.num_iterations = 0
+        start = Snapshot(self.problem, self.motions, self.tools)
+        with self.problem.one_step():
+            t, dt = self._try(t_end, dt, start)
+        self._accept(t, dt, start)
+        if dt < planned:
+            self.dt = dt
+        elif dt >= self.dt and self.num_iterations <= self.easy * self.num_pairings:
+            self.dt = min(dt * self.growth, self.dt_max)
+        return dt
+
+    def _try(self, t_end: float | None, dt: float, start: Snapshot) -> tuple[float, float]:
+        """Make attempts until one succeeds; returns its end and its Δt."""
+        while True:
+            # t + (t_end - t) need not be t_end.
+            lands = t_end is not None and dt == t_end - self.t
+            t = t_end if lands and t_end is not None else self.t + dt
+            try:
+                self._attempt(t, dt, start)
+                return t, dt
+            except (ConvergenceError, _Fault) as error:
+                start.restore()
+                self.num_cutbacks += 1
+                if isinstance(error, _Fault) and error.hopeless:
+                    raise StepError(f"t = {self.t:g}: {error}") from error
+                if dt * self.cutback < self.dt_min:
+                    raise StepError(
+                        f"t = {self.t:g}: no step with Δt of at least dt_min = {self.dt_min:g} "
+                        f"succeeds; the last attempt: {error}"
+                    ) from error
+                dt *= self.cutback
+            except BaseException:  # Ctrl-C, too
+                start.restore()
+                raise
+
+    def _planned(self, t_end: float | None) -> float:
+        """Δt to try first, so that there is no tiny last step: the rest is one or two equal parts.
+
+        Raises:
+            ValueError: If t_end is not ahead.
+        """
+        dt = min(self.dt, self.dt_max)
+        if t_end is None:
+            return dt
+        left = t_end - self.t
+        require(left > 0, f"t_end: must be after t = {self.t:g}, not {t_end!r}")
+        return left if left <= dt * (1 + 1e-9) else min(dt, max(left / 2, self.dt_min))
+
+    def run(self, t_end: float) -> typing.Iterator[float]:
+        """Make steps until t_end; yields the time after each. Collective.
+
+        Raises:
+            StepError: As :meth:`step`.
+        """
+        with checked(self.problem.comm) as same:
+            same(FINITE, t_end=t_end)
+        with progress_bar(self.problem.comm, self.progress, self.t, t_end) as show:
+            while t_end - self.t > 1e-9 * self.dt:
+                self.step(t_end)
+                show(self.t)
+                yield self.t
+
+    def _attempt(self, t: float, dt: float, start: Snapshot) -> None:
+        """Solve for a step to t.
+
+        Raises:
+            ConvergenceError: If the solver does not converge.
+            _Fault: If the end of the step is not acceptable.
+        """
+        with collective_errors(self.problem.comm):
+            self.drive(t, dt)
+        for contact in self.problem.contacts:
+            if contact.dt is not None:
+                contact.set_dt(dt)
+        for motion, flows, rate in zip(self.motions, self.in_velocity, self.rates, strict=True):
+            if not flows:
+                motion.u.x.array[:] += dt * rate
+        known = self.rates
+        self._pair(known, dt, start)
+        # A failed attempt may have left nodes unpaired, and so forgotten their multipliers.
+        start.restore_multipliers()
+        self._run_solver()
+        if self.theta > 0 and self.num_steps == 0 and any(self.in_velocity):
+            known = [u.x.array.copy() for u in self.problem.u]
+            self._pair(known, dt, start)
+            self._run_solver()
+        for _ in range(self.num_pairings - 1):
+            self._check_shape(dt, start)  # it is paired there
+            for tool in self.tools:
+                tool.advance()
+            self._pair(known, dt, start, at_end=True)
+            self._run_solver()
+        self._check_shape(dt, start)
+        self._check_penetration()
+        if self.on_solved is not None:
+            with collective_errors(self.problem.comm):
+                self.on_solved()
+
+    def _run_solver(self) -> None:
+        try:
+            self._solve(self.num_steps)
+        finally:
+            self.num_iterations += self.problem.num_iterations
+
+    def _pair(self, known: list[Array], dt: float, start: Snapshot, at_end: bool = False) -> None:
+        """Pair with the surfaces where they are in the step, and put the meshes for the solver.
+
+        Args:
+            known: Velocities of the last step, or so.
+            dt: Δt.
+            start: State at the start of the step.
+            at_end: Pair where the present solution puts the surfaces at the end of the step.
+        """
+        offsets, starts = [], []
+        for i, motion in enumerate(self.motions):
+            moved = motion.u.x.array.copy()
+            if self.in_velocity[i]:
+                moved = moved * dt if at_end else known[i] * self.theta * dt
+            motion.move(motion.values(moved))
+            if motion.quality() <= 0:
+                raise _Fault(f"a cell of u[{i}] turns inside out on the way")
+            offsets.append(fem.Function(motion.u.function_space))
+            offsets[-1].x.array[:] = -moved
+            starts.append(fem.Function(motion.u.function_space))
+            starts[-1].x.array[:] = 0.0 if self.in_velocity[i] else start.unknowns[i]
+        for contact, (s, m) in zip(self.problem.contacts, self.problem.sides, strict=True):
+            contact.update()
+            contact.set_offset(offsets[s], None if m is None else offsets[m])
+            tool = as_tool(contact.master)
+            moved_tool = None if tool is None else start.motion_since(tool)
+            of_master = None if m is None else starts[m]
+            set_start(contact.model, starts[s], of_master, moved_tool)
+        for i, motion in enumerate(self.motions):
+            flows = self.in_velocity[i]
+            motion.move(motion.values(known[i] * self.theta * dt) if flows else 0.0)
+
+    def _check_shape(self, dt: float, start: Snapshot) -> None:
+        """Refuse cells that would be distorted at the end of the step."""
+        for i, motion in enumerate(self.motions):
+            x, flows = motion.u.x.array, self.in_velocity[i]
+            quality = motion.quality(motion.reference + motion.values(x * dt if flows else x))
+            if quality < self.min_quality:
+                old = 0.0 if flows else motion.values(start.unknowns[i])
+                raise _Fault(
+                    f"the mesh of u[{i}] is distorted: its worst cell would have a quality of "
+                    f"{quality:.3g}, below min_quality = {self.min_quality:g}",
+                    hopeless=quality > 0.5 * motion.quality(motion.reference + old),
+                )
+
+    def _check_penetration(self) -> None:
+        """Refuse gaps that are too deep."""
+        if self.max_penetration is None:
+            return
+        deepest = max((c.penetration() for c in self.problem.contacts), default=0.0)
+        if deepest > self.max_penetration:
+            raise _Fault(
+                f"a penetration of {deepest:.3g}, above max_penetration = {self.max_penetration:g}"
+            )
+
+    def _accept(self, t: float, dt: float, start: Snapshot) -> None:
+        for i, motion in enumerate(self.motions):
+            if self.in_velocity[i]:
+                motion.set_reference(motion.reference + dt * motion.values())
+                self.rates[i] = motion.u.x.array.copy()
+            else:
+                self.rates[i] = np.asarray((motion.u.x.array - start.unknowns[i]) / dt)
+        for tool in self.tools:
+            tool.advance()
+        self.t = t
+        self.last_dt = dt
+        self.num_steps += 1

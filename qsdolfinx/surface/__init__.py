@@ -1,0 +1,1 @@
+"""Contact surfaces: facets of a body's boundary with the unknowns of their trace."""

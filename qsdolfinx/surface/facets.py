@@ -1,0 +1,83 @@
+"""What a surface's facets are made of, found once, and where they are, read whenever they move."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+import basix
+from dolfinx import fem, mesh
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.compat import cell_nodes
+from qsdolfinx.surface.arguments import FACET_VERTICES, cell_of, trace_degree
+from qsdolfinx.surface.unknowns import dofs_at, facet_places, vertex_points
+
+Array = npt.NDArray[np.float64]
+
+
+class FacetLayout(typing.NamedTuple):
+    """This rank's facets, their vertices and trace in reference order.
+
+    Attributes:
+        points: Rows of the mesh geometry at the vertices, shape (facets, vertices).
+        cell_points: Rows at all points of the facets' cells, shape (facets, points).
+        dofs: Global unknowns of the trace, shape (facets, nodes, gdim).
+        owner: Ranks that own them, shape (facets, nodes).
+    """
+
+    points: npt.NDArray[np.int32]
+    cell_points: npt.NDArray[np.int32]
+    dofs: npt.NDArray[np.int64]
+    owner: npt.NDArray[np.int32]
+
+    @classmethod
+    def of(cls, V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> FacetLayout:
+        """Layout of facets of owned cells."""
+        msh, tdim, gdim = V.mesh, V.mesh.topology.dim, V.mesh.geometry.dim
+        nv, n = FACET_VERTICES[msh.topology.cell_type], len(facets)
+        cells = cell_of(msh, facets)
+        cell_type = getattr(basix.CellType, msh.topology.cell_type.name)
+        reference = np.array(basix.topology(cell_type)[tdim - 1])
+        per_cell = msh.topology.connectivity(tdim, tdim - 1).array.reshape(-1, len(reference))
+        local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
+        points = vertex_points(msh, cells[:, None], reference[local].reshape(n, nv))
+        degree = trace_degree(V)
+        assert degree is not None
+        places = facet_places(V, degree)[local]
+        dofs = dofs_at(V, cells[:, None], places).reshape(n, places.shape[1], gdim)
+        cell_points = np.ascontiguousarray(cell_nodes(msh)[cells], dtype=np.int32)
+        return cls(points.reshape(n, nv), cell_points, *_global_numbers(V, dofs))
+
+    def checked_coordinates(self, msh: mesh.Mesh) -> tuple[Array, Array]:
+        """Where the vertices are now, (facets, vertices, 3), and points of the body behind them.
+
+        Raises:
+            ValueError: If they are not finite, or a facet has no area.
+        """
+        geometry = np.ascontiguousarray(msh.geometry.x, dtype=np.float64)
+        x = np.take(geometry, self.points, axis=0)
+        inside = _cpp.mean_of_rows(geometry, self.cell_points)
+        if not (np.isfinite(x).all() and np.isfinite(inside).all()):
+            raise ValueError(
+                "V: coordinates of cells at contact facets are not finite (NaN, infinity)"
+            )
+        if flat := _cpp.count_degenerate(x.shape[1], x):
+            raise ValueError(f"V: {flat} contact facets are degenerate (zero area, or not convex)")
+        return x, inside
+
+
+def _global_numbers(
+    V: fem.FunctionSpace, dofs: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
+    """Global unknowns, shape as given, and the ranks that own them, one axis less."""
+    index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
+    block = (dofs // bs).astype(np.int32)
+    numbers = index_map.local_to_global(block.ravel()).reshape(dofs.shape) * bs + dofs % bs
+    first = block[..., 0]
+    owner = np.full(first.shape, V.mesh.comm.rank, dtype=np.int32)
+    ghost = first >= index_map.size_local
+    owner[ghost] = index_map.owners[first[ghost] - index_map.size_local]
+    return np.ascontiguousarray(numbers, dtype=np.int64), owner

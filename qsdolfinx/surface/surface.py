@@ -1,0 +1,358 @@
+"""Contact surfaces: facets of one body's boundary with the unknowns of their vertices."""
+
+from __future__ import annotations
+
+import functools
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem, la, mesh
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.checks import FLAG, FUNCTION, check, check_array, instance, require
+from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.base.crash import end_all_ranks
+from qsdolfinx.compat import collapse
+from qsdolfinx.surface.arguments import (
+    FACET_VERTICES,
+    check_space,
+    facets_of_owned_cells,
+    given_facets,
+    trace_degree,
+)
+from qsdolfinx.surface.facets import FacetLayout
+from qsdolfinx.surface.geometry import Axisymmetric, Cartesian
+
+#: Of the facets' nodes, and of a point inside each facet's cell.
+Coordinates = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+
+
+class Surface:
+    """Part of a body's boundary that may touch another body.
+
+    Contact nodes are the vertices of the facets. Every facet belongs to the rank that owns its
+    cell, every node to the rank that owns its unknowns; a rank may own neither.
+
+    Args:
+        V: Blocked vector space of the body's displacement or velocity, one component per space
+            dimension, whose trace on the facets is continuous: Lagrange of degree 1 or 2, P1 with a
+            cell bubble, or such a sub-space ``W.sub(i)`` of a mixed space.
+        facet_tags: Tags of the facets of ``V.mesh``.
+        tag: The tag of the contact facets.
+        facets: Instead of ``facet_tags`` and ``tag``, the facets' local indices. Facets of ghost
+            cells may be given or not.
+        axisymmetric: Whether coordinates are (r, z), r ≥ 0: facets then stand for rings, areas are
+            2πr times lengths, and forces those on whole rings, as with
+            :func:`qsdolfinx.materials.axisymmetric_weight` in the bulk form.
+
+    Raises:
+        ValueError: If the space is scalar, of a degree above 2 or discontinuous, if the surface is
+            empty, not on the boundary, has coordinates that are not finite or facets without area.
+        TypeError: If both or none of ``facet_tags`` and ``facets`` are given, or PETSc is complex.
+    """
+
+    def __init__(
+        self,
+        V: fem.FunctionSpace,
+        facet_tags: mesh.MeshTags | None = None,
+        tag: int | None = None,
+        *,
+        facets: npt.ArrayLike | None = None,
+        axisymmetric: bool = False,
+    ) -> None:
+        check(instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace"), V=V)
+        comm, topology = V.mesh.comm, V.mesh.topology
+        end_all_ranks(comm)
+        if topology.cell_type in FACET_VERTICES:
+            topology.create_connectivity(topology.dim - 1, topology.dim)
+            topology.create_connectivity(topology.dim, topology.dim - 1)
+        with checked(comm) as same:
+            same(FLAG, axisymmetric=axisymmetric)
+            check_space(V, axisymmetric)
+            given = given_facets(V.mesh, facet_tags, tag, facets)
+        self.V = V
+        #: Whether facets stand for rings.
+        self.axisymmetric = bool(axisymmetric)
+        self.mesh = V.mesh
+        self.facets = facets_of_owned_cells(V.mesh, given)
+        self._linear: Surface | None = None
+        with collective_errors(comm):
+            self._layout = FacetLayout.of(V, self.facets)
+            x, inside = self._layout.checked_coordinates(V.mesh)
+        self._coordinates = x, inside
+        index_map = V.dofmap.index_map
+        #: The extension's surface.
+        self.cpp_object: _cpp.Surface = _cpp.Surface(
+            comm=comm.py2f(),
+            gdim=self.gdim,
+            num_vertices=self.num_facet_vertices,
+            x=x,
+            degree=self.degree,
+            dofs=self._layout.dofs,
+            owner=self._layout.owner,
+            inside=inside,
+            local_size=index_map.size_local * V.dofmap.index_map_bs,
+            axisymmetric=self.axisymmetric,
+        )
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Coordinates of the facets and points inside their cells, as they were read last."""
+        return self._coordinates
+
+    @coordinates.setter
+    def coordinates(self, value: Coordinates) -> None:
+        self.cpp_object.move(*value)
+        self._coordinates = value
+        self._linear = None
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the mesh."""
+        return self.mesh.comm
+
+    @property
+    def gdim(self) -> int:
+        """Geometric dimension, 2 or 3."""
+        return int(self.mesh.geometry.dim)
+
+    @property
+    def facet_size_range(self) -> tuple[float, float]:
+        """Smallest and largest facet size (largest distance of two vertices). Collective."""
+        low, high = self.cpp_object.facet_size_range
+        return float(low), float(high)
+
+    @property
+    def degree(self) -> int:
+        """Degree of the trace, 1 or 2."""
+        degree = trace_degree(self.V)
+        assert degree is not None
+        return degree
+
+    @property
+    def num_facet_vertices(self) -> int:
+        """Vertices of a facet."""
+        return FACET_VERTICES[self.mesh.topology.cell_type]
+
+    @property
+    def node_dofs(self) -> npt.NDArray[np.int64]:
+        """Global unknowns of the contact nodes this rank owns, shape (nodes, gdim)."""
+        return np.asarray(self.cpp_object.node_dofs)
+
+    @property
+    def node_x(self) -> npt.NDArray[np.float64]:
+        """Positions of the contact nodes this rank owns, shape (nodes, 3)."""
+        return np.asarray(self.cpp_object.node_x)
+
+    @property
+    def node_area(self) -> npt.NDArray[np.float64]:
+        """Nodal areas S_k = ∫ N_k ds of the owned nodes, shape (nodes,)."""
+        return np.asarray(self.cpp_object.node_area)
+
+    @property
+    def node_normal(self) -> npt.NDArray[np.float64]:
+        """Averaged outward unit normals at the owned nodes, shape (nodes, 3)."""
+        return np.asarray(self.cpp_object.node_normal)
+
+    @property
+    def node_size(self) -> npt.NDArray[np.float64]:
+        """Size of the facets around the owned nodes (length), shape (nodes,). Collective."""
+        if self.axisymmetric:  # a ring's area says nothing about the size of its facet
+            return np.full(len(self.node_area), np.mean(self.facet_size_range))
+        return np.asarray(self.node_area ** (1 / self.area_dim))
+
+    @property
+    def center(self) -> npt.NDArray[np.float64]:
+        """What moments are about by default: the origin, shape (gdim,)."""
+        return np.zeros(self.gdim)
+
+    def shape_degree(self, order: int) -> int:
+        """Total polynomial degree of Lagrange functions of this order on affine facets."""
+        return order * (2 if self.num_facet_vertices == 4 else 1)
+
+    @property
+    def area_degree(self) -> int:
+        """Degree of what areas are multiplied by: 1 of rings, 2πr, else 0."""
+        return int(self.axisymmetric)
+
+    @property
+    def is_analytic(self) -> bool:
+        """False: it is made of facets, see :class:`qs.RigidSurface`."""
+        return False
+
+    @property
+    def motion(self) -> None:
+        """It moves by the unknowns of its body alone, see :class:`qs.RigidSurface`."""
+        return None
+
+    @property
+    def version(self) -> int:
+        """Counts prescribed positions; there are none, see :class:`qs.RigidSurface`."""
+        return 0
+
+    def check_state(self) -> None:
+        """Nothing prescribed can be wrong, see :class:`qs.RigidSurface`."""
+
+    def check_partner(self, master: Surface) -> None:
+        """Refuse a deformable master that this slave cannot be in contact with.
+
+        Raises:
+            ValueError: If one of the two alone is axisymmetric, or they share facets.
+        """
+        alike = self.axisymmetric == master.axisymmetric
+        require(alike, "slave and master: both or none must be axisymmetric")
+        share = self.mesh is master.mesh and np.intersect1d(self.facets, master.facets).size
+        require(not share, "slave and master share facets: none can be in contact with itself")
+
+    def search_object(self, slave: Surface) -> _cpp.Surface:
+        """The extension's surface as pairing from a slave sees it."""
+        return self.cpp_object
+
+    @property
+    def geometry(self) -> Cartesian:
+        """What coordinates mean."""
+        return Axisymmetric() if self.axisymmetric else Cartesian()
+
+    @property
+    def area_dim(self) -> int:
+        """Dimension of an area: 2, or 1 where it is a length (2D)."""
+        return 2 if self.axisymmetric else self.gdim - 1
+
+    @property
+    def area(self) -> float:
+        """Area (2D: length) of the whole surface. Collective."""
+        return float(self.comm.allreduce(self.node_area.sum(), op=MPI.SUM))
+
+    def create_vec(self) -> PETSc.Vec:
+        """New zero vector with the layout of the body's unknowns. Collective."""
+        index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+        sizes = (index_map.size_local * bs, index_map.size_global * bs)
+        return PETSc.Vec().createMPI(sizes, comm=self.comm)
+
+    def function(self, values: npt.ArrayLike) -> fem.Function:
+        """Function with given values at the contact nodes and zero elsewhere. Collective.
+
+        Args:
+            values: Values at the owned nodes, shape (nodes, gdim).
+
+        Raises:
+            ValueError: If they are no numbers, or of another shape.
+
+        Returns:
+            Function in V, collapsed if V is a sub-space.
+        """
+        with checked(self.comm):
+            at_nodes = check_array("values", values, self.node_dofs.shape)
+        index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+        vector = la.vector(index_map, bs, dtype=np.float64)
+        vector.array[:] = 0
+        vector.array[self.node_dofs - index_map.local_range[0] * bs] = at_nodes
+        vector.scatter_forward()
+        if self._collapsed is None:
+            out = fem.Function(self.V)
+            out.x.array[:] = vector.array
+        else:
+            space, parent = self._collapsed
+            out = fem.Function(space)
+            out.x.array[:] = vector.array[parent]
+        return out
+
+    def node_values(self, function: fem.Function) -> npt.NDArray[np.float64]:
+        """Values at the owned contact nodes, shape (nodes, gdim); the inverse of :meth:`function`.
+
+        Args:
+            function: In V, collapsed if V is a sub-space, such as ``Contact.traction``.
+
+        Raises:
+            TypeError: If it is no Function.
+            ValueError: If it is in another space.
+        """
+        check(FUNCTION, function=function)
+        expected = self.collapsed_space.dofmap.index_map
+        dofmap = function.function_space.dofmap
+        sizes = [(m.size_local, m.num_ghosts) for m in (expected, dofmap.index_map)]
+        fits = sizes[0] == sizes[1] and dofmap.index_map_bs == self.gdim
+        require(fits, "function: must be in the space of the surface")
+        index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+        values = function.x.array
+        if self._collapsed is not None:
+            values = np.zeros((index_map.size_local + index_map.num_ghosts) * bs)
+            values[self._collapsed[1]] = function.x.array
+        return np.asarray(values[self.node_dofs - index_map.local_range[0] * bs], dtype=np.float64)
+
+    @functools.cached_property
+    def _collapsed(self) -> tuple[fem.FunctionSpace, npt.NDArray[np.int64]] | None:
+        """Collapsed space and its map if V is a sub-space. Collective at first."""
+        if self.V.dofmap.bs == self.gdim:
+            return None
+        return collapse(self.V)
+
+    @property
+    def collapsed_space(self) -> fem.FunctionSpace:
+        """V, or the space of its own that a sub-space collapses to. Collective."""
+        return self.V if self._collapsed is None else self._collapsed[0]
+
+    def collapsed_vec(self, vec: PETSc.Vec) -> PETSc.Vec:
+        """New vector with the collapsed space's layout and the values of one of V. Collective."""
+        if self._collapsed is None:
+            return vec.copy()
+        space, parent = self._collapsed
+        index_map, bs = space.dofmap.index_map, space.dofmap.index_map_bs
+        owned = index_map.size_local * bs
+        out = PETSc.Vec().createMPI((owned, index_map.size_global * bs), comm=self.comm)
+        out.array[:] = vec.array_r[parent[:owned]]
+        return out
+
+    def nodal_vec(self, values: npt.ArrayLike) -> PETSc.Vec:
+        """New vector of the body with given values at the contact nodes. Collective.
+
+        Args:
+            values: Shape (nodes, gdim); linear in between, if the trace has degree 2.
+        """
+        out = self.create_vec()
+        if self.degree == 1:
+            out.array[self.node_dofs - out.owner_range[0]] = values
+            return out
+        interpolated = fem.Function(self.collapsed_space)
+        interpolated.interpolate(self.linear.function(values))
+        index_map, bs = self.collapsed_space.dofmap.index_map, self.collapsed_space.dofmap.bs
+        owned = index_map.size_local * bs
+        to = slice(None) if self._collapsed is None else self._collapsed[1][:owned]
+        out.array[to] = interpolated.x.array[:owned]
+        return out
+
+    @property
+    def linear(self) -> Surface:
+        """The same facets with a space of degree 1; this surface if it has one. Collective."""
+        if self.degree == 1:
+            return self
+        if self._linear is None:
+            V = fem.functionspace(self.mesh, ("Lagrange", 1, (self.gdim,)))
+            self._linear = Surface(V, facets=self.facets, axisymmetric=self.axisymmetric)
+        return self._linear
+
+    def update(self) -> None:
+        """Read the mesh coordinates again, after the mesh has moved. Collective.
+
+        Raises:
+            ValueError: If coordinates are not finite or a facet has no area.
+        """
+        update_surfaces(self)
+
+
+def update_surfaces(*surfaces: Surface) -> None:
+    """Read the mesh coordinates of several surfaces again: of all of them, or of none. Collective.
+
+    Raises:
+        ValueError: If coordinates are not finite or a facet has no area.
+    """
+    new = []
+    for surface in surfaces:
+        with collective_errors(surface.comm):
+            new.append(surface._layout.checked_coordinates(surface.mesh))
+    for surface, (x, inside) in zip(surfaces, new, strict=True):
+        surface.coordinates = x, inside

@@ -1,0 +1,115 @@
+"""Where a space keeps the unknowns of mesh vertices; works for blocked spaces and sub-spaces."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+import basix
+from dolfinx import fem, mesh
+
+from qsdolfinx.compat import cell_nodes, coordinate_element, num_entity_dofs
+
+_QUADRILATERAL_EDGES = [(0, 1), (0, 2), (1, 3), (2, 3)]
+
+Indices = npt.NDArray[np.int32]
+
+NUM_CELL_VERTICES = {
+    mesh.CellType.triangle: 3,
+    mesh.CellType.quadrilateral: 4,
+    mesh.CellType.tetrahedron: 4,
+    mesh.CellType.hexahedron: 8,
+}
+
+
+def dofs_at(V: fem.FunctionSpace, cells: Indices, places: Indices) -> Indices:
+    """Local unknowns (not blocks) at given places of a cell's dof layout, shape (..., gdim).
+
+    Args:
+        V: Blocked vector space, or such a sub-space.
+        cells: Local cell indices, broadcast against ``places``.
+        places: Places in the layout of the cells' blocks.
+    """
+    gdim = V.mesh.geometry.dim
+    component = np.arange(gdim)
+    if V.dofmap.bs == gdim:
+        return np.asarray(
+            V.dofmap.list[cells, places][..., None] * gdim + component, dtype=np.int32
+        )
+    # The dofmap of a sub-space lists single unknowns.
+    dofs = V.dofmap.list[np.asarray(cells)[..., None], places[..., None] * gdim + component]
+    return np.asarray(dofs, dtype=np.int32)
+
+
+def vertex_dofs(V: fem.FunctionSpace, cells: Indices, vertices: Indices) -> Indices:
+    """Local unknowns (not blocks) of cell vertices, shape (..., gdim).
+
+    Args:
+        V: Blocked vector space with one block per vertex, or such a sub-space.
+        cells: Local cell indices, broadcast against ``vertices``.
+        vertices: Local vertex numbers within the cells.
+    """
+    count = NUM_CELL_VERTICES[V.mesh.topology.cell_type]
+    places = np.array([V.dofmap.dof_layout.entity_dofs(0, v)[0] for v in range(count)])
+    return dofs_at(V, cells, places[vertices])
+
+
+def facet_places(V: fem.FunctionSpace, degree: int) -> Indices:
+    """Places of the trace's nodes in a cell's dof layout, for each facet, shape (facets, nodes).
+
+    Vertices come first, then, for degree 2, the edges in the order of the reference facet, and the
+    interior of quadrilaterals: the order of trace_functions in cpp/geometry/facet.h.
+    """
+    layout = V.dofmap.dof_layout
+    cell = getattr(basix.CellType, V.mesh.topology.cell_type.name)
+    topology = basix.topology(cell)
+    tdim = len(topology) - 1
+    places = []
+    for f, vertices in enumerate(topology[tdim - 1]):
+        nodes = [layout.entity_dofs(0, v)[0] for v in vertices]
+        if degree == 2:
+            if tdim == 3:
+                pairs = [(0, 1), (0, 2), (1, 2)] if len(vertices) == 3 else _QUADRILATERAL_EDGES
+                edges = [tuple(sorted((vertices[a], vertices[b]))) for a, b in pairs]
+                numbers = {tuple(sorted(e)): i for i, e in enumerate(topology[1])}
+                nodes += [layout.entity_dofs(1, numbers[edge])[0] for edge in edges]
+            nodes += layout.entity_dofs(tdim - 1, f)
+        places.append(nodes)
+    return np.array(places, dtype=np.int32)
+
+
+def vertex_points(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> Indices:
+    """Rows of the mesh geometry at cell vertices."""
+    layout = coordinate_element(msh).create_dof_layout()
+    count = NUM_CELL_VERTICES[msh.topology.cell_type]
+    place = np.array([layout.entity_dofs(0, v)[0] for v in range(count)])[vertices]
+    return np.asarray(cell_nodes(msh)[cells, place], dtype=np.int32)
+
+
+def vertex_x(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> npt.NDArray[np.float64]:
+    """Coordinates of cell vertices, shape (..., 3)."""
+    return np.asarray(msh.geometry.x[vertex_points(msh, cells, vertices)], dtype=np.float64)
+
+
+def owned_vertices(V: fem.FunctionSpace) -> tuple[Indices, npt.NDArray[np.float64]]:
+    """Unknowns, shape (n, gdim), and coordinates, (n, 3), of the vertices whose unknowns we own."""
+    topology = V.mesh.topology
+    index_map = topology.index_map(topology.dim)
+    cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)[:, None]
+    vertices = np.arange(NUM_CELL_VERTICES[topology.cell_type], dtype=np.int32)[None, :]
+    dofs = vertex_dofs(V, cells, vertices).reshape(-1, V.mesh.geometry.dim)
+    x = vertex_x(V.mesh, cells, vertices).reshape(-1, 3)
+    _, first = np.unique(dofs[:, 0], return_index=True)
+    first = first[dofs[first, 0] < V.dofmap.index_map.size_local * V.dofmap.index_map_bs]
+    return dofs[first], x[first]
+
+
+def is_vertex_vector(V: fem.FunctionSpace) -> bool:
+    """Whether V is a blocked vector space with unknowns at the vertices."""
+    gdim, layout = V.mesh.geometry.dim, V.dofmap.dof_layout
+    return bool(
+        V.mesh.topology.cell_type in NUM_CELL_VERTICES
+        and V.num_sub_spaces == gdim
+        and layout.block_size == gdim
+        and num_entity_dofs(V, 0) == 1
+    )

@@ -1,0 +1,1 @@
+"""Bodies and contacts as one system of equations: residual and tangent."""

@@ -1,0 +1,229 @@
+"""One body: its UFL form as residual and diagonal block, with Dirichlet conditions."""
+
+from __future__ import annotations
+
+import hashlib
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import ufl
+from dolfinx import fem, la
+from dolfinx.fem import petsc as fem_petsc
+from ufl.algorithms import expand_derivatives
+
+from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.surface.geometry import Cartesian
+
+Array = npt.NDArray[np.float64]
+
+
+def contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
+    """Whether a function space, DOLFINx's wrapper or C++ object, is V or one of its sub-spaces."""
+    part = getattr(part, "_cpp_object", part)
+    return bool(part == V._cpp_object or V._cpp_object.contains(part))
+
+
+def body_of(u: typing.Sequence[fem.Function], V: fem.FunctionSpace | None) -> int | None:
+    """Index of the body whose space is V or has the sub-space V; None of a rigid tool's None.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    if V is None:
+        return None
+    for i, function in enumerate(u):
+        if contains(function.function_space, V):
+            return i
+    raise ValueError("V: is the space of none of the bodies, nor a part of one")
+
+
+class Body:
+    """Bulk form F(u; v) = 0 of one body.
+
+    Residuals are those of Newton's method with Dirichlet conditions eliminated: r = x − g in the
+    rows of constrained unknowns, and in the others the residual as it will be when the step has
+    made x = g there. A form that is linear in u is evaluated as r(x) = r(x₀) + K (x − x₀), with K
+    assembled once.
+
+    Args:
+        F: Residual, a linear form in the test function.
+        u: Unknown of the form.
+        bcs: Dirichlet conditions on u.
+        J: Derivative of F; by default it is derived. Not used if F is linear in u.
+    """
+
+    def __init__(
+        self,
+        F: ufl.Form,
+        u: fem.Function,
+        bcs: typing.Sequence[fem.DirichletBC],
+        J: ufl.Form | None = None,
+    ) -> None:
+        self.u = u
+        self.bcs = list(bcs)
+        self.V = u.function_space
+        derivative = expand_derivatives(ufl.derivative(F, u))
+        #: Whether F is linear in u, so that K is constant.
+        self.linear = u not in derivative.coefficients()
+        tangent = derivative if self.linear or J is None else J
+        self._tangent_ufl = tangent
+        self._residual_form = fem.form(F)
+        self._tangent_form = fem.form(tangent)
+        self._K: PETSc.Mat | None = None
+        #: PETSc's type of the bulk block; "baij" takes less memory.
+        self.matrix_type: str = PETSc.Mat.Type.AIJ
+        #: Digest of everything that K depends on; empty if F is not linear.
+        self.fingerprint = b""
+        #: What its coordinates mean; its contact surfaces know.
+        self.geometry = Cartesian()
+        #: Wall time that this rank has spent in assembly.
+        self.watch = Stopwatch()
+        #: Number of times that K was assembled.
+        self.num_assemblies = 0
+
+        index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+        self.num_owned: int = index_map.size_local * bs
+        self._b = la.vector(index_map, bs, dtype=np.float64)
+        self._g = la.vector(index_map, bs, dtype=np.float64)
+        constrained = [bc.dof_indices()[0] for bc in self.bcs]
+        #: Local unknowns with Dirichlet conditions, ghosts included.
+        self.constrained = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *constrained]))
+        self.owned_constrained = self.constrained[self.constrained < self.num_owned]
+        #: Owned unknowns without Dirichlet conditions.
+        self.free = np.setdiff1d(np.arange(self.num_owned), self.owned_constrained)
+        #: Unknowns as contact sees them, Dirichlet values in place.
+        self.x: PETSc.Vec = self.create_vec()
+        #: Work vector of contact forces.
+        self.force: PETSc.Vec = self.create_vec()
+        self._step: PETSc.Vec = self.create_vec()
+        self._r: PETSc.Vec = self.create_vec()
+        self._x0: Array = np.zeros(self.num_owned)
+        self._r0: Array = np.zeros(self.num_owned)
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the mesh."""
+        return self.V.mesh.comm
+
+    @property
+    def tangent_form(self) -> ufl.Form:
+        """Derivative of F, with derivatives expanded unless the user gave it."""
+        return self._tangent_ufl
+
+    def create_vec(self) -> PETSc.Vec:
+        """New zero vector of the owned unknowns. Collective."""
+        index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+        return PETSc.Vec().createMPI((self.num_owned, index_map.size_global * bs), comm=self.comm)
+
+    def constrained_marker(self) -> PETSc.Vec:
+        """New vector with ones at unknowns with Dirichlet conditions. Collective."""
+        marker = self.create_vec()
+        marker.array[self.owned_constrained] = 1
+        return marker
+
+    def set_unknowns(self, values: Array) -> None:
+        """Write owned values to u and update its ghosts. Collective."""
+        self.u.x.array[: self.num_owned] = values
+        self.u.x.scatter_forward()
+
+    def begin_solve(self) -> None:
+        """Read new Dirichlet values, loads, material and geometry. Collective."""
+        self.u.x.scatter_forward()  # a user may have set owned values alone
+        for bc in self.bcs:
+            bc.set(self._g.array)
+        if not self.linear:
+            return
+        fingerprint = self._state_of_K()
+        if self.comm.allreduce(fingerprint != self.fingerprint, op=MPI.LOR):
+            if self._K is None:
+                self._K = fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
+            self._assemble_matrix(self._K)
+            self.fingerprint = fingerprint
+        kept = self.u.x.array.copy()
+        self.u.x.array[self.constrained] = self._g.array[self.constrained]
+        self._x0 = self.u.x.array[: self.num_owned].copy()
+        self._r0 = self._assemble_vector()
+        self._r0[self.owned_constrained] = 0
+        self.u.x.array[:] = kept
+
+    def with_conditions(self, x: Array) -> Array:
+        """Copy of the owned unknowns x with their Dirichlet values in place."""
+        out = x.copy()
+        out[self.owned_constrained] = self._g.array[self.owned_constrained]
+        return out
+
+    def residual(self, x: Array) -> Array:
+        """Residual at the owned unknowns x; sets u = x and ``self.x``. Collective."""
+        self.set_unknowns(x)
+        owned = self.owned_constrained
+        self.x.array[:] = self.with_conditions(x)
+        if self.linear:
+            assert self._K is not None
+            self._step.array[:] = x - self._x0
+            self._K.mult(self._step, self._r)
+            return np.asarray(self._r.array_r + self._r0)
+        lift = np.any(self.u.x.array[self.constrained] != self._g.array[self.constrained])
+        r = self._assemble_vector(lift=bool(lift))
+        r[owned] = x[owned] - self._g.array[owned]
+        return r
+
+    def add_tangent(self, block: PETSc.Mat) -> None:
+        """Add the bulk part to the zeroed diagonal block, at the u that residual() was given."""
+        if self.linear:
+            block.axpy(1.0, self._K, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        else:
+            self._assemble_matrix(block)
+
+    def matrix(self) -> PETSc.Mat:
+        """The bulk block alone, for the present u; do not modify. Collective."""
+        if self._K is None:
+            self._K = fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
+        if not self.linear:
+            self._assemble_matrix(self._K)
+        return self._K
+
+    def free_matrix(self) -> None:
+        """Free what :meth:`matrix` gave, unless it is still needed. Collective."""
+        if not self.linear and self._K is not None:
+            self._K.destroy()
+            self._K = None
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        for thing in (self._K, self.x, self.force, self._step, self._r):
+            if thing is not None:
+                thing.destroy()
+
+    def _assemble_matrix(self, matrix: PETSc.Mat) -> None:
+        form = self._tangent_form
+        with self.watch.stage("bulk assembly"):
+            matrix.zeroEntries()
+            # mypy sees another of the functions that this name dispatches to.
+            fem_petsc.assemble_matrix(matrix, form, self.bcs)  # type: ignore[arg-type]
+            matrix.assemble()
+        self.num_assemblies += 1
+
+    def _assemble_vector(self, lift: bool = False) -> Array:
+        """F at u on the owned unknowns; with lift, as if the constrained ones had their values."""
+        with self.watch.stage("bulk assembly"):
+            self._b.array[:] = 0
+            fem.assemble_vector(self._b.array, self._residual_form)
+            if lift:
+                form, x = self._tangent_form, self.u.x.array
+                fem.apply_lifting(self._b.array, [form], [self.bcs], x0=[x], alpha=-1.0)
+            self._b.scatter_reverse(la.InsertMode.add)
+        return np.array(self._b.array[: self.num_owned])
+
+    def _state_of_K(self) -> bytes:
+        """Digest of everything that K depends on."""
+        digest = hashlib.blake2b(np.ascontiguousarray(self.V.mesh.geometry.x))
+        for constant in self._tangent_ufl.constants():
+            digest.update(np.ascontiguousarray(constant.value))
+        for coefficient in self._tangent_ufl.coefficients():
+            digest.update(np.ascontiguousarray(coefficient.x.array))
+        return digest.digest()

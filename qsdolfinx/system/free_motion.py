@@ -1,0 +1,108 @@
+"""Bodies that nothing holds along a rigid motion: how to factorise their tangent nevertheless."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.contact import active_set
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.surface.unknowns import owned_vertices
+from qsdolfinx.system.blocks import Sides
+from qsdolfinx.system.body import Body
+from qsdolfinx.system.rigid_modes import RigidMotion, displacement_space
+from qsdolfinx.system.tangent import Tangent
+
+Array = npt.NDArray[np.float64]
+
+#: What is added to the diagonal of the tangent, relative to its mean.
+SHIFT = 1e-9
+
+#: Stiffness of a motion, relative to that with every contact closed, that counts as none.
+_NONE = 1e-10
+
+
+class Hold:
+    """Adds a little to the diagonal of bodies which can move as if rigid, in the tangent alone.
+
+    A workpiece between frictionless dies can slide; neither Dirichlet conditions nor closed
+    contacts resist. Where such a motion exists, Newton's method becomes the proximal point method
+    for it: the residual is left as it is, so that the solution does not depend on what is added,
+    and of the motions that equilibrium leaves open it takes the one next to the first guess.
+
+    Args:
+        rigid: Rigid motions of the bodies.
+        bodies: The bodies.
+        contacts: The contacts, paired.
+        sides: Bodies of each contact.
+    """
+
+    def __init__(
+        self,
+        rigid: RigidMotion,
+        bodies: typing.Sequence[Body],
+        contacts: typing.Sequence[ContactModel],
+        sides: Sides,
+    ) -> None:
+        self._bodies, self._contacts, self._rigid = bodies, contacts, rigid
+        self._motions = rigid.free_motions
+        #: How the motions change the gaps of each pass.
+        self._changes: list[list[Array]] = []
+        if self._motions.shape[1] == 0:
+            return
+        for contact, side in zip(contacts, sides, strict=True):
+            changes = []
+            for p in contact.gaps:
+                changes.append(rigid.gap_changes(p, contact.ordered(p, side)) @ self._motions)
+            self._changes.append(changes)
+
+    def free_motions(self) -> Array:
+        """Motions that closed contacts do not resist either, (modes of all bodies, motions).
+
+        Collective.
+        """
+        count = self._motions.shape[1]
+        stiffness, whole = np.zeros((count, count)), np.zeros((count, count))
+        if count == 0:
+            return self._motions
+        for contact, changes in zip(self._contacts, self._changes, strict=True):
+            for p, change in zip(contact.gaps, changes, strict=True):
+                weight = np.repeat(p.weight * contact.eps, p.operator.width)
+                closed = np.repeat(active_set.closed(contact, p), p.operator.width)
+                whole += (change.T * weight) @ change
+                stiffness += (change.T * (weight * closed)) @ change
+        comm: MPI.Intracomm = self._bodies[0].comm
+        stiffness, whole = comm.allreduce(np.array([stiffness, whole]), op=MPI.SUM)
+        values, vectors = np.linalg.eigh(stiffness)
+        return np.asarray(self._motions @ vectors[:, values <= _NONE * np.trace(whole)])
+
+    def add_to(self, tangent: Tangent, contact: bool = True) -> None:
+        """Add to the diagonal blocks of the bodies that move in such a motion. Collective.
+
+        Args:
+            tangent: The tangent, assembled.
+            contact: Whether it has contact in it.
+        """
+        free = self.free_motions() if contact else self._motions
+        first = 0
+        for i, body in enumerate(self._bodies):
+            count = len(self._rigid.modes[i])
+            if free.shape[1] and np.abs(free[first : first + count]).max(initial=0.0) > 1e-8:
+                _shift(body, tangent, i)
+            first += count
+
+
+def _shift(body: Body, tangent: Tangent, i: int) -> None:
+    """Add a part of the mean diagonal at the free displacements of the vertices. Collective."""
+    V = displacement_space(body.V)
+    assert V is not None
+    dofs = np.setdiff1d(owned_vertices(V)[0].ravel(), body.owned_constrained)
+    diagonal = tangent.diagonal(i)
+    values = diagonal[dofs]
+    total = body.comm.allreduce(np.array([np.abs(values).sum(), len(values)]), op=MPI.SUM)
+    diagonal[dofs] = values + SHIFT * total[0] / total[1]
+    tangent.set_diagonal(i, diagonal)

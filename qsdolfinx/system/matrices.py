@@ -1,0 +1,103 @@
+"""Matrices of bodies and contacts as they are paired: tangent, near-nullspaces, free motions."""
+
+from __future__ import annotations
+
+import enum
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.blocks import Blocks, Sides, is_symmetric
+from qsdolfinx.system.body import Body
+from qsdolfinx.system.free_motion import Hold
+from qsdolfinx.system.monolithic import Monolithic
+from qsdolfinx.system.rigid_modes import (
+    RigidMotion,
+    orthonormal,
+    rigid_modes,
+    set_near_nullspace,
+)
+from qsdolfinx.system.tangent import Tangent
+
+
+class Form(str, enum.Enum):
+    """What the linear solver sees: the MatNest, one AIJ matrix, or a sum that is never formed."""
+
+    NEST = "nest"
+    MPI = "mpi"
+    SUM = "sum"
+
+
+class Matrices:
+    """What has to be built again whenever contact has paired.
+
+    Args:
+        bodies: The bodies.
+        contacts: Contacts with the penalty already known.
+        sides: Bodies of each contact.
+        bulk: Bulk block of each body.
+        form: What the linear solver sees.
+        watch: Counts the time for the stage "conversion".
+    """
+
+    def __init__(
+        self,
+        bodies: typing.Sequence[Body],
+        contacts: typing.Sequence[ContactModel],
+        sides: Sides,
+        bulk: typing.Sequence[PETSc.Mat],
+        form: Form,
+        watch: Stopwatch,
+    ) -> None:
+        self._bodies = bodies
+        self._form = form
+        #: Whether the bulk blocks are symmetric.
+        self.bulk_symmetric = all([is_symmetric(matrix) for matrix in bulk])
+        self.blocks = Blocks(bodies, contacts, sides, bulk, bulk=form is Form.NEST)
+        #: The tangent: what is assembled.
+        self.tangent: Tangent = self.blocks
+        if form is Form.NEST:
+            for body in bodies:
+                body.free_matrix()
+        else:
+            kind = Additive if form is Form.SUM else Monolithic
+            self.tangent = kind(bodies, self.blocks, bulk, watch)
+        self.rigid = RigidMotion(bodies)
+        self.hold = Hold(self.rigid, bodies, contacts, sides)
+        self._set_near_nullspaces()
+
+    @property
+    def matrix(self) -> PETSc.Mat:
+        """The tangent as the linear solver sees it."""
+        return self.tangent.matrix
+
+    def destroy(self) -> None:
+        """Free the matrices; in parallel petsc4py would keep them. Collective."""
+        if self.tangent is not self.blocks:
+            self.tangent.destroy()
+        self.blocks.destroy()
+        self.rigid.destroy()
+
+    def _set_near_nullspaces(self) -> None:
+        """Rigid modes of each body on its block, and of all together on the AIJ matrix."""
+        for i, modes in enumerate(self.rigid.modes):
+            block = self.blocks.block(i, i)
+            if modes and block is not None:
+                set_near_nullspace(block, modes)
+        if self._form is not Form.MPI or not all(self.rigid.modes):
+            return
+        gdim = self._bodies[0].V.mesh.geometry.dim
+        if all(body.V.dofmap.index_map_bs == gdim for body in self._bodies):
+            self.matrix.setBlockSize(gdim)  # multigrid's
+        vecs = []
+        for parts in zip(*map(rigid_modes, self._bodies), strict=True):
+            vecs.append(self.matrix.createVecRight())
+            vecs[-1].array[:] = np.concatenate(parts)
+        set_near_nullspace(self.matrix, orthonormal(vecs))
+        for vec in vecs:
+            vec.destroy()

@@ -1,0 +1,144 @@
+"""Rigid body modes: what holds a body, and the near-nullspace for algebraic multigrid."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem
+
+from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
+from qsdolfinx.surface.unknowns import is_vertex_vector, owned_vertices
+from qsdolfinx.system.body import Body
+
+Array = npt.NDArray[np.float64]
+
+
+def displacement_space(V: fem.FunctionSpace) -> fem.FunctionSpace | None:
+    """V itself or the first sub-space that is a vector field with unknowns at the vertices."""
+    if is_vertex_vector(V):
+        return V
+    subs = (V.sub(i) for i in range(V.num_sub_spaces))
+    return next((sub for sub in subs if is_vertex_vector(sub)), None)
+
+
+def rigid_modes(body: Body) -> Array:
+    """Translations and linearised rotations about the origin, shape (modes, owned unknowns).
+
+    Exact for P1, Q1 and P1 with bubble; unknowns that are not at vertices are zero. There are no
+    modes where the body has no displacement space.
+    """
+    V = displacement_space(body.V)
+    if V is None:
+        return np.zeros((0, body.num_owned))
+    dofs, x = owned_vertices(V)
+    fields = body.geometry.rigid_fields(x, V.mesh.geometry.dim)
+    modes = np.zeros((len(fields), body.num_owned))
+    modes[:, dofs] = fields
+    return modes
+
+
+class RigidMotion:
+    """Rigid modes of all bodies, and the motions that Dirichlet conditions leave free.
+
+    Args:
+        bodies: The bodies. One without a displacement space counts as held.
+    """
+
+    def __init__(self, bodies: typing.Sequence[Body]) -> None:
+        self._comm = bodies[0].comm
+        #: Orthonormal modes of each body as vectors; empty where there is no displacement space.
+        self.modes: list[list[PETSc.Vec]] = []
+        for body in bodies:
+            self.modes.append(orthonormal([vector(body, mode) for mode in rigid_modes(body)]))
+        self._zero = [body.create_vec() for body in bodies]
+        self._offsets = np.cumsum([0, *map(len, self.modes)])
+        held = np.zeros((self._offsets[-1], self._offsets[-1]))
+        for i, body in enumerate(bodies):
+            at_conditions = [v.array_r[body.owned_constrained] for v in self.modes[i]]
+            if at_conditions:
+                rows = np.array(at_conditions)
+                part = slice(*self._offsets[i : i + 2])
+                held[part, part] = rows @ rows.T
+        #: Basis of the motions that no condition resists, shape (modes of all bodies, motions).
+        self.free_motions: Array = _null_space(self._comm.allreduce(held, op=MPI.SUM))
+
+    def destroy(self) -> None:
+        """Free the vectors. Collective."""
+        for vec in (*self._zero, *(mode for modes in self.modes for mode in modes)):
+            vec.destroy()
+
+    def work(self, residuals: typing.Sequence[Array]) -> Array:
+        """Products of the modes of all bodies with owned values of each body. Collective."""
+        local = [
+            float(mode.array_r @ r)
+            for modes, r in zip(self.modes, residuals, strict=True)
+            for mode in modes
+        ]
+        return np.asarray(self._comm.allreduce(np.array(local), op=MPI.SUM))
+
+    def gap_changes(self, weighted_gap: WeightedGap, sides: tuple[int | None, ...]) -> Array:
+        """How the modes change weighted gaps, shape (values of the gaps, modes). Collective.
+
+        Args:
+            weighted_gap: A pass of a contact.
+            sides: Bodies of its slave and its master, None of a rigid one.
+        """
+        out = np.zeros((weighted_gap.state.values.size, self._offsets[-1]))
+        for body in {side for side in sides if side is not None}:
+            for j, mode in enumerate(self.modes[body]):
+                u = [mode if side == body else self._zero_of(side) for side in sides]
+                slave, master = map(handle_of, u)
+                change = weighted_gap.operator.apply(slave, master)
+                out[:, self._offsets[body] + j] = change.ravel()
+        return out
+
+    def _zero_of(self, body: int | None) -> PETSc.Vec | None:
+        return None if body is None else self._zero[body]
+
+    def displacement(self, coefficients: Array, body: int) -> Array:
+        """Owned values of one body's part of a motion, given by coefficients of all modes."""
+        out = np.zeros(len(self._zero[body].array_r))
+        for c, mode in zip(coefficients[self._offsets[body] :], self.modes[body], strict=False):
+            out += c * mode.array_r
+        return out
+
+
+def _null_space(gram: Array) -> Array:
+    """Basis of the motions with no product, given the products of the modes.
+
+    Scaled to a unit diagonal: a small surface holds a large body as well.
+    """
+    diagonal = np.diag(gram)
+    scale = np.where(diagonal > 1e-30, 1 / np.sqrt(np.maximum(diagonal, 1e-30)), 1.0)
+    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
+    basis = scale[:, None] * vectors[:, values <= 1e-12]
+    return np.asarray(basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300))
+
+
+def vector(body: Body, values: Array) -> PETSc.Vec:
+    """Vector of a body with these owned values. Collective."""
+    out = body.create_vec()
+    out.array[:] = values
+    return out
+
+
+def orthonormal(vecs: list[PETSc.Vec]) -> list[PETSc.Vec]:
+    """Orthonormalise vectors in place (Gram-Schmidt, twice: once leaves rounding errors)."""
+    for k, vec in enumerate(vecs):
+        for other in (*vecs[:k], *vecs[:k]):
+            vec.axpy(-vec.dot(other), other)
+        vec.normalize()
+    return vecs
+
+
+def set_near_nullspace(mat: PETSc.Mat, vecs: list[PETSc.Vec]) -> None:
+    """Hand orthonormal rigid modes to a matrix. Collective."""
+    space = PETSc.NullSpace().create(vectors=vecs, comm=mat.comm)
+    mat.setNearNullSpace(space)
+    space.destroy()

@@ -1,0 +1,56 @@
+"""Stiffness of the bodies where they touch, and the automatic penalties that follow from it."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from qsdolfinx.contact import terms
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.penalty import nodal_stiffness
+from qsdolfinx.system.blocks import Sides
+from qsdolfinx.system.body import Body
+from qsdolfinx.system.matrices import Form
+from qsdolfinx.tools.rigid_surface import deformable
+
+
+def measure(
+    bodies: typing.Sequence[Body],
+    contacts: typing.Sequence[ContactModel],
+    sides: Sides,
+    scales: typing.Sequence[float],
+    bulk: typing.Sequence[PETSc.Mat],
+    form: Form,
+) -> list[float]:
+    """Tell the contacts their bodies' stiffness, which sets automatic penalties. Collective.
+
+    Args:
+        bodies: The bodies.
+        contacts: Contacts, paired.
+        sides: Bodies of each contact.
+        scales: Displacement per unknown of each body.
+        bulk: Bulk block of each body.
+        form: What the linear solver sees.
+
+    Returns:
+        E of each contact (stress), of both sides in series; 0 where neither resists.
+    """
+    markers = [body.constrained_marker() for body in bodies]
+    moduli = []
+    for contact, (s, m) in zip(contacts, sides, strict=True):
+        terms.constrain(contact, markers[s], None if m is None else markers[m])
+        measured = [
+            nodal_stiffness(surface, bulk[i], markers[i], scales[i])
+            for surface, i in ((contact.slave, s), (deformable(contact.master), m))
+            if surface is not None and i is not None
+        ]
+        stiffness, modulus = (tuple(values) for values in zip(*measured, strict=True))
+        together = form is Form.SUM and contact.law.linear
+        contact.penalty.follow(stiffness, modulus, together)
+        moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
+    for marker in markers:
+        marker.destroy()
+    return moduli

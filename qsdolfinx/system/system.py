@@ -1,0 +1,266 @@
+"""Bodies and contacts as one system of equations: its residual and its tangent."""
+
+from __future__ import annotations
+
+import operator
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.base.timing import Span, Stopwatch, spans
+from qsdolfinx.contact import active_set, terms
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.system import stiffness
+from qsdolfinx.system.blocks import Side
+from qsdolfinx.system.body import Body, body_of
+from qsdolfinx.system.matrices import Form, Matrices
+
+Array = npt.NDArray[np.float64]
+
+
+class ContactSystem:
+    """Residual and tangent of all bodies and contacts together.
+
+    The unknowns of a rank are those of its part of body 0, then of body 1, and so on.
+
+    Args:
+        bodies: The bodies.
+        contacts: Contacts between them, as solvers see them.
+        form: What the linear solver sees.
+    """
+
+    def __init__(
+        self, bodies: typing.Sequence[Body], contacts: typing.Sequence[ContactModel], form: Form
+    ) -> None:
+        self.bodies = list(bodies)
+        self.u = [body.u for body in bodies]
+        self.contacts = list(contacts)
+        #: Bodies of the slave and the master of each contact; None for a rigid tool.
+        self.sides: list[Side] = []
+        for contact in contacts:
+            slave, master = body_of(self.u, contact.slave.V), body_of(self.u, contact.master.V)
+            assert slave is not None
+            self.sides.append((slave, master))
+            for i in (slave, master):
+                if i is not None:
+                    self.bodies[i].geometry = contact.slave.geometry
+        self.form = form
+        for body in self.bodies:
+            if form is not Form.NEST and body.V.dofmap.index_map_bs > 1:
+                body.matrix_type = PETSc.Mat.Type.BAIJ
+        #: Wall time that this rank has spent in conversion and in the solver.
+        self.watch = Stopwatch()
+        self._ends = np.cumsum([body.num_owned for body in self.bodies])
+        self._made: Matrices | None = None
+        self._paired: list[object] = []
+        self._assembled: list[object] | None = None
+        #: E of each contact (stress), when matrices were last made.
+        self.moduli: list[float] = []
+        #: Owned unknowns at the last evaluation.
+        self.evaluated: Array = np.zeros(0)
+        #: Residual of the bulk forms there, owned unknowns of each body.
+        self.bulk_residuals: list[Array] = []
+        #: Unknowns and residual of all bodies.
+        self.x: PETSc.Vec = PETSc.Vec().createMPI((self._ends[-1], PETSc.DETERMINE), comm=self.comm)
+        self.r: PETSc.Vec = self.x.duplicate()
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the bodies."""
+        return self.bodies[0].comm
+
+    @property
+    def unknowns(self) -> list[str]:
+        """``"displacement"`` or ``"velocity"``, for each body, as its contacts say."""
+        return self._of_bodies(
+            "displacement", [contact.kinematics.unknown for contact in self.contacts]
+        )
+
+    @property
+    def scales(self) -> list[float]:
+        """Displacement per unknown of each body."""
+        return self._of_bodies(1.0, [contact.kinematics.scale for contact in self.contacts])
+
+    def _of_bodies(self, default: typing.Any, of_contacts: list[typing.Any]) -> list[typing.Any]:
+        """What the contacts say of their two bodies, for each body."""
+        out = [default] * len(self.bodies)
+        for sides, values in zip(self.sides, of_contacts, strict=True):
+            for i, value in zip(sides, values, strict=True):
+                if i is not None:
+                    out[i] = value
+        return out
+
+    @property
+    def timings(self) -> dict[str, Span]:
+        """Wall time (s) by stage, see :attr:`qs.ContactProblem.timings`. Collective."""
+        watches = [*(b.watch for b in self.bodies), *(c.watch for c in self.contacts), self.watch]
+        return spans(self.comm, watches)
+
+    @property
+    def slips(self) -> list[Slip]:
+        """Slips of all contacts; none without friction."""
+        return [slip for contact in self.contacts for slip in contact.slips]
+
+    @property
+    def linear(self) -> bool:
+        """Whether all bodies are linear."""
+        return all(body.linear for body in self.bodies)
+
+    def num_active_local(self) -> list[int]:
+        """Closed rows of each contact on this rank at the last evaluation."""
+        return [active_set.num_closed(contact) for contact in self.contacts]
+
+    def set_strict(self, strict: bool) -> None:
+        """Say whether gaps that are open by rounding alone count as open, without friction.
+
+        At first they count as closed, or bodies that just touch would fall through each other. But
+        they bear no force: with light loads Newton's method would never end with such a tangent.
+        """
+        for contact in self.contacts:
+            contact.strict = strict and contact.friction is None
+
+    def part(self, array: Array, i: int) -> Array:
+        """The part of an array of owned unknowns that is body i's."""
+        return array[self._ends[i] - self.bodies[i].num_owned : self._ends[i]]
+
+    def parts(self, array: Array) -> list[Array]:
+        """The parts of all bodies."""
+        return [self.part(array, i) for i in range(len(self.bodies))]
+
+    def norm(self, owned: Array) -> float:
+        """2-norm of a vector whose owned values these are. Collective."""
+        return float(np.sqrt(self.comm.allreduce(owned @ owned, op=MPI.SUM)))
+
+    # --- Matrices
+
+    @property
+    def made(self) -> Matrices:
+        """Matrices for the present pairing; see :meth:`rebuild`."""
+        assert self._made is not None
+        return self._made
+
+    @property
+    def matrix(self) -> PETSc.Mat:
+        """The tangent as the linear solver sees it."""
+        return self.made.matrix
+
+    @property
+    def has_matrices(self) -> bool:
+        """Whether matrices have been made."""
+        return self._made is not None
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether matrices have to be built, or rebuilt."""
+        return self._made is None or not self._is_paired()
+
+    def _is_paired(self) -> bool:
+        """Whether what the contacts have paired is what matrices were made for."""
+        paired = [contact.paired for contact in self.contacts]
+        return len(paired) == len(self._paired) and all(map(operator.is_, paired, self._paired))
+
+    def rebuild(self) -> None:
+        """Penalties, patterns and matrices after the contacts have paired. Collective."""
+        self.destroy_matrices()
+        bulk = [body.matrix() for body in self.bodies]
+        parts = self.bodies, self.contacts, self.sides
+        self.moduli = stiffness.measure(*parts, self.scales, bulk, self.form)
+        self._made = Matrices(*parts, bulk, self.form, self.watch)
+        self._paired = [c.paired for c in self.contacts]
+        self._assembled = None
+
+    def destroy_matrices(self) -> None:
+        """Free the matrices. Collective."""
+        if self._made is not None:
+            self._made.destroy()
+        self._made = None
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        self.destroy_matrices()
+        self.x.destroy()
+        self.r.destroy()
+        for body in self.bodies:
+            body.destroy()
+
+    def replace_vectors(self) -> None:
+        """Take new vectors: PETSc leaves those locked that a callback that raised has seen."""
+        new = [vec.duplicate() for vec in (self.x, self.r)]
+        self.x.copy(new[0])
+        self.x.destroy()
+        self.r.destroy()
+        self.x, self.r = new
+        self._paired = [None] * len(self.contacts)  # whoever holds the old ones is set up again
+
+    # --- Evaluation
+
+    def residual(self, x: Array) -> Array:
+        """Residual at the owned unknowns x; leaves u, gaps and multipliers at x. Collective."""
+        self.evaluated = x.copy()
+        residuals = [body.residual(self.part(x, i)) for i, body in enumerate(self.bodies)]
+        self.bulk_residuals = [residual.copy() for residual in residuals]
+        forces = [body.force for body in self.bodies]
+        for force in forces:
+            force.zeroEntries()
+        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
+            terms.evaluate(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
+            terms.add_residual(contact, forces[s], None if m is None else forces[m])
+        for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
+            residual[body.free] += force.array_r[body.free]
+        return np.concatenate(residuals)
+
+    def tangent(self, x: Array) -> PETSc.Mat:
+        """Derivative of the residual at the owned unknowns x, in ``matrix``. Collective."""
+        self.residual(x)
+        self._assembled = None
+        self.assemble()
+        return self.matrix
+
+    def assemble(self) -> bool:
+        """Tangent at the last evaluation, unless it is there already. Collective.
+
+        For linear bodies it depends on the active set alone: while that stays, the linear solver
+        keeps its factors.
+
+        Returns:
+            Whether it has changed.
+        """
+        state: list[object] = [body.fingerprint for body in self.bodies]
+        for contact in self.contacts:
+            state += [contact.eps, contact.kinematics.scale, active_set.tangent_state(contact)]
+        if self.linear and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
+            return False
+        self.made.tangent.assemble()
+        self.made.hold.add_to(self.made.tangent)
+        self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
+        self._assembled = state
+        return True
+
+    def assemble_bulk(self) -> None:
+        """The tangent without contact. Collective."""
+        self.made.tangent.assemble(contact=False)
+        self.made.hold.add_to(self.made.tangent, contact=False)
+        self._assembled = None
+
+    def rounding(self) -> float:
+        """Norm of the residual that rounding leaves at the last evaluation. Collective.
+
+        The products K_ij x_j that sum up to nothing are of the size of K_ii x_i. Where one body is
+        10^8 times as stiff as the other this is more than a small part of the loads.
+        """
+        products = [
+            (self.made.tangent.diagonal(i) * self.part(self.evaluated, i))[body.free]
+            for i, body in enumerate(self.bodies)
+        ]
+        return float(np.finfo(np.float64).eps) * self.norm(np.concatenate(products))
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric, as its matrix is told."""
+        bulk = self._made is None or self._made.bulk_symmetric
+        return bulk and all(contact.symmetric for contact in self.contacts)

@@ -1,0 +1,1 @@
+"""Rigid tools: surfaces without unknowns."""

@@ -1,0 +1,460 @@
+"""Rigid tools: surfaces without unknowns that deformable bodies are pressed against."""
+
+from __future__ import annotations
+
+import os
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import mesh
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.checks import (
+    FINITE,
+    FLAG,
+    MESH,
+    POSITIVE,
+    check,
+    check_array,
+    check_vector,
+    instance,
+    require,
+)
+from qsdolfinx.base.collective import checked
+from qsdolfinx.base.crash import end_all_ranks
+from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools import triangulation
+from qsdolfinx.tools.pose import Pose, padded, point_of, unit_vector
+from qsdolfinx.tools.shapes import Plane, Round, Shape
+from qsdolfinx.tools.triangulation import Facets
+
+Array = npt.NDArray[np.float64]
+
+COMMUNICATOR = instance(MPI.Intracomm, "a communicator of mpi4py")
+
+
+class Driven(typing.NamedTuple):
+    """A force that drives a tool.
+
+    Attributes:
+        force: Force (in 2D per length) with which the tool is pushed along the direction.
+        direction: Unit vector, shape (gdim,).
+    """
+
+    force: float
+    direction: Array
+
+
+class RigidSurface:
+    """Surface of a rigid tool, the master of a contact.
+
+    A tool has no unknowns and adds none to the matrix. Make one with :meth:`plane`,
+    :meth:`cylinder`, :meth:`sphere`, :meth:`triangulated`, :meth:`from_stl` or :meth:`from_mesh`.
+
+    What it does in the next solve is set by :attr:`displacement` and :attr:`rotation`: contact
+    sees the tool displaced by x ↦ displacement + (R − 1)(x − center), R being the finite rotation,
+    while points and normals stay as they were paired (small sliding). :meth:`advance` makes the
+    motion permanent; ``contact.update()`` has to follow.
+
+    With :meth:`drive`, a force takes the place of the displacement in one direction.
+
+    A tool may be part of several contacts. All its state must be the same on all ranks.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, center: Array, shape: Shape | Facets) -> None:
+        end_all_ranks(comm)
+        self._comm = comm
+        self._center = np.asarray(center, dtype=np.float64)
+        self._pose = Pose.at_rest(len(self._center))
+        self._displacement: Array = np.zeros(self.gdim)
+        self._rotation: Array = np.zeros(1 if self.gdim == 2 else 3)
+        self._driven: Driven | None = None
+        #: Counts the positions that the tool has had.
+        self.version = 0
+        self._shape = shape
+        self._surface: tuple[tuple[int, bool], _cpp.Surface] | None = None
+
+    # --- Shapes
+
+    @classmethod
+    def plane(
+        cls, comm: MPI.Intracomm, point: npt.ArrayLike, normal: npt.ArrayLike
+    ) -> RigidSurface:
+        """A tool that ends in a plane (2D: a line). Collective.
+
+        Args:
+            comm: Communicator of the bodies' meshes.
+            point: A point of the plane, shape (gdim,), gdim 2 or 3.
+            normal: From the tool to the workpiece, shape (gdim,), of any length.
+
+        Raises:
+            ValueError: If an argument has another shape, is not finite or differs between ranks, or
+                the normal is zero.
+        """
+        check(COMMUNICATOR, comm=comm)
+        with checked(comm) as same:
+            x = point_of("point", point)
+            n = unit_vector("normal", normal, len(x))
+            same(point=x, normal=n)
+        return cls(comm, x, Plane(padded(x), padded(n)))
+
+    @classmethod
+    def cylinder(
+        cls,
+        comm: MPI.Intracomm,
+        point: npt.ArrayLike,
+        axis: npt.ArrayLike | None,
+        radius: float,
+        inside: bool = False,
+    ) -> RigidSurface:
+        """A circular cylinder of any length; in 2D a circle. Collective.
+
+        Args:
+            comm: Communicator of the bodies' meshes.
+            point: A point of the axis, shape (gdim,), gdim 2 or 3.
+            axis: Direction of the axis, shape (3,), of any length; ignored in 2D.
+            radius: Radius (length).
+            inside: Whether the workpiece is inside of it; the tool is then all that is outside.
+
+        Raises:
+            ValueError: If an argument has another shape, is not finite or differs between ranks, or
+                the axis is zero, or the radius is not positive.
+        """
+        check(COMMUNICATOR, comm=comm)
+        with checked(comm) as same:
+            x = point_of("point", point)
+            a = None if len(x) == 2 else unit_vector("axis", axis, 3)
+            same(point=x, axis=a)
+            same(POSITIVE, radius=radius)
+            same(FLAG, inside=inside)
+        return cls(comm, x, Round(padded(x), float(radius), bool(inside), a))
+
+    @classmethod
+    def sphere(
+        cls, comm: MPI.Intracomm, center: npt.ArrayLike, radius: float, inside: bool = False
+    ) -> RigidSurface:
+        """A ball; in 2D a circle. Collective.
+
+        Args:
+            comm: Communicator of the bodies' meshes.
+            center: Centre, shape (gdim,), gdim 2 or 3.
+            radius: Radius (length).
+            inside: Whether the workpiece is inside of it; the tool is then all that is outside.
+
+        Raises:
+            ValueError: If an argument has another shape, is not finite or differs between ranks, or
+                the radius is not positive.
+        """
+        check(COMMUNICATOR, comm=comm)
+        with checked(comm) as same:
+            x = point_of("center", center)
+            same(center=x)
+            same(POSITIVE, radius=radius)
+            same(FLAG, inside=inside)
+        return cls(comm, x, Round(padded(x), float(radius), bool(inside)))
+
+    @classmethod
+    def triangulated(
+        cls,
+        comm: MPI.Intracomm,
+        x: npt.ArrayLike | None,
+        triangles: npt.ArrayLike | None,
+        center: npt.ArrayLike | None = None,
+    ) -> RigidSurface:
+        """A tool with a surface of triangles (2D: line segments). Collective.
+
+        Rank 0's arrays count: others pass the same, or None. Facets are spread over the ranks.
+
+        Args:
+            comm: Communicator of the bodies' meshes.
+            x: Vertices, shape (vertices, gdim), gdim 2 or 3 (length).
+            triangles: Indices of the vertices of each facet, shape (facets, gdim). Seen from the
+                workpiece they run counter-clockwise; in 2D, the tool is to the left of a segment.
+            center: What the tool is rotated about, shape (gdim,); by default the mean vertex.
+
+        Raises:
+            ValueError: If an array has another shape, is not finite, differs between ranks, or an
+                index is out of range, or a facet has no area, or neighbours are oriented in
+                opposite ways.
+        """
+        check(COMMUNICATOR, comm=comm)
+        facets, middle = triangulation.scatter(comm, x, triangles, center)
+        return cls(comm, middle, facets)
+
+    @classmethod
+    def from_stl(
+        cls,
+        comm: MPI.Intracomm,
+        filename: str | os.PathLike[str],
+        center: npt.ArrayLike | None = None,
+    ) -> RigidSurface:
+        """A tool from an STL file, ASCII or binary, read by rank 0. Collective.
+
+        Vertices with equal coordinates are one. Orientation is that of the vertices; normals in the
+        file are ignored.
+
+        Args:
+            comm: Communicator of the bodies' meshes.
+            filename: The file.
+            center: What the tool is rotated about, shape (3,); by default the mean vertex.
+
+        Raises:
+            ValueError: If the file cannot be read or is no STL file, or as :meth:`triangulated`.
+        """
+        x, triangles = None, None
+        check(COMMUNICATOR, comm=comm)
+        with checked(comm):
+            if comm.rank == 0:
+                x, triangles = triangulation.read_stl(filename)
+        return cls.triangulated(comm, x, triangles, center)
+
+    @classmethod
+    def from_mesh(
+        cls,
+        msh: mesh.Mesh,
+        inside: npt.ArrayLike | None = None,
+        center: npt.ArrayLike | None = None,
+    ) -> RigidSurface:
+        """A tool from a surface mesh, whose cells stay on the ranks that own them. Collective.
+
+        Args:
+            msh: Mesh of first order and of topological dimension gdim − 1. Its communicator is that
+                of the bodies' meshes.
+            inside: A point of the tool, shape (gdim,), that all cells are turned away from; it must
+                see all of them from behind. By default the cells are oriented as in
+                :meth:`triangulated`, which those of a sub-mesh of facets are not.
+            center: What the tool is rotated about, shape (gdim,); by default the mean vertex.
+
+        Raises:
+            TypeError: If it is no mesh.
+            ValueError: If the mesh has another dimension or order, is not finite, a cell has no
+                area, or neighbours are oriented in opposite ways.
+        """
+        check(MESH, msh=msh)
+        facets, middle = triangulation.of_mesh(msh, inside, center)
+        return cls(msh.comm, middle, facets)
+
+    @property
+    def V(self) -> None:
+        """There is no space of unknowns."""
+        return None
+
+    @property
+    def cpp_object(self) -> None:
+        """The extension has no surface with unknowns for it."""
+        return None
+
+    @property
+    def degree(self) -> int:
+        """Degree of the trace of its displacement: 0, as there is none."""
+        return 0
+
+    @property
+    def is_analytic(self) -> bool:
+        """Whether the shape is known in closed form; else it is made of facets."""
+        return isinstance(self._shape, Shape)
+
+    @property
+    def num_facet_vertices(self) -> int:
+        """Vertices of a facet.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        return int(self._facets.x.shape[1])
+
+    @property
+    def facet_size_range(self) -> tuple[float, float]:
+        """Smallest and largest facet size. Collective.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        low, high = self.facets().facet_size_range
+        return float(low), float(high)
+
+    def distance(self, x: npt.ArrayLike) -> tuple[Array, Array]:
+        """Signed distances from the tool where it is now, and its outward normals there.
+
+        Args:
+            x: Points, shape (n, 3).
+
+        Returns:
+            Distances, positive outside of the tool, shape (n,), and unit normals, shape (n, 3).
+
+        Raises:
+            ValueError: If the shape is not analytic.
+        """
+        if not isinstance(self._shape, Shape):
+            raise ValueError("distance: is known in closed form for analytic shapes only")
+        R, t = self._pose.embedded
+        points = check_array("x", x, (None, 3))
+        distance, normal = self._shape.distance((points - t) @ R)
+        return distance, normal @ R.T
+
+    def facets(self, axisymmetric: bool = False) -> _cpp.Surface:
+        """The extension's surface where it is now. Collective after a change of position.
+
+        Args:
+            axisymmetric: Whether facets stand for rings.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        state = self.version, axisymmetric
+        if self._surface is None or self._surface[0] != state:
+            R, t = self._pose.embedded
+            surface = self._facets.surface(self.comm, self.gdim, R, t, axisymmetric)
+            self._surface = state, surface
+        return self._surface[1]
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the tool."""
+        return self._comm
+
+    @property
+    def gdim(self) -> int:
+        """Geometric dimension, 2 or 3."""
+        return len(self._center)
+
+    # --- Motion
+
+    @property
+    def displacement(self) -> Array:
+        """Translation over the coming step (length), shape (gdim,)."""
+        return self._displacement
+
+    @displacement.setter
+    def displacement(self, value: npt.ArrayLike) -> None:
+        self._displacement = check_vector("displacement", value, self.gdim)
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation about :attr:`center` over the coming step, radians.
+
+        In 2D an angle, counter-clockwise, shape (1,); in 3D a rotation vector, shape (3,).
+        """
+        return self._rotation
+
+    @rotation.setter
+    def rotation(self, value: npt.ArrayLike) -> None:
+        size = len(self._rotation)
+        self._rotation = check_vector("rotation", [value] if np.isscalar(value) else value, size)
+
+    @property
+    def center(self) -> Array:
+        """The point of the tool that it is rotated about, where it is now, shape (gdim,)."""
+        return self._pose(self._center)
+
+    @property
+    def motion(self) -> Affine:
+        """Displacement field of the coming step."""
+        R = rotation_matrix(self._rotation)
+        return rotation_about(R, self.center, self._displacement)
+
+    def advance(self) -> None:
+        """Make displacement and rotation permanent: move the tool, and set them to zero.
+
+        Call ``contact.update()`` next: it pairs with the new position.
+        """
+        self.position = self._pose.moved(self.motion)
+        self._displacement = np.zeros_like(self._displacement)
+        self._rotation = np.zeros_like(self._rotation)
+
+    @property
+    def position(self) -> Array:
+        """Where the tool is: [R | t], shape (gdim, gdim + 1); x₀ has gone to R x₀ + t.
+
+        It can be set, to continue from a checkpoint; ``contact.update()`` has to follow.
+        """
+        return self._pose.matrix
+
+    @position.setter
+    def position(self, value: npt.ArrayLike) -> None:
+        self._pose = Pose.from_matrix(value, self.gdim)
+        self.version += 1
+
+    # --- Force
+
+    def drive(self, force: float, direction: npt.ArrayLike) -> None:
+        """Push the tool with a force, instead of a prescribed displacement, in the next solves.
+
+        A solve finds the displacement along the direction for which the contact forces balance
+        this one: ``contact.force("master") @ direction == -force``, to 1e-8 of the force.
+        :attr:`displacement` holds it afterwards; the other components stay prescribed.
+
+        Args:
+            force: Force, in 2D per length; negative values pull, which only tied contact can hold.
+            direction: Vector of any length, shape (gdim,).
+
+        Raises:
+            ValueError: If the force is zero or not finite, or the direction is zero or has another
+                shape.
+        """
+        check(FINITE, force=force)
+        require(force, "force: must not be zero; use a tool that is not in contact instead")
+        self._driven = Driven(float(force), unit_vector("direction", direction, self.gdim))
+
+    def release(self) -> None:
+        """Prescribe all of the displacement again."""
+        self._driven = None
+
+    @property
+    def driven(self) -> Driven | None:
+        """The force that drives the tool, None if its displacement is prescribed."""
+        return self._driven
+
+    # --- For contacts
+
+    def create_vec(self) -> None:
+        """There are no unknowns."""
+        return None
+
+    def shape_degree(self, order: int) -> int:
+        """Total polynomial degree of Lagrange functions of this order on its facets; 0 without."""
+        if self.is_analytic:
+            return 0
+        return order * (2 if self.num_facet_vertices == 4 else 1)
+
+    def search_object(self, slave: Surface) -> _cpp.Surface:
+        """Its facets as pairing from a slave sees them: rings where the slave's are."""
+        return self.facets(slave.axisymmetric)
+
+    def check_state(self) -> None:
+        """Refuse a motion or force that is not finite or differs between ranks. Collective.
+
+        Raises:
+            ValueError: With the name of what is wrong.
+        """
+        force, direction = (None, None) if self._driven is None else self._driven
+        with checked(self.comm) as same:
+            self.displacement = self._displacement
+            self.rotation = self._rotation
+            same(displacement=self._displacement, rotation=self._rotation, position=self.position)
+            same(force=force, direction=direction)
+
+    @property
+    def _facets(self) -> Facets:
+        if not isinstance(self._shape, Facets):
+            raise ValueError("an analytic shape has no facets")
+        return self._shape
+
+
+#: Either side of a contact.
+AnySurface = Surface | RigidSurface
+
+
+def as_tool(surface: AnySurface) -> RigidSurface | None:
+    """The surface if it is a rigid tool."""
+    return surface if isinstance(surface, RigidSurface) else None
+
+
+def deformable(surface: AnySurface) -> Surface | None:
+    """The surface if it has unknowns."""
+    return surface if isinstance(surface, Surface) else None

@@ -1,0 +1,258 @@
+"""Facets of rigid tools: from arrays, STL files and meshes."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import os
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import mesh
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.checks import check_vector, require
+from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.compat import cell_nodes, coordinate_element
+from qsdolfinx.tools.pose import point_of
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Facets:
+    """This rank's facets of a tool, where the tool was at first.
+
+    Attributes:
+        x: Vertex coordinates, shape (facets, vertices, 3).
+        vertices: Global numbers of the vertices, shape (facets, vertices).
+        owner: Ranks that own them, of the same shape.
+        num_owned: Vertices that this rank owns, a contiguous range.
+        sign: −1 where a facet's orientation is to be turned, else 1, shape (facets,).
+    """
+
+    x: Array
+    vertices: Indices
+    owner: npt.NDArray[np.int32]
+    num_owned: int
+    sign: Array
+
+    def surface(
+        self, comm: MPI.Intracomm, gdim: int, R: Array, t: Array, axisymmetric: bool
+    ) -> _cpp.Surface:
+        """The surface after x ↦ R x + t; the vertices get unknowns that nobody has. Collective."""
+        x = self.x @ R.T + t
+        behind = x.mean(axis=1) - self.sign[:, None] * area_vectors(x)
+        return _cpp.Surface(
+            comm=comm.py2f(),
+            gdim=gdim,
+            num_vertices=x.shape[1],
+            x=np.ascontiguousarray(x),
+            degree=1,
+            dofs=np.ascontiguousarray(self.vertices[..., None] * gdim + np.arange(gdim)),
+            owner=np.ascontiguousarray(self.owner),
+            inside=np.ascontiguousarray(behind),
+            local_size=self.num_owned * gdim,
+            axisymmetric=axisymmetric,
+        )
+
+
+def area_vectors(x: Array) -> Array:
+    """Area vectors of facets in the middle, outward by their orientation, shape (facets, 3).
+
+    Args:
+        x: Vertex coordinates in reference order, shape (facets, 2 to 4, 3).
+    """
+    if x.shape[1] == 2:
+        along = x[:, 1] - x[:, 0]
+        return np.stack([along[:, 1], -along[:, 0], 0 * along[:, 0]], axis=1)
+    if x.shape[1] == 3:
+        return np.asarray(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) / 2)
+    return np.asarray(np.cross(x[:, 3] - x[:, 0], x[:, 2] - x[:, 1]) / 2)
+
+
+def scatter(
+    comm: MPI.Intracomm,
+    x: npt.ArrayLike | None,
+    triangles: npt.ArrayLike | None,
+    center: npt.ArrayLike | None,
+) -> tuple[Facets, Array]:
+    """Spread rank 0's facets over the ranks, as many on each. Collective.
+
+    Returns:
+        The facets of this rank, and the center or else the mean vertex, shape (gdim,).
+    """
+    points: Array = np.zeros((0, 3))
+    cells: Indices = np.zeros((0, 3), dtype=np.int64)
+    digests = _digest(x), _digest(triangles)
+    first = comm.bcast(digests, root=0)
+    with checked(comm) as same:
+        if comm.rank == 0 or x is not None or triangles is not None:
+            points, cells = _checked(x, triangles)
+            first = digests
+        same(x=first[0], triangles=first[1])
+        middle = None if center is None else point_of("center", center)
+        same(center=middle)
+    counts = comm.bcast((len(points), len(cells), points.shape[1]), root=0)
+    num_points, num_cells, gdim = counts
+    require(middle is None or len(middle) == gdim, f"center: must have {gdim} components")
+    ranks = np.arange(comm.size + 1)
+    first_cell, first_point = ranks * num_cells // comm.size, ranks * num_points // comm.size
+    parts = None
+    if comm.rank == 0:
+        padded = np.column_stack([points, np.zeros((num_points, 3 - gdim))])
+        # Slabs across the longest side: the search goes to few ranks.
+        middles = points[cells].mean(axis=1)
+        order = np.argsort(middles[:, np.argmax(np.ptp(middles, axis=0))], kind="stable")
+        chunks = np.split(cells[order], first_cell[1:-1])
+        parts = [(chunk, padded[chunk]) for chunk in chunks]
+    vertices, coordinates = comm.scatter(parts, root=0)
+    owner = (np.searchsorted(first_point, vertices, side="right") - 1).astype(np.int32)
+    mean = comm.bcast(points[np.unique(cells)].mean(axis=0) if comm.rank == 0 else None, root=0)
+    num_owned = int(first_point[comm.rank + 1] - first_point[comm.rank])
+    sign = np.ones(len(vertices))
+    _check_orientation(comm, "triangles", vertices, sign)
+    facets = Facets(coordinates, vertices, owner, num_owned, sign)
+    return facets, mean if middle is None else middle
+
+
+def _digest(array: npt.ArrayLike | None) -> str:
+    """What tells arrays of numbers apart; it takes anything, as arrays are checked only later."""
+    with contextlib.suppress(TypeError, ValueError, OverflowError):
+        return hashlib.blake2b(np.asarray(array, dtype=np.float64).tobytes()).hexdigest()
+    return ""
+
+
+def _checked(x: npt.ArrayLike | None, triangles: npt.ArrayLike | None) -> tuple[Array, Indices]:
+    """The arrays, or an exception that names the wrong one."""
+    try:
+        points = np.array(x, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.zeros(0)
+    fits = points.ndim == 2 and points.shape[1] in (2, 3)
+    require(fits, "x: must be an array of the shape (vertices, 2 or 3)")
+    require(np.isfinite(points).all(), "x: coordinates are not finite (NaN, infinity)")
+    given = np.asarray(triangles)
+    gdim = points.shape[1]
+    fits = given.ndim == 2 and given.shape[1] == gdim and np.issubdtype(given.dtype, np.integer)
+    require(fits, f"triangles: must be integers of the shape (facets, {gdim})")
+    require(len(given), "triangles: there are none")
+    fits = given.min() >= 0 and given.max() < len(points)
+    require(fits, f"triangles: indices must be from 0 to {len(points) - 1}")
+    cells = given.astype(np.int64)
+    padded = np.column_stack([points, np.zeros((len(points), 3 - gdim))])
+    check_areas("triangles", padded[cells])
+    return points, cells
+
+
+def check_areas(name: str, x: Array) -> None:
+    """Refuse facets without area."""
+    size = np.max(np.linalg.norm(x[:, :, None] - x[:, None, :], axis=-1), axis=(1, 2), initial=0.0)
+    power = 1 if x.shape[1] == 2 else 2
+    flat = ~(np.linalg.norm(area_vectors(x), axis=1) > 1e-14 * size**power)
+    require(not flat.any(), f"{name}: {np.count_nonzero(flat)} facets have no area")
+
+
+def _check_orientation(comm: MPI.Intracomm, name: str, vertices: Indices, sign: Array) -> None:
+    """Refuse neighbours of opposite orientation. Collective.
+
+    Facets that agree pass their common edge once in each direction; segments that do, leave and
+    reach a vertex once.
+    """
+    n = vertices.shape[1]
+    if n == 2:
+        turned = np.where(sign[:, None] < 0, vertices[:, ::-1], vertices)
+        passed = np.concatenate([turned[:, [i, i]] * [1, 0] + [0, i] for i in range(2)])
+    else:
+        ring = vertices[:, [0, 1, 2] if n == 3 else [0, 1, 3, 2]]
+        edges = np.stack([ring, np.roll(ring, -1, axis=1)], axis=-1)
+        passed = np.where(sign[:, None, None] < 0, edges[..., ::-1], edges).reshape(-1, 2)
+    to = passed.min(axis=1) % comm.size if n > 2 else passed[:, 0] % comm.size
+    received = np.concatenate(comm.alltoall([passed[to == rank] for rank in range(comm.size)]))
+    with collective_errors(comm):
+        once = len(np.unique(received, axis=0)) == len(received)
+        require(once, f"{name}: neighbours are oriented in opposite ways, or overlap")
+
+
+def read_stl(filename: str | os.PathLike[str]) -> tuple[Array, Indices]:
+    """Vertices and triangles of an STL file, ASCII or binary.
+
+    Raises:
+        ValueError: If the file cannot be read or is no STL file.
+    """
+    try:
+        with open(filename, "rb") as file:
+            data = file.read()
+    except (OSError, TypeError) as error:
+        raise ValueError(f"filename: cannot be read: {error}") from error
+    corners = _binary_stl(data)
+    if corners is None:
+        corners = _ascii_stl(data)
+    if corners is None or len(corners) == 0:
+        raise ValueError(f"filename: {os.fspath(filename)!r} is no STL file with triangles")
+    x, triangles = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return x, triangles.reshape(-1, 3).astype(np.int64)
+
+
+def _binary_stl(data: bytes) -> Array | None:
+    """Corners, shape (triangles, 3, 3): 80 bytes of header, a count, 50 bytes a triangle."""
+    record = np.dtype([("normal", "<f4", 3), ("x", "<f4", (3, 3)), ("attribute", "<u2")])
+    if len(data) < 84 or len(data) != 84 + 50 * int.from_bytes(data[80:84], "little"):
+        return None
+    return np.frombuffer(data, record, offset=84)["x"].astype(np.float64)
+
+
+def _ascii_stl(data: bytes) -> Array | None:
+    """Corners, from all lines ``vertex x y z``."""
+    try:
+        words = [line.split() for line in data.decode("ascii").splitlines()]
+        corners = np.array([w[1:] for w in words if w and w[0] == "vertex"], dtype=np.float64)
+        return corners.reshape(-1, 3, 3)
+    except ValueError:
+        return None
+
+
+def of_mesh(
+    msh: mesh.Mesh, inside: npt.ArrayLike | None, center: npt.ArrayLike | None
+) -> tuple[Facets, Array]:
+    """This rank's cells of a surface mesh, and the center or else the mean vertex. Collective.
+
+    Args:
+        msh: The mesh.
+        inside: A point that all cells are turned away from; without it they stay as they are.
+        center: What the tool is rotated about, shape (gdim,), or None.
+    """
+    comm, geometry, tdim = msh.comm, msh.geometry, msh.topology.dim
+    gdim = int(geometry.dim)
+    with checked(comm) as same:
+        fits = gdim in (2, 3) and tdim == gdim - 1
+        require(fits, f"msh: must have the topological dimension gdim - 1, not {tdim}")
+        require(coordinate_element(msh).degree == 1, "msh: must be of first order")
+        cells = cell_nodes(msh)[: msh.topology.index_map(tdim).size_local]
+        x = np.asarray(geometry.x[cells], dtype=np.float64)
+        require(np.isfinite(x).all(), "msh: coordinates are not finite (NaN, infinity)")
+        check_areas("msh", x)
+        sign: Array = np.ones(len(x))
+        if inside is not None:
+            point = np.append(check_vector("inside", inside, gdim), np.zeros(3 - gdim))
+            same(inside=point)
+            outward = np.sum((x.mean(axis=1) - point) * area_vectors(x), axis=1)
+            sign = np.where(outward < 0, -1.0, 1.0)
+        middle = None if center is None else check_vector("center", center, gdim)
+        same(center=middle)
+    index_map = geometry.index_map()
+    owners = np.concatenate(
+        [np.full(index_map.size_local, comm.rank, dtype=np.int32), index_map.owners]
+    )
+    vertices = index_map.local_to_global(cells.ravel()).reshape(cells.shape).astype(np.int64)
+    _check_orientation(comm, "msh", vertices, sign)
+    total = comm.allreduce(geometry.x[: index_map.size_local, :gdim].sum(axis=0), op=MPI.SUM)
+    facets = Facets(x, vertices, owners[cells].astype(np.int32), int(index_map.size_local), sign)
+    mean = typing.cast(Array, total / index_map.size_global)
+    return facets, mean if middle is None else middle

@@ -1,0 +1,149 @@
+"""Programs that ``test_reliability.py`` starts, and stops: ``reliability_runs.py NAME FOLDER``."""
+
+import os
+import pathlib
+import resource
+import signal
+import sys
+
+import numpy as np
+
+here = pathlib.Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(here))
+
+from scenes import WORLD, Pair, vector_space  # noqa: E402
+from step_scenes import Upset, same  # noqa: E402
+
+from dolfinx import fem  # noqa: E402
+
+import qsdolfinx as qs  # noqa: E402
+
+
+def say(*words):
+    if WORLD.rank == 0:
+        print(*words, flush=True)
+
+
+def last():
+    return WORLD.rank == WORLD.size - 1
+
+
+def thrown(folder):
+    """Nobody catches what one rank raises in ``drive``."""
+
+    def drive(t, dt):
+        if last():
+            raise KeyError("load table")
+
+    Upset(drive=drive).stepper.step()
+
+
+def thrown_alone(folder):
+    """One rank raises where the others are in a collective call."""
+    case = Upset()
+    if last():
+        raise KeyError("load table")
+    case.stepper.step()
+
+
+def interrupted(folder):
+    """Ctrl-C in the middle of a step: caught, and gone on from."""
+    case = Upset(die=True, n=4)
+    case.stepper.step()
+    state, forces = case.state(), case.forces()
+    evaluate, count = case.problem.system.residual, []
+
+    def interrupt(x):
+        count.append(1)
+        if len(count) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return evaluate(x)
+
+    case.problem.system.residual = interrupt
+    try:
+        case.stepper.step()
+    except KeyboardInterrupt:
+        assert same(state, case.state()) and np.array_equal(forces, case.forces())
+        say("as before")
+    case.stepper.step()
+    reference = Upset(die=True, n=4)
+    reference.stepper.step()
+    reference.stepper.step()
+    assert np.allclose(case.forces(), reference.forces(), rtol=1e-9, atol=1e-9)
+    say("went on")
+
+
+def endless(folder):
+    """Solves until it is interrupted from outside."""
+    pair = Pair("triangle", n=(40, 30))
+    problem = pair.problem()
+    problem.solve()
+    say("ready")
+    while True:
+        pair.u[0].x.array[:] = pair.u[1].x.array[:] = 0
+        problem.solve()
+
+
+def killed(folder):
+    """Stopped while the second checkpoint is half written, after the first is whole."""
+    case = Upset()
+    case.stepper.step()
+    qs.save_run(case.stepper, folder / "state", values={"step": 1})
+    case.stepper.step()
+    savez = np.savez
+
+    def half(path, **arrays):
+        savez(path, **arrays)
+        with open(path, "r+b") as file:
+            file.truncate(100)
+        if last():
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    np.savez = half
+    qs.save_run(case.stepper, folder / "state", values={"step": 2})
+
+
+def loaded(folder):
+    """What the checkpoint holds."""
+    case = Upset()
+    values = qs.load_run(case.stepper, folder / "state")
+    case.stepper.step()
+    say("step", values["step"], case.stepper.num_steps)
+
+
+def saved_again(folder):
+    """Over a checkpoint, and over one that was not finished."""
+    case = Upset()
+    qs.save_run(case.stepper, folder / "state", values={"step": 5})
+    say("step", qs.load_run(case.stepper, folder / "state")["step"])
+
+
+def full_disk(folder):
+    """Files may not grow any more: a checkpoint, a table, fields."""
+    case = Upset()
+    case.stepper.step()
+    qs.save_run(case.stepper, folder / "state", values={"step": 1})
+    before = case.state()
+    history = qs.History(WORLD, folder / "run.csv", verbose=False)
+    history.add(qs.step_row(case.stepper))
+    field = fem.Function(vector_space(case.mesh))
+    writer = qs.FieldWriter(folder / "fields.xdmf", case.mesh, {"u": field})
+    writer.write(0.0)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200, limits[1]))
+    for name, call in (
+        ("checkpoint", lambda: qs.save_run(case.stepper, folder / "state", values={"step": 2})),
+        ("table", lambda: history.add(qs.step_row(case.stepper))),
+        ("fields", lambda: writer.write(1.0)),
+    ):
+        try:
+            call()
+        except (OSError, RuntimeError) as error:
+            say(name, "refused", type(error).__name__, error)
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert same(before, case.state())
+    say("left", sorted(path.name for path in folder.iterdir()))
+
+
+if __name__ == "__main__":
+    globals()[sys.argv[1]](pathlib.Path(sys.argv[2]))

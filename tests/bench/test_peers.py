@@ -1,0 +1,228 @@
+"""The meshes and inputs that bench/peers.py gives to other programs."""
+
+import pathlib
+import subprocess
+import sys
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[2] / "bench" / "peers"))
+
+import calculix
+import cubes
+import hertz_error
+import install
+import ours
+import sphere
+
+
+@pytest.mark.parametrize("bottom", [0.0, 1.0])
+def test_cube(bottom):
+    """Cells have the same positive volume, faces look outward and belong to the cells named."""
+    n = 3
+    body = cubes.cube(n, bottom)
+    assert body.x.shape == ((n + 1) ** 3, 3) and body.cells.shape == (n**3, 8)
+    corner = body.x[body.cells]
+    edges = np.stack([corner[:, k] - corner[:, 0] for k in (1, 3, 4)], axis=1)
+    assert np.allclose(np.linalg.det(edges), n**-3.0)
+    assert np.allclose(corner[:, 6] - corner[:, 0], edges.sum(axis=1))
+    for quads, cells, z, up in (
+        (body.low, body.low_cells, bottom, -1),
+        (body.high, body.high_cells, bottom + 1, 1),
+    ):
+        x = body.x[quads]
+        normal = np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]) / 2
+        assert np.allclose(normal, [0, 0, up / n**2]) and np.allclose(x[:, :, 2], z)
+        side = body.cells[cells, :4] if up < 0 else body.cells[cells, 4:]
+        assert np.array_equal(np.sort(side, axis=1), np.sort(quads, axis=1))
+
+
+def test_calculix_input(tmp_path):
+    """Nodes and cells are numbered on from one cube to the other, faces are those that touch."""
+    calculix.write_deck(tmp_path / "job.inp", cubes, [3, 2], 5.0, "SPOOLES", "B")
+    text = (tmp_path / "job.inp").read_text()
+    cards = {}
+    for block in text.split("\n*"):
+        head, *rows = block.strip("*").split("\n")
+        cards.setdefault(head, []).append([r for r in rows if r])
+    nodes = [row.split(",") for part in cards["NODE, NSET=ALL"] for row in part]
+    assert [int(r[0]) for r in nodes] == list(range(1, 64 + 27 + 1))
+    z = {int(r[0]): float(r[3]) for r in nodes}
+    cells = {}
+    for name in "AB":
+        for row in cards[f"ELEMENT, TYPE=C3D8, ELSET={name}"][0]:
+            number, *its_nodes = map(int, row.split(","))
+            cells[number] = its_nodes
+    assert list(cells) == list(range(1, 27 + 8 + 1))
+    for name, count in (("A", 9), ("B", 4)):
+        faces = [row.split(", ") for row in cards[f"SURFACE, NAME=FACE{name}, TYPE=ELEMENT"][0]]
+        assert len(faces) == count
+        for number, side in faces:
+            on_face = cells[int(number)][4:] if side == "S2" else cells[int(number)][:4]
+            assert all(z[k] == 1.0 for k in on_face)
+        held = [int(row) for row in cards[f"NSET, NSET=HELD{name}"][0]]
+        assert {z[k] for k in held} == {0.0 if name == "A" else 2.0}
+
+
+def test_calculix_symmetry(tmp_path):
+    """Nodes of symmetry planes are held along the plane's axis."""
+    calculix.write_deck(tmp_path / "job.inp", sphere, [3, 2], 5.0, "SPOOLES", "B", True)
+    cards = (tmp_path / "job.inp").read_text().split("\n*")
+    held = next(card for card in cards if card.startswith("BOUNDARY")).split("\n")
+    first = 1
+    for name, body in zip("AB", sphere.bodies([3, 2]), strict=True):
+        for axis in (0, 1):
+            assert f"PLANE{axis}{name}, {axis + 1}, {axis + 1}" in held
+            head = f"NSET, NSET=PLANE{axis}{name}\n"
+            nodes = next(card for card in cards if card.startswith(head)).split()[2:]
+            expected = np.flatnonzero(body.x[:, axis] == 0) + first
+            assert [int(k) for k in nodes] == expected.tolist()
+        first += len(body.x)
+    assert cards[-2].startswith("NODE PRINT, NSET=ALL\nU")
+
+
+def test_calculix_displacements():
+    """Of what was printed in several increments, the last counts."""
+    text = """
+ displacements (vx,vy,vz) for set ALL and time  0.5000000E+00
+
+         1  1.000000E-01 -2.000000E-05  0.000000E+00
+         2  3.000000E-01  4.000000E+00 -5.000000E-11
+
+ forces (fx,fy,fz) for set HELDA and time  0.5000000E+00
+
+         7.000000E+00  8.000000E+00  9.000000E+00
+"""
+    later = text.replace("0.5000000E+00", "1.0000000E+00").replace("3.0000", "6.0000")
+    assert calculix.read_displacements(text + later) == [[0.1, -2e-5, 0.0], [0.6, 4.0, -5e-11]]
+    assert calculix.read_displacements("") is None
+
+
+def test_missing_program():
+    """What cannot be started is reported with the reason."""
+    found = install.prepare(["kratos"], None, "/nowhere/python3", lambda text: None)
+    assert isinstance(found["kratos"], install.Missing)
+    assert "No such file" in str(found["kratos"])
+
+
+def test_missing_solver(tmp_path):
+    """A program that ends with an error gives its message, not numbers."""
+    program = tmp_path / "ccx"
+    program.write_text("#!/bin/sh\necho ' *ERROR: the solver is not linked'\nexit 201\n")
+    program.chmod(0o755)
+    command = [sys.executable, calculix.__file__, "--sizes", "2,1", "--ccx", program]
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    assert done.returncode != 0 and "not linked" in done.stderr
+    assert "RESULT" not in done.stdout
+
+
+# --- Hertz
+
+
+def test_sphere_mesh():
+    """Volumes, the two surfaces and the symmetry planes of the job "hertz"."""
+    sizes = 9, 6
+    lower, upper = sphere.bodies(sizes)
+    side = sphere.SIDE
+    for body, n in zip((lower, upper), sizes, strict=True):
+        assert body.x.shape == ((n + 1) ** 3, 3) and body.cells.shape == (n**3, 8)
+        x = body.x
+        first = np.unique(x[:, 0])[1]
+        assert np.isclose(first, sphere.cell_size(n)) and np.isclose(x[:, :2].max(), side)
+        for axis, quads in body.planes.items():
+            assert np.array_equal(np.unique(quads), np.flatnonzero(x[:, axis] == 0))
+            a, b, c, d = (x[quads[:, k]] for k in range(4))
+            normal = np.cross(c - a, d - b)
+            assert (normal[:, axis] < 0).all()
+            assert np.allclose(np.delete(normal, axis, axis=1), 0)
+            outer = side**2 - (0 if body is lower else side**3 / (6 * sphere.R))
+            area = -normal[:, axis].sum() / 2
+            # The chords of the parabola are above it.
+            assert outer * 0.99 < area < outer * (1 + 1e-12)
+    low, high = lower.x[np.unique(lower.high)], upper.x[np.unique(upper.low)]
+    assert np.all(low[:, 2] == 0)
+    assert np.allclose(high[:, 2], np.sum(high[:, :2] ** 2, axis=1) / (2 * sphere.R))
+    assert np.all(lower.x[np.unique(lower.low), 2] == -side)
+    assert np.allclose(upper.x[np.unique(upper.high), 2], side)
+    under = hertz_error.areas(upper.x, upper.low) @ upper.x[:, 2]
+    assert np.isclose(volume(lower), side**3) and np.isclose(volume(upper), side**3 - under)
+
+
+def volume(body):
+    """Volume, from six tetrahedra around a diagonal of each cell; the cells' sides are planar."""
+    paths = [(1, 2), (2, 3), (3, 7), (7, 4), (4, 5), (5, 1)]
+    x = body.x[body.cells]
+    parts = [
+        np.linalg.det(np.stack([x[:, k] - x[:, 0] for k in (i, j, 6)], axis=1)) for i, j in paths
+    ]
+    assert np.min(parts) > 0
+    return np.sum(parts) / 6
+
+
+def test_uniform_pressure():
+    """A uniform upright stress gives the exact pressure at all nodes, and no other forces."""
+    stress = -7.0
+    lower, upper = sphere.bodies([7, 5])
+    for body, modulus, quads, sign in (
+        (lower, sphere.E[0], lower.high, -1),
+        (upper, sphere.E[1], upper.low, 1),
+    ):
+        u = body.x * [-sphere.NU, -sphere.NU, 1] * stress / modulus
+        forces = hertz_error.internal_forces(body, u, modulus, sphere.NU)
+        nodes, area = np.unique(quads), hertz_error.areas(body.x, quads)
+        assert np.isclose(area.sum(), sphere.SIDE**2)
+        assert np.allclose(sign * forces[nodes, 2] / area[nodes], -stress)
+        assert hertz_error.unbalanced(body, forces) < 1e-10 * abs(stress)
+
+
+def test_hertz_forces():
+    """Forces of Hertz's pressure have its sum and moments; their error is that of lumping."""
+    force, nodal = 150.0, []
+    a, p0 = hertz_error.hertz(force)
+    for sizes in ((13, 10), (27, 21)):
+        lower, upper = sphere.bodies(sizes)
+        for body, quads in ((lower, lower.high), (upper, upper.low)):
+            f = hertz_error.hertz_forces(body.x, quads, force)
+            assert np.isclose(f.sum(), force / 4, rtol=1e-4)
+            moment = p0 * a**3 * np.pi / 16
+            assert np.allclose(f @ body.x[:, :2], moment, rtol=1e-4)
+            lumped, at_nodes = hertz_error.relative_errors(body.x, quads, f, force)
+            assert lumped == 0
+            nodal.append(at_nodes)
+            assert np.isclose(hertz_error.relative_errors(body.x, quads, 1.1 * f, force)[0], 0.1)
+    assert nodal[0] < 0.08 and nodal[2] < 0.6 * nodal[0]
+
+
+def test_wrong_conditions():
+    """Displacements that are not those of the job give no error, but a reason."""
+    sizes = 4, 3
+    bodies = sphere.bodies(sizes)
+    u = np.zeros((sum(len(body.x) for body in bodies), 3))
+    with pytest.raises(ValueError, match="conditions"):
+        hertz_error.measure(sizes, u)
+    u[len(bodies[0].x) :, 2] = sphere.PRESS
+    with pytest.raises(ValueError, match="no contact force"):
+        hertz_error.measure(sizes, u)
+    u[np.unique(bodies[0].planes[1])[-1], 1] = np.nan
+    with pytest.raises(ValueError, match="conditions"):
+        hertz_error.measure(sizes, u)
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank solves by itself")
+def test_ours_converges(monkeypatch):
+    """The pressure of our own solution comes near to Hertz's, on both bodies."""
+    monkeypatch.setattr(ours, "COMM", MPI.COMM_SELF)
+    rows = []
+    for sizes in ((10, 8), (20, 16)):
+        p = ours.arguments().parse_args(["--job", "hertz", "--sizes", "0,0"])
+        u, row = ours.solve(p, sphere, sizes)
+        rows.append(hertz_error.measure(sizes, u))
+        assert np.isclose(4 * row["force"], rows[-1]["total"], rtol=1e-6)
+        assert np.isclose(rows[-1]["radius"], 1, atol=0.02)
+    for name in ("lower", "upper"):
+        coarse, fine = (row[f"l2_{name}"] for row in rows)
+        assert fine < 0.055 and fine < 0.6 * coarse
+        assert rows[1][f"unbalanced_{name}"] < 1e-8

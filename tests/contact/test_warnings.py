@@ -1,0 +1,186 @@
+"""What is warned of when a contact is first paired: once, on all ranks, and of nothing else."""
+
+import logging
+import warnings
+
+import numpy as np
+import pytest
+from scenes import CELLS, FORMULATIONS, LAWS, WORLD, Pair, box, plane, vector_space
+from step_scenes import Upset
+
+import qsdolfinx as qs
+
+
+def warned(call):
+    """Texts of the contact warnings inside the call, the same on all ranks."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        call()
+    texts = [str(w.message) for w in caught if issubclass(w.category, qs.ContactWarning)]
+    everywhere = WORLD.allgather(texts)
+    assert all(other == texts for other in everywhere), everywhere
+    return texts
+
+
+def one(call, start):
+    """Assert that there is one warning, that begins with the argument to look at."""
+    texts = warned(call)
+    assert len(texts) == 1 and texts[0].startswith(f"{start}: "), texts
+
+
+def square(low, n=4, partition="forward"):
+    """A unit square above ``low``, its bottom and its top."""
+    V = vector_space(box(WORLD, (n, n), "triangle", [0.0, low], [1.0, low + 1], partition))
+    return [qs.Surface(V, facets=plane(V.mesh, 1, y)) for y in (low, low + 1)]
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+def test_nothing_to_warn_of(quadrature, formulation, law):
+    def scenes():
+        for cell in CELLS:
+            options = {"contact_options": {"quadrature": quadrature}, "wave": 0.02}
+            Pair(cell, formulation, law(), **options).contact.update()
+
+    assert warned(scenes) == []
+
+
+def test_category():
+    assert issubclass(qs.ReachWarning, qs.ContactWarning)
+    assert issubclass(qs.ContactWarning, UserWarning)
+
+
+# --- Finer master
+
+
+@pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_finer_master(cell, formulation):
+    """Once, though contact pairs again, and solves; not with the remedies."""
+
+    def steps():
+        pair = Pair(cell, formulation, n=(9, 3))
+        pair.contact.update()
+        pair.problem().solve()
+        pair.contact.update()
+
+    one(steps, "quadrature")
+    overlay = {"contact_options": {"quadrature": "overlay"}}
+    assert warned(lambda: Pair(cell, formulation, n=(9, 3), **overlay)) == []
+    assert warned(lambda: Pair(cell, formulation, n=(3, 9))) == []
+    assert warned(lambda: Pair(cell, formulation, n=(6, 3))) == []
+
+
+def test_finer_where_they_meet():
+    """A master that is coarse all over but under the slave, and one that is fine elsewhere."""
+    for inner, outer, count in ((0.02, 0.5, 1), (0.2, 0.001, 0)):
+        near = np.arange(-0.2, 1.2, inner)
+        far = np.arange(near[-1] + outer, near[-1] + 600 * outer, outer)
+        x = np.concatenate([near, far])
+        msh = box(WORLD, (len(x) - 1, 1), "triangle", [0.0, -1.0], [len(x) - 1.0, 0.0])
+        msh.geometry.x[:, 0] = x[np.round(msh.geometry.x[:, 0]).astype(int)]
+        V = vector_space(msh)
+        master, slave = qs.Surface(V, facets=plane(msh, 1, 0.0)), square(0.0)[0]
+        texts = warned(lambda m=master, s=slave: qs.Contact(s, m, search_radius=0.2))
+        assert len(texts) == count, texts
+
+
+# --- Nothing is paired
+
+
+def test_out_of_reach():
+    """Apart, or inside one another, by more than the radius."""
+    for distance in (0.5, -0.5):
+        slave, master = square(distance)[0], square(-1.0)[1]
+        one(lambda s=slave, m=master: qs.Contact(s, m), "search_radius")
+        found = warned(lambda s=slave, m=master: qs.Contact(s, m, search_radius=0.6))
+        assert len(found) == (distance < 0) and all("penetrate" in text for text in found)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, -0.3], [0.0, 1.0])
+    one(lambda: qs.Contact(square(0.0)[0], tool), "search_radius")
+
+
+def test_free_side():
+    """At right angles to a die that it may fold on later: nothing is paired, and nothing wrong."""
+    V = vector_space(box(WORLD, (4, 4), "triangle", [0.0, 0.0], [1.0, 1.0]))
+    side = qs.Surface(V, facets=plane(V.mesh, 0, 1.0))
+    rigid = qs.RigidSurface.plane(WORLD, [0.0, -0.1], [0.0, 1.0])
+    assert warned(lambda: qs.Contact(side, rigid)) == []
+    assert warned(lambda: qs.Contact(side, square(-1.1)[1])) == []
+
+
+def segments(turned):
+    ends = [[1, 0]] if turned else [[0, 1]]
+    return qs.RigidSurface.triangulated(WORLD, [[2.0, 0.0], [-1.0, 0.0]], ends)
+
+
+@pytest.mark.parametrize(
+    "tool",
+    [
+        lambda turned: qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, -1.0 if turned else 1.0]),
+        lambda turned: qs.RigidSurface.sphere(WORLD, [0.5, -40.0], 40.0, inside=turned),
+        segments,
+    ],
+    ids=("plane", "sphere", "segments"),
+)
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+def test_inverted_tool(tool, quadrature):
+    slave = square(0.0, partition="backward")[0]
+    kind = {"quadrature": quadrature}
+    if tool is segments:  # which way is right is what pairs
+        counts = [len(warned(lambda t=t: qs.Contact(slave, tool(t), **kind))) for t in (0, 1)]
+        assert sorted(counts) == [0, 1]
+        turned = bool(counts[1])
+    else:
+        assert warned(lambda: qs.Contact(slave, tool(False), **kind)) == []
+        turned = True
+    one(lambda: qs.Contact(slave, tool(turned), **kind), "normals")
+    before = slave.node_normal.copy()
+    assert np.all(before[:, 1] < 0)  # the slave's are as they were
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+def test_wrong_face(quadrature):
+    """The lower block's bottom in the place of its top, found at the same height."""
+    slave, master = square(0.0)[0], square(0.01, partition="backward")[0]
+    one(lambda: qs.Contact(slave, master, quadrature=quadrature), "normals")
+
+
+# --- Penetration
+
+
+def test_deep_overclosure():
+    def contact(depth, **options):
+        return lambda: qs.Contact(square(-depth)[0], square(-1.0)[1], **options)
+
+    one(contact(0.1), "initial_overclosure")
+    assert warned(contact(0.05)) == []
+    assert warned(contact(0.1, initial_overclosure="ignore")) == []
+    assert warned(contact(0.1, law=qs.Tied())) == []
+
+
+# --- Where it is shown
+
+
+def test_not_in_a_loop():
+    """A run that is sound says nothing in any of its steps."""
+
+    def run():
+        for _ in Upset().stepper.run(0.1):
+            pass
+
+    assert warned(run) == []
+
+
+def test_shown_in_spite_of_ffcx(monkeypatch, capfd):
+    """FFCx turns Python's warnings over to logging, where nobody takes them: rank 0 prints ours."""
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        for captured in (False, True):  # now, whatever has been done before
+            logging.captureWarnings(captured)
+        warnings.warn("of another library", UserWarning, stacklevel=1)
+        Pair("triangle", n=(9, 3))
+    said = capfd.readouterr().err
+    assert (said.count("ContactWarning: quadrature: ") == 1) == (WORLD.rank == 0)
+    assert "of another library" not in said

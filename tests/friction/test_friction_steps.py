@@ -1,0 +1,197 @@
+"""Friction in time steps: slip counts from the end of the last step, however the step is made."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
+from step_scenes import Upset, refuse, same
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+MU, PRESS, DRAG = 0.3, 0.05, 0.2
+
+
+def history(case):
+    """What friction has done so far."""
+    contacts = case.contacts
+    return np.array([*case.forces(), *(c.dissipated_energy() for c in contacts)])
+
+
+@pytest.mark.parametrize("friction", (qs.Coulomb(0.2), qs.Norton(0.3, 3.0, 0.5)))
+def test_failed_attempts_leave_no_trace(friction):
+    """After an attempt that fails late, the step is the same as without it."""
+    found = []
+    for fail in (True, False):
+        attempts = []
+
+        def solve(step, fail=fail, attempts=attempts):
+            case.problem.solve()
+            attempts.append(step)
+            if fail and attempts.count(1) == 1 and step == 1:
+                refuse(1.0)
+
+        case = Upset(die=True, dt=0.05, solve=solve, contact={"friction": friction}, growth=1.0)
+        case.stepper.step()
+        if not fail:
+            case.stepper.dt = 0.025
+        case.stepper.step()
+        case.stepper.step()
+        found.append(history(case))
+        cutbacks = case.stepper.num_cutbacks
+        assert cutbacks == fail
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-9, atol=1e-12)
+    assert np.all(found[0][-2:] > 0)
+
+
+def test_step_that_cannot_be_made():
+    """Tangential multipliers are part of what is put back."""
+
+    def solve(step):
+        case.problem.solve()
+        if step == 1:
+            refuse(1.0)
+
+    case = Upset(dt=0.05, solve=solve, contact={"friction": qs.Coulomb(0.2)}, dt_min=0.02)
+    case.stepper.step()
+    before, energy = case.state(), history(case)[-2:]
+    with pytest.raises(qs.StepError):
+        case.stepper.step()
+    assert same(before, case.state())
+    after = history(case)[-2:]
+    np.testing.assert_array_equal(after, energy)
+
+
+def sliding(num_pairings, deformable, drag=DRAG, steps=3):
+    """A block pressed by a plane, or by another block, that then drags over it."""
+    low = box(WORLD, (5, 4), "triangle", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(low)
+    u = [fem.Function(V)]
+    F, bcs = [elastic(u[0])], [[clamp(V, plane(low, 1, 0.0))]]
+    slave = qs.Surface(V, facets=plane(low, 1, 1.0))
+    if deformable:
+        top = box(WORLD, (21, 2), "triangle", [-2.0, 1.0], [3.0, 1.5])
+        W = vector_space(top)
+        u.append(fem.Function(W))
+        F.append(elastic(u[1], E=2.0))
+        motion = fem.Constant(top, (0.0, 0.0))
+        dofs = fem.locate_dofs_topological(W, 1, plane(top, 1, 1.5))
+        bcs.append([fem.dirichletbc(motion, dofs, W)])
+        master = qs.Surface(W, facets=plane(top, 1, 1.0))
+    else:
+        master = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+    options = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
+    contact = qs.Contact(slave, master, friction=qs.Coulomb(MU), **options)
+    problem = qs.ContactProblem(F, u, [contact], bcs)
+
+    def drive(t, dt):
+        change = np.array([0.0, -PRESS]) if t < 1.5 else np.array([drag, 0.0])
+        if deformable:
+            motion.value[:] = [drag * max(t - 1, 0), -PRESS]
+        else:
+            master.displacement = change
+
+    stepper = qs.TimeStepper(problem, 1.0, drive, num_pairings=num_pairings)
+    rows = []
+    for _ in range(steps + 1):
+        before = contact.slip()
+        stepper.step()
+        closed = contact.active()
+        slip = WORLD.allreduce(((contact.slip() - before)[closed, 0]).sum())
+        slip /= WORLD.allreduce(np.count_nonzero(closed))
+        force = contact.force("slave")
+        rows.append([slip, force[0] / force[1], contact.step_dissipation(), -force[1]])
+        dissipated = contact.dissipated_energy()
+    assert np.isclose(dissipated, sum(row[2] for row in rows), rtol=1e-12)
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("deformable", (False, True))
+@pytest.mark.parametrize("num_pairings", (1, 2, 3))
+def test_steady_sliding(num_pairings, deformable):
+    """Slip is what the master moves, and takes the energy that friction times slip is."""
+    rows = sliding(num_pairings, deformable)
+    slip, ratio, energy, normal = rows[-1]
+    # An elastic surface tilts a little under friction.
+    np.testing.assert_allclose(abs(ratio), MU, rtol=0.01 if deformable else 1e-6)
+    # Seen from the slave, which comes to rest, the master goes ahead.
+    np.testing.assert_allclose(slip, -DRAG, rtol=0.02)
+    np.testing.assert_allclose(energy, MU * normal * DRAG, rtol=0.02)
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+@pytest.mark.parametrize("law", (qs.Coulomb(MU), qs.Tresca(0.01), qs.Sticking()))
+def test_tool_driven_by_a_force(law, enforcement):
+    """Friction takes its part in the balance of a tool that is pushed at an angle."""
+    msh = box(WORLD, (9, 6), "triangle", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    contact = qs.Contact(surface, tool, friction=law, enforcement=enforcement)
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, 0.0))]])
+    direction = np.array([0.3, -1.0]) / np.hypot(0.3, 1.0)
+    tool.drive(0.08, direction)
+    problem.solve()
+    first = contact.force("master") @ direction
+    tool.displacement = tool.displacement + np.array([0.5, 0.0])  # slip as well
+    problem.solve()
+    force = contact.force("slave")
+    held = contact.force("master") @ direction
+    slipping = WORLD.allreduce(int(contact.slipping().sum()))
+    np.testing.assert_allclose([first, held], -0.08, rtol=1e-7)
+    assert (slipping == 0) == isinstance(law, qs.Sticking)
+    if isinstance(law, qs.Coulomb):
+        np.testing.assert_allclose(force[0] / -force[1], MU, rtol=1e-6)
+
+
+def dragged(unknown="displacement", friction=None):
+    """A block pressed and dragged by a plane."""
+    friction = friction or qs.Coulomb(MU)
+    msh = box(WORLD, (5, 4), "triangle", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    dt = 1.0 if unknown == "velocity" or friction.needs_dt else None
+    contact = qs.Contact(surface, tool, friction=friction, unknown=unknown, dt=dt)
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, 0.0))]])
+    tool.displacement = [0.3, -PRESS]
+    problem.solve()
+    return problem, contact
+
+
+def test_velocities_start_each_step_anew():
+    """A body in velocities solved again as it is: the same friction, and as much slip again."""
+    problem, contact = dragged("velocity", qs.Norton(1.0, 0.1, 1.0))
+    forces, energies = [contact.force("slave")], [contact.step_dissipation()]
+    problem.solve()
+    forces.append(contact.force("slave"))
+    energies.append(contact.step_dissipation())
+    assert energies[0] > 0
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-8)
+    np.testing.assert_allclose(energies[1], energies[0], rtol=1e-8)
+
+
+def test_pairing_anew_is_no_slip():
+    """contact.update() with total displacements: nothing has moved."""
+    problem, contact = dragged()
+    before = contact.slip(), contact.force("slave"), contact.dissipated_energy()
+    contact.update()
+    problem.solve()
+    after = contact.slip(), contact.force("slave"), contact.dissipated_energy()
+    moved = largest(before[0])
+    assert moved > 0.01
+    np.testing.assert_allclose(after[0], before[0], atol=1e-9)
+    np.testing.assert_allclose(after[1], before[1], rtol=1e-8)
+    np.testing.assert_allclose(after[2], before[2], rtol=1e-8)
+
+
+def test_a_step_ends_once():
+    problem, contact = dragged()
+    before = contact.dissipated_energy(), largest(contact.slip())
+    with problem.one_step():
+        pass
+    contact.model.friction.end_step(contact.model.slips)
+    after = contact.dissipated_energy(), largest(contact.slip())
+    assert before[0] > 0 and after == before

@@ -1,0 +1,135 @@
+"""What a hard case is, the variants that it is solved with, and running one."""
+
+import dataclasses
+import gc
+import itertools
+import typing
+
+from petsc4py import PETSc
+
+from hard import bodies
+
+import qsdolfinx as qs
+
+
+class Variant(typing.NamedTuple):
+    """What a contact is solved with."""
+
+    formulation: str = "quasi-symmetric"
+    quadrature: str = "overlay"
+    enforcement: str = "penalty"
+
+    def __str__(self):
+        return ", ".join(self)
+
+    @property
+    def options(self):
+        return self._asdict()
+
+    @property
+    def augmented(self):
+        return self.enforcement != "penalty"
+
+    @property
+    def exact_gaps(self):
+        """Options with which what the gap's tolerance leaves is of no interest."""
+        return {"gap_tolerance": 1e-11} if self.augmented else {}
+
+
+#: Multipliers on both sides of a double pass cannot close every gap, and are refused.
+VARIANTS = [
+    Variant(*v)
+    for v in itertools.product(
+        ("quasi-symmetric", "master-slave", "double-pass"),
+        ("overlay", "nodal"),
+        ("penalty", "augmented-lagrangian"),
+    )
+    if v[0] != "double-pass" or v[2] == "penalty"
+]
+
+#: What most cases are run with after each change.
+SHORT = (
+    Variant(),
+    Variant(quadrature="nodal"),
+    Variant(enforcement="augmented-lagrangian"),
+)
+
+
+@dataclasses.dataclass
+class Case:
+    """One line of the table, with one variant.
+
+    Attributes:
+        name: Number and name of the group, such as ``"1 stiffness"``.
+        label: What is done.
+        what: The error or invariant.
+        allowed: Its largest value.
+        run: Makes it; returns the error.
+        short: Whether it is run after each change.
+        most: Largest number of Newton iterations of a solve.
+        refusal: Part of the message with which it has to be refused, if it has to.
+        known: Why the answer is another one, or none, where that is known.
+    """
+
+    name: str
+    label: str
+    what: str
+    allowed: float
+    run: typing.Callable[[], float]
+    short: bool = False
+    most: int = 1000
+    refusal: str = ""
+    known: str = ""
+
+
+@dataclasses.dataclass
+class Result:
+    """What came out of a case.
+
+    Attributes:
+        status: ``"right"``; ``"refused"``: an error was raised and the state is that before; or
+            ``"wrong"``: an answer is off by more than is allowed.
+        error: As the case gives it, None if it was refused.
+        iterations: The most Newton iterations of a solve.
+        message: Of what was raised.
+    """
+
+    case: Case
+    variant: Variant
+    status: str
+    error: float | None
+    iterations: int
+    message: str
+
+    @property
+    def expected(self):
+        """Whether this is what has to come out."""
+        return self.status == ("refused" if self.case.refusal else "right")
+
+    def __str__(self):
+        error = "" if self.error is None else f"{self.error:.1e}"
+        case = f"{self.case.name}: {self.case.label}"
+        found = f"{self.status:8}{self.iterations:>5} {error:>8} {self.case.what}"
+        return f"{case:58} {self.variant!s:48} {found} {self.message[:90]}"
+
+
+def run(case, variant):
+    """Run a case; what it raises goes into the result, unless it is not qsdolfinx's to raise."""
+    bodies.iterations.clear()
+    error, message = None, ""
+    try:
+        error = case.run()
+        status = "wrong" if case.refusal or not error <= case.allowed else "right"
+        if case.refusal:
+            message = "should have been refused"
+    except (qs.ConvergenceError, qs.StepError, ValueError, RuntimeError) as raised:
+        message = str(raised)
+        status = "refused" if case.refusal in message else "wrong"
+    except (bodies.Wrong, AssertionError) as raised:
+        status, message = "wrong", str(raised)
+    most = max(bodies.iterations, default=0)
+    if status == "right" and most > case.most:
+        status, message = "wrong", f"more than {case.most} Newton iterations"
+    gc.collect()
+    PETSc.garbage_cleanup()
+    return Result(case, variant, status, error, most, message)

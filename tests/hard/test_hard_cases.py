@@ -1,0 +1,42 @@
+"""Hard cases with every variant; what is run after each change, and the rest with ``-m long``."""
+
+import pytest
+from hard import lost_and_found, motion
+from hard.cases import SHORT, Variant, run
+from hard.table import cases
+from scenes import WORLD, spread_cells
+
+PARAMETERS = [
+    pytest.param(
+        case,
+        variant,
+        id=f"{case.name}, {case.label}, {variant}",
+        marks=[] if case.short else [pytest.mark.long],
+    )
+    for case, variant in cases()
+]
+
+
+@pytest.fixture(autouse=True)
+def scattered(monkeypatch):
+    """Both sides of a pair are on all ranks, in small pieces."""
+    with spread_cells(monkeypatch, "scattered"):
+        yield
+
+
+@pytest.mark.parametrize(("case", "variant"), PARAMETERS)
+def test_case(case, variant):
+    """The right answer, or a refusal where that is right or where it is known why."""
+    result = run(case, variant)
+    assert result.expected != bool(case.known), result
+
+
+@pytest.mark.parametrize("variant", SHORT, ids=str)
+def test_cycles(variant):
+    """Five of the hundred on and off."""
+    assert lost_and_found.cycles(variant, 5) < 1e-8
+
+
+def test_sliding():
+    """Over 8 facets of the 50."""
+    assert max(WORLD.allgather(motion.slide(Variant(), 8))) < 1e-6

@@ -1,0 +1,133 @@
+"""The tangent as a sum, and multigrid's first coarse space: products, Galerkin, rigid modes."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, Pair, box, drag_top, elastic, largest, plane, vector_space
+from solve.test_problem import hyperelastic
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+SCENES = {
+    "linear": {},
+    "friction": {"friction": qs.Coulomb(0.2)},
+    "nonlinear": {},
+}
+
+
+def scene(cell, name, solver):
+    """Two blocks that have been solved for, with the tangent there."""
+    pair = Pair(cell, n=(6, 4), wave=0.02)
+    pair.contact = qs.Contact(pair.slave, pair.master, penalty=30.0, **SCENES[name])
+    if name == "friction":
+        drag_top(pair, 0.02)
+    if name == "nonlinear":
+        pair.F[1] = hyperelastic(pair.u[1])
+    tight = {} if solver == "direct" else {"ksp_rtol": 1e-12}
+    problem = pair.problem(solver=solver, petsc_options=tight)
+    problem.solve()
+    return problem
+
+
+def waves(vec, factor):
+    """Fill a vector with numbers that do not depend on the partition."""
+    vec.array[:] = np.sin(factor * np.arange(*vec.owner_range) + 1.0)
+    return vec
+
+
+def refresh(problem, x):
+    """Evaluate and assemble at x."""
+    problem.system.tangent(x)
+    problem.newton.linear.follow()
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_sum(cell, name):
+    """Products, also with the transpose, and the diagonal are those of the AIJ matrix."""
+    direct, amg = scene(cell, name, "direct"), scene(cell, name, "amg")
+    refresh(direct, direct.system.x.array_r)
+    refresh(amg, direct.system.x.array_r)
+    assert amg.system.matrix.getType() == "python"
+    results = []
+    for problem in (direct, amg):
+        A = problem.system.matrix
+        x, y = A.createVecs()
+        waves(x, 1.7)
+        A.mult(x, y)
+        found = [y.array_r.copy()]
+        A.multTranspose(x, y)
+        found += [y.array_r.copy(), A.getDiagonal().array_r.copy()]
+        results.append(found)
+        problem.destroy()
+    for expected, found in zip(*results, strict=True):
+        assert largest(found - expected) < 1e-6 * largest(expected)  # of two solutions
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_galerkin(cell, name):
+    """The coarse matrix is PᵀAP, whatever has changed since P was made; PᵀP = 1."""
+    problem = scene(cell, name, "amg")
+    refresh(problem, 0.7 * problem.system.x.array_r)
+    errors = galerkin_errors(problem)
+    problem.destroy()
+    assert max(errors) < 1e-11
+
+
+def galerkin_errors(problem):
+    pc = problem.snes.getKSP().getPC()
+    P, coarse = pc.getMGInterpolation(1), pc.getMGCoarseSolve().getOperators()[0]
+    fine, product = P.createVecLeft(), P.createVecLeft()
+    c, expected, found = (P.createVecRight() for _ in range(3))
+    waves(c, 1.3)
+    P.mult(c, fine)
+    P.multTranspose(fine, found)
+    identity = (found - c).norm() / c.norm()
+    problem.system.matrix.mult(fine, product)
+    P.multTranspose(product, expected)
+    coarse.mult(c, found)
+    return identity, (found - expected).norm() / expected.norm()
+
+
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_spaces(cell):
+    """A coarse function lives in one body; each body's rigid modes are coarse functions."""
+    problem = scene(cell, "linear", "amg")
+    P = problem.snes.getKSP().getPC().getMGInterpolation(1)
+    c, fine, back = P.createVecRight(), P.createVecLeft(), P.createVecLeft()
+    outside, errors = [], []
+    for i, (body, modes) in enumerate(
+        zip(problem.bodies, problem.system.made.rigid.modes, strict=True)
+    ):
+        for mode in modes:
+            fine.array[:] = 0
+            problem.system.part(fine.array, i)[body.free] = mode.array_r[body.free]
+            P.multTranspose(fine, c)
+            P.mult(c, back)
+            outside.append(largest(problem.system.part(back.array_r, 1 - i)))
+            errors.append((back - fine).norm() / fine.norm())
+    problem.destroy()
+    assert max(outside) == 0
+    assert max(errors) < 1e-12
+
+
+def test_shift_in_the_coarse_matrix():
+    """What holds a block between two frictionless planes does so on the coarse level."""
+    msh = box(WORLD, (4, 4, 4), "hexahedron", [0.0] * 3, [1.0] * 3, "forward")
+    u = fem.Function(vector_space(msh))
+    tools = [qs.RigidSurface.plane(WORLD, [0, 0, z], [0, 0, s]) for z, s in ((0, 1), (1, -1))]
+    contacts = [
+        qs.Contact(qs.Surface(u.function_space, facets=plane(msh, 2, z)), tool, penalty=50.0)
+        for z, tool in zip((0.0, 1.0), tools, strict=True)
+    ]
+    tools[1].displacement = [0, 0, -0.02]
+    problem = qs.ContactProblem([elastic(u)], [u], contacts, solver="amg")
+    problem.solve()
+    shifted = problem.system.made.tangent.shift is not None
+    errors = galerkin_errors(problem)
+    force = contacts[0].force("slave")
+    problem.destroy()
+    assert shifted and max(errors) < 1e-11
+    assert np.isclose(abs(force[2]), 0.02 / (1 + 2 / 50.0), rtol=1e-6)  # E = 1

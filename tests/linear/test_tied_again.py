@@ -1,0 +1,81 @@
+"""Tied contact with multigrid, solved again for other loads: from the multipliers that it has."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, Pair, clamp, largest, plane
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+#: Of the linear solver, at most: some 30 on triangles; without a part of its preconditioner up to
+#: twice as many on hexahedra.
+ITERATIONS = {"nodal": 40, "overlay": 60}
+LOADS = ((0.0, -0.1), (0.02, -0.1), (-0.05, 0.1))
+
+
+class Tied:
+    """Two tied blocks; the top of the upper one is moved along x and up.
+
+    The lower one is clamped on its bottom and on a side, up to a corner of the contact.
+    """
+
+    def __init__(self, cell, quadrature, solver):
+        self.pair = pair = Pair(cell, n=(4, 3) if cell == "hexahedron" else (8, 6), wave=0.02)
+        options = {"quadrature": quadrature, "enforcement": "augmented-lagrangian"}
+        self.contact = pair.contact = qs.Contact(
+            pair.slave, pair.master, law=qs.Tied(), penalty=20.0, **options
+        )
+        axis = pair.gdim - 1
+        self.motion = fem.Constant(pair.meshes[1], np.zeros(pair.gdim))
+        top = fem.locate_dofs_topological(pair.V[1], axis, plane(pair.meshes[1], axis, 1.0))
+        pair.bcs[0].append(clamp(pair.V[0], plane(pair.meshes[0], 0, 0.0)))
+        pair.bcs[1][:] = [fem.dirichletbc(self.motion, top, pair.V[1])]
+        self.problem = pair.problem(solver=solver)
+
+    def solve(self, load):
+        self.motion.value[0], self.motion.value[-1] = load
+        self.problem.solve()
+
+    def results(self):
+        """Unknowns, multipliers and forces."""
+        u = [u.x.array.copy() for u in self.pair.u]
+        return [*u, self.contact.multiplier(), self.contact.force("slave")]
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_one_update_from_any_multipliers(cell, quadrature):
+    """Unknowns and multipliers are solved for together: one system, wherever they start from."""
+    scene = Tied(cell, quadrature, "amg")
+    for i, load in enumerate(LOADS):
+        scene.solve(load)
+        assert scene.problem.num_augmentations == 1
+        assert scene.problem.num_linear_iterations <= ITERATIONS[quadrature]
+        history = scene.problem.violation_history
+        assert history[1] < 1e-6 * history[0] and history[1] <= scene.contact.allowed_gap
+        found = scene.results()
+        for solver in ("amg", "direct") if i else ():
+            other = Tied(cell, quadrature, solver)  # from no multipliers
+            other.solve(load)
+            for a, b in zip(found, other.results(), strict=True):
+                assert largest(a - b) < 1e-5 * largest(b)
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+def test_multipliers_kept_when_paired_anew(quadrature):
+    """contact.update() keeps them: the same forces again, by no update that changes them."""
+    scene = Tied("triangle", quadrature, "amg")
+    scene.solve(LOADS[1])
+    before = scene.results()
+    scene.contact.update()
+    scene.solve(LOADS[1])
+    assert scene.problem.violation_history[0] <= scene.contact.allowed_gap
+    for a, b in zip(scene.results(), before, strict=True):
+        assert largest(a - b) < 1e-6 * largest(b)
+    scene.contact.reset()
+    scene.solve(LOADS[1])
+    assert scene.problem.violation_history[0] > 1e3 * scene.contact.allowed_gap
+    for a, b in zip(scene.results(), before, strict=True):
+        assert largest(a - b) < 1e-5 * largest(b)
+    assert WORLD.allreduce(len(before[2])) > 0

@@ -1,0 +1,72 @@
+"""Points that are deeper in the other body than the search radius are not paired."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scenes import CELLS, WORLD, box, plane, vector_space
+
+import qsdolfinx as qs
+
+RADIUS, SLOPE = 0.2, 0.8
+MASTERS = ("body", "facets", "analytic")
+
+
+def block(cell, low, partition, slope=0.0):
+    """Facets of a unit block's lower face, at low + slope (x - 0.5), or its upper if low is -1."""
+    gdim = 2 if cell in ("triangle", "quadrilateral") else 3
+    axis = gdim - 1
+    corner = np.append(np.zeros(axis), low)
+    msh = box(WORLD, [4 if low else 5] * axis + [1], cell, corner, corner + 1, partition)
+    facets = plane(msh, axis, 0.0)
+    x = msh.geometry.x
+    x[:, axis] += slope * (x[:, 0] - 0.5)
+    return qs.Surface(vector_space(msh), facets=facets)
+
+
+def contact_of(cell, kind, quadrature, formulation="quasi-symmetric"):
+    """A slave with an inclined face that is from 0.4 above the master to 0.4 below."""
+    slave = block(cell, 0.0, "forward", SLOPE)
+    gdim = slave.gdim
+    if kind == "body":
+        master = block(cell, -1.0, "backward")
+    elif kind == "analytic":
+        normal = np.eye(gdim)[-1]
+        master = qs.RigidSurface.plane(WORLD, np.zeros(gdim), normal)
+    elif gdim == 2:
+        master = qs.RigidSurface.triangulated(WORLD, [[2.0, 0.0], [-1.0, 0.0]], [[0, 1]])
+    else:
+        x = [[-1.0, -1.0, 0.0], [2.0, -1.0, 0.0], [2.0, 2.0, 0.0], [-1.0, 2.0, 0.0]]
+        master = qs.RigidSurface.triangulated(WORLD, x, [[0, 1, 2], [0, 2, 3]])
+    options = {"search_radius": RADIUS, "normals": "facet", "initial_overclosure": "ignore"}
+    return qs.Contact(slave, master, formulation, quadrature=quadrature, penalty=1.0, **options)
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("kind", MASTERS)
+@pytest.mark.parametrize("cell", CELLS)
+def test_as_deep_as_high(cell, kind, quadrature):
+    """Paired is what is within the radius, outside and inside of the other body."""
+    contact = contact_of(cell, kind, quadrature)
+    gap = contact.pairing.gap
+    lowest = WORLD.allreduce(gap.min(initial=0.0), op=MPI.MIN)
+    highest = WORLD.allreduce(gap.max(initial=0.0), op=MPI.MAX)
+    assert np.isclose(-lowest, highest, rtol=0.3) and 0.3 * RADIUS < highest <= RADIUS
+    assert -RADIUS <= lowest
+
+
+@pytest.mark.parametrize("kind", MASTERS)
+@pytest.mark.parametrize("cell", CELLS)
+def test_nodes(cell, kind):
+    """Of the slave's nodes those whose distance from the master is within the radius."""
+    contact = contact_of(cell, kind, "nodal", "master-slave")
+    surface = contact.slave
+    height = surface.node_x[:, surface.gdim - 1]
+    paired = np.isfinite(contact.gap())
+    np.testing.assert_array_equal(paired, np.abs(height) <= RADIUS)
+    inside, outside, unpaired = (
+        WORLD.allreduce(int(np.count_nonzero(rows)))
+        for rows in (paired & (height < 0), paired & (height > 0), ~paired)
+    )
+    assert inside == outside > 0
+    assert contact.num_unpaired == unpaired > 0

@@ -1,0 +1,98 @@
+"""The sliding wedge, CGS-4: the demo against the closed form, and what it says of itself."""
+
+import json
+import sys
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import sliding_wedge
+from common.command import FORMULATIONS
+from scenes import WORLD, spread_cells
+from sliding_wedge import Parameters, build, closed_form, run
+
+
+def test_closed_form_values():
+    """Those of the benchmark."""
+    values = [closed_form(mu) for mu in (0, 0.1, 0.2, 0.3)]
+    np.testing.assert_allclose(values, [0.1, 0.202020, 0.306122, 0.412371], atol=5e-7)
+
+
+MADE = [(f, "penalty") for f in FORMULATIONS]
+MADE += [(f, "augmented-lagrangian") for f in FORMULATIONS if f != "double-pass"]
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize(("formulation", "enforcement"), MADE)
+def test_full_slip(formulation, quadrature, enforcement):
+    """The ratio of the forces, to rounding errors; and the incline carries all of the load."""
+    for mu in (0.0, 0.1, 0.2, 0.3) if enforcement == "penalty" else (0.0, 0.3):
+        p = Parameters(mu, formulation, quadrature, enforcement)
+        result, table, _ = run(p)
+        last = table[-1]
+        assert result["ratio_error"] < 1e-10
+        assert last["slipping"] == last["active"] > 0
+        assert abs(last["carried"] - 1) < 1e-10
+        assert abs(last["contact_ratio"] - last["ratio"]) < 1e-10
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+def test_stick_before_slip(quadrature):
+    """Small pushes: the force grows from step to step while more and more nodes slip."""
+    _, table, _ = run(Parameters(mu=0.5, quadrature=quadrature, push=1e-4))
+    ratio = np.array([row["ratio"] for row in table])
+    share = np.array([row["slipping"] / row["active"] for row in table])
+    part = share < 1
+    assert part.sum() >= 3 and not part[-1]
+    assert np.all(np.diff(ratio) > -1e-12)
+    assert np.all(ratio[part] < closed_form(0.5) - 1e-6)
+    assert np.allclose(ratio[~part][1:], closed_form(0.5), rtol=1e-10)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_travel(formulation):
+    """Over several facets, pairing anew: nearly the same on the deformed surfaces."""
+    result, table, _ = run(Parameters(mu=0.3, formulation=formulation, travel=0.5))
+    assert np.isclose(table[-1]["shift"], 0.5)
+    assert 1e-9 < result["ratio_error"] < 1e-3
+
+
+def test_other_mu():
+    for mu in (0.05, 0.5):
+        assert run(Parameters(mu=mu))[0]["ratio_error"] < 1e-10
+
+
+def test_no_friction_without_mu():
+    """A wedge without friction has no tangential rows; a negative μ is refused."""
+    contact = build(WORLD, Parameters(mu=0.0))[1]
+    assert contact.friction is None and contact.model.slips == () and contact.symmetric
+    with pytest.raises(ValueError, match="mu"):
+        build(WORLD, Parameters(mu=-0.1))
+
+
+@pytest.mark.parametrize("partition", ("backward", "scattered"))
+def test_ranks_do_not_matter(partition, monkeypatch):
+    """The partly slipping wedge, spread so that the pair spans ranks."""
+    p = Parameters(mu=0.5, quadrature="overlay", push=2e-4)
+    with spread_cells(monkeypatch, partition):
+        _, table, _ = run(p)
+    _, expected, _ = run(p, MPI.COMM_SELF)
+    assert len(table) == len(expected)
+    for row, other in zip(table, expected, strict=True):
+        assert np.isclose(row["ratio"], other["ratio"], rtol=1e-9)
+        assert (row["slipping"], row["active"]) == (other["slipping"], other["active"])
+
+
+def test_command(monkeypatch, tmp_path, capsys):
+    """--json writes one key."""
+    filename = WORLD.bcast(str(tmp_path / "wedge.json"))
+    arguments = ["sliding_wedge.py", "--mu", "0.1", "--json", filename]
+    monkeypatch.setattr(sys, "argv", arguments)
+    sliding_wedge.main()
+    WORLD.barrier()
+    with open(filename) as file:
+        result = json.load(file)
+    assert list(result) == ["ratio_error"] and result["ratio_error"] < 1e-10
+    printed = capsys.readouterr().out
+    assert WORLD.rank > 0 or "closed form 0.20202020" in printed

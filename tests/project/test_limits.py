@@ -1,0 +1,283 @@
+"""docs/limits.md: everything that it says is refused is, with the message that it prints."""
+
+import pathlib
+import re
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from base.malformed_scene import Scene
+from scenes import (
+    WORLD,
+    Pair,
+    box,
+    clamp,
+    curved_triangle,
+    plane,
+    raises_everywhere,
+    vector_space,
+)
+from step_scenes import Upset, refuse
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+from qsdolfinx import materials
+from qsdolfinx.steps.checkpoint import Checkpoint
+
+PAGE = pathlib.Path(__file__).resolve().parents[2] / "docs" / "limits.md"
+
+
+def messages():
+    """Those of the page's tables."""
+    return re.findall(r"^\| .* \| `(.*)` \|$", PAGE.read_text(encoding="utf-8"), re.M)
+
+
+def surface(V, **more):
+    return qs.Surface(V, facets=plane(V.mesh, V.mesh.geometry.dim - 1, 0.0), **more)
+
+
+def square(**more):
+    return box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0], **more)
+
+
+def on_square(element, **more):
+    return surface(fem.functionspace(square(), element), **more)
+
+
+def prisms():
+    corners = [[0.0] * 3, [1.0] * 3]
+    msh = mesh.create_box(WORLD, corners, [2, 2, 2], mesh.CellType.prism)
+    qs.Surface(vector_space(msh), facets=np.zeros(0, dtype=np.int32))
+
+
+def not_convex():
+    msh = box(WORLD, [1, 1, 1], "hexahedron", [0, 0, 0], [1, 1, 1])
+    x = msh.geometry.x
+    x[np.all(np.isclose(x, [1, 1, 0]), axis=1), :2] = 0.4
+    surface(vector_space(msh))
+
+
+def in_another_order(slave):
+    if WORLD.size == 1:
+        pytest.skip("needs two ranks")
+    comm = WORLD.Split(0, -WORLD.rank)
+    msh = box(comm, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
+    qs.Contact(slave, surface(vector_space(msh)))
+
+
+def in_single_precision():
+    corners = [[0.0, 0.0], [1.0, 1.0]]
+    surface(vector_space(mesh.create_rectangle(WORLD, corners, [3, 3], dtype=np.float32)))
+
+
+def with_complex_numbers(V):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PETSc, "ScalarType", np.complex128)
+        surface(V)
+
+
+def displacement_and_velocity(upset):
+    other = qs.Contact(upset.upper, upset.tool)
+    F = materials.incompressible(upset.w, upset.stress())
+    qs.ContactProblem([F], [upset.w], [upset.contacts[0], other])
+
+
+def pulled_tool():
+    upset = Upset()
+    upset.tool.drive(-1.0, [0.0, -1.0])
+    upset.problem.solve()
+
+
+def moved_tool():
+    upset = Upset()
+    upset.tool.advance()
+    upset.problem.solve()
+
+
+def all_held():
+    pair = Pair("triangle", penalty="auto")
+    for i, bcs in enumerate(pair.bcs):
+        bcs.append(clamp(pair.V[i], plane(pair.meshes[i], 1, 0.0)))
+    pair.problem().solve()
+
+
+def pulled_off():
+    """A body that is pulled off its support."""
+    pair = Pair("triangle")
+    pull = ufl.inner(ufl.as_vector([0.0, 1.0]), ufl.TestFunction(pair.V[1])) * ufl.dx
+    F = [pair.F[0], pair.F[1] - pull]
+    qs.ContactProblem(F, pair.u, [pair.contact], [pair.bcs[0], []]).solve()
+
+
+def no_vertices(msh):
+    u = fem.Function(fem.functionspace(msh, ("DG", 0, (2,))))
+    F = ufl.inner(u, ufl.TestFunction(u.function_space)) * ufl.dx
+    qs.TimeStepper(qs.ContactProblem([F], [u], []), 0.1)
+
+
+def several_nodes(msh, folder):
+    function = fem.Function(fem.functionspace(msh, ("Lagrange", 3)))
+    Checkpoint(WORLD, folder / "a").save({"u": function}, {}, {})
+
+
+def saved_and_loaded(folder, other):
+    upset = Upset()
+    upset.stepper.step()
+    qs.save_run(upset.stepper, folder)
+    qs.load_run(other.stepper, folder)
+
+
+def stl_without_triangles(filename):
+    if WORLD.rank == 0:
+        filename.write_text("solid nothing\nendsolid\n", encoding="utf-8")
+    WORLD.barrier()
+    qs.RigidSurface.from_stl(WORLD, filename)
+
+
+#: What makes each message, from the scene and a folder.
+CASES = {
+    # Meshes and spaces
+    "V: the trace of the space on the facets must be continuous Lagrange of degree 1 or 2": (
+        lambda s, folder: on_square(("Lagrange", 3, (2,)))
+    ),
+    "V: contact needs a blocked vector space with 2 components": (
+        lambda s, folder: on_square(("Lagrange", 1))
+    ),
+    "V: contact facets must be straight-sided: mesh geometry of degree 1": (
+        lambda s, folder: surface(vector_space(curved_triangle()))
+    ),
+    (
+        "V: contact needs a mesh of triangles or quadrilaterals in 2D, "
+        "of tetrahedra or hexahedra in 3D"
+    ): lambda s, folder: prisms(),
+    "contact facets are degenerate (zero area, or not convex)": lambda s, folder: not_convex(),
+    "of the facets named are not on the boundary of the mesh": (
+        lambda s, folder: qs.Surface(s.V, facets=s.interior)
+    ),
+    "slave and master share facets: a facet cannot be in contact with itself": (
+        lambda s, folder: qs.Contact(s.pair.slave, s.pair.slave)
+    ),
+    "slave and master have different geometric dimensions": (
+        lambda s, folder: qs.Contact(s.pair.slave, s.of_3d)
+    ),
+    "the meshes must be on the same ranks in the same order": (
+        lambda s, folder: in_another_order(s.pair.slave)
+    ),
+    "slave and master: both or none must be axisymmetric": lambda s, folder: qs.Contact(
+        s.pair.slave, on_square(("Lagrange", 1, (2,)), axisymmetric=True)
+    ),
+    "V: contact needs a mesh in double precision": lambda s, folder: in_single_precision(),
+    "PETSc is complex: contact needs PETSc (petsc4py) with real scalars": (
+        lambda s, folder: with_complex_numbers(s.V)
+    ),
+    "u: every body needs a function space of its own": (
+        lambda s, folder: qs.ContactProblem(s.pair.F, [s.pair.u[0]] * 2, [s.pair.contact])
+    ),
+    # Contact
+    (
+        "sees nothing of the edges' unknowns of a displacement of degree 2; "
+        'use quadrature="overlay"'
+    ): lambda s, folder: qs.Contact(on_square(("Lagrange", 2, (2,))), s.pair.master),
+    "formulation: double-pass needs a multiplier on both sides, and a rigid tool has none": (
+        lambda s, folder: qs.Contact(s.pair.slave, s.case.tool, "double-pass")
+    ),
+    "enforcement: the multipliers of double-pass contact, on both sides, cannot close every gap": (
+        lambda s, folder: qs.Contact(
+            s.pair.slave, s.pair.master, "double-pass", enforcement="augmented-lagrangian"
+        )
+    ),
+    "slave: must be a qsdolfinx.Surface; a rigid tool can be the master only": (
+        lambda s, folder: qs.Contact(s.case.tool, s.pair.slave)
+    ),
+    "friction: tied contact sticks already; leave it out, or use Unilateral()": (
+        lambda s, folder: qs.Contact(
+            s.pair.slave, s.pair.master, law=qs.Tied(), friction=qs.Coulomb(0.1)
+        )
+    ),
+    "law: must be qs.Tied() or qs.Unilateral()": (
+        lambda s, folder: qs.Contact(s.pair.slave, s.pair.master, law="adhesion")
+    ),
+    "contacts: one of them is in the list twice": lambda s, folder: qs.ContactProblem(
+        s.pair.F, s.pair.u, [s.pair.contact] * 2, s.pair.bcs
+    ),
+    "contacts: must agree on whether u[0] is a velocity, and on dt": (
+        lambda s, folder: displacement_and_velocity(s.case)
+    ),
+    "force: a negative one pulls the tool, which needs tied contact": (
+        lambda s, folder: pulled_tool()
+    ),
+    "the tool has been moved for good: call contact.update()": lambda s, folder: moved_tool(),
+    'penalty: "auto" needs unknowns without Dirichlet conditions and with stiffness': (
+        lambda s, folder: all_held()
+    ),
+    "the Function must be on the mesh of the slave": lambda s, folder: qs.Contact(
+        s.pair.slave, s.pair.master, friction=qs.Coulomb(s.on_other_mesh)
+    ),
+    # Solvers and materials
+    "SNES did not converge: DIVERGED_": lambda s, folder: pulled_off(),
+    'kind: solver="amg" needs kind="mpi"; use "fieldsplit"': (
+        lambda s, folder: s.pair.problem(solver="amg", kind="nest")
+    ),
+    'solver: "schur" needs a body in velocity and pressure': (
+        lambda s, folder: s.pair.problem(solver="schur")
+    ),
+    "nu: must be above -1 and below 0.5, not 0.5": (
+        lambda s, folder: materials.linear_elastic(s.pair.u[0], 1.0, 0.5)
+    ),
+    "m: must be a positive, finite number, not 0": (
+        lambda s, folder: materials.norton_hoff(s.pair.u[0], 1.0, 0, 1e-3)
+    ),
+    "regularisation: must be a positive, finite number, not 0": (
+        lambda s, folder: materials.norton_hoff(s.pair.u[0], 1.0, 0.2, 0)
+    ),
+    "msh: the MINI element needs triangles in 2D or tetrahedra in 3D": (
+        lambda s, folder: materials.mini_space(s.quads)
+    ),
+    # Time steps and files
+    "the mesh of u[0] is distorted": (
+        lambda s, folder: list(Upset(n=2, dt=0.1, min_quality=0.3).stepper.run(0.95))
+    ),
+    "no step with Δt of at least dt_min": lambda s, folder: Upset(
+        dt=0.04, dt_min=0.02, solve=lambda step: refuse()
+    ).stepper.step(),
+    "u: has no displacement or velocity with unknowns at the vertices": (
+        lambda s, folder: no_vertices(s.case.mesh)
+    ),
+    "a checkpoint holds functions with one node per vertex, edge, face or cell": (
+        lambda s, folder: several_nodes(s.case.mesh, folder)
+    ),
+    "is of another mesh or space": lambda s, folder: saved_and_loaded(folder / "b", Upset(n=4)),
+    "is of other contacts or tools": (
+        lambda s, folder: saved_and_loaded(folder / "c", Upset(die=True))
+    ),
+    "filename: must end in .xdmf or .bp": (
+        lambda s, folder: qs.FieldWriter(folder / "a.vtu", s.case.mesh, {})
+    ),
+    "filename: there is no folder": (
+        lambda s, folder: qs.FieldWriter(folder / "none" / "a.xdmf", s.case.mesh, {})
+    ),
+    "is no STL file with triangles": lambda s, folder: stl_without_triangles(folder / "a.stl"),
+}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = WORLD.bcast(str(tmp_path_factory.mktemp("limits")), root=0)
+    scene = Scene(pathlib.Path(folder))
+    yield scene
+    scene.close()
+
+
+def test_the_page_lists_what_is_tested():
+    assert sorted(messages()) == sorted(CASES)
+
+
+@pytest.mark.parametrize("message", CASES)
+def test_refused(scene, message):
+    error = (ValueError, TypeError, OSError, RuntimeError)
+    before = scene.state()
+    raises_everywhere(WORLD, error, message, lambda: CASES[message](scene, scene.folder))
+    assert scene.is_as(before)

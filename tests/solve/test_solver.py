@@ -1,0 +1,285 @@
+"""ContactProblem: assembly, linear solvers, options and failure."""
+
+import gc
+import weakref
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from scenes import (
+    CELLS,
+    WORLD,
+    Pair,
+    elastic,
+    largest,
+    raises_everywhere,
+)
+
+import ufl
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+
+def test_linear_bodies_are_assembled_once():
+    """K is assembled once over solves, loads and Newton steps, until its coefficients change."""
+    pair = Pair("quadrilateral", n=(6, 5), wave=0.05)
+    msh = pair.meshes[1]
+    stiffness, load = fem.Constant(msh, 2.0), fem.Constant(msh, (0.0, 0.0))
+    u = pair.u[1]
+    pair.F[1] = elastic(u, E=stiffness, force=load)
+    problem = pair.problem()
+    counts, solutions = [], []
+    for _ in range(2):
+        problem.solve()
+        counts.append([body.num_assemblies for body in problem.bodies])
+    load.value[1] = -0.5
+    problem.solve()
+    counts.append([body.num_assemblies for body in problem.bodies])
+    stiffness.value = 3.0
+    problem.solve()
+    counts.append([body.num_assemblies for body in problem.bodies])
+    solutions.append(u.x.array.copy())
+    linear = [body.linear for body in problem.bodies]
+
+    # The same from scratch.
+    other = Pair("quadrilateral", n=(6, 5), wave=0.05)
+    f = ufl.as_vector([0.0, -0.5])
+    other.F[1] = elastic(other.u[1], E=3.0, force=f)
+    other.problem().solve()
+    error = largest(other.u[1].x.array - solutions[0])
+    assert linear == [True, True]
+    assert counts == [[1, 1], [1, 1], [1, 1], [1, 2]]
+    assert error < 1e-11
+
+
+def test_stale_matrices_are_noticed():
+    """A moved mesh and a changed coefficient count as changes."""
+    pair = Pair("triangle", n=(3, 2), law=qs.Tied())
+    Q = fem.functionspace(pair.meshes[0], ("DG", 0))
+    E = fem.Function(Q)
+    E.x.array[:] = 1.0
+    pair.F[0] = elastic(pair.u[0], E=E)
+    problem = pair.problem()
+    problem.solve()
+    E.x.array[:] = 2.0
+    problem.solve()
+    pair.meshes[0].geometry.x[:, 0] *= 2
+    problem.solve()
+    counts = [body.num_assemblies for body in problem.bodies]
+    assert counts == [3, 1]
+
+
+def test_constant_tangent_is_factorised_once():
+    """All bodies linear, all contacts tied: a second load costs no new matrix."""
+    pair = Pair("hexahedron", law=qs.Tied())
+    top = pair.bcs[1][0].g
+    problem = pair.problem()
+    states, tops = [], []
+    for load in (-0.1, -0.2):
+        top.value[2] = load
+        problem.solve()
+        states.append(problem.system.matrix.stateGet())
+        tops.append(pair.contact.force("slave")[2])
+    assert states[0] == states[1]
+    assert np.isclose(tops[1], 2 * tops[0])
+
+
+@pytest.mark.parametrize("formulation", ("double-pass", "quasi-symmetric"))
+@pytest.mark.parametrize("cell", ("tetrahedron", "quadrilateral"))
+def test_no_allocation(cell, formulation):
+    """Insertion never leaves the pattern, though rows become active late; PETSc would raise."""
+    pair = Pair(cell, formulation, n=(4, 3), wave=0.05, gap=0.02)
+    problem = pair.problem()
+    problem.set_up()
+    blocks = [problem.blocks.block(i, j) for i in range(2) for j in range(2)]
+    matrices = [*blocks, problem.system.matrix]
+    nonzeros = [m.getInfo()["nz_allocated"] for m in matrices]
+    problem.solve()
+    after = [m.getInfo() for m in matrices]
+    active = problem.active_history
+    raises = []
+    for m in matrices:
+        low, high = m.owner_range
+        if low == high:
+            continue
+        columns = set(range(m.getSize()[1])) - set(m.getRow(low)[0])
+        try:
+            m.setValue(low, min(columns), 1.0)
+            raises.append(False)
+        except PETSc.Error:
+            raises.append(True)
+    assert active[0] == [0] and active[-1][0] > 0
+    assert [info["mallocs"] for info in after] == [0] * 5
+    assert [info["nz_allocated"] for info in after] == nonzeros
+    assert all(raises)
+
+
+KRYLOV = {"ksp_type": "cg", "pc_type": "gamg", "ksp_rtol": 1e-12}
+SPLIT = {
+    "ksp_type": "gmres",
+    "ksp_rtol": 1e-12,
+    "pc_type": "fieldsplit",
+    "pc_fieldsplit_type": "multiplicative",
+    "fieldsplit_0_ksp_type": "preonly",
+    "fieldsplit_0_pc_type": "bjacobi",
+    "fieldsplit_0_sub_pc_type": "lu",
+    "fieldsplit_1_ksp_type": "preonly",
+    "fieldsplit_1_pc_type": "bjacobi",
+    "fieldsplit_1_sub_pc_type": "lu",
+}
+
+
+@pytest.mark.parametrize(
+    "kind, options",
+    (("mpi", KRYLOV), ("mpi", SPLIT), ("nest", SPLIT)),
+    ids=("gamg", "split", "nest"),
+)
+def test_linear_solvers(kind, options):
+    """Any PETSc solver gives what MUMPS gives."""
+    solutions = []
+    for k, o in (("mpi", {}), (kind, options)):
+        pair = Pair("tetrahedron", n=(4, 3), wave=0.03)
+        problem = pair.problem(kind=k, petsc_options=o | {"snes_rtol": 1e-11})
+        problem.solve()
+        solutions.append(np.concatenate([u.x.array for u in pair.u]))
+    error, size = largest(solutions[0] - solutions[1]), largest(solutions[0])
+    modes = [problem.blocks.block(i, i).getNearNullSpace().getVecs() for i in range(2)]
+    if kind == "mpi":
+        modes.append(problem.system.matrix.getNearNullSpace().getVecs())
+    assert error < 1e-8 * size
+    assert [len(m) for m in modes] == [6] * len(modes)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_near_nullspace(cell, monkeypatch):
+    """Rigid modes, without Dirichlet conditions, are in the null space of bulk and tied contact."""
+    monkeypatch.setattr("qsdolfinx.system.free_motion.SHIFT", 0.0)
+    pair = Pair(cell, law=qs.Tied())
+    pair.bcs = [[], []]
+    problem = pair.problem()
+    problem.set_up()
+    problem.system.residual(problem.system.x.array_r)
+    problem.system.assemble()
+    null, residuals = problem.system.matrix.getNearNullSpace(), []
+    for vec in null.getVecs():
+        out = vec.duplicate()
+        problem.system.matrix.mult(vec, out)
+        residuals.append(out.norm() / problem.system.matrix.norm())
+    assert len(residuals) == (3 if pair.gdim == 2 else 6)
+    # Rotations of a jump across no distance: zero too, as the surfaces coincide.
+    assert max(residuals) < 1e-13
+
+
+def test_failure_keeps_the_last_state():
+    """Too few iterations: everything about it is told, and the unknowns are as before."""
+    pair = Pair("quadrilateral", n=(9, 7), wave=0.05, load=0.1)
+    problem = pair.problem()
+    problem.solve()
+    force = pair.contact.force("slave")
+    kept = [u.x.array.copy() for u in pair.u]
+    pair.bcs[1][0].g.value[1] = -0.2
+    problem.snes.setTolerances(max_it=1)
+    error = raises_everywhere(WORLD, qs.ConvergenceError, "MAX_IT", problem.solve)
+    problem.snes.setTolerances(max_it=50)
+    changes = [largest(u.x.array - k) for u, k in zip(pair.u, kept, strict=True)]
+    force_after = pair.contact.force("slave")
+    problem.solve()  # and it still works
+    assert error.reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
+    assert "MAX_IT" in error.reason_name and error.reason_name in str(error)
+    assert len(error.residual_history) >= 2 and error.residual_history[0] > 0
+    assert len(error.active_history[0]) == 1
+    assert changes == [0, 0]
+    np.testing.assert_allclose(force_after, force, rtol=1e-12, atol=1e-15)
+
+
+def test_failing_linear_solver_is_named():
+    """A body that nothing holds, and no contact to press against."""
+    pair = Pair("triangle", load=0.0, gap=0.5)
+    pair.bcs[1] = []
+    pair.F[1] = elastic(pair.u[1], force=ufl.as_vector([0.0, 1.0]))  # upwards
+    options = {"ksp_type": "cg", "pc_type": "jacobi", "ksp_max_it": 3}
+    problem = pair.problem(petsc_options=options)
+    raises_everywhere(WORLD, qs.ConvergenceError, "linear solver", problem.solve)
+
+
+def test_goes_on_after_a_failed_factorisation():
+    """A matrix that cannot be factorised does not spoil the solves after it."""
+    pair = Pair("quadrilateral", n=(6, 5))
+    stiffness = fem.Constant(pair.meshes[1], 1.0)
+    pair.F[1] = elastic(pair.u[1], E=stiffness)
+    problem = pair.problem()
+    problem.solve()
+    solution = pair.u[1].x.array.copy()
+    stiffness.value = 0.0
+    with pytest.raises(qs.ConvergenceError, match="PCSETUP_FAILED"):
+        problem.solve()
+    stiffness.value = 1.0
+    problem.solve()
+    error = largest(pair.u[1].x.array - solution)
+    assert error < 1e-10
+
+
+def test_options_of_one_problem_do_not_reach_another():
+    pair = Pair("triangle")
+    first = pair.problem(petsc_options_prefix="same_", petsc_options={"snes_max_it": 7})
+    second = pair.problem(petsc_options_prefix="same_")
+    own = pair.problem(petsc_options={"snes_rtol": 1e-3})
+    tolerances = [p.snes.getTolerances() for p in (first, second, own)]
+    assert [t[3] for t in tolerances] == [7, 50, 50]
+    assert np.isclose(tolerances[2][0], 1e-3)
+    assert first.snes.getOptionsPrefix() == "same_"
+
+
+def test_field_split_keeps_its_options_when_paired_anew():
+    pair = Pair("tetrahedron", n=(5, 4))
+    problem = pair.problem(petsc_options=SPLIT, kind="nest")
+    counts = []
+    for _ in range(2):
+        problem.solve()
+        counts.append(problem.snes.getLinearSolveIterations())
+        pair.contact.update()
+        for u in pair.u:
+            u.x.array[:] = 0
+    assert abs(counts[1] - counts[0]) <= 1
+
+
+def test_ghosts_need_not_be_up_to_date():
+    """A first guess may be written to the owned unknowns alone."""
+    forces = []
+    for amplitude in (0.0, 0.1):
+        pair = Pair("quadrilateral", n=(6, 5))
+        problem = pair.problem()
+        for u, V in zip(pair.u, pair.V, strict=True):
+            owned = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
+            u.x.array[:owned] = amplitude * np.sin(np.arange(owned))
+        problem.solve()
+        forces.append(pair.contact.force("slave"))
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-10, atol=1e-14)
+
+
+def test_destroy():
+    """Options go, and another problem with the same prefix starts from the defaults."""
+    prefix = "destroyed_"
+    problem = Pair("quadrilateral").problem(
+        petsc_options_prefix=prefix, petsc_options={"snes_max_it": 7}
+    )
+    problem.solve()
+    assert problem.snes.getTolerances()[3] == 7
+    problem.destroy()
+    assert not PETSc.Options(prefix).getAll()
+    problem = Pair("quadrilateral").problem(petsc_options_prefix=prefix)
+    problem.solve()
+    assert problem.snes.getTolerances()[3] == 50
+
+
+def test_freed(destroy_problems):
+    """A problem that is dropped without destroy() does not live on in PETSc's callbacks."""
+    problem = Pair("triangle").problem()
+    problem.solve()
+    alive = weakref.ref(problem)
+    del problem
+    destroy_problems.clear()
+    gc.collect()
+    assert alive() is None

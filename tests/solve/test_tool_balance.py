@@ -1,0 +1,208 @@
+"""Tools that a force drives: how many steps it takes to balance it, and what becomes of long ones."""
+
+import numpy as np
+import pytest
+from rigid_scenes import TOOLS, Pressed, flat
+from scenes import WORLD, clamp, largest, plane
+
+import ufl
+
+import qsdolfinx as qs
+
+#: Newton's method on linear bodies: a solve for the tool where it is, one after its only step.
+ONE_STEP = 2
+
+
+def held_at_a_side(cell, tool="analytic", sides=(0.0,), **options):
+    """A block tied to a tool on its top, and clamped at sides that reach up to the tool."""
+    scene = Pressed(cell, TOOLS[tool], law=qs.Tied(), **({"penalty": 50.0} | options))
+    facets = np.concatenate([plane(scene.mesh, 0, x) for x in sides])
+    bcs = [clamp(scene.V, facets)]
+    scene.problem = qs.ContactProblem([scene.F], [scene.u], [scene.contact], [bcs])
+    return scene
+
+
+@pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("tool", TOOLS)
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_conditions_at_a_corner_of_the_contact(cell, tool, quadrature, formulation):
+    """Force over displacement is linear, so that Newton's method takes one step of the tool.
+
+    It takes more if the tool's step is thought to move unknowns that conditions hold.
+    """
+    options = {"quadrature": quadrature, "formulation": formulation}
+    scene = held_at_a_side(cell, tool, **options)
+    d, contact = scene.gdim, scene.contact
+    held = np.isclose(scene.surface.node_x[:, 0], 0)
+    assert WORLD.allreduce(np.count_nonzero(held)) > 0
+    for direction in (np.eye(d)[-1], np.eye(d)[0], np.ones(d) / np.sqrt(d)):
+        scene.tool.release()
+        scene.tool.displacement = 0.01 * direction
+        scene.problem.solve()
+        borne = contact.force("slave") @ direction
+        u = scene.u.x.array.copy()
+        assert borne > 1e-3
+        for factor in (3.0, -1.0):
+            scene.tool.drive(factor * borne, direction)
+            scene.tool.displacement = np.zeros(d)
+            scene.u.x.array[:] = 0
+            scene.problem.solve()
+            moved = scene.tool.displacement
+            np.testing.assert_allclose(moved, 0.01 * factor * direction, rtol=1e-7, atol=1e-10)
+            np.testing.assert_allclose(contact.force("master") @ direction, -factor * borne)
+            assert largest(scene.u.x.array - factor * u) < 1e-7 * largest(u)
+            assert scene.problem.num_iterations <= ONE_STEP
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+@pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
+def test_two_tools_that_feel_each_other(cell, tool):
+    """Tied to the top and to a side: what one does, the other has to hold. One step of both."""
+    scene = Pressed(cell, TOOLS[tool], n=2, law=qs.Tied(), penalty=50.0)
+    d, normal = scene.gdim, np.eye(scene.gdim)[0]
+    side = qs.RigidSurface.plane(WORLD, normal, -normal)
+    surface = qs.Surface(scene.V, facets=plane(scene.mesh, 0, 1.0))
+    second = qs.Contact(surface, side, "master-slave", qs.Tied(), 50.0)
+    contacts, bcs = [scene.contact, second], [[clamp(scene.V, plane(scene.mesh, 0, 0.0))]]
+    problem = qs.ContactProblem([scene.F], [scene.u], contacts, bcs)
+    directions = -np.eye(d)[-1], np.eye(d)[-1] + 0.5 * normal
+    for tool_i, force, direction in zip((scene.tool, side), (0.02, 0.05), directions, strict=True):
+        tool_i.drive(force, direction)
+    problem.solve()
+    for contact, force, direction in zip(contacts, (0.02, 0.05), directions, strict=True):
+        along = direction / np.linalg.norm(direction)
+        np.testing.assert_allclose(contact.force("master") @ along, -force, rtol=2e-8)
+    assert problem.num_iterations <= ONE_STEP
+    alone = []
+    for i in range(2):  # the one moves what the other holds
+        moved = [tool_i.displacement.copy() for tool_i in (scene.tool, side)]
+        (side, scene.tool)[i].release()
+        (side, scene.tool)[i].displacement = np.zeros(d)
+        problem.solve()
+        alone.append(np.abs((scene.tool, side)[i].displacement - moved[i]).max())
+        (side, scene.tool)[i].drive(0.05 if i == 0 else 0.02, directions[1 - i])
+        problem.solve()
+    assert min(alone) > 1e-4
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_friction_that_sticks(cell, quadrature):
+    """A tool that is driven sideways over a surface on which nothing slips, clamped at its corner."""
+    options = {"quadrature": quadrature, "friction": qs.Sticking(), "penalty": 50.0}
+    scene = Pressed(cell, flat, **options)
+    d, contact = scene.gdim, scene.contact
+    bcs = [clamp(scene.V, plane(scene.mesh, 0, 0.0)), clamp(scene.V, plane(scene.mesh, d - 1, 0.0))]
+    problem = qs.ContactProblem([scene.F], [scene.u], [contact], [bcs])
+    down, way = -np.eye(d)[-1], np.eye(d)[0]
+    scene.tool.displacement = 0.05 * down
+    problem.solve()
+    closed = WORLD.allreduce(np.count_nonzero(contact.active()))
+    scene.tool.drive(0.02, way)
+    problem.solve()
+    np.testing.assert_allclose(contact.force("slave") @ way, 0.02, rtol=2e-8)
+    assert scene.tool.displacement @ way > 1e-4
+    assert closed == WORLD.allreduce(np.count_nonzero(contact.active()))
+    assert problem.num_iterations <= ONE_STEP
+
+
+def test_a_tool_that_slips_beside_one_that_holds():
+    """Friction makes the forces' derivatives asymmetric: what the one does is not what it feels."""
+    scene = Pressed("quadrilateral", flat, n=3, friction=qs.Coulomb(0.4), penalty=50.0)
+    side = qs.RigidSurface.plane(WORLD, [1.0, 0.0], [-1.0, 0.0])
+    surface = qs.Surface(scene.V, facets=plane(scene.mesh, 0, 1.0))
+    second = qs.Contact(surface, side, "master-slave", qs.Tied(), 50.0)
+    bcs = [clamp(scene.V, plane(scene.mesh, 1, 0.0))]
+    problem = qs.ContactProblem([scene.F], [scene.u], [scene.contact, second], [bcs])
+    for shift in (0.0, 0.5):
+        scene.tool.displacement = [shift, -0.05]
+        problem.solve()
+    before = [contact.force("master") for contact in (scene.contact, second)]
+    scene.tool.displacement = [1.0, -0.05]  # it goes on slipping
+    scene.tool.drive(1.1 * before[0][1], [0.0, -1.0])
+    side.drive(0.02, [0.0, 1.0])
+    problem.solve()
+    force, slipping, active = (
+        scene.contact.force("slave"),
+        WORLD.allreduce(np.count_nonzero(scene.contact.slipping())),
+        WORLD.allreduce(np.count_nonzero(scene.contact.active())),
+    )
+    np.testing.assert_allclose(force, 1.1 * before[0][1] * np.array([0.4, -1.0]), rtol=1e-7)
+    np.testing.assert_allclose(second.force("slave")[1], 0.02, rtol=2e-8)
+    assert slipping == active > 0
+    assert problem.num_iterations <= ONE_STEP
+
+
+# --- Steps that are too long
+
+
+def tried_places(monkeypatch, tool, problem):
+    """Where the tool is in each run of SNES; and why it fails there, whoever catches the error."""
+    places, failures, make = [], {}, qs.ConvergenceError.__init__
+
+    def note():
+        if not places or places[-1] != tool.displacement[1]:
+            places.append(float(tool.displacement[1]))
+
+    def init(self, *args, **kwargs):
+        make(self, *args, **kwargs)
+        note()
+        failures[len(places) - 1] = self.reason_name
+
+    monkeypatch.setattr(qs.ConvergenceError, "__init__", init)
+    problem.snes.setMonitor(lambda *_: note())
+    return places, failures
+
+
+def soft_block():
+    """A neo-Hookean block tied to a tool, and its problem."""
+    scene = Pressed("triangle", flat, n=2, law=qs.Tied())
+    F = ufl.Identity(2) + ufl.grad(scene.u)
+    J = ufl.det(F)
+    energy = 0.5 * (ufl.tr(F.T * F) - 2 - 2 * ufl.ln(J)) + 1.5 * ufl.ln(J) ** 2
+    form = ufl.derivative(energy * ufl.dx, scene.u, ufl.TestFunction(scene.V))
+    return scene, qs.ContactProblem([form], [scene.u], [scene.contact], [scene.bcs])
+
+
+def test_a_move_that_bodies_cannot_follow_is_halved(monkeypatch):
+    """Stretched it is soft: Newton's step under a push would turn it inside out."""
+    scene, problem = soft_block()
+    scene.tool.drive(4.0, [0.0, 1.0])
+    problem.solve()
+    stretched = scene.tool.displacement[1]
+    places, failures = tried_places(monkeypatch, scene.tool, problem)
+    scene.tool.drive(1.0, [0.0, -1.0])
+    problem.solve()
+    assert stretched > 2 and list(failures.values()) == ["DIVERGED_FNORM_NAN"]
+    (far,) = failures
+    assert places[far] < -1.0  # the block is 1 high
+    np.testing.assert_allclose(places[far + 1], (places[far - 1] + places[far]) / 2)
+    np.testing.assert_allclose(scene.contact.force("slave")[1], -1.0, rtol=2e-8)
+    other, easy = soft_block()
+    other.tool.drive(1.0, [0.0, -1.0])
+    easy.solve()
+    assert len(failures) == 1
+    np.testing.assert_allclose(scene.tool.displacement, other.tool.displacement, rtol=1e-6)
+    assert largest(scene.u.x.array - other.u.x.array) < 1e-6
+
+
+def test_a_move_that_is_halved_in_vain(monkeypatch):
+    """Tool and bodies are where they were, and the solve says so."""
+    scene, problem = soft_block()
+    scene.tool.drive(1.0, [0.0, -1.0])
+    problem.solve()
+    u, shift = scene.u.x.array.copy(), scene.tool.displacement.copy()
+    places, failures = tried_places(monkeypatch, scene.tool, problem)
+    scene.tool.drive(1.5, [0.0, -1.0])
+    problem.snes.setTolerances(max_it=1)
+    with pytest.raises(qs.ConvergenceError):
+        problem.solve()
+    steps = np.array([places[i] for i in failures]) - shift[1]
+    assert len(steps) > 3 and set(failures.values()) == {"DIVERGED_MAX_IT"}
+    np.testing.assert_allclose(steps[1:], steps[:-1] / 2, rtol=1e-6)
+    np.testing.assert_array_equal(scene.tool.displacement, shift)
+    np.testing.assert_array_equal(scene.u.x.array, u)
+    problem.snes.setTolerances(max_it=50)
+    problem.solve()
+    np.testing.assert_allclose(scene.contact.force("slave")[1], -1.5, rtol=2e-8)

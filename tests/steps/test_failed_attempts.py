@@ -1,0 +1,105 @@
+"""Attempts at a step that fail when contact has paired anew at its end: nothing is left of them."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, raises_everywhere
+from step_scenes import SPEED, Upset, refuse, same
+
+import qsdolfinx as qs
+
+DT, TILT = 0.04, 0.5
+
+
+class Tilting(Upset):
+    """A block on an elastic die below a plane that goes down and turns, some solves of it in vain.
+
+    Args:
+        fails: From the number of a call of the solver, from 0 on, to whether it fails.
+    """
+
+    def __init__(self, fails, num_pairings, **options):
+        self.fails, self.calls, self.starts = fails, 0, []
+        options = {"dt": DT, "growth": 1.0, "num_pairings": num_pairings} | options
+        super().__init__(die=True, drive=self.turn, solve=self.tried, **options)
+
+    def turn(self, t, dt):
+        self.starts.append((dt, [*self.state(), self.tool.rotation.copy()]))
+        self.tool.displacement = [0.0, -SPEED * dt]
+        self.tool.rotation = TILT * dt
+
+    def tried(self, step):
+        self.problem.solve()
+        self.calls += 1
+        if self.fails(self.calls - 1):
+            refuse(1.0)
+
+
+@pytest.mark.parametrize("num_pairings", (2, 3))
+def test_next_attempt_starts_where_the_first_did(num_pairings):
+    """The solve for the end of a step fails, when tools have gone there: they are put back."""
+    first_step = num_pairings + 1  # with theta > 0 it is made twice
+    failing = {first_step + num_pairings - 1, first_step + 2 * num_pairings - 1}
+    case = Tilting(failing.__contains__, num_pairings)
+    case.stepper.step()
+    position = case.tool.position
+    case.starts.clear()
+    case.stepper.step()
+    sizes, states = zip(*case.starts, strict=True)
+    assert case.stepper.num_cutbacks == 2 and sizes == (DT, DT / 2, DT / 4)
+    assert same(states[0], states[1]) and same(states[0], states[2])
+    angle = TILT * (DT + DT / 4)
+    turned = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    np.testing.assert_allclose(case.tool.position[:, :2], turned, atol=1e-14)
+    np.testing.assert_allclose(case.tool.center, [0.0, 1 - SPEED * 1.25 * DT], atol=1e-14)
+    assert not np.allclose(position, case.tool.position)
+    reference = Tilting(lambda call: False, num_pairings)
+    reference.stepper.step()
+    reference.stepper.dt = DT / 4
+    reference.stepper.step()
+    np.testing.assert_allclose(case.forces(), reference.forces(), rtol=1e-9, atol=1e-9)
+
+
+def shown(contact):
+    """What can be read from a contact between two steps."""
+    surfaces = [s for s in (contact.slave, contact.master) if isinstance(s, qs.Surface)]
+    vecs = [vec.array_r.copy() for vec in contact.offset if vec is not None]
+    numbers = [contact.dt, contact.search_radius, contact.penalty, contact.penetration()]
+    return [
+        np.array([*numbers, *contact.scale, *contact.force("slave"), *contact.moment("slave")]),
+        np.nan_to_num(contact.gap()),
+        contact.multiplier(),
+        *(a.copy() for s in surfaces for a in (s.node_x, s.node_area)),
+        *vecs,
+    ]
+
+
+@pytest.mark.parametrize("pairing", (1, 2))
+def test_step_that_fails_for_good(pairing):
+    """No attempt at the step succeeds, at its first pairing or the last: all is as it was."""
+    case = Tilting(lambda call: call > 2 and (pairing == 1 or call % 2 == 0), 2, dt_min=DT / 3)
+    case.stepper.step()
+
+    def everything():
+        out = [*case.state(), case.tool.rotation.copy()]
+        return out + [a for contact in case.contacts for a in shown(contact)]
+
+    before = everything()
+    raises_everywhere(WORLD, qs.StepError, "dt_min", case.stepper.step)
+    assert case.stepper.num_cutbacks == 2 and case.calls == 3 + 2 * pairing
+    assert same(before, everything())
+
+
+def test_interrupted_at_the_end_of_a_step():
+    """Any other error, too, once the tool has gone to the end of the step."""
+
+    def fails(call):
+        if call == 4:  # the second of the second step
+            raise KeyError("stop")
+
+    case = Tilting(fails, 2)
+    case.stepper.step()
+    before, position = case.state(), case.tool.position
+    with pytest.raises(KeyError):
+        case.stepper.step()
+    assert case.calls == 5 and same(before, case.state())
+    np.testing.assert_array_equal(case.tool.position, position)

@@ -1,0 +1,228 @@
+"""Time steps: order, contact at the end of the step, bodies in velocities and displacements."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, plane, raises_everywhere, slide
+from step_scenes import SPEED, K, Upset, refuse, same
+
+import ufl
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+
+@pytest.mark.parametrize("theta, order", [(0.5, (1.8, 2.4)), (0.0, (0.9, 1.1))])
+def test_order(theta, order):
+    """Volume drift, and the force 4 K w V/h of plane strain where the step is solved for."""
+    drift = []
+    for steps in (4, 8):
+        case = Upset(n=2, dt=0.2 / SPEED / steps, theta=theta)
+        solved_at = []
+        case.stepper.on_solved = lambda case=case, found=solved_at: found.append(case.size())
+        for _ in case.stepper.run(0.2 / SPEED):
+            width, height = solved_at[-1]
+            force = 4 * K * width * SPEED / height
+            assert np.allclose(case.forces(), [0, force, 0, -force], rtol=1e-6, atol=1e-6 * force)
+        assert len(solved_at) == case.stepper.num_steps == steps
+        assert np.isclose(case.size()[1], 0.8, rtol=1e-8)
+        drift.append(abs(case.stepper.motions[0].volume() - 1))
+        case.problem.destroy()
+    rates = np.log2(np.array(drift[:-1]) / drift[1:])
+    assert np.all((order[0] < rates) & (rates < order[1])), (drift, rates)
+
+
+@pytest.mark.parametrize("partition", [None, "scattered", "last"])
+def test_same_history_on_any_number_of_ranks(partition):
+    """A body in velocities between a rigid plane and an elastic die in total displacements."""
+    history = []
+    for comm, how in ((WORLD, partition), (MPI.COMM_SELF, None)):
+        case = Upset(comm, die=True, dt=0.05, partition=how)
+        rows = []
+        for t in case.stepper.run(0.15):
+            penetration = [c.penetration() for c in case.contacts]
+            rows.append([t, *case.forces(), *case.size(), *penetration])
+        assert case.problem.bodies[1].num_assemblies == 1
+        assert np.array_equal(case.stepper.motions[1].reference, case.die_mesh.geometry.x)
+        assert abs(case.forces()[[1, 3]].sum()) < 1e-8 * K
+        assert max(rows[-1][-2:]) < 1e-6
+        history.append(np.array(rows)[:, :-2])
+        case.problem.destroy()
+    assert history[0].shape == history[1].shape == (3, 7)
+    np.testing.assert_allclose(history[0], history[1], rtol=1e-8, atol=1e-8)
+    # The die gives way, so that the block is higher than between rigid planes.
+    assert history[0][-1, 6] > 0.85 + 1e-4
+
+
+def indentation(num_pairings, radius=1.0, depth=0.1):
+    """Largest distance of closed nodes from a rigid cylinder after a large step into a block."""
+    msh = box(WORLD, (12, 6), "triangle", [-1.0, -1.0], [1.0, 0.0])
+    W = qs.materials.mini_space(msh)
+    w = fem.Function(W)
+    F = qs.materials.incompressible(w, qs.materials.newtonian(ufl.split(w)[0], K))
+    bcs = [slide(W.sub(0), i, plane(msh, 1, -1.0)) for i in (0, 1)]
+    tool = qs.RigidSurface.cylinder(WORLD, [0.0, radius], None, radius)
+    surface = qs.Surface(W.sub(0), facets=plane(msh, 1, 0.0))
+    options = {"unknown": "velocity", "enforcement": "augmented-lagrangian", "search_radius": 1.0}
+    contact = qs.Contact(surface, tool, dt=depth, **options)
+    problem = qs.ContactProblem([F], [w], [contact], [bcs])
+
+    def drive(t, dt):
+        tool.displacement = [0.3 * dt, -dt]
+
+    stepper = qs.TimeStepper(problem, depth, drive, num_pairings=num_pairings)
+    stepper.step()
+    assert np.allclose(tool.center, [0.3 * depth, radius - depth])
+    closed = contact.active()
+    assert WORLD.allreduce(closed.sum()) > 3
+    surface.update()
+    distance = np.abs(tool.distance(surface.node_x[closed])[0])
+    problem.destroy()
+    return WORLD.allreduce(distance.max(initial=0.0), op=MPI.MAX)
+
+
+def test_pairing_at_the_end_of_the_step():
+    """Distances from the tool on the final meshes: pairing again where they are closes them."""
+    deepest = [indentation(n) for n in (1, 2, 3)]
+    assert deepest[0] > 1e-4, deepest
+    assert deepest[1] < 0.2 * deepest[0] and deepest[2] < 0.2 * deepest[1], deepest
+
+
+def test_driven_tool_with_two_pairings():
+    """A force that drives the tool: both parts of its way count."""
+    case = Upset(dt=0.05, num_pairings=2, drive=None)
+    case.tool.drive(4 * K * SPEED, [0.0, -1.0])
+    case.stepper.step()
+    assert np.isclose(case.tool.center[1], case.size()[1], atol=1e-7)
+    assert not case.tool.displacement.any()
+
+
+# --- Failures
+
+
+def test_failed_attempt_leaves_nothing_behind():
+    """The second attempt starts from the same state as the first, bit by bit."""
+    calls, states = [], []
+
+    def solve(step):
+        calls.append(step)
+        case.problem.solve()
+        if len(calls) in (4, 5):
+            refuse()
+
+    def drive(t, dt):
+        states.append(case.state())
+        case.tool.rotation = 0.0
+        case.move(t, dt)
+
+    case = Upset(die=True, dt=0.04, drive=drive, solve=solve)
+    for _ in range(2):
+        case.stepper.step()
+    states.clear()
+    assert case.stepper.step() == 0.01
+    assert len(states) == 3 and case.stepper.num_cutbacks == 2
+    assert same(states[0], states[1]) and same(states[0], states[2])
+    assert case.stepper.num_steps == 3 and np.isclose(case.stepper.t, 0.09)
+    assert np.isclose(case.tool.center[1], 1 - 0.09 * SPEED)
+    reference = Upset(die=True, dt=0.04)
+    for dt in (0.04, 0.04, 0.01):
+        reference.stepper.dt = dt
+        reference.stepper.step()
+    assert np.allclose(case.forces(), reference.forces(), rtol=1e-9, atol=1e-9)
+
+
+def test_absurd_first_step():
+    """The plane would go through the block."""
+    case = Upset(dt=2.0, dt_min=1e-3)
+    solved = []
+    case.stepper.on_solved = lambda: solved.append(1)
+    dt = case.stepper.step()
+    assert case.stepper.num_cutbacks >= 2 and dt <= 0.5
+    assert np.isclose(case.size()[1], 1 - SPEED * dt, rtol=1e-6)
+    assert case.stepper.dt == dt and len(solved) == 1  # not for attempts that were given up
+
+
+def test_smallest_step():
+    broken = []
+
+    def solve(step):
+        case.problem.solve()
+        if broken:
+            refuse()
+
+    case = Upset(dt=0.04, dt_min=0.005, solve=solve)
+    for _ in range(2):
+        case.stepper.step()
+    state = case.state()
+    broken.append(True)
+    raises_everywhere(WORLD, qs.StepError, "dt_min = 0.005", case.stepper.step)
+    assert same(state, case.state())
+    assert case.stepper.num_cutbacks == 4  # 0.04, 0.02, 0.01, 0.005
+    broken.clear()
+    case.stepper.step()
+    assert case.stepper.num_steps == 3
+
+
+def test_other_errors_pass():
+    def drive(t, dt):
+        case.move(t, dt)
+        if case.stepper.num_steps == 1:
+            raise KeyError("load table")
+
+    case = Upset(drive=drive)
+    case.stepper.step()
+    state = case.state()
+    with pytest.raises(KeyError):
+        case.stepper.step()
+    assert same(state, case.state()) and case.stepper.num_cutbacks == 0
+
+
+def test_penetration():
+    """With a soft penalty half of the plane's way is penetration."""
+    soft = {"penalty": 40.0, "enforcement": "penalty"}
+    case = Upset(dt=0.02, contact=soft, max_penetration=0.01)
+    assert case.stepper.step() == 0.02
+    deep = max(c.penetration() for c in case.contacts)
+    assert 0.009 < deep < 0.01
+    case = Upset(dt=0.02, contact=soft, max_penetration=0.6 * deep)
+    assert case.stepper.step() == 0.01 and case.stepper.num_cutbacks == 1
+    case = Upset(dt=0.02, dt_min=0.01, contact=soft, max_penetration=0.3 * deep)
+    raises_everywhere(WORLD, qs.StepError, "max_penetration", case.stepper.step)
+
+
+def test_distortion():
+    """Flat cells end the run, before they are flatter than allowed."""
+    case = Upset(n=2, dt=0.1, min_quality=0.3)
+    raises_everywhere(WORLD, qs.StepError, "mesh of u[0] is distorted", lambda: run(case, 0.95))
+    assert 0.3 <= case.stepper.motions[0].quality() < 0.6
+    assert 0.1 < case.stepper.t < 0.9
+
+
+def run(case, t_end):
+    return list(case.stepper.run(t_end))
+
+
+# --- Sizes of steps
+
+
+def test_growth():
+    case = Upset(dt=0.01, dt_max=0.04, growth=2.0, easy=200)
+    assert np.allclose(run(case, 0.15), [0.01, 0.03, 0.07, 0.11, 0.15], rtol=1e-12)
+    case = Upset(dt=0.01, dt_max=0.04, growth=2.0, easy=1)
+    case.stepper.step()
+    assert case.stepper.dt == 0.01  # not easy
+
+
+def test_lands_on_the_end():
+    """Never past it, exactly on it, without a tiny last step; and Δt is not lost by that."""
+    case = Upset(n=1, dt=0.07)
+    times = [0.0]
+    for t_end in (0.1, 0.3, 0.3 + 0.07 / 3):
+        times += run(case, t_end)
+        assert case.stepper.t == times[-1] == t_end
+        assert np.isclose(case.tool.center[1], 1 - SPEED * t_end, rtol=1e-12)
+        assert case.stepper.dt == 0.07
+    assert np.diff(times).min() > 0.02 and np.diff(times).max() < 0.07 * (1 + 1e-9)
+    assert run(case, t_end) == []
+    raises_everywhere(WORLD, ValueError, "t_end", lambda: case.stepper.step(0.1))

@@ -1,0 +1,56 @@
+"""The one check of tangents: they are what central differences of the residual are."""
+
+import typing
+
+import numpy as np
+
+
+def near_solution(problem, rng, amplitude):
+    """Unknowns beside the solution, the same on any partition; conditions hold. Collective."""
+    x = problem.system.x.copy()
+    for body, part in zip(problem.bodies, problem.system.parts(x.array), strict=True):
+        gdim = body.V.mesh.geometry.dim
+        positions = body.V.tabulate_dof_coordinates()[: len(part) // gdim]
+        waves, phases = rng.normal(size=(8, 3)) * 6, rng.random((8, gdim)) * 6
+        part += amplitude * np.sin((positions @ waves.T)[:, :, None] + phases).mean(axis=1).ravel()
+        part[:] = body.with_conditions(part)
+    return x
+
+
+def direction(problem, rng):
+    """Random change of the unknowns that have no Dirichlet condition. Collective."""
+    d = problem.system.x.duplicate()
+    low, high = d.owner_range
+    d.array[:] = rng.normal(size=d.size)[low:high]
+    for body, part in zip(problem.bodies, problem.system.parts(d.array), strict=True):
+        part[body.owned_constrained] = 0
+    return d
+
+
+class Errors(typing.NamedTuple):
+    """Of the tangent K in a direction d, relative to |K d|.
+
+    Attributes:
+        difference: |K d − (R(x + h d) − R(x − h d)) / 2h|.
+        asymmetry: |K d − Kᵀ d|, of the unknowns that have no Dirichlet condition.
+    """
+
+    difference: float
+    asymmetry: float
+
+
+def tangent_errors(problem, x, d, step):
+    """Check the tangent at x, where the problem is left. Collective."""
+    system = problem.system
+    matrix = system.tangent(x.array_r)
+    product, transposed = d.duplicate(), d.duplicate()
+    matrix.mult(d, product)
+    matrix.multTranspose(d, transposed)
+    plus, minus = (system.residual(x.array_r + s * step * d.array_r) for s in (1, -1))
+    system.residual(x.array_r)
+    skew = product.array_r - transposed.array_r
+    for body, part in zip(problem.bodies, system.parts(skew), strict=True):
+        part[body.owned_constrained] = 0
+    size = system.norm(product.array_r)
+    error = system.norm(product.array_r - (plus - minus) / (2 * step))
+    return Errors(error / size, system.norm(skew) / size)
