@@ -158,20 +158,6 @@ class Hertz3D(Hertz2D):
     levels = (1, 2, 3, 4)
 
 
-class Reference(upsetting.Reference):
-    """The single body; finds where its points lie on another mesh only once."""
-
-    def __init__(self, *args):
-        super().__init__(*args)
-        self.found = {}
-
-    def transfer(self, u, side):
-        key = u.function_space.mesh, side
-        if key not in self.found:
-            self.found[key] = super().transfer(u, side)
-        return self.found[key]
-
-
 class Upsetting(Pair):
     """Two tied blocks between clamped dies, demos/upsetting_convergence.py."""
 
@@ -192,7 +178,7 @@ class Upsetting(Pair):
 
     @classmethod
     def prepare(cls, comm, levels):
-        return Reference(comm, upsetting.FINEST * 2 ** max(levels), cls.grading)
+        return upsetting.Reference(comm, upsetting.FINEST * 2 ** max(levels), cls.grading)
 
     @staticmethod
     def describe(shared):

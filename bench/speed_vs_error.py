@@ -257,7 +257,7 @@ STYLES = {"nodal": "s--", "overlay": "o-"}
 
 def plot(result, filename):
     """Error over time, a row for each measure, a column for each enforcement."""
-    from plotting import pyplot, save
+    from common.drawing import pyplot, save
 
     shown, title = measures(result), CASES[result["case"]].title
     figure, grid = pyplot().subplots(

@@ -24,176 +24,97 @@ Keys of the JSON object (forces of the whole cylinder):
 Pressures are contact forces over nodal areas. How much the workpiece barrels is on the terminal.
 """
 
-import argparse
 import contextlib
 import dataclasses
-import json
 import pathlib
 import sys
 import time
 
 from mpi4py import MPI
 
-import gmsh
 import numpy as np
 
-import ufl
-from dolfinx import fem, mesh
-
 import qsdolfinx as qs
-from qsdolfinx.compat import interpolation_points, model_to_mesh
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from forging_film import Film
-from forging_output import Energy, Output, barrelling, measure
-from forming_friction import Friction, FrictionParameters, add_arguments
-from output_file import output_file
-from plotting import film_file, picture_file
+from common.bodies import facets_at, fix
+from common.command import Command, film_file, option, report, say
+from common.film import Film
+from common.friction import FRICTIONS, Friction
+from forging_output import Record, barrelling, die_pressures
+from forming_bodies import Die, NortonHoff, quarter_cylinder
 
 RADIUS, HEIGHT = 10.0, 15.0  # mm
-DIE_RADIUS, DIE_HEIGHT = 18.0, 9.0
 K, M, SPEED = 50.0, 0.15, 10.0  # MPa sᵐ, -, mm/s
 E_DIE, NU_DIE = 2.1e5, 0.3
-PENALTY = (
-    5e4  # MPa: times 1/h. A stiffer one makes the nodes of the workpiece hop from dent to dent
-)
+#: MPa: times 1/h. A stiffer one makes the nodes of the workpiece hop from dent to dent.
+PENALTY = 5e4
 SIZES = {"coarse": 2.5, "medium": 1.7, "fine": 1.2}  # mm, cells of the workpiece
-FORMULATIONS = ("master-slave", "quasi-symmetric", "double-pass", "two-half-pass")
 
 
 @dataclasses.dataclass
-class Parameters(FrictionParameters):
+class Parameters:
     """One forging; lengths in mm."""
 
-    die_refinement: float = 4.0
-    formulation: str = "quasi-symmetric"
-    quadrature: str = "overlay"
-    enforcement: str = "penalty"
-    reduction: float = 0.3
-    size: str = "coarse"
-    num_steps: int = 15
-    swap: bool = False
-    output: str | None = None
-    restart: bool = False
+    die_refinement: float = option(4.0)
+    formulation: str = option("quasi-symmetric")
+    quadrature: str = option("overlay")
+    enforcement: str = option("penalty")
+    reduction: float = option(0.3)
+    size: str = option("coarse", choices=tuple(SIZES))
+    num_steps: int = option(15, name="--steps")
+    swap: bool = option(False, "the dies are the slaves")
+    friction: str = option("none", choices=FRICTIONS)
+    mu: float = option(0.3, "Coulomb's coefficient")
+    m_bar: float = option(0.3, "friction factor, of shear yield stress")
+    alpha: float = option(0.3, "of Norton's law, of the consistency")
+    output: str | None = option(None, "fields, history.csv and a checkpoint", metavar="FOLDER")
+    restart: bool = option(False, "go on from --output's checkpoint")
     verbose: bool = False
 
-
-# --- Meshes
-
-
-def create_quarter(comm, radius, bottom, height, size):
-    """Tetrahedra of a quarter cylinder; ``size`` is a number or gmsh's formula for their size."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
-    if comm.rank == 0:
-        gmsh.model.occ.addCylinder(0, 0, bottom, 0, 0, height, radius, angle=np.pi / 2)
-        gmsh.model.occ.synchronize()
-        gmsh.model.mesh.field.add("MathEval", 1)
-        gmsh.model.mesh.field.setString(1, "F", str(size))
-        gmsh.model.mesh.field.setAsBackgroundMesh(1)
-        gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], 1)
-        gmsh.model.mesh.generate(3)
-    out = model_to_mesh(gmsh.model, comm, 0, gdim=3)[0]
-    gmsh.finalize()
-    return out
-
-
-def die_size(z, h):
-    """Formula: h on the face at height z where contact may come, growing away from it."""
-    beyond = f"(sqrt(x*x+y*y)-{1.2 * RADIUS})"
-    return f"{h}+0.35*(abs(z-{z})+0.5*({beyond}+abs({beyond})))"
-
-
-def facets_at(msh, axis, value):
-    return mesh.locate_entities_boundary(msh, 2, lambda x: np.isclose(x[axis], value))
-
-
-def fix(V, axis, facets, value=0.0):
-    """Dirichlet condition on one component of the velocity or displacement space V."""
-    component = V.sub(axis)
-    constant = fem.Constant(V.mesh, float(value))
-    dofs = fem.locate_dofs_topological(component, 2, facets)
-    return fem.dirichletbc(constant, dofs, component), constant
-
-
-# --- Bodies
-
-
-class Workpiece:
-    """Norton-Hoff cylinder between the heights 0 and HEIGHT."""
-
-    def __init__(self, comm, h):
-        self.mesh = create_quarter(comm, RADIUS, 0.0, HEIGHT, h)
-        self.W = qs.materials.mini_space(self.mesh)
-        self.w = fem.Function(self.W)
-        self.m = fem.Constant(self.mesh, M)
-        velocity = ufl.split(self.w)[0]
-        slow = 1e-3 * SPEED / HEIGHT
-        self.stress = qs.materials.norton_hoff(velocity, K, self.m, slow)
-        self.F = qs.materials.incompressible(self.w, self.stress)
-        self.rate = qs.materials.equivalent_strain_rate(velocity)
-        V = self.W.sub(0)
-        self.bcs = [fix(V, axis, facets_at(self.mesh, axis, 0.0))[0] for axis in (0, 1)]
-        self.lower, self.upper = (
-            qs.Surface(V, facets=facets_at(self.mesh, 2, z)) for z in (0.0, HEIGHT)
-        )
-
-
-class Die:
-    """Elastic die with its face at height z, above (1) or below (-1) it; total displacements."""
-
-    def __init__(self, comm, z, sign, h):
-        bottom = z if sign > 0 else z - DIE_HEIGHT
-        self.mesh = create_quarter(comm, DIE_RADIUS, bottom, DIE_HEIGHT, die_size(z, h))
-        self.V = fem.functionspace(self.mesh, ("Lagrange", 1, (3,)))
-        self.u = fem.Function(self.V)
-        stress = qs.materials.linear_elastic(self.u, E_DIE, NU_DIE)
-        self.stress = stress
-        self.F = ufl.inner(stress, ufl.grad(ufl.TestFunction(self.V))) * ufl.dx
-        self.bcs = [fix(self.V, axis, facets_at(self.mesh, axis, 0.0))[0] for axis in (0, 1)]
-        back, self.height = fix(self.V, 2, facets_at(self.mesh, 2, z + sign * DIE_HEIGHT))
-        self.bcs.append(back)
-        self.surface = qs.Surface(self.V, facets=facets_at(self.mesh, 2, z))
+    def __post_init__(self):
+        if self.restart and not self.output:
+            raise ValueError("--restart needs the --output of the run before")
 
 
 def create_bodies(comm, h, die_refinement):
     """The workpiece, with cells of size h, and the two dies."""
+    msh = quarter_cylinder(comm, RADIUS, 0.0, HEIGHT, str(h))
+    work = NortonHoff(msh, K, M, slow=1e-3 * SPEED / HEIGHT)
+    work.bcs = [fix(work.W.sub(0), axis, facets_at(msh, axis, 0.0)) for axis in (0, 1)]
+    work.lower, work.upper = (work.surface(facets_at(msh, 2, z)) for z in (0.0, HEIGHT))
     fine = h / die_refinement
-    return Workpiece(comm, h), [Die(comm, 0.0, -1, fine), Die(comm, HEIGHT, 1, fine)]
+    dies = [Die(comm, z, s, fine, 1.2 * RADIUS, E_DIE, NU_DIE) for z, s in ((0.0, -1), (HEIGHT, 1))]
+    return work, dies
 
 
 def build(comm, p):
-    """Workpiece, dies, contacts and the stepper."""
+    """Workpiece, dies, contacts, problem and stepper."""
     h = SIZES[p.size]
     return assemble(p, h, *create_bodies(comm, h, p.die_refinement))
 
 
 def assemble(p, h, work, dies):
     """The same of bodies that are there; h (mm) is what the penalty is for."""
-    time_step = p.reduction * HEIGHT / SPEED / p.num_steps
-    friction = Friction(p, work.mesh, K, M)
-    contacts = []
+    dt = p.reduction * HEIGHT / SPEED / p.num_steps
+    friction, contacts = Friction(p, work.mesh, K, M), []
+    turn = -1 if p.swap else 1
     for face, die in zip((work.lower, work.upper), dies, strict=True):
-        sides, unknown = (face, die.surface), ("velocity", "displacement")
         contact = qs.Contact(
-            *(sides[::-1] if p.swap else sides),
+            *(face, die.surface)[::turn],
             p.formulation,
             penalty=PENALTY / h,
             quadrature=p.quadrature,
             enforcement=p.enforcement,
             gap_tolerance=1e-5,
-            unknown=unknown[::-1] if p.swap else unknown,
-            dt=time_step,
+            unknown=("velocity", "displacement")[::turn],
+            dt=dt,
             friction=friction.law(),
         )
         contacts.append(contact)
-    bodies = [work, *dies]
-    problem = qs.ContactProblem(
-        [b.F for b in bodies], [work.w, *(d.u for d in dies)], contacts, [b.bcs for b in bodies]
-    )
+    F, u = [work.F, *(die.F for die in dies)], [work.w, *(die.u for die in dies)]
+    problem = qs.ContactProblem(F, u, contacts, [body.bcs for body in (work, *dies)])
 
     def drive(t, dt):
         dies[1].height.value = -SPEED * t
@@ -205,115 +126,57 @@ def assemble(p, h, work, dies):
                 return problem.solve()
         return qs.solve_with_continuation(problem, work.m, M)
 
-    stepper = qs.TimeStepper(problem, time_step, drive, solve=solve)
-    return work, dies, contacts, problem, stepper
-
-
-# --- Results
+    return work, dies, contacts, problem, qs.TimeStepper(problem, dt, drive, solve=solve)
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Forge, and say what came out; ``on_step(scene, strain)`` at the start and after each step.
+    """Forge; returns what --json writes, and what build() does.
 
-    Returns:
-        What --json writes, and what :func:`build` returns.
+    ``on_step(scene, strain)`` is called at the start and after each step.
     """
     comm.barrier()
     start = time.perf_counter()
-    scene = _, dies, contacts, _, stepper = build(comm, p)
-    volume = stepper.motions[0].volume()
-    work = scene[0]
-    strain = fem.Function(fem.functionspace(work.mesh, ("DG", 0)))
-    rate = fem.Function(strain.function_space)
-    expression = fem.Expression(work.rate, interpolation_points(strain.function_space))
-    energy = Energy(work, dies, contacts, SPEED)
-
-    def on_solved():
-        rate.interpolate(expression)
-        energy.on_solved()
-
-    stepper.on_solved = on_solved
-    folder = pathlib.Path(p.output) if p.output else None
-    if p.restart:
-        energy.restore(qs.load_run(stepper, folder / "checkpoint", {"strain": strain}))
-    output = Output(folder, scene, strain, energy) if folder else None
-    history = qs.History(
-        comm,
-        folder and folder / "history.csv",
-        t_end=p.reduction * HEIGHT / SPEED,
-        verbose=p.verbose,
-        append=p.restart,
-    )
+    scene = *_, contacts, _, stepper = build(comm, p)
+    volume, t_end = stepper.motions[0].volume(), p.reduction * HEIGHT / SPEED
+    record = Record(comm, p, scene, t_end, SPEED)
     on_step = on_step or (lambda scene, strain: None)
-    on_step(scene, strain)
+    on_step(scene, record.strain)
     iterations, imbalance = 0, 0.0
-    for _ in stepper.run(p.reduction * HEIGHT / SPEED):
-        strain.x.array[:] += stepper.last_dt * rate.x.array
-        push = abs(contacts[1].force("slave")[2])
-        history.add(qs.step_row(stepper) | energy.row(push, stepper.last_dt))
-        if output:
-            output.write()
+    for _ in stepper.run(t_end):
+        record.add_step()
         iterations += stepper.num_iterations
         for contact in contacts:
             forces = contact.force("slave"), contact.force("master")
-            imbalance = max(
-                imbalance, np.linalg.norm(forces[0] + forces[1]) / np.linalg.norm(forces[0])
-            )
-        on_step(scene, strain)
-    history.close()
-    if output:
-        output.close()
-    on_die = contacts[1].force("slave" if p.swap else "master")
+            unbalanced = np.linalg.norm(forces[0] + forces[1])
+            imbalance = max(imbalance, unbalanced / np.linalg.norm(forces[0]))
+        on_step(scene, record.strain)
+    record.close()
+    side = "slave" if p.swap else "master"  # of the dies
     result = {
-        "forming_force": 4 * abs(on_die[2]),
+        "forming_force": 4 * abs(contacts[1].force(side)[2]),
         "force_balance_error": imbalance,
-        **measure(comm, p.swap, contacts),
+        **die_pressures(contacts, side),
         "volume_change": stepper.motions[0].volume() / volume - 1,
         "steps": stepper.num_steps,
         "snes_iterations": iterations,
         "total_seconds": comm.allreduce(time.perf_counter() - start, op=MPI.MAX),
     }
-    return {k: v.item() if hasattr(v, "item") else v for k, v in result.items()}, scene
+    return result, scene
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    default = Parameters()
-    add = parser.add_argument
-    add("--die-refinement", type=float, default=default.die_refinement)
-    add("--formulation", choices=FORMULATIONS, default=default.formulation)
-    add("--quadrature", choices=("nodal", "overlay"), default=default.quadrature)
-    add("--enforcement", choices=("penalty", "augmented-lagrangian"), default=default.enforcement)
-    add("--reduction", type=float, default=default.reduction)
-    add("--size", choices=tuple(SIZES), default=default.size)
-    add("--steps", dest="num_steps", type=int, default=default.num_steps)
-    add("--swap", action="store_true", help="the dies are the slaves")
-    add_arguments(parser)
-    add("--output", metavar="FOLDER", help="fields, history.csv and a checkpoint")
-    add("--restart", action="store_true", help="go on from --output's checkpoint")
-    add("--json", type=output_file, metavar="FILE")
-    add("--plot", type=picture_file, metavar="FILE", help="picture of the end")
-    add("--animate", type=film_file, metavar="FILE", help="all steps as a GIF")
-    a = vars(parser.parse_args())
-    filename, picture, animation = (a.pop(name) for name in ("json", "plot", "animate"))
-    if a["restart"] and not a["output"]:
-        parser.error("--restart needs the --output of the run before")
-    film = Film(HEIGHT, SPEED) if picture or animation else None
-    result, scene = run(Parameters(**a, verbose=True), on_step=film)
+    command = Command(__doc__, Parameters, plot="picture of the end")
+    command.add_file("--animate", film_file, "all steps as a GIF")
+    p, a = command.parse()
+    film = Film(HEIGHT, SPEED) if a.plot or a.animate else None
+    result, scene = run(dataclasses.replace(p, verbose=True), on_step=film)
     radii = barrelling(scene[0])
-    if MPI.COMM_WORLD.rank == 0:
-        print("largest radius at mid height {:.5g}, at the dies {:.5g}".format(*radii))
-        for key, value in result.items():
-            print(f"{key:24}{value:.6g}")
-        if filename:
-            with open(filename, "w") as file:
-                json.dump(result, file, indent=2)
-        if picture:
-            film.plot(picture)
-        if animation:
-            film.animate(animation)
+    say("largest radius at mid height {:.5g}, at the dies {:.5g}".format(*radii))
+    report(result, a.json, ".6g")
+    if a.plot:
+        film.plot(a.plot)
+    if a.animate:
+        film.animate(a.animate)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,23 @@
-"""What the forging demo measures, and writes beside its table: energy, fields, checkpoints."""
+"""What the forging demo measures and keeps: pressures on the dies, shape, energy, strain."""
+
+import pathlib
 
 from mpi4py import MPI
 
 import numpy as np
+from common.output import Output
 
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+from qsdolfinx.compat import interpolation_points
 
 
 def inner_pressure(contact, side):
     """Pressure at the die's owned nodes within 70 % of the contact's radius."""
     comm = contact.comm
-    surface = contact.slave if side == "slave" else contact.master
+    surface = getattr(contact, side)
     pressure = np.abs(surface.node_values(contact.traction(side))[:, 2])
     # The radius of the disc on which a uniform pressure has this mean square distance.
     distance = np.linalg.norm(surface.node_x[:, :2], axis=1)
@@ -22,9 +26,9 @@ def inner_pressure(contact, side):
     return pressure[distance <= 0.7 * np.sqrt(2 * second / force)]
 
 
-def measure(comm, swap, contacts):
-    """Pressures on both dies together."""
-    side = "slave" if swap else "master"
+def die_pressures(contacts, side):
+    """Of both dies together, which are on this side of their contacts. Collective."""
+    comm = contacts[0].comm
     values = np.concatenate([inner_pressure(contact, side) for contact in contacts])
     count, total = comm.allreduce(np.array([len(values), values.sum()]))
     mean = total / count
@@ -70,8 +74,7 @@ class Energy:
         self.speed = speed
         self.contacts = [contact for contact in contacts if contact.friction is not None]
         self.comm = work.mesh.comm
-        rate = qs.materials.strain(ufl.split(work.w)[0])
-        self.dissipation = fem.form(ufl.inner(work.stress, rate) * ufl.dx)
+        self.workpiece = work
         self.elastic = [fem.form(0.5 * ufl.inner(d.stress, ufl.grad(d.u)) * ufl.dx) for d in dies]
         self.power = self.work = self.dissipated = 0.0
 
@@ -88,7 +91,7 @@ class Energy:
 
     def on_solved(self):
         """Dissipated power, while the mesh is where the velocity was solved for."""
-        self.power = self._total(self.dissipation)
+        self.power = self.workpiece.power()
 
     def row(self, force, dt):
         """Add a step in which the drive pushed with a force; columns of the history."""
@@ -102,52 +105,58 @@ class Energy:
         return row | {"energy_error": lost / self.work}
 
 
-class Output:
-    """Fields of all bodies for ParaView, and a checkpoint, in a folder.
+class Record:
+    """Strain and energies of a run, its history, and with --output fields and a checkpoint.
 
     Args:
-        folder: The folder.
-        scene: What :func:`build` returns.
-        strain: Equivalent strain of the workpiece.
-        energy: Its sums are part of the checkpoint.
+        comm: Communicator.
+        p: Parameters; with ``restart`` the run goes on from the checkpoint.
+        scene: What :func:`forging.build` returns.
+        t_end: Time at which the run ends.
+        speed: Velocity of the drive.
     """
 
-    def __init__(self, folder, scene, strain, energy):
-        work, dies, contacts, _, self.stepper = scene
-        self.folder, self.strain, self.energy = folder, strain, energy
-        folder.mkdir(parents=True, exist_ok=True)
-        # A run that goes on writes files of its own: those before are still wanted.
-        part = f"_from_{self.stepper.num_steps}" if self.stepper.num_steps else ""
-        velocity, pressure = ufl.split(work.w)
-        stress = work.stress - pressure * ufl.Identity(3)
-        sides = ("master", "slave") if contacts[0].slave is dies[0].surface else ("slave", "master")
-        fields = {"strain_rate": work.rate, "strain": strain, "stress": stress}
-        continuous = {"velocity": velocity, "pressure": pressure}
-        continuous |= self._of_contacts(contacts, sides[0])
-        path = folder / f"workpiece{part}.xdmf"
-        self.writers = [qs.FieldWriter(path, work.mesh, fields, continuous)]
-        for name, die, contact in zip(("lower", "upper"), dies, contacts, strict=True):
-            continuous = self._of_contacts([contact], sides[1])
+    def __init__(self, comm, p, scene, t_end, speed):
+        work, dies, self.contacts, _, self.stepper = scene
+        space = fem.functionspace(work.mesh, ("DG", 0))
+        #: Equivalent strain of the workpiece, a number a cell.
+        self.strain, self.rate = fem.Function(space), fem.Function(space)
+        self.expression = fem.Expression(work.rate, interpolation_points(space))
+        self.energy = Energy(work, dies, self.contacts, speed)
+        self.stepper.on_solved = self.on_solved
+        self.checkpoint = pathlib.Path(p.output) / "checkpoint" if p.output else None
+        self.functions = {"strain": self.strain}
+        if p.restart:
+            self.energy.restore(qs.load_run(self.stepper, self.checkpoint, self.functions))
+        self.output = Output(comm, p.output, t_end, p.verbose, after=self.stepper.num_steps)
+        self.add_fields(work, dies, *(("master", "slave") if p.swap else ("slave", "master")))
+
+    def add_fields(self, work, dies, on_work, on_dies):
+        """Files of fields of all bodies, which are on these sides of their contacts."""
+        stress = work.stress - work.pressure * ufl.Identity(3)
+        fields = {"strain_rate": work.rate, "strain": self.strain, "stress": stress}
+        at_vertices = {"velocity": ufl.split(work.w)[0], "pressure": work.pressure}
+        for i, contact in enumerate(self.contacts):
+            at_vertices |= {f"{k}_{i}": f for k, f in contact.field_sources(on_work).items()}
+        self.output.add_fields("workpiece", work.mesh, fields, at_vertices)
+        for name, die, contact in zip(("lower", "upper"), dies, self.contacts, strict=True):
             fields = {"displacement": die.u, "stress": die.stress}
-            path = folder / f"{name}_die{part}.xdmf"
-            self.writers.append(qs.FieldWriter(path, die.mesh, fields, continuous))
+            sources = {f"{k}_0": f for k, f in contact.field_sources(on_dies).items()}
+            self.output.add_fields(f"{name}_die", die.mesh, fields, sources)
 
-    @staticmethod
-    def _of_contacts(contacts, side):
-        """What contacts have to show on one side."""
-        return {
-            f"{name}_{i}": source
-            for i, contact in enumerate(contacts)
-            for name, source in contact.field_sources(side).items()
-        }
+    def on_solved(self):
+        """Rates, while the mesh is where the velocity was solved for."""
+        self.rate.interpolate(self.expression)
+        self.energy.on_solved()
 
-    def write(self):
-        """Fields and checkpoint at the end of a step."""
-        for writer in self.writers:
-            writer.write(self.stepper.t)
-        functions, sums = {"strain": self.strain}, self.energy.sums()
-        qs.save_run(self.stepper, self.folder / "checkpoint", functions, sums)
+    def add_step(self):
+        """Add what a step has changed. Collective."""
+        dt, push = self.stepper.last_dt, abs(self.contacts[1].force("slave")[2])
+        self.strain.x.array[:] += dt * self.rate.x.array
+        self.output.write(self.stepper.t, qs.step_row(self.stepper) | self.energy.row(push, dt))
+        if self.checkpoint:
+            qs.save_run(self.stepper, self.checkpoint, self.functions, self.energy.sums())
 
     def close(self):
-        for writer in self.writers:
-            writer.close()
+        """End the files."""
+        self.output.close()

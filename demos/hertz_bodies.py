@@ -1,16 +1,56 @@
-"""Meshes and elastic bodies of demos/hertz.py and demos/cattaneo_mindlin.py."""
+"""Elastic bodies with a round or a flat side in contact, and closed forms for them."""
 
-import gmsh
 import numpy as np
+from common.bodies import facets_at, fix, gmsh_mesh, measure, per_area
 
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
-from qsdolfinx.compat import model_to_mesh
 
 E, NU, R, LOAD, SIZE = 200.0, 0.3, 8.0, 10.0, 20.0
 E_STAR = E / (2 * (1 - NU**2))
+
+
+class Hertz:
+    """The closed form: half width or radius of the contact, and pressure.
+
+    Of a block a = 0.9628, p0 = 6.612 in 2D and a = 0.8173, p0 = 7.147 in 3D; of two cylinders
+    a = 0.6808, p0 = 9.351.
+    """
+
+    def __init__(self, dim, case):
+        radius = R if case == "block" else R / 2
+        if dim == 2:
+            self.a = np.sqrt(4 * LOAD * radius / (np.pi * E_STAR))
+            self.p0 = 2 * LOAD / (np.pi * self.a)
+        else:
+            self.a = (3 * LOAD * radius / (4 * E_STAR)) ** (1 / 3)
+            self.p0 = 3 * LOAD / (2 * np.pi * self.a**2)
+
+    def pressure(self, r, sqrt=np.sqrt, larger=np.maximum):
+        """Pressure at a distance from the middle, numbers or UFL."""
+        return self.p0 * sqrt(larger(1 - (r / self.a) ** 2, 0))
+
+
+class CattaneoMindlin:
+    """The closed form of partial slip of the two cylinders.
+
+    Args:
+        mu: Coefficient of friction.
+        shear: Tangential load Q.
+    """
+
+    def __init__(self, mu, shear):
+        hertz = Hertz(2, "cylinders")
+        self.a, self.p0, self.normal = hertz.a, hertz.p0, hertz.pressure
+        self.limit = mu * self.p0  # of the tangential traction
+        self.c = self.a * np.sqrt(1 - shear / (mu * LOAD))
+
+    def tangential(self, x):
+        """Tangential traction at x."""
+        root = np.sqrt(np.maximum(self.a**2 - x**2, 0)) - np.sqrt(np.maximum(self.c**2 - x**2, 0))
+        return self.limit / self.a * root
 
 
 def create_mesh(comm, shape, sign, dim, h, a):
@@ -24,113 +64,79 @@ def create_mesh(comm, shape, sign, dim, h, a):
         h: Size of the cells at the contact.
         a: Radius of the contact; the cells keep their size up to 1.6 a, and then grow.
     """
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
-    if comm.rank == 0:
-        occ, low = gmsh.model.occ, (0 if sign > 0 else -SIZE)
-        if shape == "block":
-            half = SIZE / 2
-            if dim == 2:
-                occ.addRectangle(0, low, 0, half, SIZE)
-            else:
-                occ.addBox(0, 0, low, half, half, SIZE)
+
+    def draw(gmsh):
+        gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+        occ, bottom = gmsh.model.occ, (0 if sign > 0 else -1)
+        if shape == "block" and dim == 2:
+            occ.addRectangle(0, bottom * SIZE, 0, SIZE / 2, SIZE)
+        elif shape == "block":
+            occ.addBox(0, 0, bottom * SIZE, SIZE / 2, SIZE / 2, SIZE)
         elif dim == 2:
-            body = [(2, occ.addDisk(0, sign * R, 0, R, R))]
             left = -R if shape == "half disc" else 0
-            tool = [(2, occ.addRectangle(left, 0 if sign > 0 else -R, 0, R - left, R))]
-            occ.intersect(body, tool)
+            tool = occ.addRectangle(left, bottom * R, 0, R - left, R)
+            occ.intersect([(2, occ.addDisk(0, sign * R, 0, R, R))], [(2, tool)])
         else:
-            body = [(3, occ.addSphere(0, 0, sign * R, R))]
-            tool = [(3, occ.addBox(0, 0, 0 if sign > 0 else -R, R, R, R))]
-            occ.intersect(body, tool)
+            tool = occ.addBox(0, 0, bottom * R, R, R, R)
+            occ.intersect([(3, occ.addSphere(0, 0, sign * R, R))], [(3, tool)])
         origin = occ.addPoint(0, 0, 0)
         occ.synchronize()
+        slope, reach = (0.15, 1.6 * a) if dim == 2 else (0.3, 1.3 * a)
+        sizes = {"SizeMin": h, "SizeMax": h + slope * SIZE}
+        sizes |= {"DistMin": reach, "DistMax": reach + SIZE}
         field = gmsh.model.mesh.field
         field.add("Distance", 1)
         field.setNumbers(1, "PointsList", [origin])
         field.add("Threshold", 2)
-        slope = 0.15 if dim == 2 else 0.3
-        reach = 1.6 * a if dim == 2 else 1.3 * a
-        for name, value in (
-            ("InField", 1),
-            ("SizeMin", h),
-            ("SizeMax", h + slope * SIZE),
-            ("DistMin", reach),
-            ("DistMax", reach + SIZE),
-        ):
+        for name, value in ({"InField": 1} | sizes).items():
             field.setNumber(2, name, value)
         field.setAsBackgroundMesh(2)
-        gmsh.model.addPhysicalGroup(dim, [tag for _, tag in gmsh.model.getEntities(dim)], 1)
-        gmsh.model.mesh.generate(dim)
-    out = model_to_mesh(gmsh.model, comm, 0, gdim=dim)[0]
-    gmsh.finalize()
-    return out
+
+    return gmsh_mesh(comm, dim, draw)
 
 
 class Body:
     """An elastic body with a contact surface, and symmetry conditions unless it is a half disc."""
 
     def __init__(self, msh, shape, sign):
-        self.mesh, self.dim = msh, msh.geometry.dim
+        self.mesh, self.dim, self.sign = msh, msh.geometry.dim, sign
         self.V = fem.functionspace(msh, ("Lagrange", 1, (self.dim,)))
         self.u, self.v = fem.Function(self.V), ufl.TestFunction(self.V)
-        strain = ufl.sym(ufl.grad(self.u))
-        stress = (
-            E / (1 + NU) * (strain + NU / (1 - 2 * NU) * ufl.tr(strain) * ufl.Identity(self.dim))
-        )
+        stress = qs.materials.linear_elastic(self.u, E, NU)
         self.F = ufl.inner(stress, ufl.grad(self.v)) * ufl.dx
-        self.bcs = [
-            self.condition(axis, self.facets(lambda x, a=axis: np.isclose(x[a], 0)))
-            for axis in range(self.dim - 1 if shape != "half disc" else 0)
-        ]
         up = self.dim - 1
+        symmetric = range(up if shape != "half disc" else 0)
+        self.bcs = [fix(self.V, axis, facets_at(msh, axis, 0.0)) for axis in symmetric]
+        #: Number of parts that symmetry leaves one of.
+        self.parts = 2 ** len(symmetric)
+        self.far = facets_at(msh, up, sign * (SIZE if shape == "block" else R))
         if shape == "block":
-            contact = self.facets(lambda x: np.isclose(x[up], 0))
-            self.far = self.facets(lambda x: np.isclose(x[up], sign * SIZE))
+            contact = facets_at(msh, up, 0.0)
         else:
 
             def on_arc(x):
                 squares = sum(x[i] ** 2 for i in range(up)) + (x[up] - sign * R) ** 2
                 return np.isclose(squares, R**2)
 
-            contact = self.facets(on_arc)
-            self.far = self.facets(lambda x: np.isclose(x[up], sign * R))
+            contact = mesh.locate_entities_boundary(msh, up, on_arc)
         self.surface = qs.Surface(self.V, facets=contact)
-        self.ds = self.measure(contact)
-
-    def facets(self, where):
-        """Boundary facets with all vertices where a function of x says."""
-        return mesh.locate_entities_boundary(self.mesh, self.dim - 1, where)
-
-    def measure(self, facets):
-        """Measure on some facets."""
-        facets = np.sort(facets)
-        tags = mesh.meshtags(self.mesh, self.dim - 1, facets, np.ones_like(facets))
-        return ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
-
-    def condition(self, axis, facets):
-        """No displacement along an axis."""
-        V = self.V.sub(axis)
-        return fem.dirichletbc(0.0, fem.locate_dofs_topological(V, self.dim - 1, facets), V)
+        #: Measures on the contact surface and on the far side.
+        self.ds, self.far_ds = measure(msh, contact), measure(msh, self.far)
 
     def hold(self):
         """Hold the far side."""
-        self.bcs += [self.condition(axis, self.far) for axis in range(self.dim)]
+        self.bcs += [fix(self.V, axis, self.far) for axis in range(self.dim)]
 
-    def pin(self, sign):
-        """Hold one point of the far side along the load, which is in balance without it."""
-        V = self.V.sub(self.dim - 1)
+    def pin(self, axis, *point):
+        """Hold one point along an axis, which is in balance without it."""
+        component = self.V.sub(axis), self.V.sub(axis).collapse()[0]
         dofs = fem.locate_dofs_geometrical(
-            (V, V.collapse()[0]), lambda x: np.isclose(x[0], 0) & np.isclose(x[1], sign * R)
+            component,
+            lambda x: np.all([np.isclose(x[i], at) for i, at in enumerate(point)], axis=0),
         )
-        value = fem.Function(V.collapse()[0])
-        self.bcs.append(fem.dirichletbc(value, dofs, V))
+        self.bcs.append(fem.dirichletbc(fem.Function(component[1]), dofs, component[0]))
 
     def press(self, sign):
-        """Load the far side by a uniform pressure."""
-        ds = self.measure(self.far)
-        area = fem.assemble_scalar(fem.form(fem.Constant(self.mesh, 1.0) * ds))
-        area = self.mesh.comm.allreduce(area)
-        load = LOAD / 2 ** (self.dim - 1) / area
-        self.F += sign * load * self.v[self.dim - 1] * ds
+        """Load the far side by a uniform pressure, LOAD in total of the whole body."""
+        pressure = per_area(self.mesh, LOAD / self.parts, self.far_ds)
+        self.F += sign * pressure * self.v[self.dim - 1] * self.far_ds

@@ -1,6 +1,8 @@
 """Bodies of the patch test, see patch_test.py: meshes, materials, conditions and stresses."""
 
 import numpy as np
+from common.bodies import measure
+from common.measures import mean_and_max
 
 import ufl
 from dolfinx import fem, mesh
@@ -78,6 +80,26 @@ MATERIALS = {  # of the master and the slave
     "elastic": (Elastic(E_MASTER), Elastic(E_SLAVE)),
     "newtonian": (Newtonian(VISCOSITY), Newtonian(VISCOSITY)),
 }
+
+
+def check(material, cell, overhang):
+    """Refuse what the test is not made for.
+
+    Raises:
+        ValueError: With the option and the reason.
+    """
+    if material not in MATERIALS:
+        raise ValueError(f"--material: must be one of {', '.join(MATERIALS)}")
+    if material == "newtonian" and cell not in ("tetrahedron", "triangle"):
+        raise ValueError(
+            "--cell: Newtonian cubes are of the MINI element, which needs tetrahedron or triangle "
+            f"cells, not {cell}"
+        )
+    if material == "newtonian" and overhang:
+        raise ValueError(
+            "--overhang: Newtonian cubes have no uniform flow to compare with where one of them is "
+            "not supported; use it with --material elastic"
+        )
 
 
 def create_block(comm, n, cell, low, high, jitter, rng):
@@ -199,10 +221,8 @@ class Body:
 
     def press(self):
         """Pressure on the top."""
-        facets = np.sort(self.top)
-        tags = mesh.meshtags(self.mesh, self.up, facets, np.ones_like(facets))
-        ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
-        self.F -= STRESS * ufl.dot(ufl.as_vector(self.normal), self.test) * ds
+        normal = ufl.as_vector(self.normal)
+        self.F -= STRESS * ufl.dot(normal, self.test) * measure(self.mesh, self.top)
 
     def interface_stress(self):
         """Mean normal stress of each owned cell with a facet at height 1."""
@@ -238,3 +258,21 @@ def set_conditions(bodies, load, rotate):
     lower.bcs.append(lower.prescribe(lower.up, lower.bottom))
     held = (upper.up, upper.top) if load == "displacement" else (0, upper.corners)
     upper.bcs.append(upper.prescribe(*held))
+
+
+def reference_stress(comm, p):
+    """Mean stress at the interface: of elastic cubes the analytical one, else that of one body.
+
+    The body is the union of the two cubes, on the mesh of the master, under the same load.
+    """
+    if p.material == "elastic":
+        return STRESS
+    rng = np.random.default_rng(p.seed)  # as the master's: the same nodes at height 1
+    union = create_block(comm, p.master, p.cell, 0.0, 2.0, p.jitter, rng)
+    body = Body(union, MATERIALS[p.material][0], 0.0, 2.0, 0.0, p.rotate)
+    set_conditions((body,), p.load, p.rotate)
+    body.set_exact(0.0)
+    problem = qs.ContactProblem([body.F], [body.u], [], [body.bcs])
+    problem.solve()
+    problem.destroy()
+    return mean_and_max(comm, body.interface_stress())[0]

@@ -23,7 +23,6 @@ from qsdolfinx.base.checks import (
     FUNCTION,
     MESH,
     POSITIVE,
-    UP_TO_ONE,
     Kind,
     check,
     either,
@@ -38,6 +37,7 @@ Scalar = typing.Any
 Expression = typing.Any
 
 POISSON = number("above -1 and below 0.5", lambda nu: -1 < nu < 0.5)
+SENSITIVITY = number("at most 1", lambda m: m <= 1)
 
 _SIMPLICES = (mesh.CellType.triangle, mesh.CellType.tetrahedron)
 
@@ -183,8 +183,8 @@ def norton_hoff(
         regularisation: ε̇₀ per time, such as a thousandth of velocity / height.
         axisymmetric: Whether the coordinates are (r, z).
     """
-    _check(POSITIVE, K=K, regularisation=regularisation)
-    _check(UP_TO_ONE, m=m)
+    _check(POSITIVE, K=K, m=m, regularisation=regularisation)
+    _check(SENSITIVITY, m=m)
     rate = strain(v, axisymmetric)
     squared = 2 * ufl.inner(rate, rate) + 3 * regularisation**2  # (√3 ε̇)²
     return 2 * K * squared ** ((m - 1) / 2) * rate

@@ -39,8 +39,7 @@ def number(text: str, fits: typing.Callable[[float], bool]) -> Kind:
 
 def one_of(choices: typing.Sequence[str]) -> Kind:
     """One of several names."""
-    *first, last = (f'"{choice}"' for choice in choices)
-    text = f"{', '.join(first)} or {last}"
+    text = f"one of {', '.join(choices)}"
     return Kind(text, lambda value: isinstance(value, str) and value in choices)
 
 
@@ -62,7 +61,6 @@ def either(kind: Kind, other: str | None) -> Kind:
 POSITIVE = number("a positive, finite number", lambda x: x > 0)
 FINITE = number("a finite number", lambda x: True)
 FRACTION = number("a number from 0 to 1", lambda x: 0 <= x <= 1)
-UP_TO_ONE = number("a number above 0 and at most 1", lambda x: 0 < x <= 1)
 COUNT = number("a positive integer", lambda x: x > 0 and x == int(x))
 FLAG = instance((bool, np.bool_), "True or False")
 CALLABLE = Kind("a function", callable, TypeError)

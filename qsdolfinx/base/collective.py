@@ -107,7 +107,7 @@ def _settle(comm: MPI.Intracomm, error: Exception | None, given: dict[str, str])
     """
     text = repr(sorted(given.items())).encode(errors="backslashreplace")
     digest = int.from_bytes(hashlib.blake2b(text, digest_size=7).digest(), "big")
-    mine = np.array([comm.rank if error else comm.size, digest, -digest], dtype=np.int64)
+    mine = np.array([comm.size if error is None else comm.rank, digest, -digest], dtype=np.int64)
     lowest = np.empty_like(mine)
     comm.Allreduce(mine, lowest, op=MPI.MIN)
     first, low, high = (int(number) for number in lowest)
@@ -122,7 +122,8 @@ def _settle(comm: MPI.Intracomm, error: Exception | None, given: dict[str, str])
 
 def _raise_everywhere(comm: MPI.Intracomm, error: Exception | None, first: int) -> typing.NoReturn:
     """Raise this rank's error, or what stands for that of the first rank that has one."""
-    name, text = comm.bcast((type(error).__name__, str(error)), root=first)
+    mine = (type(error).__name__, str(error)) if comm.rank == first else None
+    name, text = comm.bcast(mine, root=first)
     kind = {k.__name__: k for k in _PLAIN}.get(name)
     if error is not None and (
         comm.rank == first or (kind is None and type(error).__name__ == name)

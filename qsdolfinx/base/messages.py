@@ -17,7 +17,7 @@ class ContactWarning(UserWarning):
 
 def say(comm: MPI.Intracomm, text: str) -> None:
     """Log a message (INFO) on rank 0; print it as long as logging has no handlers."""
-    if comm.rank > 0:
+    if comm.rank > 0 or logger.level > logging.INFO:
         return
     if not logger.hasHandlers():
         print(f"qsdolfinx: {text}", file=sys.stdout, flush=True)

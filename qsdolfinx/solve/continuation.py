@@ -13,13 +13,15 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import UP_TO_ONE, check, instance, require
+from qsdolfinx.base.checks import check, instance, number, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import multipliers
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError, line_search
 
 Array = npt.NDArray[np.float64]
+
+TARGET = number("above 0 and at most 1", lambda m: 0 < m <= 1)
 
 #: Largest factor between the rate sensitivities of two solves.
 FACTOR = 4.0
@@ -160,4 +162,4 @@ def _check(constants: typing.Any, values: typing.Any) -> None:
     as_many = isinstance(values, typing.Sequence) and len(values) == len(constants) > 0
     require(as_many, "target: must be a number, or a list with one for each m")
     for value in values:
-        check(UP_TO_ONE, target=value)
+        check(TARGET, target=value)

@@ -206,7 +206,8 @@ class Surface:
         alike = self.axisymmetric == master.axisymmetric
         require(alike, "slave and master: both or none must be axisymmetric")
         share = self.mesh is master.mesh and np.intersect1d(self.facets, master.facets).size
-        require(not share, "slave and master share facets: none can be in contact with itself")
+        text = "slave and master share facets: a facet cannot be in contact with itself"
+        require(not share, text)
 
     def search_object(self, slave: Surface) -> _cpp.Surface:
         """The extension's surface as pairing from a slave sees it."""

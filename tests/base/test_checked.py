@@ -199,10 +199,9 @@ def test_messages():
             check(kind, name=value)
         return str(found.value)
 
-    many = one_of(("a", "b", "c"))
     assert says(either(POSITIVE, "auto"), -1) == (
         'name: must be a positive, finite number, or "auto", not -1'
     )
-    assert says(many, None) == 'name: must be "a", "b" or "c", not None'
+    assert says(one_of(("a", "b", "c")), None) == "name: must be one of a, b, c, not None"
     assert says(FLAG, object()) == "name: must be True or False, not object"
     assert says(FLAG, list(range(1000))) == "name: must be True or False, not list"

@@ -14,10 +14,7 @@ import qsdolfinx as qs
 
 FACETS = 50
 #: Why the force is not the same after each of them.
-BESIDE = (
-    "Small; probably the choice between the two facets beside a vertex on which a node comes to "
-    + "lie."
-)
+BESIDE = "Small; probably the choice between the facets beside a vertex that a node comes to."
 
 
 def slide(variant, facets=FACETS):

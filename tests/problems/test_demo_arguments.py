@@ -2,10 +2,9 @@
 
 import importlib
 import sys
-import types
 
-import patch_table  # noqa: F401 (takes over the patch test's run(), which is replaced below)
 import pytest
+from common import pictures
 
 DEMOS = (
     "block_on_block",
@@ -55,8 +54,7 @@ def test_ironing_writes_output_beside_the_picture(monkeypatch, tmp_path):
     import ironing
 
     drawn, ran = [], []
-    module = types.SimpleNamespace(plot=lambda p, filename: drawn.append(filename))
-    monkeypatch.setitem(sys.modules, "ironing_plot", module)
+    monkeypatch.setattr(pictures, "ironing", lambda filename, *how: drawn.append(filename))
     monkeypatch.setattr(ironing, "run", lambda p: ran.append(p.output) or ({"steps": 1},))
     picture, output = str(tmp_path / "a.png"), str(tmp_path / "out")
     for more, expected in (([], []), (["--output", output], [output])):
@@ -64,3 +62,9 @@ def test_ironing_writes_output_beside_the_picture(monkeypatch, tmp_path):
         ironing.main()
         assert ran == expected
     assert drawn == [picture, picture]
+
+
+@pytest.mark.parametrize("name", ("block_on_block", "forging", "hertz", "patch_test"))
+def test_double_pass_has_no_multipliers(monkeypatch, capsys, name):
+    options = ["--formulation", "double-pass", "--enforcement", "augmented-lagrangian"]
+    assert "--enforcement: " in refused(monkeypatch, capsys, name, *options)

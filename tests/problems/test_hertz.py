@@ -6,7 +6,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from hertz import FORMULATIONS, Parameters, run
+from common.command import FORMULATIONS
+from hertz import Parameters, run
 from scenes import WORLD
 
 SIDES = ("slave", "master")

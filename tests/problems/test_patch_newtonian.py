@@ -5,6 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import patch_test
 import pytest
+from common.command import FORMULATIONS
 from patch_bodies import MATERIALS, STRESS, VISCOSITY
 from patch_test import Parameters, reference_stress, run
 from scenes import WORLD, spread_cells
@@ -45,7 +46,7 @@ def test_overlay_is_exact(cell, load, jitter, enforcement):
         assert np.isclose(result["gap_max"], compliance, rtol=1e-8, atol=1e-12)
 
 
-@pytest.mark.parametrize("formulation", patch_test.FORMULATIONS)
+@pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_formulations(cell, formulation):
     """Exact on the overlay, and on matching meshes with either quadrature."""

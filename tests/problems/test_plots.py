@@ -1,5 +1,6 @@
 """Pictures of the demos: each draws one, of what is there, with any number of ranks."""
 
+import ast
 import importlib
 import itertools
 import pathlib
@@ -15,7 +16,7 @@ from dolfinx import fem
 pytest.importorskip("matplotlib")
 Image = pytest.importorskip("PIL.Image")
 
-import plotting  # noqa: E402
+from common import drawing  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 LARGEST = 150e3  # bytes of a picture in docs/figures
@@ -90,13 +91,22 @@ def test_every_demo_has_plot():
     programs = [
         path.stem
         for path in (ROOT / "demos").glob("*.py")
-        if "parse_args" in path.read_text(encoding="utf-8") and path.stem != "forging_plot"
+        if "__main__" in path.read_text(encoding="utf-8") and path.stem != "forging_plot"
     ]
     assert len(programs) >= 10
     tried = {name.split()[0] for name in SMALL} - {"forging_plot"} | {"forging"}
     assert set(programs) == tried
     for name in programs:
-        assert "type=picture_file" in (ROOT / f"demos/{name}.py").read_text(encoding="utf-8"), name
+        assert "plot=" in (ROOT / f"demos/{name}.py").read_text(encoding="utf-8"), name
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "demos/common").glob("*.py")), ids=lambda p: p.stem)
+def test_imports_no_demo(path):
+    """Demos import their pictures, and not the other way round."""
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    names = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
+    names |= {a.name for node in nodes if isinstance(node, ast.Import) for a in node.names}
+    assert [name for name in names if (ROOT / f"demos/{name}.py").exists()] == []
 
 
 @pytest.mark.parametrize("name", ("hertz", "forging", "ring_compression"))
@@ -123,8 +133,8 @@ def test_cells(kind, number):
     msh = box(WORLD, (3, 2), kind, [0.0, 0.0], [2.0, 1.0])
     u = fem.Function(fem.functionspace(msh, ("Lagrange", 1, (2,))))
     u.interpolate(lambda x: (0.5 * x[0] + x[1], 2 * x[1]))
-    moved = plotting.node_values(u)
-    drawn = plotting.cells(msh, moved, u[0].dx(0) * u[1])  # y
+    moved = drawing.node_values(u)
+    drawn = drawing.cells(msh, moved, u[0].dx(0) * u[1])  # y
     expected = msh.geometry.x[:, :1] * [0.5, 0] + msh.geometry.x[:, 1:2] * [1, 2]
     np.testing.assert_allclose(moved, expected, atol=1e-14)
     assert (drawn is None) == (WORLD.rank > 0)
@@ -142,8 +152,8 @@ def test_boundary():
     msh = box(WORLD, (3, 2, 2), "tetrahedron", [0.0, 0.0, 1.0], [1.0, 2.0, 4.0])
     x = msh.geometry.x.copy()
     x[:, 0] += 0.3 * x[:, 2]  # sheared: the same volume
-    nodes, cells = plotting.boundary(msh, x)
-    surface = plotting.gather(WORLD, x[nodes])
+    nodes, cells = drawing.boundary(msh, x)
+    surface = drawing.gather(WORLD, x[nodes])
     index_map = msh.topology.index_map(3)
     assert np.all(cells < index_map.size_local + index_map.num_ghosts)
     assert (surface is None) == (WORLD.rank > 0)

@@ -1,8 +1,10 @@
 """Convergence under refinement: the demo at a small size."""
 
 import pytest
+from common.command import FORMULATIONS
+from common.tables import check_upsetting
 from scenes import WORLD
-from upsetting_convergence import CELLS, FORMULATIONS, Parameters, check, run
+from upsetting_convergence import CELLS, Parameters, run
 
 
 @pytest.fixture(scope="module")
@@ -11,7 +13,7 @@ def result():
 
 
 def test_its_own_check(result):
-    check(result)
+    check_upsetting(result, CELLS)
 
 
 def test_matching_meshes_converge_as_the_single_body(result):

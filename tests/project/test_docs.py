@@ -19,7 +19,7 @@ PROGRAMS = {
     str(path.relative_to(pages.ROOT)): path
     for folder in ("demos", "bench", "tests/hard", "tests/fuzz")
     for path in sorted((pages.ROOT / folder).glob("*.py"))
-    if "parse_args" in path.read_text(encoding="utf-8")
+    if re.search("parse_args|Command", path.read_text(encoding="utf-8"))
 }
 PROGRAM = re.compile(r"(demos|bench|tests)/(\w+/)*(?!test_)\w+\.py")
 run = functools.cache(pages.run)
@@ -126,7 +126,7 @@ def test_demo_pages():
     programs = [
         path.name
         for path in (pages.ROOT / "demos").glob("*.py")
-        if "parse_args" in path.read_text(encoding="utf-8") and not path.stem.endswith("_plot")
+        if "__main__" in path.read_text(encoding="utf-8") and not path.stem.endswith("_plot")
     ]
     assert len(programs) >= 10
     assert [name for name in programs if f"{{demo}} demos/{name}" not in text] == []

@@ -4,11 +4,9 @@ Nodes, cells and values in them are gathered on rank 0, for the picture only: no
 computed needs them in one place.
 """
 
-import argparse
 import io
 
 import numpy as np
-from output_file import output_file
 
 from dolfinx import fem, mesh
 
@@ -26,26 +24,11 @@ STYLE = {
 LARGE = 145e3  # bytes of a PNG
 #: Towards the light, of bodies in 3D.
 LIGHT = np.array([0.3, 0.5, 0.81])
+STEEL = (0.95, 0.55, 0.35, 1.0)  # hot
+GREY = (0.78, 0.78, 0.8, 1.0)
 
 
 # --- Files
-
-
-def picture_file(text, kinds=None):
-    """The name for --plot, if matplotlib is there and can write such a file there."""
-    try:
-        from matplotlib.backend_bases import FigureCanvasBase
-    except ImportError:
-        raise argparse.ArgumentTypeError("pictures need matplotlib, which is missing") from None
-    kinds = kinds or sorted(FigureCanvasBase.get_supported_filetypes())
-    if text.rpartition(".")[2].lower() not in kinds:
-        raise argparse.ArgumentTypeError(f"{text} must end in .{' or .'.join(kinds)}")
-    return output_file(text)
-
-
-def film_file(text):
-    """The name for --animate: a GIF."""
-    return picture_file(text, ["gif"])
 
 
 def pyplot():

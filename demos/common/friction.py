@@ -1,10 +1,8 @@
-"""Friction between workpiece and dies in the forming demos: arguments, and laws made from them.
+"""Friction between workpiece and dies in the forming demos.
 
 Shear yield stress and consistency are the workpiece's: Tresca's limit is m̄ σ₀/√3, Norton's law is
 α K |Δv|^(q−1) Δv with the q of the workpiece's rate sensitivity.
 """
-
-import dataclasses
 
 import numpy as np
 
@@ -15,31 +13,11 @@ import qsdolfinx as qs
 FRICTIONS = ("none", "norton", "coulomb", "tresca", "coulomb-tresca", "sticking")
 
 
-@dataclasses.dataclass
-class FrictionParameters:
-    """Which law, and its parameters; those of the other laws are not used."""
-
-    friction: str = "none"
-    mu: float = 0.3
-    m_bar: float = 0.3
-    alpha: float = 0.3
-
-
-def add_arguments(parser):
-    """Arguments named as the fields of FrictionParameters."""
-    default = FrictionParameters()
-    add = parser.add_argument
-    add("--friction", choices=FRICTIONS, default=default.friction)
-    add("--mu", type=float, default=default.mu, help="Coulomb's coefficient")
-    add("--m-bar", type=float, default=default.m_bar, help="friction factor, of shear yield stress")
-    add("--alpha", type=float, default=default.alpha, help="of Norton's law, of the consistency")
-
-
 class Friction:
     """A law for a Norton-Hoff workpiece, with limits that follow its flow stress.
 
     Args:
-        p: FrictionParameters.
+        p: Parameters: ``friction`` names the law, ``mu``, ``m_bar`` and ``alpha`` are its numbers.
         msh: Mesh of the workpiece.
         K: Consistency of the workpiece.
         m: Rate sensitivity of the workpiece.

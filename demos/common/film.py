@@ -1,7 +1,10 @@
-"""Pictures of one forging: bodies, pressure on the lower die and force, step by step."""
+"""Pictures of forging: bodies, pressure on the lower die and force, step by step."""
 
 import numpy as np
-from plotting import (
+
+from common.drawing import (
+    GREY,
+    STEEL,
     boundary,
     draw_triangles,
     gather,
@@ -11,8 +14,6 @@ from plotting import (
     set_view,
     steps_of_colour,
 )
-
-GREY = (0.78, 0.78, 0.8, 1.0)
 
 
 class Film:
@@ -116,12 +117,16 @@ class Film:
 
     def plot(self, filename):
         """Picture of the last state; on rank 0."""
+        if not self.states:
+            return
         figure = self.figure()
         self.draw(figure, len(self.states) - 1)
         save(figure, filename)
 
     def animate(self, filename, frames_per_second=4):
         """All states as a GIF; on rank 0."""
+        if not self.states:
+            return
         from matplotlib.animation import PillowWriter
 
         figure, writer = self.figure(), PillowWriter(fps=frames_per_second)
@@ -138,3 +143,35 @@ class Film:
     def figure():
         """Of the size of all pictures."""
         return pyplot().figure(figsize=(12.5, 4.0))
+
+
+# --- Kinds of contact side by side
+
+
+def compare(filename, states, limit=300.0, lift=6.0):
+    """Lower dies with the pressure on their faces, and the workpieces lifted off them; on rank 0.
+
+    Args:
+        filename: Of the picture.
+        states: The last state of a film by title.
+        limit: End of the scale, MPa.
+        lift: By how much a workpiece is drawn above the die, mm.
+    """
+    from matplotlib import cm, colors
+
+    figure = pyplot().figure(figsize=(12, 5.2))
+    scale = cm.ScalarMappable(colors.Normalize(0, limit), "viridis")
+    for i, (title, state) in enumerate(states.items()):
+        axis = figure.add_axes((i / 3, 0.14, 1 / 3, 0.78), projection="3d")
+        set_view(axis, 28, 35, ((0, 18), (0, 18), (-9, 17)), zoom=1.0)
+        triangles, pressure, on_face = state["lower"]
+        colours = np.tile(GREY, (len(triangles), 1))
+        colours[on_face] = scale.to_rgba(pressure[on_face])
+        draw_triangles(axis, triangles, colours, linewidth=0.25)
+        work = state["work"][0] + [0, 0, lift]
+        draw_triangles(axis, work, np.tile(STEEL, (len(work), 1)), linewidth=0.3)
+        figure.text((i + 0.5) / 3, 0.95, title, ha="center")
+    bar = figure.add_axes((0.3, 0.12, 0.4, 0.03))
+    label = "pressure on the lower die, mean of a facet (MPa); radius of the die 18 mm"
+    figure.colorbar(scale, cax=bar, orientation="horizontal", extend="max", label=label)
+    save(figure, filename)

@@ -1,9 +1,10 @@
-"""Table and picture of the patch test, see patch_test.py."""
+"""The table of the patch test beside that of the paper, with checks."""
+
+from mpi4py import MPI
 
 import numpy as np
-from patch_bodies import STRESS
-from patch_test import Parameters, normal_traction, reference_stress, run
-from plotting import gather, pyplot, save
+
+from common.command import say
 
 PAPER = {  # material, load: mean and maximum error, in %
     ("elastic", "pressure"): {"quasi-symmetric": (3.6, 8.3), "master-slave": (8.0, 22.0)},
@@ -28,6 +29,7 @@ KINDS = {
 SUMMARY = ("tetrahedron", 8, 3)  # on the master's side
 MEAN_RATIO = 0.55  # allowed on the master's side, where errors are larger
 EXACT = 1e-7  # in %
+STRESS = -65.0  # exact
 CONCLUSION = f"""\
 The percentages need not be the paper's: its meshes are shown in a figure but not published, and
 the error depends on where the nodes of one side lie on the facets of the other. What can be
@@ -46,39 +48,36 @@ def check(condition, message):
         raise CheckError(message)
 
 
-def table(comm):
+def table(parameters, run, reference):
     """Print all cases of the paper's Table 1 beside it, and check what CONCLUSION says.
+
+    Args:
+        parameters: Class of the patch test's parameters.
+        run: Called with parameters, returns first what --json writes.
+        reference: Called with communicator and parameters, returns the stress in one body.
 
     Raises:
         CheckError: If a check fails.
     """
-
-    def say(line=""):
-        if comm.rank == 0:
-            print(line, flush=True)
-
     say("Error of the normal stress in the cells at the interface, mean / maximum in %")
     say("(master × slave cells along an edge)")
     say()
     head = "".join(f"{kind:>22}" for kind in ("quasi-symmetric", "master-slave"))
     say(f"{'case':42}{head}{'ratio':>14}{'overlay':>20}")
     summary = {}
-    for case, ((material, load), paper) in enumerate(PAPER.items(), start=1):
-        title = f"{case}. {material}, {load}: the paper's"
-        say_row(say, title, paper["quasi-symmetric"], paper["master-slave"])
+    for number, ((material, load), paper) in enumerate(PAPER.items(), start=1):
+        title = f"{number}. {material}, {load}: the paper's"
+        say_row(title, paper["quasi-symmetric"], paper["master-slave"])
         references = {}
         for cell, n_master, n_slave in MESHES[material]:
-            shared = {"cell": cell, "load": load, "material": material}
-            results = [
-                run(Parameters(n_master, n_slave, **shared, **kind), comm)
-                for kind in KINDS.values()
-            ]
-            results = [result for result, _ in results]
-            references[n_master] = reference_stress(comm, Parameters(n_master, **shared))
+            case = {"master": n_master, "slave": n_slave, "cell": cell}
+            case |= {"load": load, "material": material}
+            results = [run(parameters(**case, **kind))[0] for kind in KINDS.values()]
+            references[n_master] = reference(MPI.COMM_WORLD, parameters(**case))
             for side in ("slave", "master"):
                 rows = quasi, ms, exact = [errors(result, side) for result in results]
                 name = f"{cell} {n_master} × {n_slave}, {side}"
-                say_row(say, f"   {name}", quasi, ms, exact)
+                say_row(f"   {name}", quasi, ms, exact)
                 for q, m in zip(quasi, ms, strict=True):
                     check(q < m, f"{name}: quasi-symmetric is not better")
                 allowed = MEAN_RATIO * ms[0]
@@ -87,9 +86,9 @@ def table(comm):
                 if (cell, n_master, n_slave) == SUMMARY and side == "master":
                     summary[material, load] = dict(zip(KINDS, rows, strict=True))
         if material == "newtonian":
-            say_references(say, references)
+            say_references(references)
     say()
-    say_summary(say, summary)
+    say_summary(summary)
     say()
     say(CONCLUSION)
 
@@ -99,7 +98,7 @@ def errors(result, side):
     return 100 * result[f"{side}_mean_error"], 100 * result[f"{side}_max_error"]
 
 
-def say_row(say, name, qs_errors, ms_errors, exact=None):
+def say_row(name, qs_errors, ms_errors, exact=None):
     """Print one row of the table."""
     columns = [f"{mean:9.3f} /{maximum:8.3f}" for mean, maximum in (qs_errors, ms_errors)]
     ratios = [q / m for q, m in zip(qs_errors, ms_errors, strict=True)]
@@ -107,14 +106,14 @@ def say_row(say, name, qs_errors, ms_errors, exact=None):
     say(f"{name:42}{columns[0]:>22}{columns[1]:>22}{ratios[0]:8.2f} /{ratios[1]:5.2f}{last:>20}")
 
 
-def say_references(say, references):
+def say_references(references):
     """Print and check the stresses in single bodies."""
     for n, stress in references.items():
         say(f"   reference: stress in one body of {n} × {n} × 2 cells {stress:.12f}")
         check(np.isclose(stress, STRESS, rtol=1e-10), "the stress in one body is not the load")
 
 
-def say_summary(say, summary):
+def say_summary(summary):
     """Print Table 1 in the paper's layout: columns are cases."""
     cell, n_master, n_slave = SUMMARY
     say("Table 1, mean / maximum in %; here: master's side,")
@@ -126,43 +125,3 @@ def say_summary(say, summary):
             say(f"{f'{name}, {where}':24}" + "".join(f"{pair:>25}" for pair in pairs))
     pairs = ("{:.0e} / {:.0e}".format(*summary[case]["overlay"]) for case in PAPER)
     say(f"{'overlay, here':24}" + "".join(f"{pair:>25}" for pair in pairs))
-
-
-# --- Picture
-
-
-def plot(comm, filename, cell="tetrahedron", n_master=8, n_slave=3):
-    """Draw the contact traction that both sides receive, with both formulations."""
-    panels = {}
-    for name in ("master-slave", "quasi-symmetric", "overlay"):
-        _, contact = run(Parameters(n_master, n_slave, cell, **KINDS[name]), comm)
-        for side, n in (("slave", n_slave), ("master", n_master)):
-            x = (contact.slave if side == "slave" else contact.master).node_x
-            values = np.abs(normal_traction(contact, side, np.array([0.0, 0.0, 1.0])) / STRESS)
-            panels[side, name] = n, gather(comm, x, values)
-    if comm.rank > 0:
-        return
-    figure, axes = pyplot().subplots(
-        2, 3, figsize=(10.5, 6.8), sharex=True, sharey=True, layout="compressed"
-    )
-    for axis, ((side, name), (n, (x, values))) in zip(
-        axes.flat, sorted(panels.items(), key=lambda p: p[0][0] == "master"), strict=True
-    ):
-        order = np.lexsort((x[:, 0], x[:, 1]))
-        grid = values[order].reshape(n + 1, n + 1)
-        ticks = np.linspace(0, 1, n + 1)
-        options = {"shading": "gouraud", "cmap": "RdBu_r", "vmin": 0, "vmax": 2}
-        image = axis.pcolormesh(ticks, ticks, grid, **options)
-        axis.plot(*np.meshgrid(ticks, ticks), ".", color="black", markersize=3, clip_on=False)
-        worst = 100 * np.max(np.abs(values - 1))
-        text = f"{worst:.0f}" if worst > 1 else f"{worst:.0e}"
-        axis.set_title(f"{name}, {side}, {n} × {n}\nlargest error {text} %")
-        axis.set_aspect("equal")
-    for axis in axes[-1]:
-        axis.set_xlabel("x / edge of the cube (-)")
-    for axis in axes[:, 0]:
-        axis.set_ylabel("y / edge of the cube (-)")
-    label = "contact traction / applied pressure (-)"
-    figure.colorbar(image, ax=axes, label=label, shrink=0.8, extend="max")
-    save(figure, filename)
-    print(f"\n{filename}: contact traction on both sides")

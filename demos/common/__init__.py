@@ -1,0 +1,1 @@
+"""What the demos share beside their physics: command lines, pictures, tables, files."""

@@ -1,0 +1,53 @@
+"""What is measured of a contact at its nodes, on all ranks together."""
+
+from mpi4py import MPI
+
+import numpy as np
+
+
+def mean_and_max(comm, values):
+    """Mean and largest value. Collective."""
+    number, total = comm.allreduce(np.array([len(values), np.sum(values)]))
+    return total / number, comm.allreduce(np.max(values, initial=0.0), op=MPI.MAX)
+
+
+def relative_l2(surface, value, exact, where=slice(None)):
+    """(Σ S_k (t_k − t(x_k))² / Σ S_k t(x_k)²)^½ over nodes of a surface. Collective.
+
+    Args:
+        surface: The surface; S_k are the areas of its nodes.
+        value: t_k.
+        exact: t(x_k).
+        where: Which of the nodes.
+    """
+    local = [(surface.node_area * f**2)[where].sum() for f in (value - exact, exact)]
+    squares = surface.comm.allreduce(np.array(local))
+    return np.sqrt(squares[0] / squares[1])
+
+
+def stick_and_slip(contact):
+    """Shares of the closed area, and what friction took there in the last step. Collective.
+
+    Returns:
+        Under "stick" and "slip" parts of the closed area, under "stick_energy" the energy taken at
+        nodes that do not slip, and under "least" the least energy taken at any node.
+    """
+    areas, sticking, least = np.zeros(2), 0.0, 0.0
+    for side in ("slave", "master") if contact.formulation == "double-pass" else ("slave",):
+        area, energy = getattr(contact, side).node_area, contact.dissipation(side)
+        active, slipping = contact.active(side), contact.slipping(side)
+        areas += area[active & ~slipping].sum(), area[slipping].sum()
+        sticking += energy[~slipping].sum()
+        least = min(least, energy.min(initial=0.0))
+    areas, sticking = contact.comm.allreduce(areas), contact.comm.allreduce(sticking)
+    least = contact.comm.allreduce(least, op=MPI.MIN)
+    shares = dict(zip(("stick", "slip"), areas / areas.sum(), strict=True))
+    return shares | {"stick_energy": sticking, "least": least}
+
+
+def stick_zone(contact):
+    """Half the length of the slave's nodes that stick, in 2D, and their centre. Collective."""
+    surface, sticks = contact.slave, contact.active() & ~contact.slipping()
+    size, x = surface.node_area[sticks], surface.node_x[sticks, 0]
+    length, moment = contact.comm.allreduce(np.array([size.sum(), size @ x]))
+    return length / 2, moment / max(length, 1e-300)

@@ -1,0 +1,47 @@
+"""What a run writes into a folder: its history, and fields for ParaView."""
+
+import pathlib
+
+import qsdolfinx as qs
+
+
+class Output:
+    """History of a run, on the terminal as well, and fields in a folder.
+
+    Args:
+        comm: Communicator.
+        folder: Where to write; None: nothing is written.
+        t_end: Time at which the run ends.
+        verbose: Whether to print the history.
+        after: Steps made before this run, whose history goes on; its fields are files of its own.
+    """
+
+    def __init__(self, comm, folder, t_end, verbose, after=0):
+        self.folder = pathlib.Path(folder) if folder else None
+        if self.folder and comm.rank == 0:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        comm.barrier()
+        file = self.folder and self.folder / "history.csv"
+        self.history = qs.History(comm, file, t_end=t_end, verbose=verbose, append=after > 0)
+        self.part = f"_from_{after}" if after else ""
+        self.files, self.writers = [], []
+
+    def add_fields(self, name, msh, fields, at_vertices):
+        """A file of fields in the cells, and of continuous ones at the vertices."""
+        if self.folder:
+            path = self.folder / f"{name}{self.part}.xdmf"
+            self.files.append((path, msh, fields, at_vertices))
+
+    def write(self, t, row):
+        """Add a step. Collective."""
+        self.history.add(row)
+        if not self.writers:  # tractions with an automatic penalty are known from here on
+            self.writers = [qs.FieldWriter(*file) for file in self.files]
+        for writer in self.writers:
+            writer.write(t)
+
+    def close(self):
+        """End the history and the files."""
+        self.history.close()
+        for writer in self.writers:
+            writer.close()

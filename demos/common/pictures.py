@@ -1,0 +1,506 @@
+"""The pictures of the demos, one for each; those of forging are in film.py.
+
+All are collective: what is drawn is gathered on rank 0, which draws it.
+"""
+
+import dataclasses
+
+from mpi4py import MPI
+
+import numpy as np
+
+import ufl
+
+from common.command import FORMULATIONS
+from common.drawing import (
+    STEEL,
+    boundary,
+    cells,
+    draw_cells,
+    draw_triangles,
+    gather,
+    node_values,
+    pyplot,
+    save,
+    set_view,
+)
+
+#: What both sides of a contact are drawn with.
+SIDES = {"slave": "o-", "master": "s-"}
+
+# --- Patch test
+
+
+def patch_test(filename, parameters, run, stress, n_master=8, n_slave=3):
+    """Contact traction that both sides receive, of three kinds of contact.
+
+    Args:
+        filename: Of the picture.
+        parameters: Class of the patch test's parameters.
+        run: Called with parameters, returns the contact as second.
+        stress: The exact one.
+        n_master: Cells along an edge of the master.
+        n_slave: The same of the slave.
+    """
+    kinds = {"master-slave": {"formulation": "master-slave"}, "quasi-symmetric": {}}
+    kinds["overlay"] = {"quadrature": "overlay"}
+    contacts = {name: run(parameters(n_master, n_slave, **kind))[1] for name, kind in kinds.items()}
+    panels = []
+    for side, n in (("slave", n_slave), ("master", n_master)):
+        for name, contact in contacts.items():
+            surface = getattr(contact, side)
+            values = np.abs(surface.node_values(contact.traction(side))[:, 2] / stress)
+            nodes = gather(surface.comm, surface.node_x, values)
+            panels.append((f"{name}, {side}, {n} × {n}", np.linspace(0, 1, n + 1), nodes))
+    if panels[0][-1] is None:
+        return
+    figure, axes = pyplot().subplots(
+        2, 3, figsize=(10.5, 6.8), sharex=True, sharey=True, layout="compressed"
+    )
+    for axis, (title, ticks, (x, values)) in zip(axes.flat, panels, strict=True):
+        grid = values[np.lexsort((x[:, 0], x[:, 1]))].reshape(len(ticks), len(ticks))
+        options = {"shading": "gouraud", "cmap": "RdBu_r", "vmin": 0, "vmax": 2}
+        image = axis.pcolormesh(ticks, ticks, grid, **options)
+        axis.plot(*np.meshgrid(ticks, ticks), ".", color="black", markersize=3, clip_on=False)
+        worst = 100 * np.max(np.abs(values - 1))
+        text = f"{worst:.0f}" if worst > 1 else f"{worst:.0e}"
+        axis.set(title=f"{title}\nlargest error {text} %", aspect="equal")
+    for axis in axes[-1]:
+        axis.set_xlabel("x / edge of the cube (-)")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("y / edge of the cube (-)")
+    label = "contact traction / applied pressure (-)"
+    figure.colorbar(image, ax=axes, label=label, shrink=0.8, extend="max")
+    save(figure, filename)
+    print(f"\n{filename}: contact traction on both sides")
+
+
+# --- Hertz and partial slip
+
+
+def sorted_nodes(surface, x, *values):
+    """Values at all nodes of a surface along x, on rank 0; None elsewhere."""
+    lines = gather(surface.comm, x, *values)
+    return lines and [line[np.argsort(lines[0])] for line in lines]
+
+
+def hertz(filename, p, solve):
+    """Traction on both sides over Hertz's pressure, for three kinds of contact.
+
+    Args:
+        filename: Of the picture.
+        p: Parameters.
+        solve: Called with parameters, returns closed form, slave, master, contact and problem.
+    """
+    panels = []
+    for formulation, quadrature in (
+        ("master-slave", "nodal"),
+        ("quasi-symmetric", "nodal"),
+        ("quasi-symmetric", "overlay"),
+    ):
+        case = dataclasses.replace(p, formulation=formulation, quadrature=quadrature)
+        exact, slave, master, contact, problem = solve(case)
+        lines = []
+        for side, body in (("slave", slave), ("master", master)):
+            surface = body.surface
+            normal = surface.node_normal[:, : p.dim]
+            t = -np.sum(surface.node_values(contact.traction(side)) * normal, axis=1)
+            r = np.linalg.norm(surface.node_x[:, : p.dim - 1], axis=1)
+            lines.append(sorted_nodes(surface, r, t))
+        panels.append((f"{formulation}, {quadrature}", lines))
+        problem.destroy()
+    if lines[0] is None:
+        return
+    figure, axes = pyplot().subplots(1, 3, figsize=(12, 4), sharey=True, layout="constrained")
+    s = np.linspace(0, 1.6, 400)
+    for axis, (title, lines) in zip(axes, panels, strict=True):
+        for (side, style), (r, t) in zip(SIDES.items(), lines, strict=True):
+            # In 3D nodes at the same distance have values of their own: no lines.
+            style = style if p.dim == 2 else style.rstrip("-")
+            near = r <= 1.6 * exact.a
+            axis.plot(r[near] / exact.a, t[near] / exact.p0, style, ms=3, lw=0.8, label=side)
+        axis.plot(s, exact.pressure(s * exact.a) / exact.p0, color="black", label="Hertz")
+        axis.set(title=title, xlabel="distance from the middle / a (-)")
+        axis.grid()
+    axes[0].legend()
+    axes[0].set_ylabel("contact traction / p0 (-)")
+    save(figure, filename)
+
+
+def cattaneo_mindlin(filename, p, solve, tractions):
+    """Normal traction above, tangential traction below, nodal and overlay.
+
+    Args:
+        filename: Of the picture.
+        p: Parameters.
+        solve: Called with parameters, returns the scene.
+        tractions: Called with scene and side, returns both tractions at its nodes.
+    """
+    columns = []
+    for quadrature in ("nodal", "overlay"):
+        scene = solve(dataclasses.replace(p, quadrature=quadrature))
+        surfaces = {side: body.surface for side, body in scene.bodies.items()}
+        lines = {
+            side: sorted_nodes(surface, surface.node_x[:, 0], *tractions(scene, side))
+            for side, surface in surfaces.items()
+        }
+        columns.append((f"{p.formulation}, {quadrature}", lines))
+    if lines["slave"] is None:
+        return
+    figure, axes = pyplot().subplots(
+        2, 2, figsize=(11, 7), sharex=True, sharey="row", layout="constrained"
+    )
+    exact, s = scene.exact, np.linspace(-1.3, 1.3, 2001)
+    rows = (
+        ("normal traction / p0 (-)", exact.p0, exact.normal),
+        ("tangential traction / (μ p0) (-)", exact.limit, exact.tangential),
+    )
+    for column, (title, lines) in zip(axes.T, columns, strict=True):
+        column[0].set_title(title)
+        column[1].set_xlabel("x / b (-)")
+        for axis, (_, unit, function), part in zip(column, rows, (1, 2), strict=True):
+            for side, style in SIDES.items():
+                x, t = lines[side][0] / exact.a, lines[side][part] / unit
+                near = np.abs(x) <= 1.3
+                axis.plot(x[near], t[near], style, ms=2.5, lw=0.7, label=side)
+            closed = function(s * exact.a) / unit
+            axis.plot(s, closed, color="black", lw=1, label="closed form")
+            axis.grid()
+    for axis, (label, _, _) in zip(axes[:, 0], rows, strict=True):
+        axis.set_ylabel(label)
+    axes[0, 0].legend()
+    save(figure, filename)
+
+
+# --- Block on block
+
+
+class Friction:
+    """Friction on a dragged block, and what its nodes do, in three states.
+
+    Args:
+        limit: Total friction μN at full slip; the area of contact is 1.
+    """
+
+    KINDS = (("white", "open"), ("black", "sticks"), ("red", "slips"))
+
+    def __init__(self, limit):
+        self.limit = limit
+        self.states = []
+
+    def __call__(self, contact, row):
+        """Keep a state. Collective."""
+        surface = contact.slave
+        t = surface.node_values(contact.traction("slave", part="tangential"))
+        status = contact.active().astype(int) + contact.slipping()
+        nodes = gather(contact.comm, surface.node_x[:, :2], t[:, :2] / self.limit, status)
+        self.states.append((row, nodes))
+
+    def draw(self, filename):
+        """The first drag, half of the area slipping, and the end; on rank 0."""
+        if self.states[0][1] is None:
+            return
+        middle = min(self.states[1:], key=lambda state: abs(state[0]["slip"] - 0.5))
+        figure, axes = pyplot().subplots(1, 3, figsize=(12, 4.5), sharey=True)
+        figure.subplots_adjust(left=0.05, right=0.91, bottom=0.2, top=0.94, wspace=0.06)
+        for axis, state in zip(axes, (self.states[1], middle, self.states[-1]), strict=True):
+            colours = self.draw_state(axis, *state)
+            axis.set_xlabel("x, dragged to the right (-)")
+        axes[0].set_ylabel("y (-)")
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="lower center", ncols=3)
+        box = axes[-1].get_position()
+        bar = figure.add_axes((box.x1 + 0.012, box.y0, 0.012, box.height))
+        label = "friction on the upper block / (μN / area) (-)"
+        figure.colorbar(colours, cax=bar, label=label, ticks=np.linspace(0, 2, 5))
+        save(figure, filename)
+
+    def draw_state(self, axis, row, nodes):
+        """Size and direction of the friction, and what the nodes do."""
+        x, t, status = nodes
+        size = np.linalg.norm(t, axis=1)
+        colours = axis.tricontourf(*x.T, size, levels=np.linspace(0, 2, 21), extend="max")
+        axis.quiver(*x.T, *t.T, color="white", width=0.004, scale=16, zorder=3)
+        for kind, (face, label) in enumerate(self.KINDS):
+            style = {"ms": 4.5, "mec": "black", "mew": 0.5, "clip_on": False}
+            axis.plot(*x[status == kind].T, "o", color=face, label=label, **style)
+        axis.set_title(f"shift {row['shift']:.3f}: T = {row['ratio']:.2f} μN")
+        axis.set_aspect("equal")
+        return colours
+
+
+# --- Sliding wedge
+
+
+def sliding_wedge(filename, bodies, rows, exact):
+    """Stress in the deformed bodies, and F / G.
+
+    Args:
+        filename: Of the picture.
+        bodies: The bodies at the end.
+        rows: States after all steps.
+        exact: F / G of the closed form.
+    """
+    moves = [node_values(body.u) for body in bodies]
+    comm = bodies[0].mesh.comm
+    largest = comm.allreduce(max(np.abs(u).max(initial=0.0) for u in moves), op=MPI.MAX)
+    # Displacements are drawn so many times as large: 1, 2 or 5 times a power of ten.
+    factors = [digit * 10**power for power in range(6) for digit in (1, 2, 5)]
+    factor = max(f for f in factors if f == 1 or f * largest <= 0.4)
+    drawn = [
+        cells(body.mesh, factor * u, body.stress[1, 1])
+        for body, u in zip(bodies, moves, strict=True)
+    ]
+    if drawn[0] is None:
+        return
+    figure, (left, right) = pyplot().subplots(
+        1, 2, figsize=(12, 4), width_ratios=(1.5, 1), layout="constrained"
+    )
+    limit = max(np.percentile(np.abs(stress), 98) for _, stress in drawn)
+    for corners, stress in drawn:
+        colours = draw_cells(left, corners, stress, cmap="RdBu_r", clim=(-limit, limit))
+    left.autoscale_view()
+    left.set(xlabel="x (-)", ylabel="y (-)")
+    left.set_title(f"deformed meshes, displacements {factor:g} times as large")
+    label = "vertical stress / (G / length) (-)"
+    below = {"orientation": "horizontal", "aspect": 40, "extend": "both"}
+    figure.colorbar(colours, ax=left, label=label, **below)
+    ratio = [row["ratio"] for row in rows]
+    right.plot(1e3 * np.array([row["shift"] for row in rows]), ratio, "o-", label="F / G")
+    right.axhline(exact, color="black", ls="--", lw=1, label="closed form, full slip")
+    right.set(xlabel="shift of the wedge's back (1e-3)", ylabel="F / G (-)")
+    right.set(xlim=(0, None), ylim=(0, 1.15 * max(exact, *ratio)))
+    right.grid()
+    right.legend(loc="lower right")
+    save(figure, filename)
+
+
+# --- Ironing
+
+
+def ironing(filename, p, iron, plateau):
+    """Deformed meshes in the middle of the slide, and forces over the slide.
+
+    Args:
+        filename: Of the picture.
+        p: Parameters.
+        iron: Called with parameters and ``on_step(row, scene)``; returns rows as second.
+        plateau: Called with parameters and rows; returns columns of the plateau, and the row
+            before it.
+    """
+    kinds = (
+        ("master-slave", "nodal", "tab:red"),
+        ("quasi-symmetric", "nodal", "tab:blue"),
+        ("quasi-symmetric", "overlay", "black"),
+    )
+    run_in, steps = p.plan()
+    lines, bodies = [], []
+
+    def at_middle(row, scene):
+        if not bodies and row.slide >= (run_in + steps) / 2 * p.facets / steps:
+            bodies.extend(deformed(body) for body in scene[:2])
+
+    for formulation, quadrature, colour in kinds:
+        bodies.clear()
+        case = dataclasses.replace(p, formulation=formulation, quadrature=quadrature)
+        lines.append((f"{formulation}, {quadrature}", colour, iron(case, on_step=at_middle)[1]))
+    if bodies[0] is None:
+        return
+    figure = pyplot().figure(figsize=(12, 7.4), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(1.15, 1))
+    draw_meshes(above.subplots(), bodies)
+    axes = below.subplots(1, 3)
+    for title, colour, rows in lines:
+        columns, before = plateau(p, rows)
+        sliding = [row for row in rows if row.slide > 0]
+        place = [row.slide for row in sliding]
+        for axis, name in zip(axes, ("fx", "fy"), strict=False):
+            mean = np.average(getattr(columns, name), weights=columns.dt)
+            force = np.array([getattr(row, name) for row in sliding])
+            axis.plot(place, 100 * (force / mean - 1), "-", color=colour, lw=1, label=title)
+        axes[2].plot(place, [abs(row.fx / row.fy) for row in sliding], color=colour, lw=1)
+    axes[0].set(ylim=(-2.6, 2.6), ylabel="Fx, off its mean on the plateau (%)")
+    axes[1].set(ylim=(-0.5, 0.5), ylabel="Fy, off its mean on the plateau (%)")
+    axes[2].set(ylim=(0.97 * p.mu, 1.03 * p.mu), ylabel="|Fx / Fy| (-); dashed: μ")
+    axes[2].axhline(p.mu, color="grey", ls="--", lw=1)
+    for axis in axes:
+        axis.axvspan(0, before.slide, color="0.93", zorder=0)
+        axis.set(xlabel="slide (facets of the slab)", xlim=(0, None))
+        axis.grid()
+    axes[0].legend(loc="lower right")
+    save(figure, filename)
+
+
+def deformed(body):
+    """Deformed cells and the Cauchy shear stress in them, on rank 0."""
+    F = ufl.Identity(2) + ufl.grad(body.u)
+    shear = (body.stress * F.T / ufl.det(F))[0, 1]
+    return cells(body.mesh, node_values(body.u), shear)
+
+
+def draw_meshes(axis, bodies):
+    """Both bodies around the contact, in true proportions."""
+    limit = max(np.abs(shear).max() for _, shear in bodies[1:])
+    for corners, shear in bodies:
+        drawn = draw_cells(axis, corners, shear, cmap="RdBu_r", clim=(-limit, limit))
+    x = bodies[0][0]
+    middle, half = 0.5 * (x[..., 0].min() + x[..., 0].max()), 2.2
+    axis.set(xlim=(middle - half, middle + half), ylim=(-1.02, 0.8))
+    axis.set(xlabel="x / height of the slab (-)", ylabel="y / height of the slab (-)")
+    axis.set_title("deformed meshes in the middle of the slide to the right, overlay")
+    label = "shear stress / E of the slab (-)"
+    axis.figure.colorbar(drawn, ax=axis, label=label, extend="both", pad=0.01)
+
+
+# --- Ring compression
+
+
+def ring_compression(filename, results, shown=(0.0, 0.15, 0.7)):
+    """Deformed sections, and calibration curves.
+
+    Args:
+        filename: Of the picture.
+        results: Result, history and ring of each friction factor.
+        shown: Factors whose sections are drawn.
+    """
+    sections = {factor: cells(results[factor][2].mesh) for factor in shown}
+    if sections[shown[0]] is None:
+        return
+    figure = pyplot().figure(figsize=(12, 5.6), layout="constrained")
+    grid = figure.add_gridspec(len(shown), 2, width_ratios=(1, 1.25))
+    first = None
+    for i, (factor, (corners, _)) in enumerate(sections.items()):
+        first = axis = figure.add_subplot(grid[i, 0], sharex=first)
+        draw_cells(axis, corners, facecolor="none", edgecolor="tab:red", linewidth=0.5)
+        for z in (0, corners[..., 1].max()):
+            axis.plot([0, 24], [z, z], color="black", lw=2)
+        axis.axvline(0, color="black", lw=0.8, ls="-.")
+        for radius in (7.5, 15.0):
+            axis.axvline(radius, color="gray", lw=0.8, ls=":")
+        axis.set(ylabel="z (mm)", xlim=(-0.5, 24))
+        title = "no friction" if factor == 0 else f"m\u0304 = {factor:g}"
+        axis.set_title(f"{title}, {results[factor][1][-1]['reduction']:.0%} reduction")
+        axis.tick_params(labelbottom=i == len(shown) - 1)
+    first.set_xlabel("r (mm); dotted: radii before")
+    draw_calibration(figure.add_subplot(grid[:, 1]), results)
+    save(figure, filename)
+
+
+def draw_calibration(axis, results):
+    """Inner diameter over reduction."""
+    colours = pyplot().get_cmap("viridis")(np.linspace(0, 0.9, len(results)))
+    for colour, (factor, (_, rows, _)) in zip(colours, results.items(), strict=True):
+        reduction = np.array([0.0] + [row["reduction"] for row in rows])
+        change = np.array([1.0] + [row["inner_radius"] for row in rows]) - 1
+        axis.plot(100 * reduction, -100 * change, color=colour, label=f"m\u0304 = {factor:g}")
+    s = np.linspace(0, max(reduction), 50)
+    axis.plot(100 * s, 100 * (1 - 1 / np.sqrt(1 - s)), "k:", label="closed form, m\u0304 = 0")
+    axis.axhline(0, color="gray", lw=0.8)
+    axis.set_xlabel("reduction of the height (%)")
+    axis.set_ylabel("decrease of the inner diameter (%)")
+    axis.set_title("ring 6:3:2, Tresca's friction")
+    axis.grid()
+    axis.legend()
+
+
+# --- Upsetting of a cylinder
+
+
+class Upsetting:
+    """Forces, and the billet at first and at the end."""
+
+    def __init__(self):
+        self.forces, self.first, self.last = [], None, None
+
+    def __call__(self, msh, *force):
+        """Keep the billet; after a step also reduction, force on a die, closed form. Collective."""
+        if msh.geometry.dim == 2:
+            shape = cells(msh)
+        else:
+            x = msh.geometry.x
+            shape = gather(msh.comm, x[boundary(msh, x)[0]])
+        self.last = shape and shape[0]
+        if force:
+            self.forces.append(force)
+        else:
+            self.first = self.last
+
+    def draw(self, filename):
+        """Billet, force and its error; on rank 0."""
+        if self.first is None:
+            return
+        figure = pyplot().figure(figsize=(12, 4.2), layout="constrained")
+        grid = figure.add_gridspec(2, 3, width_ratios=(0.9, 0.9, 1.5), height_ratios=(1.6, 1))
+        for i, (shape, title) in enumerate(((self.first, "before"), (self.last, "at the end"))):
+            if shape.shape[-1] == 2:
+                axis = figure.add_subplot(grid[:, i])
+                draw_cells(axis, shape, facecolor=STEEL)
+                axis.set(xlabel="r (-)", ylabel="z (-)" if i == 0 else None)
+                axis.set(xlim=(0, 1.05 * self.last[..., 0].max()))
+                axis.set(ylim=(-0.5, 1.05 * self.first[..., 1].max()))
+            else:
+                axis = figure.add_subplot(grid[:, i], projection="3d")
+                reach, height = self.last[..., 0].max(), self.first[..., 2].max()
+                set_view(axis, 20, 35, ((0, reach), (0, reach), (0, height)))
+                draw_triangles(axis, shape, np.tile(STEEL, (len(shape), 1)))
+            axis.set_title(title)
+        self.draw_forces(figure.add_subplot(grid[0, 2]), figure.add_subplot(grid[1, 2]))
+        save(figure, filename)
+
+    def draw_forces(self, above, below):
+        """Force beside the closed form, and the deviation."""
+        reduction, force, exact = np.array(self.forces).T
+        above.plot(100 * reduction, exact / exact[0], color="black", label="closed form")
+        above.plot(100 * reduction, force / exact[0], "o", color="tab:orange", label="upper die")
+        above.set(ylabel="force / first (-)")
+        above.tick_params(labelbottom=False)
+        above.legend()
+        error = np.maximum(np.abs(force / exact - 1), 1e-16)
+        below.semilogy(100 * reduction, error, ".-")
+        decades = np.floor(np.log10(error.min())), np.ceil(np.log10(error.max()))
+        below.set_ylim(*10.0 ** np.array(decades))
+        below.set(xlabel="reduction of the height (%)", ylabel="rel. error (-)")
+        for axis in (above, below):
+            axis.set_xlim(0, None)
+            axis.grid()
+
+
+# --- Convergence of clamped upsetting
+
+
+def upsetting_convergence(filename, result, ratios, norms):
+    """All errors over h, of what --json writes for these ratios and norms; on rank 0."""
+    if MPI.COMM_WORLD.rank > 0:
+        return
+    figure, axes = pyplot().subplots(
+        3, 3, figsize=(10, 9.6), sharex=True, sharey="row", layout="constrained"
+    )
+    styles = dict(zip(FORMULATIONS, ("s-", "^-", "o-"), strict=True))
+    for row, norm in zip(axes, norms, strict=True):
+        for axis, formulation in zip(row, FORMULATIONS, strict=True):
+            draw_errors(axis, result, ratios, f"{norm}_{formulation}", styles[formulation])
+        what = "energy norm" if norm == "energy" else "traction of the " + norm.partition("_")[0]
+        row[0].set_ylabel(f"relative error, {what} (-)")
+        row[0].set_ylim(bottom=row[0].get_ylim()[0] / 12)  # room for the legends
+    for axis, formulation in zip(axes[0], FORMULATIONS, strict=True):
+        axis.set_title(formulation)
+    for axis in axes[-1]:
+        axis.set_xlabel("h of the coarser side / width (-)")
+        low, high = axis.get_xlim()
+        ticks = [t for t in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5) if low <= t <= high]
+        axis.set_xticks(ticks, [f"{t:g}" for t in ticks])
+        axis.tick_params(which="minor", labelbottom=False)
+    save(figure, filename)
+
+
+def draw_errors(axis, result, ratios, key, style):
+    """One norm of one formulation, for all ratios of the meshes."""
+    levels = range(result["levels"])
+    colours = ("black", "tab:blue", "tab:cyan", "tab:green", "tab:red")
+    for ratio, colour in zip(ratios, colours, strict=True):
+        h = [result[f"h_{ratio}_{i}"] for i in levels]
+        error = [result[f"error_{key}_{ratio}_{i}"] for i in levels]
+        rate = round(result[f"rate_{key}_{ratio}"], 2) + 0.0  # no minus before 0
+        axis.loglog(h, error, style, color=colour, label=f"{ratio}, rate {rate:.2f}")
+    axis.legend(fontsize=7, loc="lower right", title="master:slave", title_fontsize=7)
+    axis.grid(which="both")

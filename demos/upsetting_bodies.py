@@ -1,0 +1,116 @@
+"""Bodies of the upsetting test, and the errors of two tied ones against a single one."""
+
+import numpy as np
+from common.bodies import fix, integral
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+E, NU, DELTA = 1.0, 0.3, 0.01
+
+
+def stress(u):
+    """In plane strain."""
+    return qs.materials.linear_elastic(u, E, NU)
+
+
+def locate(msh, axis, value):
+    """Facets, boundary or not, in a plane across an axis."""
+    return mesh.locate_entities(msh, 1, lambda x: np.abs(x[axis] - value) < 1e-12)
+
+
+def create_mesh(comm, n, lower, upper, grading):
+    """Graded mesh between heights lower and upper (−1, 0 or 1), n cells wide."""
+    # Errors need the cells on both sides of facets that ranks share.
+    ghosts = {"ghost_mode": mesh.GhostMode.shared_facet}
+    corners, cells = [[0.0, lower], [1.0, upper]], [n, n * (upper - lower)]
+    msh = mesh.create_rectangle(comm, corners, cells, mesh.CellType.quadrilateral, **ghosts)
+    # Coordinates that meshes have in common are equal to the last bit.
+    t = np.rint(n * msh.geometry.x[:, :2]) / n
+    msh.geometry.x[:, :2] = np.sign(t) * (1 - (1 - np.abs(t)) ** grading)
+    msh.topology.create_connectivity(1, 2)
+    return msh
+
+
+class Body:
+    """Elastic body with the conditions of symmetry and of the dies it reaches."""
+
+    def __init__(self, msh, degree=1):
+        self.mesh = msh
+        self.V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
+        self.u = fem.Function(self.V)
+        self.F = ufl.inner(stress(self.u), ufl.grad(ufl.TestFunction(self.V))) * ufl.dx
+        bottom, top = locate(msh, 1, -1.0), locate(msh, 1, 1.0)
+        self.bcs = [fix(self.V, axis, bottom) for axis in (0, 1)]
+        self.bcs += [fix(self.V, 0, top), fix(self.V, 1, top, -DELTA)]
+        self.bcs.append(fix(self.V, 0, locate(msh, 0, 0.0)))
+
+    def solve(self):
+        """Solve for this body alone."""
+        qs.ContactProblem([self.F], [self.u], [], [self.bcs]).solve()
+        return self.u
+
+
+class Reference:
+    """Single-body solution on a mesh that contains all others, and errors against it.
+
+    Q1 functions of a coarser mesh are Q1 on this one too, apart from jumps across the interface:
+    each block has its own function, which is of use in the cells of this block only.
+
+    Args:
+        comm: Communicator.
+        n: Cells along the interface, a multiple of those of all others.
+        grading: Of the mesh.
+    """
+
+    def __init__(self, comm, n, grading):
+        self.mesh = msh = create_mesh(comm, n, -1, 1, grading)
+        u, v = (Body(msh, degree).solve() for degree in (3, 2))
+        self.V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+        self.w, self.t = fem.Function(self.V), fem.Function(self.V)
+        index_map = msh.topology.index_map(2)
+        cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+        above = (mesh.compute_midpoints(msh, 2, cells)[:, 1] > 0).astype(np.int32)
+        self.cells = {"master": cells[above == 0], "slave": cells[above == 1]}
+        dx = ufl.Measure("dx", domain=msh, subdomain_data=mesh.meshtags(msh, 2, cells, above))
+        facets = np.sort(locate(msh, 1, 0.0))
+        tags = mesh.meshtags(msh, 1, facets, np.ones_like(facets))
+        dS = ufl.Measure("dS", domain=msh, subdomain_data=tags)(1)
+
+        def energy(w, measure):
+            return fem.form(ufl.inner(stress(w), ufl.grad(w)) * measure)
+
+        pressure = ufl.avg(stress(u)[1, 1])  # traction on the master; minus that on the slave
+        self.energy_forms, self.traction_forms = {}, {}
+        for tag, (side, sign) in enumerate((("master", 1), ("slave", -1))):
+            self.energy_forms[side] = energy(self.w - u, dx(tag))
+            self.traction_forms[side] = fem.form((self.t("+")[1] - sign * pressure) ** 2 * dS)
+        self.energy = integral(msh, energy(u, ufl.dx))
+        self.traction = integral(msh, pressure**2 * dS)
+        #: How far quadratic elements are from cubic ones: a bound of the reference's own error.
+        self.error = np.sqrt(integral(msh, energy(u - v, ufl.dx)) / self.energy)
+        self._places = {}
+
+    def energy_error(self, u, sides):
+        """Square of the energy norm of the error on some sides, relative to the whole energy."""
+        error = 0.0
+        for side in sides:
+            self.w.interpolate_nonmatching(u, self.cells[side], self.transfer(u, side))
+            error += integral(self.mesh, self.energy_forms[side])
+        return error / self.energy
+
+    def traction_error(self, traction, side):
+        """L2 norm of the error of the normal traction on the interface, relative."""
+        self.t.interpolate_nonmatching(traction, self.cells[side], self.transfer(traction, side))
+        return np.sqrt(integral(self.mesh, self.traction_forms[side]) / self.traction)
+
+    def transfer(self, u, side):
+        """Where the points of the cells on one side lie on the mesh of u; found once a mesh."""
+        key = u.function_space.mesh, side
+        if key not in self._places:
+            self._places[key] = fem.create_interpolation_data(
+                self.V, u.function_space, self.cells[side], padding=1e-9
+            )
+        return self._places[key]
