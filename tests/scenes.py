@@ -199,7 +199,9 @@ def all_facets(surface):
     """Vertex coordinates of the facets of all ranks, shape (facets, vertices, 3). Collective."""
     msh, fdim = surface.mesh, surface.mesh.topology.dim - 1
     msh.topology.create_connectivity(fdim, fdim + 1)
-    vertices = mesh.entities_to_geometry(msh, fdim, surface.facets)
+    vertices = np.zeros((0, surface.num_facet_vertices), dtype=np.int32)
+    if len(surface.facets):  # DOLFINx divides by their number
+        vertices = mesh.entities_to_geometry(msh, fdim, surface.facets)
     return gathered(surface.comm, msh.geometry.x[vertices])
 
 
