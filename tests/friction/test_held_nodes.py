@@ -1,4 +1,4 @@
-"""Friction at contact nodes with Dirichlet conditions: the tangent leaves them out, forces do not."""
+"""Friction at contact nodes with Dirichlet conditions, which the tangent leaves out."""
 
 import numpy as np
 import pytest
@@ -105,7 +105,7 @@ def test_tangent(cell, law, quadrature, kind, unknown):
     assert min(touched) > 0
     assert active > 0 and (slipping > 0 or law == "sticking")
     assert largest(difference - product.array_r) < 1e-5 * largest(product.array_r)
-    np.testing.assert_allclose(product.array_r[conditions], d.array_r[conditions], rtol=1e-12)
+    assert largest((product.array_r - d.array_r)[conditions]) < 1e-12
     # Held unknowns have no columns either: the others' rows do not see them.
     d.array[~conditions] = 0
     tangent.mult(d, product)

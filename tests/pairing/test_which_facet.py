@@ -2,12 +2,12 @@
 
 from mpi4py import MPI
 
-import basix.ufl
 import numpy as np
 import pytest
-import ufl
 from scenes import WORLD, box, create_mesh, gathered, plane, vector_space
 
+import basix.ufl
+import ufl
 from dolfinx import mesh
 
 import qsdolfinx as qs
@@ -36,7 +36,7 @@ def blocks(*boxes):
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_plate_in_a_slot(gdim, quadrature):
-    """Each side of a thin plate is paired with the wall that it faces, however near the other is."""
+    """Each side of a thin plate is paired with the wall it faces, however near the other is."""
     n, low, high = [5] * gdim, np.zeros(gdim), np.ones(gdim)
     low[0], high[0], n[0] = 0.1, 0.12, 1
     plate = box(WORLD, n, "quadrilateral" if gdim == 2 else "hexahedron", low, high, "scattered")
@@ -50,12 +50,13 @@ def test_plate_in_a_slot(gdim, quadrature):
     contact = qs.Contact(slave, master, "master-slave", **options)
     points = contact.pairing
     left = points.slave.x[:, 0] < 0.11
+    areas = [WORLD.allreduce(points.weight[side].sum()) for side in (left, ~left)]
+    unpaired = contact.num_unpaired
     np.testing.assert_allclose(points.gap, np.where(left, 0.1, 0.28), atol=1e-14)
     np.testing.assert_allclose(points.normal[:, 0], np.where(left, -1, 1), atol=1e-14)
     np.testing.assert_allclose(points.master.x[:, 0], np.where(left, 0, 0.4), atol=1e-14)
-    areas = [WORLD.allreduce(points.weight[side].sum()) for side in (left, ~left)]
     np.testing.assert_allclose(areas, 1.0)
-    assert contact.num_unpaired == 0
+    assert unpaired == 0
 
 
 @pytest.mark.filterwarnings("ignore:normals")  # the back of the plate is none to pair with
@@ -78,11 +79,12 @@ def test_what_is_behind_is_hidden(gdim, quadrature):
     x = points.slave.x[:, 0]
     inner = np.abs(x - 0.5) > 1e-9  # at the plate's edge either
     expected = np.where(x < 0.5, 0.02, 0.06)
-    np.testing.assert_allclose(points.gap[inner], expected[inner], atol=1e-14)
-    assert np.isclose(WORLD.allreduce(points.weight.sum()), 1.0)
+    area = WORLD.allreduce(points.weight.sum())
     back = qs.Surface(vector_space(below), facets=facing(below, axis, (-0.03,)))
     contact = qs.Contact(slave, back, "master-slave", **options)
-    assert WORLD.allreduce(len(contact.pairing)) == 0
+    behind = WORLD.allreduce(len(contact.pairing))
+    np.testing.assert_allclose(points.gap[inner], expected[inner], atol=1e-14)
+    assert np.isclose(area, 1.0) and behind == 0
 
 
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
@@ -100,13 +102,13 @@ def test_open_gap_along_any_axis(axis, sign, quadrature, formulation):
         surfaces.append(qs.Surface(V, facets=face))
     options = {"quadrature": quadrature, "search_radius": 0.4, "penalty": 1.0}
     contact = qs.Contact(*surfaces, formulation, **options)
-    points = contact.pairing
+    points, unpaired = contact.pairing, contact.num_unpaired
+    area = WORLD.allreduce(points.weight.sum())
     np.testing.assert_allclose(points.gap, 0.3, rtol=1e-13)
     np.testing.assert_allclose(points.normal[:, axis], -sign, rtol=1e-13)
     np.testing.assert_allclose(points.slave.x[:, axis], 0.3 * sign, rtol=1e-13)
     np.testing.assert_allclose(points.master.x[:, axis], 0.0, atol=1e-14)
-    np.testing.assert_allclose(WORLD.allreduce(points.weight.sum()), 1.0)
-    assert contact.num_unpaired == 0
+    assert np.isclose(area, 1.0) and unpaired == 0
 
 
 @pytest.mark.parametrize("gdim", (2, 3))
@@ -122,9 +124,10 @@ def test_beyond_an_edge_round_which_the_surface_goes_on(gdim):
     master = qs.Surface(vector_space(corner), facets=faces)
     contact = qs.Contact(slave, master, "master-slave", search_radius=0.8, penalty=1.0)
     paired, x = np.isfinite(contact.gap()), slave.node_x[:, 0]
+    alone, unpaired = WORLD.allreduce(np.count_nonzero(~paired)), contact.num_unpaired
     np.testing.assert_array_equal(paired, x < 1 + 1e-9)
     np.testing.assert_allclose(contact.gap()[paired], -0.01, rtol=1e-10)
-    assert WORLD.allreduce(np.count_nonzero(~paired)) == contact.num_unpaired > 0
+    assert alone == unpaired > 0
 
 
 @pytest.mark.parametrize("turns", range(4))
@@ -148,10 +151,11 @@ def test_ridge_of_cells_numbered_anyhow(turns):
     contact = qs.Contact(slave, master, "master-slave", search_radius=1.0, penalty=1.0)
     points = contact.pairing
     above = np.isclose(points.slave.x[:, 0], 1.0)
-    assert contact.num_unpaired == 0
-    assert WORLD.allreduce(len(points)) == 15
-    np.testing.assert_allclose(points.master.x[above] - points.slave.x[above], [[0, 0, -0.6]] * above.sum(), atol=1e-12)
-    assert WORLD.allreduce(above.sum()) == 3
+    counts = WORLD.allreduce(np.array([len(points), np.count_nonzero(above)]))
+    unpaired = contact.num_unpaired
+    step = points.master.x[above] - points.slave.x[above]
+    np.testing.assert_allclose(step - [0.0, 0.0, -0.6], 0, atol=1e-12)
+    assert counts.tolist() == [15, 3] and unpaired == 0
 
 
 def tied_corners(comm, partition, angle):
@@ -180,7 +184,7 @@ def tied_corners(comm, partition, angle):
 def test_ties_but_for_rounding(angle):
     """Nodes above edges, of surfaces that are turned: the same facet on any partition."""
     reference = tied_corners(MPI.COMM_SELF, None, angle)
+    others = [tied_corners(WORLD, p, angle) for p in ("forward", "scattered", "backward")]
     assert len(reference) == 25
-    for partition in ("forward", "scattered", "backward"):
-        found = tied_corners(WORLD, partition, angle)
+    for found in others:
         np.testing.assert_allclose(found, reference, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Runs with friction that go on from a checkpoint as if nothing had been, on any number of ranks."""
+"""Runs with friction that go on from a checkpoint on any number of ranks."""
 
 import pathlib
 
@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, clamp, elastic, plane, vector_space
+from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 from step_scenes import Upset
 
 from dolfinx import fem
@@ -153,14 +153,14 @@ def test_goes_on_as_if_uninterrupted(folder, name, at, options):
         whole.stepper.step()
         expected.append(results(whole))
         slipping, active = whole.problem.comm.allreduce(states(whole.contacts[-1]))
-        assert slipping > 0 or name == "tool" and whole.stepper.t > 4
+        assert slipping > 0 or (name == "tool" and whole.stepper.t > 4)
         assert active > 1
     runs = [make(**more, **options), make(partition="scattered", **more, **options)]
     runs.append(make(SELF, **more, **options))
     for i, run in enumerate(runs):
         qs.load_run(run.stepper, folder)
         if i == 0:
-            np.testing.assert_allclose(run.contacts[-1].slip(), kept[0], atol=1e-15)
+            assert largest(run.contacts[-1].slip() - kept[0]) < 1e-15
         np.testing.assert_allclose(run.contacts[-1].dissipated_energy(), kept[1], rtol=1e-14)
         for numbers in expected:
             run.stepper.step()
