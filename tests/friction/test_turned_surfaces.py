@@ -81,10 +81,9 @@ class Sheared:
         return self.contact.tangential_multiplier() @ self.R, self.contact.multiplier()
 
 
-@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+@pytest.mark.parametrize("enforcement, angle", (("penalty", 0.6), ("augmented-lagrangian", -1.0)))
 @pytest.mark.parametrize("kind", (*TOOLS, "body"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
-@pytest.mark.parametrize("angle", (0.6, -1.0))
 def test_friction_turns_along(cell, kind, enforcement, angle):
     """A block that sticks in part is turned with its tool: it stays in equilibrium."""
     scene = Sheared(cell, kind, enforcement=enforcement)
@@ -104,8 +103,8 @@ def test_friction_turns_along(cell, kind, enforcement, angle):
     for _ in range(2):  # and nothing moves in the step after that
         scene.drag(DRAG)
         turned = scene.friction()
-        np.testing.assert_allclose(turned[0], tau, atol=1e-7 * largest(tau))
-        np.testing.assert_allclose(turned[1], pressure, atol=1e-7 * largest(pressure))
+        assert largest(turned[0] - tau) < 1e-7 * largest(tau)
+        assert largest(turned[1] - pressure) < 1e-7 * largest(pressure)
         np.testing.assert_allclose(scene.contact.force("slave") @ scene.R, force, atol=1e-8)
         for u_i, before in zip(scene.u, u, strict=True):
             back = (u_i.x.array.reshape(-1, scene.gdim) @ scene.R).ravel()

@@ -75,15 +75,10 @@ def test_along_the_bisector(cell, quadrature, height):
     points, gdim = contact.pairing, contact.slave.gdim
     expected = sum(outward(gdim))
     expected /= np.linalg.norm(expected)
-    assert WORLD.allreduce(len(points)) > 0
-    inner = np.all(
-        [
-            (0.01 < side.x[:, i]) & (side.x[:, i] < 0.99)
-            for i in range(gdim - 1)
-            for side in (points.slave, points.master)
-        ],
-        axis=0,
-    )  # at an edge the normal of a node is that of the face as well
+    # At the rim a node's normal may be that of its own side.
+    x = np.hstack([side.x[:, : gdim - 1] for side in (points.slave, points.master)])
+    inner = np.all((x > 0.01) & (x < 0.99), axis=1)
+    assert WORLD.allreduce(np.count_nonzero(inner)) > 0
     np.testing.assert_allclose(points.normal[inner] - expected, 0, atol=1e-12)
     assert np.all(np.sign(points.gap) == np.sign(height))
     distance = np.sum((points.master.x - points.slave.x) * points.normal, axis=1)

@@ -1,4 +1,4 @@
-"""Tools that a force drives: the steps to balance it, and what becomes of long ones."""
+"""Tools that a force drives: the steps that it takes to balance it, and those that are too long."""
 
 import numpy as np
 import pytest
@@ -89,7 +89,7 @@ def test_two_tools_that_feel_each_other(cell, tool):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_friction_that_sticks(cell, quadrature):
-    """A tool driven sideways over a surface on which nothing slips, clamped at its corner."""
+    """A tool that is driven sideways over a surface that it sticks to, clamped at its corner."""
     options = {"quadrature": quadrature, "friction": qs.Sticking(), "penalty": 50.0}
     scene = Pressed(cell, flat, **options)
     d, contact = scene.gdim, scene.contact

@@ -1,4 +1,4 @@
-"""Where a time step starts: displacements go on at their rate, meshes move by velocities."""
+"""Where a time step starts: displacements go on at their rate, meshes are moved by velocities."""
 
 import pytest
 from scenes import WORLD, box, elastic, largest, plane, slide, vector_space
@@ -10,7 +10,7 @@ import qsdolfinx as qs
 
 
 class Pressed:
-    """An elastic block on a frictionless plane, below one that goes down at a constant speed."""
+    """An elastic block that slides on its sides, below a plane that goes down at a constant speed."""
 
     def __init__(self, dt, solve=None, **stepping):
         self.mesh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
@@ -28,7 +28,7 @@ class Pressed:
 
 
 def test_displacements_go_on_at_their_rate():
-    """u + Δt Δu/Δt_last, for any steps; where loads grow at one rate that is the solution."""
+    """u + Δt Δu/Δt_last, for steps of any size: the solution where loads grow at one rate."""
     starts, residuals = [], []
 
     def solve(step):
@@ -122,8 +122,8 @@ def test_first_step_is_made_twice():
 
 @pytest.mark.parametrize("theta", (0.0, 0.4))
 def test_where_contact_pairs(theta):
-    """First where bodies are solved for, displacements predicted; then at the end found."""
-    # Of each solve, whether contact has paired at the end of the step; the first is made twice.
+    """First where bodies are solved for, displacements predicted; then at the end as found."""
+    # Of each solve, whether contact has paired at the end of the step. The first is made twice.
     at_end = iter([*([False] if theta else []), False, True, False, True])
     errors = []
 

@@ -1,0 +1,82 @@
+"""Weights of pairing points add up to nodal areas, and their places are on the two surfaces."""
+
+import numpy as np
+import pytest
+from scenes import CELLS, WORLD, box, gathered, plane, vector_space
+
+import qsdolfinx as qs
+
+
+def lower_face(cell, n, partition, wave=0.0, low=0.0, axisymmetric=False):
+    """A unit block's face at z = low, if it is 0 the lower one, warped and uneven."""
+    gdim = 2 if cell in ("triangle", "quadrilateral") else 3
+    corner = np.zeros(gdim)
+    corner[-1] = low
+    msh = box(WORLD, [n] * (gdim - 1) + [1], cell, corner, corner + 1, partition)
+    facets = plane(msh, gdim - 1, 0.0)
+    x = msh.geometry.x
+    inner = np.sin(np.pi * x[:, 0]) * (np.sin(np.pi * x[:, 1]) if gdim == 3 else 1.0)
+    up = wave * np.cos(5 * x[:, 0] + 3 * x[:, 1] * (gdim - 2))
+    x[:, 0] += 0.1 * inner
+    x[:, gdim - 1] += up
+    return qs.Surface(vector_space(msh), facets=facets, axisymmetric=axisymmetric)
+
+
+def sums_at_nodes(points, surface):
+    """Σ w N at the nodes that this rank owns, of the functions that carry multipliers."""
+    number = points.slave.dofs[:, : points.multiplier_values.shape[1], 0]
+    number = gathered(WORLD, number)
+    values = gathered(WORLD, points.weight[:, None] * points.multiplier_values)
+    out = {dof: 0.0 for dof in number.ravel()}
+    for dof, value in zip(number.ravel(), values.ravel(), strict=True):
+        out[dof] += value
+    return np.array([out[dof] for dof in surface.node_dofs[:, 0]])
+
+
+@pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
+@pytest.mark.parametrize(
+    "cell, axisymmetric", [*((cell, False) for cell in CELLS), ("quadrilateral", True)]
+)
+def test_areas_of_warped_facets(cell, axisymmetric, formulation):
+    """Each facet on its copy: the overlay's weights are the areas of the facets, not of shadows."""
+    slave = lower_face(cell, 3, "forward", 0.3, 0.0, axisymmetric)
+    master = lower_face(cell, 3, "backward", 0.3, -1.0, axisymmetric)
+    options = {"quadrature": "overlay", "quadrature_degree": 8, "penalty": 1.0}
+    contact = qs.Contact(slave, master, formulation, **options)
+    # Areas of warped quadrilaterals are no polynomials.
+    accuracy = 1e-3 if cell == "hexahedron" else 1e-12
+    found = sums_at_nodes(contact.pairing, slave)
+    flat = lower_face(cell, 3, "forward", 0.0, 0.0, axisymmetric)
+    areas = slave.area, flat.area
+    assert areas[0] > 1.1 * areas[1]
+    np.testing.assert_allclose(found, slave.node_area, rtol=accuracy)
+    np.testing.assert_allclose(contact.pairing.gap, 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("inside", (False, True))
+@pytest.mark.parametrize(
+    "cell, axisymmetric", (("triangle", False), ("quadrilateral", True), ("hexahedron", False))
+)
+def test_points_upon_a_tool(cell, axisymmetric, inside, quadrature):
+    """Where the tool is closest, along its normal; the slave is within and outside of it."""
+    slave = lower_face(cell, 5, "scattered", axisymmetric=axisymmetric)
+    gdim = slave.gdim
+    center = np.full(gdim, 0.5)
+    center[-1] = 0.9 if inside else -0.9
+    tool = qs.RigidSurface.sphere(WORLD, center, 1.0, inside)
+    options = {"quadrature": quadrature, "search_radius": 0.6, "initial_overclosure": "ignore"}
+    contact = qs.Contact(slave, tool, "master-slave", penalty=1.0, **options)
+    points = contact.pairing
+    sums = sums_at_nodes(points, slave)
+    outside, within = (WORLD.allreduce(np.count_nonzero(s * points.gap > 0)) for s in (1, -1))
+    distance, normal = tool.distance(points.slave.x)
+    np.testing.assert_allclose(points.gap, distance, atol=1e-14)
+    np.testing.assert_allclose(points.normal, -normal, atol=1e-14)
+    np.testing.assert_allclose(tool.distance(points.master.x)[0], 0, atol=1e-14)
+    moved = np.linalg.norm(points.master.x - points.slave.x, axis=1)
+    np.testing.assert_allclose(moved, np.abs(distance), atol=1e-14)
+    inward = np.append(center, np.zeros(3 - gdim)) - points.slave.x
+    assert np.all(np.sum(points.normal * inward, axis=1) * (-1 if inside else 1) > 0)
+    np.testing.assert_allclose(sums, slave.node_area, rtol=1e-12)
+    assert min(outside, within) > 0
