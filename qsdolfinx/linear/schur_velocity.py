@@ -15,7 +15,7 @@ from qsdolfinx.compat import collapse
 from qsdolfinx.surface.geometry import Cartesian
 from qsdolfinx.surface.unknowns import owned_vertices
 from qsdolfinx.system.body import Body
-from qsdolfinx.system.rigid_modes import displacement_space, orthonormal, set_near_nullspace
+from qsdolfinx.system.rigid_modes import displacement_space, set_modes
 
 Array = npt.NDArray[np.float64]
 
@@ -77,7 +77,7 @@ class VelocityBlock:
         S.diagonalScale(self._scale, None)
         if not self._made:
             S.setBlockSize(self._gdim)
-            self._set_modes(S)
+            set_modes(S, self._modes)
             self._solver.setOperators(S, S)
             self._made = True
         self._solver.setUp()
@@ -100,14 +100,6 @@ class VelocityBlock:
         self._solver = PETSc.PC().create(self._comm)
         self._solver.setOptionsPrefix((pc.getOptionsPrefix() or "") + "vertices_")
         self._solver.setFromOptions()
-
-    def _set_modes(self, matrix: PETSc.Mat) -> None:
-        vecs = [self._scale.duplicate() for _ in self._modes]
-        for vec, mode in zip(vecs, self._modes, strict=True):
-            vec.array[:] = mode
-        set_near_nullspace(matrix, orthonormal(vecs))
-        for vec in vecs:
-            vec.destroy()
 
     def _inverted(self, matrix: PETSc.Mat) -> PETSc.Mat:
         """Inverse of the bubbles' block, which is one of gdim rows for each cell. Collective."""

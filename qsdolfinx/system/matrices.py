@@ -16,12 +16,7 @@ from qsdolfinx.system.blocks import Blocks, Sides, is_symmetric
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.free_motion import Hold
 from qsdolfinx.system.monolithic import Monolithic
-from qsdolfinx.system.rigid_modes import (
-    RigidMotion,
-    orthonormal,
-    rigid_modes,
-    set_near_nullspace,
-)
+from qsdolfinx.system.rigid_modes import RigidMotion, rigid_modes, set_modes, set_near_nullspace
 from qsdolfinx.system.tangent import Tangent
 
 
@@ -94,10 +89,4 @@ class Matrices:
         gdim = self._bodies[0].V.mesh.geometry.dim
         if all(body.V.dofmap.index_map_bs == gdim for body in self._bodies):
             self.matrix.setBlockSize(gdim)  # multigrid's
-        vecs = []
-        for parts in zip(*map(rigid_modes, self._bodies), strict=True):
-            vecs.append(self.matrix.createVecRight())
-            vecs[-1].array[:] = np.concatenate(parts)
-        set_near_nullspace(self.matrix, orthonormal(vecs))
-        for vec in vecs:
-            vec.destroy()
+        set_modes(self.matrix, np.hstack([rigid_modes(body) for body in self._bodies]))

@@ -129,7 +129,11 @@ def vector(body: Body, values: Array) -> PETSc.Vec:
 
 
 def orthonormal(vecs: list[PETSc.Vec]) -> list[PETSc.Vec]:
-    """Orthonormalise vectors in place (Gram-Schmidt, twice: once leaves rounding errors)."""
+    """Orthonormalise vectors in place: Gram-Schmidt, twice.
+
+    Once, as by ``dolfinx.la.orthonormalize``, leaves rounding errors far from the origin, and that
+    function refuses the rotations of a body of some nanometres in metres.
+    """
     for k, vec in enumerate(vecs):
         for other in (*vecs[:k], *vecs[:k]):
             vec.axpy(-vec.dot(other), other)
@@ -142,3 +146,13 @@ def set_near_nullspace(mat: PETSc.Mat, vecs: list[PETSc.Vec]) -> None:
     space = PETSc.NullSpace().create(vectors=vecs, comm=mat.comm)
     mat.setNearNullSpace(space)
     space.destroy()
+
+
+def set_modes(mat: PETSc.Mat, modes: Array) -> None:
+    """Orthonormalise rigid modes, shape (modes, owned unknowns), for a matrix. Collective."""
+    vecs = [mat.createVecRight() for _ in modes]
+    for vec, mode in zip(vecs, modes, strict=True):
+        vec.array[:] = mode
+    set_near_nullspace(mat, orthonormal(vecs))
+    for vec in vecs:
+        vec.destroy()

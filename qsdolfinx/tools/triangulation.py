@@ -13,13 +13,14 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+import basix.ufl
+import ufl
 from dolfinx import mesh
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check_vector, require
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.compat import cell_nodes, coordinate_element
-from qsdolfinx.tools.pose import point_of
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -83,7 +84,7 @@ def scatter(
     triangles: npt.ArrayLike | None,
     center: npt.ArrayLike | None,
 ) -> tuple[Facets, Array]:
-    """Spread rank 0's facets over the ranks, as many on each. Collective.
+    """Spread rank 0's facets over the ranks, as DOLFINx does with cells. Collective.
 
     Returns:
         The facets of this rank, and the center or else the mean vertex, shape (gdim,).
@@ -97,29 +98,15 @@ def scatter(
             points, cells = _checked(x, triangles)
             first = digests
         same(x=first[0], triangles=first[1])
-        middle = None if center is None else point_of("center", center)
-        same(center=middle)
-    counts = comm.bcast((len(points), len(cells), points.shape[1]), root=0)
-    num_points, num_cells, gdim = counts
-    require(middle is None or len(middle) == gdim, f"center: must have {gdim} components")
-    ranks = np.arange(comm.size + 1)
-    first_cell, first_point = ranks * num_cells // comm.size, ranks * num_points // comm.size
-    parts = None
-    if comm.rank == 0:
-        padded = np.column_stack([points, np.zeros((num_points, 3 - gdim))])
-        # Slabs across the longest side: the search goes to few ranks.
-        middles = points[cells].mean(axis=1)
-        order = np.argsort(middles[:, np.argmax(np.ptp(middles, axis=0))], kind="stable")
-        chunks = np.split(cells[order], first_cell[1:-1])
-        parts = [(chunk, padded[chunk]) for chunk in chunks]
-    vertices, coordinates = comm.scatter(parts, root=0)
-    owner = (np.searchsorted(first_point, vertices, side="right") - 1).astype(np.int32)
-    mean = comm.bcast(points[np.unique(cells)].mean(axis=0) if comm.rank == 0 else None, root=0)
-    num_owned = int(first_point[comm.rank + 1] - first_point[comm.rank])
-    sign = np.ones(len(vertices))
-    _check_orientation(comm, "triangles", vertices, sign)
-    facets = Facets(coordinates, vertices, owner, num_owned, sign)
-    return facets, mean if middle is None else middle
+    gdim = comm.bcast(points.shape[1], root=0)
+    if comm.rank > 0:
+        points, cells = np.zeros((0, gdim)), np.zeros((0, gdim), dtype=np.int64)
+    # Checked first: what DOLFINx does with an edge of three triangles depends on its version.
+    _check_orientation(comm, "triangles", cells, np.ones(len(cells)))
+    kind = "interval" if gdim == 2 else "triangle"
+    element = basix.ufl.element("Lagrange", kind, 1, shape=(gdim,))
+    msh = mesh.create_mesh(comm, cells=cells, x=points, e=ufl.Mesh(element))
+    return of_mesh(msh, None, center)
 
 
 def _digest(array: npt.ArrayLike | None) -> str:
