@@ -129,6 +129,7 @@ class Contact:
         comm = next((s.comm for s in (slave, master) if isinstance(s, Surface)), MPI.COMM_WORLD)
         with checked(comm) as same:
             check_surfaces(slave, master)
+            same(master=type(master).__name__)
             same(one_of(FORMULATIONS), formulation=formulation)
             same(one_of(ENFORCEMENTS), enforcement=enforcement)
             check_formulation(formulation, enforcement, master)
