@@ -69,14 +69,15 @@ def scratch_folder():
 
 
 @contextlib.contextmanager
-def log_level_kept():
+def logging_kept():
     """A page may silence our messages; not those of what comes after it."""
     logger = logging.getLogger("qsdolfinx")
-    level = logger.level
+    level, handlers = logger.level, [*logger.handlers]
     try:
         yield
     finally:
         logger.setLevel(level)
+        logger.handlers[:] = handlers
 
 
 def printed_by(page):
@@ -87,7 +88,7 @@ def printed_by(page):
         the names of the files that were written.
     """
     names, texts, printed = {"__name__": "page"}, [], None
-    with scratch_folder() as folder, log_level_kept():
+    with scratch_folder() as folder, logging_kept():
         for block in blocks(page):
             if block.language == "text" and printed is not None:
                 texts.append((block, printed))
