@@ -10,7 +10,7 @@ import qsdolfinx as qs
 
 
 class Pressed:
-    """An elastic block that slides on its sides, below a plane that goes down steadily."""
+    """An elastic block that slides on its sides, below a plane that goes down at one speed."""
 
     def __init__(self, dt, solve=None, **stepping):
         self.mesh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])

@@ -1,0 +1,73 @@
+"""Whether surfaces have come nearer to each other than contact had looked when it was paired."""
+
+import warnings
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, clamp, elastic, plane, vector_space
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+GAP, RADIUS = 0.5, 0.1
+
+
+def warned(tool_moves, block_moves):
+    """Whether a solve warns, in which a tool and a block far below it move along z."""
+    msh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0 + GAP], [0.0, -1.0])
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # nothing is paired
+        contact = qs.Contact(surface, tool, penalty=1.0, search_radius=RADIUS)
+    bcs = [clamp(V, plane(msh, 1, 0.0), [0.0, block_moves])]
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
+    tool.displacement = [0.0, tool_moves]
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        problem.solve()
+    return any(issubclass(w.category, qs.ReachWarning) for w in found)
+
+
+@pytest.mark.parametrize(
+    "tool_moves, block_moves, expected",
+    (
+        (-0.09, 0.0, False),
+        (-0.11, 0.0, True),
+        (0.11, 0.0, False),
+        (0.0, 0.11, True),
+        (0.0, 0.09, False),
+        (0.0, -0.11, False),
+        (-0.06, 0.05, True),
+        (0.2, 0.25, False),
+        (-0.2, -0.25, False),
+    ),
+)
+def test_approach_counts(tool_moves, block_moves, expected):
+    """What the one does towards the other, less what that does away from it."""
+    found = WORLD.allgather(warned(tool_moves, block_moves))
+    assert found == [expected] * WORLD.size
+
+
+@pytest.mark.parametrize("moves, expected", (((0.06, -0.06), True), ((-0.06, 0.06), False)))
+def test_two_bodies(moves, expected):
+    """Each towards the other by less than the radius, by more in all."""
+    u, F, bcs, surfaces = [], [], [], []
+    for low, move in zip((0.0, 1.0 + GAP), moves, strict=True):
+        msh = box(WORLD, (3, 2), "quadrilateral", [0.0, low], [1.0, low + 1.0])
+        V = vector_space(msh)
+        u.append(fem.Function(V))
+        F.append(elastic(u[-1]))
+        far, near = (low, low + 1.0) if low == 0 else (low + 1.0, low)
+        bcs.append([clamp(V, plane(msh, 1, far), [0.0, move])])
+        surfaces.append(qs.Surface(V, facets=plane(msh, 1, near)))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        contact = qs.Contact(*surfaces[::-1], penalty=1.0, search_radius=RADIUS)
+        qs.ContactProblem(F, u, [contact], bcs).solve()
+    warned_here = any(issubclass(w.category, qs.ReachWarning) for w in found)
+    assert WORLD.allgather(warned_here) == [expected] * WORLD.size
+    assert np.isfinite(u[0].x.array).all()

@@ -1,0 +1,81 @@
+"""Slip of a node is a mean over what stands for it, be that all of its area or a part."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, elastic, plane, vector_space
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+H, DT = 0.01, 0.5
+pytestmark = pytest.mark.filterwarnings("ignore:quadrature")  # the master is finer
+
+
+class Translated:
+    """A block that is moved as a whole, pressed upon one that ends within one of its cells."""
+
+    def __init__(self, cell, friction, **options):
+        self.gdim = gdim = 2 if cell == "quadrilateral" else 3
+        axis, V, facets = gdim - 1, [], []
+        for n, low, length in ((4, 0.0, 1.0), (7, -1.0, 0.6)):
+            corner, end = [0.0] * axis + [low], [length, *[1.0] * (axis - 1), low + 1.0]
+            msh = box(WORLD, [n] + [2] * (axis - 1) + [1], cell, corner, end)
+            V.append(vector_space(msh))
+            facets.append(plane(msh, axis, 0.0))
+        self.slave, master = (
+            qs.Surface(space, facets=f) for space, f in zip(V, facets, strict=True)
+        )
+        options = {"friction": friction, "penalty": 1.0} | options
+        if friction.needs_dt:
+            options["dt"] = DT
+        self.contact = qs.Contact(self.slave, master, "quasi-symmetric", **options)
+        u = [fem.Function(space) for space in V]
+        self.motion, bcs = fem.Constant(V[0].mesh, np.zeros(gdim)), []
+        for value, space in zip((self.motion, np.zeros(gdim)), V, strict=True):
+            index_map = space.dofmap.index_map
+            every = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+            bcs.append([fem.dirichletbc(value, every, space)])
+        self.problem = qs.ContactProblem([elastic(w) for w in u], u, [self.contact], bcs)
+
+    def move(self, shift):
+        self.motion.value[0], self.motion.value[-1] = shift, -H
+        self.problem.solve()
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
+def test_norton(cell, quadrature):
+    """τ = α K v^q is that of the mean slip rate at every node in contact, at the rim as well."""
+    scene = Translated(cell, qs.Norton(0.3, 2.0, 0.4, v0=1e-9), quadrature=quadrature)
+    scene.move(0.0)
+    scene.move(0.06)
+    contact, closed = scene.contact, scene.contact.active()
+    counts = WORLD.allreduce(np.array([np.count_nonzero(closed), np.count_nonzero(~closed)]))
+    tau, slip = contact.tangential_multiplier()[closed], contact.slip()[closed]
+    expected = np.zeros(scene.gdim)
+    expected[0] = 0.3 * 2.0 * (0.06 / DT) ** 0.4
+    assert min(counts) > 0
+    np.testing.assert_allclose(tau, np.tile(expected, (len(tau), 1)), rtol=1e-7, atol=1e-15)
+    np.testing.assert_allclose(slip[:, 0], 0.06, rtol=1e-9)
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
+def test_coulomb(cell, quadrature):
+    """Slip is the way less what is elastic with the penalty; there and back it is nothing."""
+    scene = Translated(cell, qs.Coulomb(0.3), quadrature=quadrature)
+    slips, energies = [], []
+    for shift in (0.0, 0.06, 0.02):
+        scene.move(shift)
+        slips.append(scene.contact.slip())
+        energies.append(scene.contact.dissipated_energy())
+    contact, closed = scene.contact, scene.contact.active()
+    pressure, tau = contact.multiplier(), contact.tangential_multiplier()
+    force = contact.force("slave")
+    np.testing.assert_allclose(tau[closed, 0], -0.3 * pressure[closed], rtol=1e-9)
+    elastic_part = 0.3 * H  # μ ε ḡ / ε, of what stands for a node
+    np.testing.assert_allclose(slips[1][closed, 0], 0.06 - elastic_part, rtol=1e-9)
+    np.testing.assert_allclose(slips[2][closed, 0], 0.02 + elastic_part, rtol=1e-9)
+    ways = np.array([0.06 - elastic_part, 0.04 - 2 * elastic_part])
+    np.testing.assert_allclose(np.diff(energies), 0.3 * force[-1] * ways, rtol=1e-9)

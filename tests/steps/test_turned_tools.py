@@ -1,0 +1,56 @@
+"""Tools that spin in time steps with friction: how they got where they are does not count."""
+
+import numpy as np
+import pytest
+from rigid_scenes import TOOLS
+from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+CENTER = np.array([0.5, 0.5, 1.0])
+
+
+def turn(angle):
+    """Position of a tool that has turned about the vertical through CENTER."""
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.column_stack([R, CENTER - R @ CENTER])
+
+
+def spun(kind, before, num_pairings):
+    """Slip, friction and energy after a tool has pressed on a block and spun on it in two steps."""
+    msh = box(WORLD, (3, 3, 2), "hexahedron", [0.0] * 3, [1.0] * 3, "scattered")
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = TOOLS[kind](WORLD, 3)
+    tool.position = turn(before)
+    surface = qs.Surface(V, facets=plane(msh, 2, 1.0))
+    contact = qs.Contact(surface, tool, "master-slave", penalty=30.0, friction=qs.Coulomb(0.3))
+    bcs = [clamp(V, plane(msh, 2, 0.0))]
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
+
+    def drive(t, dt):
+        tool.displacement = [0.0, 0.0, -0.05 if t < 1.5 else 0.0]
+        tool.rotation = [0.0, 0.0, 0.0 if t < 1.5 else 0.03]
+
+    stepper = qs.TimeStepper(problem, 1.0, drive, num_pairings=num_pairings)
+    for _ in range(3):
+        stepper.step()
+    order = np.lexsort(np.round(surface.node_x, 6).T)
+    slip, tau = contact.slip()[order], contact.tangential_multiplier()[order]
+    closed = WORLD.allreduce(np.count_nonzero(contact.active()))
+    assert closed == WORLD.allreduce(len(slip))
+    return slip, tau, contact.dissipated_energy(), contact.moment("slave")[2]
+
+
+@pytest.mark.parametrize("num_pairings", (1, 2))
+@pytest.mark.parametrize("kind", TOOLS)
+def test_where_the_tool_comes_from(kind, num_pairings):
+    """A tool that has turned by any angle before does the same, if it is a plane."""
+    first = spun(kind, 0.0, num_pairings)
+    other = spun(kind, 1.0, num_pairings)
+    for a, b in zip(first, other, strict=True):
+        assert largest(np.asarray(a) - b) < 1e-6 * largest(np.asarray(a))
+    assert first[2] > 0 and first[3] > 1e-4
