@@ -19,6 +19,7 @@ import qsdolfinx as qs
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "demos"))
 
 import forging
+import forging_bodies
 import hertz
 import hertz_bodies
 import patch_bodies
@@ -266,7 +267,7 @@ class Forging(Scene):
         for contact in contacts:
             surface = getattr(contact, side)
             r2 = np.sum(surface.node_x[:, :2] ** 2, axis=1)
-            inner = r2 <= (self.inner * forging.RADIUS) ** 2
+            inner = r2 <= (self.inner * forging_bodies.RADIUS) ** 2
             pressure = np.abs(surface.node_values(contact.traction(side))[:, 2])
             basis = np.stack([np.ones_like(r2), r2, r2**2], axis=1)
             yield basis[inner], pressure[inner], surface.node_area[inner]

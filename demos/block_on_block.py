@@ -31,17 +31,14 @@ from mpi4py import MPI
 
 import numpy as np
 
-import ufl
-from dolfinx import fem, mesh
-
 import qsdolfinx as qs
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from common import pictures, tables
-from common.bodies import Reaction, facets_at, fix, measure, per_area
 from common.command import Command, option, report
 from common.measures import stick_and_slip
+from elastic_bodies import create_box
 
 LOAD, E, NU = 2.0, 100.0, 0.3
 #: Most steps to full slip, and after it; how much larger these are.
@@ -60,28 +57,13 @@ class Parameters:
     push: float = option(2e-3, "displacement of the top in a step")
 
 
-class Block:
-    """An elastic box."""
-
-    def __init__(self, comm, n, low, high):
-        self.mesh = mesh.create_box(comm, [low, high], n, mesh.CellType.hexahedron)
-        self.lower, self.upper = (facets_at(self.mesh, 2, z) for z in (low[2], high[2]))
-        self.V = fem.functionspace(self.mesh, ("Lagrange", 1, (3,)))
-        self.u, self.v = fem.Function(self.V), ufl.TestFunction(self.V)
-        stress = qs.materials.linear_elastic(self.u, E, NU)
-        self.F = ufl.inner(stress, ufl.grad(self.v)) * ufl.dx
-
-
 def build(comm, p):
     """The upper block, contact and problem."""
-    upper = Block(comm, (6 * p.n, 6 * p.n, 3 * p.n), [0.5, 0.35, 0.0], [1.5, 1.35, 0.5])
-    lower = Block(comm, (6 * p.n, 5 * p.n, 2 * p.n), [0.0, 0.0, -0.5], [2.0, 1.7, 0.0])
-    ds = measure(upper.mesh, upper.upper)
-    upper.F += per_area(upper.mesh, LOAD, ds) * upper.v[2] * ds
-    upper.reaction = Reaction(upper.F, upper.V, upper.upper)  # where no contact force acts
-    upper.shift = fem.Constant(upper.mesh, 0.0)
-    dragged = [fix(upper.V, 0, upper.upper, upper.shift), fix(upper.V, 1, upper.upper)]
-    held = [fix(lower.V, axis, lower.lower) for axis in range(3)]
+    upper = create_box(comm, (6 * p.n, 6 * p.n, 3 * p.n), [0.5, 0.35, 0.0], [1.5, 1.35, 0.5], E, NU)
+    lower = create_box(comm, (6 * p.n, 5 * p.n, 2 * p.n), [0.0, 0.0, -0.5], [2.0, 1.7, 0.0], E, NU)
+    upper.press(LOAD)
+    upper.guide(upper.upper)
+    lower.hold()
     contact = qs.Contact(
         qs.Surface(upper.V, facets=upper.lower),
         qs.Surface(lower.V, facets=lower.upper),
@@ -90,7 +72,9 @@ def build(comm, p):
         enforcement=p.enforcement,
         friction=qs.Coulomb(p.mu),
     )
-    problem = qs.ContactProblem([upper.F, lower.F], [upper.u, lower.u], [contact], [dragged, held])
+    problem = qs.ContactProblem(
+        [upper.F, lower.F], [upper.u, lower.u], [contact], [upper.bcs, lower.bcs]
+    )
     return upper, contact, problem
 
 

@@ -26,15 +26,11 @@ upper body, along +x on the lower one. Errors are relative:
 import dataclasses
 import pathlib
 import sys
-import time
 import types
 
 from mpi4py import MPI
 
 import numpy as np
-
-import ufl
-from dolfinx import fem
 
 import qsdolfinx as qs
 
@@ -42,8 +38,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from common import pictures, tables
 from common.command import Command, option, report
-from common.measures import relative_l2, stick_zone
-from hertz_bodies import LOAD, Body, CattaneoMindlin, R, create_mesh
+from common.measures import Clock, relative_l2, stick_zone
+from hertz_bodies import LOAD, CattaneoMindlin, R, create_half_discs
 
 MU, SHEAR = 0.2, 0.05851 * 2 * R
 KEYS = ("peak_error", "l2_error_normal", "l2_error_tangential", "stick_radius_error")
@@ -68,21 +64,10 @@ class Parameters:
 
 def build(comm, p):
     """Closed form, bodies, contact and problem, and the factor of Q on each body."""
-    exact, factors = CattaneoMindlin(MU, SHEAR), []
+    exact = CattaneoMindlin(MU, SHEAR)
     sizes = (p.ratio * p.h, p.h) if p.swap else (p.h, p.ratio * p.h)
-    upper, lower = (
-        Body(create_mesh(comm, "half disc", sign, 2, h, exact.a), "half disc", sign)
-        for sign, h in zip((1, -1), sizes, strict=True)
-    )
-    for body in (upper, lower):
-        body.press(body.sign)
-        factors.append(fem.Constant(body.mesh, 0.0))
-        q, ds = factors[-1] * SHEAR / (2 * R), body.far_ds
-        body.F -= body.sign * q * body.v[0] * ds
-        if not p.tilting:  # a linear pressure that takes the moment Q R of Q about the contact
-            body.F -= 3 * q * ufl.SpatialCoordinate(body.mesh)[0] / R * body.v[1] * ds
-    for axis, side in ((0, -1), (1, -1), (1, 1)):  # in balance without these
-        lower.pin(axis, side * R, -R)
+    upper, lower = create_half_discs(comm, sizes, exact.a)
+    factors = [body.press_and_shear(SHEAR, p.tilting) for body in (upper, lower)]
     slave, master = (lower, upper) if p.swap else (upper, lower)
     contact = qs.Contact(
         slave.surface,
@@ -136,16 +121,16 @@ def errors(scene, side):
 def run(p, comm=MPI.COMM_WORLD):
     """Solve; returns what --json writes, what the terminal shows besides, and the scene."""
     scene = build(comm, p)
-    start = time.perf_counter()
+    clock = Clock(comm)
     iterations = list(load(scene, p.steps))
-    seconds = time.perf_counter() - start
+    seconds = clock.seconds()
     sides = {side: errors(scene, side) for side in ("slave", "master")}
     worst = [max(values, key=abs) for values in zip(*sides.values(), strict=True)]
     zone = radius, _ = stick_zone(scene.contact)
     result = dict(zip(KEYS, (*worst, radius / scene.exact.c - 1), strict=True))
     more = {f"{key}, {s}": e for s in sides for key, e in zip(KEYS, sides[s], strict=False)}
     more |= tables.cattaneo_mindlin(scene, LOAD, SHEAR, R, *zone)
-    more |= {"iterations": iterations, "seconds": comm.allreduce(seconds, op=MPI.MAX)}
+    more |= {"iterations": iterations, "seconds": seconds}
     return result, more, scene
 
 

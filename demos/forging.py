@@ -28,26 +28,20 @@ import contextlib
 import dataclasses
 import pathlib
 import sys
-import time
 
 from mpi4py import MPI
-
-import numpy as np
 
 import qsdolfinx as qs
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from common.bodies import facets_at, fix
 from common.command import Command, film_file, option, report, say
 from common.film import Film
 from common.friction import FRICTIONS, Friction
-from forging_output import Record, barrelling, die_pressures
-from forming_bodies import Die, NortonHoff, quarter_cylinder
+from common.measures import Clock
+from forging_bodies import HEIGHT, SPEED, K, M, create_bodies
+from forging_output import Record, barrelling
 
-RADIUS, HEIGHT = 10.0, 15.0  # mm
-K, M, SPEED = 50.0, 0.15, 10.0  # MPa sᵐ, -, mm/s
-E_DIE, NU_DIE = 2.1e5, 0.3
 #: MPa: times 1/h. A stiffer one makes the nodes of the workpiece hop from dent to dent.
 PENALTY = 5e4
 SIZES = {"coarse": 2.5, "medium": 1.7, "fine": 1.2}  # mm, cells of the workpiece
@@ -76,17 +70,6 @@ class Parameters:
     def __post_init__(self):
         if self.restart and not self.output:
             raise ValueError("--restart needs the --output of the run before")
-
-
-def create_bodies(comm, h, die_refinement):
-    """The workpiece, with cells of size h, and the two dies."""
-    msh = quarter_cylinder(comm, RADIUS, 0.0, HEIGHT, str(h))
-    work = NortonHoff(msh, K, M, slow=1e-3 * SPEED / HEIGHT)
-    work.bcs = [fix(work.W.sub(0), axis, facets_at(msh, axis, 0.0)) for axis in (0, 1)]
-    work.lower, work.upper = (work.surface(facets_at(msh, 2, z)) for z in (0.0, HEIGHT))
-    fine = h / die_refinement
-    dies = [Die(comm, z, s, fine, 1.2 * RADIUS, E_DIE, NU_DIE) for z, s in ((0.0, -1), (HEIGHT, 1))]
-    return work, dies
 
 
 def build(comm, p):
@@ -134,34 +117,16 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
 
     ``on_step(scene, strain)`` is called at the start and after each step.
     """
-    comm.barrier()
-    start = time.perf_counter()
-    scene = *_, contacts, _, stepper = build(comm, p)
-    volume, t_end = stepper.motions[0].volume(), p.reduction * HEIGHT / SPEED
+    clock, t_end = Clock(comm), p.reduction * HEIGHT / SPEED
+    scene = *_, stepper = build(comm, p)
     record = Record(comm, p, scene, t_end, SPEED)
     on_step = on_step or (lambda scene, strain: None)
     on_step(scene, record.strain)
-    iterations, imbalance = 0, 0.0
     for _ in stepper.run(t_end):
         record.add_step()
-        iterations += stepper.num_iterations
-        for contact in contacts:
-            forces = contact.force("slave"), contact.force("master")
-            unbalanced = np.linalg.norm(forces[0] + forces[1])
-            imbalance = max(imbalance, unbalanced / np.linalg.norm(forces[0]))
         on_step(scene, record.strain)
     record.close()
-    side = "slave" if p.swap else "master"  # of the dies
-    result = {
-        "forming_force": 4 * abs(contacts[1].force(side)[2]),
-        "force_balance_error": imbalance,
-        **die_pressures(contacts, side),
-        "volume_change": stepper.motions[0].volume() / volume - 1,
-        "steps": stepper.num_steps,
-        "snes_iterations": iterations,
-        "total_seconds": comm.allreduce(time.perf_counter() - start, op=MPI.MAX),
-    }
-    return result, scene
+    return record.result() | {"total_seconds": clock.seconds()}, scene
 
 
 def main():

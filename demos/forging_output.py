@@ -5,13 +5,14 @@ import pathlib
 from mpi4py import MPI
 
 import numpy as np
-from common.output import Output
 
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 from qsdolfinx.compat import interpolation_points
+
+from common.output import Output
 
 
 def inner_pressure(contact, side):
@@ -106,7 +107,7 @@ class Energy:
 
 
 class Record:
-    """Strain and energies of a run, its history, and with --output fields and a checkpoint.
+    """Strain, balances and energies of a run, its history, and with --output fields and checkpoint.
 
     Args:
         comm: Communicator.
@@ -118,6 +119,7 @@ class Record:
 
     def __init__(self, comm, p, scene, t_end, speed):
         work, dies, self.contacts, _, self.stepper = scene
+        self.volume, self.iterations, self.imbalance = self.stepper.motions[0].volume(), 0, 0.0
         space = fem.functionspace(work.mesh, ("DG", 0))
         #: Equivalent strain of the workpiece, a number a cell.
         self.strain, self.rate = fem.Function(space), fem.Function(space)
@@ -129,7 +131,9 @@ class Record:
         if p.restart:
             self.energy.restore(qs.load_run(self.stepper, self.checkpoint, self.functions))
         self.output = Output(comm, p.output, t_end, p.verbose, after=self.stepper.num_steps)
-        self.add_fields(work, dies, *(("master", "slave") if p.swap else ("slave", "master")))
+        #: On which sides of the contacts workpiece and dies are.
+        self.sides = ("master", "slave") if p.swap else ("slave", "master")
+        self.add_fields(work, dies, *self.sides)
 
     def add_fields(self, work, dies, on_work, on_dies):
         """Files of fields of all bodies, which are on these sides of their contacts."""
@@ -151,11 +155,28 @@ class Record:
 
     def add_step(self):
         """Add what a step has changed. Collective."""
+        for contact in self.contacts:
+            forces = contact.force("slave"), contact.force("master")
+            unbalanced = np.linalg.norm(forces[0] + forces[1]) / np.linalg.norm(forces[0])
+            self.imbalance = max(self.imbalance, unbalanced)
+        self.iterations += self.stepper.num_iterations
         dt, push = self.stepper.last_dt, abs(self.contacts[1].force("slave")[2])
         self.strain.x.array[:] += dt * self.rate.x.array
         self.output.write(self.stepper.t, qs.step_row(self.stepper) | self.energy.row(push, dt))
         if self.checkpoint:
             qs.save_run(self.stepper, self.checkpoint, self.functions, self.energy.sums())
+
+    def result(self):
+        """What --json writes, but for the time it took. Collective."""
+        side = self.sides[1]
+        return {
+            "forming_force": 4 * abs(self.contacts[1].force(side)[2]),
+            "force_balance_error": self.imbalance,
+            **die_pressures(self.contacts, side),
+            "volume_change": self.stepper.motions[0].volume() / self.volume - 1,
+            "steps": self.stepper.num_steps,
+            "snes_iterations": self.iterations,
+        }
 
     def close(self):
         """End the files."""

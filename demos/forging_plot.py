@@ -13,7 +13,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from common.command import picture_file, say
 from common.film import Film, compare
-from forging import HEIGHT, SPEED, Parameters, run
+from forging import Parameters, run
+from forging_bodies import HEIGHT, SPEED
 
 KINDS = (
     ("master-slave", "nodal"),

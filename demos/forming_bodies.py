@@ -1,12 +1,13 @@
-"""Bodies of the forming demos: Norton-Hoff ones in velocities, elastic dies, quarter cylinders."""
+"""Bodies of the forming demos: Norton-Hoff ones in velocities, quarter cylinders."""
 
 import numpy as np
-from common.bodies import facets_at, fix, gmsh_mesh, integral
 
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+
+from common.bodies import gmsh_mesh, integral
 
 
 class NortonHoff:
@@ -49,38 +50,6 @@ class NortonHoff:
         return self.integral(fem.Constant(self.mesh, 1.0))
 
 
-class Die:
-    """Elastic die, a quarter of a cylinder, in total displacements.
-
-    Args:
-        comm: Communicator.
-        z: Height of the face.
-        sign: 1: the die is above the face, -1: below it.
-        h: Size of the cells on the face; they grow away from it.
-        reach: Radius within which contact may come.
-        E: Young's modulus.
-        nu: Poisson's ratio.
-    """
-
-    RADIUS, HEIGHT = 18.0, 9.0
-
-    def __init__(self, comm, z, sign, h, reach, E, nu):
-        beyond = f"(sqrt(x*x+y*y)-{reach})"
-        size = f"{h}+0.35*(abs(z-{z})+0.5*({beyond}+abs({beyond})))"
-        bottom = z if sign > 0 else z - self.HEIGHT
-        self.mesh = msh = quarter_cylinder(comm, self.RADIUS, bottom, self.HEIGHT, size)
-        self.V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
-        self.u = fem.Function(self.V)
-        self.stress = qs.materials.linear_elastic(self.u, E, nu)
-        self.F = ufl.inner(self.stress, ufl.grad(ufl.TestFunction(self.V))) * ufl.dx
-        #: Displacement of the back along z.
-        self.height = fem.Constant(msh, 0.0)
-        back = facets_at(msh, 2, z + sign * self.HEIGHT)
-        self.bcs = [fix(self.V, axis, facets_at(msh, axis, 0.0)) for axis in (0, 1)]
-        self.bcs.append(fix(self.V, 2, back, self.height))
-        self.surface = qs.Surface(self.V, facets=facets_at(msh, 2, z))
-
-
 def quarter_cylinder(comm, radius, bottom, height, size):
     """Tetrahedra of a quarter of a cylinder, x, y ≥ 0.
 
@@ -105,3 +74,10 @@ def quarter_cylinder(comm, radius, bottom, height, size):
         gmsh.model.mesh.field.setAsBackgroundMesh(1)
 
     return gmsh_mesh(comm, 3, draw)
+
+
+def cylinder(comm, dim, radius, height):
+    """In 2D half a meridian section of a cylinder, in 3D a quarter of it, in a few cells."""
+    if dim == 2:
+        return mesh.create_rectangle(comm, [[0, 0], [radius, height]], [6, 9])
+    return quarter_cylinder(comm, radius, 0, height, 3.0)

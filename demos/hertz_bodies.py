@@ -1,12 +1,13 @@
 """Elastic bodies with a round or a flat side in contact, and closed forms for them."""
 
 import numpy as np
-from common.bodies import facets_at, fix, gmsh_mesh, measure, per_area
 
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+
+from common.bodies import facets_at, fix, gmsh_mesh, measure, per_area
 
 E, NU, R, LOAD, SIZE = 200.0, 0.3, 8.0, 10.0, 20.0
 E_STAR = E / (2 * (1 - NU**2))
@@ -95,6 +96,20 @@ def create_mesh(comm, shape, sign, dim, h, a):
     return gmsh_mesh(comm, dim, draw)
 
 
+def create_half_discs(comm, sizes, a):
+    """The upper and the lower half disc, with cells of these sizes at a contact of half width a.
+
+    The lower one is held at points, which takes no force.
+    """
+    upper, lower = (
+        Body(create_mesh(comm, "half disc", sign, 2, h, a), "half disc", sign)
+        for sign, h in zip((1, -1), sizes, strict=True)
+    )
+    for axis, side in ((0, -1), (1, -1), (1, 1)):
+        lower.pin(axis, side * R, -R)
+    return upper, lower
+
+
 class Body:
     """An elastic body with a contact surface, and symmetry conditions unless it is a half disc."""
 
@@ -140,3 +155,20 @@ class Body:
         """Load the far side by a uniform pressure, LOAD in total of the whole body."""
         pressure = per_area(self.mesh, LOAD / self.parts, self.far_ds)
         self.F += sign * pressure * self.v[self.dim - 1] * self.far_ds
+
+    def press_and_shear(self, force, tilting):
+        """Load the flat of a half disc by a pressure, and by a traction along x.
+
+        The latter is a uniform one, this force in total, against that of the other body. With it
+        comes a linear pressure that takes its moment about the contact, unless the body may tilt.
+
+        Returns:
+            Factor of the traction, 0 at first.
+        """
+        self.press(self.sign)
+        factor = fem.Constant(self.mesh, 0.0)
+        q, ds = factor * force / (2 * R), self.far_ds
+        self.F -= self.sign * q * self.v[0] * ds
+        if not tilting:
+            self.F -= 3 * q * ufl.SpatialCoordinate(self.mesh)[0] / R * self.v[1] * ds
+        return factor

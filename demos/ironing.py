@@ -24,7 +24,6 @@ import dataclasses
 import math
 import pathlib
 import sys
-import typing
 
 from mpi4py import MPI
 
@@ -36,8 +35,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from common import pictures
 from common.command import Command, option, report
-from common.output import Output
 from ironing_bodies import create_bodies
+from ironing_output import Record, columns
 
 PRESSING, RUN_IN = 6, 4  # steps, facets of the slab
 
@@ -76,19 +75,6 @@ class Parameters:
         return sliding - plateau, plateau
 
 
-class Row(typing.NamedTuple):
-    """Where the run is after a step; force and work are those of the indenter's top."""
-
-    t: float  # steps, if none is cut back
-    dt: float
-    slide: float  # in facets of the slab
-    fx: float
-    fy: float
-    work: float
-    dissipated: float
-    elastic: float
-
-
 def build(comm, p):
     """Indenter, slab, contact, and the stepper, whose time counts steps."""
     bodies = indenter, slab = create_bodies(comm, p.h, p.ratio, (RUN_IN + p.facets) * p.h)
@@ -116,7 +102,7 @@ def build(comm, p):
 def on_plateau(p, rows):
     """Columns of the rows of the plateau, and the row before it."""
     first = next(i for i, row in enumerate(rows) if row.t > PRESSING + p.plan()[0] + 1e-6)
-    return Row(*np.array(rows[first:]).T), rows[first - 1]
+    return columns(rows[first:]), rows[first - 1]
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
@@ -124,35 +110,23 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
 
     ``on_step(row, scene)`` is called after each step.
     """
-    scene = indenter, slab, contact, stepper = build(comm, p)
-    output = Output(comm, p.output, p.steps, p.verbose)
-    sides = ("master", "slave") if p.swap else ("slave", "master")
-    for name, body, side in zip(("indenter", "slab"), scene[:2], sides, strict=True):
-        fields = {"displacement": body.u, "stress": body.stress}
-        output.add_fields(name, body.mesh, fields, contact.field_sources(side))
-    rows, last, work = [], np.zeros(4), 0.0
+    scene = *_, stepper = build(comm, p)
+    record = Record(comm, p, scene)
     for end in np.cumsum([PRESSING, *p.plan()]):
-        for t in stepper.run(float(end)):
-            now = np.append(indenter.reaction(), indenter.displacement.value)
-            work += 0.5 * (now + last)[:2] @ (now - last)[2:]
-            energies = work, contact.dissipated_energy(), indenter.energy() + slab.energy()
-            rows.append(Row(t, stepper.last_dt, now[2] / p.h, *now[:2], *energies))
-            last = now
-            output.write(t, qs.step_row(stepper) | rows[-1]._asdict())
+        for _ in stepper.run(float(end)):
+            record.add_step()
             if on_step is not None:
-                on_step(rows[-1], scene)
-    output.close()
-    columns, _ = on_plateau(p, rows)  # means are over the slide, whatever the steps
-    ratio, mean = (
-        np.average(f, weights=columns.dt) for f in (np.abs(columns.fx / columns.fy), columns.fx)
-    )
+                on_step(record.rows[-1], scene)
+    record.close()
+    slide, _ = on_plateau(p, record.rows)  # means are over the slide, whatever the steps
+    ratio, mean = (np.average(f, weights=slide.dt) for f in (np.abs(slide.fx / slide.fy), slide.fx))
     result = {
         "force_ratio_error": float(abs(ratio / p.mu - 1)),
-        "force_oscillation": float(np.ptp(columns.fx) / abs(mean)),
+        "force_oscillation": float(np.ptp(slide.fx) / abs(mean)),
         "steps": stepper.num_steps,
         "cutbacks": stepper.num_cutbacks,
     }
-    return result, rows, scene
+    return result, record.rows, scene
 
 
 def main():

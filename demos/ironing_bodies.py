@@ -3,12 +3,13 @@
 import math
 
 import numpy as np
-from common.bodies import Reaction, facets_at, integral
 
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+
+from common.bodies import Reaction, facets_at, integral
 
 E_SLAB, E_INDENTER, NU = 1.0, 10.0, 0.3
 HEIGHT = 1.0  # of the slab

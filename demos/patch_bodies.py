@@ -1,13 +1,14 @@
 """Bodies of the patch test, see patch_test.py: meshes, materials, conditions and stresses."""
 
 import numpy as np
-from common.bodies import measure
-from common.measures import mean_and_max
 
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+
+from common.bodies import measure
+from common.measures import mean_and_max
 
 E_MASTER, E_SLAVE = 3e4, 1.3e4  # Young's moduli of the elastic cubes
 VISCOSITY = 200.0  # of both Newtonian cubes, stress × time
@@ -237,6 +238,22 @@ class Body:
         return force[cells] / volume[cells]  # DG0 unknowns are numbered as cells
 
 
+def create_cubes(comm, p):
+    """The master below and the slave above, of which the parameters say cells, place and material.
+
+    Args:
+        comm: Communicator.
+        p: Parameters of the patch test.
+    """
+    rng = np.random.default_rng(p.seed)
+    lower = create_block(comm, p.master, p.cell, 0.0, 1.0, p.jitter, rng)
+    upper = create_block(comm, p.slave, p.cell, 1.0, 2.0, p.jitter, rng)
+    upper.geometry.x[:, 0] += p.overhang
+    of_master, of_slave = MATERIALS[p.material]
+    master = Body(lower, of_master, 0.0, 1.0, 0.0, p.rotate)
+    return master, Body(upper, of_slave, 1.0, 2.0, p.overhang, p.rotate)
+
+
 def set_conditions(bodies, load, rotate):
     """Conditions and load of a stack of bodies, the lowest first."""
     lower, upper = bodies[0], bodies[-1]
@@ -258,6 +275,14 @@ def set_conditions(bodies, load, rotate):
     lower.bcs.append(lower.prescribe(lower.up, lower.bottom))
     held = (upper.up, upper.top) if load == "displacement" else (0, upper.corners)
     upper.bcs.append(upper.prescribe(*held))
+
+
+def set_exact(master, slave, gap):
+    """The uniform solution in both cubes, of which the upper one has moved by this gap as well."""
+    up, gdim = slave.up, slave.gdim
+    strain = master.material.strain(gdim)[up] - slave.material.strain(gdim)[up]
+    master.set_exact(0.0)
+    slave.set_exact(strain + gap)
 
 
 def reference_stress(comm, p):

@@ -21,7 +21,6 @@ is printed beside the paper's. With arguments one case is solved:
 import dataclasses
 import pathlib
 import sys
-import time
 import warnings
 
 from mpi4py import MPI
@@ -35,8 +34,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import patch_bodies
 from common import patch_table, pictures
 from common.command import Command, count, option, report, seed, shift, stiffness
-from common.measures import mean_and_max
-from patch_bodies import MATERIALS, STRESS, Body, create_block, reference_stress, set_conditions
+from common.measures import Clock, mean_and_max
+from patch_bodies import MATERIALS, STRESS, reference_stress
 
 # What a finer master does at nodes is what is measured here.
 warnings.filterwarnings("ignore", "quadrature: ", qs.ContactWarning)
@@ -72,15 +71,9 @@ class Parameters:
 
 def build(comm, p):
     """The two cubes, their contact and the problem."""
-    rng = np.random.default_rng(p.seed)
-    master_cube = create_block(comm, p.master, p.cell, 0.0, 1.0, p.jitter, rng)
-    slave_cube = create_block(comm, p.slave, p.cell, 1.0, 2.0, p.jitter, rng)
-    slave_cube.geometry.x[:, 0] += p.overhang
-    of_master, of_slave = MATERIALS[p.material]
-    master = Body(master_cube, of_master, 0.0, 1.0, 0.0, p.rotate)
-    slave = Body(slave_cube, of_slave, 1.0, 2.0, p.overhang, p.rotate)
+    master, slave = patch_bodies.create_cubes(comm, p)
     slave.tied_edges = p.material == "newtonian" and p.contact == "tied"
-    set_conditions((master, slave), p.load, p.rotate)
+    patch_bodies.set_conditions((master, slave), p.load, p.rotate)
     contact = qs.Contact(
         qs.Surface(slave.V, facets=slave.interface),
         qs.Surface(master.V, facets=master.interface),
@@ -90,9 +83,9 @@ def build(comm, p):
         quadrature=p.quadrature,
         quadrature_degree=p.quadrature_degree,
         enforcement=p.enforcement,
-        gap_tolerance=of_slave.gap_tolerance,
-        unknown=of_slave.unknown,
-        dt=of_slave.dt,
+        gap_tolerance=slave.material.gap_tolerance,
+        unknown=slave.material.unknown,
+        dt=slave.material.dt,
     )
     problem = qs.ContactProblem(
         [master.F, slave.F], [master.u, slave.u], [contact], [master.bcs, slave.bcs]
@@ -100,17 +93,13 @@ def build(comm, p):
     problem.set_up()  # an automatic penalty is known from here on
     # The compliance 1/ε is the penalty's; an augmented Lagrangian has none.
     compliance = 1 / contact.penalty if p.enforcement == "penalty" else 0.0
-    up = slave.up
-    strain = of_master.strain(slave.gdim)[up] - of_slave.strain(slave.gdim)[up]
-    master.set_exact(0.0)
-    slave.set_exact(strain + STRESS * compliance / contact.scale[0])
+    patch_bodies.set_exact(master, slave, STRESS * compliance / contact.scale[0])
     return master, slave, contact, problem
 
 
 def run(p, comm=MPI.COMM_WORLD):
     """Solve one patch test; returns what --json writes, and the contact."""
-    comm.barrier()
-    start = time.perf_counter()
+    clock = Clock(comm)
     master, slave, contact, problem = build(comm, p)
     problem.solve()
     reference = reference_stress(comm, p)
@@ -140,7 +129,7 @@ def run(p, comm=MPI.COMM_WORLD):
         "ksp_iterations": problem.num_linear_iterations,
         "force_imbalance": np.linalg.norm(sum(forces)) / np.linalg.norm(forces[0]),
         "contact_seconds": comm.allreduce(contact.seconds, op=MPI.MAX),
-        "total_seconds": comm.allreduce(time.perf_counter() - start, op=MPI.MAX),
+        "total_seconds": clock.seconds(),
     }, contact
 
 

@@ -31,20 +31,17 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx import mesh
-
 import qsdolfinx as qs
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from common import pictures, tables
-from common.bodies import facets_at
 from common.command import Command, option, report
 from common.friction import FRICTIONS, Friction
-from forming_bodies import NortonHoff
+from ring_bodies import HEIGHT, K, M, Ring
+from ring_output import Record
 
-OUTER, INNER, HEIGHT = 15.0, 7.5, 10.0  # mm
-K, M, SPEED = 50.0, 0.15, 10.0  # MPa sᵐ, -, mm/s
+SPEED = 10.0  # V, mm/s
 FACTORS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0)
 FIXED = ("friction", "mu", "m_bar", "alpha")  # of --table
 
@@ -63,33 +60,9 @@ class Parameters:
     verbose: bool = False
 
 
-def create_ring(comm, cells):
-    """The ring, a Norton-Hoff body, with its surfaces and the nodes at mid height."""
-    rows = 2 * round(cells * HEIGHT / (OUTER - INNER) / 2)  # even: there are such nodes
-    corners, crossed = [[INNER, 0], [OUTER, HEIGHT]], mesh.DiagonalType.crossed
-    msh = mesh.create_rectangle(comm, corners, [cells, rows], diagonal=crossed)
-    ring = NortonHoff(msh, K, M, slow=1e-3 * SPEED / HEIGHT)
-    ring.lower, ring.upper = (ring.surface(facets_at(msh, 1, z)) for z in (0.0, HEIGHT))
-    # What may fold on to a die: the sides without the facets next to the faces. With these the
-    # edges would have more area than touches the die.
-    sides = mesh.locate_entities_boundary(msh, 1, lambda x: (x[1] > 1e-6) & (x[1] < HEIGHT - 1e-6))
-    ring.sides = ring.surface(sides)
-    r, z, _ = msh.geometry.x.T
-    middle = np.isclose(z, HEIGHT / 2)
-    ring.middle = [np.flatnonzero(middle & np.isclose(r, radius)) for radius in (INNER, OUTER)]
-    return ring
-
-
-def radii(ring):
-    """Inner and outer radius at mid height over their initial values. Collective."""
-    local = [ring.mesh.geometry.x[nodes, 0].max(initial=0.0) for nodes in ring.middle]
-    inner, outer = (ring.mesh.comm.allreduce(radius, op=MPI.MAX) for radius in local)
-    return inner / INNER, outer / OUTER
-
-
 def build(comm, p):
     """Ring, contacts and the stepper."""
-    ring = create_ring(comm, p.cells)
+    ring = Ring(comm, p.cells, slow=1e-3 * SPEED / HEIGHT)
     lower = qs.RigidSurface.plane(comm, [0, 0], [0, 1])
     upper = qs.RigidSurface.plane(comm, [0, HEIGHT], [0, -1])
     dt = p.reduction * HEIGHT / SPEED / p.num_steps
@@ -119,36 +92,17 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
         What --json writes; the history, one row a step, with the energies so far: the work of the
         dies is what the ring dissipates and what friction takes; and the ring.
     """
-    ring, contacts, stepper = build(comm, p)
-    volume, end = ring.volume(), p.reduction * HEIGHT / SPEED
-    history = qs.History(comm, t_end=end, verbose=p.verbose)
-    power, work, plastic, iterations = [], 0.0, 0.0, 0
-    stepper.on_solved = lambda: power.append(ring.power())
-    for t in stepper.run(end):
-        force = sum(contact.force("slave")[1] for contact in contacts[2:])
-        work -= force * SPEED * stepper.last_dt
-        plastic += power[-1] * stepper.last_dt
-        taken = sum(contact.dissipated_energy() for contact in contacts)
-        inner, outer = radii(ring)
-        row = {"reduction": SPEED * t / HEIGHT, "inner_radius": inner, "outer_radius": outer}
-        row |= {"work": work, "plastic": plastic, "friction": taken}
-        row["energy_error"] = (work - plastic - taken) / work
-        history.add(qs.step_row(stepper) | row)
-        iterations += stepper.num_iterations
+    scene = ring, _, stepper = build(comm, p)
+    t_end = p.reduction * HEIGHT / SPEED
+    record = Record(comm, scene, t_end, SPEED, p.verbose)
+    for _ in stepper.run(t_end):
+        record.add_step()
         if on_step is not None:
-            on_step(ring, contacts, stepper)
-    history.close()
-    result = {
-        "inner_radius_error": inner * np.sqrt(1 - row["reduction"]) - 1,
-        "inner_radius": inner,
-        "outer_radius": outer,
-        "force": abs(force),
-        "dissipated_energy": taken,
-        "volume_change": ring.volume() / volume - 1,
-        "steps": stepper.num_steps,
-        "snes_iterations": iterations,
-    }
-    return result, history.rows, ring
+            on_step(*scene)
+    record.close()
+    inner, reduction = record.last["inner_radius"], record.last["reduction"]
+    error = inner * np.sqrt(1 - reduction) - 1  # without friction
+    return {"inner_radius_error": error} | record.result(), record.history.rows, ring
 
 
 def calibrate(p, factors=FACTORS, comm=MPI.COMM_WORLD):
@@ -162,9 +116,7 @@ def calibrate(p, factors=FACTORS, comm=MPI.COMM_WORLD):
 
 def main():
     command = Command(__doc__, Parameters, plot="the table and three rings as a picture")
-    command.parser.add_argument(
-        "--table", action="store_true", default=False, help="for several friction factors"
-    )
+    command.add_switch("--table", "for several friction factors")
     p, a = command.parse()
     if a.table or a.plot:
         if a.json:

@@ -26,16 +26,13 @@ from mpi4py import MPI
 
 import numpy as np
 
-import ufl
-from dolfinx import fem, mesh
-
 import qsdolfinx as qs
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from common import pictures, tables
-from common.bodies import Reaction, facets_at, fix, measure, per_area
 from common.command import Command, option, save
+from elastic_bodies import create_strip
 
 SLOPE, LOAD, E, NU = 0.1, 1.0, 1e3, 0.3
 MAX_STEPS = 30  # to full slip
@@ -59,36 +56,15 @@ def closed_form(mu):
     return (SLOPE + mu) / (1 - mu * SLOPE)
 
 
-class Body:
-    """An elastic body between two lines over an interval of x."""
-
-    def __init__(self, comm, n, ends, low, high):
-        corners = [[ends[0], 0.0], [ends[1], 1.0]]
-        self.mesh = msh = mesh.create_rectangle(comm, corners, n, mesh.CellType.quadrilateral)
-        self.lower, self.upper = (facets_at(msh, 1, s) for s in (0.0, 1.0))
-        self.back = mesh.locate_entities_boundary(  # without the facet next to the contact
-            msh, 1, lambda x: np.isclose(x[0], ends[0]) & (x[1] > 0.5 / n[1])
-        )
-        x, s = msh.geometry.x[:, 0], msh.geometry.x[:, 1].copy()
-        msh.geometry.x[:, 1] = (1 - s) * low(x) + s * high(x)
-        self.V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
-        self.u, self.v = fem.Function(self.V), ufl.TestFunction(self.V)
-        self.stress = qs.materials.linear_elastic(self.u, E, NU)
-        self.F = ufl.inner(self.stress, ufl.grad(self.v)) * ufl.dx
-
-
 def build(comm, p):
     """The two bodies, their contact and the problem."""
-    wedge = Body(comm, (13 * p.n, 6 * p.n), (1.2, 4.1), lambda x: SLOPE * x, lambda x: 1.3 + 0 * x)
-    incline = Body(comm, (26 * p.n, 5 * p.n), (0.0, 6.0), lambda x: -1 + 0 * x, lambda x: SLOPE * x)
-    ds = measure(wedge.mesh, wedge.upper)
-    wedge.F += per_area(wedge.mesh, LOAD, ds) * wedge.v[1] * ds
-    # The back is free to move up: the incline carries all of G. F is what guides the back, and is
-    # found where no contact force acts.
-    wedge.shift = fem.Constant(wedge.mesh, 0.0)
-    wedge.push = Reaction(wedge.F, wedge.V, wedge.back)
-    guided = [fix(wedge.V, 0, wedge.back, wedge.shift)]
-    held = [fix(incline.V, axis, incline.lower) for axis in (0, 1)]
+    floor, slope, top = lambda x: -1 + 0 * x, lambda x: SLOPE * x, lambda x: 1.3 + 0 * x
+    wedge = create_strip(comm, (13 * p.n, 6 * p.n), (1.2, 4.1), slope, top, E, NU)
+    incline = create_strip(comm, (26 * p.n, 5 * p.n), (0.0, 6.0), floor, slope, E, NU)
+    wedge.press(LOAD)
+    # The back is free to move up: the incline carries all of G. F is what guides the back.
+    wedge.guide(wedge.back)
+    incline.hold()
     contact = qs.Contact(
         qs.Surface(wedge.V, facets=wedge.lower),
         qs.Surface(incline.V, facets=incline.upper),
@@ -98,7 +74,7 @@ def build(comm, p):
         friction=qs.Coulomb(p.mu) if p.mu != 0 else None,
     )
     problem = qs.ContactProblem(
-        [wedge.F, incline.F], [wedge.u, incline.u], [contact], [guided, held]
+        [wedge.F, incline.F], [wedge.u, incline.u], [contact], [wedge.bcs, incline.bcs]
     )
     return (wedge, incline), contact, problem
 
@@ -128,7 +104,7 @@ def run(p, comm=MPI.COMM_WORLD):
     for iterations in steps(p, wedge, problem):
         force, report = contact.force("slave"), contact.report()
         slipping = report.active if contact.friction is None else report.slipping
-        row = {"shift": float(wedge.shift.value), "ratio": wedge.push()[0] / LOAD}
+        row = {"shift": float(wedge.shift.value), "ratio": wedge.reaction()[0] / LOAD}
         row |= {"contact_ratio": -force[0] / force[1], "carried": force[1] / LOAD}
         row |= {"active": report.active, "slipping": slipping, "iterations": iterations}
         rows.append(row)

@@ -21,13 +21,10 @@ polygonal mesh. In neither does a Dirichlet condition hold the billet along the 
 import dataclasses
 import pathlib
 import sys
-import time
 
 from mpi4py import MPI
 
 import numpy as np
-
-from dolfinx import mesh
 
 import qsdolfinx as qs
 
@@ -36,7 +33,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from common import pictures
 from common.bodies import facets_at, fix
 from common.command import Command, option, report
-from forming_bodies import NortonHoff, quarter_cylinder
+from common.measures import Clock
+from forming_bodies import NortonHoff, cylinder
 
 RADIUS, HEIGHT = 10.0, 15.0
 
@@ -57,18 +55,9 @@ class Parameters:
     verbose: bool = False
 
 
-def create_billet(comm, p):
-    """Half a meridian section, or a quarter of the cylinder."""
-    if p.dim == 2:
-        msh = mesh.create_rectangle(comm, [[0, 0], [RADIUS, HEIGHT]], [6, 9])
-    else:
-        msh = quarter_cylinder(comm, RADIUS, 0, HEIGHT, 3.0)
-    return NortonHoff(msh, p.K, p.m, 1e-4 * p.rate)
-
-
 def build(comm, p):
     """Billet, contacts with the dies, and the stepper."""
-    billet = create_billet(comm, p)
+    billet = NortonHoff(cylinder(comm, p.dim, RADIUS, HEIGHT), p.K, p.m, 1e-4 * p.rate)
     V, up = billet.W.sub(0), p.dim - 1
     symmetry = [fix(V, axis, facets_at(billet.mesh, axis, 0.0)) for axis in range(up)]
     speed = p.rate * HEIGHT
@@ -112,8 +101,7 @@ def run(p, comm=MPI.COMM_WORLD, look=None):
     look is called with the mesh at first, and with the mesh, the reduction, the force on a die and
     that of the closed form after each step.
     """
-    comm.barrier()
-    start = time.perf_counter()
+    clock = Clock(comm)
     look = look or (lambda *state: None)
     billet, contacts, stepper = build(comm, p)
     look(billet.mesh)
@@ -135,7 +123,7 @@ def run(p, comm=MPI.COMM_WORLD, look=None):
         "volume_change": billet.volume() / volume - 1,
         "steps": stepper.num_steps,
         "snes_iterations": iterations,
-        "total_seconds": comm.allreduce(time.perf_counter() - start, op=MPI.MAX),
+        "total_seconds": clock.seconds(),
     }
     return result, stepper
 

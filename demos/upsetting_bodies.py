@@ -1,12 +1,13 @@
 """Bodies of the upsetting test, and the errors of two tied ones against a single one."""
 
 import numpy as np
-from common.bodies import fix, integral
 
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+
+from common.bodies import fix, integral
 
 E, NU, DELTA = 1.0, 0.3, 0.01
 

@@ -68,6 +68,10 @@ class Command:
         """An option that names a file to be written."""
         self.parser.add_argument(name, type=kind, metavar="FILE", default=None, help=help)
 
+    def add_switch(self, name, help):
+        """An option without a value that is no parameter."""
+        self.parser.add_argument(name, action="store_true", default=False, help=help)
+
     def refuse(self, p, names, reason):
         """End if any of these parameters is not its default."""
         default = self.parameters()

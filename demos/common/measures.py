@@ -1,8 +1,22 @@
-"""What is measured of a contact at its nodes, on all ranks together."""
+"""What is measured on all ranks together: of a contact at its nodes, and the time a run takes."""
+
+import time
 
 from mpi4py import MPI
 
 import numpy as np
+
+
+class Clock:
+    """Seconds since it was made, of the slowest rank; both are collective."""
+
+    def __init__(self, comm):
+        comm.barrier()
+        self.comm, self.start = comm, time.perf_counter()
+
+    def seconds(self):
+        """Until now."""
+        return self.comm.allreduce(time.perf_counter() - self.start, op=MPI.MAX)
 
 
 def mean_and_max(comm, values):

@@ -5,7 +5,8 @@ import dataclasses
 from mpi4py import MPI
 
 import numpy as np
-from forging import E_DIE, HEIGHT, NU_DIE, SPEED, Parameters, build
+from forging import Parameters, build
+from forging_bodies import E_DIE, HEIGHT, NU_DIE, SPEED
 from forging_output import Energy
 from hard.bodies import Punch, Wrong, iterations, solve
 from hard.cases import SHORT, Case, Variant

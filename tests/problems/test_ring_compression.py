@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from common.friction import FRICTIONS
-from ring_compression import SPEED, Parameters, build, calibrate, radii, run
+from ring_compression import SPEED, Parameters, build, calibrate, run
 from scenes import WORLD, largest
 
 import qsdolfinx as qs
@@ -76,7 +76,7 @@ def compress(friction):
     def on_step(ring, contacts, stepper):
         with_friction = [contact for contact in contacts if contact.friction is not None]
         least = min((c.dissipation().min(initial=0) for c in with_friction), default=0.0)
-        middle = [radius * start for radius, start in zip(radii(ring), (7.5, 15), strict=True)]
+        middle = [radius * start for radius, start in zip(ring.radii(), (7.5, 15), strict=True)]
         seen.append(
             {
                 "least": WORLD.allreduce(least, op=MPI.MIN),
