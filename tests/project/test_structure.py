@@ -131,6 +131,14 @@ def test_private_names_stay_in_their_file(path):
     assert found == []
 
 
+def test_a_demo_is_read_from_top_to_bottom():
+    """Of each program 150 lines at most; bodies, pictures, tables and files are beside it."""
+    texts = {path.name: path.read_text() for path in ROOT.parent.glob("demos/*.py")}
+    lines = {name: text.count("\n") for name, text in texts.items() if "__main__" in text}
+    assert len(lines) >= 10
+    assert {name: number for name, number in lines.items() if number > 150} == {}
+
+
 def test_importing_changes_nothing():
     """In a clean interpreter, once DOLFINx is there."""
     if WORLD.rank > 0:
