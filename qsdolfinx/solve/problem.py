@@ -317,7 +317,7 @@ class ContactProblem:
         if balance.tools:
             self.system.residual(start)
             balance.approach()
-        newton.first_norm, newton.predicted = guess(self.system)
+        guess(self.system)
         equilibrium = Equilibrium(newton, balance)
         augmented = AugmentedLagrangian(equilibrium)
         with augmented.first_accuracy():
