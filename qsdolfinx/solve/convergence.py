@@ -35,11 +35,13 @@ class Measures:
         sizes: Of what acts in these rows: contact forces and reactions; in those of a constraint,
             such as incompressibility, of the terms that cancel.
         rounding: Of what rounding may leave.
+        nothing: Of a residual that is none beside the largest forces on any body.
     """
 
     residuals: Array
     sizes: Array
     rounding: Array
+    nothing: Array
 
     def limits(self, relative: float, fall: float, first: Array) -> Array:
         """Norms with which a run of Newton's method may end, if rounding allows.
@@ -53,7 +55,7 @@ class Measures:
         limits = relative * self.sizes
         if fall < 1:
             limits = np.maximum(np.minimum(limits, fall * first), fall * limits)
-        return limits
+        return np.maximum(limits, self.nothing)
 
     def with_rounding(self, limits: Array, least: Array, forces: Array, rests: bool) -> Array:
         """The limits, raised to what rounding leaves where an iteration no longer helps.
@@ -113,7 +115,7 @@ class Convergence:
             place = np.abs(body.V.mesh.geometry.x).max(initial=0.0) / scale
             near = 0.0 if body.linear else self._cells[i] / scale
             both = np.maximum(system.made.tangent.diagonal(i), body.diagonal)
-            left = body.diagonal * (x + near) + touched * (both - body.diagonal) * (x + place)
+            left = body.diagonal * (x + near + body.reference) + touched * (both - body.diagonal) * (x + place)
             for k, rows in enumerate(body.groups):
                 parts = residual, body.terms if k else acting, left
                 squares.append([float(part[rows] @ part[rows]) for part in parts])
@@ -122,5 +124,8 @@ class Convergence:
         by = system.comm.allreduce(np.array(largest), op=MPI.MAX)
         sizes = norms[:, 1] * by
         constraints = np.array([k > 0 for body in system.bodies for k in range(len(body.groups))])
-        eps = ROUNDING * np.finfo(np.float64).eps
-        return Measures(norms[:, 0], sizes, eps * np.where(constraints, sizes, norms[:, 2]))
+        eps = np.finfo(np.float64).eps
+        left = ROUNDING * eps * np.where(constraints, sizes, norms[:, 2])
+        # Bodies on which nothing acts have rounding errors of the others in one linear system.
+        largest_force = eps * sizes[~constraints].max()
+        return Measures(norms[:, 0], sizes, left, np.where(constraints, 0.0, largest_force))

@@ -183,6 +183,11 @@ class Body:
         r[owned] = self.condition_stiffness * (x[owned] - self._g.array[owned])
         return r
 
+    @property
+    def reference(self) -> Array | float:
+        """Magnitude of the unknowns from which those of a linear form are counted."""
+        return np.abs(self._x0) if self.linear else 0.0
+
     def reactions(self) -> Array:
         """F in the owned rows of Dirichlet conditions, where residual() was last. Collective."""
         if self.linear:  # K does not have these rows
