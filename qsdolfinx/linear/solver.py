@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.linear.krylov import Krylov
-from qsdolfinx.linear.presets import BLOCK, ITERATIVE, PRESETS
+from qsdolfinx.linear.presets import AGGREGATION, BLOCK, ITERATIVE, KRYLOV, PRESETS
 from qsdolfinx.linear.saddle import SaddlePoint
 from qsdolfinx.linear.schur import Forms, Schur
 from qsdolfinx.system.additive import Additive
@@ -33,6 +33,8 @@ def preset_options(
     options = dict(PRESETS.get(name, {}))
     if name == "amg" and "pc_type" in chosen:
         options = {key: value for key, value in options.items() if key.startswith("ksp_")}
+    if name == "fieldsplit" and num_bodies == 1:
+        return KRYLOV | AGGREGATION
     if name == "fieldsplit":
         for i in range(num_bodies):
             options |= {f"fieldsplit_{i}_{key}": value for key, value in BLOCK.items()}

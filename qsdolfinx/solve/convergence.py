@@ -86,16 +86,13 @@ class Convergence:
 
     def __init__(self, system: ContactSystem) -> None:
         self._system = system
-        self._cells = []
+        #: Size of the largest cell of each body on this rank.
+        self._cells: list[float] = []
         for body in system.bodies:
             msh = body.V.mesh
             tdim = msh.topology.dim
             cells = np.arange(msh.topology.index_map(tdim).size_local, dtype=np.int32)
-            self._cells.append(msh.h(tdim, cells).max(initial=0.0))
-        self._has_reactions = any(
-            system.comm.allreduce(len(body.owned_constrained)) > 0 and body.linear
-            for body in system.bodies
-        )
+            self._cells.append(float(msh.h(tdim, cells).max(initial=0.0)))
 
     def measure(self, reactions: bool = True) -> Measures:
         """Norms at the last evaluation. Collective.
@@ -103,29 +100,40 @@ class Convergence:
         Args:
             reactions: Whether to find those of linear bodies, too: F is assembled for that.
         """
-        system = self._system
-        squares: list[list[float]] = []
-        largest: list[float] = []
-        for i, (body, scale) in enumerate(zip(system.bodies, system.scales, strict=True)):
-            x, residual = np.abs(system.part(system.evaluated, i)), system.residuals[i]
-            acting = body.force.array_r.copy()
-            touched = acting != 0
+        bodies = self._system.bodies
+        rows, largest = [], []
+        for i, body in enumerate(bodies):
+            x = np.abs(self._system.part(self._system.evaluated, i))
+            residual, acting = self._system.residuals[i], body.force.array_r.copy()
+            left = self._rounding(i, x, acting != 0)
             if reactions or not body.linear:
                 acting[body.owned_constrained] = body.reactions()
-            place = np.abs(body.V.mesh.geometry.x).max(initial=0.0) / scale
-            near = 0.0 if body.linear else self._cells[i] / scale
-            both = np.maximum(system.made.tangent.diagonal(i), body.diagonal)
-            left = body.diagonal * (x + near + body.reference) + touched * (both - body.diagonal) * (x + place)
-            for k, rows in enumerate(body.groups):
+            for k, group in enumerate(body.groups):
                 parts = residual, body.terms if k else acting, left
-                squares.append([float(part[rows] @ part[rows]) for part in parts])
+                rows.append([float(part[group] @ part[group]) for part in parts])
                 largest.append(x[body.groups[0]].max(initial=0.0) if k else 1.0)
-        norms = np.sqrt(system.comm.allreduce(np.array(squares), op=MPI.SUM))
-        by = system.comm.allreduce(np.array(largest), op=MPI.MAX)
-        sizes = norms[:, 1] * by
-        constraints = np.array([k > 0 for body in system.bodies for k in range(len(body.groups))])
+        norms = np.sqrt(self._system.comm.allreduce(np.array(rows), op=MPI.SUM)).T
+        largest = self._system.comm.allreduce(np.array(largest), op=MPI.MAX)
         eps = np.finfo(np.float64).eps
-        left = ROUNDING * eps * np.where(constraints, sizes, norms[:, 2])
-        # Bodies on which nothing acts have rounding errors of the others in one linear system.
-        largest_force = eps * sizes[~constraints].max()
-        return Measures(norms[:, 0], sizes, left, np.where(constraints, 0.0, largest_force))
+        forces = np.concatenate([np.arange(len(body.groups)) == 0 for body in bodies])
+        sizes = norms[1] * largest
+        left = ROUNDING * eps * np.where(forces, norms[2], sizes)
+        return Measures(norms[0], sizes, left, np.where(forces, eps * sizes[forces].max(), 0.0))
+
+    def _rounding(self, i: int, x: Array, touched: npt.NDArray[np.bool_]) -> Array:
+        """Terms of body i's owned rows of which rounding takes its part.
+
+        Those of a linear form are K (x - x0); strains of others round beside 1, which counts as a
+        displacement of a cell's size; gaps round beside coordinates.
+
+        Args:
+            i: The body.
+            x: Magnitude of its owned unknowns.
+            touched: Rows in which contact acts.
+        """
+        body, scale = self._system.bodies[i], self._system.scales[i]
+        place = np.abs(body.V.mesh.geometry.x).max(initial=0.0) / scale
+        beside = body.reference if body.linear else self._cells[i] / scale
+        both = np.maximum(self._system.made.tangent.diagonal(i), body.diagonal)
+        contact = touched * (both - body.diagonal)
+        return np.asarray(body.diagonal * (x + beside) + contact * (x + place))

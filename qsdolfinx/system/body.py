@@ -184,9 +184,9 @@ class Body:
         return r
 
     @property
-    def reference(self) -> Array | float:
+    def reference(self) -> Array:
         """Magnitude of the unknowns from which those of a linear form are counted."""
-        return np.abs(self._x0) if self.linear else 0.0
+        return np.abs(self._x0)
 
     def reactions(self) -> Array:
         """F in the owned rows of Dirichlet conditions, where residual() was last. Collective."""
