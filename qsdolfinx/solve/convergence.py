@@ -66,7 +66,7 @@ class Measures:
         Args:
             limits: The limits.
             least: The least norms of the run so far.
-            forces: What acted at the beginning of the run.
+            forces: What acted, or was not balanced, earlier in the solve.
             rests: Whether the last step was small.
         """
         stalled = self.residuals > STALLED * least
@@ -101,7 +101,7 @@ class Convergence:
             reactions: Whether to find those of linear bodies, too: F is assembled for that.
         """
         bodies = self._system.bodies
-        rows, largest = [], []
+        rows, most = [], []
         for i, body in enumerate(bodies):
             x = np.abs(self._system.part(self._system.evaluated, i))
             residual, acting = self._system.residuals[i], body.force.array_r.copy()
@@ -111,9 +111,11 @@ class Convergence:
             for k, group in enumerate(body.groups):
                 parts = residual, body.terms if k else acting, left
                 rows.append([float(part[group] @ part[group]) for part in parts])
-                largest.append(x[body.groups[0]].max(initial=0.0) if k else 1.0)
-        norms = np.sqrt(self._system.comm.allreduce(np.array(rows), op=MPI.SUM)).T
-        largest = self._system.comm.allreduce(np.array(largest), op=MPI.MAX)
+                most.append(x[body.groups[0]].max(initial=0.0) if k else 1.0)
+        squares, largest = np.array(rows).T.copy(), np.array(most)
+        self._system.comm.Allreduce(MPI.IN_PLACE, squares, op=MPI.SUM)
+        self._system.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        norms = np.sqrt(squares)
         eps = np.finfo(np.float64).eps
         forces = np.concatenate([np.arange(len(body.groups)) == 0 for body in bodies])
         sizes = norms[1] * largest

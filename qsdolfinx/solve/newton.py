@@ -88,7 +88,8 @@ class Context:
         norms: Norm of the residual at each iteration of the run.
         first: Of each group, in the run.
         least: Of each group, in the run so far.
-        forces: Of each group, residual or what acts there, at the beginning of the run.
+        forces: Of each group the largest at the beginning of any run of the solve: what acts, or
+            is not balanced. None before the first.
         until: Norm of the residual at which a linear solve is exact enough.
         failure: What a callback has raised: PETSc would make an error of its own of it.
     """
@@ -101,7 +102,7 @@ class Context:
     norms: list[float] = dataclasses.field(default_factory=list)
     first: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     least: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
-    forces: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    forces: Array | None = None
     until: float = 0.0
     failure: BaseException | None = None
 
@@ -170,10 +171,12 @@ def _has_converged(
     if iteration == 0:
         context.norms, context.first = [], measures.residuals
         context.least = np.full_like(measures.residuals, np.inf)
-        context.forces = np.maximum(measures.sizes, measures.residuals)
+        now = np.maximum(measures.sizes, measures.residuals)
+        context.forces = now if context.forces is None else np.maximum(now, context.forces)
     context.norms.append(norm)
     limits = measures.limits(relative, accuracy.fall, context.first)
     rests = iteration > 0 and step <= RESTING * size
+    assert context.forces is not None
     limits = measures.with_rounding(limits, context.least, context.forces, rests)
     context.least = np.minimum(context.least, measures.residuals)
     loose = max(absolute, accuracy.loose, accuracy.of_first * context.norms[0])
@@ -215,6 +218,7 @@ class Newton:
     def begin(self) -> None:
         """Begin a new record."""
         self.record = self._context.record = Record()
+        self._context.forces = None
 
     def update_matrices(self) -> None:
         """Make matrices for the present pairing, if there are none. Collective."""
