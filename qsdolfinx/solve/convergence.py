@@ -106,8 +106,9 @@ class Convergence:
             x = np.abs(self._system.part(self._system.evaluated, i))
             residual, acting = self._system.residuals[i], body.force.array_r.copy()
             left = self._rounding(i, x, acting != 0)
-            if reactions or not body.linear:
-                acting[body.owned_constrained] = body.reactions()
+            known = reactions or not body.linear
+            # Contact forces on held unknowns may be anything, without balance.
+            acting[body.owned_constrained] = body.reactions() if known else 0.0
             for k, group in enumerate(body.groups):
                 parts = residual, body.terms if k else acting, left
                 rows.append([float(part[group] @ part[group]) for part in parts])

@@ -10,7 +10,7 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 #: E and L of the scene whose numbers are compared, and the others'.
-UNITS = ((1e3, 1e-5), (1e-6, 1e-2), (1e-3, 1e-6), (1e12, 1e-9), (1e-12, 1e3), (1e12, 1e3))
+UNITS = ((1e-3, 1e-6), (1e12, 1e-9), (1e-12, 1e3), (1e12, 1e3))
 PRESS = 0.05
 NU = 0.3
 
@@ -134,3 +134,28 @@ def test_beside_a_stiff_body(law, enforcement):
     options = {"enforcement": enforcement}
     forces = [force(on_a_block, 1.0, 1.0, law, ratio=ratio, **options)[0] for ratio in (1e6, 1e8)]
     np.testing.assert_allclose(forces[1], forces[0], rtol=3e-6)
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+def test_viscous_flow(enforcement):
+    """A Norton-Hoff block in velocity and pressure, where the ratio of the two is no obstacle."""
+    found = []
+    for K, L in ((1.0, 1.0), (1e3, 1e-5), (1e-6, 1e-2), (1e12, 1e-9), (1e12, 1e3), (1e-12, 1e-9)):
+        msh = mesh.create_rectangle(WORLD, [[0.0, 0.0], [L, L]], [4, 4])
+        W = qs.materials.mini_space(msh)
+        w = fem.Function(W)
+        modulus, slow = fem.Constant(msh, K), fem.Constant(msh, 1e-3)
+        stress = qs.materials.norton_hoff(ufl.split(w)[0], modulus, 0.5, slow)
+        F = qs.materials.incompressible(w, stress)
+        facets = [
+            mesh.locate_entities_boundary(msh, 1, lambda x, z=z: np.abs(x[1] - z) < 1e-3 * L)
+            for z in (0.0, L)
+        ]
+        bcs = [slide(W.sub(0), axis, facets[1], -PRESS * L * axis) for axis in (0, 1)]
+        surface = qs.Surface(W.sub(0), facets=facets[0])
+        tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+        contact = qs.Contact(surface, tool, enforcement=enforcement, unknown="velocity", dt=1.0)
+        qs.ContactProblem([F], [w], [contact], [bcs]).solve()
+        found.append(contact.force("slave")[1] / (K * L))
+    assert found[0] > 0.1
+    np.testing.assert_allclose(found, found[0], rtol=1e-6)
