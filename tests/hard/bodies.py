@@ -39,12 +39,12 @@ def lattice(cell, *lines):
 class Body:
     """An elastic body: linear, or of neo-Hooke's material; plane strain in 2D."""
 
-    def __init__(self, msh, E=1.0, nu=NU, large=False):
+    def __init__(self, msh, E=1.0, nu=NU, large=False, degree=1):
         self.mesh, self.gdim = msh, msh.geometry.dim
         x = msh.geometry.x[:, : self.gdim]
         self.low = np.array([WORLD.allreduce(c.min(initial=np.inf), op=MPI.MIN) for c in x.T])
         self.high = np.array([WORLD.allreduce(c.max(initial=-np.inf), op=MPI.MAX) for c in x.T])
-        self.V = fem.functionspace(msh, ("Lagrange", 1, (self.gdim,)))
+        self.V = fem.functionspace(msh, ("Lagrange", degree, (self.gdim,)))
         self.u, self.v = fem.Function(self.V), ufl.TestFunction(self.V)
         # Constants, so that the forms of all bodies are the same.
         if large:
