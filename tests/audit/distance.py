@@ -71,17 +71,20 @@ class Meshed:
         if deformed:
             return Found(distance, facing, normal)
         return Found(
-            distance, facing, normal, *self.interpolation(pick, corners[pick], q[rows, pick])
+            distance,
+            facing,
+            normal,
+            *self.interpolation(pick, corners[pick], points, q[rows, pick]),
         )
 
-    def interpolation(self, pick, corners, points):
-        """Nodes and weights of displacements at points on pieces, at rest.
+    def interpolation(self, pick, corners, points, feet):
+        """Nodes and weights of displacements at the feet of points on pieces, at rest.
 
         Of degree 2 they are those of degree 1 between the nodes.
         """
         surface = self.surface
         if surface.facets.shape[1] < 4 or len(surface.nodes) > len(surface.vertices):
-            return surface.pieces[pick], barycentric(corners, points)
+            return surface.pieces[pick], barycentric(corners, feet)
         nodes = surface.facets[surface.parent[pick]]
         return nodes, bilinear(self.body.x[nodes], points)
 
@@ -100,7 +103,7 @@ def barycentric(corners, points):
 
 
 def bilinear(corners, points, iterations=10):
-    """Shape functions of quadrilaterals at the points of theirs that are near to these."""
+    """Shape functions of quadrilaterals at their points closest to these, by Gauss & Newton."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     c = corners[:, 3] - corners[:, 0] - a - b
     s, t = np.full((2, len(points), 1), 0.5)

@@ -182,9 +182,8 @@ class Stage:
         msh = box(WORLD, scene.n[i], scene.cells[i], *corners, scene.partitions[i])
         x = msh.geometry.x
         contact, far = (top, bottom) if i == 0 else (bottom, top)
-        body = Body(
-            msh, scene.E * (scene.ratio if i else 1.0), scene.nu, scene.large, degree=scene.degree
-        )
+        E = scene.E * (scene.ratio if i else 1.0)
+        body = Body(msh, E, scene.nu, scene.large, scene.degree, rule=2 * scene.degree + 1)
         body.face, body.end = body.facets(up, contact), body.facets(up, far)
         sides = [body.facets(axis, low) for axis in range(up)]
         fade = 1 - np.abs(x[:, up]) / abs(far)

@@ -110,7 +110,7 @@ def read_surface(V, facets, x):
         order = [d for d in corners if d in closure]
         order += [d for d in closure if d not in corners]
         cells = V.dofmap.cell_dofs(cell)
-        inner = [d for d in corners if d not in closure][0]
+        inner = next(d for d in corners if d not in closure)
         found.append(V.dofmap.index_map.local_to_global(cells[[*order, inner]].astype(np.int32)))
     num = 4 if num_vertices == 8 else tdim  # of a facet
     width = len(layout.entity_closure_dofs(tdim - 1, 0)) + 1

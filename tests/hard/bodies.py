@@ -37,9 +37,18 @@ def lattice(cell, *lines):
 
 
 class Body:
-    """An elastic body: linear, or of neo-Hooke's material; plane strain in 2D."""
+    """An elastic body: linear, or of neo-Hooke's material; plane strain in 2D.
 
-    def __init__(self, msh, E=1.0, nu=NU, large=False, degree=1):
+    Args:
+        msh: Mesh.
+        E: Modulus.
+        nu: Poisson's ratio.
+        large: Whether it is of neo-Hooke's material.
+        degree: Of displacements.
+        rule: Degree of the quadrature in its cells; by default what FFCx estimates.
+    """
+
+    def __init__(self, msh, E=1.0, nu=NU, large=False, degree=1, rule=None):
         self.mesh, self.gdim = msh, msh.geometry.dim
         x = msh.geometry.x[:, : self.gdim]
         self.low = np.array([WORLD.allreduce(c.min(initial=np.inf), op=MPI.MIN) for c in x.T])
@@ -53,7 +62,8 @@ class Body:
         else:
             constants, law = (E, nu), qs.materials.linear_elastic
         self.stress = law(self.u, *(fem.Constant(msh, float(c)) for c in constants))
-        self.F, self.bcs = ufl.inner(self.stress, ufl.grad(self.v)) * ufl.dx, []
+        dx = ufl.dx if rule is None else ufl.dx(degree=rule)
+        self.F, self.bcs = ufl.inner(self.stress, ufl.grad(self.v)) * dx, []
 
     def facets(self, axis, value, where=None):
         """Boundary facets on a plane across an axis, or those whose vertices are somewhere."""
