@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
-#: Part of μ N below which a node sticks for sure, and from which on it slips.
-STICKS, SLIPS = 0.9, 1 - 1e-6
+#: Part of μ N below which a node sticks for sure, and from which on it slips if it moves.
+STICKS, SLIPS = 0.9, 0.98
 
 
 @dataclasses.dataclass
@@ -60,7 +60,7 @@ def faults(joint, sides, before, now, tolerance):
     size, limit = np.linalg.norm(now.friction, axis=1), joint.mu * now.pushed
     slip = np.linalg.norm(moved, axis=1)
     out = []
-    slipping = free & big & load & (size - tilt >= SLIPS * limit) & (slip > 10 * spread)
+    slipping = free & big & load & (size - tilt >= SLIPS * limit) & (slip > 3 * spread)
     work = np.sum(now.friction * moved, axis=1)
     wrong = slipping & (work > -0.5 * size * slip)
     if np.any(wrong):
