@@ -288,8 +288,10 @@ def linearisation(side: Side):
 def complementarity(name, joint, sides, side: Side, tolerance, reach, length):
     """Where all is apart, within the reach of a multiplier, there is no force."""
     alone = joint.node_by_node and name == "slave"
-    gap = np.where(side.now.facing, side.now.distance, np.inf)[: side.num_vertices]
+    # What has slid over an edge keeps the partner it had at rest.
+    gap = np.where(side.now.facing, side.now.distance, -np.inf)[: side.num_vertices]
     if not alone:
+        gap[:] = np.inf
         for other in sides:
             x = other.points_now
             d = np.where(other.now.facing, other.now.distance, np.inf)

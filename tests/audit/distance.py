@@ -57,36 +57,37 @@ class Meshed:
         q = closest(points, corners)
         away = points[:, None] - q
         length = np.linalg.norm(away, axis=2)
-        pick = np.argmin(length, axis=1)
-        rows = np.arange(len(points))
+        pick, rows = np.argmin(length, axis=1), np.arange(len(points))
         # On an edge or a vertex the normals of all pieces there.
         equal = length <= length[rows, pick][:, None] + SAME * size
         normal = unit(equal.astype(float) @ normals)
-        # At an edge that sticks out the line is between its normals, and no normal itself.
-        offset = away[rows, pick]
         steepest = np.abs(np.where(equal, np.sum(away * normals, axis=2), 0.0)).max(axis=1)
+        offset, nodes = away[rows, pick], self.surface.pieces[pick]
+        if self.is_bilinear:
+            nodes = self.surface.facets[self.surface.parent[pick]]
+            x = self.body.x + (self.body.u if deformed else 0.0)
+            weights, across = closest_bilinear(x[nodes], points)
+            across = unit(across) * self.surface.sign[pick][:, None]
+            offset = points - np.einsum("pi,pij->pj", weights, x[nodes])
+            inside = np.all(weights > SAME, axis=1)
+            normal = np.where(inside[:, None], across, normal)
+            steepest = np.maximum(steepest * ~inside, np.abs(dot(offset, across)))
+        else:
+            weights = barycentric(corners[pick], q[rows, pick])
+        # At an edge that sticks out the line is between its normals, and no normal itself.
         beside = np.sqrt(np.maximum(dot(offset, offset) - steepest**2, 0.0))
         facing = beside <= BESIDE * steepest + SAME * size
-        distance = np.where(dot(offset, normal) < 0, -1, 1) * length[rows, pick]
-        if deformed:
-            return Found(distance, facing, normal)
-        return Found(
-            distance,
-            facing,
-            normal,
-            *self.interpolation(pick, corners[pick], points, q[rows, pick]),
-        )
+        distance = np.where(dot(offset, normal) < 0, -1, 1) * np.linalg.norm(offset, axis=1)
+        return Found(distance, facing, normal, nodes, weights)
 
-    def interpolation(self, pick, corners, points, feet):
-        """Nodes and weights of displacements at the feet of points on pieces, at rest.
+    @property
+    def is_bilinear(self):
+        """Whether facets are quadrilaterals with nodes at their vertices alone, and may be warped.
 
-        Of degree 2 they are those of degree 1 between the nodes.
+        Displacements of degree 2 are taken as of degree 1 between the nodes.
         """
         surface = self.surface
-        if surface.facets.shape[1] < 4 or len(surface.nodes) > len(surface.vertices):
-            return surface.pieces[pick], barycentric(corners, feet)
-        nodes = surface.facets[surface.parent[pick]]
-        return nodes, bilinear(self.body.x[nodes], points)
+        return surface.facets.shape[1] == 4 and len(surface.nodes) == len(surface.vertices)
 
     def displacement(self, found):
         """Of the closest points."""
@@ -102,18 +103,25 @@ def barycentric(corners, points):
     return np.concatenate([1 - inner.sum(axis=1, keepdims=True), inner], axis=1)
 
 
-def bilinear(corners, points, iterations=10):
-    """Shape functions of quadrilaterals at their points closest to these, by Gauss & Newton."""
+def closest_bilinear(corners, points):
+    """Shape functions and normals of quadrilaterals at their points closest to these.
+
+    By Gauss & Newton, and then along one coordinate after the other, which ends on edges as well.
+    """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    c = corners[:, 3] - corners[:, 0] - a - b
+    c, p = corners[:, 3] - corners[:, 0] - a - b, points - corners[:, 0]
     s, t = np.full((2, len(points), 1), 0.5)
-    for _ in range(iterations):
-        left = points - corners[:, 0] - s * a - t * b - s * t * c
+    for _ in range(10):
         slopes = np.stack([a + t * c, b + s * c], axis=1)
         gram = np.einsum("pix,pjx->pij", slopes, slopes)
-        step = np.linalg.solve(gram, np.einsum("pix,px->pi", slopes, left)[..., None])
+        right = np.einsum("pix,px->pi", slopes, p - s * a - t * b - s * t * c)
+        step = np.linalg.solve(gram, right[..., None])
         s, t = np.clip(s + step[:, 0], 0, 1), np.clip(t + step[:, 1], 0, 1)
-    return np.concatenate([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)
+    for _ in range(20):
+        s = np.clip(dot(p - t * b, a + t * c) / dot(a + t * c, a + t * c), 0, 1)[:, None]
+        t = np.clip(dot(p - s * a, b + s * c) / dot(b + s * c, b + s * c), 0, 1)[:, None]
+    weights = np.concatenate([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)
+    return weights, np.cross(a + t * c, b + s * c)
 
 
 @dataclasses.dataclass

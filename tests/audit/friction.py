@@ -45,7 +45,9 @@ def faults(joint, sides, before, now, tolerance):
     if joint.penalty:
         moved = moved + (now.friction - before.friction) / (joint.penalty * side.area)[:, None]
     x = side.points[: side.num_vertices]
-    facing = side.rest.facing[: side.num_vertices]
+    # Nodes that are covered in part have means over that part, and a stiffness of their own.
+    patch = np.linalg.norm(x[:, None] - side.points, axis=2) <= side.size
+    facing = np.all(side.rest.facing | ~patch, axis=1)
     reach = 0.0 if joint.node_by_node else 2 * sum(s.size for s in sides)
     near = (np.linalg.norm(x[:, None] - x, axis=2) <= reach) & facing
     apart = np.linalg.norm(moved[:, None] - moved, axis=2)

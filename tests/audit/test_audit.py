@@ -8,17 +8,22 @@ from audit.run import run
 SIZE = MPI.COMM_WORLD.size
 
 
-@pytest.mark.parametrize(
-    "units, first, count",
-    [
-        (False, 100 * (SIZE - 1), 100),
-        pytest.param(False, 10_000, 1000, marks=pytest.mark.long),
-        pytest.param(True, 20_000, 1000, marks=pytest.mark.long),
-    ],
-    ids=["some", "many", "units"],
-)
-def test_scenes(units, first, count):
+def check(numbers, units=False):
     faults = []
-    counts = run(range(first, first + count), units, faults.append)
+    counts = run(numbers, units, faults.append)
     assert counts["FAULT"] == 0, "\n".join(faults)
-    assert counts["good"] > 0.9 * count
+    assert counts["good"] > 0.9 * len(numbers)
+
+
+def test_some():
+    check(range(100 * (SIZE - 1), 100 * SIZE))
+
+
+@pytest.mark.long
+def test_many():
+    check(range(10_000, 11_000))
+
+
+@pytest.mark.long
+def test_odd_units():
+    check(range(20_000, 21_000), units=True)
