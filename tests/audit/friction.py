@@ -49,7 +49,7 @@ def faults(joint, sides, before, now, tolerance):
     patch = np.linalg.norm(x[:, None] - side.points, axis=2) <= side.size
     facing = np.all(side.rest.facing | ~patch, axis=1)
     reach = 0.0 if joint.node_by_node else 2 * sum(s.size for s in sides)
-    near = (np.linalg.norm(x[:, None] - x, axis=2) <= reach) & facing
+    near = np.linalg.norm(x[:, None] - x, axis=2) <= reach
     apart = np.linalg.norm(moved[:, None] - moved, axis=2)
     spread = np.where(near, apart, 0.0).max(axis=1)
     # Means of what is apart by initial gaps along normals that are not parallel.

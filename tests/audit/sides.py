@@ -69,6 +69,11 @@ class Side:
     def area(self):
         """Of the vertices."""
         surface, corners = self.own.surface, self.own.at_rest
+        if self.own.is_bilinear:
+            shares = bilinear_areas(self.body.x[surface.facets])
+            out = np.zeros(self.num_vertices)
+            np.add.at(out, np.searchsorted(surface.vertices, surface.facets), shares)
+            return out
         size = np.linalg.norm(cross_product(corners), axis=1) / (corners.shape[1] - 1)
         hat = np.zeros((len(self.body.x), self.num_vertices))
         hat[surface.nodes] = surface.hat.T
@@ -204,6 +209,18 @@ class Side:
         return np.maximum(
             out, np.where(near, sine(self.normal[:, None], found.normal), 0.0).max(axis=1)
         )
+
+
+def bilinear_areas(corners):
+    """Integrals of the shape functions of quadrilaterals, shape (facets, 4)."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    c, out = corners[:, 3] - corners[:, 0] - a - b, np.zeros(corners.shape[:2])
+    for s in 0.5 + np.array([-1, 1]) / np.sqrt(12):
+        for t in 0.5 + np.array([-1, 1]) / np.sqrt(12):
+            size = np.linalg.norm(np.cross(a + t * c, b + s * c), axis=1) / 4
+            shape = np.array([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
+            out += size[:, None] * shape
+    return out
 
 
 def sine(a, b):
