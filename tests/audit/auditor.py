@@ -311,7 +311,9 @@ def penetration(name, joint, sides, side: Side, reach, length):
     if alone and name == "master":
         return []
     count = side.num_vertices if alone else len(side.points_now)
-    depth = np.where(side.now.facing, -side.now.distance, -np.inf)[:count]
+    # What was beside the other side at rest has no partner (small sliding).
+    known = side.now.facing & side.rest.facing
+    depth = np.where(known, -side.now.distance, -np.inf)[:count]
     pressure = max(s.pressure.max(initial=0.0) for s in sides)
     explained = SPIKE * pressure / joint.penalty if joint.penalty else joint.allowed_gap
     bound = explained + CLOSE * length + np.max(linearisation(side), initial=0.0)

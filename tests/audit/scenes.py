@@ -113,6 +113,7 @@ def random_scene(number, units=False):
     histories = list(HISTORIES)[:3] if loaded or tied else list(HISTORIES)
     most = {(2, 1): 9, (2, 2): 6, (3, 1): 5, (3, 2): 3}[gdim, degree]
     large = bool(rng.random() < 0.35)
+    limit = 3 if large and gdim == 3 else most  # these are assembled again and again
     curved = tool == "sphere" or rng.random() < 0.3
     options = {
         "formulation": formulation,
@@ -120,14 +121,18 @@ def random_scene(number, units=False):
         "enforcement": "augmented-lagrangian" if augmented else "penalty",
         "normals": None if rng.random() < 0.7 else str(rng.choice(["facet", "bisector"])),
     }
-    solvers = ["direct", "auto", "auto", "fieldsplit"] + ["amg"] * augmented
+    # One body alone has no blocks to split fields by.
+    blocks = "fieldsplit" if tool == "none" else "auto"
+    solvers = ["direct", "auto", "auto", blocks] + ["amg"] * augmented
     scale = np.random.default_rng([SEED, number, 1])
     powers = scale.uniform(-1, 1, 2) * ((12, 6) if units else (0.5, 0.5)) - (0, 3 if units else 0)
     return Scene(
         number=number,
         gdim=gdim,
         cells=tuple(str(c) for c in rng.choice(kinds, 2)),
-        n=tuple(tuple(int(k) for k in rng.integers(2, most + 1, gdim)) for _ in range(2)),
+        n=tuple(
+            tuple(min(int(k), limit) for k in rng.integers(2, most + 1, gdim)) for _ in range(2)
+        ),
         degree=degree,
         tool=tool,
         large=large,
