@@ -121,9 +121,7 @@ def random_scene(number, units=False):
         "enforcement": "augmented-lagrangian" if augmented else "penalty",
         "normals": None if rng.random() < 0.7 else str(rng.choice(["facet", "bisector"])),
     }
-    # One body alone has no blocks to split fields by.
-    blocks = "fieldsplit" if tool == "none" else "auto"
-    solvers = ["direct", "auto", "auto", blocks] + ["amg"] * augmented
+    solvers = ["direct", "auto", "auto", "fieldsplit"] + ["amg"] * augmented
     scale = np.random.default_rng([SEED, number, 1])
     powers = scale.uniform(-1, 1, 2) * ((12, 6) if units else (0.5, 0.5)) - (0, 3 if units else 0)
     return Scene(
