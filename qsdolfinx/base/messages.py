@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 import os
 import pathlib
@@ -42,8 +43,8 @@ def warn(text: str, kind: type[ContactWarning]) -> None:
         kind: Class of the warning.
     """
     _show_warnings()
-    level, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+    level, frame = 1, inspect.currentframe()
+    while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         level, frame = level + 1, frame.f_back
     warnings.warn(text, kind, stacklevel=level)
 

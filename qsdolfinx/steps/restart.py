@@ -57,8 +57,8 @@ def load_run(
 ) -> dict[str, typing.Any]:
     """Continue from a checkpoint, on any number of ranks. Collective.
 
-    Contacts are paired where the run ended, and show gaps and forces of the saved multipliers there:
-    the saved ones, but for what areas and normals have changed since the last step paired.
+    Contacts are paired where the run ended, and show gaps and forces of the saved multipliers
+    there: the saved ones, but for what areas and normals have changed since the last step paired.
 
     Args:
         stepper: The run, set up just as before. Forces that drive tools (``tool.drive``), loads and
