@@ -105,9 +105,11 @@ def test_tools_are_told_nothing_by_a_failed_step():
     def drive(t, dt):
         case.lower(t, dt)
         case.tool.rotation = 0.1
-        if WORLD.rank == WORLD.size - 1:
+        last = WORLD.rank == WORLD.size - 1
+        if not last or WORLD.size == 1:
+            case.tool.drive(3.0, [0.0, -1.0])
+        if last:
             raise RuntimeError("alone")
-        case.tool.drive(3.0, [0.0, -1.0])
 
     case.drive = drive
     raises_everywhere(WORLD, RuntimeError, "alone", case.stepper.step)
@@ -160,18 +162,21 @@ def test_solve_after_a_step(moving):
     assert np.array_equal(position, case.tool.position)
 
 
-def test_solve_between_steps_moves_the_tool():
-    """A displacement of the tool between two steps acts as in a step."""
-    case, other = Plane(), Plane()
-    case.stepper.step()
-    other.stepper.step()
-    case.tool.displacement = [0.0, -DOWN]
-    case.problem.solve()
-    other.stepper.step()
-    np.testing.assert_allclose(case.force(), other.force(), rtol=1e-7, atol=1e-12)
-    case.tool.displacement = [0.0, 0.0]
-    case.stepper.step()
-    np.testing.assert_allclose(case.force(), other.force(), rtol=1e-7, atol=1e-12)
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
+def test_solve_between_steps_moves_the_tool(friction):
+    """A displacement of the tool between two steps acts as in a step; slip counts from there."""
+    case, other = Plane(friction=friction), Plane(friction=friction)
+    for each in (case, other):
+        each.stepper.step()
+    for moved in ([0.1 * DOWN, -DOWN], [-0.1 * DOWN, 0.0]):
+        case.tool.displacement = moved
+        case.problem.solve()
+        other.drive = lambda t, dt, d=moved: setattr(other.tool, "displacement", d)
+        other.stepper.step()
+        np.testing.assert_allclose(case.force(), other.force(), rtol=1e-6, atol=1e-12)
+        assert abs(case.force()[0]) > 0.01 * DOWN or friction is None
+        case.tool.advance()
+        case.contact.update()
 
 
 def test_pairing_anew_after_a_step():
