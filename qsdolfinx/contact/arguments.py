@@ -46,12 +46,16 @@ def check_formulation(formulation: str, enforcement: str, master: AnySurface) ->
     )
 
 
-def check_friction(friction: typing.Any, penalty: typing.Any, law: Law, slave: Surface) -> None:
-    """Refuse friction of another type, of tied contact, or with parameters of another mesh."""
+def check_friction(friction: typing.Any, slave: Surface) -> None:
+    """Refuse friction of another type, or with parameters of another mesh."""
     check(either(instance(Friction, "such as qs.Coulomb(0.2)"), None), friction=friction)
-    require(friction is not None or penalty is None, "friction_penalty: needs friction")
-    slips = friction is None or not law.jump
-    require(slips, "friction: tied contact sticks already; leave it out, or use Unilateral()")
     for name, value in friction.parameters.items() if friction is not None else ():
         fits = not isinstance(value, fem.Function) or value.function_space.mesh is slave.mesh
         require(fits, f"friction: {name}: the Function must be on the mesh of the slave")
+
+
+def check_friction_use(friction: Friction | None, penalty: float | None, law: Law) -> None:
+    """Refuse a penalty of no friction, and friction of tied contact."""
+    require(friction is not None or penalty is None, "friction_penalty: needs friction")
+    slips = friction is None or not law.jump
+    require(slips, "friction: tied contact sticks already; leave it out, or use Unilateral()")

@@ -142,7 +142,10 @@ class Penalty:
             RuntimeError: If an automatic one has not been computed yet.
         """
         if self.value is None:
-            raise RuntimeError('penalty="auto" is computed by the first solve, which has not been')
+            raise RuntimeError(
+                'penalty="auto" is computed by the first solve, which has not been; '
+                "problem.set_up() computes it before"
+            )
         return self.value
 
     def set(self, value: float) -> None:

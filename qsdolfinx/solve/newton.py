@@ -213,12 +213,18 @@ class Newton:
     def __init__(
         self, system: ContactSystem, snes: PETSc.SNES, linear: LinearSolver, full_steps: bool
     ) -> None:
-        self.system, self.snes, self.linear = system, snes, linear
+        self.system, self._snes, self.linear = system, snes, linear
         self.has_full_steps = full_steps
         self.record = Record()
         self._context = Context(system, linear, self.record)
         snes.setMonitor(monitor, (self._context,))
         snes.setConvergenceTest(converged, (self._context,))
+
+    @property
+    def snes(self) -> PETSc.SNES:
+        """PETSc's nonlinear solver."""
+        self.system.check_alive()
+        return self._snes
 
     def begin(self) -> None:
         """Begin a new record."""
