@@ -257,7 +257,8 @@ class Newton:
 
     def measure(self) -> tuple[Measures, Array]:
         """Norms of the residual at the last evaluation, and those that a solution may have."""
-        assert self._context.convergence is not None
+        self.system.check_alive()
+        assert self._context.convergence is not None, "no solve has been made"
         measures = self._context.convergence.measure()
         relative = self.snes.getTolerances()[0]
         return measures, np.maximum(relative * measures.sizes, measures.rounding)

@@ -293,7 +293,7 @@ def test_after_destroy(solved):
         lambda: problem.snes,
         problem.newton.solve,
         problem.newton.update_matrices,
-        lambda: problem.newton.final_norm,
+        lambda: problem.newton.measure(),
         lambda: system.x,
         lambda: system.residual(np.zeros(3)),
         lambda: system.tangent(np.zeros(3)),
