@@ -26,10 +26,6 @@ FAILED_LINEARLY = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
 #: Iterations in which nodes that are open by rounding alone count as closed.
 LENIENT = 4
 
-#: Full steps after which a line search gets its turn, if the last quarter of them has not halved the
-#: least residual of the others.
-CREEPING = 20
-
 #: Solves with friction in a row in which nodes whose slip turns may be made to stick.
 MAX_ATTEMPTS = 3
 
@@ -99,7 +95,6 @@ class Context:
         least: Of each group, in the run so far.
         forces: Of each group the largest at the beginning of any run of the solve: what acts, or
             is not balanced. None before the first.
-        hurried: Whether a run that creeps is given up.
         until: Norm of the residual at which a linear solve is exact enough.
         failure: What a callback has raised: PETSc would make an error of its own of it.
     """
@@ -113,7 +108,6 @@ class Context:
     first: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     least: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     forces: Array | None = None
-    hurried: bool = False
     until: float = 0.0
     failure: BaseException | None = None
 
@@ -196,17 +190,7 @@ def _has_converged(
     context.until = max(loose, float(targets.min(initial=np.inf)))
     if not np.any(exceeded):
         return int(reasons.CONVERGED_FNORM_RELATIVE)
-    if norm <= loose:
-        return int(reasons.CONVERGED_FNORM_ABS)
-    return int(reasons.DIVERGED_DTOL) if context.hurried and _creeps(context.norms) else 0
-
-
-def _creeps(norms: typing.Sequence[float]) -> bool:
-    """Whether the last iterations have not got nearer to the end, by creeping or in a cycle."""
-    if len(norms) <= CREEPING:
-        return False
-    last, before = norms[-CREEPING // 4 :], norms[-CREEPING : -CREEPING // 4]
-    return min(last) > 0.5 * min(before)
+    return int(reasons.CONVERGED_FNORM_ABS) if norm <= loose else 0
 
 
 def _evaluate(system: ContactSystem, x: PETSc.Vec) -> None:
@@ -336,19 +320,13 @@ class Newton:
         may_stick = full_steps and attempt < MAX_ATTEMPTS
         for slip in slips:
             slip.stick_slip.begin_iterations(may_stick)
-        self._context.hurried = full_steps and self.has_full_steps
         self._run()
         if self._is_rescued():
             self._start_again(first_guess, may_stick)
             self._run()
-        creeps = self.snes.getConvergedReason() == PETSc.SNES.ConvergedReason.DIVERGED_DTOL
-        self._context.hurried = False
         if self.snes.getConvergedReason() < 0 and self.has_full_steps:
             self._start_again(first_guess, False)
             with line_search(self.snes):
-                self._run()
-            if self.snes.getConvergedReason() < 0 and creeps:
-                self._start_again(first_guess, may_stick)
                 self._run()
         first_guess.destroy()
         if self.snes.getConvergedReason() <= 0:
