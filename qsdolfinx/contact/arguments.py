@@ -46,6 +46,21 @@ def check_formulation(formulation: str, enforcement: str, master: AnySurface) ->
     )
 
 
+def check_constraints(constraints: str, quadrature: str, law: Law, friction: typing.Any) -> None:
+    """Refuse constraints at points where nodes are what counts."""
+    if constraints == "nodes":
+        return
+    require(quadrature == "overlay", 'constraints: "points" needs quadrature="overlay"')
+    require(
+        not law.jump,
+        'constraints: tied contact is over-constrained at "points"; use "nodes"',
+    )
+    require(
+        friction is None,
+        'constraints: friction is at nodes, and so has to be the pressure; use "nodes"',
+    )
+
+
 def check_friction(friction: typing.Any, penalty: typing.Any, law: Law, slave: Surface) -> None:
     """Refuse friction of another type, of tied contact, or with parameters of another mesh."""
     check(either(instance(Friction, "such as qs.Coulomb(0.2)"), None), friction=friction)

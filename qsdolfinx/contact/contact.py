@@ -16,7 +16,12 @@ from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import fields, motion, multipliers, results
 from qsdolfinx.contact.advice import advise
-from qsdolfinx.contact.arguments import check_formulation, check_friction, check_surfaces
+from qsdolfinx.contact.arguments import (
+    check_constraints,
+    check_formulation,
+    check_friction,
+    check_surfaces,
+)
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.report import ContactReport, make_report
@@ -25,6 +30,7 @@ from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
+from qsdolfinx.gap.rows import CONSTRAINTS
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.surface.surface import Surface
@@ -123,6 +129,7 @@ class Contact:
         friction: Friction | None = None,
         friction_penalty: float | None = None,
         initial_overclosure: str = "resolve",
+        constraints: str | None = None,
     ) -> None:
         law = Unilateral() if law is None else law
         # Without surfaces there is no communicator of ours to agree on the error with.
@@ -144,6 +151,10 @@ class Contact:
             same(either(POSITIVE, None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
+            if constraints is None:
+                constraints = "nodes"
+            same(one_of(CONSTRAINTS), constraints=constraints)
+            check_constraints(constraints, quadrature, law, friction)
             check_friction(friction, friction_penalty, law, slave)
             overclosure = Overclosure(initial_overclosure)
             needs_dt = friction is not None and friction.needs_dt
@@ -158,6 +169,7 @@ class Contact:
             law,
             Sampling(quadrature, degree, normals),
             None if search_radius is None else float(search_radius),
+            constraints,
             augmented,
             float(gap_tolerance),
         )

@@ -149,7 +149,7 @@ def make_report(model: ContactModel) -> ContactReport:
         [
             sum(p.points.size for p in model.gaps),
             sum(p.points.num_unpaired for p in model.gaps),
-            sum(len(p.row_node) for p in model.gaps),
+            sum(p.num_rows for p in model.gaps),
             0 if model.penalty.value is None else num_closed(model),
             sum(int(np.count_nonzero(slip.slipping)) for slip in model.slips),
         ]
@@ -203,7 +203,8 @@ def _found(model: ContactModel, surface: AnySurface) -> int | None:
     first = model.gaps[0]
     if surface is model.slave or len(model.gaps) > 1:
         p = first if surface is model.slave else model.gaps[1]
-        return len(p.row_node) if model.settings.sampling.quadrature == "overlay" else _at_slave(p)
+        overlay = model.settings.sampling.quadrature == "overlay"
+        return len(p.rows.reached) if overlay else _at_slave(p)
     if (
         model.settings.sampling.quadrature == "nodal"
         and model.settings.formulation == "quasi-symmetric"
@@ -237,7 +238,7 @@ def _unloaded(model: ContactModel) -> int:
     near = _cpp.pair_surfaces(*surfaces, False, model.paired.search_radius, 0).slave["dofs"][
         :, 0, 0
     ]
-    reached = faced(p, np.zeros(len(p.row_node))).reached
+    reached = faced(p, np.zeros(p.num_rows)).reached
     alone = np.isin(master.node_dofs[:, 0], near) & ~reached
     return int(model.comm.allreduce(int(np.count_nonzero(alone))))
 

@@ -70,7 +70,7 @@ def moment_faults(contact, scene, imbalance, size):
     expected = np.zeros(3)
     for p, pass_ in zip(contact.pairings, contact.model.gaps, strict=True):
         nodes = pass_.slave.node_dofs[:, 0]
-        values = pass_.on_nodes(pass_.multiplier(contact.eps), 0.0)[:, 0]
+        values = pass_.rows.on_nodes(pass_.multiplier(contact.eps), 0.0)[:, 0]
         keys = gathered(contact.comm, nodes)
         values = dict(zip(keys.tolist(), gathered(contact.comm, values).tolist(), strict=True))
         where = []
