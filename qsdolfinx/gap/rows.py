@@ -20,6 +20,10 @@ CONSTRAINTS = ("nodes", "points")
 #: Part of a node's area that may be rounding.
 _SOME = 1e-10
 
+#: Iterations for a mass matrix. Its least eigenvalue over the lumped one is 1/3 in 2D, 1/4 on
+#: triangles.
+_RICHARDSON = 8
+
 
 class Rows(abc.ABC):
     """Rows of a gap operator, and how values go between them and the slave's nodes.
@@ -113,6 +117,22 @@ class PointRows(Rows):
             out = out > _SOME
         return np.asarray(out.reshape(len(out), *values.shape[1:]))
 
+    def project(self, values: Array) -> Array:
+        """Nodal values of nearly the function Σ_k N_k v_k that is closest to values of the points.
+
+        The mass matrix M_kl = Σ_p w_p N_k N_l of what is covered is inverted by some iterations of
+        Richardson's with the lumped one: M may be singular in all but name where hardly anything
+        of a facet is covered, and they leave out of v what it says nothing of.
+        """
+        columns = values.T
+        out = np.zeros((len(self.cover), len(columns)))
+        at = self.reached
+        for x, column in zip(out.T, columns, strict=True):
+            for i in range(_RICHARDSON):
+                rest = self.sums(column - self._at_points(x) if i else column)
+                x[at] += rest[at] / self.cover[at]
+        return out
+
     def largest_on_nodes(self, values: Array) -> Array:
         """The largest value of the points beside each node."""
         vec = self.slave.create_vec()
@@ -140,4 +160,3 @@ class PointRows(Rows):
 
     def _own(self, vec: PETSc.Vec) -> npt.NDArray[np.int64]:
         return np.asarray(self.slave.node_dofs[:, 0] - vec.owner_range[0])
-

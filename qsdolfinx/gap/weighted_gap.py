@@ -65,10 +65,9 @@ class WeightedGap:
     covered in part get a larger ε there, S_k / Σ w_p N_k times: otherwise they
     would need very many updates of λ̂.
 
-    With rows at points λ̂ still belongs to the nodes, and points see λ̂_h = Σ_k λ̂_k N_k(ξ_p). What
-    updates it is the mean λ̂_k + Σ_p w_p N_k ([λ̂_h + ε g_p]₊ − λ̂_h) / Σ_p w_p N_k. It may become
-    negative at a node beside the edge of contact, where λ̂_h is to follow a pressure that ends
-    within a facet.
+    With rows at points λ̂ still belongs to the nodes, and points see λ̂_h = Σ_k λ̂_k N_k(ξ_p). It is
+    updated to the function that is closest to [λ̂_h + ε g_p]₊. λ̂ may become negative at a node
+    beside the edge of contact, where λ̂_h is to follow a pressure that ends within a facet.
 
     On the overlay the sum is divided by Σ_p w_p N_k(ξ_p), the part of S_k that is covered, so that
     the gap of a node at the rim is the mean gap of what it covers. At nodes it is divided by S_k,
@@ -186,9 +185,9 @@ class WeightedGap:
     def updated(self, penalty: float) -> Array:
         """λ̂ after an update, of its shape. Collective."""
         multiplier = self.multiplier(penalty)
-        if not self.rows.are_points:
+        if not isinstance(self.rows, PointRows):
             return multiplier
-        change = self.rows.on_nodes(multiplier - self._augmented_at_rows(), 0.0)
+        change = self.rows.project(multiplier - self._augmented_at_rows())
         return np.asarray(self.state.augmented + change)
 
     def admissible(self, augmented: Array) -> Array:
