@@ -2,8 +2,8 @@
 
 Every figure is a ratio of two measurements of this run, or a count, so that the machine matters
 little: contact against one body without it (seconds, memory, Krylov iterations; bench/scaling.py),
-pairing against SciPy's k-d tree (bench/pairing.py), the overlay against nodal quadrature. The least
-of the repeats counts. Ends with 1 if a figure is more than 25 % worse than the recorded one.
+pairing against SciPy's k-d tree (bench/pairing.py), the overlay against nodal quadrature. The
+fastest of the repeats counts. Ends with 1 if a figure is more than 25 % worse than recorded.
 
     make bench-check
     python3 bench/check.py --record
@@ -33,18 +33,28 @@ def scene(quadrature, enforcement):
     )
 
 
-def ratios_of_solving():
-    """Contact against a bonded body of as many unknowns, on one rank."""
-    out = {}
-    overlay = scene("overlay", "penalty")
-    bonded = start("bonded", CELLS, 1, overlay)
-    for name, model, options in (
-        ("tied", "tied", overlay),
-        ("unilateral", "unilateral", overlay),
-        ("unilateral, augmented", "unilateral", scene("overlay", "augmented-lagrangian")),
-        ("unilateral, nodal", "unilateral", scene("nodal", "penalty")),
-    ):
-        row = start(model, CELLS, 1, options)
+OVERLAY = scene("overlay", "penalty")
+SCENES = {
+    "bonded": ("bonded", OVERLAY),
+    "tied": ("tied", OVERLAY),
+    "unilateral": ("unilateral", OVERLAY),
+    "unilateral, augmented": ("unilateral", scene("overlay", "augmented-lagrangian")),
+    "unilateral, nodal": ("unilateral", scene("nodal", "penalty")),
+}
+
+
+def ratios_of_solving(repeats):
+    """Contact against a bonded body of as many unknowns, on one rank; each at its fastest.
+
+    The scenes take turns, so that a busy minute of the machine meets all of them.
+    """
+    runs = [
+        {name: start(model, CELLS, 1, options) for name, (model, options) in SCENES.items()}
+        for _ in range(repeats)
+    ]
+    rows = {name: min((run[name] for run in runs), key=lambda r: r["seconds"]) for name in SCENES}
+    bonded, out = rows.pop("bonded"), {}
+    for name, row in rows.items():
         out[f"{name}: seconds over bonded"] = row["seconds"] / bonded["seconds"]
         out[f"{name}: memory over bonded"] = row["MiB"] / bonded["MiB"]
         out[f"{name}: Krylov iterations over bonded"] = row["iterations"] / bonded["iterations"]
@@ -78,7 +88,7 @@ def main():
     parser.add_argument("--record", action="store_true", help="write what is measured")
     parser.add_argument("--repeats", type=int, default=3)
     p = parser.parse_args()
-    figures = least([ratios_of_solving() for _ in range(p.repeats)])
+    figures = ratios_of_solving(p.repeats)
     figures |= least([ratios_of_pairing() for _ in range(p.repeats)])
     if p.record:
         RECORD.write_text(json.dumps(circumstances(1) | {"ratios": figures}, indent=1) + "\n")

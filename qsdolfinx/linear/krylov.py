@@ -25,18 +25,6 @@ _TIGHTEST, _LOOSEST = 1e-12, 0.1
 STALE = 1.5
 
 
-class Tolerances(typing.NamedTuple):
-    """Norms of the residual with which Newton's method ends.
-
-    Attributes:
-        relative: In units of the first norm.
-        absolute: As it is.
-    """
-
-    relative: float
-    absolute: float
-
-
 class Krylov:
     """Prepares each linear solve of Newton's method, where the preset is an iterative one.
 
@@ -114,9 +102,7 @@ class Krylov:
                 self._ksp.setPCSide(PETSc.PC.Side.LEFT)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # Newton's method ends by it
 
-    def set_tolerance(
-        self, norms: typing.Sequence[float], until: Tolerances, changed: bool
-    ) -> None:
+    def set_tolerance(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:
         """Solve as exactly as it takes to end, or to find out which contacts close.
 
         While the tangent changes a few digits do (inexact Newton methods: Eisenstat and Walker,
@@ -125,13 +111,13 @@ class Krylov:
 
         Args:
             norms: Norm of the residual at each iteration so far.
-            until: Tolerances of Newton's method.
+            until: Norm of the residual at which Newton's method ends.
             changed: Whether the tangent has changed since the last linear solve.
         """
         self._solved = True
         if not self.chooses_tolerance or not norms or norms[-1] == 0:
             return
-        last = SAFETY * max(until.absolute, until.relative * norms[0]) / norms[-1]
+        last = SAFETY * until / norms[-1]
         if self._linear and not changed:
             tolerance = last
         elif self._linear or len(norms) < 2:

@@ -58,7 +58,8 @@ _TWO_LEVELS: dict[str, typing.Any] = {
 _TWO_LEVELS |= {f"mg_coarse_{key}": value for key, value in _BELOW.items()}
 _TWO_LEVELS |= {FIRST + key: value for key, value in _FIRST.items()}
 
-_KRYLOV: dict[str, typing.Any] = {
+#: Of all iterative presets for displacements.
+KRYLOV: dict[str, typing.Any] = {
     "ksp_type": "cg",  # GMRES where the tangent is not symmetric
     "ksp_rtol": EXACT,  # between Newton steps; theirs follows the residual
 }
@@ -73,9 +74,9 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
         "pc_factor_mat_solver_type": "mumps",
         "mat_mumps_icntl_14": _EXTRA_MEMORY,
     },
-    "amg": _KRYLOV | _TWO_LEVELS,
+    "amg": KRYLOV | _TWO_LEVELS,
     # One V-cycle for each body, one body after the other and back.
-    "fieldsplit": _KRYLOV
+    "fieldsplit": KRYLOV
     | {"pc_type": "fieldsplit", "pc_fieldsplit_type": "symmetric_multiplicative"},
     "schur": SCHUR,
 }

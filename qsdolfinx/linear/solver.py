@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.timing import Stopwatch
-from qsdolfinx.linear.krylov import Krylov, Tolerances
-from qsdolfinx.linear.presets import BLOCK, ITERATIVE, PRESETS
+from qsdolfinx.linear.krylov import Krylov
+from qsdolfinx.linear.presets import AGGREGATION, BLOCK, ITERATIVE, KRYLOV, PRESETS
 from qsdolfinx.linear.saddle import SaddlePoint
 from qsdolfinx.linear.schur import Forms, Schur
 from qsdolfinx.system.additive import Additive
@@ -33,6 +33,8 @@ def preset_options(
     options = dict(PRESETS.get(name, {}))
     if name == "amg" and "pc_type" in chosen:
         options = {key: value for key, value in options.items() if key.startswith("ksp_")}
+    if name == "fieldsplit" and num_bodies == 1:
+        return KRYLOV | AGGREGATION
     if name == "fieldsplit":
         for i in range(num_bodies):
             options |= {f"fieldsplit_{i}_{key}": value for key, value in BLOCK.items()}
@@ -119,14 +121,14 @@ class LinearSolver:
                 self.krylov.make_hierarchy(made.tangent, made.rigid.modes, fingerprints)
 
     def prepare(
-        self, matrix: PETSc.Mat, norms: typing.Sequence[float], until: Tolerances, changed: bool
+        self, matrix: PETSc.Mat, norms: typing.Sequence[float], until: float, changed: bool
     ) -> None:
         """Get ready for the next linear solve of Newton's method. Collective.
 
         Args:
             matrix: The tangent, assembled.
             norms: Norm of the residual at each iteration so far.
-            until: Tolerances of Newton's method.
+            until: Norm of the residual at which Newton's method ends.
             changed: Whether the tangent has changed since the last linear solve.
         """
         if self.schur is not None:
@@ -166,12 +168,15 @@ class LinearSolver:
         at_nodes = not any(gap.rows.are_points for gap in passes)
         return self._system.linear and len(passes) == len(augmented) and at_nodes
 
-    def solve_saddle_point(self, residual: Array, final: float) -> SaddlePoint | None:
+    def solve_saddle_point(
+        self, residual: Array, final: float, rounding: float
+    ) -> SaddlePoint | None:
         """Solve for changes of unknowns and multipliers as if the active set stayed. Collective.
 
         Args:
             residual: At the last evaluation, owned values; the tangent is that of there.
             final: Norm of the residual that a solution may have.
+            rounding: What rounding may leave of it.
 
         Returns:
             The system, solved or not; None where free motions are held by the tangent alone.
@@ -186,7 +191,7 @@ class LinearSolver:
         with self.watch.stage("solve"):
             self.ksp.setUp()
             saddle = SaddlePoint(system.bodies, contacts, sides, self.ksp)
-            saddle.solve(residual, final, system.rounding())
+            saddle.solve(residual, final, rounding)
         return saddle
 
     def destroy(self) -> None:

@@ -6,6 +6,8 @@ import contextlib
 
 from mpi4py import MPI
 
+import numpy as np
+
 from qsdolfinx.contact import active_set, multipliers
 from qsdolfinx.solve.anderson import Augmentation
 from qsdolfinx.solve.equilibrium import Equilibrium
@@ -24,9 +26,6 @@ MAX_SADDLE_POINTS = 4
 
 #: Residual, relative to the first one, from which on that is tried.
 FIRST = 1e-2
-
-#: Residual, relative to the first one, at which rounding errors set in.
-ROUNDING = 1e-13
 
 
 class AugmentedLagrangian:
@@ -54,8 +53,7 @@ class AugmentedLagrangian:
     def first_accuracy(self) -> contextlib.AbstractContextManager[None]:
         """Of the solve before the first update of multipliers."""
         if self._is_loose:
-            first = FIRST if self._together else INNER
-            return self._newton.accuracy(first, self._newton.final_norm)
+            return self._newton.accuracy(of_first=FIRST if self._together else INNER)
         return contextlib.nullcontext()
 
     def close_gaps(self) -> None:
@@ -68,30 +66,34 @@ class AugmentedLagrangian:
             return
         newton, contacts = self._newton, self._contacts
         augmentation = Augmentation(contacts)
-        final, loose, together = newton.final_norm, self._is_loose, self._together
+        first, loose, together = newton.record.residuals[0], self._is_loose, self._together
         stays = self._has_stayed()
         while True:
             gaps = [multipliers.violation(contact) for contact in contacts]
             newton.record.violations.append(max(gaps))
             closed = all(g <= c.allowed_gap for g, c in zip(gaps, contacts, strict=True))
-            if closed and (newton.record.norms[-1] <= final or not loose):
+            if closed and (not loose or self._is_balanced()):
                 return
             if closed and not together:
                 loose = False
-                with newton.accuracy(0.0, final):
-                    self._equilibrium.find()
+                self._equilibrium.find()
                 continue
             if len(newton.record.violations) > MAX_AUGMENTATIONS:
                 newton.fail(NOT_CLOSED)
             if together:
                 together -= 1
-                if not (stays and self._close_together(final) and together):
+                if not (stays and self._close_together() and together):
                     together = 0  # Uzawa's method starts from the solution for its multipliers
-                    with newton.accuracy(0.0, max(INNER * newton.first_norm, final)):
+                    with newton.accuracy(loose=INNER * first):
                         self._equilibrium.find()
                 continue
             augmentation.update()
-            self._solve_again(final, loose)
+            self._solve_again(loose)
+
+    def _is_balanced(self) -> bool:
+        """Whether the residual is small enough for a solution. Collective."""
+        measures, limits = self._newton.measure()
+        return bool(np.all(measures.residuals <= limits))
 
     def _has_stayed(self) -> bool:
         """Whether all iterations so far had the same numbers of closed rows. Collective."""
@@ -99,19 +101,15 @@ class AugmentedLagrangian:
         changed = counts != counts[:1] * len(counts)
         return not self._system.comm.allreduce(changed, op=MPI.LOR)
 
-    def _solve_again(self, final: float, loose: bool) -> None:
+    def _solve_again(self, loose: bool) -> None:
         """Solve after an update; what it adds is to be solved for, however small it is."""
-        system, newton = self._system, self._newton
-        norm = INNER * system.norm(system.residual(system.x.array_r))
-        norm = norm if loose else min(norm, final)
-        with newton.accuracy(0.0, max(norm, INNER * final, ROUNDING * newton.first_norm)):
+        system = self._system
+        norm = INNER * system.norm(system.residual(system.x.array_r)) if loose else 0.0
+        with self._newton.accuracy(loose=norm, fall=INNER):
             self._equilibrium.find()
 
-    def _close_together(self, final: float) -> bool:
+    def _close_together(self) -> bool:
         """Solve for unknowns and multipliers as if the active set stayed.
-
-        Args:
-            final: Norm of the residual that a solution may have.
 
         Returns:
             Whether it could be solved for, and the active set has stayed.
@@ -120,7 +118,9 @@ class AugmentedLagrangian:
         residual = system.residual(system.x.array_r)
         newton.linear.assemble()
         before = self._active_states()
-        saddle = newton.linear.solve_saddle_point(residual, final)
+        measures, limits = newton.measure()
+        rounding = float(np.linalg.norm(measures.rounding))
+        saddle = newton.linear.solve_saddle_point(residual, float(limits.min()), rounding)
         if saddle is None:
             return False
         newton.record.iterations += 1
@@ -132,7 +132,7 @@ class AugmentedLagrangian:
             p = contact.gaps[0]
             p.state.augmented = p.law.admissible(multiplier)
         norm = system.norm(system.residual(system.x.array_r))
-        newton.record.add(0, norm, system.num_active_local())
+        newton.record.add(norm, system.num_active_local())
         return not system.comm.allreduce(before != self._active_states(), op=MPI.LOR)
 
     def _active_states(self) -> list[bytes]:

@@ -29,10 +29,6 @@ FACTOR = 4.0
 #: Smallest part of the way that is tried.
 SMALLEST_STEP = 1 / 64
 
-#: Largest last step of Newton's method, relative to the unknowns, after which a solve from the
-#: present unknowns counts as converged, and how many solves may follow each other until then.
-SETTLED, MAX_SOLVES = 1e-3, 10
-
 #: Line search. Where a body hardly flows, full steps change the viscosity for small m by orders of
 #: magnitude, until the matrix is singular to working precision. Of PETSc's line searches this is
 #: the only one without failures or wrong results in ``bench/norton_hoff.py``.
@@ -87,9 +83,8 @@ def solve_with_continuation(
             moving = problem.comm.allreduce(any(np.any(x) for x in start), op=MPI.LOR)
             if moving and before == targets:
                 with contextlib.suppress(ConvergenceError):
-                    iterations = _settle(problem)
-                    if iterations is not None:
-                        return [(1.0, iterations)]
+                    problem.solve()
+                    return [(1.0, problem.num_iterations)]
                 _restore(problem, start, known)
             return _follow(problem, set_to, min(targets))
         except BaseException:  # Ctrl-C, too
@@ -107,25 +102,6 @@ def _restore(
         u.x.array[:] = array
     for contact, kept in zip(problem.contacts, known, strict=True):
         multipliers.set_known(contact.model, kept)
-
-
-def _settle(problem: ContactProblem) -> int | None:
-    """Solve from the present unknowns, and again until Newton's steps have become small.
-
-    SNES measures its tolerance by the first residual. Where the rate jumps that is the new velocity
-    times the old viscosity, compared with which anything is small.
-
-    Returns:
-        Newton iterations, or None if they have not become small.
-    """
-    iterations = 0
-    for _ in range(MAX_SOLVES):
-        problem.solve()
-        iterations += problem.num_iterations
-        update, x = problem.snes.getSolutionUpdate(), problem.snes.getSolution()
-        if update.norm() <= SETTLED * x.norm():
-            return iterations
-    return None
 
 
 def _follow(

@@ -25,8 +25,5 @@ class Equilibrium:
             ConvergenceError: If a solve fails, or a tool's force cannot be balanced.
         """
         self.newton.solve()
-        if not self.balance.tools:
-            return
-        with self.newton.same_accuracy():
-            if not self.balance.find(self.newton):
-                self.newton.fail(NOT_BALANCED)
+        if self.balance.tools and not self.balance.find(self.newton):
+            self.newton.fail(NOT_BALANCED)

@@ -11,25 +11,21 @@ from qsdolfinx.system.system import ContactSystem
 BALANCED = 0.5
 
 
-def guess(system: ContactSystem) -> tuple[float, float]:
+def guess(system: ContactSystem) -> None:
     """Move ``system.x`` to where rigid bodies would rest on springs, and evaluate. Collective.
 
     The bulk matrix of a body that only contact holds is singular, and Newton's method would start
     from whatever happens to touch. Left alone if contact balances a good part of the loads already.
-
-    Returns:
-        Norm of the residual before; and that over the norm after a guess, at most 1, else 1. A
-        stiff penalty magnifies the guess's gaps: what counts are the loads.
     """
     residual = system.residual(system.x.array_r)
-    norm, rigid = system.norm(residual), system.made.rigid
+    rigid = system.made.rigid
     motions = rigid.free_motions
     if not system.contacts or motions.shape[1] == 0 or min(system.moduli) == 0:
-        return norm, 1.0
+        return
     loads = motions.T @ rigid.work(system.bulk_residuals)
     whole = motions.T @ rigid.work(system.parts(residual))
     if np.linalg.norm(whole) <= BALANCED * np.linalg.norm(loads):
-        return norm, 1.0
+        return
     springs = [
         Springs(p, rigid.gap_changes(p, contact.ordered(p, side)) @ motions, modulus, i)
         for i, (contact, side, modulus) in enumerate(
@@ -39,9 +35,8 @@ def guess(system: ContactSystem) -> tuple[float, float]:
     ]
     coefficients = Foundation(springs, loads).settle()
     if coefficients is None:
-        return norm, 1.0
+        return
     for i, scale in enumerate(system.scales):
         displacement = rigid.displacement(motions @ coefficients, i)
         system.part(system.x.array, i)[:] += displacement / scale
-    guessed = system.norm(system.residual(system.x.array_r))
-    return norm, norm / guessed if 0 < norm < guessed else 1.0
+    system.residual(system.x.array_r)

@@ -13,8 +13,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.linear.krylov import Tolerances
 from qsdolfinx.linear.solver import LinearSolver
+from qsdolfinx.solve.convergence import RESTING, Convergence, Measures
 from qsdolfinx.solve.snes import ConvergenceError, forget_failure, line_search
 from qsdolfinx.system.system import ContactSystem
 
@@ -37,7 +37,6 @@ class Record:
         violations: Largest gap that augmented multipliers leave, after each of their updates.
         iterations: Newton iterations, over all updates of the multipliers.
         linear_iterations: Iterations of the linear solver in them.
-        norms: Norms since SNES began for the last time.
     """
 
     residuals: list[float] = dataclasses.field(default_factory=list)
@@ -45,18 +44,32 @@ class Record:
     violations: list[float] = dataclasses.field(default_factory=list)
     iterations: int = 0
     linear_iterations: int = 0
-    norms: list[float] = dataclasses.field(default_factory=list)
 
-    def add(self, iteration: int, norm: float, active: list[int]) -> None:
-        """Record an iteration; number 0 starts ``norms`` again."""
+    def add(self, norm: float, active: list[int]) -> None:
+        """Record an iteration."""
         self.residuals.append(norm)
-        self.norms = [*(self.norms if iteration else []), norm]
         self.active.append(active)
 
     def active_of_all(self, comm: MPI.Intracomm) -> list[list[int]]:
         """``active`` over all ranks. Collective."""
         counts = np.array(self.active, dtype=np.int64)
         return typing.cast(list[list[int]], comm.allreduce(counts, op=MPI.SUM).tolist())
+
+
+@dataclasses.dataclass(frozen=True)
+class Accuracy:
+    """What a run of Newton's method may end with; by default its forces in balance, nothing else.
+
+    Attributes:
+        loose: Norm of the residual that is good enough.
+        of_first: The same in units of the first norm of the run.
+        fall: Part of their first norms that residuals have to fall to as well, down to that part
+            of what is allowed: so that small changes are solved for, too.
+    """
+
+    loose: float = 0.0
+    of_first: float = 0.0
+    fall: float = 1.0
 
 
 # --- What SNES calls
@@ -70,14 +83,27 @@ class Context:
         system: The system.
         linear: Its linear solver.
         record: Where iterations are recorded.
-        atol: Absolute tolerance that was asked for, before what rounding leaves.
+        convergence: Measures the residual; None before there are matrices.
+        accuracy: What the run may end with.
+        norms: Norm of the residual at each iteration of the run.
+        first: Of each group, in the run.
+        least: Of each group, in the run so far.
+        forces: Of each group the largest at the beginning of any run of the solve: what acts, or
+            is not balanced. None before the first.
+        until: Norm of the residual at which a linear solve is exact enough.
         failure: What a callback has raised: PETSc would make an error of its own of it.
     """
 
     system: ContactSystem
     linear: LinearSolver
     record: Record
-    atol: float = 0.0
+    convergence: Convergence | None = None
+    accuracy: Accuracy = Accuracy()
+    norms: list[float] = dataclasses.field(default_factory=list)
+    first: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    least: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    forces: Array | None = None
+    until: float = 0.0
     failure: BaseException | None = None
 
 
@@ -105,25 +131,68 @@ def residual(snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, context: Context) -> 
 def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context: Context) -> None:
     """Assemble the tangent, and get the linear solver ready."""
     system, linear = context.system, context.linear
-    # SNES usually asks for the tangent where it evaluated the residual last.
-    moved = not np.array_equal(x.array_r, system.evaluated)
-    if system.comm.allreduce(moved, op=MPI.LOR):
-        system.residual(x.array_r)
+    _evaluate(system, x)
     for slip in system.slips:
         slip.note()
     linear.make_hierarchy()
     system.set_strict(snes.getIterationNumber() >= LENIENT)
     changed = linear.assemble()
-    rtol = snes.getTolerances()[0]
-    until = Tolerances(rtol, max(context.atol, system.rounding()))
-    snes.setTolerances(atol=until.absolute)
-    linear.prepare(system.matrix, context.record.norms, until, changed)
+    linear.prepare(system.matrix, context.norms, context.until, changed)
 
 
 @_callback
 def monitor(snes: PETSc.SNES, iteration: int, norm: float, context: Context) -> None:
     """Record an iteration."""
-    context.record.add(iteration, norm, context.system.num_active_local())
+    context.record.add(norm, context.system.num_active_local())
+
+
+def converged(
+    snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], context: Context
+) -> int:
+    """Whether the forces are in balance: SNES' convergence test."""
+    try:
+        return _has_converged(snes, iteration, norms, context)
+    except BaseException as error:
+        context.failure = error
+        raise
+
+
+def _has_converged(
+    snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], context: Context
+) -> int:
+    reasons, accuracy = PETSc.SNES.ConvergedReason, context.accuracy
+    size, step, norm = norms
+    if not np.isfinite(norm):
+        return int(reasons.DIVERGED_FNORM_NAN)
+    relative, absolute, _, _ = snes.getTolerances()
+    _evaluate(context.system, snes.getSolution())
+    assert context.convergence is not None
+    measures = context.convergence.measure(reactions=iteration > 0)
+    if iteration == 0:
+        context.norms, context.first = [], measures.residuals
+        context.least = np.full_like(measures.residuals, np.inf)
+        now = np.maximum(measures.sizes, measures.residuals)
+        context.forces = now if context.forces is None else np.maximum(now, context.forces)
+    context.norms.append(norm)
+    limits = measures.limits(relative, accuracy.fall, context.first)
+    rests = iteration > 0 and step <= RESTING * size
+    assert context.forces is not None
+    limits = measures.with_rounding(limits, context.least, context.forces, rests)
+    context.least = np.minimum(context.least, measures.residuals)
+    loose = max(absolute, accuracy.loose, accuracy.of_first * context.norms[0])
+    exceeded = ~(measures.residuals <= limits)
+    targets = np.maximum(limits, measures.rounding)[exceeded]
+    context.until = max(loose, float(targets.min(initial=np.inf)))
+    if not np.any(exceeded):
+        return int(reasons.CONVERGED_FNORM_RELATIVE)
+    return int(reasons.CONVERGED_FNORM_ABS) if norm <= loose else 0
+
+
+def _evaluate(system: ContactSystem, x: PETSc.Vec) -> None:
+    """Evaluate the residual at x, unless it was there that it was evaluated last."""
+    moved = not np.array_equal(x.array_r, system.evaluated)
+    if system.comm.allreduce(moved, op=MPI.LOR):
+        system.residual(x.array_r)
 
 
 class Newton:
@@ -143,15 +212,13 @@ class Newton:
         self.has_full_steps = full_steps
         self.record = Record()
         self._context = Context(system, linear, self.record)
-        #: Norm of the residual at the start of the solve.
-        self.first_norm = 0.0
-        #: Residual before a first guess was made over that after, at most 1.
-        self.predicted = 1.0
         snes.setMonitor(monitor, (self._context,))
+        snes.setConvergenceTest(converged, (self._context,))
 
     def begin(self) -> None:
         """Begin a new record."""
         self.record = self._context.record = Record()
+        self._context.forces = None
 
     def update_matrices(self) -> None:
         """Make matrices for the present pairing, if there are none. Collective."""
@@ -164,28 +231,25 @@ class Newton:
         matrix = self.system.matrix
         self.snes.setJacobian(tangent, matrix, matrix, (self._context,))
         self.linear.set_up()
+        self._context.convergence = Convergence(self.system)
 
     # --- Accuracy
 
     @contextlib.contextmanager
-    def accuracy(self, rtol: float, atol: float) -> typing.Iterator[None]:
-        """End Newton's method inside the block by these norms of the residual."""
-        kept = self.snes.getTolerances()
-        self.snes.setTolerances(rtol, atol, *kept[2:])
+    def accuracy(self, **given: float) -> typing.Iterator[None]:
+        """Solve inside the block as exactly as :class:`Accuracy` says."""
+        kept, self._context.accuracy = self._context.accuracy, Accuracy(**given)
         try:
             yield
         finally:
-            self.snes.setTolerances(*kept)
+            self._context.accuracy = kept
 
-    @property
-    def final_norm(self) -> float:
-        """Norm of the residual that a solution may have."""
-        rtol, atol, _, _ = self.snes.getTolerances()
-        return max(atol, rtol * self.first_norm)
-
-    def same_accuracy(self) -> contextlib.AbstractContextManager[None]:
-        """Solve as exactly as at first, not by the same factor again."""
-        return self.accuracy(self.snes.getTolerances()[0], self.final_norm)
+    def measure(self) -> tuple[Measures, Array]:
+        """Norms of the residual at the last evaluation, and those that a solution may have."""
+        assert self._context.convergence is not None
+        measures = self._context.convergence.measure()
+        relative = self.snes.getTolerances()[0]
+        return measures, np.maximum(relative * measures.sizes, measures.rounding)
 
     # --- Solving
 
@@ -200,10 +264,9 @@ class Newton:
         if not slips:
             return
         attempt = 0
-        with self.same_accuracy():
-            while comm.allreduce(any([slip.unsettled() for slip in slips]), op=MPI.LOR):
-                attempt += 1
-                self._iterate(attempt)
+        while comm.allreduce(any([slip.unsettled() for slip in slips]), op=MPI.LOR):
+            attempt += 1
+            self._iterate(attempt)
 
     def respond(self, load: Array) -> Array:
         """Change of the owned unknowns under a small load, by the tangent at the solution."""
@@ -261,15 +324,11 @@ class Newton:
             slip.stick_slip.end_iterations()
 
     def _run(self) -> None:
-        """One run of SNES; its absolute tolerance is at least what rounding leaves."""
-        rtol, atol, _, _ = self.snes.getTolerances()
-        self._context.atol = atol
-        self.snes.setTolerances(rtol=rtol * self.predicted)
+        """One run of SNES."""
         try:
             with self.system.watch.stage("solve"):
                 self._call_snes()
         finally:
-            self.snes.setTolerances(rtol=rtol, atol=atol)
             self.system.set_strict(False)
         self.record.iterations += self.snes.getIterationNumber()
         self.record.linear_iterations += self.snes.getLinearSolveIterations()

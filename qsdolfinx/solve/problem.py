@@ -121,6 +121,8 @@ class ContactProblem:
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
         self.solver = _pick(solver, bodies, kind, chosen)
         sums = self.solver == "amg" and "pc_type" not in chosen
+        if self.solver == "fieldsplit" and len(bodies) == 1:
+            kind = "mpi"  # there is nothing to split
         self._contacts = list(contacts)
         models = [contact.model for contact in contacts]
         #: Residual and tangent of the problem.
@@ -317,7 +319,7 @@ class ContactProblem:
         if balance.tools:
             self.system.residual(start)
             balance.approach()
-        newton.first_norm, newton.predicted = guess(self.system)
+        guess(self.system)
         equilibrium = Equilibrium(newton, balance)
         augmented = AugmentedLagrangian(equilibrium)
         with augmented.first_accuracy():

@@ -9,13 +9,12 @@ from petsc4py import PETSc
 
 #: Defaults of the nonlinear solver. Full steps make Newton's method an active-set method, which
 #: ends within a few steps where the bodies are linear; the residual may grow by orders of magnitude
-#: when contacts close. A solve that starts at the solution ends by the step tolerance.
+#: when contacts close. "snes_rtol" is in units of each body's contact forces and reactions.
 SNES_OPTIONS: dict[str, typing.Any] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",
     "snes_divergence_tolerance": 1e300,
     "snes_rtol": 1e-9,
-    "snes_stol": 1e-10,
     "snes_max_it": 50,
 }
 

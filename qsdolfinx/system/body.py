@@ -18,6 +18,7 @@ from ufl.algorithms import expand_derivatives
 
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.surface.geometry import Cartesian
+from qsdolfinx.system.rows import groups
 
 Array = npt.NDArray[np.float64]
 
@@ -45,10 +46,10 @@ def body_of(u: typing.Sequence[fem.Function], V: fem.FunctionSpace | None) -> in
 class Body:
     """Bulk form F(u; v) = 0 of one body.
 
-    Residuals are those of Newton's method with Dirichlet conditions eliminated: r = x − g in the
-    rows of constrained unknowns, and in the others the residual as it will be when the step has
-    made x = g there. A form that is linear in u is evaluated as r(x) = r(x₀) + K (x − x₀), with K
-    assembled once.
+    Residuals are those of Newton's method with Dirichlet conditions eliminated: r = k (x − g) in
+    the rows of constrained unknowns, k being ``condition_stiffness``, so that all rows are forces;
+    in the others the residual as it will be when the step has made x = g there. A form that is
+    linear in u is evaluated as r(x) = r(x₀) + K (x − x₀), with K assembled once.
 
     Args:
         F: Residual, a linear form in the test function.
@@ -85,6 +86,10 @@ class Body:
         self.watch = Stopwatch()
         #: Number of times that K was assembled.
         self.num_assemblies = 0
+        #: Entry of K in the rows of Dirichlet conditions (force per length); 0 until it is known.
+        self.condition_stiffness = 0.0
+        #: Magnitude of the diagonal of K, owned rows, when it was last measured.
+        self.diagonal: Array = np.zeros(0)
 
         index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
         self.num_owned: int = index_map.size_local * bs
@@ -96,6 +101,10 @@ class Body:
         self.owned_constrained = self.constrained[self.constrained < self.num_owned]
         #: Owned unknowns without Dirichlet conditions.
         self.free = np.setdiff1d(np.arange(self.num_owned), self.owned_constrained)
+        #: Owned rows that have one unit; the first are forces.
+        self.groups = groups(self.V)
+        #: Largest entry of each owned row of K, if there is more than one group.
+        self.terms: Array = np.zeros(0)
         #: Unknowns as contact sees them, Dirichlet values in place.
         self.x: PETSc.Vec = self.create_vec()
         #: Work vector of contact forces.
@@ -104,6 +113,7 @@ class Body:
         self._r: PETSc.Vec = self.create_vec()
         self._x0: Array = np.zeros(self.num_owned)
         self._r0: Array = np.zeros(self.num_owned)
+        self._reactions: Array = np.zeros(len(self.owned_constrained))
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -142,7 +152,7 @@ class Body:
         if self.comm.allreduce(fingerprint != self.fingerprint, op=MPI.LOR):
             if self._K is None:
                 self._K = fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
-            self._assemble_matrix(self._K)
+            self._measure(self._K)
             self.fingerprint = fingerprint
         kept = self.u.x.array.copy()
         self.u.x.array[self.constrained] = self._g.array[self.constrained]
@@ -169,8 +179,20 @@ class Body:
             return np.asarray(self._r.array_r + self._r0)
         lift = np.any(self.u.x.array[self.constrained] != self._g.array[self.constrained])
         r = self._assemble_vector(lift=bool(lift))
-        r[owned] = x[owned] - self._g.array[owned]
+        self._reactions = r[owned]
+        r[owned] = self.condition_stiffness * (x[owned] - self._g.array[owned])
         return r
+
+    @property
+    def reference(self) -> Array:
+        """Magnitude of the unknowns from which those of a linear form are counted."""
+        return np.abs(self._x0)
+
+    def reactions(self) -> Array:
+        """F in the owned rows of Dirichlet conditions, where residual() was last. Collective."""
+        if self.linear:  # K does not have these rows
+            self._reactions = self._assemble_vector()[self.owned_constrained]
+        return self._reactions
 
     def add_tangent(self, block: PETSc.Mat) -> None:
         """Add the bulk part to the zeroed diagonal block, at the u that residual() was given."""
@@ -183,7 +205,9 @@ class Body:
         """The bulk block alone, for the present u; do not modify. Collective."""
         if self._K is None:
             self._K = fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
-        if not self.linear:
+        if not self.linear and self.condition_stiffness == 0:
+            self._measure(self._K)
+        elif not self.linear:
             self._assemble_matrix(self._K)
         return self._K
 
@@ -199,12 +223,34 @@ class Body:
             if thing is not None:
                 thing.destroy()
 
+    def _measure(self, matrix: PETSc.Mat) -> None:
+        """Assemble K, and see how stiff it is. Collective.
+
+        The rows of Dirichlet conditions take a power of two near the mean of the diagonal, so that
+        they scale as all else when units change.
+        """
+        self._assemble_matrix(matrix)
+        diagonal = matrix.getDiagonal()
+        self.diagonal = np.abs(diagonal.array_r)
+        some = self.diagonal[self.free]
+        some = some[some > 0]
+        total, number = self.comm.allreduce(np.array([some.sum(), len(some)]), op=MPI.SUM)
+        mean = total / number if number and np.isfinite(total) else 1.0
+        self.condition_stiffness = float(2.0 ** np.round(np.log2(mean)))
+        self.diagonal[self.owned_constrained] = self.condition_stiffness
+        diagonal.array[self.owned_constrained] = self.condition_stiffness
+        matrix.setDiagonal(diagonal)
+        diagonal.destroy()
+        if len(self.groups) > 1:
+            starts, _, values = matrix.getValuesCSR()
+            self.terms = np.maximum.reduceat(np.append(np.abs(values), 0.0), starts[:-1])
+
     def _assemble_matrix(self, matrix: PETSc.Mat) -> None:
-        form = self._tangent_form
+        form, stiffness = self._tangent_form, self.condition_stiffness or 1.0
         with self.watch.stage("bulk assembly"):
             matrix.zeroEntries()
             # mypy sees another of the functions that this name dispatches to.
-            fem_petsc.assemble_matrix(matrix, form, self.bcs)  # type: ignore[arg-type]
+            fem_petsc.assemble_matrix(matrix, form, self.bcs, stiffness)  # type: ignore[arg-type]
             matrix.assemble()
         self.num_assemblies += 1
 

@@ -65,6 +65,8 @@ class ContactSystem:
         self.evaluated: Array = np.zeros(0)
         #: Residual of the bulk forms there, owned unknowns of each body.
         self.bulk_residuals: list[Array] = []
+        #: The whole residual there, owned rows of each body.
+        self.residuals: list[Array] = []
         #: Unknowns and residual of all bodies.
         self.x: PETSc.Vec = PETSc.Vec().createMPI((self._ends[-1], PETSc.DETERMINE), comm=self.comm)
         self.r: PETSc.Vec = self.x.duplicate()
@@ -212,6 +214,7 @@ class ContactSystem:
             terms.add_residual(contact, forces[s], None if m is None else forces[m])
         for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
             residual[body.free] += force.array_r[body.free]
+        self.residuals = residuals
         return np.concatenate(residuals)
 
     def tangent(self, x: Array) -> PETSc.Mat:
@@ -246,18 +249,6 @@ class ContactSystem:
         self.made.tangent.assemble(contact=False)
         self.made.hold.add_to(self.made.tangent, contact=False)
         self._assembled = None
-
-    def rounding(self) -> float:
-        """Norm of the residual that rounding leaves at the last evaluation. Collective.
-
-        The products K_ij x_j that sum up to nothing are of the size of K_ii x_i. Where one body is
-        10^8 times as stiff as the other this is more than a small part of the loads.
-        """
-        products = [
-            (self.made.tangent.diagonal(i) * self.part(self.evaluated, i))[body.free]
-            for i, body in enumerate(self.bodies)
-        ]
-        return float(np.finfo(np.float64).eps) * self.norm(np.concatenate(products))
 
     @property
     def symmetric(self) -> bool:

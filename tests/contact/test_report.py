@@ -140,8 +140,8 @@ def test_conditioning_of_iterative_solvers():
         problem, report, _ = with_ratio(ratio, "amg")
         assert np.isclose(report.stiffness_ratio, ratio) and word in report.conditioning
         per_step[ratio] = problem.num_linear_iterations / problem.num_iterations
-    assert per_step[29.0] < 3 * per_step[1.0]
-    assert per_step[3e3] > 4 * per_step[1.0]
+    assert per_step[29.0] < 3.5 * per_step[1.0]
+    assert per_step[3e3] > 5 * per_step[1.0]
 
 
 def test_conditioning_of_direct_solvers():

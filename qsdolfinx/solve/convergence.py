@@ -1,0 +1,142 @@
+"""When Newton's method may end: forces on each body against the forces that act on that body."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.system.system import ContactSystem
+
+Array = npt.NDArray[np.float64]
+
+#: Norm of the residual that rounding may leave, over that of eps K_ii x_i.
+ROUNDING = 50.0
+
+#: Rounding that may be left, over the forces.
+NOTICED = 1e-6
+
+#: Last step over the unknowns, both in the 2-norm, of a method that has come to rest.
+RESTING = 1e-4
+
+#: A residual that an iteration leaves above this part has met rounding.
+STALLED = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class Measures:
+    """Norms, one for each group of rows of each body.
+
+    Attributes:
+        residuals: Of the residual.
+        sizes: Of what acts in these rows: contact forces and reactions; in those of a constraint,
+            such as incompressibility, of the terms that cancel.
+        rounding: Of what rounding may leave.
+        nothing: Of a residual that is none beside the largest forces on any body.
+    """
+
+    residuals: Array
+    sizes: Array
+    rounding: Array
+    nothing: Array
+
+    def limits(self, relative: float, fall: float, first: Array) -> Array:
+        """Norms with which a run of Newton's method may end, if rounding allows.
+
+        Args:
+            relative: Tolerance, in units of ``sizes``.
+            fall: Part of its first norm that each residual has to fall to, at most 1; not below
+                that part of what is allowed.
+            first: The first norms of the run.
+        """
+        limits = relative * self.sizes
+        if fall < 1:
+            limits = np.maximum(np.minimum(limits, fall * first), fall * limits)
+        return np.maximum(limits, self.nothing)
+
+    def with_rounding(self, limits: Array, least: Array, forces: Array, rests: bool) -> Array:
+        """The limits, raised to what rounding leaves where an iteration no longer helps.
+
+        Not where that is no small part of the forces, unless the unknowns have come to rest: the
+        iterates of a method that diverges become so large that rounding hides all forces.
+
+        Args:
+            limits: The limits.
+            least: The least norms of the run so far.
+            forces: What acted, or was not balanced, earlier in the solve.
+            rests: Whether the last step was small.
+        """
+        stalled = self.residuals > STALLED * least
+        small = rests | (self.rounding <= NOTICED * np.maximum(self.sizes, forces))
+        return np.where(stalled & small, np.maximum(limits, self.rounding), limits)
+
+
+class Convergence:
+    """Measures the residual of a system where it was evaluated last.
+
+    Each body's forces are measured against that body's own contact forces and reactions, so that
+    no unit of length, force or stiffness matters, nor a stiffer body beside it.
+
+    Args:
+        system: The system, with matrices.
+    """
+
+    def __init__(self, system: ContactSystem) -> None:
+        self._system = system
+        #: Size of the largest cell of each body on this rank.
+        self._cells: list[float] = []
+        for body in system.bodies:
+            msh = body.V.mesh
+            tdim = msh.topology.dim
+            cells = np.arange(msh.topology.index_map(tdim).size_local, dtype=np.int32)
+            self._cells.append(float(msh.h(tdim, cells).max(initial=0.0)))
+
+    def measure(self, reactions: bool = True) -> Measures:
+        """Norms at the last evaluation. Collective.
+
+        Args:
+            reactions: Whether to find those of linear bodies, too: F is assembled for that.
+        """
+        bodies = self._system.bodies
+        rows, most = [], []
+        for i, body in enumerate(bodies):
+            x = np.abs(self._system.part(self._system.evaluated, i))
+            residual, acting = self._system.residuals[i], body.force.array_r.copy()
+            left = self._rounding(i, x, acting != 0)
+            known = reactions or not body.linear
+            # Contact forces on held unknowns may be anything, without balance.
+            acting[body.owned_constrained] = body.reactions() if known else 0.0
+            for k, group in enumerate(body.groups):
+                parts = residual, body.terms if k else acting, left
+                rows.append([float(part[group] @ part[group]) for part in parts])
+                most.append(x[body.groups[0]].max(initial=0.0) if k else 1.0)
+        squares, largest = np.array(rows).T.copy(), np.array(most)
+        self._system.comm.Allreduce(MPI.IN_PLACE, squares, op=MPI.SUM)
+        self._system.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        norms = np.sqrt(squares)
+        eps = np.finfo(np.float64).eps
+        forces = np.concatenate([np.arange(len(body.groups)) == 0 for body in bodies])
+        sizes = norms[1] * largest
+        left = ROUNDING * eps * np.where(forces, norms[2], sizes)
+        return Measures(norms[0], sizes, left, np.where(forces, eps * sizes[forces].max(), 0.0))
+
+    def _rounding(self, i: int, x: Array, touched: npt.NDArray[np.bool_]) -> Array:
+        """Terms of body i's owned rows of which rounding takes its part.
+
+        Those of a linear form are K (x - x0); strains of others round beside 1, which counts as a
+        displacement of a cell's size; gaps round beside coordinates.
+
+        Args:
+            i: The body.
+            x: Magnitude of its owned unknowns.
+            touched: Rows in which contact acts.
+        """
+        body, scale = self._system.bodies[i], self._system.scales[i]
+        place = np.abs(body.V.mesh.geometry.x).max(initial=0.0) / scale
+        beside = body.reference if body.linear else self._cells[i] / scale
+        both = np.maximum(self._system.made.tangent.diagonal(i), body.diagonal)
+        contact = touched * (both - body.diagonal)
+        return np.asarray(body.diagonal * (x + beside) + contact * (x + place))
