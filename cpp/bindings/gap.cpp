@@ -33,7 +33,8 @@ void qsdolfinx::bind_gap(nb::module_& m)
       .def_prop_ro("num_rows", &GapOperator::num_rows)
       .def_prop_ro("width", &GapOperator::width, "Values per row: 1, or gdim of a jump.")
       .def_prop_ro(
-          "row_node", [](const GapOperator& g) { return copy(g.row_node(), {g.row_node().size()}); },
+          "row_node",
+          [](const GapOperator& g) { return copy(g.row_node(), {g.row_node().size()}); },
           "Index of each row's node in the slave's nodes, [row]; empty if rows are points.")
       .def_prop_ro(
           "row_area", [](const GapOperator& g) { return copy(g.row_area(), {g.num_rows()}); },
@@ -63,10 +64,9 @@ void qsdolfinx::bind_gap(nb::module_& m)
           { g.add_transpose(f.view(), vecs(slave, master)); }, "f"_a, "slave"_a, "master"_a,
           "Add the transposed operator times f; collective.")
       .def(
-          "at_points",
-          [](GapOperator& g, Handle nodal)
-          { return copy(g.at_points(reinterpret_cast<Vec>(nodal)), {g.num_rows()}); },
-          "nodal"_a, "Values at the points of first components at slave nodes; collective.")
+          "at_points", [](GapOperator& g, Handle nodal)
+          { return copy(g.at_points(reinterpret_cast<Vec>(nodal)), {g.num_rows()}); }, "nodal"_a,
+          "Values at the points of a field on the slave, a component for each side; collective.")
       .def(
           "add_to_nodes", [](GapOperator& g, In<double> f, Handle nodal)
           { g.add_to_nodes(f.view(), reinterpret_cast<Vec>(nodal)); }, "f"_a, "nodal"_a,

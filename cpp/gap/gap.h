@@ -77,12 +77,12 @@ public:
   std::vector<double> apply(std::array<Vec, 2> x, std::array<double, 2> scale);
   /// b += Gᵀ f on both bodies. Collective. @param f [row][width]
   void add_transpose(std::span<const double> f, std::array<Vec, 2> b);
-  /// Σ_k N_k(ξ_p) v_k at the points, [row], v_k being the first component at the slave's nodes.
-  /// Collective; of rows that are points.
+  /// Σ_k N_k(ξ_p) v_k at the points, [row]. v_k is a component at a node of the slave: that with
+  /// the number of the point's smooth side there. Collective; of rows that are points.
   std::vector<double> at_points(Vec nodal);
-  /// Σ_p N_k(ξ_p) f_p in the first components, added. Collective; as above. @param f [row]
+  /// Σ_p N_k(ξ_p) f_p in these components, added. Collective; as above. @param f [row]
   void add_to_nodes(std::span<const double> f, Vec nodal);
-  /// Largest f_p of the points with N_k(ξ_p) ≠ 0 in the first components, if it exceeds what is
+  /// Largest f_p of the points with N_k(ξ_p) ≠ 0 in these components, if it exceeds what is
   /// there. Collective; as above. @param f [row]
   void raise_nodes(std::span<const double> f, Vec nodal);
   /// Say which unknowns carry Dirichlet conditions: nonzero entries of the markers. Collective.

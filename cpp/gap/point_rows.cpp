@@ -10,15 +10,18 @@ namespace
 /// What rows are made of: functions at the points of the nodes of a facet.
 struct Functions
 {
-  const std::vector<std::int64_t>& dofs;   ///< [point][node of the facet][gdim]
-  const std::vector<double>& values;       ///< [point][function]
+  const std::vector<std::int64_t>& dofs; ///< [point][node of the facet][gdim]
+  const std::vector<double>& values;     ///< [point][function]
   std::size_t num_nodes, num_functions, gdim;
+  const std::vector<std::uint8_t>* component = nullptr; ///< [point][function]; null: the first ones
 
-  std::int64_t first_dof(std::size_t p, std::size_t j) const
+  /// Unknown that stands for the node of a function.
+  std::int64_t dof(std::size_t p, std::size_t j) const
   {
-    return dofs[(p * num_nodes + j) * gdim];
+    const std::size_t i = component ? (*component)[p * num_functions + j] : 0;
+    return dofs[(p * num_nodes + j) * gdim + i];
   }
-  bool used(std::size_t p, std::size_t j) const { return first_dof(p, j) >= 0; }
+  bool used(std::size_t p, std::size_t j) const { return dof(p, j) >= 0; }
   bool same_facet(std::size_t p, std::size_t q) const
   {
     const std::size_t width = num_nodes * gdim;
@@ -26,15 +29,15 @@ struct Functions
   }
 };
 
-/// First unknowns of all nodes that have a function somewhere, ascending.
-std::vector<std::int64_t> first_dofs(const Functions& f, std::size_t num_points)
+/// What stands for all nodes that have a function somewhere, ascending.
+std::vector<std::int64_t> find_columns(const Functions& f, std::size_t num_points)
 {
   std::vector<std::int64_t> out;
   for (std::size_t p = 0; p < num_points; ++p)
     if (p == 0 || !f.same_facet(p, p - 1))
       for (std::size_t j = 0; j < f.num_functions; ++j)
         if (f.used(p, j))
-          out.push_back(f.first_dof(p, j));
+          out.push_back(f.dof(p, j));
   std::ranges::sort(out);
   out.erase(std::ranges::unique(out).begin(), out.end());
   return out;
@@ -57,7 +60,7 @@ void compress(GapOperator::Side& out, const Functions& f, std::size_t num_points
       for (std::size_t j = 0; j < f.num_functions; ++j)
         if (f.used(p, j))
         {
-          const auto at = std::ranges::lower_bound(columns, f.first_dof(p, j));
+          const auto at = std::ranges::lower_bound(columns, f.dof(p, j));
           column[j] = static_cast<std::int32_t>(at - columns.begin());
           order.push_back(j);
         }
@@ -79,7 +82,7 @@ void qsdolfinx::rows_at_points(GapOperator::Side& out, const PairingPoints& poin
   const PairingSide& s = side == 0 ? points.slave : points.master;
   const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.gdim);
   const Functions f{s.dofs, s.shape_values, n, n, d};
-  const std::vector<std::int64_t> columns = first_dofs(f, points.size());
+  const std::vector<std::int64_t> columns = find_columns(f, points.size());
   const double sign = side == 0 ? 1.0 : -1.0;
   compress(out, f, points.size(), columns,
            [&](std::size_t p, std::size_t j)
@@ -98,7 +101,7 @@ void qsdolfinx::rows_at_points(GapOperator::Side& out, const PairingPoints& poin
       for (std::size_t j = 0; j < n; ++j)
         if (f.used(p, j))
         {
-          const auto at = std::ranges::lower_bound(columns, f.first_dof(p, j)) - columns.begin();
+          const auto at = std::ranges::lower_bound(columns, f.dof(p, j)) - columns.begin();
           for (std::size_t i = 0; i < d; ++i)
             out.dofs[at * d + i] = static_cast<PetscInt>(s.dofs[(p * n + j) * d + i]);
         }
@@ -108,12 +111,14 @@ void qsdolfinx::rows_at_points(GapOperator::Side& out, const PairingPoints& poin
 void qsdolfinx::multipliers_at_points(GapOperator::Side& out, const PairingPoints& points)
 {
   const PairingSide& s = points.slave;
-  const Functions f{s.dofs, points.multiplier_values, static_cast<std::size_t>(s.num_nodes),
+  const Functions f{s.dofs,
+                    points.multiplier_values,
+                    static_cast<std::size_t>(s.num_nodes),
                     static_cast<std::size_t>(points.num_multipliers),
-                    static_cast<std::size_t>(points.gdim)};
-  const std::vector<std::int64_t> columns = first_dofs(f, points.size());
-  compress(out, f, points.size(), columns,
-           [&](std::size_t p, std::size_t j)
+                    static_cast<std::size_t>(points.gdim),
+                    &points.multiplier_side};
+  const std::vector<std::int64_t> columns = find_columns(f, points.size());
+  compress(out, f, points.size(), columns, [&](std::size_t p, std::size_t j)
            { out.coefficient.push_back(f.values[p * f.num_functions + j]); });
   out.dofs.assign(columns.begin(), columns.end());
 }

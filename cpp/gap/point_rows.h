@@ -10,8 +10,8 @@ namespace qsdolfinx
 /// of the jump. The master's are negative. @param side 0: slave, 1: master
 void rows_at_points(GapOperator::Side& out, const PairingPoints& points, int side, GapKind kind);
 
-/// Functions N_k of the slave's vertices at each point, of a field with one value a node: a column
-/// is a vertex, by the first of its unknowns.
+/// Functions N_k of the slave's vertices at each point, of a field with one value for each smooth
+/// side of a node: its column is the component of the vertex' unknowns with the side's number.
 void multipliers_at_points(GapOperator::Side& out, const PairingPoints& points);
 
 } // namespace qsdolfinx

@@ -18,6 +18,7 @@ struct NearbyFacets
   std::vector<double> outward;    ///< unit normal at the centre, [facet][3]
   std::vector<std::int64_t> dofs; ///< [facet][trace][gdim]
   std::vector<int> owner;         ///< [facet][trace]
+  std::vector<std::uint8_t> side; ///< smooth sides, [facet][vertex]
 
   std::size_t size() const { return outward.size() / 3; }
   std::span<const double> facet_x(std::size_t f) const
@@ -36,6 +37,7 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
   std::vector<int> dest, owner;
   std::vector<double> x, outward;
   std::vector<std::int64_t> dofs;
+  std::vector<std::uint8_t> side;
   for (std::size_t f = 0; f < from.num_facets(); ++f)
   {
     const Box box = box_of(from.facet_x(f));
@@ -49,6 +51,7 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
       outward.insert(outward.end(), n.begin(), n.end());
       append_record(dofs, from.facets().dofs, f, nt * d);
       append_record(owner, from.facets().owner, f, nt);
+      append_record(side, from.facets().vertex_side, f, nv);
     }
   }
   const Exchange exchange(from.comm(), dest);
@@ -59,7 +62,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
           exchange.forward<double>(x, nv * 3),
           exchange.forward<double>(outward, 3),
           exchange.forward<std::int64_t>(dofs, nt * d),
-          exchange.forward<int>(owner, nt)};
+          exchange.forward<int>(owner, nt),
+          exchange.forward<std::uint8_t>(side, nv)};
 }
 
 /// Part of a facet that one facet of the other surface covers.
@@ -224,6 +228,9 @@ private:
                   cut_.degree(), here, p);
       append_side(!cut_is_slave_, y, nearby_.dofs, nearby_.owner, piece.other, nearby_.type,
                   nearby_.degree, there, p);
+      append_record(points_.multiplier_side,
+                    cut_is_slave_ ? cut_.facets().vertex_side : nearby_.side,
+                    cut_is_slave_ ? f : piece.other, points_.num_multipliers);
     }
   }
 

@@ -56,7 +56,7 @@ class Rows(abc.ABC):
 
     @abc.abstractmethod
     def from_nodes(self, values: Array) -> Array:
-        """Values of the owned nodes at the rows."""
+        """Values of the owned nodes at the rows; at points of shape (nodes,)."""
 
 
 class NodeRows(Rows):
@@ -85,78 +85,82 @@ class NodeRows(Rows):
 
 
 class PointRows(Rows):
-    """One row for each pairing point, on the rank that found it."""
+    """One row for each pairing point, on the rank that found it.
+
+    A field on the nodes may have a value for each smooth side of the surface at a node, in columns
+    that are counted by the number of the side: more than one where the surface turns sharply.
+    """
 
     are_points = True
 
     def __init__(self, operator: _cpp.GapOperator, slave: Surface) -> None:
         super().__init__(operator, slave)
-        #: Σ_p w_p N_k(ξ_p) at the owned nodes: what the points cover of S_k.
-        self.cover: Array = self.sums(np.ones(operator.num_rows))
+        #: Σ_p w_p N_k(ξ_p) of the sides of the owned nodes, shape (nodes, gdim).
+        self.cover_of_sides: Array = self._sums(np.ones(operator.num_rows))
+        #: The same of nodes: what the points cover of S_k.
+        self.cover: Array = self.cover_of_sides.sum(axis=1)
 
     @property
     def reached(self) -> npt.NDArray[np.int64]:
         """Nodes that points cover some of. Not collective."""
         return np.flatnonzero(self.cover > _SOME * self.slave.node_area)
 
-    def sums(self, values: Array) -> Array:
-        """Σ_p w_p N_k(ξ_p) c_p at the owned nodes."""
-        vec = self.slave.create_vec()
-        self.operator.add_to_nodes(self.operator.row_area * values, vec.handle)
-        return self._read(vec)
-
     def on_nodes(self, values: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
         """Means Σ_p w_p N_k c_p / Σ_p w_p N_k; of flags whether there is any."""
         flags = values.dtype == bool
         columns = values.reshape(len(values), int(np.prod(values.shape[1:], dtype=int)))
-        sums = np.column_stack([self.sums(c) for c in columns.T.astype(np.float64)])
-        out = np.full(sums.shape, missing, dtype=np.float64)
+        sums = [self._sums(c).sum(axis=1) for c in columns.T.astype(np.float64)]
+        out = np.full((len(self.cover), len(sums)), missing, dtype=np.float64)
         at = self.reached
-        out[at] = sums[at] / self.cover[at, None]
+        out[at] = np.column_stack(sums)[at] / self.cover[at, None]
         if flags:
             out = out > _SOME
         return np.asarray(out.reshape(len(out), *values.shape[1:]))
-
-    def project(self, values: Array) -> Array:
-        """Nodal values of nearly the function Σ_k N_k v_k that is closest to values of the points.
-
-        The mass matrix M_kl = Σ_p w_p N_k N_l of what is covered is inverted by some iterations of
-        Richardson's with the lumped one: M may be singular in all but name where hardly anything
-        of a facet is covered, and they leave out of v what it says nothing of.
-        """
-        columns = values.T
-        out = np.zeros((len(self.cover), len(columns)))
-        at = self.reached
-        for x, column in zip(out.T, columns, strict=True):
-            for i in range(_RICHARDSON):
-                rest = self.sums(column - self._at_points(x) if i else column)
-                x[at] += rest[at] / self.cover[at]
-        return out
 
     def largest_on_nodes(self, values: Array) -> Array:
         """The largest value of the points beside each node."""
         vec = self.slave.create_vec()
         self.operator.raise_nodes(np.ascontiguousarray(values), vec.handle)
-        return self._read(vec)
+        return np.asarray(self._read(vec).max(axis=1))
 
     def from_nodes(self, values: Array) -> Array:
         """Values of the function Σ_k N_k v_k."""
-        columns = values.reshape(len(values), int(np.prod(values.shape[1:], dtype=int)))
-        out = np.column_stack([self._at_points(c) for c in columns.T])
-        return np.asarray(out.reshape(len(out), *values.shape[1:]))
+        return self.from_sides(np.repeat(values[:, None], self.slave.gdim, axis=1))
 
-    def _at_points(self, values: Array) -> Array:
+    def from_sides(self, values: Array) -> Array:
+        """Values of the function Σ_k N_k v_k that each point sees on its side, shape (rows,)."""
         vec = self.slave.create_vec()
         vec.array[self._own(vec)] = values
         out = self.operator.at_points(vec.handle)
         vec.destroy()
         return np.asarray(out)
 
+    def project(self, values: Array) -> Array:
+        """Nearly the function Σ_k N_k v_k that is closest to values of the points, of all sides.
+
+        The mass matrix M_kl = Σ_p w_p N_k N_l of what is covered is inverted by some iterations of
+        Richardson's with the lumped one: M may be singular in all but name where hardly anything
+        of a facet is covered, and they leave out of v what it says nothing of.
+        """
+        out = np.zeros_like(self.cover_of_sides)
+        at = self.cover_of_sides > _SOME * self.slave.node_area[:, None]
+        rest = values
+        for _ in range(_RICHARDSON):
+            out[at] += self._sums(rest)[at] / self.cover_of_sides[at]
+            rest = values - self.from_sides(out)
+        return out
+
+    def _sums(self, values: Array) -> Array:
+        """Σ_p w_p N_k(ξ_p) c_p for the sides of the owned nodes."""
+        vec = self.slave.create_vec()
+        self.operator.add_to_nodes(self.operator.row_area * values, vec.handle)
+        return self._read(vec)
+
     def _read(self, vec: PETSc.Vec) -> Array:
-        """First components at the owned nodes of a vector, which is destroyed."""
+        """Values at the owned nodes of a vector, which is destroyed."""
         out: Array = vec.array_r[self._own(vec)].copy()
         vec.destroy()
         return out
 
     def _own(self, vec: PETSc.Vec) -> npt.NDArray[np.int64]:
-        return np.asarray(self.slave.node_dofs[:, 0] - vec.owner_range[0])
+        return np.asarray(self.slave.node_dofs - vec.owner_range[0])

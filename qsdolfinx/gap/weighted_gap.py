@@ -38,7 +38,8 @@ class GapState:
 
     Attributes:
         values: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
-        augmented: λ̂, of the same shape; with rows at points at all owned nodes, shape (nodes, 1).
+        augmented: λ̂, of the same shape; with rows at points for the sides of all owned nodes,
+            shape (nodes, gdim), see ``PointRows``.
         offset: Gap of displacements on top of those of the unknowns, of the same shape.
         shift: What a rigid tool's motion adds to ḡ, of the same shape.
         allowance: Gap (length) at each row that counts as none: overclosure that is not resolved.
@@ -65,7 +66,8 @@ class WeightedGap:
     covered in part get a larger ε there, S_k / Σ w_p N_k times: otherwise they
     would need very many updates of λ̂.
 
-    With rows at points λ̂ still belongs to the nodes, and points see λ̂_h = Σ_k λ̂_k N_k(ξ_p). It is
+    With rows at points λ̂ still belongs to the nodes, at creases one to each smooth side of the
+    surface, and points see λ̂_h = Σ_k λ̂_k N_k(ξ_p). It is
     updated to the function that is closest to [λ̂_h + ε g_p]₊. λ̂ may become negative at a node
     beside the edge of contact, where λ̂_h is to follow a pressure that ends within a facet.
 
@@ -113,12 +115,12 @@ class WeightedGap:
         self.rows: Rows
         if rows == "points":
             self.rows = point_rows = PointRows(self.operator, slave)
-            multipliers = np.zeros((len(slave.node_area), 1))
-            #: Area of each multiplier.
-            self.multiplier_weight: Array = share * point_rows.cover
+            multipliers = np.zeros_like(point_rows.cover_of_sides)
+            #: Area of each multiplier, of the shape of λ̂.
+            self.multiplier_weight: Array = share * point_rows.cover_of_sides
         else:
             self.rows = NodeRows(self.operator, slave)
-            self.multiplier_weight = self.weight
+            self.multiplier_weight = self.weight[:, None] * np.ones(self.operator.width)
             if augmented:
                 cover = self.operator.row_area / slave.node_area[self.operator.row_node]
                 self.relative_penalty = 1 / cover
@@ -187,8 +189,8 @@ class WeightedGap:
         multiplier = self.multiplier(penalty)
         if not isinstance(self.rows, PointRows):
             return multiplier
-        change = self.rows.project(multiplier - self._augmented_at_rows())
-        return np.asarray(self.state.augmented + change)
+        change = (multiplier - self._augmented_at_rows())[:, 0]
+        return np.asarray(self.state.augmented + self.rows.project(change))
 
     def admissible(self, augmented: Array) -> Array:
         """The nearest λ̂ that may be: at points λ̂_h is the start of a law, not its result."""
@@ -199,9 +201,11 @@ class WeightedGap:
 
         Collective.
         """
-        change = np.linalg.norm(self.updated(penalty) - self.state.augmented, axis=1)
-        eps = penalty * (1.0 if self.rows.are_points else self.relative_penalty)
-        return float(np.max(change / eps, initial=0.0))
+        change = self.updated(penalty) - self.state.augmented
+        if self.rows.are_points:
+            return float(np.max(np.abs(change), initial=0.0)) / penalty
+        gaps = np.linalg.norm(change, axis=1) / (penalty * self.relative_penalty)
+        return float(np.max(gaps, initial=0.0))
 
     def _shifted(self, eps: Array) -> Array:
         return self.state.values + self._augmented_at_rows() / eps[:, None]
@@ -209,10 +213,10 @@ class WeightedGap:
     def _augmented_at_rows(self) -> Array:
         """λ̂ at the rows, found anew when it has been replaced. Collective."""
         augmented = self.state.augmented
-        if not self.rows.are_points:
+        if not isinstance(self.rows, PointRows):
             return augmented
         if self._at_rows[0] is not augmented:
-            self._at_rows = augmented, self.rows.from_nodes(augmented)
+            self._at_rows = augmented, self.rows.from_sides(augmented)[:, None]
         return self._at_rows[1]
 
     # --- λ̂ at all owned nodes, the same when contact pairs anew

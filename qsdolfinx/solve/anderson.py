@@ -60,9 +60,7 @@ class Augmentation:
 
     def _coefficients(self) -> Array:
         """Of the combination with the least residual; they sum to 1. Collective."""
-        weight = np.concatenate(
-            [np.repeat(_weight(part), part.state.augmented.shape[1]) for _, part in self._parts]
-        )
+        weight = np.concatenate([_weight(part).ravel() for _, part in self._parts])
         last = self._residuals[-1]
         count = len(self._residuals) - 1
         differences = np.array([r - last for r in self._residuals[:-1]])
@@ -77,7 +75,9 @@ class Augmentation:
 
 def _weight(part: WeightedGap | Slip) -> Array:
     """Area of each multiplier."""
-    return part.weight if isinstance(part, Slip) else part.multiplier_weight
+    if isinstance(part, Slip):
+        return np.repeat(part.weight, part.slave.gdim)
+    return part.multiplier_weight
 
 
 def _multiplier(contact: ContactModel, part: WeightedGap | Slip) -> Array:

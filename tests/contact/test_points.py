@@ -149,23 +149,32 @@ def test_ignored_overclosure(cell):
     assert np.abs(pair.contact.force("slave")[-1]) > 1e-3
 
 
-def slanted_block(n=8, **options):
+def slanted_block(gdim=2, n=8, **options):
     """A block that widens upwards by 0.5 per unit height, bottom and sides in contact.
 
     Returns:
         The contact, and how deep the deepest node is below the plane.
     """
-    msh = box(WORLD, (n, n), "triangle", (-0.5, 0.0), (0.5, 1.0), "scattered")
-    msh.geometry.x[:, 0] *= 1 + msh.geometry.x[:, 1]
+    low, high, up = [-0.5] * (gdim - 1) + [0.0], [0.5] * (gdim - 1) + [1.0], gdim - 1
+    if gdim == 2:
+        crossed = mesh.DiagonalType.left_right
+        msh = mesh.create_rectangle(WORLD, [low, high], [n, n], diagonal=crossed)
+    else:
+        msh = box(WORLD, (n,) * 3, "hexahedron", low, high, "scattered")
+    msh.geometry.x[:, :up] *= 1 + msh.geometry.x[:, [up]]
     V = vector_space(msh)
-    u, top = fem.Function(V), plane(msh, 1, 1.0)
-    every = mesh.locate_entities_boundary(msh, 1, lambda x: np.full(x.shape[1], True))
+    u, top = fem.Function(V), plane(msh, up, 1.0)
+    every = mesh.locate_entities_boundary(msh, up, lambda x: np.full(x.shape[1], True))
     surface = qs.Surface(V, facets=np.setdiff1d(every, top))
-    floor = qs.RigidSurface.plane(WORLD, point=[0, 0], normal=[0, 1])
+    axis = np.eye(gdim)[up]
+    floor = qs.RigidSurface.plane(WORLD, point=0 * axis, normal=axis)
     contact = qs.Contact(surface, floor, quadrature="overlay", search_radius=0.14, **options)
-    problem = qs.ContactProblem([elastic(u, E=1e3)], [u], [contact], [[clamp(V, top, (0, -0.05))]])
+    problem = qs.ContactProblem(
+        [elastic(u, E=1e3)], [u], [contact], [[clamp(V, top, -0.05 * axis)]]
+    )
     problem.solve()
-    y = (V.tabulate_dof_coordinates()[:, 1] + u.x.array.reshape(-1, 2)[:, 1]).min()
+    x, moved = V.tabulate_dof_coordinates(), u.x.array.reshape(-1, gdim)
+    y = (x[:, up] + moved[:, up]).min()
     return contact, -WORLD.allreduce(float(y), op=MPI.MIN)
 
 
@@ -175,6 +184,39 @@ def test_crease():
     depths = [slanted_block(constraints=c, **stiff)[1] for c in ("nodes", "points")]
     assert depths[0] > 5e-3
     assert depths[1] < 5e-4
+
+
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_multipliers_at_a_crease(gdim):
+    """Each smooth side has multipliers of its own: no corner stays below the floor."""
+    n = 8 if gdim == 2 else 4
+    contact, depth = slanted_block(
+        gdim, n, constraints="points", enforcement="augmented-lagrangian"
+    )
+    force = contact.force("slave")
+    assert depth < 1e-7
+    if gdim == 2:
+        assert abs(force[1] - 78.81) < 0.005
+
+
+def test_sides_on_a_round_surface():
+    """Facets that turn by less than 30° are one side, those that turn by more are not."""
+    found = []
+    for n in (16, 8):  # by 22.5 and by 45 degrees
+        msh = box(WORLD, (n, 1), "quadrilateral", (0.0, 1.0), (1.0, 2.0), "scattered")
+        angle, r = -2 * np.pi * msh.geometry.x[:, 0], msh.geometry.x[:, 1].copy()
+        msh.geometry.x[:, :2] = (r * np.array([np.cos(angle), np.sin(angle)])).T
+        V = vector_space(msh)
+        outside = mesh.locate_entities_boundary(
+            msh, 1, lambda x: np.hypot(x[0], x[1]) > 2 * np.cos(np.pi / n) - 1e-9
+        )
+        tool = qs.RigidSurface.plane(WORLD, point=[3, 0], normal=[-1, 0])
+        radius = {"search_radius": 10.0}
+        contact = qs.Contact(qs.Surface(V, facets=outside), tool, **AUGMENTED | radius)
+        cover = contact.model.gaps[0].rows.cover_of_sides
+        found.append(WORLD.allreduce(np.count_nonzero(cover > 1e-9, axis=0)).tolist())
+    assert found[0][1] == 0 < found[0][0]
+    assert found[1][1] > 0
 
 
 def test_penetration_is_that_of_the_points():
