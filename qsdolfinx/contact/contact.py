@@ -152,7 +152,8 @@ class Contact:
             same(POSITIVE, gap_tolerance=gap_tolerance)
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
             if constraints is None:
-                constraints = "nodes"
+                at_points = quadrature == "overlay" and friction is None and not law.jump
+                constraints = "points" if at_points else "nodes"
             same(one_of(CONSTRAINTS), constraints=constraints)
             check_constraints(constraints, quadrature, law, friction)
             check_friction(friction, friction_penalty, law, slave)

@@ -110,11 +110,10 @@ class PointRows(Rows):
         flags = values.dtype == bool
         columns = values.reshape(len(values), int(np.prod(values.shape[1:], dtype=int)))
         sums = [self._sums(c).sum(axis=1) for c in columns.T.astype(np.float64)]
-        out = np.full((len(self.cover), len(sums)), missing, dtype=np.float64)
+        means = np.full((len(self.cover), len(sums)), missing, dtype=np.float64)
         at = self.reached
-        out[at] = np.column_stack(sums)[at] / self.cover[at, None]
-        if flags:
-            out = out > _SOME
+        means[at] = np.column_stack(sums)[at] / self.cover[at, None]
+        out = means > _SOME if flags else means
         return np.asarray(out.reshape(len(out), *values.shape[1:]))
 
     def largest_on_nodes(self, values: Array) -> Array:

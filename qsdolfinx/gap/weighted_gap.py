@@ -110,7 +110,7 @@ class WeightedGap:
         #: ε of each row in units of the contact's.
         self.relative_penalty: Array = np.ones(self.num_rows)
         zero = np.zeros((self.num_rows, self.operator.width))
-        multipliers = zero
+        multipliers: Array = zero
         #: How values go between the rows and the slave's nodes.
         self.rows: Rows
         if rows == "points":
