@@ -69,6 +69,19 @@ def create_mesh(cells, x, domain, comm=WORLD, **options):
     return mesh.create_mesh(comm, cells=cells.astype(np.int64), x=x, e=domain, **options)
 
 
+def blocks(*boxes):
+    """Cubes that do not touch, as one mesh; boxes are pairs of corners."""
+    gdim = len(boxes[0][0])
+    corners = np.array([[(i >> k) & 1 for k in range(gdim)] for i in range(2**gdim)])
+    x = [np.where(corners, high, low) for low, high in boxes]
+    cells = np.arange(2**gdim * len(boxes)).reshape(len(boxes), -1)
+    cell = "quadrilateral" if gdim == 2 else "hexahedron"
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(gdim,)))
+    mine = np.arange(len(boxes)) % WORLD.size == WORLD.rank
+    points = np.array_split(np.concatenate(x), WORLD.size)[WORLD.rank]
+    return create_mesh(cells[mine], points, domain)
+
+
 def curved_triangle():
     """A triangle whose sides are of degree 2, on rank 0."""
     points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0.0]])

@@ -11,6 +11,15 @@ namespace
 Vec3 middle(const Box& box) { return box.low + box.high; }
 } // namespace
 
+std::vector<Box> qsdolfinx::facet_boxes(FacetType type, std::span<const double> x)
+{
+  const std::size_t width = 3 * static_cast<std::size_t>(type);
+  std::vector<Box> out(x.size() / width);
+  for (std::size_t f = 0; f < out.size(); ++f)
+    out[f] = box_of(x.subspan(f * width, width));
+  return out;
+}
+
 BoxTree::BoxTree(const std::vector<Box>& boxes)
 {
   if (boxes.size() > std::numeric_limits<std::uint32_t>::max() / 2)

@@ -40,6 +40,9 @@ inline Box box_of(std::span<const double> x)
   return box;
 }
 
+/// Boxes of facets. @param x [facet][vertex][3]
+std::vector<Box> facet_boxes(FacetType type, std::span<const double> x);
+
 /// A box with everything within the radius, coordinate by coordinate.
 inline Box widened(const Box& box, double radius)
 {
@@ -68,6 +71,39 @@ inline double squared_distance(const Box& box, const Vec3& p)
   return sum;
 }
 
+/// A part of a line, x + t d for t from 0 to `end`, that boxes are compared with.
+class LinePart
+{
+public:
+  /// @param margin by which boxes are widened
+  LinePart(const Vec3& x, const Vec3& d, double end, double margin)
+      : above_(x + Vec3{margin, margin, margin}), below_(x - Vec3{margin, margin, margin}),
+        end_(end)
+  {
+    for (std::size_t j = 0; j < 3; ++j)
+      inverse_[j] = d[j] == 0 ? huge : 1 / d[j]; // then within the box for all t, or for none
+  }
+
+  /// Whether a box, widened by the margin, has a point in common with it.
+  bool meets(const Box& box) const
+  {
+    double first = 0, last = end_;
+    for (std::size_t j = 0; j < 3; ++j)
+    {
+      const double below = box.low[j] - above_[j], above = box.high[j] - below_[j];
+      const double s = below * inverse_[j], t = above * inverse_[j];
+      first = std::max(first, std::min(s, t));
+      last = std::min(last, std::max(s, t));
+    }
+    return first <= last;
+  }
+
+private:
+  static constexpr double huge = 1e300;
+  Vec3 above_, below_, inverse_{0, 0, 0};
+  double end_;
+};
+
 /// Balanced binary tree of numbered boxes in one array, halved at the median of the longest side.
 /// Queries allocate nothing, and the tree is the same whatever order of boxes the median leaves.
 class BoxTree
@@ -77,6 +113,28 @@ public:
 
   /// Numbers of the boxes within the radius of a box, coordinate by coordinate, ascending.
   void near(const Box& box, double radius, std::vector<std::size_t>& out) const;
+
+  /// Call visit(i) for the boxes that a part of a line meets.
+  template <typename Visit>
+  void along(const LinePart& line, Visit visit) const
+  {
+    std::array<std::uint32_t, max_depth> stack{0};
+    for (std::size_t depth = nodes_.empty() ? 0 : 1; depth > 0;)
+    {
+      const std::uint32_t n = stack[--depth];
+      const Node& node = nodes_[n];
+      if (!line.meets(node.box))
+        continue;
+      if (node.count == 0)
+      {
+        stack[depth++] = node.first;
+        stack[depth++] = n + 1;
+      }
+      for (std::uint32_t i = node.first; i < node.first + node.count; ++i)
+        if (line.meets(entries_[i].box))
+          visit(entries_[i].number);
+    }
+  }
 
   /// Call visit(i) for the boxes within the limit of p, those in near branches first. It returns
   /// the limit from then on.

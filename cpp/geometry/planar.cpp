@@ -8,7 +8,8 @@ namespace
 {
 constexpr double inverse_tolerance = 1e-14;
 constexpr int inverse_max_iterations = 30;
-constexpr double fold_tolerance = 1e-6; // smallest Jacobian over the largest
+constexpr double outside_tolerance = 1e-12; // part of a side's length
+constexpr double fold_tolerance = 1e-6;     // smallest Jacobian over the largest
 
 bool is_interval(const Polygon& p) { return p.size() == 2; }
 
@@ -72,6 +73,25 @@ bool qsdolfinx::contains(const Polygon& p, const Vec2& q)
     if (cross(p[(i + 1) % p.size()] - p[i], q - p[i]) < 0)
       return false;
   return true;
+}
+
+bool qsdolfinx::has_outside(const Polygon& p, std::span<const Vec2> points)
+{
+  if (is_interval(p))
+  {
+    const double tolerance = outside_tolerance * (p[1][0] - p[0][0]);
+    const double low = p[0][0] + tolerance, high = p[1][0] - tolerance;
+    return std::ranges::all_of(points, [&](const Vec2& q) { return q[0] <= low; })
+           || std::ranges::all_of(points, [&](const Vec2& q) { return q[0] >= high; });
+  }
+  for (std::size_t i = 0; i < p.size(); ++i)
+  {
+    const Vec2 &a = p[i], t = p[i + 1 < p.size() ? i + 1 : 0] - a;
+    const double tolerance = outside_tolerance * (t[0] * t[0] + t[1] * t[1]);
+    if (std::ranges::all_of(points, [&](const Vec2& q) { return cross(t, q - a) <= tolerance; }))
+      return true;
+  }
+  return false;
 }
 
 Frame::Frame(FacetType type, std::span<const double> v)

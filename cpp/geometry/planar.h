@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <initializer_list>
+#include <span>
 #include <vector>
 
 namespace qsdolfinx
@@ -32,6 +33,7 @@ public:
   bool empty() const { return size_ == 0; }
   Vec2& operator[](std::size_t i) { return corners_[i]; }
   const Vec2& operator[](std::size_t i) const { return corners_[i]; }
+  std::span<const Vec2> corners() const { return std::span(corners_).first(size_); }
   void clear() { size_ = 0; }
   void push_back(const Vec2& q) { corners_.at(size_++) = q; }
   void reverse() { std::reverse(corners_.begin(), corners_.begin() + size_); }
@@ -50,6 +52,10 @@ void intersect(const Polygon& a, const Polygon& b, Polygon& out);
 
 /// Whether a convex polygon or interval contains a point.
 bool contains(const Polygon& polygon, const Vec2& q);
+
+/// Whether one side of a polygon has all the points outside, but for rounding: then their hull and
+/// the polygon do not overlap.
+bool has_outside(const Polygon& polygon, std::span<const Vec2> points);
 
 /// Plane of a facet (2D: its line), and the direction along which others are projected onto it.
 struct Frame

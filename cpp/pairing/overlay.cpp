@@ -2,6 +2,8 @@
 #include "geometry/boxes.h"
 #include "parallel/exchange.h"
 #include "parallel/records.h"
+#include "search/local_search.h"
+#include "search/screen.h"
 
 #include <algorithm>
 
@@ -10,22 +12,12 @@ using namespace qsdolfinx;
 namespace
 {
 /// Facets of a surface that are near another surface's facets of this rank.
-struct NearbyFacets
+struct NearbyFacets : FacetCopies
 {
-  FacetType type;
   int degree, num_trace, gdim;
-  std::vector<double> x;          ///< [facet][vertex][3]
-  std::vector<double> outward;    ///< unit normal at the centre, [facet][3]
   std::vector<std::int64_t> dofs; ///< [facet][trace][gdim]
   std::vector<int> owner;         ///< [facet][trace]
   std::vector<std::uint8_t> side; ///< smooth sides, [facet][vertex]
-
-  std::size_t size() const { return outward.size() / 3; }
-  std::span<const double> facet_x(std::size_t f) const
-  {
-    const std::size_t width = 3 * static_cast<std::size_t>(type);
-    return std::span(x).subspan(f * width, width);
-  }
 };
 
 /// Copy the facets of `from` to all ranks whose facets of `to` may be within the radius. They
@@ -35,35 +27,28 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
   const std::vector<Box> boxes = to.rank_boxes(radius);
   const int nv = from.num_vertices(), nt = from.num_trace(), d = from.gdim();
   std::vector<int> dest, owner;
-  std::vector<double> x, outward;
+  std::vector<std::size_t> facets;
+  facets_in_boxes(from, boxes, dest, facets);
+  std::vector<double> x, orientation;
   std::vector<std::int64_t> dofs;
   std::vector<std::uint8_t> side;
-  for (std::size_t f = 0; f < from.num_facets(); ++f)
+  for (std::size_t f : facets)
   {
-    const Box box = box_of(from.facet_x(f));
-    const Vec3 n = from.normal(f, facet_centre(from.type()));
-    for (std::size_t r = 0; r < boxes.size(); ++r)
-    {
-      if (!meet(boxes[r], box))
-        continue;
-      dest.push_back(static_cast<int>(r));
-      append_record(x, from.facets().x, f, nv * 3);
-      outward.insert(outward.end(), n.begin(), n.end());
-      append_record(dofs, from.facets().dofs, f, nt * d);
-      append_record(owner, from.facets().owner, f, nt);
-      append_record(side, from.facets().vertex_side, f, nv);
-    }
+    append_record(x, from.facets().x, f, nv * 3);
+    append_record(orientation, from.facets().orientation, f, 1);
+    append_record(dofs, from.facets().dofs, f, nt * d);
+    append_record(owner, from.facets().owner, f, nt);
+    append_record(side, from.facets().vertex_side, f, nv);
   }
   const Exchange exchange(from.comm(), dest);
-  return {from.type(),
-          from.degree(),
-          nt,
-          d,
-          exchange.forward<double>(x, nv * 3),
-          exchange.forward<double>(outward, 3),
-          exchange.forward<std::int64_t>(dofs, nt * d),
-          exchange.forward<int>(owner, nt),
-          exchange.forward<std::uint8_t>(side, nv)};
+  return {
+      {from.type(), exchange.forward<double>(x, nv * 3), exchange.forward<double>(orientation, 1)},
+      from.degree(),
+      nt,
+      d,
+      exchange.forward<std::int64_t>(dofs, nt * d),
+      exchange.forward<int>(owner, nt),
+      exchange.forward<std::uint8_t>(side, nv)};
 }
 
 /// Part of a facet that one facet of the other surface covers.
@@ -73,6 +58,55 @@ struct Piece
   PlanarFacet planar;
   Polygon polygon;
 };
+
+/// A facet that a line of sight may meet.
+struct Screen
+{
+  std::size_t facet;
+  PlanarFacet planar;
+  bool opposed; ///< looks to where the line comes from
+};
+
+/// Where a line meets a facet.
+struct Crossing
+{
+  double s;     ///< place along the line
+  bool opposed; ///< see Screen
+  bool first;   ///< counts before the facet looked for, if they coincide
+};
+
+/// Whether other facets that a line meets hide the opposed facet at s from the point at 0: if one
+/// lies between, or if the first one the other way is opposed, too, and nearer. Both ways count,
+/// as the point may be before its partner or have gone into it.
+/// @param tie distances that differ by less are equal
+bool hides(double s, std::span<const Crossing> others, double tie)
+{
+  const double distance = std::abs(s);
+  const auto wins = [&](double at, bool first)
+  { return at < distance - tie || (at <= distance + tie && first); };
+  double behind = -std::numeric_limits<double>::infinity(); // the nearest the other way
+  bool behind_wins = false;
+  for (const Crossing& c : others)
+  {
+    const double along = s < 0 ? -c.s : c.s;
+    if (along > tie)
+    {
+      if (c.opposed ? wins(along, c.first) : along < distance - tie)
+        return true;
+    }
+    else if (along >= -tie)
+    {
+      if (c.opposed && wins(0, c.first))
+        return true;
+    }
+    else if (along > behind + tie || (along > behind - tie && !c.opposed))
+    {
+      behind = std::max(behind, along);
+      behind_wins = c.opposed && wins(-along, c.first);
+    }
+  }
+  return behind_wins;
+}
 
 /// Shape functions at the points of a piece, with the constants that make their integrals exact.
 struct ShapeValues
@@ -114,9 +148,10 @@ class Overlay
 public:
   Overlay(PairingPoints& points, const Surface& cut, const Surface& other, bool cut_is_slave,
           double share, double radius, Normals normals, const OverlayRules& rules)
-      : points_(points), cut_(cut), nearby_(fetch_nearby(other, cut, radius)), tree_(facet_tree()),
-        cut_is_slave_(cut_is_slave), share_(share), radius_(radius), normals_(normals),
-        rules_(rules)
+      : points_(points), cut_(cut), nearby_(fetch_nearby(other, cut, radius)),
+        tree_(facet_boxes(nearby_.type, nearby_.x)), own_(fetch_nearby(cut, cut, 2 * radius)),
+        own_tree_(facet_boxes(own_.type, own_.x)), cut_is_slave_(cut_is_slave), share_(share),
+        radius_(radius), normals_(normals), rules_(rules)
   {
   }
 
@@ -126,67 +161,134 @@ public:
     {
       const Frame frame(cut_.type(), cut_.facet_x(f));
       const PlanarFacet planar(cut_.type(), cut_.facet_x(f), frame);
+      const std::size_t before = points_.size();
       find_pieces(f, frame, planar);
-      if (pieces_.empty())
-        ++points_.num_unpaired;
+      find_own_screens(f, frame, planar);
       for (const Piece& piece : pieces_)
         append(f, planar, piece);
+      if (points_.size() == before)
+        ++points_.num_unpaired;
     }
   }
 
 private:
-  BoxTree facet_tree() const
-  {
-    std::vector<Box> boxes(nearby_.size());
-    for (std::size_t f = 0; f < boxes.size(); ++f)
-      boxes[f] = box_of(nearby_.facet_x(f));
-    return BoxTree(boxes);
-  }
-
   void find_pieces(std::size_t f, const Frame& frame, const PlanarFacet& planar)
   {
     pieces_.clear();
+    backs_.clear();
+    outward_ = cut_.normal(f, facet_centre(cut_.type()));
+    tie_ = tie_tolerance * cut_.facets().size[f];
     const double area = measure(planar.polygon());
-    const Vec3 outward = cut_.normal(f, facet_centre(cut_.type()));
-    double covered = 0;
     tree_.near(box_of(cut_.facet_x(f)), radius_, candidates_);
     for (std::size_t g : candidates_)
     {
-      const Vec3 n{nearby_.outward[3 * g], nearby_.outward[3 * g + 1], nearby_.outward[3 * g + 2]};
-      if (dot(n, outward) >= 0)
+      const bool opposed = dot(nearby_.outward(g), outward_) < 0;
+      if (!opposed && apart(planar.polygon(), nearby_.facet_x(g), frame))
         continue;
       PlanarFacet other(nearby_.type, nearby_.facet_x(g), frame);
       if (!other.unfolded()) // warped, and seen from the side: it faces this one in part at most
         continue;
-      intersect(other.polygon(), planar.polygon(), polygon_);
-      const double piece = measure(polygon_);
-      if (!(piece > sliver_tolerance * area))
+      if (!opposed)
+      {
+        backs_.push_back({g, std::move(other), false});
         continue;
-      covered += piece;
-      pieces_.push_back({g, std::move(other), polygon_});
+      }
+      intersect(other.polygon(), planar.polygon(), polygon_);
+      if (measure(polygon_) > sliver_tolerance * area)
+        pieces_.push_back({g, std::move(other), polygon_});
     }
-    // Only where the whole facet is covered once it is known that no two pieces overlap.
-    overlapping_ = pieces_.size() > 1 && std::abs(covered - area) > 1e-9 * area;
   }
 
-  /// Signed distance of the other facet from q, along the outward normal of the facet that is cut.
-  double distance(const Piece& piece, const Vec2& q, const Vec3& x, const Vec3& outward) const
+  /// Facets of the surface that is cut that the lines between it and the pieces may meet, or, if
+  /// continued by their lengths, find beyond the pieces.
+  void find_own_screens(std::size_t f, const Frame& frame, const PlanarFacet& planar)
   {
-    const Vec3 z = facet_point(nearby_.type, nearby_.facet_x(piece.other), piece.planar.invert(q));
-    return dot(z - x, outward);
+    own_screens_.clear();
+    if (pieces_.empty())
+      return;
+    own_tree_.near(box_of_lines(f, frame), 0, candidates_);
+    for (std::size_t g : candidates_)
+    {
+      if (apart(planar.polygon(), own_.facet_x(g), frame) || same(own_.facet_x(g), cut_.facet_x(f)))
+        continue;
+      PlanarFacet other(own_.type, own_.facet_x(g), frame);
+      if (other.unfolded() && !has_outside(other.polygon(), planar.polygon().corners()))
+        own_screens_.push_back({g, std::move(other), dot(own_.outward(g), outward_) > 0});
+    }
+  }
+  /// Whether all of a facet, projected, lies beside a polygon. May miss that it does.
+  static bool apart(const Polygon& polygon, std::span<const double> x, const Frame& frame)
+  {
+    std::array<Vec2, 4> q;
+    const std::size_t n = x.size() / 3;
+    for (std::size_t i = 0; i < n; ++i)
+      q[i] = frame.project(facet_vertex(x, static_cast<int>(i)));
+    return has_outside(polygon, std::span(q).first(n));
   }
 
-  /// Whether another piece at q is nearer.
-  bool is_hidden(const Piece& piece, const Vec2& q, double distance_here, const Vec3& x,
-                 const Vec3& outward) const
+  /// A box of the lines from the facet to its pieces, continued by their lengths.
+  Box box_of_lines(std::size_t f, const Frame& frame) const
   {
-    return std::ranges::any_of(pieces_,
-                               [&](const Piece& p)
-                               {
-                                 return &p != &piece && contains(p.polygon, q)
-                                        && std::abs(distance(p, q, x, outward))
-                                               < std::abs(distance_here);
-                               });
+    double low = 0, high = 0;
+    for (const Piece& piece : pieces_)
+    {
+      const auto z = nearby_.facet_x(piece.other);
+      for (std::size_t i = 0; i < z.size() / 3; ++i)
+      {
+        const double s = dot(facet_vertex(z, static_cast<int>(i)) - frame.origin, outward_);
+        low = std::min(low, s);
+        high = std::max(high, s);
+      }
+    }
+    Box box;
+    const auto v = cut_.facet_x(f);
+    for (std::size_t i = 0; i < v.size() / 3; ++i)
+      for (double s : {2 * std::max(low, -radius_), 2 * std::min(high, radius_)})
+      {
+        const Vec3 x = facet_vertex(v, static_cast<int>(i)) + s * outward_;
+        box.include(x, x);
+      }
+    return box;
+  }
+
+  /// Where the line through x across the facet that is cut meets a facet.
+  double place(const FacetCopies& of, std::size_t facet, const PlanarFacet& planar, const Vec2& q,
+               const Vec3& x) const
+  {
+    const Vec3 z = facet_point(of.type, of.facet_x(facet), planar.invert(q));
+    return dot(z - x, outward_);
+  }
+
+  /// Whether the ends of the line from x to y, a point of the piece, cannot see each other.
+  bool is_hidden(std::size_t f, const Piece& piece, const Vec2& q, const Vec3& x, const Vec3& y)
+  {
+    const double s = dot(y - x, outward_);
+    crossings_.clear();
+    for (const Piece& p : pieces_)
+      if (&p != &piece && contains(p.polygon, q))
+        crossings_.push_back({place(nearby_, p.other, p.planar, q, x), true,
+                              comes_first(nearby_.facet_x(p.other), nearby_.facet_x(piece.other))});
+    for (const Screen& b : backs_)
+      if (contains(b.planar.polygon(), q))
+        crossings_.push_back({place(nearby_, b.facet, b.planar, q, x), false, false});
+    if (hides(s, crossings_, tie_))
+      return true;
+    crossings_.clear();
+    for (const Screen& b : own_screens_)
+      if (contains(b.planar.polygon(), q))
+        crossings_.push_back({place(own_, b.facet, b.planar, q, x) - s, b.opposed,
+                              comes_first(own_.facet_x(b.facet), cut_.facet_x(f))});
+    return hides(-s, crossings_, tie_);
+  }
+
+  static bool same(std::span<const double> a, std::span<const double> b)
+  {
+    return std::ranges::equal(a, b);
+  }
+
+  static bool comes_first(std::span<const double> a, std::span<const double> b)
+  {
+    return name_of(a) < name_of(b);
   }
 
   /// Outward normal of the surface that is cut, as the gap is to be measured.
@@ -215,7 +317,7 @@ private:
       const Vec3 y = facet_point(nearby_.type, z, there.xi[p]);
       const Vec3 outward = normal(f, here.xi[p], piece.other, there.xi[p]);
       const double gap = dot(y - x, outward);
-      if (std::abs(gap) > radius_ || (overlapping_ && is_hidden(piece, q_[p], gap, x, outward)))
+      if (std::abs(gap) > radius_ || is_hidden(f, piece, q_[p], x, y))
         continue;
       // A curved quadrilateral has more area than its projection.
       const double stretch
@@ -254,17 +356,22 @@ private:
 
   PairingPoints& points_;
   const Surface& cut_;
-  NearbyFacets nearby_;
+  NearbyFacets nearby_; // of the other surface
   BoxTree tree_;
+  NearbyFacets own_; // of the surface that is cut
+  BoxTree own_tree_;
   bool cut_is_slave_;
   double share_, radius_;
   Normals normals_;
   const OverlayRules& rules_;
   // Of the present facet.
+  Vec3 outward_{0, 0, 0};
+  double tie_ = 0;
   std::vector<Piece> pieces_;
-  bool overlapping_ = false; // whether pieces may
+  std::vector<Screen> backs_, own_screens_;
   // Reused storage.
   std::vector<std::size_t> candidates_;
+  std::vector<Crossing> crossings_;
   Polygon polygon_;
   std::vector<Vec2> q_;
   std::vector<double> w_;

@@ -23,7 +23,8 @@ struct OverlayRules
 /// Every facet of the slave, and with `both` also every facet of the master, each with half the
 /// weight, is cut along the facets of the other surface that it faces. Those are projected onto its
 /// plane, along its normal, which is the direction from ξ_p to ζ_p as well. The normal n_p is
-/// chosen by `normals`. Where projected facets cover each other, the nearest counts.
+/// chosen by `normals`. A pair of points counts if each sees the other: on the line through both,
+/// looking both ways, nothing of its surface is met before it, and it is the nearer of two.
 ///
 /// The shape functions of general quadrilaterals are not polynomials in the plane. On each piece a
 /// constant is added to them that makes Σ w_p N_i(ξ_p) the exact integral; their sum stays 1 and

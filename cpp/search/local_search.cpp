@@ -4,17 +4,6 @@
 
 using namespace qsdolfinx;
 
-namespace
-{
-std::vector<Box> boxes(const Surface& surface)
-{
-  std::vector<Box> out(surface.num_facets());
-  for (std::size_t f = 0; f < out.size(); ++f)
-    out[f] = box_of(surface.facet_x(f));
-  return out;
-}
-} // namespace
-
 std::array<double, 12> qsdolfinx::name_of(std::span<const double> x)
 {
   std::array<double, 12> name{};
@@ -28,40 +17,83 @@ std::array<double, 12> qsdolfinx::name_of(std::span<const double> x)
 }
 
 LocalSearch::LocalSearch(const Surface& surface, double radius)
-    : surface_(surface), radius_(radius), tree_(boxes(surface))
+    : surface_(surface), radius_(radius), tree_(surface.tree())
 {
+  for (double size : surface.facets().size)
+    largest_ = std::max(largest_, size);
 }
 
 std::span<const Candidate> LocalSearch::candidates(const Vec3& p, const Vec3& normal)
 {
   found_.clear();
-  double limit = bound(p, normal);
-  tree_.nearest(p, limit,
+  limit_ = bound(p, normal);
+  back_ = std::numeric_limits<double>::infinity();
+  tree_.nearest(p, limit_,
                 [&](std::size_t f)
                 {
                   const Candidate c{f, closest_point(surface_.type(), surface_.facet_x(f), p)};
-                  if (c.point.distance <= limit && faces(c, normal))
+                  if (c.point.distance <= limit_)
                   {
-                    found_.push_back(c);
-                    limit = std::min(limit, c.point.distance + tie(f));
+                    if (faces(c, normal))
+                    {
+                      found_.push_back(c);
+                      limit_ = std::min(limit_, c.point.distance + tie(f));
+                    }
+                    else
+                      back_ = std::min(back_, c.point.distance);
                   }
-                  return limit;
+                  return limit_;
                 });
-  std::erase_if(found_, [limit](const Candidate& c) { return c.point.distance > limit; });
+  drop_beyond_limit();
   if (!found_.empty())
     last_ = found_.front().facet;
   return found_;
 }
 
-const Candidate* LocalSearch::closest(const Vec3& p, const Vec3& normal)
+std::span<const Candidate> LocalSearch::in_front(const Vec3& p, const Vec3& normal, double beyond)
 {
-  const auto ties = candidates(p, normal);
+  found_.clear();
+  limit_ = radius_;
+  const Vec3 start = p - radius_ * normal, d = 2 * radius_ * normal;
+  tree_.along(LinePart(start, d, 1, largest_),
+              [&](std::size_t f)
+              {
+                const double size = surface_.facets().size[f];
+                if (!LinePart(start, d, 1, size).meets(box_of(surface_.facet_x(f))))
+                  return;
+                const Candidate c{f, closest_point(surface_.type(), surface_.facet_x(f), p)};
+                const double distance = c.point.distance;
+                if (distance <= limit_ && distance > beyond + tie(f)
+                    && dot(surface_.normal(f, c.point.xi), normal) < front_cosine
+                    && offset(c, p) <= overhang_tolerance * size)
+                {
+                  found_.push_back(c);
+                  limit_ = std::min(limit_, distance + tie(f));
+                }
+              });
+  drop_beyond_limit();
+  return found_;
+}
+
+void LocalSearch::drop_beyond_limit()
+{
+  std::erase_if(found_, [this](const Candidate& c) { return c.point.distance > limit_; });
+}
+
+const Candidate* LocalSearch::first_by_name(std::span<const Candidate> ties) const
+{
   if (ties.empty())
     return nullptr;
   if (ties.size() == 1)
     return &ties.front();
   return &*std::ranges::min_element(ties, {}, [this](const Candidate& c)
                                     { return name_of(surface_.facet_x(c.facet)); });
+}
+
+double LocalSearch::offset(const Candidate& c, const Vec3& p) const
+{
+  const Vec3 n = surface_.normal(c.facet, c.point.xi), d = p - c.point.x;
+  return norm(d - dot(d, n) * n);
 }
 
 bool LocalSearch::beside(const Candidate& c, const Vec3& p) const

@@ -19,6 +19,11 @@ inline constexpr double tie_tolerance = 1e-10;
 /// Its force would have a lever of this length, and the moments on the two sides would differ.
 inline constexpr double overhang_tolerance = 0.1;
 
+/// A facet is in front of a node if its normal and the node's enclose more than 120°, the cosine
+/// being below this, the node's offset is within overhang_tolerance, and the line through the node
+/// along its normal meets the facet's box, widened by the facet's size.
+inline constexpr double front_cosine = -0.5;
+
 /// A facet's answer to one node.
 struct Candidate
 {
@@ -39,22 +44,33 @@ public:
   /// Facets that are closest to p and face it, ties included; valid until the next call.
   std::span<const Candidate> candidates(const Vec3& p, const Vec3& normal);
 
-  /// The one of them whose name is first; null if there is none.
-  const Candidate* closest(const Vec3& p, const Vec3& normal);
+  /// Whether a facet that does not face the node was nearer than those that `candidates` found.
+  bool saw_back() const { return back_ < limit_; }
+
+  /// Of the facets that are further from p than `beyond`, those that are closest and in front of
+  /// it, ties included; valid until the next call.
+  std::span<const Candidate> in_front(const Vec3& p, const Vec3& normal, double beyond);
+
+  /// The one of some candidates whose name is first; null if there is none.
+  const Candidate* first_by_name(std::span<const Candidate> ties) const;
 
   /// Whether the node at p is beside the surface, see overhang_tolerance.
   bool beside(const Candidate& c, const Vec3& p) const;
 
 private:
+  void drop_beyond_limit();
+  double offset(const Candidate& c, const Vec3& p) const;
   double tie(std::size_t f) const { return tie_tolerance * surface_.facets().size[f]; }
   bool faces(const Candidate& c, const Vec3& normal) const;
   double bound(const Vec3& p, const Vec3& normal) const;
 
   const Surface& surface_;
   double radius_;
-  BoxTree tree_;
+  const BoxTree& tree_;
+  double largest_ = 0;                                         ///< size of a facet
   std::size_t last_ = std::numeric_limits<std::size_t>::max(); ///< found for the last node
   std::vector<Candidate> found_;
+  double limit_ = 0, back_ = 0; ///< distances: of what was found, of what does not face the node
 };
 
 } // namespace qsdolfinx

@@ -2,6 +2,7 @@
 #include "parallel/exchange.h"
 #include "parallel/records.h"
 #include "search/local_search.h"
+#include "search/screen.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,12 +13,22 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Nodes sent to every rank whose facets might be within the radius.
+/// The first facet that is asked for, whatever its distance and wherever the node's foot is.
+constexpr double any_distance = -1;
+
+/// A node that looks for a partner.
+struct Question
+{
+  std::size_t node;
+  double beyond; ///< any_distance, or what is in front and further away than this
+};
+
+/// Questions sent to every rank whose facets might be within the radius.
 struct Queries
 {
   std::vector<std::int64_t> node; ///< local node of each query sent
   std::unique_ptr<Exchange> exchange;
-  std::vector<double> data; ///< received: x, normal, [query][6]
+  std::vector<double> data; ///< received: x, normal, beyond, [query][7]
 };
 
 /// Ranks whose boxes meet that of all points.
@@ -31,20 +42,20 @@ std::vector<int> ranks_near(std::span<const Box> boxes, std::span<const double> 
   return out;
 }
 
-/// Sends the nodes that may be near facets of other ranks; the others are `here`: they may be near
-/// this rank's facets alone.
-Queries send_queries(const Surface& nodes, const Surface& surface, double radius,
-                     std::vector<std::size_t>& here)
+/// Sends questions of nodes that may be near facets of other ranks; the others are `here`: they may
+/// be near this rank's facets alone.
+Queries send_queries(const Surface& nodes, const Surface& surface, std::span<const Box> boxes,
+                     std::span<const Question> questions, std::vector<Question>& here)
 {
-  const std::vector<Box> boxes = surface.rank_boxes(radius);
   Queries q;
   std::vector<int> dest, near;
   std::vector<double> data;
   const Nodes& n = nodes.nodes();
   const std::vector<int> neighbours = ranks_near(boxes, n.x);
-  here.reserve(n.size());
-  for (std::size_t k = 0; k < n.size(); ++k)
+  here.reserve(questions.size());
+  for (const Question& question : questions)
   {
+    const std::size_t k = question.node;
     const Box box = box_of(std::span(n.x).subspan(3 * k, 3));
     near.clear();
     for (int r : neighbours)
@@ -52,7 +63,7 @@ Queries send_queries(const Surface& nodes, const Surface& surface, double radius
         near.push_back(r);
     if (near.size() == 1 && near[0] == surface.rank())
     {
-      here.push_back(k);
+      here.push_back(question);
       continue;
     }
     for (int r : near)
@@ -61,10 +72,11 @@ Queries send_queries(const Surface& nodes, const Surface& surface, double radius
       dest.push_back(r);
       append_record(data, n.x, k, 3);
       append_record(data, n.normal, k, 3);
+      data.push_back(question.beyond);
     }
   }
   q.exchange = std::make_unique<Exchange>(surface.comm(), dest);
-  q.data = q.exchange->forward<double>(data, 6);
+  q.data = q.exchange->forward<double>(data, 7);
   return q;
 }
 
@@ -104,6 +116,12 @@ struct Answers
   }
 };
 
+std::span<const Candidate> ask(LocalSearch& search, const Vec3& p, const Vec3& normal,
+                               double beyond)
+{
+  return beyond == any_distance ? search.candidates(p, normal) : search.in_front(p, normal, beyond);
+}
+
 Answers answer_queries(const Surface& surface, LocalSearch& search, const Queries& q)
 {
   // The sender numbers its queries; the answer carries that number and the sender's rank back.
@@ -119,9 +137,9 @@ Answers answer_queries(const Surface& surface, LocalSearch& search, const Querie
   std::vector<int> dest;
   for (std::size_t i = 0; i < q.exchange->num_received(); ++i)
   {
-    const double* d = q.data.data() + 6 * i;
-    const Vec3 p{d[0], d[1], d[2]};
-    for (const Candidate& c : search.candidates(p, {d[3], d[4], d[5]}))
+    const double* d = q.data.data() + 7 * i;
+    const Vec3 p{d[0], d[1], d[2]}, normal{d[3], d[4], d[5]};
+    for (const Candidate& c : ask(search, p, normal, d[6]))
     {
       dest.push_back(static_cast<int>(received[2 * i]));
       mine.append(received[2 * i + 1], surface, c, search.beside(c, p));
@@ -189,29 +207,129 @@ void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answe
   std::copy_n(a.dofs.begin() + answer * width, width, out.dofs.begin() + k * width);
   std::copy_n(a.owner.begin() + answer * nv, nv, out.owner.begin() + k * nv);
 }
+
+/// Nodes of one surface that look for partners on another.
+class NodeSearch
+{
+public:
+  NodeSearch(const Surface& nodes, const Surface& surface, double radius)
+      : from_(nodes), surface_(surface), nodes_(nodes.nodes()), boxes_(surface.rank_boxes(radius)),
+        search_(surface, radius), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0)
+  {
+    const std::size_t n = nodes_.size(), nv = surface.num_vertices(), gdim = surface.gdim();
+    out_ = {std::vector<std::uint8_t>(n, 0), std::vector<std::int64_t>(n * nv * gdim, -1),
+            std::vector<int>(n * nv, -1),    std::vector<double>(n * nv, 0),
+            std::vector<double>(n * 3, 0),   std::vector<double>(n * 3, 0)};
+  }
+
+  ClosestFacets run()
+  {
+    std::vector<Question> questions;
+    for (std::size_t k = 0; k < nodes_.size(); ++k)
+      questions.push_back({k, any_distance});
+    // Each time the answers are further away: what is in front of a node is soon exhausted.
+    while (any(!questions.empty()))
+    {
+      find(questions);
+      hide(questions);
+      questions = asked_again(questions);
+    }
+    return std::move(out_);
+  }
+
+private:
+  bool any(bool here) const
+  {
+    int flag = here;
+    MPI_Allreduce(MPI_IN_PLACE, &flag, 1, MPI_INT, MPI_LOR, surface_.comm());
+    return flag != 0;
+  }
+
+  Vec3 at(const std::vector<double>& values, std::size_t k) const
+  {
+    return facet_vertex(values, static_cast<int>(k));
+  }
+
+  void find(std::span<const Question> questions)
+  {
+    std::vector<Question> here;
+    const Queries q = send_queries(from_, surface_, boxes_, questions, here);
+    const Answers a = answer_queries(surface_, search_, q);
+    const auto best = choose(a, q, nodes_.size());
+    for (std::int64_t k : q.node)
+      near_back_[k] = 1; // other ranks do not say
+    for (std::size_t k = 0; k < best.size(); ++k)
+      if (best[k] >= 0)
+      {
+        take(out_, k, a, best[k]);
+        refused_[k] = a.beside(best[k]);
+      }
+    for (const auto [k, beyond] : here)
+    {
+      const Vec3 p = at(nodes_.x, k);
+      const auto ties = ask(search_, p, at(nodes_.normal, k), beyond);
+      near_back_[k] = beyond != any_distance || search_.saw_back();
+      if (const Candidate* c = search_.first_by_name(ties))
+      {
+        take(out_, k, surface_, *c);
+        refused_[k] = search_.beside(*c, p);
+      }
+    }
+  }
+
+  /// Let go of partners that cannot be seen: for good if facets of the node's own surface are in
+  /// between, otherwise something further away may be seen.
+  void hide(std::span<const Question> questions)
+  {
+    std::vector<std::size_t> found, near_back;
+    for (const Question& question : questions)
+      if (const std::size_t k = question.node; out_.found[k] && !refused_[k])
+        found.push_back(k);
+    const auto by_own = hidden(from_, lines(found), Screens::own);
+    for (std::size_t i = 0; i < found.size(); ++i)
+      if (by_own[i])
+        out_.found[found[i]] = 0;
+      else if (near_back_[found[i]])
+        near_back.push_back(found[i]);
+    if (!any(!near_back.empty()))
+      return;
+    const auto by_backs = hidden(surface_, lines(near_back), Screens::backs);
+    for (std::size_t i = 0; i < near_back.size(); ++i)
+      refused_[near_back[i]] = by_backs[i];
+  }
+
+  std::vector<Sight> lines(std::span<const std::size_t> nodes) const
+  {
+    std::vector<Sight> out;
+    for (std::size_t k : nodes)
+      out.push_back({at(nodes_.x, k), at(out_.x, k), at(nodes_.normal, k)});
+    return out;
+  }
+
+  /// Nodes whose partners are refused, as questions.
+  std::vector<Question> asked_again(std::span<const Question> questions)
+  {
+    std::vector<Question> out;
+    for (const Question& question : questions)
+      if (const std::size_t k = question.node; refused_[k])
+      {
+        refused_[k] = out_.found[k] = 0;
+        out.push_back({k, norm(at(out_.x, k) - at(nodes_.x, k))});
+      }
+    return out;
+  }
+
+  const Surface &from_, &surface_;
+  const Nodes& nodes_;
+  std::vector<Box> boxes_;
+  LocalSearch search_;
+  ClosestFacets out_;
+  std::vector<std::uint8_t> refused_;   ///< beside the facet found, or behind a back
+  std::vector<std::uint8_t> near_back_; ///< whether a back may be nearer than what was found
+};
 } // namespace
 
 ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& surface, double radius)
 {
-  const Nodes& from = nodes.nodes();
-  const std::size_t n = from.size(), nv = surface.num_vertices(), gdim = surface.gdim();
-  ClosestFacets out{std::vector<std::uint8_t>(n, 0), std::vector<std::int64_t>(n * nv * gdim, -1),
-                    std::vector<int>(n * nv, -1),    std::vector<double>(n * nv, 0),
-                    std::vector<double>(n * 3, 0),   std::vector<double>(n * 3, 0)};
-  std::vector<std::size_t> here;
-  const Queries q = send_queries(nodes, surface, radius, here);
-  LocalSearch search(surface, radius);
-  const Answers a = answer_queries(surface, search, q);
-  const auto best = choose(a, q, n);
-  for (std::size_t k = 0; k < n; ++k)
-    if (best[k] >= 0 && !a.beside(best[k]))
-      take(out, k, a, best[k]);
-  for (std::size_t k : here)
-  {
-    const Vec3 p = facet_vertex(from.x, static_cast<int>(k));
-    const Candidate* c = search.closest(p, facet_vertex(from.normal, static_cast<int>(k)));
-    if (c && !search.beside(*c, p))
-      take(out, k, surface, *c);
-  }
-  return out;
+  return NodeSearch(nodes, surface, radius).run();
 }

@@ -23,9 +23,10 @@ struct ClosestFacets
 /// Collective.
 ///
 /// Facets further away than `radius` and facets that do not face the node (their normal and the
-/// node's enclose less than 90°: the back of a body) do not count. Local searches use a tree of
-/// the facets' boxes, O(log n) a node; nodes travel only to ranks whose facets' box is within the
-/// radius.
+/// node's enclose less than 90°: the back of a body) do not count. Nor do those that are hidden,
+/// see `hidden`; a node that is beside its closest facet or behind a back finds the next one in
+/// front of it, if there is one. Local searches use a tree of the facets' boxes, O(log n) a node;
+/// nodes travel only to ranks whose facets' box is within the radius.
 ClosestFacets closest_facets(const Surface& nodes, const Surface& surface, double radius);
 
 } // namespace qsdolfinx

@@ -93,6 +93,7 @@ void Surface::move(std::span<const double> x, std::span<const double> inside)
   if (x.size() != facets_.x.size())
     throw std::invalid_argument("Surface::move: other facets than before");
   std::ranges::copy(x, facets_.x.begin());
+  tree_.reset();
   orient_and_measure(inside);
   measure_nodes();
 }
@@ -293,15 +294,26 @@ bool Surface::on_surface_boundary(std::size_t facet, std::array<double, 2> xi) c
   return false;
 }
 
-std::vector<Box> Surface::rank_boxes(double radius) const
+std::vector<Box> qsdolfinx::boxes_of_ranks(MPI_Comm comm, const Box& box)
 {
   constexpr int width = sizeof(Box) / sizeof(double);
   int size;
-  MPI_Comm_size(comm_, &size);
-  const Box box = widened(box_of(facets_.x), radius);
+  MPI_Comm_size(comm, &size);
   std::vector<Box> boxes(static_cast<std::size_t>(size));
-  MPI_Allgather(&box, width, MPI_DOUBLE, boxes.data(), width, MPI_DOUBLE, comm_);
+  MPI_Allgather(&box, width, MPI_DOUBLE, boxes.data(), width, MPI_DOUBLE, comm);
   return boxes;
+}
+
+const BoxTree& Surface::tree() const
+{
+  if (!tree_)
+    tree_ = std::make_unique<BoxTree>(facet_boxes(type_, facets_.x));
+  return *tree_;
+}
+
+std::vector<Box> Surface::rank_boxes(double radius) const
+{
+  return boxes_of_ranks(comm_, widened(box_of(facets_.x), radius));
 }
 
 std::array<double, 2> Surface::facet_size_range() const

@@ -50,6 +50,9 @@ struct Nodes
 /// smooth side; the others are beyond a crease.
 inline constexpr double smooth_cosine = 0.866025;
 
+/// The boxes of all ranks. Collective.
+std::vector<Box> boxes_of_ranks(MPI_Comm comm, const Box& box);
+
 /// Contact surface of one body.
 class Surface
 {
@@ -102,6 +105,8 @@ public:
   Vec3 normal(std::size_t facet, std::array<double, 2> xi) const;
   /// Whether ξ lies on an edge or vertex of the facet that bounds the surface.
   bool on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const;
+  /// Tree of the boxes of this rank's facets, made when it is first asked for.
+  const BoxTree& tree() const;
   /// Boxes around the facets of each rank, widened by the radius. Collective.
   std::vector<Box> rank_boxes(double radius) const;
   /// Smallest and largest facet size over all ranks. Collective.
@@ -124,6 +129,7 @@ private:
   std::int64_t local_size_;
   Facets facets_;
   Nodes nodes_;
+  mutable std::unique_ptr<BoxTree> tree_;   ///< null until asked for
   std::unique_ptr<Exchange> to_owner_;      ///< from the vertices of facets to their owners
   std::vector<std::size_t> node_of_record_; ///< node of each vertex that this rank was told of
 };

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 import sys
 import typing
@@ -67,7 +68,7 @@ CALLABLE = Kind("a function", callable, TypeError)
 MAPPING = instance(typing.Mapping, "a dictionary")
 FUNCTION = instance(fem.Function, "a dolfinx.fem.Function")
 MESH = instance(mesh.Mesh, "a dolfinx.mesh.Mesh")
-PATH = instance((str, pathlib.Path), "a path")
+PATH = instance((str, os.PathLike), "a path")
 
 
 def check(kind: Kind, /, **arguments: typing.Any) -> None:

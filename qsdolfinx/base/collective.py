@@ -27,6 +27,9 @@ _PLAIN = (
 
 _ANYTHING = Kind("anything", lambda value: True)
 
+#: Blocks of ``checked`` that this rank is in.
+_open: list[Same] = []
+
 
 class Same:
     """Takes arguments that must be the same on all ranks, see :func:`checked`."""
@@ -74,11 +77,28 @@ def checked(comm: MPI.Intracomm) -> typing.Iterator[Same]:
         ValueError: If no rank fails, and an argument differs.
     """
     same, error = Same(), None
+    _open.append(same)
     try:
         yield same
     except Exception as e:
         error = e
+    finally:
+        _open.remove(same)
     _settle(comm, error, same.given)
+
+
+@contextlib.contextmanager
+def checked_once(comm: MPI.Intracomm) -> typing.Iterator[Same]:
+    """As :func:`checked`, but inside a block of ``checked`` or ``collective_errors`` left to that.
+
+    For what is set in callbacks, too, such as a stepper's ``drive``: another rank may have raised
+    before, and would not take part in a reduction here. Collective outside of such a block.
+    """
+    if _open:
+        yield Same()
+        return
+    with checked(comm) as same:
+        yield same
 
 
 @contextlib.contextmanager

@@ -9,6 +9,8 @@ import typing
 
 from mpi4py import MPI
 
+from qsdolfinx.base.checks import Kind, check
+
 #: Seconds after which ranks that have not failed as well count as waiting.
 GRACE = 5.0
 
@@ -50,3 +52,19 @@ def end_all_ranks(comm: MPI.Intracomm) -> None:
     if comm.size > 1 and not _installed:
         _installed = True
         sys.excepthook = _ending_all(sys.excepthook)
+
+
+def check_alone(kind: Kind, /, **arguments: typing.Any) -> None:
+    """Check what tells the communicator: a rank without it cannot let the others know.
+
+    It raises there alone, and if nobody catches that it ends all ranks.
+
+    Args:
+        kind: What the arguments must be.
+        arguments: Values by the names that the error is to give.
+    """
+    try:
+        check(kind, **arguments)
+    except Exception:
+        end_all_ranks(MPI.COMM_WORLD)
+        raise

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
+import os
+import pathlib
 import sys
 import warnings
 
 from mpi4py import MPI
 
 logger = logging.getLogger("qsdolfinx")
+
+#: Where the package is.
+_PACKAGE = str(pathlib.Path(__file__).parents[1]) + os.sep
 
 
 class ContactWarning(UserWarning):
@@ -27,16 +33,20 @@ def say(comm: MPI.Intracomm, text: str) -> None:
     logger.info(text)
 
 
-def warn(text: str, kind: type[ContactWarning], stacklevel: int) -> None:
+def warn(text: str, kind: type[ContactWarning]) -> None:
     """Warn, on all ranks: whoever turns warnings into errors gets one everywhere.
+
+    The warning points to the line that has called the package, however deep it was found.
 
     Args:
         text: What is wrong and what to do.
         kind: Class of the warning.
-        stacklevel: As of :func:`warnings.warn`, 1 being the caller.
     """
     _show_warnings()
-    warnings.warn(text, kind, stacklevel=stacklevel + 1)
+    level, frame = 1, inspect.currentframe()
+    while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, kind, stacklevel=level)
 
 
 class _Terminal(logging.Handler):

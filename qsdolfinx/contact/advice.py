@@ -30,17 +30,12 @@ FINER = 0.45
 DEEP = 0.25
 
 
-def advise(model: ContactModel, stacklevel: int) -> None:
-    """Warn, on all ranks, of what is suspicious about the first pairing. Collective.
-
-    Args:
-        model: The contact.
-        stacklevel: Of the warnings, 1 being the caller.
-    """
+def advise(model: ContactModel) -> None:
+    """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
     found = [_pairing(model), _finer_master(model), _overclosure(model)]
     for text in found:
         if text:
-            warn(text, ContactWarning, stacklevel + 1)
+            warn(text, ContactWarning)
 
 
 # --- Nothing, or little, is paired

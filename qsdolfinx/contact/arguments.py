@@ -46,10 +46,19 @@ def check_formulation(formulation: str, enforcement: str, master: AnySurface) ->
     )
 
 
-def check_constraints(constraints: str, quadrature: str, law: Law, friction: typing.Any) -> None:
-    """Refuse constraints at points where nodes are what counts."""
+def chosen_constraints(
+    constraints: str | None, quadrature: str, law: Law, friction: Friction | None
+) -> str:
+    """Constraints as given, or where they are by default.
+
+    Raises:
+        ValueError: If they are to be at points where nodes are what counts.
+    """
+    if constraints is None:
+        at_points = quadrature == "overlay" and friction is None and not law.jump
+        return "points" if at_points else "nodes"
     if constraints == "nodes":
-        return
+        return constraints
     require(quadrature == "overlay", 'constraints: "points" needs quadrature="overlay"')
     require(
         not law.jump,
@@ -59,14 +68,19 @@ def check_constraints(constraints: str, quadrature: str, law: Law, friction: typ
         friction is None,
         'constraints: friction is at nodes, and so has to be the pressure; use "nodes"',
     )
+    return constraints
 
 
-def check_friction(friction: typing.Any, penalty: typing.Any, law: Law, slave: Surface) -> None:
-    """Refuse friction of another type, of tied contact, or with parameters of another mesh."""
+def check_friction(friction: typing.Any, slave: Surface) -> None:
+    """Refuse friction of another type, or with parameters of another mesh."""
     check(either(instance(Friction, "such as qs.Coulomb(0.2)"), None), friction=friction)
-    require(friction is not None or penalty is None, "friction_penalty: needs friction")
-    slips = friction is None or not law.jump
-    require(slips, "friction: tied contact sticks already; leave it out, or use Unilateral()")
     for name, value in friction.parameters.items() if friction is not None else ():
         fits = not isinstance(value, fem.Function) or value.function_space.mesh is slave.mesh
         require(fits, f"friction: {name}: the Function must be on the mesh of the slave")
+
+
+def check_friction_use(friction: Friction | None, penalty: float | None, law: Law) -> None:
+    """Refuse a penalty of no friction, and friction of tied contact."""
+    require(friction is not None or penalty is None, "friction_penalty: needs friction")
+    slips = friction is None or not law.jump
+    require(slips, "friction: tied contact sticks already; leave it out, or use Unilateral()")

@@ -14,27 +14,30 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
+from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact import fields, motion, multipliers, results
 from qsdolfinx.contact.advice import advise
 from qsdolfinx.contact.arguments import (
-    check_constraints,
+    SLAVE,
     check_formulation,
     check_friction,
+    check_friction_use,
     check_surfaces,
+    chosen_constraints,
 )
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.report import ContactReport, make_report
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.laws import Friction
-from qsdolfinx.gap.kinematics import Kinematics
+from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
 from qsdolfinx.gap.laws import Law, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -132,9 +135,9 @@ class Contact:
         constraints: str | None = None,
     ) -> None:
         law = Unilateral() if law is None else law
-        # Without surfaces there is no communicator of ours to agree on the error with.
-        comm = next((s.comm for s in (slave, master) if isinstance(s, Surface)), MPI.COMM_WORLD)
-        with checked(comm) as same:
+        check_alone(SLAVE, slave=slave)
+        rigid = as_tool(master) is not None
+        with checked(slave.comm) as same:
             check_surfaces(slave, master)
             same(master=type(master).__name__)
             same(one_of(FORMULATIONS), formulation=formulation)
@@ -142,26 +145,27 @@ class Contact:
             check_formulation(formulation, enforcement, master)
             same(one_of(QUADRATURES), quadrature=quadrature)
             degree = check_quadrature(slave, master, quadrature, quadrature_degree)
+            check(instance(Law, "qs.Tied() or qs.Unilateral()"), law=law)
+            check_friction(friction, slave)
+            # Before what follows from them: of several arguments that differ the first is named.
+            same(law=type(law).__name__, friction=friction)
+            same(unknown=unknowns_of(unknown, rigid))
             if normals is None:
                 averaging = quadrature == "overlay" or friction is not None
                 normals = "bisector" if averaging else "facet"
             same(one_of(NORMALS), normals=normals)
-            check(instance(Law, "qs.Tied() or qs.Unilateral()"), law=law)
             same(either(POSITIVE, "auto"), penalty=penalty)
             same(either(POSITIVE, None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
-            if constraints is None:
-                at_points = quadrature == "overlay" and friction is None and not law.jump
-                constraints = "points" if at_points else "nodes"
-            same(one_of(CONSTRAINTS), constraints=constraints)
-            check_constraints(constraints, quadrature, law, friction)
-            check_friction(friction, friction_penalty, law, slave)
+            same(either(one_of(CONSTRAINTS), None), constraints=constraints)
             overclosure = Overclosure(initial_overclosure)
-            needs_dt = friction is not None and friction.needs_dt
-            kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=master.V is None)
-            same(law=type(law).__name__, quadrature_degree=degree, friction=friction)
-            same(unknown=kinematics.unknown, dt=dt, initial_overclosure=initial_overclosure)
+            same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
+        # All ranks have been given the same: these need not be agreed upon.
+        check_friction_use(friction, friction_penalty, law)
+        where = chosen_constraints(constraints, quadrature, law, friction)
+        needs_dt = friction is not None and friction.needs_dt
+        kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=rigid)
         augmented = enforcement == "augmented-lagrangian"
         settings = Settings(
             slave,
@@ -170,7 +174,7 @@ class Contact:
             law,
             Sampling(quadrature, degree, normals),
             None if search_radius is None else float(search_radius),
-            constraints,
+            where,
             augmented,
             float(gap_tolerance),
         )
@@ -178,12 +182,18 @@ class Contact:
         self.model = ContactModel(
             settings,
             kinematics,
-            Penalty(penalty, quadrature, augmented, "velocity" in kinematics.unknown),
+            Penalty(
+                penalty,
+                quadrature,
+                augmented,
+                "velocity" in kinematics.unknown,
+                where == "points",
+            ),
             overclosure,
             None if friction is None else FrictionHistory(friction, slave, friction_penalty),
         )
         motion.pair_anew(self.model)
-        advise(self.model, stacklevel=2)
+        advise(self.model)
 
     # --- What it was made with
 
@@ -267,7 +277,7 @@ class Contact:
     def update(self) -> None:
         """Pair anew, after the meshes of the bodies have been moved. Collective.
 
-        Displacements then count from the moved meshes.
+        Displacements then count from the moved meshes, those of :meth:`set_offset` are forgotten.
 
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.

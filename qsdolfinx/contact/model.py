@@ -157,6 +157,10 @@ class ContactModel:
         #: Displacements (length) on top of the unknowns', of the slave's and the master's
         #: body; see :meth:`qs.Contact.set_offset`.
         self.offset: tuple[PETSc.Vec | None, PETSc.Vec | None] | None = None
+        #: Pairs where a time step has left the bodies; None if nothing has to be caught up with.
+        self.catch_up: typing.Callable[[], None] | None = None
+        #: Whether a ReachWarning has been given.
+        self.reach_warned = False
         #: Whether a gap that is open by rounding alone counts as open.
         self.strict = False
         #: Wall time that this rank has spent in pairing, gaps and insertion.

@@ -8,7 +8,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import FUNCTION, check, either, require
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import multipliers
+from qsdolfinx.contact import multipliers, terms
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.gap.weighted_gap import handle_of
 from qsdolfinx.surface.affine import Affine
@@ -20,6 +20,9 @@ Vecs = tuple[PETSc.Vec | None, PETSc.Vec | None]
 
 def pair_anew(model: ContactModel) -> None:
     """Pair where meshes and tools are now; multipliers stay at their nodes. Collective.
+
+    Displacements on top of the unknowns' were those from where the meshes were before: none are
+    left.
 
     Raises:
         ValueError: If coordinates are not finite or a facet has no area.
@@ -39,8 +42,18 @@ def pair_anew(model: ContactModel) -> None:
         if not first:
             _continue_step(model)
             multipliers.set_on_nodes(paired.parts, kept)
+        for vec in model.offset or ():
+            if vec is not None:
+                vec.zeroEntries()
         set_motion(model)
         model.num_pairings += 1
+        model.catch_up = None
+
+
+def catch_up(model: ContactModel) -> None:
+    """Pair where a time step has left bodies and tool, unless that has been done. Collective."""
+    if model.catch_up is not None:
+        model.catch_up()
 
 
 def _continue_step(model: ContactModel) -> None:
@@ -125,6 +138,23 @@ def set_start(
         if moved is not None:
             slip.state.start = slip.state.start - slip.change(moved)
     for vec in at_start:
+        if vec is not None:
+            vec.destroy()
+
+
+def show(model: ContactModel, slave: fem.Function | None, master: fem.Function | None) -> None:
+    """Evaluate gaps and slips for these unknowns, to be read; no step begins or ends. Collective.
+
+    Args:
+        model: The contact.
+        slave: Unknowns of the slave's body, as for :meth:`qs.Contact.set_offset`.
+        master: The same for the master.
+    """
+    first, second = _vecs(model, slave, master)
+    terms.evaluate(model, first, second)
+    for slip in model.slips:
+        slip.state.ended = True
+    for vec in (first, second):
         if vec is not None:
             vec.destroy()
 

@@ -25,13 +25,16 @@ def check_reach(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None)
     """Warn if slave nodes without a partner may have met the other surface after all.
 
     They were further from it than the search radius, or beside it. If the surfaces have approached
-    each other by less, along their normals, none of the former can have met it. Collective.
+    each other by less, along their normals, none of the former can have met it. Once for each
+    contact. Collective.
 
     Args:
         model: The contact, solved.
         slave: Unknowns of the slave's body as contact sees them.
         master: The same of the master's.
     """
+    if model.reach_warned:
+        return
     p = model.gaps[0]
     alone = np.setdiff1d(np.arange(len(model.slave.node_area)), p.rows.reached)
     if model.law.jump or model.comm.allreduce(len(alone)) == 0:
@@ -58,8 +61,8 @@ def check_reach(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None)
             "partner may have passed through; give a larger search_radius, or make time steps, "
             "which pair anew",
             ReachWarning,
-            stacklevel=2,
         )
+        model.reach_warned = True
 
 
 def _outwards(surface: Surface, x: PETSc.Vec, scale: float, offset: PETSc.Vec | None) -> Array:

@@ -23,6 +23,7 @@ class ContactState:
         self._states = [copy.copy(part.state) for part in model.parts]
         self._penalty = copy.copy(model.penalty)
         self._dt = model.kinematics.dt
+        self._catch_up = model.catch_up
         surfaces = [s for s in map(deformable, (model.slave, model.master)) if s is not None]
         self._surfaces = [(surface, surface.coordinates) for surface in surfaces]
         self._offset = None
@@ -39,6 +40,7 @@ class ContactState:
             part.state = copy.copy(state)
         model.penalty = copy.copy(self._penalty)
         model.kinematics.restore_dt(self._dt)
+        model.catch_up = self._catch_up
         if self._offset is None:
             motion.free_offset(model)
             return

@@ -11,6 +11,20 @@ UNKNOWNS = ("displacement", "velocity")
 _UNUSED = 'needs unknown="velocity" on at least one side, or friction that depends on slip rates'
 
 
+def unknowns_of(unknown: typing.Any, rigid_master: bool) -> tuple[str, str]:
+    """The names for the slave and the master.
+
+    Raises:
+        ValueError: If there are not one or two, or one is unknown.
+    """
+    both = (unknown, unknown) if isinstance(unknown, str) else unknown
+    two = isinstance(both, typing.Sequence) and len(both) == 2
+    require(two, "unknown: must be one name, or one for the slave and the master")
+    for name in both:
+        check(one_of(UNKNOWNS), unknown=name)
+    return both[0], both[0 if rigid_master else 1]
+
+
 class Kinematics:
     """u = x for a body with displacements x, u = x Δt, (2), for one with velocities.
 
@@ -34,14 +48,9 @@ class Kinematics:
         rates: bool = False,
         rigid_master: bool = False,
     ) -> None:
-        both = (unknown, unknown) if isinstance(unknown, str) else unknown
-        two = isinstance(both, typing.Sequence) and len(both) == 2
-        require(two, "unknown: must be one name, or one for the slave and the master")
-        for name in both:
-            check(one_of(UNKNOWNS), unknown=name)
         #: Of the slave and of the master.
-        self.unknown: tuple[str, str] = (both[0], both[0 if rigid_master else 1])
-        if "velocity" in both or rates:
+        self.unknown: tuple[str, str] = unknowns_of(unknown, rigid_master)
+        if "velocity" in self.unknown or rates:
             check(POSITIVE, dt=dt)
         else:
             require(dt is None, f"dt: {_UNUSED}")

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from qsdolfinx.linear.presets import FIRST
-from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.additive import Additive, diagonal_blocks
 from qsdolfinx.system.rigid_modes import orthonormal, set_near_nullspace
 
 #: Weight of contact's diagonal in Jacobi's method. By itself it is too small: contact couples
@@ -44,8 +44,8 @@ class Multigrid:
         self._spaces = [
             Aggregates(*K, m, prefix) for K, m in zip(tangent.bodies, modes, strict=True)
         ]
-        self._P = _diagonal([space.P for space in self._spaces])
-        self._bulk = _diagonal([space.coarse for space in self._spaces])
+        self._P = diagonal_blocks([space.P for space in self._spaces])
+        self._bulk = diagonal_blocks([space.coarse for space in self._spaces])
         self._contact: PETSc.Mat = tangent.contact.ptap(self._P)
         # With room for contact already, so that GAMG may keep its spaces when that comes in.
         self._coarse: PETSc.Mat = self._contact.copy()
@@ -73,7 +73,7 @@ class Multigrid:
         """Follow the tangent, which has changed. Collective."""
         if not all([space.update() for space in self._spaces]):
             self._bulk.destroy()
-            self._bulk = _diagonal([space.coarse for space in self._spaces])
+            self._bulk = diagonal_blocks([space.coarse for space in self._spaces])
         self._tangent.contact.ptap(self._P, self._contact)
         self._coarse.zeroEntries()
         for part in (self._bulk, self._contact):
@@ -164,12 +164,3 @@ class Aggregates:
         """Free the matrices. Collective."""
         for mat in (self._copy, self.P, self.coarse):
             mat.destroy()
-
-
-def _diagonal(blocks: list[PETSc.Mat]) -> PETSc.Mat:
-    """New AIJ matrix with these blocks on its diagonal. Collective."""
-    rows = [[b if i == j else None for j in range(len(blocks))] for i, b in enumerate(blocks)]
-    nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
-    out: PETSc.Mat = nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-    nest.destroy()
-    return out

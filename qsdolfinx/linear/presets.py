@@ -8,7 +8,7 @@ from qsdolfinx.linear.schur_options import SCHUR
 
 #: Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
 #: incompressible flow, need more; on several ranks how much also depends on timing.
-_EXTRA_MEMORY = 100
+EXTRA_MEMORY = 100
 
 #: Relative tolerance of a linear solve outside of Newton's method.
 EXACT = 1e-8
@@ -62,6 +62,7 @@ _TWO_LEVELS |= {FIRST + key: value for key, value in _FIRST.items()}
 KRYLOV: dict[str, typing.Any] = {
     "ksp_type": "cg",  # GMRES where the tangent is not symmetric
     "ksp_rtol": EXACT,  # between Newton steps; theirs follows the residual
+    "ksp_max_it": 1000,  # a direct solver takes over
 }
 
 #: Iterations after which GMRES restarts.
@@ -72,7 +73,7 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
         "ksp_type": "preonly",
         "pc_type": "lu",
         "pc_factor_mat_solver_type": "mumps",
-        "mat_mumps_icntl_14": _EXTRA_MEMORY,
+        "mat_mumps_icntl_14": EXTRA_MEMORY,
     },
     "amg": KRYLOV | _TWO_LEVELS,
     # One V-cycle for each body, one body after the other and back.

@@ -29,10 +29,9 @@ NAMES = "velocity", "pressure"
 def has_schur(u: typing.Sequence[fem.Function]) -> bool:
     """Whether ``"schur"`` is for these bodies."""
     try:
-        _check_bodies(u, None)
+        return any(pressure is not None for pressure in _pressures(u))
     except ValueError:
         return False
-    return True
 
 
 def check_schur(u: typing.Sequence[fem.Function], solver: str, kind: str, forms: Forms) -> None:
@@ -42,21 +41,24 @@ def check_schur(u: typing.Sequence[fem.Function], solver: str, kind: str, forms:
     if solver == "schur":
         if kind == "nest":
             raise ValueError('kind: solver="schur" needs the AIJ matrix')
-        _check_bodies(u, forms)
+        if all(pressure is None for pressure in _pressures(u)):
+            raise ValueError(
+                'solver: "schur" needs a body in velocity and pressure, see materials.mini_space; '
+                'for displacements there is "amg"'
+            )
+    if forms is not None:
+        _check_forms(u, forms)
 
 
-def _check_bodies(u: typing.Sequence[fem.Function], forms: Forms) -> None:
-    pressures = [layout(function.function_space)[1] for function in u]
-    if all(pressure is None for pressure in pressures):
-        raise ValueError(
-            'solver: "schur" needs a body in velocity and pressure, see materials.mini_space; '
-            'for displacements there is "amg"'
-        )
-    if forms is None:
-        return
+def _pressures(u: typing.Sequence[fem.Function]) -> list[typing.Any]:
+    """Of each body the pressure's part of the space, None for displacements."""
+    return [layout(function.function_space)[1] for function in u]
+
+
+def _check_forms(u: typing.Sequence[fem.Function], forms: typing.Any) -> None:
     if not isinstance(forms, typing.Sequence) or len(forms) != len(u):
         raise ValueError(f"pressure_preconditioner: must have an entry for each of {len(u)} bodies")
-    for i, (form, pressure, function) in enumerate(zip(forms, pressures, u, strict=True)):
+    for i, (form, pressure, function) in enumerate(zip(forms, _pressures(u), u, strict=True)):
         if form is None:
             continue
         if not isinstance(form, ufl.Form):

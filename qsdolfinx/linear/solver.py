@@ -12,6 +12,7 @@ import numpy.typing as npt
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.linear.krylov import Krylov
 from qsdolfinx.linear.presets import AGGREGATION, BLOCK, ITERATIVE, KRYLOV, PRESETS
+from qsdolfinx.linear.rescue import Rescue
 from qsdolfinx.linear.saddle import SaddlePoint
 from qsdolfinx.linear.schur import Forms, Schur
 from qsdolfinx.system.additive import Additive
@@ -66,6 +67,8 @@ class LinearSolver:
         self.krylov = Krylov(ksp, chosen, system.linear) if name in ITERATIVE else None
         #: Preconditioner of the pressures for ``"schur"``.
         self.schur = Schur(system.bodies, pressure_preconditioner) if name == "schur" else None
+        self._may_be_rescued = name in ITERATIVE and not {"ksp_type", "pc_type"} & set(chosen)
+        self._rescue: Rescue | None = None
 
     @property
     def watch(self) -> Stopwatch:
@@ -75,10 +78,29 @@ class LinearSolver:
     @property
     def chooses_tolerance(self) -> bool:
         """Whether the accuracy of linear solves is ours to choose."""
-        return self.krylov is not None and self.krylov.chooses_tolerance
+        chooses = self.krylov is not None and self.krylov.chooses_tolerance
+        return chooses and self._rescue is None
+
+    def rescue(self) -> PETSc.Mat | None:
+        """Let a direct solver take over, if the last solve's failure is one for that. Collective.
+
+        Returns:
+            What is factorised in the place of the tangent, until :meth:`forget`; None if the
+            solver stays.
+        """
+        if not self._may_be_rescued or self._rescue or not Rescue.fits(self.ksp, self._system):
+            return None
+        if self.krylov is not None:
+            self.krylov.forget()
+        with self.watch.stage("solve"):
+            self._rescue = Rescue(self.ksp, self._system)
+        return self._rescue.matrix
 
     def forget(self) -> None:
         """Free what was made for the matrices, which are about to be freed. Collective."""
+        if self._rescue is not None:
+            self._rescue.end()
+            self._rescue = None
         if self.krylov is not None:
             self.krylov.forget()
 
@@ -105,14 +127,16 @@ class LinearSolver:
 
     def follow(self) -> None:
         """Let multigrid follow a tangent that has changed. Collective."""
-        if self.krylov is not None:
-            with self.watch.stage("solve"):
+        with self.watch.stage("solve"):
+            if self._rescue is not None:
+                self._rescue.update()
+            elif self.krylov is not None:
                 self.krylov.update()
 
     def make_hierarchy(self) -> None:
         """Choose multigrid's coarse spaces where there are none that fit. Collective."""
         made = self._system.made
-        if self.krylov is None or not isinstance(made.tangent, Additive):
+        if self.krylov is None or self._rescue or not isinstance(made.tangent, Additive):
             return
         fingerprints = [body.fingerprint for body in self._system.bodies]
         if self.krylov.needs_hierarchy(fingerprints):
@@ -131,6 +155,8 @@ class LinearSolver:
             until: Norm of the residual at which Newton's method ends.
             changed: Whether the tangent has changed since the last linear solve.
         """
+        if self._rescue is not None:
+            return
         if self.schur is not None:
             self.schur.update(self.ksp, matrix)
         if self.krylov is not None:
@@ -146,7 +172,8 @@ class LinearSolver:
         Returns:
             Owned values of the solution, and PETSc's KSPConvergedReason, negative on failure.
         """
-        self.ksp.setOperators(self._system.matrix, self._system.matrix)
+        matrix = self._system.matrix
+        self.ksp.setOperators(matrix, self._rescue.matrix if self._rescue else matrix)
         b, y = self._system.x.duplicate(), self._system.x.duplicate()
         b.array[:] = load
         if self.krylov is not None:
@@ -183,7 +210,7 @@ class LinearSolver:
         """
         system = self._system
         assert isinstance(system.made.tangent, Additive)
-        if system.made.tangent.shift is not None:
+        if system.made.tangent.shift is not None or self._rescue is not None:
             return None
         self.ksp.setOperators(system.matrix, system.matrix)
         pairs = zip(system.contacts, system.sides, strict=True)

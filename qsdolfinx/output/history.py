@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 import pathlib
 import sys
@@ -10,7 +11,9 @@ import typing
 
 from mpi4py import MPI
 
-from qsdolfinx.base.checks import MAPPING, check, check_file, require
+import numpy as np
+
+from qsdolfinx.base.checks import MAPPING, check, check_file, require, shown
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.progress import bar
 
@@ -53,12 +56,15 @@ class History:
         """Add a line; the first one names the columns, its ``t`` moves the bar. Collective.
 
         Raises:
-            ValueError: If its columns are not those of the lines before.
+            ValueError: If its columns are not those of the lines before, or a value is no number.
             OSError: If it cannot be written.
         """
         with collective_errors(self._comm):
             check(MAPPING, row=row)
             require("t" in row, "row: needs a column t, the time")
+            for name, value in row.items():
+                require(_is_number(value), f"row: {name!r} must be a number, not {shown(value)}")
+            require(math.isfinite(row["t"]), f"row: 't' must be finite, not {shown(row['t'])}")
             columns = list(self.rows[0] if self.rows else row)
             require(set(row) == set(columns), f"row: must have the columns {', '.join(columns)}")
             if self._writes and self._path is not None:
@@ -92,6 +98,11 @@ class History:
         """End the progress bar."""
         if self._bar is not None:
             self._bar.close()
+
+
+def _is_number(value: typing.Any) -> bool:
+    """Whether it is one of Python's or NumPy's; a table may have NaN where something is unknown."""
+    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "biuf"
 
 
 def _exact(value: float) -> str:

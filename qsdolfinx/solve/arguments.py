@@ -10,10 +10,16 @@ import ufl
 from dolfinx import fem
 
 from qsdolfinx.base.checks import Kind, check, instance, require
+from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.system.body import body_of, contains
 
 LIST = instance(typing.Sequence, "a list")
+BODIES = Kind(
+    "a list with at least one dolfinx.fem.Function",
+    lambda u: isinstance(u, typing.Sequence) and len(u) > 0 and isinstance(u[0], fem.Function),
+    TypeError,
+)
 OPTIONS = Kind(
     "a dictionary of options without the prefix",
     lambda given: isinstance(given, dict) and all(isinstance(key, str) for key in given),
@@ -22,11 +28,10 @@ OPTIONS = Kind(
 
 
 def communicator(u: typing.Any) -> MPI.Intracomm:
-    """Communicator to agree on errors with; that of the first body if there is one."""
-    if isinstance(u, typing.Sequence) and len(u) and isinstance(u[0], fem.Function):
-        comm: MPI.Intracomm = u[0].function_space.mesh.comm
-        return comm
-    return MPI.COMM_WORLD
+    """Communicator of the first body, to agree on errors with."""
+    check_alone(BODIES, u=u)
+    comm: MPI.Intracomm = u[0].function_space.mesh.comm
+    return comm
 
 
 def check_bodies(
@@ -37,7 +42,6 @@ def check_bodies(
     J: typing.Sequence[ufl.Form | None],
 ) -> None:
     """Refuse lists that no problem can be made of."""
-    require(len(u) > 0, "u: there must be at least one body")
     for name, given in (("F", F), ("bcs", bcs), ("J", J)):
         text = f"{name}: must have one entry for each of the {len(u)} bodies in u"
         require(len(given) == len(u), text)

@@ -16,6 +16,7 @@ from dolfinx import fem
 from qsdolfinx.base.checks import check, instance, number, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import multipliers
+from qsdolfinx.contact.motion import catch_up
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError, line_search
 
@@ -73,6 +74,8 @@ def solve_with_continuation(
         for constant, value in zip(constants, targets, strict=True):
             constant.value = value**s
 
+    for contact in problem.contacts:
+        catch_up(contact.model)
     start = [u.x.array.copy() for u in problem.u]
     known = [multipliers.known(contact.model) for contact in problem.contacts]
     before = [constant.value.item() for constant in constants]

@@ -13,12 +13,15 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.messages import say
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.solve.convergence import RESTING, Convergence, Measures
-from qsdolfinx.solve.snes import ConvergenceError, forget_failure, line_search
+from qsdolfinx.solve.snes import ConvergenceError, forget_failure, line_search, reason_name
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
+
+FAILED_LINEARLY = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
 
 #: Iterations in which nodes that are open by rounding alone count as closed.
 LENIENT = 4
@@ -36,6 +39,7 @@ class Record:
         active: Closed rows of each contact on this rank at each iteration.
         violations: Largest gap that augmented multipliers leave, after each of their updates.
         iterations: Newton iterations, over all updates of the multipliers.
+        restarts: Runs that failed and were begun again, with a line search or a direct solver.
         linear_iterations: Iterations of the linear solver in them.
     """
 
@@ -43,6 +47,7 @@ class Record:
     active: list[list[int]] = dataclasses.field(default_factory=list)
     violations: list[float] = dataclasses.field(default_factory=list)
     iterations: int = 0
+    restarts: int = 0
     linear_iterations: int = 0
 
     def add(self, norm: float, active: list[int]) -> None:
@@ -208,12 +213,18 @@ class Newton:
     def __init__(
         self, system: ContactSystem, snes: PETSc.SNES, linear: LinearSolver, full_steps: bool
     ) -> None:
-        self.system, self.snes, self.linear = system, snes, linear
+        self.system, self._snes, self.linear = system, snes, linear
         self.has_full_steps = full_steps
         self.record = Record()
         self._context = Context(system, linear, self.record)
         snes.setMonitor(monitor, (self._context,))
         snes.setConvergenceTest(converged, (self._context,))
+
+    @property
+    def snes(self) -> PETSc.SNES:
+        """PETSc's nonlinear solver."""
+        self.system.check_alive()
+        return self._snes
 
     def begin(self) -> None:
         """Begin a new record."""
@@ -246,7 +257,8 @@ class Newton:
 
     def measure(self) -> tuple[Measures, Array]:
         """Norms of the residual at the last evaluation, and those that a solution may have."""
-        assert self._context.convergence is not None
+        self.system.check_alive()
+        assert self._context.convergence is not None, "no solve has been made"
         measures = self._context.convergence.measure()
         relative = self.snes.getTolerances()[0]
         return measures, np.maximum(relative * measures.sizes, measures.rounding)
@@ -308,12 +320,11 @@ class Newton:
         for slip in slips:
             slip.stick_slip.begin_iterations(full_steps and attempt < MAX_ATTEMPTS)
         self._run()
+        if self._is_rescued():
+            self._start_again(first_guess, full_steps and attempt < MAX_ATTEMPTS)
+            self._run()
         if self.snes.getConvergedReason() < 0 and self.has_full_steps:
-            first_guess.copy(self.system.x)
-            forget_failure(self.snes)
-            for slip in slips:
-                slip.stick_slip.begin_attempt()
-                slip.stick_slip.begin_iterations(False)
+            self._start_again(first_guess, False)
             with line_search(self.snes):
                 self._run()
         first_guess.destroy()
@@ -322,6 +333,27 @@ class Newton:
         self.system.residual(self.system.x.array_r)  # a line search may have ended elsewhere
         for slip in slips:
             slip.stick_slip.end_iterations()
+
+    def _start_again(self, first_guess: PETSc.Vec, may_stick: bool) -> None:
+        """Go back to the first guess after a run that has failed. Collective."""
+        self.record.restarts += 1
+        first_guess.copy(self.system.x)
+        forget_failure(self.snes)
+        for slip in self.system.slips:
+            slip.stick_slip.begin_attempt()
+            slip.stick_slip.begin_iterations(may_stick)
+
+    def _is_rescued(self) -> bool:
+        """Whether a direct solver takes over from an iterative one that has failed. Collective."""
+        if self.snes.getConvergedReason() != FAILED_LINEARLY:
+            return False
+        reason = reason_name(PETSc.KSP.ConvergedReason, self.snes.getKSP().getConvergedReason())
+        matrix = self.linear.rescue()
+        if matrix is None:
+            return False
+        say(self.system.comm, f"linear solver: {reason}; a direct solver takes over")
+        self.snes.setJacobian(tangent, self.system.matrix, matrix, (self._context,))
+        return True
 
     def _run(self) -> None:
         """One run of SNES."""

@@ -30,7 +30,7 @@ from qsdolfinx.solve.augmented import AugmentedLagrangian
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
-from qsdolfinx.solve.snes import ConvergenceError, remove_options, set_options
+from qsdolfinx.solve.snes import ConvergenceError, read_options, remove_options, set_options
 from qsdolfinx.solve.summary import summary
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.blocks import Blocks, Side
@@ -69,13 +69,14 @@ class ContactProblem:
             ``pc_`` option.
         pressure_preconditioner: For ``"schur"``: for each body None or a bilinear form on its space
             that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
-            sign. By default it is found from the tangent, at the viscosity of each iterate.
+            sign. By default it is found from the tangent, at the viscosity of each iterate. Not
+            used if ``"auto"`` takes another solver, refused with the others by name.
         verbose: Whether to log a line about every solve (rank 0, logger ``"qsdolfinx"``, which
             prints as long as logging has no handlers).
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
-            none of the bodies, or a name is unknown.
+            none of the bodies, or a name is unknown, that of a type in PETSc's options included.
     """
 
     def __init__(
@@ -106,6 +107,7 @@ class ContactProblem:
             fits = solver != "amg" or kind == "mpi"
             require(fits, 'kind: solver="amg" needs kind="mpi"; use "fieldsplit"')
             check_bodies(F, u, contacts, bcs, J)
+            same(u=len(u), bcs=[len(entry) for entry in bcs])
             check_schur(u, solver, kind, pressure_preconditioner)
             same(either(instance(str, "a string"), None), petsc_options_prefix=petsc_options_prefix)
             same(either(OPTIONS, None), petsc_options=petsc_options)
@@ -129,18 +131,32 @@ class ContactProblem:
         self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
         options = preset_options(self.solver, len(bodies), chosen)
         full_steps = set_options(prefix, given, options)
-        #: PETSc's nonlinear solver.
-        self.snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
-        self.snes.setOptionsPrefix(prefix)
-        self.snes.setFromOptions()
-        ksp = self.snes.getKSP()
+        snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
+        snes.setOptionsPrefix(prefix)
+        try:
+            read_options(snes)
+        except ValueError:
+            remove_options(prefix)
+            snes.destroy()
+            self.system.destroy()
+            raise
+        ksp = snes.getKSP()
         linear = LinearSolver(ksp, self.solver, self.system, chosen, pressure_preconditioner)
         #: Newton's method for the system.
-        self.newton = Newton(self.system, self.snes, linear, full_steps)
+        self.newton = Newton(self.system, snes, linear, full_steps)
         #: Closed rows of each contact at each iteration of the last solve, over all ranks.
         self.active_history: list[list[int]] = []
 
     # --- What it is made of
+
+    @property
+    def snes(self) -> PETSc.SNES:
+        """PETSc's nonlinear solver.
+
+        Raises:
+            RuntimeError: If the problem has been destroyed.
+        """
+        return self.newton.snes
 
     @property
     def u(self) -> list[fem.Function]:
@@ -235,6 +251,7 @@ class ContactProblem:
         Friction counts slip from the end of the last step. Without this block each solve that
         succeeds is a step.
         """
+        self.system.check_alive()
         self._steps_within += 1
         try:
             yield
@@ -246,7 +263,15 @@ class ContactProblem:
                     contact.friction.end_step(contact.slips)
 
     def set_up(self) -> None:
-        """Compute automatic penalties and build the matrices, as solve() does. Collective."""
+        """Compute automatic penalties and build the matrices, as solve() does. Collective.
+
+        Raises:
+            RuntimeError: If the problem has been destroyed, or a rigid tool has another position
+                than when contact was last paired.
+        """
+        self.system.check_alive()
+        for contact in self.system.contacts:
+            motion.catch_up(contact)
         for body in self.bodies:
             body.begin_solve()
         self.newton.update_matrices()
@@ -265,6 +290,7 @@ class ContactProblem:
 
         Raises:
             ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
+            RuntimeError: As :meth:`set_up`.
 
         Warns:
             ReachWarning: If nodes that were too far away to be paired may have been in contact.
@@ -274,6 +300,8 @@ class ContactProblem:
         return self.u
 
     def _solve(self) -> None:
+        for contact in self.system.contacts:
+            motion.catch_up(contact)
         state = [body.u.x.array.copy() for body in self.bodies]
         known = [multipliers.known(contact) for contact in self.system.contacts]
         self._forget_openings()
@@ -327,16 +355,16 @@ class ContactProblem:
         augmented.close_gaps()
 
     def destroy(self) -> None:
-        """Free PETSc's objects and options; the problem cannot be used again. Collective.
+        """Free PETSc's objects and options; whoever uses them then is told so. Collective.
 
         In parallel PETSc's objects are not freed when Python drops them. A program that makes many
         problems should call this for each. A second call does nothing.
         """
-        if not self.snes:
+        if self.system.is_destroyed:
             return
         self.newton.linear.destroy()
         remove_options(self.snes.getOptionsPrefix())
-        self.snes.destroy()
+        self.newton.snes.destroy()
         self.system.destroy()
 
 

@@ -18,6 +18,16 @@ SNES_OPTIONS: dict[str, typing.Any] = {
     "snes_max_it": 50,
 }
 
+#: PETSc's error code of a type that it does not know.
+UNKNOWN_TYPE = 86
+
+#: Options that name a type, and the types that petsc4py knows of.
+_TYPES: dict[str, type] = {
+    "ksp_type": PETSc.KSP.Type,
+    "pc_type": PETSc.PC.Type,
+    "snes_type": PETSc.SNES.Type,
+}
+
 #: Line search that is tried from the start when full steps did not converge.
 LINE_SEARCH = "l2"
 
@@ -32,6 +42,8 @@ _NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED"}
 
 class ConvergenceError(RuntimeError):
     """The nonlinear solver did not converge; the unknowns are as they were before.
+
+    The message has the ends of long histories, the attributes have all of them.
 
     Attributes:
         reason: PETSc's SNESConvergedReason, negative.
@@ -59,14 +71,21 @@ class ConvergenceError(RuntimeError):
         if linear_reason < 0:
             name = reason_name(PETSc.KSP.ConvergedReason, linear_reason)
             linear = f", linear solver: {name} ({linear_reason})"
-        residuals = ", ".join(f"{r:.3e}" for r in residual_history)
-        active = ", ".join("/".join(map(str, counts)) for counts in active_history)
-        gaps = ", ".join(f"{g:.3e}" for g in self.violation_history)
+        residuals = _ends([f"{r:.3e}" for r in residual_history])
+        active = _ends(["/".join(map(str, counts)) for counts in active_history])
+        gaps = _ends([f"{g:.3e}" for g in self.violation_history])
         super().__init__(
             f"SNES did not converge: {self.reason_name} ({reason}){linear}; "
             f"residuals [{residuals}]; active contact rows [{active}]"
             + (f"; gaps after each update of the multipliers [{gaps}]" if gaps else "")
         )
+
+
+def _ends(texts: list[str]) -> str:
+    """A list, of a long one the first and the last three."""
+    if len(texts) > 7:
+        texts = [*texts[:3], f"… {len(texts) - 6} more …", *texts[-3:]]
+    return ", ".join(texts)
 
 
 def reason_name(reasons: type, value: int) -> str:
@@ -112,6 +131,26 @@ def set_options(prefix: str, given: dict[str, typing.Any], linear: dict[str, typ
         database.setValue(key, value)
     _put[prefix] = {key: database.getString(key, "") for key in put}
     return "snes_linesearch_type" in put and "snes_linesearch_type" not in given
+
+
+def read_options(snes: PETSc.SNES) -> None:
+    """Let PETSc read the options of the prefix. Collective.
+
+    Raises:
+        ValueError: If one of them names a type that PETSc does not know.
+    """
+    try:
+        snes.setFromOptions()
+    except PETSc.Error as error:
+        database = PETSc.Options(snes.getOptionsPrefix()).getAll()
+        types = {name: value for name, value in database.items() if name.endswith("_type")}
+        if error.ierr != UNKNOWN_TYPE or not types:
+            raise
+        known = {name: vars(_TYPES[name]).values() for name in types if name in _TYPES}
+        wrong = [name for name, values in known.items() if types[name] not in values]
+        wrong = wrong or [name for name in types if name not in known] or list(types)
+        text = " or ".join(f"{name}={types[name]!r}" for name in wrong)
+        raise ValueError(f"petsc_options: PETSc has no {text}") from error
 
 
 def remove_options(prefix: str) -> None:

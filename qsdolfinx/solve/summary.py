@@ -36,6 +36,8 @@ def summary(newton: Newton, verbose: bool) -> typing.Iterator[None]:
 def _effort(record: Record, begin: float) -> str:
     """Iterations and time."""
     parts = [f"{record.iterations} Newton, {record.linear_iterations} linear iterations"]
+    if record.restarts:
+        parts.append(f"{record.restarts} restart{'s' * (record.restarts > 1)}")
     if record.violations:
         parts.append(f"{len(record.violations) - 1} updates of multipliers")
     return ", ".join([*parts, f"{time.perf_counter() - begin:.2f} s"])

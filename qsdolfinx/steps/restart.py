@@ -17,6 +17,7 @@ from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.multipliers import on_nodes, set_on_nodes
 from qsdolfinx.steps.checkpoint import Checkpoint
+from qsdolfinx.steps.end_of_step import pair_at, show_at
 from qsdolfinx.steps.stepper import TimeStepper
 
 _SCALARS = ("t", "dt", "last_dt", "num_steps", "num_cutbacks")
@@ -56,8 +57,13 @@ def load_run(
 ) -> dict[str, typing.Any]:
     """Continue from a checkpoint, on any number of ranks. Collective.
 
+    Contacts are paired where the run ended, and show gaps and forces of the saved multipliers
+    there: the saved ones, but for what areas and normals have changed since the last step paired.
+
     Args:
-        stepper: The run, set up just as before.
+        stepper: The run, set up just as before. Forces that drive tools (``tool.drive``), loads and
+            Dirichlet values are not in the checkpoint: set them again, as the stepper's ``drive``
+            does at each step.
         folder: Folder of the checkpoint.
         functions: As for save_run.
 
@@ -88,7 +94,8 @@ def load_run(
         tool.position = np.array(position)
     for i, rate in enumerate(stepper.rates):
         rate[:] = functions_of_run[f"rate_{i}"].x.array
-    _pair(stepper)
+    for place in stepper.ends():
+        pair_at(*place)
     for i, (contact, penalty) in enumerate(zip(contacts, values["penalties"], strict=True)):
         if penalty is not None and values["automatic"][i]:
             contact.model.penalty.set_automatic(penalty, "automatic, before the restart")
@@ -101,6 +108,8 @@ def load_run(
         # The next step turns τ̂ to its tangent planes; turned here as well it would be another.
         set_on_nodes(contact.model.parts, arrays, turn=False)
         _load_slip(contact.model, i, multipliers, values["dissipated"][i])
+    for place in stepper.ends():
+        show_at(*place)
     return typing.cast(dict[str, typing.Any], values["user"])
 
 
@@ -118,16 +127,6 @@ def _check(
         except (TypeError, ValueError) as error:
             raise TypeError(f"values: must be what JSON can hold: {error}") from None
         same(folder=str(folder), functions=list(functions or {}))
-
-
-def _pair(stepper: TimeStepper) -> None:
-    """Pair with the bodies where they are, so that all nodes in contact can have multipliers."""
-    for motion, flows in zip(stepper.motions, stepper.in_velocity, strict=True):
-        motion.move(0.0 if flows else motion.values())
-    for contact in stepper.problem.contacts:
-        contact.update()
-    for motion in stepper.motions:
-        motion.move()
 
 
 def _functions(

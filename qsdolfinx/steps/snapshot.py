@@ -34,13 +34,13 @@ class Snapshot:
         self.unknowns = [u.x.array.copy() for u in problem.u]
         self._multipliers = [multipliers.on_nodes(c.model.parts) for c in problem.contacts]
         self._shown = [ContactState(contact.model) for contact in problem.contacts]
-        self._positions = [(tool.position, tool.displacement, tool.rotation) for tool in tools]
+        self._states = [tool.state for tool in tools]
 
     def motion_since(self, tool: RigidSurface) -> Affine:
         """Displacement of a tool since then, as a field over the places where it is now."""
         before = next(
-            position
-            for known, (position, *_) in zip(self._tools, self._positions, strict=True)
+            state.pose.matrix
+            for known, state in zip(self._tools, self._states, strict=True)
             if known is tool
         )
         d = before.shape[0]
@@ -54,8 +54,8 @@ class Snapshot:
             motion.move()
         for shown in self._shown:
             shown.restore()
-        for tool, state in zip(self._tools, self._positions, strict=True):
-            tool.position, tool.displacement, tool.rotation = state
+        for tool, state in zip(self._tools, self._states, strict=True):
+            tool.restore(state)
 
     def restore_multipliers(self) -> None:
         """Put the multipliers at the nodes that are paired now."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import typing
 
 import numpy as np
@@ -24,9 +25,11 @@ from qsdolfinx.base.checks import (
 )
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.progress import progress as progress_bar
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.motion import set_start
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
+from qsdolfinx.steps.end_of_step import Place, pair_at
 from qsdolfinx.steps.mesh_motion import MeshMotion
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.tools.rigid_surface import as_tool
@@ -65,7 +68,9 @@ class TimeStepper:
 
     When the solver does not converge, a cell turns inside out or something penetrates too far, the
     step is made again with a smaller Δt. Any other exception, such as one of ``drive``, is passed
-    on, and leaves the state at the end of the last step too.
+    on, and leaves the state at the end of the last step too: unknowns, meshes, tools with what they
+    were told to do, and contacts. A ``problem.solve()`` after a step starts there as well: contact
+    pairs where the step has left bodies and tools.
 
     Args:
         problem: The problem. A body in velocities is one whose contacts say so.
@@ -155,6 +160,14 @@ class TimeStepper:
         #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
         #: first zero. They are where the next step starts from.
         self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
+
+    def ends(self) -> list[tuple[ContactModel, Place, Place | None]]:
+        """Each contact with where its slave's and its master's body are between two steps."""
+        places = [Place.of(*given) for given in zip(self.motions, self.in_velocity, strict=True)]
+        return [
+            (contact.model, places[s], None if m is None else places[m])
+            for contact, (s, m) in zip(self.problem.contacts, self.problem.sides, strict=True)
+        ]
 
     # --- Steps
 
@@ -341,6 +354,9 @@ class TimeStepper:
                 self.rates[i] = np.asarray((motion.u.x.array - start.unknowns[i]) / dt)
         for tool in self.tools:
             tool.advance()
+        # What contacts show stays that of the step until somebody solves.
+        for model, slave, master in self.ends():
+            model.catch_up = functools.partial(pair_at, model, slave, master)
         self.t = t
         self.last_dt = dt
         self.num_steps += 1

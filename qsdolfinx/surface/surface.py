@@ -15,7 +15,7 @@ from dolfinx import fem, la, mesh
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import FLAG, FUNCTION, check, check_array, instance, require
 from qsdolfinx.base.collective import checked, collective_errors
-from qsdolfinx.base.crash import end_all_ranks
+from qsdolfinx.base.crash import check_alone, end_all_ranks
 from qsdolfinx.compat import collapse
 from qsdolfinx.surface.arguments import (
     FACET_VERTICES,
@@ -64,7 +64,7 @@ class Surface:
         facets: npt.ArrayLike | None = None,
         axisymmetric: bool = False,
     ) -> None:
-        check(instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace"), V=V)
+        check_alone(instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace"), V=V)
         comm, topology = V.mesh.comm, V.mesh.topology
         end_all_ranks(comm)
         if topology.cell_type in FACET_VERTICES:

@@ -79,6 +79,20 @@ class Additive:
         contact.destroy()
         return diagonal
 
+    def formed(self) -> PETSc.Mat:
+        """The sum as a new AIJ matrix, with the same pattern each time. Collective."""
+        mats = [K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()) for K, _ in self.bodies]
+        out = diagonal_blocks(mats)
+        out.axpy(1.0, self.contact, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        if self._product.shift is not None:
+            diagonal = out.getDiagonal()
+            diagonal.array[:] += self._product.shift
+            out.setDiagonal(diagonal)
+            diagonal.destroy()
+        for mat in mats:
+            mat.destroy()
+        return out
+
     def diagonal(self, i: int) -> Array:
         """Diagonal of body i's block on this rank. Collective."""
         diagonal = self.matrix.getDiagonal()
@@ -152,3 +166,12 @@ class _Product:
         for _K, _part, xi, yi in self._bodies:
             xi.destroy()
             yi.destroy()
+
+
+def diagonal_blocks(blocks: list[PETSc.Mat]) -> PETSc.Mat:
+    """New AIJ matrix with these blocks on its diagonal. Collective."""
+    rows = [[b if i == j else None for j in range(len(blocks))] for i, b in enumerate(blocks)]
+    nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
+    out: PETSc.Mat = nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    nest.destroy()
+    return out

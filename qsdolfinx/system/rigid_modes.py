@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
-from qsdolfinx.surface.unknowns import is_vertex_vector, owned_vertices
+from qsdolfinx.surface.unknowns import is_vertex_vector
 from qsdolfinx.system.body import Body
 
 Array = npt.NDArray[np.float64]
@@ -30,16 +30,19 @@ def displacement_space(V: fem.FunctionSpace) -> fem.FunctionSpace | None:
 def rigid_modes(body: Body) -> Array:
     """Translations and linearised rotations about the origin, shape (modes, owned unknowns).
 
-    Exact for P1, Q1 and P1 with bubble; unknowns that are not at vertices are zero. There are no
-    modes where the body has no displacement space.
+    Interpolated, so that they are exact at all nodes: edges, and the bubbles of enriched elements.
+    There are no modes where the body has no displacement space.
     """
-    V = displacement_space(body.V)
-    if V is None:
+    V, gdim, u = body.V, body.V.mesh.geometry.dim, fem.Function(body.V)
+    parts = [u] if is_vertex_vector(V) else [u.sub(i) for i in range(V.num_sub_spaces)]
+    part = next((part for part in parts if is_vertex_vector(part.function_space)), None)
+    if part is None:
         return np.zeros((0, body.num_owned))
-    dofs, x = owned_vertices(V)
-    fields = body.geometry.rigid_fields(x, V.mesh.geometry.dim)
-    modes = np.zeros((len(fields), body.num_owned))
-    modes[:, dofs] = fields
+    count = len(body.geometry.rigid_fields(np.zeros((1, 3)), gdim))
+    modes = np.zeros((count, body.num_owned))
+    for k in range(count):
+        part.interpolate(lambda x, k=k: body.geometry.rigid_fields(x.T, gdim)[k].T)
+        modes[k] = u.x.array[: body.num_owned]
     return modes
 
 

@@ -57,6 +57,8 @@ class ContactSystem:
         self.watch = Stopwatch()
         self._ends = np.cumsum([body.num_owned for body in self.bodies])
         self._made: Matrices | None = None
+        #: Whether PETSc's objects have been freed.
+        self.is_destroyed = False
         self._paired: list[object] = []
         self._assembled: list[object] | None = None
         #: E of each contact (stress), when matrices were last made.
@@ -67,9 +69,21 @@ class ContactSystem:
         self.bulk_residuals: list[Array] = []
         #: The whole residual there, owned rows of each body.
         self.residuals: list[Array] = []
-        #: Unknowns and residual of all bodies.
-        self.x: PETSc.Vec = PETSc.Vec().createMPI((self._ends[-1], PETSc.DETERMINE), comm=self.comm)
-        self.r: PETSc.Vec = self.x.duplicate()
+        sizes = self._ends[-1], PETSc.DETERMINE
+        self._x: PETSc.Vec = PETSc.Vec().createMPI(sizes, comm=self.comm)
+        self._r: PETSc.Vec = self._x.duplicate()
+
+    @property
+    def x(self) -> PETSc.Vec:
+        """Unknowns of all bodies."""
+        self.check_alive()
+        return self._x
+
+    @property
+    def r(self) -> PETSc.Vec:
+        """Residual of all bodies."""
+        self.check_alive()
+        return self._r
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -143,6 +157,7 @@ class ContactSystem:
     @property
     def made(self) -> Matrices:
         """Matrices for the present pairing; see :meth:`rebuild`."""
+        self.check_alive()
         assert self._made is not None
         return self._made
 
@@ -168,6 +183,7 @@ class ContactSystem:
 
     def rebuild(self) -> None:
         """Penalties, patterns and matrices after the contacts have paired. Collective."""
+        self.check_alive()
         self.destroy_matrices()
         bulk = [body.matrix() for body in self.bodies]
         parts = self.bodies, self.contacts, self.sides
@@ -184,11 +200,21 @@ class ContactSystem:
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
+        self.is_destroyed = True
         self.destroy_matrices()
-        self.x.destroy()
-        self.r.destroy()
+        self._x.destroy()
+        self._r.destroy()
         for body in self.bodies:
             body.destroy()
+
+    def check_alive(self) -> None:
+        """Refuse to go on without PETSc's objects, which it would not survive.
+
+        Raises:
+            RuntimeError: If they have been freed.
+        """
+        if self.is_destroyed:
+            raise RuntimeError("the problem has been destroyed: make a new one")
 
     def replace_vectors(self) -> None:
         """Take new vectors: PETSc leaves those locked that a callback that raised has seen."""
@@ -196,13 +222,14 @@ class ContactSystem:
         self.x.copy(new[0])
         self.x.destroy()
         self.r.destroy()
-        self.x, self.r = new
+        self._x, self._r = new
         self._paired = [None] * len(self.contacts)  # whoever holds the old ones is set up again
 
     # --- Evaluation
 
     def residual(self, x: Array) -> Array:
         """Residual at the owned unknowns x; leaves u, gaps and multipliers at x. Collective."""
+        self.check_alive()
         self.evaluated = x.copy()
         residuals = [body.residual(self.part(x, i)) for i, body in enumerate(self.bodies)]
         self.bulk_residuals = [residual.copy() for residual in residuals]
@@ -233,6 +260,7 @@ class ContactSystem:
         Returns:
             Whether it has changed.
         """
+        self.check_alive()
         state: list[object] = [body.fingerprint for body in self.bodies]
         for contact in self.contacts:
             state += [contact.eps, contact.kinematics.scale, active_set.tangent_state(contact)]

@@ -17,6 +17,7 @@ from qsdolfinx.base.checks import (
     FINITE,
     FLAG,
     MESH,
+    PATH,
     POSITIVE,
     check,
     check_array,
@@ -24,8 +25,8 @@ from qsdolfinx.base.checks import (
     instance,
     require,
 )
-from qsdolfinx.base.collective import checked
-from qsdolfinx.base.crash import end_all_ranks
+from qsdolfinx.base.collective import checked, checked_once
+from qsdolfinx.base.crash import check_alone, end_all_ranks
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import triangulation
@@ -50,6 +51,24 @@ class Driven(typing.NamedTuple):
     direction: Array
 
 
+class ToolState(typing.NamedTuple):
+    """Where a tool is, and what it is to do next.
+
+    Attributes:
+        pose: Where it is.
+        version: Number of this position.
+        displacement: Translation over the coming step.
+        rotation: Rotation over the coming step.
+        driven: The force that drives it.
+    """
+
+    pose: Pose
+    version: int
+    displacement: Array
+    rotation: Array
+    driven: Driven | None
+
+
 class RigidSurface:
     """Surface of a rigid tool, the master of a contact.
 
@@ -63,7 +82,8 @@ class RigidSurface:
 
     With :meth:`drive`, a force takes the place of the displacement in one direction.
 
-    A tool may be part of several contacts. All its state must be the same on all ranks.
+    A tool may be part of several contacts. Its motion, position and force are set on all ranks, to
+    the same values; what any rank finds wrong is raised on all of them.
     """
 
     def __init__(self, comm: MPI.Intracomm, center: Array, shape: Shape | Facets) -> None:
@@ -74,8 +94,9 @@ class RigidSurface:
         self._displacement: Array = np.zeros(self.gdim)
         self._rotation: Array = np.zeros(1 if self.gdim == 2 else 3)
         self._driven: Driven | None = None
-        #: Counts the positions that the tool has had.
+        #: Number of the position that the tool is at; a new one has a number that none has had.
         self.version = 0
+        self._num_positions = 0
         self._shape = shape
         self._surface: tuple[tuple[int, bool], _cpp.Surface] | None = None
 
@@ -96,7 +117,7 @@ class RigidSurface:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the normal is zero.
         """
-        check(COMMUNICATOR, comm=comm)
+        check_alone(COMMUNICATOR, comm=comm)
         with checked(comm) as same:
             x = point_of("point", point)
             n = unit_vector("normal", normal, len(x))
@@ -125,7 +146,7 @@ class RigidSurface:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the axis is zero, or the radius is not positive.
         """
-        check(COMMUNICATOR, comm=comm)
+        check_alone(COMMUNICATOR, comm=comm)
         with checked(comm) as same:
             x = point_of("point", point)
             a = None if len(x) == 2 else unit_vector("axis", axis, 3)
@@ -150,7 +171,7 @@ class RigidSurface:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the radius is not positive.
         """
-        check(COMMUNICATOR, comm=comm)
+        check_alone(COMMUNICATOR, comm=comm)
         with checked(comm) as same:
             x = point_of("center", center)
             same(center=x)
@@ -182,7 +203,7 @@ class RigidSurface:
                 index is out of range, or a facet has no area, or neighbours are oriented in
                 opposite ways.
         """
-        check(COMMUNICATOR, comm=comm)
+        check_alone(COMMUNICATOR, comm=comm)
         facets, middle = triangulation.scatter(comm, x, triangles, center)
         return cls(comm, middle, facets)
 
@@ -204,12 +225,14 @@ class RigidSurface:
             center: What the tool is rotated about, shape (3,); by default the mean vertex.
 
         Raises:
+            TypeError: If it is no path.
             ValueError: If the file cannot be read or is no STL file, or as :meth:`triangulated`.
         """
         x, triangles = None, None
-        check(COMMUNICATOR, comm=comm)
+        check_alone(COMMUNICATOR, comm=comm)
         with checked(comm):
             if comm.rank == 0:
+                check(PATH, filename=filename)
                 x, triangles = triangulation.read_stl(filename)
         return cls.triangulated(comm, x, triangles, center)
 
@@ -235,7 +258,7 @@ class RigidSurface:
             ValueError: If the mesh has another dimension or order, is not finite, a cell has no
                 area, or neighbours are oriented in opposite ways.
         """
-        check(MESH, msh=msh)
+        check_alone(MESH, msh=msh)
         facets, middle = triangulation.of_mesh(msh, inside, center)
         return cls(msh.comm, middle, facets)
 
@@ -332,7 +355,10 @@ class RigidSurface:
 
     @displacement.setter
     def displacement(self, value: npt.ArrayLike) -> None:
-        self._displacement = check_vector("displacement", value, self.gdim)
+        with checked_once(self.comm) as same:
+            displacement = check_vector("displacement", value, self.gdim)
+            same(displacement=displacement)
+        self._displacement = displacement
 
     @property
     def rotation(self) -> Array:
@@ -345,7 +371,11 @@ class RigidSurface:
     @rotation.setter
     def rotation(self, value: npt.ArrayLike) -> None:
         size = len(self._rotation)
-        self._rotation = check_vector("rotation", [value] if np.isscalar(value) else value, size)
+        with checked_once(self.comm) as same:
+            vector = [value] if np.isscalar(value) else value
+            rotation = check_vector("rotation", vector, size)
+            same(rotation=rotation)
+        self._rotation = rotation
 
     @property
     def center(self) -> Array:
@@ -363,7 +393,7 @@ class RigidSurface:
 
         Call ``contact.update()`` next: it pairs with the new position.
         """
-        self.position = self._pose.moved(self.motion)
+        self._place(Pose.from_matrix(self._pose.moved(self.motion), self.gdim))
         self._displacement = np.zeros_like(self._displacement)
         self._rotation = np.zeros_like(self._rotation)
 
@@ -377,8 +407,27 @@ class RigidSurface:
 
     @position.setter
     def position(self, value: npt.ArrayLike) -> None:
-        self._pose = Pose.from_matrix(value, self.gdim)
-        self.version += 1
+        with checked_once(self.comm) as same:
+            pose = Pose.from_matrix(value, self.gdim)
+            same(position=pose.matrix)
+        self._place(pose)
+
+    def _place(self, pose: Pose) -> None:
+        self._pose = pose
+        self._num_positions += 1
+        self.version = self._num_positions
+
+    @property
+    def state(self) -> ToolState:
+        """All that changes, to be put back by :meth:`restore`."""
+        motion = self._displacement.copy(), self._rotation.copy()
+        return ToolState(self._pose, self.version, *motion, self._driven)
+
+    def restore(self, state: ToolState) -> None:
+        """Put back what :attr:`state` gave: contacts that were paired there still are."""
+        self._pose, self.version = state.pose, state.version
+        self._displacement, self._rotation = state.displacement.copy(), state.rotation.copy()
+        self._driven = state.driven
 
     # --- Force
 
@@ -397,9 +446,12 @@ class RigidSurface:
             ValueError: If the force is zero or not finite, or the direction is zero or has another
                 shape.
         """
-        check(FINITE, force=force)
-        require(force, "force: must not be zero; use a tool that is not in contact instead")
-        self._driven = Driven(float(force), unit_vector("direction", direction, self.gdim))
+        with checked_once(self.comm) as same:
+            check(FINITE, force=force)
+            require(force, "force: must not be zero; use a tool that is not in contact instead")
+            driven = Driven(float(force), unit_vector("direction", direction, self.gdim))
+            same(force=driven.force, direction=driven.direction)
+        self._driven = driven
 
     def release(self) -> None:
         """Prescribe all of the displacement again."""
@@ -434,8 +486,8 @@ class RigidSurface:
         """
         force, direction = (None, None) if self._driven is None else self._driven
         with checked(self.comm) as same:
-            self.displacement = self._displacement
-            self.rotation = self._rotation
+            check_vector("displacement", self._displacement, self.gdim)
+            check_vector("rotation", self._rotation, len(self._rotation))
             same(displacement=self._displacement, rotation=self._rotation, position=self.position)
             same(force=force, direction=direction)
 

@@ -282,6 +282,7 @@ GOOD = {
     ),
     "Surface.node_values": lambda s: Call(s.pair.slave.node_values, {"function": s.pair.u[1]}),
     "Contact": contact,
+    "Contact by default": lambda s: contact(s, normals=None),
     "Contact in velocities": lambda s: contact(s, unknown="velocity", dt=0.1),
     "Contact with friction": lambda s: contact(s, friction=qs.Coulomb(0.1)),
     "Contact with Norton": lambda s: contact(s, friction=qs.Norton(0.1, 1.0, 0.2), dt=0.1),
@@ -296,6 +297,9 @@ GOOD = {
     "Contact.gap": lambda s: Call(s.pair.contact.gap, {"side": "slave"}),
     "Contact.slip": lambda s: Call(s.pair.contact.slip, {"side": "slave"}),
     "ContactProblem": problem,
+    "problem by default": lambda s: Call(
+        qs.ContactProblem, problem(s).arguments | {"solver": "auto"}
+    ),
     "solve_with_continuation": lambda s: Call(
         qs.solve_with_continuation, {"problem": s.case.problem, "m": s.m, "target": 0.5}
     ),
@@ -370,10 +374,6 @@ LOCAL = {
     "Tresca",
     "CoulombTresca",
     "Norton",
-    "displacement",
-    "rotation",
-    "position",
-    "RigidSurface.drive",
     "RigidSurface.distance",
     "Contact.gap",
     "Contact.slip",

@@ -11,7 +11,7 @@ import numpy as np
 here = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(here))
 
-from scenes import WORLD, Pair, vector_space  # noqa: E402
+from scenes import WORLD, Pair, box, plane, vector_space  # noqa: E402
 from step_scenes import Upset, same  # noqa: E402
 
 from dolfinx import fem  # noqa: E402
@@ -44,6 +44,34 @@ def thrown_alone(folder):
     if last():
         raise KeyError("load table")
     case.stepper.step()
+
+
+def _alone(make, *right):
+    """The last rank gets something else first, which does not tell it the communicator."""
+    make(*([None, *right[1:]] if last() else right))
+
+
+def no_space(folder):
+    """For the very first surface, before which nothing has been installed."""
+    msh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
+    _alone(lambda V: qs.Surface(V, facets=plane(msh, 1, 0.0)), vector_space(msh))
+
+
+def no_communicator(folder):
+    """For the very first tool."""
+    _alone(qs.RigidSurface.plane, WORLD, [0.0, 0.0], [0.0, 1.0])
+
+
+def no_slave(folder):
+    """For a contact of two bodies."""
+    pair = Pair("triangle")
+    _alone(qs.Contact, pair.slave, pair.master)
+
+
+def no_unknowns(folder):
+    """For a problem."""
+    pair = Pair("triangle")
+    _alone(lambda u: qs.ContactProblem(pair.F, u, [pair.contact], pair.bcs), pair.u)
 
 
 def interrupted(folder):

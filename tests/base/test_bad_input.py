@@ -91,6 +91,38 @@ def test_penalty_that_is_not_known_yet():
     raises_everywhere(WORLD, RuntimeError, "first solve", lambda: pair.contact.energy)
 
 
+def test_conditions_of_one_rank_alone():
+    """The last rank has one less for a body: the same are needed everywhere."""
+    pair = Pair("triangle")
+    last = WORLD.rank == WORLD.size - 1 and WORLD.size > 1
+    pair.bcs[1] = [] if last else pair.bcs[1]
+    if WORLD.size == 1:
+        pair.problem()
+    else:
+        raises_everywhere(WORLD, ValueError, "bcs: must be the same", pair.problem)
+
+
+def test_fields_before_the_first_solve():
+    """Refused with the remedy, which helps."""
+    pair = Pair("triangle", penalty="auto")
+    sources = pair.contact.field_sources("slave")
+    raises_everywhere(WORLD, RuntimeError, "problem.set_up()", sources["traction"])
+    pair.problem().set_up()
+    assert all(np.isfinite(source().x.array).all() for source in sources.values())
+
+
+def test_named_after_what_causes_it():
+    """With a tie, friction is refused on all ranks, and a penalty of no friction."""
+    pair = Pair("triangle")
+    both = pair.slave, pair.master
+    for name, options in (
+        ("friction: tied", {"law": qs.Tied(), "friction": qs.Coulomb(0.1)}),
+        ("friction_penalty: needs", {"friction_penalty": 1.0}),
+        ("dt: ", {"unknown": "velocity"}),
+    ):
+        raises_everywhere(WORLD, ValueError, name, lambda o=options: qs.Contact(*both, **o))
+
+
 @pytest.mark.parametrize("height", [0.0, 0.5])
 def test_nothing_is_changed(height):
     """NaN in a contact facet, or elsewhere in its cell, is refused and leaves all as it was."""

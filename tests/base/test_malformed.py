@@ -22,6 +22,7 @@ import qsdolfinx as qs
 V, T = ValueError, TypeError
 nan, inf = float("nan"), float("inf")
 NOT_POSITIVE = (-1.0, 0.0, nan, inf, -inf, True)
+TYPES = ("ksp_type", "pc_type", "snes_type")
 THREE = np.array([[2.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
 SPACES = (
     (("Lagrange", 1, (3,)), "contact needs a blocked vector"),
@@ -156,7 +157,7 @@ ROWS = [
     Row("ContactProblem", "u", Of(lambda s: [s.pair.u[0]] * 2), V, True, "own"),
     Row("ContactProblem", "u", Of(lambda s: s.pair.u[0]), T, True),
     Row("ContactProblem", "u", Of(lambda s: s.pair.V), T, True),
-    Row("ContactProblem", "u", [], V, True, "at least one"),
+    Row("ContactProblem", "u", [], T, True, "at least one"),
     Row("ContactProblem", "u", Of(lambda s: [s.pair.u[0], s.foreign_function]), V, True),
     Row("ContactProblem", "contacts", Of(lambda s: [s.pair.contact] * 2), V),
     Row("ContactProblem", "contacts", Of(lambda s: [qs.Contact]), (V, T)),
@@ -181,6 +182,9 @@ ROWS = [
     Row("ContactProblem", "petsc_options", "ksp_type cg", T),
     Row("ContactProblem", "petsc_options_prefix", 3, T),
     Row("ContactProblem", "pressure_preconditioner", Of(lambda s: [None, None]), V),
+    *(Row("ContactProblem", "petsc_options", {n: "x"}, V, True, f"{n}='x'") for n in TYPES),
+    Row("problem by default", "pressure_preconditioner", 3, V),
+    Row("problem by default", "pressure_preconditioner", Of(lambda s: [s.bilinear, None]), V),
     Row("solve_with_continuation", "problem", None, T, True),
     Row("solve_with_continuation", "m", 0.15, T),
     Row("solve_with_continuation", "target", 0.0, V),
@@ -251,7 +255,8 @@ ROWS = [
     Row("triangulated in 3D", "triangles", [[0, 1]], V, True),
     Row("RigidSurface.triangulated", "center", [0.0, 0.0, 0.0], V),
     Row("RigidSurface.from_stl", "filename", "no/such/file.stl", V, True),
-    Row("RigidSurface.from_stl", "filename", None, V, True),
+    Row("RigidSurface.from_stl", "filename", None, T, True, "a path"),
+    Row("RigidSurface.from_stl", "filename", 3, T, True, "a path"),
     Row("RigidSurface.from_mesh", "msh", Of(lambda s: s.case.mesh), V, True),
     Row("RigidSurface.from_mesh", "msh", Of(lambda s: s.case.W), T, True),
     Row("RigidSurface.from_mesh", "msh", 3, T, True),
@@ -277,6 +282,10 @@ ROWS = [
     Row("History", "filename", Of(lambda s: s.folder / "none" / "a.csv"), OSError),
     Row("History.add", "row", ["t", 1.0], T),
     Row("History.add", "row", {}, V),
+    Row("History.add", "row", {"t": "x"}, V, says="'t' must be a number"),
+    Row("History.add", "row", {"t": nan}, V, says="'t' must be finite"),
+    Row("History.add", "row", {"t": 1.0, "a": "x"}, V, says="'a' must be a number"),
+    Row("History.add", "row", {"t": 1.0, "a": [1.0]}, V, says="'a' must be a number"),
     Row("step_row", "stepper", None, T, True),
     Row("save_run", "stepper", Of(lambda s: s.case.problem), T, True),
     Row("save_run", "folder", None, T),
@@ -329,6 +338,9 @@ DIFFERENT = [
     Row("Contact with friction", "friction", (qs.Coulomb(0.1), qs.Coulomb(0.2)), V),
     Row("Contact with friction", "friction_penalty", (1.0, 2.0), V),
     Row("Contact in velocities", "dt", (0.1, 0.2), V),
+    Row("Contact by default", "friction", (None, qs.Coulomb(0.1)), V, says="friction: must be"),
+    Row("Contact by default", "friction", (qs.Tresca(0.1), qs.Coulomb(0.1)), V),
+    Row("Contact by default", "unknown", ("displacement", "velocity"), V, says="unknown: must be"),
     Row("Contact.set_penalty", "penalty", (1.0, 2.0), V),
     Row("Contact.set_dt", "dt", (0.1, 0.2), V),
     Row("Contact.moment", "about", ([0.0, 0.0], [1.0, 0.0]), V),
@@ -346,6 +358,10 @@ DIFFERENT = [
     Row("RigidSurface.plane", "point", ([0.0, 0.0], [1.0, 0.0]), V),
     Row("RigidSurface.sphere", "radius", (1.0, 2.0), V),
     Row("RigidSurface.triangulated", "x", (THREE, THREE + 1.0), V),
+    Row("displacement", "displacement", ([0.0, 0.0], [0.0, 0.1]), V),
+    Row("rotation", "rotation", (0.0, 0.1), V),
+    Row("position", "position", (np.eye(2, 3), np.eye(2, 3, 1)), V),
+    Row("RigidSurface.drive", "force", (1.0, 2.0), V),
     Row("FieldWriter.write", "t", (0.1, 0.2), V),
     Row("save_run", "folder", ("one", "other"), V),
 ]

@@ -310,6 +310,16 @@ def test_exception_of_one_rank_alone(tmp_path, ranks):
 
 
 @alone
+@pytest.mark.parametrize("ranks", RANKS)
+@pytest.mark.parametrize("name", ("no_space", "no_communicator", "no_slave", "no_unknowns"))
+def test_no_communicator_on_one_rank(tmp_path, name, ranks):
+    """A rank that cannot tell the others raises alone, and that ends all."""
+    code, text = run(name, tmp_path, ranks)
+    assert code == 1 and "TypeError: " in text and "must be" in text, text
+    assert ranks == 1 or "rank 1 has failed alone: ending all" in text, text
+
+
+@alone
 def test_interrupt(tmp_path):
     """Ctrl-C in the middle of a step leaves the state before, from which the run goes on."""
     code, text = run("interrupted", tmp_path)

@@ -13,8 +13,8 @@ import qsdolfinx as qs
 GAP, RADIUS = 0.5, 0.1
 
 
-def warned(tool_moves, block_moves):
-    """Whether a solve warns, in which a tool and a block far below it move along z."""
+def far_below(tool_moves, block_moves):
+    """A problem in which a tool and a block far below it move along z."""
     msh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
     u = fem.Function(V)
@@ -26,6 +26,12 @@ def warned(tool_moves, block_moves):
     bcs = [clamp(V, plane(msh, 1, 0.0), [0.0, block_moves])]
     problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
     tool.displacement = [0.0, tool_moves]
+    return problem
+
+
+def warned(tool_moves, block_moves):
+    """Whether a solve of it warns."""
+    problem = far_below(tool_moves, block_moves)
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         problem.solve()
@@ -50,6 +56,39 @@ def test_approach_counts(tool_moves, block_moves, expected):
     """What the one does towards the other, less what that does away from it."""
     found = WORLD.allgather(warned(tool_moves, block_moves))
     assert found == [expected] * WORLD.size
+
+
+def reach_warnings(call):
+    """Those inside the call, with line and file."""
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        call()
+    return [(w.filename, w.lineno) for w in found if issubclass(w.category, qs.ReachWarning)]
+
+
+def test_points_to_the_line_of_the_user():
+    """Of the solve, or of the step in which it is; once for each contact."""
+    problem = far_below(-0.11, 0.0)
+    stepper = qs.TimeStepper(far_below(-0.11, 0.0), 1.0)
+
+    def steps():
+        for _ in stepper.run(2.0):
+            stepper.tools[0].displacement = [0.0, -0.11]
+
+    for call, line in ((lambda: [problem.solve() for _ in range(2)], 0), (steps, 1)):
+        first = call.__code__.co_firstlineno
+        assert reach_warnings(call) == [(__file__, first + line)]
+        assert reach_warnings(problem.solve) == []
+
+
+def test_an_error_each_time():
+    """Whoever turns it into an error gets that again."""
+    problem = far_below(-0.11, 0.0)
+    for _ in range(2):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with pytest.raises(qs.ReachWarning):
+                problem.solve()
 
 
 @pytest.mark.parametrize("moves, expected", (((0.06, -0.06), True), ((-0.06, 0.06), False)))

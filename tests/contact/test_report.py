@@ -240,7 +240,7 @@ def test_warnings_are_seen(monkeypatch, capfd, category):
         warnings.simplefilter("always")
         logging.captureWarnings(False)  # pytest has taken them over again
         logging.captureWarnings(True)
-        messages.warn("what to do", category, stacklevel=1)
+        messages.warn("what to do", category)
         warnings.warn("of another library", UserWarning, stacklevel=1)
     said = capfd.readouterr().err
     assert said.count(f"{category.__name__}: what to do") == (WORLD.rank == 0)

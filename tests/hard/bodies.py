@@ -37,14 +37,23 @@ def lattice(cell, *lines):
 
 
 class Body:
-    """An elastic body: linear, or of neo-Hooke's material; plane strain in 2D."""
+    """An elastic body: linear, or of neo-Hooke's material; plane strain in 2D.
 
-    def __init__(self, msh, E=1.0, nu=NU, large=False):
+    Args:
+        msh: Mesh.
+        E: Modulus.
+        nu: Poisson's ratio.
+        large: Whether it is of neo-Hooke's material.
+        degree: Of displacements.
+        rule: Degree of the quadrature in its cells; by default what FFCx estimates.
+    """
+
+    def __init__(self, msh, E=1.0, nu=NU, large=False, degree=1, rule=None):
         self.mesh, self.gdim = msh, msh.geometry.dim
         x = msh.geometry.x[:, : self.gdim]
         self.low = np.array([WORLD.allreduce(c.min(initial=np.inf), op=MPI.MIN) for c in x.T])
         self.high = np.array([WORLD.allreduce(c.max(initial=-np.inf), op=MPI.MAX) for c in x.T])
-        self.V = fem.functionspace(msh, ("Lagrange", 1, (self.gdim,)))
+        self.V = fem.functionspace(msh, ("Lagrange", degree, (self.gdim,)))
         self.u, self.v = fem.Function(self.V), ufl.TestFunction(self.V)
         # Constants, so that the forms of all bodies are the same.
         if large:
@@ -53,7 +62,8 @@ class Body:
         else:
             constants, law = (E, nu), qs.materials.linear_elastic
         self.stress = law(self.u, *(fem.Constant(msh, float(c)) for c in constants))
-        self.F, self.bcs = ufl.inner(self.stress, ufl.grad(self.v)) * ufl.dx, []
+        dx = ufl.dx if rule is None else ufl.dx(degree=rule)
+        self.F, self.bcs = ufl.inner(self.stress, ufl.grad(self.v)) * dx, []
 
     def facets(self, axis, value, where=None):
         """Boundary facets on a plane across an axis, or those whose vertices are somewhere."""

@@ -4,7 +4,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, create_mesh, gathered, plane, vector_space
+from scenes import WORLD, blocks, box, create_mesh, gathered, plane, vector_space
 
 import basix.ufl
 import ufl
@@ -18,19 +18,6 @@ QUADRATURES = ("nodal", "overlay")
 def facing(msh, axis, values):
     """Boundary facets in any of several planes across an axis."""
     return np.unique(np.concatenate([plane(msh, axis, value) for value in values]))
-
-
-def blocks(*boxes):
-    """Cubes that do not touch, as one mesh; boxes are pairs of corners."""
-    gdim = len(boxes[0][0])
-    corners = np.array([[(i >> k) & 1 for k in range(gdim)] for i in range(2**gdim)])
-    x = [np.where(corners, high, low) for low, high in boxes]
-    cells = np.arange(2**gdim * len(boxes)).reshape(len(boxes), -1)
-    cell = "quadrilateral" if gdim == 2 else "hexahedron"
-    domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(gdim,)))
-    mine = np.arange(len(boxes)) % WORLD.size == WORLD.rank
-    points = np.array_split(np.concatenate(x), WORLD.size)[WORLD.rank]
-    return create_mesh(cells[mine], points, domain)
 
 
 @pytest.mark.parametrize("quadrature", QUADRATURES)

@@ -274,6 +274,65 @@ def test_destroy():
     assert problem.snes.getTolerances()[3] == 50
 
 
+@pytest.mark.parametrize("solved", (False, True))
+def test_after_destroy(solved):
+    """Whoever goes on is told so; contacts still show what they have."""
+    pair = Pair("quadrilateral")
+    problem = pair.problem()
+    stepper = qs.TimeStepper(problem, 1.0)
+    if solved:
+        problem.solve()
+    force = pair.contact.force("slave")
+    problem.destroy()
+    problem.destroy()
+    m, system = fem.Constant(pair.meshes[0], 0.5), problem.system
+    calls = [
+        problem.solve,
+        problem.set_up,
+        lambda: problem.one_step().__enter__(),
+        lambda: problem.snes,
+        problem.newton.solve,
+        problem.newton.update_matrices,
+        lambda: problem.newton.measure(),
+        lambda: system.x,
+        lambda: system.residual(np.zeros(3)),
+        lambda: system.tangent(np.zeros(3)),
+        system.assemble,
+        lambda: system.matrix,
+        stepper.step,
+        lambda: qs.solve_with_continuation(problem, m, 0.5),
+    ]
+    for call in calls:
+        raises_everywhere(WORLD, RuntimeError, "destroyed", call)
+    assert problem.blocks is None and len(problem.timings) == 6
+    np.testing.assert_array_equal(pair.contact.force("slave"), force)
+    again = pair.problem()
+    again.solve()
+
+
+def test_unknown_types_leave_no_options():
+    """An option that PETSc refuses is named, and the next problem with its prefix starts afresh."""
+    pair = Pair("triangle")
+    options = {"pc_type": "incomplete", "ksp_max_it": 7}
+    wrong = {"petsc_options_prefix": "wrong_", "petsc_options": options}
+    match = "petsc_options: PETSc has no pc_type='incomplete'"
+    raises_everywhere(WORLD, ValueError, match, lambda: pair.problem(**wrong))
+    assert not PETSc.Options("wrong_").getAll()
+    pair.problem(petsc_options_prefix="wrong_").solve()
+
+
+@pytest.mark.parametrize("count", (0, 2, 7, 8, 60))
+def test_messages_are_short(count):
+    """Long histories are cut in the text alone."""
+    residuals, active = [10.0**-i for i in range(count)], [[i, 2 * i] for i in range(count)]
+    error = qs.ConvergenceError(-5, residuals, active, violation_history=residuals)
+    assert error.residual_history == error.violation_history == residuals
+    assert error.active_history == active and len(str(error)) < 500
+    shown = [f"{r:.3e}" in str(error) for r in residuals]
+    assert all(shown[:3]) and all(shown[-3:]) and all(shown) == (count <= 7)
+    assert (f"… {count - 6} more …" in str(error)) == (count > 7)
+
+
 def test_freed(destroy_problems):
     """A problem that is dropped without destroy() does not live on in PETSc's callbacks."""
     problem = Pair("triangle").problem()

@@ -2,20 +2,29 @@
 
 import numpy as np
 import pytest
-from scenes import CELLS, WORLD, box, elastic, vector_space
+from scenes import CELLS, WORLD, box, elastic, mini_space, vector_space
 
 from dolfinx import fem
 
 import qsdolfinx as qs
 
 
+def quadratic_space(msh):
+    """P2 or Q2 displacements."""
+    return fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
+
+
 @pytest.mark.parametrize("kind", ("nest", "mpi"))
-@pytest.mark.parametrize("cell", CELLS)
-def test_no_strain(cell, kind):
+@pytest.mark.parametrize(
+    "cell, space",
+    [(cell, space) for cell in CELLS for space in (vector_space, quadratic_space)]
+    + [("triangle", mini_space), ("tetrahedron", mini_space)],
+)
+def test_no_strain(cell, space, kind):
     """K times a mode is nothing, for a body that nothing holds, and they are orthonormal."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     msh = box(WORLD, [2, 3, 2][:gdim], cell, [0.3] * gdim, [1.0, 2.0, 1.5][:gdim], "scattered")
-    u = fem.Function(vector_space(msh))
+    u = fem.Function(space(msh))
     problem = qs.ContactProblem([elastic(u)], [u], [], kind=kind)
     problem.solve()
     matrix = problem.snes.getJacobian()[0]

@@ -1,0 +1,200 @@
+#include "search/screen.h"
+#include "parallel/exchange.h"
+#include "parallel/records.h"
+
+#include <optional>
+
+using namespace qsdolfinx;
+
+namespace
+{
+/// A ray through the seam of two facets meets one of them in spite of rounding.
+constexpr double seam_tolerance = 1e-9;
+
+/// Where the line x + t d meets the segment from a to b, in the xy-plane.
+std::optional<double> meet_segment(const Vec3& x, const Vec3& d, const Vec3& a, const Vec3& b)
+{
+  const Vec3 e = b - a, r = a - x;
+  const double det = d[0] * e[1] - d[1] * e[0];
+  if (det == 0)
+    return std::nullopt;
+  const double s = (r[0] * d[1] - r[1] * d[0]) / det;
+  if (s < -seam_tolerance || s > 1 + seam_tolerance)
+    return std::nullopt;
+  return (r[0] * e[1] - r[1] * e[0]) / det;
+}
+
+/// Where the line x + t d meets the triangle a, b, c (Möller & Trumbore).
+std::optional<double> meet_triangle(const Vec3& x, const Vec3& d, const Vec3& a, const Vec3& b,
+                                    const Vec3& c)
+{
+  const Vec3 e = b - a, f = c - a, r = x - a, p = cross(d, f);
+  const double det = dot(e, p);
+  if (det == 0)
+    return std::nullopt;
+  const double u = dot(r, p) / det;
+  if (u < -seam_tolerance || u > 1 + seam_tolerance)
+    return std::nullopt;
+  const Vec3 q = cross(r, e);
+  const double v = dot(d, q) / det;
+  if (v < -seam_tolerance || u + v > 1 + seam_tolerance)
+    return std::nullopt;
+  return dot(f, q) / det;
+}
+
+/// Where the line x + t d meets a facet; a quadrilateral is taken for two triangles.
+std::optional<double> meet_facet(const Vec3& x, const Vec3& d, FacetType type,
+                                 std::span<const double> v)
+{
+  const Vec3 a = facet_vertex(v, 0), b = facet_vertex(v, 1);
+  if (type == FacetType::interval)
+    return meet_segment(x, d, a, b);
+  const Vec3 c = facet_vertex(v, 2);
+  auto t = meet_triangle(x, d, a, b, c);
+  if (!t && type == FacetType::quadrilateral)
+    t = meet_triangle(x, d, facet_vertex(v, 3), c, b);
+  return t;
+}
+
+/// Facets that lines may meet: those of this rank or copies of others'.
+struct Screening
+{
+  FacetType type;
+  std::span<const double> x, orientation;
+  const BoxTree& tree;
+
+  std::span<const double> facet_x(std::size_t f) const
+  {
+    const std::size_t width = 3 * static_cast<std::size_t>(type);
+    return x.subspan(f * width, width);
+  }
+  bool looks_along(std::size_t f, const Vec3& n) const
+  {
+    return orientation[f] * dot(area_vector(type, facet_x(f), facet_centre(type)), n) > 0;
+  }
+  bool has_vertex(std::size_t f, const Vec3& p, double tolerance) const
+  {
+    for (int i = 0; i < static_cast<int>(type); ++i)
+    {
+      const Vec3 r = facet_vertex(facet_x(f), i) - p;
+      if (dot(r, r) <= tolerance * tolerance)
+        return true;
+    }
+    return false;
+  }
+};
+
+/// Looks along one line.
+class Look
+{
+public:
+  Look(const Sight& line, Screens screens, double touching)
+      : line_(line), own_(screens == Screens::own), touching_(touching), d_(line.y - line.x),
+        end_(touching / norm(d_)), beyond_(2 - end_)
+  {
+  }
+
+  bool is_hidden() const { return between_ || looks_alike_; }
+
+  void through(const Screening& facets)
+  {
+    if (end_ >= 1) // the ends touch each other
+      return;
+    facets.tree.along(LinePart(line_.x, d_, own_ ? 2.0 : 1.0, touching_),
+                      [&](std::size_t f) { meet(facets, f); });
+  }
+
+private:
+  void meet(const Screening& facets, std::size_t f)
+  {
+    const auto t = meet_facet(line_.x, d_, facets.type, facets.facet_x(f));
+    if (!t || *t <= end_ || *t >= beyond_ || between_
+        || (own_ && facets.has_vertex(f, line_.x, touching_)))
+      return;
+    const bool alike = facets.looks_along(f, line_.normal);
+    if (!own_)
+      between_ = alike && *t < 1 - end_;
+    else if (*t < 1 - end_ || (alike && *t < 1 + end_))
+      between_ = true;
+    else if (*t > 1 + end_)
+    {
+      beyond_ = *t;
+      looks_alike_ = alike;
+    }
+  }
+
+  const Sight& line_;
+  bool own_;
+  double touching_;
+  Vec3 d_;
+  double end_;    ///< what touches an end, as a part of the line
+  double beyond_; ///< the first that was met beyond y
+  bool between_ = false, looks_alike_ = false;
+};
+
+/// Facets of other ranks that meet this rank's box, in an order that depends on the partition.
+/// Collective.
+FacetCopies copy_of_others(const Surface& surface, const Box& box)
+{
+  std::vector<Box> boxes = boxes_of_ranks(surface.comm(), box);
+  boxes[static_cast<std::size_t>(surface.rank())] = Box{};
+  std::vector<int> dest;
+  std::vector<std::size_t> facets;
+  facets_in_boxes(surface, boxes, dest, facets);
+  const std::size_t width = 3 * static_cast<std::size_t>(surface.num_vertices());
+  std::vector<double> x, orientation;
+  for (std::size_t f : facets)
+  {
+    append_record(x, surface.facets().x, f, width);
+    append_record(orientation, surface.facets().orientation, f, 1);
+  }
+  const Exchange exchange(surface.comm(), dest);
+  return {surface.type(), exchange.forward<double>(x, static_cast<int>(width)),
+          exchange.forward<double>(orientation, 1)};
+}
+
+Box box_of_lines(std::span<const Sight> lines, bool doubled)
+{
+  Box box;
+  for (const Sight& line : lines)
+    for (const Vec3& p : {line.x, doubled ? 2.0 * line.y - line.x : line.y})
+      box.include(p, p);
+  return box;
+}
+} // namespace
+
+void qsdolfinx::facets_in_boxes(const Surface& surface, std::span<const Box> boxes,
+                                std::vector<int>& rank, std::vector<std::size_t>& facet)
+{
+  for (std::size_t f = 0; f < surface.num_facets(); ++f)
+  {
+    const Box box = box_of(surface.facet_x(f));
+    for (std::size_t r = 0; r < boxes.size(); ++r)
+      if (meet(boxes[r], box))
+      {
+        rank.push_back(static_cast<int>(r));
+        facet.push_back(f);
+      }
+  }
+}
+
+std::vector<std::uint8_t> qsdolfinx::hidden(const Surface& surface, std::span<const Sight> lines,
+                                            Screens screens)
+{
+  const FacetCopies others = copy_of_others(surface, box_of_lines(lines, screens == Screens::own));
+  const BoxTree tree(facet_boxes(others.type, others.x));
+  const Screening near[]{
+      {surface.type(), surface.facets().x, surface.facets().orientation, surface.tree()},
+      {others.type, others.x, others.orientation, tree}};
+  const double touching = touch_tolerance * surface.facet_size_range()[0];
+  std::vector<std::uint8_t> out;
+  out.reserve(lines.size());
+  for (const Sight& line : lines)
+  {
+    Look look(line, screens, touching);
+    for (const Screening& facets : near)
+      look.through(facets);
+    out.push_back(look.is_hidden());
+  }
+  return out;
+}

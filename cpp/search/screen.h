@@ -1,0 +1,59 @@
+// Facets that stand between a point and its partner.
+#pragma once
+
+#include "geometry/boxes.h"
+#include "surface/surface.h"
+
+namespace qsdolfinx
+{
+
+/// A facet that is nearer to an end of a line of sight than this part of the smallest facet's size
+/// touches that end, and is not between the ends.
+inline constexpr double touch_tolerance = 1e-6;
+
+/// Copies of the facets of a surface that this rank may have to look through.
+struct FacetCopies
+{
+  FacetType type;
+  std::vector<double> x;           ///< [facet][vertex][3]
+  std::vector<double> orientation; ///< ±1, times the area vector points outward
+
+  std::size_t size() const { return orientation.size(); }
+  std::span<const double> facet_x(std::size_t f) const
+  {
+    const std::size_t width = 3 * static_cast<std::size_t>(type);
+    return std::span(x).subspan(f * width, width);
+  }
+  /// Outward at the centre, of any length.
+  Vec3 outward(std::size_t f) const
+  {
+    return orientation[f] * area_vector(type, facet_x(f), facet_centre(type));
+  }
+};
+
+/// Ranks, and facets of this rank that meet the ranks' boxes. @param boxes of all ranks
+void facets_in_boxes(const Surface& surface, std::span<const Box> boxes, std::vector<int>& rank,
+                     std::vector<std::size_t>& facet);
+
+/// A point and its partner on the other surface.
+struct Sight
+{
+  Vec3 x, y;
+  Vec3 normal; ///< outward at x
+};
+
+/// Which facets hide x from y.
+enum class Screens
+{
+  backs, ///< those of y's surface that are seen from behind
+  own    ///< those of x's surface, but those with x as a vertex
+};
+
+/// Whether facets of a surface hide the ends of the lines from each other, [line]. Collective.
+///
+/// They do if one lies between x and y. With `own` also, if the first one beyond y is nearer to y
+/// than x is and looks as x does: then y is that facet's, as y is in front of it or just behind.
+std::vector<std::uint8_t> hidden(const Surface& surface, std::span<const Sight> lines,
+                                 Screens screens);
+
+} // namespace qsdolfinx

@@ -1,0 +1,342 @@
+"""Audits a solved contact problem with DOLFINx and NumPy alone: no gap or force of the library's.
+
+Contact forces at nodes are what the assembled residual of a body leaves there; distances are those
+of the deformed surfaces, by brute force. What is not zero exactly in the method has a bound that is
+computed here, too:
+
+- Normals and partners are those of the bodies at rest (small sliding): true gaps and those of the
+  method differ by about (slide + initial gap) × (angle by which facets have turned, or differ).
+- Gaps are closed in the mean over a node's facets, unless a node is paired alone (nodal
+  master-slave contact): between, surfaces that are not parallel cut each other by facet × angle.
+- The penalty leaves pressure / penalty.
+"""
+
+import dataclasses
+import typing
+
+import numpy as np
+from audit import friction
+from audit.distance import Meshed, Tool
+from audit.sides import Side, read_side
+from audit.state import BodyState, SurfaceState, read_body, read_surface
+
+#: Forces that count as none: as a part of all contact forces and reactions, and of the scene's.
+PART, LEAST = 1e-6, 1e-8
+
+#: Of forces and directions.
+ROUNDING = 1e-9
+
+#: Lengths that count as none, as a part of the scene's.
+CLOSE = 1e-7
+
+#: Multiplier over the pressure that nodal forces show, where meshes do not match.
+SPIKE = 4.0
+
+
+class Fault(typing.NamedTuple):
+    """What is wrong: which audit, by how many times its tolerance, and where or how."""
+
+    check: str
+    excess: float
+    text: str
+
+    def __str__(self):
+        return f"{self.check}: {self.text} ({self.excess:.1e} of what is allowed)"
+
+
+@dataclasses.dataclass
+class AuditedBody:
+    """A body as it was given to the problem.
+
+    Attributes:
+        F: UFL residual.
+        u: Unknown.
+        bcs: Conditions.
+        load: Its loads, summed up, shape (3,).
+        moment: Their moment about the origin, shape (3,); None where they are not known.
+        large: Whether moments balance about deformed nodes, and not about those at rest.
+    """
+
+    F: typing.Any
+    u: typing.Any
+    bcs: list
+    load: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    moment: np.ndarray | None = dataclasses.field(default_factory=lambda: np.zeros(3))
+    large: bool = False
+
+
+@dataclasses.dataclass
+class Joint:
+    """A contact as it was asked for.
+
+    Attributes:
+        slave: Body's index and facets on this rank.
+        master: The same, or a rigid tool.
+        penalty: Stress per length; None if gaps are closed by an augmented Lagrangian.
+        allowed_gap: That an augmented Lagrangian may leave (length).
+        tied: Whether it is.
+        mu: Coulomb's coefficient of friction.
+        formulation: By name.
+        nodal: Whether gaps are taken at nodes.
+        reported: Function that returns the forces which the library says to act on the slave.
+    """
+
+    slave: tuple
+    master: tuple | Tool
+    penalty: float | None = None
+    allowed_gap: float = 0.0
+    tied: bool = False
+    mu: float = 0.0
+    formulation: str = "quasi-symmetric"
+    nodal: bool = False
+    reported: typing.Callable | None = None
+
+    @property
+    def node_by_node(self):
+        """Whether each slave node closes its own gap, whatever its neighbours do."""
+        one_sided = self.formulation == "master-slave"
+        return self.nodal and (one_sided or (isinstance(self.master, Tool)))
+
+
+class Auditor:
+    """Audits a scene after each of its solves.
+
+    Args:
+        bodies: As given to the problem.
+        joints: Its contacts.
+        length: Of the scene.
+        force: Of the scene: modulus × strain × area.
+    """
+
+    def __init__(self, bodies, joints, length, force):
+        self.bodies, self.joints, self.length, self.force = bodies, joints, length, force
+        x = [read_body(b.F, b.u, b.bcs).x for b in bodies]
+        self.surfaces: list[list[SurfaceState]] = []
+        for joint in joints:
+            ends = [end for end in (joint.slave, joint.master) if not isinstance(end, Tool)]
+            self.surfaces.append(
+                [read_surface(bodies[i].u.function_space, f, x[i]) for i, f in ends]
+            )
+        self.before: list[friction.Memory | None] = [None for _ in joints]
+
+    def read(self):
+        """States of all bodies. Collective."""
+        return [read_body(b.F, b.u, b.bcs) for b in self.bodies]
+
+    def audit(self):
+        """What is wrong with the state after a solve, the same on all ranks. Collective."""
+        states = self.read()
+        tolerance = self.force_tolerance(states)
+        faults = self.finite(states)
+        if faults:
+            return faults
+        for i, (body, state) in enumerate(zip(self.bodies, states, strict=True)):
+            on_contact = self.contact_nodes(i, state)
+            faults += equilibrium(i, state, on_contact, tolerance)
+            faults += body_balance(i, body, state, on_contact, tolerance, self.length)
+        for number, joint in enumerate(self.joints):
+            sides = self.sides(number, states)
+            faults += joint_faults(joint, sides, tolerance, self.length)
+            now = friction.read_memory(sides)
+            if joint.mu > 0:
+                faults += [
+                    Fault(*fault)
+                    for fault in friction.faults(joint, sides, self.before[number], now, tolerance)
+                ]
+            self.before[number] = now
+        return faults
+
+    def contact_nodes(self, i, state):
+        """Nodes of a body that are on any contact surface."""
+        out = np.zeros(len(state.x), dtype=bool)
+        for joint, surfaces in zip(self.joints, self.surfaces, strict=True):
+            for end, surface in zip((joint.slave, joint.master), surfaces, strict=False):
+                if end[0] == i:
+                    out[surface.nodes] = True
+        return out
+
+    def sides(self, number, states):
+        """The meshed sides of a contact, slave first."""
+        joint, surfaces = self.joints[number], self.surfaces[number]
+        ends = [end for end in (joint.slave, joint.master) if not isinstance(end, Tool)]
+        meshed = [
+            Meshed(states[end[0]], surface) for end, surface in zip(ends, surfaces, strict=True)
+        ]
+        opponents = meshed[::-1] if len(meshed) == 2 else [joint.master]
+        alone = joint.node_by_node and isinstance(joint.master, Tool)
+        return [read_side(*pair, alone) for pair in zip(meshed, opponents, strict=True)]
+
+    def force_tolerance(self, states):
+        """Forces that count as none."""
+        total = 0.0
+        for i, state in enumerate(states):
+            rows = state.held | self.contact_nodes(i, state)[:, None]
+            total += np.sum(state.force[rows] ** 2)
+        return PART * np.sqrt(total) + LEAST * self.force
+
+    def finite(self, states):
+        values = [np.all(np.isfinite(s.u)) and np.all(np.isfinite(s.force)) for s in states]
+        return [] if all(values) else [Fault("finite", np.inf, "the solution is not finite")]
+
+
+def compare(check, values, bounds, text):
+    """A fault if any value is above its bound."""
+    values, bounds = np.broadcast_arrays(np.asarray(values, float), np.asarray(bounds, float))
+    if values.size == 0 or np.all(values <= bounds):
+        return []
+    worst = np.argmax(np.where(values > bounds, values / np.maximum(bounds, 1e-300), 0))
+    excess = values.flat[worst] / max(bounds.flat[worst], 1e-300)
+    count = np.count_nonzero(values > bounds)
+    return [
+        Fault(check, float(excess), f"{text}: {values.flat[worst]:.3e}, {count} of {values.size}")
+    ]
+
+
+# --- Forces
+
+
+def equilibrium(i, state: BodyState, on_contact, tolerance):
+    """Nothing is left where neither contact nor conditions act."""
+    free = ~state.held & ~on_contact[:, None]
+    return compare("equilibrium", np.abs(state.force[free]), tolerance, f"body {i}, residual")
+
+
+def body_balance(i, body, state, on_contact, tolerance, length):
+    """Contact forces, reactions and loads of a body."""
+    rows = state.held | on_contact[:, None]
+    force = np.where(rows, state.force, 0.0)
+    slack = tolerance * np.sqrt(len(state.x))
+    faults = compare(
+        "balance", np.abs(force.sum(axis=0) + body.load), slack, f"body {i}, contact + loads"
+    )
+    if body.moment is not None:
+        arm = state.x + state.u if body.large else state.x
+        moment = np.cross(arm, force).sum(axis=0) + body.moment
+        lever = np.abs(arm).max() + length
+        faults += compare("balance", np.abs(moment), slack * lever, f"body {i}, moments")
+    return faults
+
+
+def joint_faults(joint: Joint, sides: list[Side], tolerance, length):
+    """All that is to be audited on a contact without its history."""
+    faults = []
+    if len(sides) == 2:
+        faults += pair_balance(joint, sides, tolerance, length)
+    faults += reported_force(joint, sides, tolerance)
+    reach = 2 * sum(side.size for side in sides)
+    if joint.tied:
+        return faults + tied_gaps(joint, sides, reach, length)
+    for name, side in zip(("slave", "master"), sides, strict=False):
+        faults += directions(name, joint, side, tolerance)
+        faults += complementarity(name, joint, sides, side, tolerance, reach, length)
+        faults += penetration(name, joint, sides, side, reach, length)
+    return faults
+
+
+def pair_balance(joint, sides, tolerance, length):
+    """Forces of the two sides, and their moments about rest up to lever × force."""
+    force = [side.nodal_force for side in sides]
+    unknown = [np.any(side.nodal_held[:, : side.gdim], axis=0) for side in sides]
+    known = ~np.any(unknown, axis=0)
+    slack = tolerance * np.sqrt(sum(len(f) for f in force))
+    total = force[0].sum(axis=0) + force[1].sum(axis=0)
+    out = compare("action", np.abs(total[: len(known)])[known], slack, "slave + master force")
+    if np.all(known):
+        moment = sum(np.cross(side.nodal_x, f).sum(axis=0) for side, f in zip(sides, force))
+        size = sum(np.linalg.norm(f, axis=1).sum() for f in force)
+        levers = max(side.lever(joint.tied or joint.mu > 0, tolerance) for side in sides)
+        reach = max(np.abs(side.nodal_x).max() for side in sides) + length
+        bound = slack * reach + size * levers
+        out += compare("action", np.abs(moment), bound, "slave + master moment")
+    return out
+
+
+def reported_force(joint, sides, tolerance):
+    """What the library says the force on the slave to be."""
+    if joint.reported is None:
+        return []
+    side, given = sides[0], joint.reported()
+    known = ~np.any(side.nodal_held[:, : side.gdim], axis=0)
+    own = side.nodal_force.sum(axis=0)[: side.gdim]
+    slack = tolerance * np.sqrt(len(side.nodal_x))
+    return compare("reported", np.abs(own - given)[known], slack, "force on the slave")
+
+
+def directions(name, joint, side: Side, tolerance):
+    """Forces push, along the normal or within Coulomb's cone about it."""
+    size = np.linalg.norm(side.force, axis=1)
+    slack = side.hat_count * tolerance + (side.tilt_at_rest + ROUNDING) * size
+    free = side.normal_free
+    out = compare("tension", side.pull[free], slack[free], f"{name} is pulled")
+    sideways = np.linalg.norm(np.where(side.held, 0.0, side.tangential), axis=1)
+    limit = joint.mu * np.maximum(-side.pull, 0.0)
+    check, text = (
+        ("cone", "friction beyond μ N on") if joint.mu else ("normal", "force across n on")
+    )
+    slack = slack * (1 + joint.mu)
+    return out + compare(check, (sideways - limit)[free], slack[free], f"{text} {name}")
+
+
+# --- Distances
+
+
+def linearisation(side: Side):
+    """What the method's gaps at vertices may differ from true ones."""
+    return 2 * (side.slide + side.initial_gap) * side.turn
+
+
+def complementarity(name, joint, sides, side: Side, tolerance, reach, length):
+    """Where all is apart, within the reach of a multiplier, there is no force."""
+    alone = joint.node_by_node and name == "slave"
+    # What has slid over an edge keeps the partner it had at rest.
+    gap = np.where(side.now.facing, side.now.distance, -np.inf)[: side.num_vertices]
+    if not alone:
+        gap[:] = np.inf
+        for other in sides:
+            x = other.points_now
+            d = np.where(other.now.facing, other.now.distance, np.inf)
+            near = np.linalg.norm(side.vertices_now[:, None] - x, axis=2)
+            near = near <= reach + side.opening
+            gap = np.minimum(gap, np.where(near, d, np.inf).min(axis=1))
+    bound = linearisation(side) + joint.allowed_gap + CLOSE * length
+    if not alone:
+        bound = bound + 0.25 * side.size * side.turn
+    pushed = (-side.pull > side.hat_count * tolerance) & side.normal_free
+    return compare("complementarity", gap[pushed], bound[pushed], f"force on open {name}")
+
+
+def penetration(name, joint, sides, side: Side, reach, length):
+    """Nothing is deeper than penalty, tolerance and geometry explain."""
+    alone = joint.node_by_node
+    if alone and name == "master":
+        return []
+    count = side.num_vertices if alone else len(side.points_now)
+    # What was beside the other side at rest has no partner (small sliding).
+    known = side.now.facing & side.rest.facing
+    depth = np.where(known, -side.now.distance, -np.inf)[:count]
+    pressure = max(s.pressure.max(initial=0.0) for s in sides)
+    explained = SPIKE * pressure / joint.penalty if joint.penalty else joint.allowed_gap
+    bound = explained + CLOSE * length + np.max(linearisation(side), initial=0.0)
+    if not alone:
+        bound = bound + sum(s.size for s in sides) * max(s.turn.max(initial=0.0) for s in sides)
+    kept = side.near_free[:count]
+    return compare("penetration", depth[kept], bound, f"{name} is inside")
+
+
+def tied_gaps(joint, sides, reach, length):
+    """Jumps of tied surfaces are zero in the mean: no component has one sign everywhere near."""
+    pressure = max((np.linalg.norm(s.force, axis=1) / s.area).max(initial=0.0) for s in sides)
+    bound = CLOSE * length
+    bound += SPIKE * pressure / joint.penalty if joint.penalty else joint.allowed_gap
+    if joint.node_by_node:
+        count = sides[0].num_vertices
+        jump = sides[0].jump[:count][sides[0].rest.facing[:count]]
+        return compare("tie", np.abs(jump).max(axis=1), bound, "jump")
+    jump = np.concatenate([sign * s.jump[s.rest.facing] for s, sign in zip(sides, (1, -1))])
+    x = np.concatenate([s.points[s.rest.facing] for s in sides])
+    if len(jump) == 0:
+        return []
+    near = np.linalg.norm(x[:, None] - x, axis=2) <= reach
+    low = np.where(near[..., None], jump[None], np.inf).min(axis=1)
+    high = np.where(near[..., None], jump[None], -np.inf).max(axis=1)
+    return compare("tie", np.maximum(low, -high).max(axis=1), bound, "jump of one sign")

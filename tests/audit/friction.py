@@ -1,0 +1,77 @@
+"""Coulomb's law over a step: what slips does so against its friction, what sticks does not move."""
+
+import dataclasses
+
+import numpy as np
+
+#: Part of μ N below which a node sticks for sure, and from which on it slips if it moves.
+STICKS, SLIPS = 0.9, 0.98
+
+
+@dataclasses.dataclass
+class Memory:
+    """At the slave's vertices after a step.
+
+    Attributes:
+        jump: Displacement over that of what they face, shape (vertices, 3).
+        friction: Tangential force, shape (vertices, 3).
+        pushed: Force along the normal, positive if it pushes.
+    """
+
+    jump: np.ndarray
+    friction: np.ndarray
+    pushed: np.ndarray
+
+
+def read_memory(sides):
+    """What a step ends with."""
+    side = sides[0]
+    n = side.num_vertices
+    return Memory(side.jump[:n], side.tangential, -side.pull)
+
+
+def faults(joint, sides, before, now, tolerance):
+    """Check, excess and text of what is wrong with the direction of friction on the slave.
+
+    The slip of a step is what is left of the movement when the elastic stick of a penalty has been
+    taken away. Gaps and slips are means over a node's facets, so that no more is known of them than
+    how much they vary there.
+    """
+    side = sides[0]
+    if before is None:
+        before = Memory(0 * now.jump, 0 * now.friction, 0 * now.pushed)
+    moved = now.jump - before.jump
+    moved = moved - np.sum(moved * side.normal, axis=1, keepdims=True) * side.normal
+    if joint.penalty:
+        moved = moved + (now.friction - before.friction) / (joint.penalty * side.area)[:, None]
+    x = side.points[: side.num_vertices]
+    # Nodes that are covered in part have means over that part, and a stiffness of their own.
+    patch = np.linalg.norm(x[:, None] - side.points, axis=2) <= side.size
+    facing = np.all(side.rest.facing | ~patch, axis=1)
+    reach = 0.0 if joint.node_by_node else 2 * sum(s.size for s in sides)
+    near = np.linalg.norm(x[:, None] - x, axis=2) <= reach
+    apart = np.linalg.norm(moved[:, None] - moved, axis=2)
+    spread = np.where(near, apart, 0.0).max(axis=1)
+    # Means of what is apart by initial gaps along normals that are not parallel.
+    spread = spread + side.turn * np.linalg.norm(now.jump - before.jump, axis=1)
+    spread = spread + 1e-6 * np.abs(now.jump).max(initial=0.0)
+    free = side.normal_free & ~np.any(side.held[:, : side.gdim], axis=1) & facing
+    tilt = side.tilt_at_rest * now.pushed
+    big = np.linalg.norm(now.friction, axis=1) > 1e3 * tolerance
+    load = now.pushed > 1e4 * tolerance
+    size, limit = np.linalg.norm(now.friction, axis=1), joint.mu * now.pushed
+    slip = np.linalg.norm(moved, axis=1)
+    out = []
+    slipping = free & big & load & (size - tilt >= SLIPS * limit) & (slip > 3 * spread)
+    work = np.sum(now.friction * moved, axis=1)
+    wrong = slipping & (work > -0.5 * size * slip)
+    if np.any(wrong):
+        worst = np.max((work / (size * slip))[wrong])
+        out.append(("direction", 1 + float(worst), f"{wrong.sum()} nodes slip along friction"))
+    below = ~load | (size + tilt < STICKS * limit)
+    sticking = free & load & np.all(below | ~near, axis=1) & below
+    wrong = sticking & (slip > 2 * spread) & (slip > 1e-6 * side.size)
+    if np.any(wrong):
+        excess = float(np.max((slip / np.maximum(spread, 1e-300))[wrong]))
+        out.append(("stick", excess, f"{wrong.sum()} nodes move below the limit"))
+    return out

@@ -1,0 +1,184 @@
+"""Facets behind others do not count: plates, boxes and scenes of sheets, beside brute force."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scenes import (
+    FORMULATIONS,
+    WORLD,
+    blocks,
+    box,
+    clamp,
+    elastic,
+    gathered,
+    plane,
+    slide,
+    vector_space,
+)
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+pytestmark = pytest.mark.filterwarnings("ignore::qsdolfinx.ContactWarning")
+QUADRATURES = ("nodal", "overlay")
+SQUARES = (0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)
+
+
+def exterior(msh):
+    fdim = msh.topology.dim - 1
+    return mesh.locate_entities_boundary(msh, fdim, lambda x: np.full(x.shape[1], True))
+
+
+def plates(gdim, depths, size=1.0):
+    """Surface of the upper faces of thin plates at these depths, and all their facets."""
+    axis, thin = gdim - 1, 1e-3
+    boxes = [([0.0] * axis + [-t - thin], [size] * axis + [-t]) for t in depths]
+    msh = blocks(*boxes)
+    V = vector_space(msh)
+    faces = np.unique(np.concatenate([plane(msh, axis, -t) for t in depths]))
+    return V, faces, clamp(V, exterior(msh))
+
+
+@pytest.mark.parametrize("quadrature", QUADRATURES)
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_second_sheet_changes_nothing(gdim, formulation, quadrature):
+    """A block pressed on plates with others under them: as deep as without these."""
+    axis, deepest = gdim - 1, []
+    for depths in ((0.0,), (0.0, 0.005), (0.0, 0.02), (0.0, 0.1, 0.15)):
+        cell = "quadrilateral" if gdim == 2 else "hexahedron"
+        msh = box(WORLD, [2] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered")
+        V = vector_space(msh)
+        u = fem.Function(V)
+        top = np.sort(plane(msh, axis, 1.0))
+        tags = mesh.meshtags(msh, axis, top, np.ones(len(top), dtype=np.int32))
+        ds = ufl.Measure("ds", msh, subdomain_data=tags)
+        F = elastic(u, 1e4) + 20.0 * ufl.TestFunction(V)[axis] * ds(1)
+        V_m, faces, held = plates(gdim, depths)
+        u_m = fem.Function(V_m)
+        contact = qs.Contact(
+            qs.Surface(V, facets=plane(msh, axis, 0.0)),
+            qs.Surface(V_m, facets=faces),
+            formulation,
+            quadrature=quadrature,
+            penalty=1e6,
+            search_radius=0.5,
+        )
+        bcs = [[slide(V, i, plane(msh, i, 0.0)) for i in range(axis)], [held]]
+        qs.ContactProblem([F, elastic(u_m, 1e4)], [u, u_m], [contact], bcs).solve()
+        deepest.append(WORLD.allreduce(u.x.array[axis::gdim].min(initial=0.0), op=MPI.MIN))
+    np.testing.assert_allclose(deepest[1:], deepest[0], rtol=1e-6)
+
+
+def hollow(low, high, wall):
+    """Triangles of a box with a cavity: walls looking out, and others looking into the cavity."""
+    x, triangles = [], []
+    for sign, grow in ((1, 0.0), (-1, -wall)):
+        first = len(x)
+        corner = np.array([low, high]) + grow * np.array([[-1.0], [1.0]])
+        x += [[corner[i >> k & 1, k] for k in range(3)] for i in range(8)]
+        for square in SQUARES:
+            for corners in (square[:3], (square[0], *square[2:])):
+                triangles.append([first + i for i in corners[::sign]])
+    return x, triangles
+
+
+@pytest.mark.parametrize("quadrature", QUADRATURES)
+@pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
+def test_hollow_tool(formulation, quadrature):
+    """A box with a cavity, named by all its facets, presses as a solid one."""
+    forces = []
+    for wall in (None, 0.2, 0.05):
+        x, triangles = hollow([-0.5, -0.5, 0.0], [1.5, 1.5, 1.0], wall or 0.2)
+        tool = qs.RigidSurface.triangulated(WORLD, x, triangles[: None if wall else 12])
+        msh = box(WORLD, [3, 3, 1], "hexahedron", [0.0, 0.0, -1.0], [1.0, 1.0, 0.0])
+        V = vector_space(msh)
+        u = fem.Function(V)
+        surface = qs.Surface(V, facets=plane(msh, 2, 0.0))
+        options = {"quadrature": quadrature, "penalty": 1e5, "search_radius": 1.5}
+        contact = qs.Contact(surface, tool, formulation, **options)
+        bcs = [[clamp(V, plane(msh, 2, -1.0))]]
+        problem = qs.ContactProblem([elastic(u, 100.0)], [u], [contact], bcs)
+        tool.displacement[-1] = -0.02
+        problem.solve()
+        forces.append(contact.force("slave")[-1])
+    assert forces[0] < -1
+    np.testing.assert_allclose(forces[1:], forces[0], rtol=1e-9)
+
+
+def pick(heights, looks_up, on_master, i):
+    """What sheet i looks at: first of the other surface either way, if opposed; the nearer."""
+    found = []
+    for way in (1, -1):
+        ahead = [
+            j
+            for j in range(len(heights))
+            if on_master[j] != on_master[i] and way * (heights[j] - heights[i]) > 0
+        ]
+        first = min(ahead, key=lambda j: abs(heights[j] - heights[i]), default=i)
+        if looks_up[first] != looks_up[i]:
+            found.append(first)
+    return min(found, key=lambda j: abs(heights[j] - heights[i]), default=None)
+
+
+def sheets(gdim, heights, looks_up):
+    """Surface of unit sheets at these heights, faces of thin blocks above or below them."""
+    axis, thick = gdim - 1, 1e-4
+    ends = np.sort(np.column_stack([heights, heights - np.where(looks_up, thick, -thick)]))
+    msh = blocks(*([[0.0] * axis + [a], [1.0] * axis + [b]] for a, b in ends))
+    faces = np.unique(np.concatenate([plane(msh, axis, z) for z in heights]))
+    return qs.Surface(vector_space(msh), facets=faces)
+
+
+@pytest.mark.parametrize("quadrature", QUADRATURES)
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_stacks_of_sheets(gdim, quadrature):
+    """Sheets that look up and down at random: pairs are those that look at each other."""
+    axis, radius, count = gdim - 1, 0.45, 0
+    for seed in range(20):
+        rng = np.random.default_rng([seed, gdim])
+        heights = rng.permutation(np.linspace(-0.3, 0.3, 7)) + rng.uniform(-0.04, 0.04, 7)
+        looks_up, on_master = rng.random(7) < 0.5, np.arange(7) < 4
+        picks = [pick(heights, looks_up, on_master, i) for i in range(7)]
+        expected = {
+            (round(heights[i], 9), round(heights[j], 9))
+            for i, j in enumerate(picks)
+            if not on_master[i] and j is not None and picks[j] == i
+            if abs(heights[i] - heights[j]) <= radius
+        }
+        count += len(expected)
+        slave, master = (sheets(gdim, heights[m], looks_up[m]) for m in (~on_master, on_master))
+        options = {"search_radius": radius, "penalty": 1.0, "initial_overclosure": "ignore"}
+        p = qs.Contact(slave, master, quadrature=quadrature, **options).pairing
+        rows = np.column_stack([p.slave.x[:, axis], p.master.x[:, axis], p.weight])
+        rows = gathered(WORLD, rows)
+        assert {tuple(pair) for pair in np.round(rows[:, :2], 9)} == expected, seed
+        assert np.isclose(rows[:, 2].sum(), len(expected)), seed  # halves of both sheets' areas
+    assert count > 15
+
+
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_beside_a_near_plate_and_before_a_far_one(gdim):
+    """Nodes beside a plate, which is nearer, are paired with what is in front of them."""
+    axis, middle = gdim - 1, [1.0] * (gdim - 2)
+    below = blocks(
+        ([0.0] * axis + [-0.03], [0.55, *middle, -0.02]),
+        ([0.0] * axis + [-1.0], [1.0, *middle, -0.3]),
+    )
+    cell = "quadrilateral" if gdim == 2 else "hexahedron"
+    msh = box(WORLD, [4] * axis + [1], cell, [0.0] * gdim, [1.0] * gdim, "scattered")
+    faces = np.concatenate([plane(below, axis, -0.02), plane(below, axis, -0.3)])
+    contact = qs.Contact(
+        qs.Surface(vector_space(msh), facets=plane(msh, axis, 0.0)),
+        qs.Surface(vector_space(below), facets=np.unique(faces)),
+        "master-slave",
+        penalty=1.0,
+        search_radius=0.5,
+    )
+    points, unpaired = contact.pairing, contact.num_unpaired
+    x = points.slave.x[:, 0]
+    np.testing.assert_allclose(points.gap, np.where(x < 0.6, 0.02, 0.3), atol=1e-14)
+    assert unpaired == 0

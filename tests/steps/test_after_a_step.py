@@ -1,0 +1,269 @@
+"""What a solve outside of the stepper finds after a step, a step that failed, or a restart."""
+
+import pathlib
+
+import numpy as np
+import pytest
+from scenes import (
+    WORLD,
+    Pair,
+    box,
+    clamp,
+    drag_top,
+    elastic,
+    plane,
+    raises_everywhere,
+    vector_space,
+)
+from step_scenes import Upset, refuse, same
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+DOWN = 0.02
+
+
+class Plane:
+    """A block that is held at its bottom, and a plane that a stepper lowers onto its top."""
+
+    def __init__(self, drive=None, n=4, **options):
+        msh = box(WORLD, (n, n), "triangle", [0.0, 0.0], [1.0, 1.0])
+        V = vector_space(msh)
+        self.u = fem.Function(V)
+        self.tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+        surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+        options = {"enforcement": "augmented-lagrangian"} | options
+        self.contact = qs.Contact(surface, self.tool, **options)
+        bcs = [clamp(V, plane(msh, 1, 0.0))]
+        self.problem = qs.ContactProblem([elastic(self.u)], [self.u], [self.contact], [bcs])
+        self.drive = drive or self.lower
+        self.stepper = qs.TimeStepper(self.problem, 1.0, lambda t, dt: self.drive(t, dt))
+
+    def lower(self, t, dt):
+        self.tool.displacement = [0.0, -DOWN * dt]
+
+    def force(self):
+        return self.contact.force("slave")
+
+    def state(self):
+        motion = self.tool.displacement.copy(), self.tool.rotation.copy()
+        shown = np.nan_to_num(self.contact.gap()), self.contact.multiplier()
+        return [self.u.x.array.copy(), self.tool.position, *motion, *shown]
+
+
+def raise_here(t, dt):
+    raise KeyError("load table")
+
+
+# --- A step that failed
+
+
+@pytest.mark.parametrize("steps", (0, 2))
+def test_failed_drive(steps):
+    """The tool is where it was, and so is what was paired with it: a solve goes on from there."""
+    case = Plane()
+    case.problem.solve()
+    for _ in range(steps):
+        case.stepper.step()
+    before, force = case.state(), case.force()
+    for fails in (raise_here, lambda t, dt: refuse(1.0)):
+        case.drive = fails
+        with pytest.raises((KeyError, qs.StepError)):
+            case.stepper.step()
+        assert same(before, case.state())
+    case.problem.solve()
+    np.testing.assert_allclose(case.force(), force, rtol=1e-8, atol=1e-12)
+
+
+def test_failed_solve_with_a_tool_that_went_on():
+    """After attempts that have paired at the end of the step, with the tool there."""
+    calls = []
+
+    def solve(step):
+        case.problem.solve()
+        calls.append(case.tool.version)
+        if step == 1 and len(calls) % 2:
+            refuse(1.0)
+
+    case = Plane()
+    case.stepper = qs.TimeStepper(case.problem, 1.0, case.lower, solve=solve, num_pairings=2)
+    case.stepper.step()
+    before, force, position = case.state(), case.force(), case.tool.position
+    calls.append(0)
+    case.stepper.dt_min = 0.9
+    raises_everywhere(WORLD, qs.StepError, "dt_min", case.stepper.step)
+    assert same(before, case.state()) and np.array_equal(position, case.tool.position)
+    case.problem.solve()
+    np.testing.assert_allclose(case.force(), force, rtol=1e-8, atol=1e-12)
+
+
+def test_tools_are_told_nothing_by_a_failed_step():
+    """A force that one rank alone has set, before another raised, is no part of the next solve."""
+    case = Plane()
+
+    def drive(t, dt):
+        case.lower(t, dt)
+        case.tool.rotation = 0.1
+        last = WORLD.rank == WORLD.size - 1
+        if not last or WORLD.size == 1:
+            case.tool.drive(3.0, [0.0, -1.0])
+        if last:
+            raise RuntimeError("alone")
+
+    case.drive = drive
+    raises_everywhere(WORLD, RuntimeError, "alone", case.stepper.step)
+    assert case.tool.driven is None and not case.tool.displacement.any()
+    assert not case.tool.rotation.any()
+    case.problem.solve()
+
+
+@pytest.mark.parametrize("what", ("displacement", "rotation", "position"))
+def test_one_rank_raises_before_it_moves_the_tool(what):
+    """Others set what it does not get to: nobody waits."""
+    case = Plane()
+
+    def drive(t, dt):
+        if WORLD.rank == WORLD.size - 1:
+            raise RuntimeError("no such row in the table")
+        setattr(case.tool, what, getattr(case.tool, what))
+        case.tool.drive(1.0, [0.0, -1.0])
+
+    case.drive = drive
+    raises_everywhere(WORLD, RuntimeError, "no such row", case.stepper.step)
+
+
+def test_bad_motion_on_one_rank_inside_a_step():
+    case = Plane()
+
+    def drive(t, dt):
+        case.tool.displacement = [0.0, np.nan if WORLD.rank == WORLD.size - 1 else 0.0]
+
+    case.drive = drive
+    raises_everywhere(WORLD, ValueError, "displacement: must be finite", case.stepper.step)
+
+
+# --- A step that was made
+
+
+@pytest.mark.parametrize("moving", (True, False))
+def test_solve_after_a_step(moving):
+    """Nothing has changed since: forces and places stay."""
+    case = Plane(None if moving else lambda t, dt: None)
+    case.tool.displacement = [0.0, -DOWN]
+    for _ in range(2):
+        case.stepper.step()
+    force, u, position = case.force(), case.u.x.array.copy(), case.tool.position
+    assert np.linalg.norm(force) > 0.1 * DOWN
+    for _ in range(2):
+        case.problem.solve()
+        np.testing.assert_allclose(case.force(), force, rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(case.u.x.array, u, atol=1e-8 * DOWN)
+    assert np.array_equal(position, case.tool.position)
+
+
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
+def test_solve_between_steps_moves_the_tool(friction):
+    """A displacement of the tool between two steps acts as in a step; slip counts from there."""
+    case, other = Plane(friction=friction), Plane(friction=friction)
+    for each in (case, other):
+        each.stepper.step()
+    for moved in ([0.1 * DOWN, -DOWN], [-0.1 * DOWN, 0.0]):
+        case.tool.displacement = moved
+        case.problem.solve()
+        other.drive = lambda t, dt, d=moved: setattr(other.tool, "displacement", d)
+        other.stepper.step()
+        np.testing.assert_allclose(case.force(), other.force(), rtol=1e-6, atol=1e-12)
+        assert abs(case.force()[0]) > 0.01 * DOWN or friction is None
+        case.tool.advance()
+        case.contact.update()
+
+
+def test_pairing_anew_after_a_step():
+    """The user's own ``contact.update()`` counts from the mesh as it is, not as it was paired."""
+    case = Plane()
+    for _ in range(2):
+        case.stepper.step()
+    force = case.force()
+    case.contact.update()
+    case.problem.solve()
+    np.testing.assert_allclose(case.force(), force, rtol=1e-7, atol=1e-12)
+
+
+def test_solve_after_a_step_between_two_bodies():
+    """Meshes that do not match, one body dragged over the other with friction: it sticks."""
+    options = {"quadrature": "overlay", "friction": qs.Coulomb(10.0)}
+    pair = Pair("triangle", contact_options=options)
+    drag_top(pair, 0.0)
+    problem = pair.problem()
+    stepper = qs.TimeStepper(problem, 1.0)
+    stepper.step()
+    drag_top(pair, 0.01)
+    stepper.step()
+    force, slip = pair.contact.force("slave"), pair.contact.slip()
+    problem.solve()
+    scale = np.linalg.norm(force)
+    np.testing.assert_allclose(pair.contact.force("slave"), force, atol=0.02 * scale)
+    np.testing.assert_allclose(pair.contact.slip(), slip, atol=1e-3)
+
+
+def test_solve_after_a_step_in_velocities():
+    """The mesh has moved: the next velocities are those with which the next step begins."""
+    case, other = Upset(theta=0.0, growth=1.0), Upset(theta=0.0, growth=1.0)
+    for each in (case, other):
+        each.stepper.step()
+    case.move(0.0, case.stepper.last_dt)
+    case.problem.solve()
+    other.stepper.step()
+    np.testing.assert_allclose(case.forces(), other.forces(), rtol=1e-7, atol=1e-10)
+    np.testing.assert_allclose(case.w.x.array, other.w.x.array, atol=1e-6)
+
+
+# --- A restart
+
+
+@pytest.fixture
+def folder(tmp_path_factory):
+    """A folder that all ranks know."""
+    return pathlib.Path(WORLD.bcast(str(tmp_path_factory.mktemp("run")), root=0)) / "state"
+
+
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+def test_shown_after_a_restart(folder, enforcement, friction):
+    """Forces are those that were saved, before any step and after a solve with nothing moved."""
+    runs = [Plane(enforcement=enforcement, friction=friction) for _ in range(2)]
+
+    def drive(t, dt):
+        runs[0].tool.displacement = [0.3 * DOWN * dt, -DOWN * dt]
+
+    runs[0].drive = drive
+    for _ in range(2):
+        runs[0].stepper.step()
+    qs.save_run(runs[0].stepper, folder)
+    qs.load_run(runs[1].stepper, folder)
+    force = runs[0].force()
+    assert abs(force[0]) > 0.01 * abs(force[1]) or friction is None
+    exact = enforcement != "penalty"  # with it nodal areas count, of another mesh
+    tolerance = (1e-6 if exact else 1e-2) * np.linalg.norm(force)
+    np.testing.assert_allclose(runs[1].force(), force, atol=tolerance)
+    assert np.array_equal(runs[1].contact.active(), runs[0].contact.active())
+    depth = runs[0].contact.penetration()
+    np.testing.assert_allclose(runs[1].contact.penetration(), depth, atol=1e-3 * DOWN)
+    runs[1].problem.solve()
+    np.testing.assert_allclose(runs[1].force(), force, atol=tolerance)
+
+
+def test_shown_after_a_restart_of_flow(folder):
+    """The same multipliers, on areas that have flowed since they were paired: of first order."""
+    errors = []
+    for dt in (0.04, 0.02):
+        runs = [Upset(dt=dt, growth=1.0) for _ in range(2)]
+        for _ in range(2):
+            runs[0].stepper.step()
+        qs.save_run(runs[0].stepper, folder)
+        qs.load_run(runs[1].stepper, folder)
+        for first, second in zip(runs[0].contacts, runs[1].contacts, strict=True):
+            np.testing.assert_allclose(second.multiplier(), first.multiplier(), rtol=1e-5)
+        errors.append(np.abs(runs[1].forces()[1::2] / runs[0].forces()[1::2] - 1))
+    assert np.all(errors[0] < 0.04) and np.all(errors[1] < 0.6 * errors[0])
