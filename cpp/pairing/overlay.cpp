@@ -194,8 +194,13 @@ private:
         continue;
       }
       intersect(other.polygon(), planar.polygon(), polygon_);
-      if (measure(polygon_) > sliver_tolerance * area)
-        pieces_.push_back({g, std::move(other), polygon_});
+      if (!(measure(polygon_) > sliver_tolerance * area))
+        continue;
+      // The points are not to depend on the order of a facet's vertices.
+      constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
+      if (cut_.type() != FacetType::interval)
+        polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
+      pieces_.push_back({g, std::move(other), polygon_});
     }
   }
 
