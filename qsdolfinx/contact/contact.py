@@ -103,6 +103,10 @@ class Contact:
             it never counts as a gap: each node keeps its depth, without strain. ``"error"``: it is
             refused. Points deeper than the search radius are not paired, and not seen. A tie leaves
             any gap as it is; with it the first two are the same.
+        constraints: Where the law is asked for a multiplier. ``"points"``: at each pairing point,
+            so that what is open takes nothing from what is closed beside it; on the overlay,
+            without friction and not tied, where it is the default. ``"nodes"``: at the slave
+            nodes, for weighted gaps.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
@@ -231,6 +235,11 @@ class Contact:
     def quadrature_degree(self) -> int:
         """Degree of the rule on the pieces of the overlay."""
         return self.model.settings.sampling.degree
+
+    @property
+    def constraints(self) -> str:
+        """Where the law is asked for a multiplier, at ``"nodes"`` or ``"points"``."""
+        return self.model.settings.constraints
 
     @property
     def normals(self) -> str:
@@ -434,6 +443,9 @@ class Contact:
     def gap(self, side: str = "slave") -> Array:
         """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
 
+        With constraints at points the mean over the points around each node, and collective, as
+        are :meth:`multiplier` and :meth:`active`.
+
         Args:
             side: Side that carries the multiplier; ``"master"`` with two multipliers only.
 
@@ -451,7 +463,7 @@ class Contact:
         return results.multiplier(self.model, side)
 
     def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
-        """Nodes of this rank that are in contact, shape (nodes,)."""
+        """Nodes of this rank that are in contact, or have a point that is, shape (nodes,)."""
         return results.active(self.model, side)
 
     def tangential_multiplier(self, side: str = "slave") -> Array:
@@ -517,8 +529,8 @@ class Contact:
         """Size of the contact at the last evaluation. Collective.
 
         Returns:
-            Area of the closed slave nodes, Σ S_k (2D: length), and the radius of a disc of this
-            area (2D: half the length). Known to about half a facet at the rim.
+            Area of the closed slave nodes, Σ S_k, or points, Σ w_p (2D: length), and the radius
+            of a disc of this area (2D: half the length). Known to about half a facet at the rim.
         """
         return results.patch(self.model)
 

@@ -62,8 +62,8 @@ class ContactReport:
         missed_facets: On the overlay, facets that found no partner; else 0.
         gap: Smallest and largest weighted gap at the last evaluation (length, positive in
             penetration; of tied contact the size of the jump); None if nothing is paired.
-        active: Rows (nodes with a multiplier) in contact; None before the first solve with an
-            automatic penalty.
+        active: Rows (nodes with a multiplier, or points) in contact; None before the first solve
+            with an automatic penalty.
         rows: Rows.
         slipping: Active rows that slip; None without friction.
         unloaded: Nodes of the master within reach of the slave that no force can ever load,
@@ -75,7 +75,7 @@ class ContactReport:
         overclosure: Penetration at the first pairing (length).
         treatment: What becomes of it, ``initial_overclosure``.
         search_radius: Distance (length) beyond which nothing is paired.
-        method: Formulation, quadrature and normals.
+        method: Formulation, quadrature, normals and constraints.
         law: Law, enforcement and friction.
         motion: Unknowns of the bodies, and Δt.
     """
@@ -180,7 +180,8 @@ def make_report(model: ContactModel) -> ContactReport:
         model.overclosure.depth,
         _treatment(model),
         model.paired.search_radius,
-        f"{settings.formulation}, {sampling.quadrature}, {sampling.normals} normals",
+        f"{settings.formulation}, {sampling.quadrature}, {sampling.normals} normals, "
+        f"constraints at {settings.constraints}",
         f"{type(model.law).__name__}, {enforcement}, {friction}",
         f"{' and '.join(dict.fromkeys(model.kinematics.unknown))}{dt}",
     )

@@ -219,6 +219,28 @@ def test_sides_on_a_round_surface():
     assert found[1][1] > 0
 
 
+def test_large_facets_beside_the_contact():
+    """A wedge with long sides: how far away its points are looked for does not matter."""
+    msh = box(WORLD, (16, 8), "quadrilateral", (-1.0, -1.0), (1.0, 0.0), "scattered")
+    V = vector_space(msh)
+    held = clamp(V, plane(msh, 1, -1.0))
+    x = np.array([[-2.0, 5.0], [-0.3, 0.0], [0.3, 0.0], [2.0, 5.0]])
+    found = {}
+    for constraints in ("nodes", "points"):
+        for radius in (0.06, None):
+            tool = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2], [2, 3]])
+            tool.displacement[1] = -0.05
+            u = fem.Function(V)
+            surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
+            options = POINTS | {"constraints": constraints, "search_radius": radius}
+            contact = qs.Contact(surface, tool, penalty=100.0, **options)
+            qs.ContactProblem([elastic(u)], [u], [contact], [[held]]).solve()
+            found[constraints, radius] = contact.force("slave")[1]
+    assert contact.search_radius > 2
+    assert np.isclose(found["points", 0.06], found["points", None], rtol=1e-9)
+    assert not np.isclose(found["nodes", 0.06], found["nodes", None], rtol=1e-2)
+
+
 def test_penetration_is_that_of_the_points():
     contact, depth = slanted_block(constraints="points")
     assert 0.8 * depth < contact.penetration() <= depth
