@@ -23,14 +23,14 @@ FACTORS = (1, 3, 5, 10, 30, 100)
 def main(h=0.025, case="cylinders"):
     rank = MPI.COMM_WORLD.rank
     if rank == 0:
-        print(f"{'formulation':17}{'quadrature':11}{'normals':10}", "ε h / E =")
-        print(" " * 38 + "".join(f"{f:>14}" for f in FACTORS))
+        print(f"{'formulation':17}{'quadrature':11}{'constraints':13}{'normals':9}", "ε h / E =")
+        print(" " * 50 + "".join(f"{f:>14}" for f in FACTORS))
     kinds = itertools.product(
         ("master-slave", "quasi-symmetric"),
-        ("nodal", "overlay"),
+        (("nodal", "nodes"), ("overlay", "nodes"), ("overlay", "points")),
         ("facet", "bisector"),
     )
-    for formulation, quadrature, normals in kinds:
+    for formulation, (quadrature, constraints), normals in kinds:
         cells = []
         for factor in FACTORS:
             worst = [0.0, 0.0]
@@ -41,6 +41,7 @@ def main(h=0.025, case="cylinders"):
                     formulation=formulation,
                     quadrature=quadrature,
                     normals=normals,
+                    constraints=constraints,
                     penalty=factor * E / size,
                 )
                 r, _ = run(p)
@@ -49,7 +50,7 @@ def main(h=0.025, case="cylinders"):
             cells.append(f"{100 * worst[0]:6.2f}/{100 * worst[1]:5.2f}")
         if rank == 0:
             line = "".join(f"{cell:>14}" for cell in cells)
-            print(f"{formulation:17}{quadrature:11}{normals:10}{line}", flush=True)
+            print(f"{formulation:17}{quadrature:11}{constraints:13}{normals:9}{line}", flush=True)
 
 
 if __name__ == "__main__":

@@ -55,6 +55,7 @@ class Parameters:
     enforcement: str = option("penalty")
     penalty: float | None = option(None, "ε, stress per length")
     normals: str | None = option(None)
+    constraints: str | None = option(None)
     integral: bool = option(False, "l2_error of the function t")
 
 
@@ -84,6 +85,7 @@ def build(comm, p):
         quadrature=p.quadrature,
         enforcement=p.enforcement,
         normals=p.normals,
+        constraints=p.constraints,
     )
     problem = qs.ContactProblem(
         [slave.F, master.F], [slave.u, master.u], [contact], [slave.bcs, master.bcs]

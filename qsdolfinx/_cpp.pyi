@@ -8,14 +8,9 @@ class GapOperator:
     """Weighted gaps of the slave nodes of this rank; see gap/gap.h."""
 
     def __init__(
-        self,
-        slave: Surface,
-        master: Surface | None,
-        points: PairingPoints,
-        jump: bool,
-        by_cover: bool,
+        self, slave: Surface, master: Surface | None, points: PairingPoints, jump: bool, rows: int
     ) -> None:
-        """Collective."""
+        """Rows are nodes (0), nodes with what is covered of them (1), or points (2); collective."""
 
     @property
     def num_rows(self) -> int: ...
@@ -25,11 +20,11 @@ class GapOperator:
 
     @property
     def row_node(self) -> numpy.typing.NDArray[numpy.int64]:
-        """Index of each row's node in the slave's nodes, [row]."""
+        """Index of each row's node in the slave's nodes, [row]; empty if rows are points."""
 
     @property
     def row_area(self) -> numpy.typing.NDArray[numpy.float64]:
-        """What each row's gap is divided by: S_k or its covered part, [row]."""
+        """What each row's gap is divided by: S_k, its covered part, or w_p, [row]."""
 
     @property
     def initial_gap(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -48,6 +43,15 @@ class GapOperator:
         self, f: numpy.typing.NDArray[numpy.float64], slave: int, master: int
     ) -> None:
         """Add the transposed operator times f; collective."""
+
+    def at_points(self, nodal: int) -> numpy.typing.NDArray[numpy.float64]:
+        """Values at the points of a field on the slave, a component for each side; collective."""
+
+    def add_to_nodes(self, f: numpy.typing.NDArray[numpy.float64], nodal: int) -> None:
+        """Add the sums of N_k times values of the points; collective."""
+
+    def raise_nodes(self, f: numpy.typing.NDArray[numpy.float64], nodal: int) -> None:
+        """Raise nodes to the largest value of the points beside them; collective."""
 
     def constrain(self, slave: int, master: int) -> None:
         """Mark constrained unknowns; collective."""

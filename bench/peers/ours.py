@@ -92,6 +92,7 @@ def solve(p, job, sizes):
         quadrature=p.quadrature,
         enforcement=p.enforcement,
         gap_tolerance=p.gap_tolerance,
+        constraints=p.constraints,
     )
     forms, u, bcs = ([body[i] for body in bodies] for i in range(3))
     options = None if p.rtol is None else {"snes_rtol": p.rtol}
@@ -123,6 +124,7 @@ def arguments():
     enforcements = "penalty", "augmented-lagrangian"
     add("--enforcement", choices=enforcements, default="augmented-lagrangian")
     add("--slave", choices=("coarser", "finer", "lower", "upper"), default="coarser")
+    add("--constraints", choices=("nodes", "points"))
     add("--factor", type=float, help="penalty over E/h; otherwise the automatic one")
     add("--gap-tolerance", type=float, default=1e-8)
     add("--solver", default="amg")

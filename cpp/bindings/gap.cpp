@@ -23,20 +23,22 @@ void qsdolfinx::bind_gap(nb::module_& m)
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master,
-             const PairingPoints& points, bool jump, bool by_cover)
+             const PairingPoints& points, bool jump, int rows)
           {
             new (self) GapOperator(slave, master, points, jump ? GapKind::jump : GapKind::normal,
-                                   by_cover);
+                                   static_cast<GapRows>(rows));
           },
-          "slave"_a, "master"_a.none(), "points"_a, "jump"_a, "by_cover"_a, "Collective.")
+          "slave"_a, "master"_a.none(), "points"_a, "jump"_a, "rows"_a,
+          "Rows are nodes (0), nodes with what is covered of them (1), or points (2); collective.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
       .def_prop_ro("width", &GapOperator::width, "Values per row: 1, or gdim of a jump.")
       .def_prop_ro(
-          "row_node", [](const GapOperator& g) { return copy(g.row_node(), {g.num_rows()}); },
-          "Index of each row's node in the slave's nodes, [row].")
+          "row_node",
+          [](const GapOperator& g) { return copy(g.row_node(), {g.row_node().size()}); },
+          "Index of each row's node in the slave's nodes, [row]; empty if rows are points.")
       .def_prop_ro(
           "row_area", [](const GapOperator& g) { return copy(g.row_area(), {g.num_rows()}); },
-          "What each row's gap is divided by: S_k or its covered part, [row].")
+          "What each row's gap is divided by: S_k, its covered part, or w_p, [row].")
       .def_prop_ro(
           "initial_gap", [](const GapOperator& g) { return copy(g.initial_gap(), {g.num_rows()}); },
           "Initial weighted gap, zero for a jump, [row].")
@@ -61,6 +63,18 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "add_transpose", [](GapOperator& g, In<double> f, Handle slave, Handle master)
           { g.add_transpose(f.view(), vecs(slave, master)); }, "f"_a, "slave"_a, "master"_a,
           "Add the transposed operator times f; collective.")
+      .def(
+          "at_points", [](GapOperator& g, Handle nodal)
+          { return copy(g.at_points(reinterpret_cast<Vec>(nodal)), {g.num_rows()}); }, "nodal"_a,
+          "Values at the points of a field on the slave, a component for each side; collective.")
+      .def(
+          "add_to_nodes", [](GapOperator& g, In<double> f, Handle nodal)
+          { g.add_to_nodes(f.view(), reinterpret_cast<Vec>(nodal)); }, "f"_a, "nodal"_a,
+          "Add the sums of N_k times values of the points; collective.")
+      .def(
+          "raise_nodes", [](GapOperator& g, In<double> f, Handle nodal)
+          { g.raise_nodes(f.view(), reinterpret_cast<Vec>(nodal)); }, "f"_a, "nodal"_a,
+          "Raise nodes to the largest value of the points beside them; collective.")
       .def(
           "constrain",
           [](GapOperator& g, Handle slave, Handle master) { g.constrain(vecs(slave, master)); },

@@ -1,10 +1,12 @@
 #include "gap/gap.h"
 #include "gap/gap_rows.h"
+#include "gap/point_rows.h"
 #include "parallel/exchange.h"
 #include "parallel/petsc.h"
 #include "parallel/records.h"
 
 #include <algorithm>
+#include <limits>
 #include <stdexcept>
 #include <tuple>
 
@@ -68,26 +70,62 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
   }
   return out;
 }
+
+/// Scatter from vectors of a surface's body to the unknowns of a side. Collective.
+void build_scatter(GapOperator::Side& side, const Surface& surface)
+{
+  const auto n = static_cast<PetscInt>(side.dofs.size());
+  Vec layout;
+  IS is;
+  check(VecCreateMPI(surface.comm(), static_cast<PetscInt>(surface.local_size()), PETSC_DETERMINE,
+                     &layout));
+  check(VecCreateSeq(PETSC_COMM_SELF, n, &side.local));
+  check(ISCreateGeneral(PETSC_COMM_SELF, n, side.dofs.data(), PETSC_USE_POINTER, &is));
+  check(VecScatterCreate(layout, is, side.local, nullptr, &side.scatter));
+  check(ISDestroy(&is));
+  check(VecDestroy(&layout));
+}
 } // namespace
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,
-                         GapKind kind, bool by_cover)
+                         GapKind kind, GapRows rows)
     : kind_(kind), gdim_(points.gdim), num_sides_(master ? 2 : 1)
 {
-  const PairingPoints others = points_from_others(slave, points);
-  build_rows(slave, {&points, &others}, by_cover);
-  build_scatters(slave, master);
+  if (rows == GapRows::points)
+  {
+    build_points(points);
+    build_scatter(multipliers_, slave);
+  }
+  else
+  {
+    const PairingPoints others = points_from_others(slave, points);
+    build_rows(slave, {&points, &others}, rows == GapRows::covered_nodes);
+  }
+  build_scatter(sides_[0], slave);
+  if (master)
+    build_scatter(sides_[1], *master);
 }
 
 GapOperator::~GapOperator()
 {
   if (!petsc_is_running())
     return;
-  for (Side& side : sides_)
+  for (Side* side : {&sides_[0], &sides_[1], &multipliers_})
   {
-    std::ignore = VecDestroy(&side.local);
-    std::ignore = VecScatterDestroy(&side.scatter);
+    std::ignore = VecDestroy(&side->local);
+    std::ignore = VecScatterDestroy(&side->scatter);
   }
+}
+
+void GapOperator::build_points(const PairingPoints& points)
+{
+  for (int i = 0; i < num_sides_; ++i)
+    rows_at_points(sides_[i], points, i, kind_);
+  multipliers_at_points(multipliers_, points);
+  row_area_ = points.weight;
+  initial_gap_.assign(points.size(), 0);
+  if (kind_ == GapKind::normal)
+    initial_gap_ = points.gap;
 }
 
 void GapOperator::build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
@@ -115,25 +153,6 @@ void GapOperator::build_rows(const Surface& slave, const std::array<const Pairin
     if (const std::int64_t row = row_of[patch.node]; row >= 0) // else its function vanishes there
       for (std::size_t p = patch.first; p < patch.last; ++p)
         initial_gap_[row] += patch.weight(p) * patch.points->gap[p] / area[patch.node];
-}
-
-void GapOperator::build_scatters(const Surface& slave, const Surface* master)
-{
-  for (int i = 0; i < num_sides_; ++i)
-  {
-    Side& side = sides_[i];
-    const Surface& surface = i == 0 ? slave : *master;
-    const auto n = static_cast<PetscInt>(side.dofs.size());
-    Vec layout;
-    IS is;
-    check(VecCreateMPI(surface.comm(), static_cast<PetscInt>(surface.local_size()), PETSC_DETERMINE,
-                       &layout));
-    check(VecCreateSeq(PETSC_COMM_SELF, n, &side.local));
-    check(ISCreateGeneral(PETSC_COMM_SELF, n, side.dofs.data(), PETSC_USE_POINTER, &is));
-    check(VecScatterCreate(layout, is, side.local, nullptr, &side.scatter));
-    check(ISDestroy(&is));
-    check(VecDestroy(&layout));
-  }
 }
 
 std::vector<double> GapOperator::slave_sum() const
@@ -200,6 +219,59 @@ void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
     check(VecScatterBegin(side.scatter, side.local, b[s], ADD_VALUES, SCATTER_REVERSE));
     check(VecScatterEnd(side.scatter, side.local, b[s], ADD_VALUES, SCATTER_REVERSE));
   }
+}
+
+std::vector<double> GapOperator::at_points(Vec nodal)
+{
+  Side& side = multipliers_;
+  if (!side.scatter)
+    throw std::logic_error("the rows are not points");
+  check(VecScatterBegin(side.scatter, nodal, side.local, INSERT_VALUES, SCATTER_FORWARD));
+  check(VecScatterEnd(side.scatter, nodal, side.local, INSERT_VALUES, SCATTER_FORWARD));
+  std::vector<double> out(num_rows(), 0);
+  const PetscScalar* values;
+  check(VecGetArrayRead(side.local, &values));
+  for (std::size_t r = 0; r < num_rows(); ++r)
+    for (std::int64_t e = side.offset[r]; e < side.offset[r + 1]; ++e)
+      out[r] += side.coefficient[e] * values[side.column[e]];
+  check(VecRestoreArrayRead(side.local, &values));
+  return out;
+}
+
+template <typename Visit>
+void GapOperator::reduce_to_nodes(std::span<const double> f, Vec nodal, double start,
+                                  InsertMode mode, Visit visit)
+{
+  Side& side = multipliers_;
+  if (!side.scatter)
+    throw std::logic_error("the rows are not points");
+  if (f.size() != num_rows())
+    throw std::invalid_argument("f must hold one value per row");
+  check(VecSet(side.local, start));
+  PetscScalar* y;
+  check(VecGetArray(side.local, &y));
+  for (std::size_t r = 0; r < num_rows(); ++r)
+    for (std::int64_t e = side.offset[r]; e < side.offset[r + 1]; ++e)
+      visit(y[side.column[e]], side.coefficient[e], f[r]);
+  check(VecRestoreArray(side.local, &y));
+  check(VecScatterBegin(side.scatter, side.local, nodal, mode, SCATTER_REVERSE));
+  check(VecScatterEnd(side.scatter, side.local, nodal, mode, SCATTER_REVERSE));
+}
+
+void GapOperator::add_to_nodes(std::span<const double> f, Vec nodal)
+{
+  reduce_to_nodes(f, nodal, 0.0, ADD_VALUES,
+                  [](double& y, double N, double value) { y += N * value; });
+}
+
+void GapOperator::raise_nodes(std::span<const double> f, Vec nodal)
+{
+  reduce_to_nodes(f, nodal, std::numeric_limits<double>::lowest(), MAX_VALUES,
+                  [](double& y, double N, double value)
+                  {
+                    if (N != 0)
+                      y = std::max(y, value);
+                  });
 }
 
 void GapOperator::constrain(std::array<Vec, 2> markers)

@@ -18,8 +18,16 @@ enum class GapKind
   jump    ///< gdim values a row: (1/S_k) Σ w_p N_k(ξ_p) (u_s - u_m)
 };
 
-/// Weighted gaps of the slave nodes that this rank owns. One row per node with at least one pairing
-/// point; rows are in the order of the slave surface's nodes.
+/// What the rows of the operator are, and what their gaps are divided by.
+enum class GapRows
+{
+  nodes,         ///< slave nodes with a pairing point; S_k
+  covered_nodes, ///< the same; what the points cover of S_k, Σ_p w_p N_k(ξ_p)
+  points         ///< the pairing points, w_p taking the place of S_k: nothing is averaged
+};
+
+/// Weighted gaps of the slave nodes that this rank owns, one row per node with at least one pairing
+/// point, in the order of the slave surface's nodes; or gaps of the pairing points of this rank.
 class GapOperator
 {
 public:
@@ -38,9 +46,8 @@ public:
 
   /// Collective. @param master null for a rigid tool, which has no unknowns
   /// @param points pairing points, anywhere on the communicator
-  /// @param by_cover weighted with what the points cover of S_k, Σ_p w_p N_k(ξ_p), instead of S_k
   GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,
-              GapKind kind, bool by_cover);
+              GapKind kind, GapRows rows);
   ~GapOperator();
   GapOperator(const GapOperator&) = delete;
   GapOperator& operator=(const GapOperator&) = delete;
@@ -49,10 +56,10 @@ public:
   int gdim() const { return gdim_; }
   /// Values per row: 1 or gdim.
   int width() const { return kind_ == GapKind::normal ? 1 : gdim_; }
-  std::size_t num_rows() const { return row_node_.size(); }
-  /// Index of each row's node in the slave surface's nodes.
+  std::size_t num_rows() const { return row_area_.size(); }
+  /// Index of each row's node in the slave surface's nodes; empty if rows are points.
   const std::vector<std::int64_t>& row_node() const { return row_node_; }
-  /// What each row's gap is divided by: S_k or its covered part.
+  /// What each row's gap is divided by: S_k, its covered part, or w_p.
   const std::vector<double>& row_area() const { return row_area_; }
   /// Initial weighted gap d of each row (zero for a jump).
   const std::vector<double>& initial_gap() const { return initial_gap_; }
@@ -70,19 +77,32 @@ public:
   std::vector<double> apply(std::array<Vec, 2> x, std::array<double, 2> scale);
   /// b += Gᵀ f on both bodies. Collective. @param f [row][width]
   void add_transpose(std::span<const double> f, std::array<Vec, 2> b);
+  /// Σ_k N_k(ξ_p) v_k at the points, [row]. v_k is a component at a node of the slave: that with
+  /// the number of the point's smooth side there. Collective; of rows that are points.
+  std::vector<double> at_points(Vec nodal);
+  /// Σ_p N_k(ξ_p) f_p in these components, added. Collective; as above. @param f [row]
+  void add_to_nodes(std::span<const double> f, Vec nodal);
+  /// Largest f_p of the points with N_k(ξ_p) ≠ 0 in these components, if it exceeds what is
+  /// there. Collective; as above. @param f [row]
+  void raise_nodes(std::span<const double> f, Vec nodal);
   /// Say which unknowns carry Dirichlet conditions: nonzero entries of the markers. Collective.
   void constrain(std::array<Vec, 2> markers);
 
 private:
   void build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
                   bool by_cover);
-  void build_scatters(const Surface& slave, const Surface* master);
+  void build_points(const PairingPoints& points);
+  /// visit(value of a node, N_k, f_p) for all N_k at all points, then to the nodes' owners.
+  template <typename Visit>
+  void reduce_to_nodes(std::span<const double> f, Vec nodal, double start, InsertMode mode,
+                       Visit visit);
 
   GapKind kind_;
   int gdim_, num_sides_;
   std::vector<std::int64_t> row_node_;
   std::vector<double> row_area_, initial_gap_;
   std::array<Side, 2> sides_;
+  Side multipliers_; ///< N_k at the points, if these are the rows
 };
 
 } // namespace qsdolfinx

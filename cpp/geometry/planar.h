@@ -37,6 +37,13 @@ public:
   void clear() { size_ = 0; }
   void push_back(const Vec2& q) { corners_.at(size_++) = q; }
   void reverse() { std::reverse(corners_.begin(), corners_.begin() + size_); }
+  /// Let it begin with the corner that is furthest back along a direction.
+  void begin_along(const Vec2& direction)
+  {
+    const auto first = corners_.begin(), last = first + size_;
+    const auto place = [&](const Vec2& q) { return q[0] * direction[0] + q[1] * direction[1]; };
+    std::rotate(first, std::ranges::min_element(first, last, {}, place), last);
+  }
 
 private:
   // A line cuts at most half the sides: 4 corners become 6, 9, 13, 19 along 4 lines.

@@ -17,6 +17,7 @@ struct NearbyFacets : FacetCopies
   int degree, num_trace, gdim;
   std::vector<std::int64_t> dofs; ///< [facet][trace][gdim]
   std::vector<int> owner;         ///< [facet][trace]
+  std::vector<std::uint8_t> side; ///< smooth sides, [facet][vertex]
 };
 
 /// Copy the facets of `from` to all ranks whose facets of `to` may be within the radius. They
@@ -30,12 +31,14 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
   facets_in_boxes(from, boxes, dest, facets);
   std::vector<double> x, orientation;
   std::vector<std::int64_t> dofs;
+  std::vector<std::uint8_t> side;
   for (std::size_t f : facets)
   {
     append_record(x, from.facets().x, f, nv * 3);
     append_record(orientation, from.facets().orientation, f, 1);
     append_record(dofs, from.facets().dofs, f, nt * d);
     append_record(owner, from.facets().owner, f, nt);
+    append_record(side, from.facets().vertex_side, f, nv);
   }
   const Exchange exchange(from.comm(), dest);
   return {
@@ -44,7 +47,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
       nt,
       d,
       exchange.forward<std::int64_t>(dofs, nt * d),
-      exchange.forward<int>(owner, nt)};
+      exchange.forward<int>(owner, nt),
+      exchange.forward<std::uint8_t>(side, nv)};
 }
 
 /// Part of a facet that one facet of the other surface covers.
@@ -190,8 +194,13 @@ private:
         continue;
       }
       intersect(other.polygon(), planar.polygon(), polygon_);
-      if (measure(polygon_) > sliver_tolerance * area)
-        pieces_.push_back({g, std::move(other), polygon_});
+      if (!(measure(polygon_) > sliver_tolerance * area))
+        continue;
+      // The points are not to depend on the order of a facet's vertices.
+      constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
+      if (cut_.type() != FacetType::interval)
+        polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
+      pieces_.push_back({g, std::move(other), polygon_});
     }
   }
 
@@ -326,6 +335,9 @@ private:
                   cut_.degree(), here, p);
       append_side(!cut_is_slave_, y, nearby_.dofs, nearby_.owner, piece.other, nearby_.type,
                   nearby_.degree, there, p);
+      append_record(points_.multiplier_side,
+                    cut_is_slave_ ? cut_.facets().vertex_side : nearby_.side,
+                    cut_is_slave_ ? f : piece.other, points_.num_multipliers);
     }
   }
 

@@ -33,7 +33,9 @@ struct PairingPoints
   int num_multipliers = 0; ///< vertices of a slave facet
   PairingSide slave, master;
   std::vector<double> multiplier_values; ///< P1 or Q1 functions N_k, [point][slave vertex]
-  std::vector<double> normal;            ///< outward of the slave, into the master, [point][3]
+  std::vector<std::uint8_t>
+      multiplier_side;           ///< smooth side of the slave there, likewise; 0 of nodes
+  std::vector<double> normal;    ///< outward of the slave, into the master, [point][3]
   std::vector<double> gap;       ///< signed distance (x_master - x_slave)·n, positive when open
   std::vector<double> weight;    ///< area
   std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
@@ -52,6 +54,7 @@ struct PairingPoints
       visit(side->shape_values, nodes);
     }
     visit(multiplier_values, num_multipliers);
+    visit(multiplier_side, num_multipliers);
     visit(normal, 3);
     visit(gap, 1);
     visit(weight, 1);

@@ -32,6 +32,7 @@ PairingPoints qsdolfinx::sample_nodes(const Surface& slave)
   for (std::size_t k = 0; k < nodes.size(); ++k)
     append_node(out.slave, nodes, k, out.gdim, slave.rank());
   out.multiplier_values = out.slave.shape_values;
+  out.multiplier_side.assign(out.multiplier_values.size(), 0);
   out.weight = nodes.area;
   out.normal = nodes.normal;
   out.master.x = nodes.x;
@@ -59,6 +60,7 @@ PairingPoints qsdolfinx::sample_facets(const Surface& slave, const Rule& rule)
       append_record(out.slave.owner, facets.owner, f, nt);
       append_record(out.slave.shape_values, T, 0, nt);
       append_record(out.multiplier_values, N, 0, nv);
+      append_record(out.multiplier_side, facets.vertex_side, f, nv);
       append_record(out.normal, n, 0, 3);
       append_record(out.master.x, x, 0, 3);
       out.gap.push_back(0);

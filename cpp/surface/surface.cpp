@@ -85,6 +85,7 @@ Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double
   orient_and_measure(inside);
   measure_nodes();
   mark_boundary();
+  find_sides();
 }
 
 void Surface::move(std::span<const double> x, std::span<const double> inside)
@@ -224,6 +225,51 @@ void Surface::mark_boundary()
   for (std::size_t i = 0; i < answers.size(); ++i)
     answers[i] = on_boundary[node_of_record_[i]];
   facets_.vertex_on_boundary = to_owner_->reverse<std::uint8_t>(answers, 1);
+}
+
+void Surface::find_sides()
+{
+  const int nv = num_vertices();
+  std::vector<double> normals;
+  normals.reserve(facets_.vertex_owner.size() * 3);
+  for (std::size_t f = 0; f < num_facets(); ++f)
+  {
+    const Vec3 n = normal(f, facet_centre(type_));
+    for (int i = 0; i < nv; ++i)
+      normals.insert(normals.end(), n.begin(), n.end());
+  }
+  const auto received = to_owner_->forward<double>(normals, 3);
+  const auto normal_of = [&](std::size_t i) { return facet_vertex(received, static_cast<int>(i)); };
+
+  std::vector<std::vector<std::size_t>> records(nodes_.size()); // of each node
+  for (std::size_t i = 0; i < node_of_record_.size(); ++i)
+    records[node_of_record_[i]].push_back(i);
+  std::vector<std::uint8_t> side(node_of_record_.size(), 0);
+  for (std::vector<std::size_t>& at_node : records)
+  {
+    // Sides are numbered along some direction, so that partitions do not matter.
+    const Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
+    std::ranges::sort(at_node, {}, [&](std::size_t i) { return dot(normal_of(i), along); });
+    std::vector<std::size_t> rest = at_node, reached;
+    for (int s = 0; !rest.empty(); ++s)
+    {
+      reached.assign(1, rest.front());
+      rest.erase(rest.begin());
+      for (std::size_t next = 0; next < reached.size(); ++next)
+        std::erase_if(rest,
+                      [&](std::size_t i)
+                      {
+                        const bool smooth
+                            = dot(normal_of(i), normal_of(reached[next])) > smooth_cosine;
+                        if (smooth)
+                          reached.push_back(i);
+                        return smooth;
+                      });
+      for (std::size_t i : reached)
+        side[i] = static_cast<std::uint8_t>(std::min(s, gdim_ - 1));
+    }
+  }
+  facets_.vertex_side = to_owner_->reverse<std::uint8_t>(side, 1);
 }
 
 Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi) const

@@ -29,6 +29,9 @@ struct Facets
   std::vector<double> size;                   ///< largest distance of two vertices
   std::vector<std::uint8_t> edge_on_boundary; ///< edge belongs to one facet only, [facet][edge]
   std::vector<std::uint8_t> vertex_on_boundary; ///< vertex touches such an edge, [facet][vertex]
+  /// Smooth side of the surface at the vertex that the facet belongs to, below gdim; all 0 where
+  /// there is no crease. As the surface was at first. [facet][vertex]
+  std::vector<std::uint8_t> vertex_side;
 };
 
 /// Nodes of a contact surface whose unknowns this rank owns, in ascending order of `dofs`. This
@@ -42,6 +45,10 @@ struct Nodes
 
   std::size_t size() const { return area.size(); }
 };
+
+/// Cosine of the angle (30°) by which normals of facets at a node may differ, step by step, on one
+/// smooth side; the others are beyond a crease.
+inline constexpr double smooth_cosine = 0.866025;
 
 /// The boxes of all ranks. Collective.
 std::vector<Box> boxes_of_ranks(MPI_Comm comm, const Box& box);
@@ -112,6 +119,7 @@ private:
   void number_nodes();
   void measure_nodes();
   void mark_boundary();
+  void find_sides();
 
   MPI_Comm comm_;
   int rank_, gdim_;

@@ -16,6 +16,7 @@ CHOICES = {
     "quadrature": ("nodal", "overlay"),
     "enforcement": ("penalty", "augmented-lagrangian"),
     "normals": ("facet", "bisector"),
+    "constraints": ("nodes", "points"),
 }
 
 

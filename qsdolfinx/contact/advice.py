@@ -58,7 +58,7 @@ class Candidates(typing.NamedTuple):
 
 
 def _pairing(model: ContactModel) -> str:
-    rows = _total(model, len(model.gaps[0].row_node))
+    rows = _total(model, len(model.gaps[0].rows.reached))
     tool = as_tool(model.master)
     if tool is not None and tool.is_analytic:
         found = _of_shape(model, tool)

@@ -46,6 +46,31 @@ def check_formulation(formulation: str, enforcement: str, master: AnySurface) ->
     )
 
 
+def chosen_constraints(
+    constraints: str | None, quadrature: str, law: Law, friction: Friction | None
+) -> str:
+    """Constraints as given, or where they are by default.
+
+    Raises:
+        ValueError: If they are to be at points where nodes are what counts.
+    """
+    if constraints is None:
+        at_points = quadrature == "overlay" and friction is None and not law.jump
+        return "points" if at_points else "nodes"
+    if constraints == "nodes":
+        return constraints
+    require(quadrature == "overlay", 'constraints: "points" needs quadrature="overlay"')
+    require(
+        not law.jump,
+        'constraints: tied contact is over-constrained at "points"; use "nodes"',
+    )
+    require(
+        friction is None,
+        'constraints: friction is at nodes, and so has to be the pressure; use "nodes"',
+    )
+    return constraints
+
+
 def check_friction(friction: typing.Any, slave: Surface) -> None:
     """Refuse friction of another type, or with parameters of another mesh."""
     check(either(instance(Friction, "such as qs.Coulomb(0.2)"), None), friction=friction)

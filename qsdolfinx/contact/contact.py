@@ -23,6 +23,7 @@ from qsdolfinx.contact.arguments import (
     check_friction,
     check_friction_use,
     check_surfaces,
+    chosen_constraints,
 )
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty
@@ -32,6 +33,7 @@ from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
 from qsdolfinx.gap.laws import Law, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
+from qsdolfinx.gap.rows import CONSTRAINTS
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.surface.surface import Surface
@@ -101,6 +103,10 @@ class Contact:
             it never counts as a gap: each node keeps its depth, without strain. ``"error"``: it is
             refused. Points deeper than the search radius are not paired, and not seen. A tie leaves
             any gap as it is; with it the first two are the same.
+        constraints: Where the law is asked for a multiplier. ``"points"``: at each pairing point,
+            so that what is open takes nothing from what is closed beside it; on the overlay,
+            without friction and not tied, where it is the default. ``"nodes"``: at the slave
+            nodes, for weighted gaps.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
@@ -130,6 +136,7 @@ class Contact:
         friction: Friction | None = None,
         friction_penalty: float | None = None,
         initial_overclosure: str = "resolve",
+        constraints: str | None = None,
     ) -> None:
         law = Unilateral() if law is None else law
         check_alone(SLAVE, slave=slave)
@@ -155,10 +162,12 @@ class Contact:
             same(either(POSITIVE, None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
+            same(either(one_of(CONSTRAINTS), None), constraints=constraints)
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.
         check_friction_use(friction, friction_penalty, law)
+        where = chosen_constraints(constraints, quadrature, law, friction)
         needs_dt = friction is not None and friction.needs_dt
         kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=rigid)
         augmented = enforcement == "augmented-lagrangian"
@@ -169,6 +178,7 @@ class Contact:
             law,
             Sampling(quadrature, degree, normals),
             None if search_radius is None else float(search_radius),
+            where,
             augmented,
             float(gap_tolerance),
         )
@@ -176,7 +186,13 @@ class Contact:
         self.model = ContactModel(
             settings,
             kinematics,
-            Penalty(penalty, quadrature, augmented, "velocity" in kinematics.unknown),
+            Penalty(
+                penalty,
+                quadrature,
+                augmented,
+                "velocity" in kinematics.unknown,
+                where == "points",
+            ),
             overclosure,
             None if friction is None else FrictionHistory(friction, slave, friction_penalty),
         )
@@ -219,6 +235,11 @@ class Contact:
     def quadrature_degree(self) -> int:
         """Degree of the rule on the pieces of the overlay."""
         return self.model.settings.sampling.degree
+
+    @property
+    def constraints(self) -> str:
+        """Where the law is asked for a multiplier, at ``"nodes"`` or ``"points"``."""
+        return self.model.settings.constraints
 
     @property
     def normals(self) -> str:
@@ -422,6 +443,9 @@ class Contact:
     def gap(self, side: str = "slave") -> Array:
         """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
 
+        With constraints at points the mean over the points around each node, and collective, as
+        are :meth:`multiplier` and :meth:`active`.
+
         Args:
             side: Side that carries the multiplier; ``"master"`` with two multipliers only.
 
@@ -439,7 +463,7 @@ class Contact:
         return results.multiplier(self.model, side)
 
     def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
-        """Nodes of this rank that are in contact, shape (nodes,)."""
+        """Nodes of this rank that are in contact, or have a point that is, shape (nodes,)."""
         return results.active(self.model, side)
 
     def tangential_multiplier(self, side: str = "slave") -> Array:
@@ -505,8 +529,8 @@ class Contact:
         """Size of the contact at the last evaluation. Collective.
 
         Returns:
-            Area of the closed slave nodes, Σ S_k (2D: length), and the radius of a disc of this
-            area (2D: half the length). Known to about half a facet at the rim.
+            Area of the closed slave nodes, Σ S_k, or points, Σ w_p (2D: length), and the radius
+            of a disc of this area (2D: half the length). Known to about half a facet at the rim.
         """
         return results.patch(self.model)
 

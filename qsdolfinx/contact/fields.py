@@ -117,7 +117,7 @@ def deformable_side(model: ContactModel, side: str) -> Surface:
 def _of_own_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
     """Status of the nodes of a side that carries multipliers."""
     p = results.gap_of(model, side)
-    paired = p.on_nodes(np.ones(len(p.row_node), dtype=bool), False)
+    paired = np.isin(np.arange(len(p.slave.node_area)), p.rows.reached)
     status = np.where(paired, Status.OPEN, Status.UNPAIRED)
     status = np.where(results.active(model, side), Status.ACTIVE, status)
     if model.slips:

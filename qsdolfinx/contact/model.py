@@ -40,6 +40,7 @@ class Settings:
         law: From the gap to the multiplier.
         sampling: Where the gap is sampled.
         search_radius: Length; None for the largest facet at each pairing.
+        constraints: Whether the law is asked at ``"nodes"``, or at the pairing ``"points"``.
         augmented: Whether the multiplier is augmented until the gap is closed.
         gap_tolerance: Gap at which augmentation ends, in units of the smallest facet.
     """
@@ -50,8 +51,16 @@ class Settings:
     law: Law
     sampling: Sampling
     search_radius: float | None
+    constraints: str
     augmented: bool
     gap_tolerance: float
+
+    @property
+    def rows(self) -> str:
+        """What the rows of the gaps are, see :class:`WeightedGap`."""
+        if self.constraints == "points":
+            return "points"
+        return "cover" if self.sampling.quadrature == "overlay" else "area"
 
     @property
     def roles(self) -> list[tuple[Surface, AnySurface]]:
@@ -108,7 +117,7 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
             ),
             settings.law,
             1 / len(roles),
-            by_cover=settings.sampling.quadrature == "overlay",
+            rows=settings.rows,
             augmented=settings.augmented,
         )
         for first, second in roles

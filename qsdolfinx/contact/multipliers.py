@@ -36,9 +36,10 @@ def set_known(model: ContactModel, multipliers: typing.Sequence[Array]) -> None:
 def on_nodes(parts: typing.Sequence[Part]) -> list[Array]:
     """λ̂ and τ̂ at all owned nodes of each part's slave; the same when contact pairs anew."""
     return [
-        np.asarray((part.gap if isinstance(part, Slip) else part).on_nodes(augmented, 0.0))
+        np.asarray(part.gap.rows.on_nodes(part.state.augmented, 0.0))
+        if isinstance(part, Slip)
+        else part.augmented_on_nodes()
         for part in parts
-        for augmented in (part.state.augmented,)
     ]
 
 
@@ -47,10 +48,11 @@ def set_on_nodes(
 ) -> None:
     """Put back what :func:`on_nodes` gave; τ̂ turns with the surface if asked."""
     for part, multiplier in zip(parts, multipliers, strict=True):
-        at_rows = np.array(multiplier[part.row_node], dtype=np.float64)
-        if turn and isinstance(part, Slip):
-            at_rows = part.turned(at_rows)
-        part.state.augmented = at_rows
+        if isinstance(part, Slip):
+            at_rows = part.gap.rows.from_nodes(multiplier)
+            part.state.augmented = part.turned(at_rows) if turn else at_rows
+        else:
+            part.set_augmented_on_nodes(multiplier)
 
 
 def reset(model: ContactModel) -> None:

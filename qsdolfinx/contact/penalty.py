@@ -23,6 +23,11 @@ FACTORS = {"nodal": 100.0, "overlay": 5.0}
 #: stiffer one takes fewer.
 AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
 
+#: The same with constraints at points, in units of the slave's facets, to which the multipliers
+#: belong. What these cannot follow of the gaps between polygons a stiffer one would press out of a
+#: finer master's traction; a softer one takes more updates.
+POINTS_FACTOR = 5.0
+
 #: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
 #: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,
 #: is no longer small compared with the tolerances. tests/contact/test_report.py measures both.
@@ -63,11 +68,13 @@ def automatic_penalty(
     quadrature: str,
     augmented: bool,
     together: bool,
+    at_points: bool,
 ) -> float:
     """The penalty, stress per length, for the nodal stiffness of the two sides.
 
     A multiple of the softer side's stiffness. With an augmented Lagrangian of the softer side's
-    modulus over the finer side's facet size: the finer side has the modes that converge last.
+    modulus over the finer side's facet size: the finer side has the modes that converge last. With
+    constraints at points over that of the slave.
 
     Args:
         stiffness: Mean of K_kk / S_k of each side, stress per length.
@@ -75,13 +82,15 @@ def automatic_penalty(
         quadrature: ``"nodal"`` or ``"overlay"``.
         augmented: Whether augmented multipliers close the gap.
         together: Whether its multipliers come from one linear system: tied contact with ``"amg"``.
+        at_points: Whether constraints are at points.
 
     Raises:
         ValueError: If neither gives a positive number.
     """
     if augmented:
-        sizes = [E / k for k, E in zip(stiffness, modulus, strict=True) if 0 < k < math.inf]
-        penalty = AUGMENTED_FACTORS[together] * min(modulus) / min(sizes, default=math.inf)
+        sizes, factor = _sizes(stiffness, modulus), _factor(together, at_points)
+        size = sizes[0] if at_points and sizes[0] < math.inf else min(sizes)
+        penalty = factor * min(modulus) / size
     else:
         penalty = FACTORS[quadrature] * min(stiffness)
     if not (math.isfinite(penalty) and penalty > 0):
@@ -98,19 +107,29 @@ def source(
     quadrature: str,
     augmented: bool,
     together: bool,
+    at_points: bool,
 ) -> str:
     """What :func:`automatic_penalty` has done, in words; arguments as there."""
     sides = ("slave", "master")
     if augmented:
-        sizes = [E / k if 0 < k < math.inf else math.inf for k, E in zip(stiffness, modulus)]
-        soft, fine = sides[np.argmin(modulus)], sides[np.argmin(sizes)]
-        factor = AUGMENTED_FACTORS[together]
+        sizes, factor = _sizes(stiffness, modulus), _factor(together, at_points)
+        i = 0 if at_points and sizes[0] < math.inf else int(np.argmin(sizes))
         return (
-            f"automatic: {factor:g} x modulus {min(modulus):.4g} of the {soft} / "
-            f"facet size {min(sizes):.4g} of the {fine}"
+            f"automatic: {factor:g} x modulus {min(modulus):.4g} of the "
+            f"{sides[np.argmin(modulus)]} / facet size {sizes[i]:.4g} of the {sides[i]}"
         )
     soft = sides[np.argmin(stiffness)]
     return f"automatic: {FACTORS[quadrature]:g} x stiffness {min(stiffness):.4g} of the {soft}"
+
+
+def _sizes(stiffness: typing.Sequence[float], modulus: typing.Sequence[float]) -> list[float]:
+    """Facet size of each side, infinite where nothing is free."""
+    pairs = zip(stiffness, modulus, strict=True)
+    return [E / k if 0 < k < math.inf else math.inf for k, E in pairs]
+
+
+def _factor(together: bool, at_points: bool) -> float:
+    return POINTS_FACTOR if at_points else AUGMENTED_FACTORS[together]
 
 
 class Penalty:
@@ -121,10 +140,14 @@ class Penalty:
         quadrature: ``"nodal"`` or ``"overlay"``.
         augmented: Whether augmented multipliers close the gap.
         flows: Whether a body has velocities.
+        at_points: Whether constraints are at points.
     """
 
-    def __init__(self, given: float | str, quadrature: str, augmented: bool, flows: bool) -> None:
+    def __init__(
+        self, given: float | str, quadrature: str, augmented: bool, flows: bool, at_points: bool
+    ) -> None:
         self._quadrature, self._augmented, self._flows = quadrature, augmented, flows
+        self._at_points = at_points
         self.automatic = isinstance(given, str)
         #: The number; None as long as an automatic one has not been computed.
         self.value: float | None = None if isinstance(given, str) else float(given)
@@ -167,5 +190,6 @@ class Penalty:
         """
         self.stiffness = stiffness
         if self.automatic and (self.value is None or (self._augmented and self._flows)):
-            known = stiffness, modulus, self._quadrature, self._augmented, together
-            self.set_automatic(automatic_penalty(*known), source(*known))
+            kind = self._quadrature, self._augmented, together, self._at_points
+            known = automatic_penalty(stiffness, modulus, *kind)
+            self.set_automatic(known, source(stiffness, modulus, *kind))

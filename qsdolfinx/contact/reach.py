@@ -36,7 +36,7 @@ def check_reach(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None)
     if model.reach_warned:
         return
     p = model.gaps[0]
-    alone = np.setdiff1d(np.arange(len(model.slave.node_area)), p.row_node)
+    alone = np.setdiff1d(np.arange(len(model.slave.node_area)), p.rows.reached)
     if model.law.jump or model.comm.allreduce(len(alone)) == 0:
         return
     parts = zip((slave, master), model.kinematics.scale, model.offset or (None, None), strict=True)

@@ -62,8 +62,8 @@ class ContactReport:
         missed_facets: On the overlay, facets that found no partner; else 0.
         gap: Smallest and largest weighted gap at the last evaluation (length, positive in
             penetration; of tied contact the size of the jump); None if nothing is paired.
-        active: Rows (nodes with a multiplier) in contact; None before the first solve with an
-            automatic penalty.
+        active: Rows (nodes with a multiplier, or points) in contact; None before the first solve
+            with an automatic penalty.
         rows: Rows.
         slipping: Active rows that slip; None without friction.
         unloaded: Nodes of the master within reach of the slave that no force can ever load,
@@ -75,7 +75,7 @@ class ContactReport:
         overclosure: Penetration at the first pairing (length).
         treatment: What becomes of it, ``initial_overclosure``.
         search_radius: Distance (length) beyond which nothing is paired.
-        method: Formulation, quadrature and normals.
+        method: Formulation, quadrature, normals and constraints.
         law: Law, enforcement and friction.
         motion: Unknowns of the bodies, and Δt.
     """
@@ -149,7 +149,7 @@ def make_report(model: ContactModel) -> ContactReport:
         [
             sum(p.points.size for p in model.gaps),
             sum(p.points.num_unpaired for p in model.gaps),
-            sum(len(p.row_node) for p in model.gaps),
+            sum(p.num_rows for p in model.gaps),
             0 if model.penalty.value is None else num_closed(model),
             sum(int(np.count_nonzero(slip.slipping)) for slip in model.slips),
         ]
@@ -180,7 +180,8 @@ def make_report(model: ContactModel) -> ContactReport:
         model.overclosure.depth,
         _treatment(model),
         model.paired.search_radius,
-        f"{settings.formulation}, {sampling.quadrature}, {sampling.normals} normals",
+        f"{settings.formulation}, {sampling.quadrature}, {sampling.normals} normals, "
+        f"constraints at {settings.constraints}",
         f"{type(model.law).__name__}, {enforcement}, {friction}",
         f"{' and '.join(dict.fromkeys(model.kinematics.unknown))}{dt}",
     )
@@ -203,7 +204,8 @@ def _found(model: ContactModel, surface: AnySurface) -> int | None:
     first = model.gaps[0]
     if surface is model.slave or len(model.gaps) > 1:
         p = first if surface is model.slave else model.gaps[1]
-        return len(p.row_node) if model.settings.sampling.quadrature == "overlay" else _at_slave(p)
+        overlay = model.settings.sampling.quadrature == "overlay"
+        return len(p.rows.reached) if overlay else _at_slave(p)
     if (
         model.settings.sampling.quadrature == "nodal"
         and model.settings.formulation == "quasi-symmetric"
@@ -237,7 +239,7 @@ def _unloaded(model: ContactModel) -> int:
     near = _cpp.pair_surfaces(*surfaces, False, model.paired.search_radius, 0).slave["dofs"][
         :, 0, 0
     ]
-    reached = faced(p, np.zeros(len(p.row_node))).reached
+    reached = faced(p, np.zeros(p.num_rows)).reached
     alone = np.isin(master.node_dofs[:, 0], near) & ~reached
     return int(model.comm.allreduce(int(np.count_nonzero(alone))))
 

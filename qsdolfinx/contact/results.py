@@ -88,25 +88,25 @@ def slip_of(model: ContactModel, side: str) -> Slip:
 def gap(model: ContactModel, side: str) -> Array:
     """Weighted gap ḡ, NaN where a node has no pairing point."""
     p = gap_of(model, side)
-    return typing.cast(Array, _flat(p.on_nodes(p.state.values, math.nan)))
+    return typing.cast(Array, _flat(p.rows.on_nodes(p.state.values, math.nan)))
 
 
 def multiplier(model: ContactModel, side: str) -> Array:
     """λ, 0 where unpaired."""
     p = gap_of(model, side)
-    return typing.cast(Array, _flat(p.on_nodes(p.multiplier(model.eps), 0.0)))
+    return typing.cast(Array, _flat(p.rows.on_nodes(p.multiplier(model.eps), 0.0)))
 
 
 def active(model: ContactModel, side: str) -> Flags:
     """Nodes in contact."""
     p = gap_of(model, side)
-    return typing.cast(Flags, p.on_nodes(active_set.closed(model, p), False))
+    return typing.cast(Flags, p.rows.on_nodes(active_set.closed(model, p), False))
 
 
 def tangential_multiplier(model: ContactModel, side: str) -> Array:
     """τ, 0 where unpaired."""
     slip = slip_of(model, side)
-    return np.asarray(slip.gap.on_nodes(slip.state.response.traction, 0.0), dtype=np.float64)
+    return np.asarray(slip.gap.rows.on_nodes(slip.state.response.traction, 0.0), dtype=np.float64)
 
 
 def slip(model: ContactModel, side: str) -> Array:
@@ -119,13 +119,13 @@ def slip(model: ContactModel, side: str) -> Array:
 def slipping(model: ContactModel, side: str) -> Flags:
     """Nodes in contact that slip."""
     found = slip_of(model, side)
-    return np.asarray(found.gap.on_nodes(found.slipping, False), dtype=bool)
+    return np.asarray(found.gap.rows.on_nodes(found.slipping, False), dtype=bool)
 
 
 def dissipation(model: ContactModel, side: str) -> Array:
     """Energy that friction took at each node in the last step."""
     found = slip_of(model, side)
-    return np.asarray(found.gap.on_nodes(found.dissipation(), 0.0), dtype=np.float64)
+    return np.asarray(found.gap.rows.on_nodes(found.dissipation(), 0.0), dtype=np.float64)
 
 
 # --- Totals
@@ -133,9 +133,8 @@ def dissipation(model: ContactModel, side: str) -> Array:
 
 def penetration(model: ContactModel) -> float:
     """Largest gap of the slave, of a tied one its size. Collective."""
-    gaps = gap(model, "slave")
-    gaps = np.abs(gaps) if gaps.ndim == 2 else gaps
-    local = float(np.max(gaps[np.isfinite(gaps)], initial=0.0))
+    gaps = model.gaps[0].state.values
+    local = float(np.max(np.abs(gaps) if model.law.jump else gaps, initial=0.0))
     return float(model.comm.allreduce(local, op=MPI.MAX))
 
 
@@ -152,9 +151,11 @@ def step_dissipation(model: ContactModel) -> float:
 
 
 def patch(model: ContactModel) -> tuple[float, float]:
-    """Area of the closed slave nodes, and the radius of a disc of this area. Collective."""
-    slave = model.slave
-    area = float(np.sum(slave.node_area[active(model, "slave")]))
+    """Area of the closed slave nodes or points, and the radius of a disc of it. Collective."""
+    slave, p = model.slave, model.gaps[0]
+    closed = active_set.closed(model, p)
+    areas = p.operator.row_area if p.rows.are_points else slave.node_area[p.rows.reached]
+    area = float(np.sum(areas[closed]))
     area = float(model.comm.allreduce(area, op=MPI.SUM))
     return area, area / 2 if slave.area_dim == 1 else math.sqrt(area / math.pi)
 

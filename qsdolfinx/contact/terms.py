@@ -65,7 +65,7 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
     """Add zeros wherever :func:`add_tangent` may ever add anything."""
     with model.watch.stage("insertion"):
         for gap in model.gaps:
-            none = np.zeros(len(gap.row_node))
+            none = np.zeros(gap.num_rows)
             gap.add_stiffness(none, _ordered(model, gap.slave is model.slave, blocks), True)
 
 

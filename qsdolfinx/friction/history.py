@@ -145,7 +145,7 @@ class FrictionHistory:
         mean = np.where(
             state.closed[:, None], state.response.dissipative / slip.cover[:, None], 0.0
         )
-        at_nodes = np.asarray(slip.gap.on_nodes(mean, 0.0), dtype=np.float64)
+        at_nodes = np.asarray(slip.gap.rows.on_nodes(mean, 0.0), dtype=np.float64)
         return self.slipped[i] + at_nodes
 
     def dissipated_energy(self) -> float:

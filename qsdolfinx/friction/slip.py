@@ -99,7 +99,7 @@ class Slip:
     @property
     def row_node(self) -> npt.NDArray[np.int64]:
         """Slave node of each row."""
-        return self.gap.row_node
+        return self.gap.operator.row_node
 
     @property
     def weight(self) -> Array:

@@ -64,7 +64,7 @@ class Overclosure:
                 '"resolve", which presses the bodies apart, or "ignore"'
             )
         self._at_nodes = [
-            np.asarray(np.maximum(p.on_nodes(p.state.values, 0.0), 0.0), dtype=np.float64)
+            np.zeros(0) if p.law.jump else p.rows.largest_on_nodes(p.state.values[:, 0])
             for p in passes
         ]
 
@@ -73,7 +73,7 @@ class Overclosure:
         assert self._at_nodes is not None
         for p, depth in zip(passes, self._at_nodes, strict=True):
             if not p.law.jump:  # a tie keeps any gap
-                p.allow(self.part * depth[p.row_node, 0])
+                p.allow(self.part * p.rows.from_nodes(depth))
 
     def allow(self, comm: MPI.Intracomm, part: float) -> None:
         """Set the part that is not resolved. Collective.

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.laws import Law
+from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface
@@ -19,6 +20,9 @@ from qsdolfinx.tools.rigid_surface import AnySurface
 Array = npt.NDArray[np.float64]
 #: Vectors of the slave's and of the master's body, None for a rigid tool.
 Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
+
+#: What rows are, in the order of GapRows in cpp/gap/gap.h.
+KINDS = ("area", "cover", "points")
 
 
 def handle_of(thing: PETSc.Vec | PETSc.Mat | None) -> int:
@@ -34,7 +38,8 @@ class GapState:
 
     Attributes:
         values: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
-        augmented: λ̂, of the same shape.
+        augmented: λ̂, of the same shape; with rows at points for the sides of all owned nodes,
+            shape (nodes, gdim), see ``PointRows``.
         offset: Gap of displacements on top of those of the unknowns, of the same shape.
         shift: What a rigid tool's motion adds to ḡ, of the same shape.
         allowance: Gap (length) at each row that counts as none: overclosure that is not resolved.
@@ -53,12 +58,18 @@ class WeightedGap:
     """ḡ_k = (1/S_k) Σ_p w_p N_k(ξ_p) [(u_s − u_m)·n_p − δ_p] on the slave nodes of this rank.
 
     A jump law weights the vector u_s − u_m instead. One row per slave node that a pairing point
-    reaches.
+    reaches; or, with rows at points, one per pairing point, g_p = (u_s − u_m)·n_p − δ_p with the
+    weight w_p in place of S_k.
 
     With an augmented Lagrangian, the law sees the gap ḡ + λ̂/ε, λ̂ being the multiplier so far: it
     then gives λ = [λ̂ + ε ḡ]₊ or λ̂ + ε ⟦u⟧. With λ̂ = 0 that is the penalty method. Nodes that are
     covered in part get a larger ε there, S_k / Σ w_p N_k times: otherwise they
     would need very many updates of λ̂.
+
+    With rows at points λ̂ still belongs to the nodes, at creases one to each smooth side of the
+    surface, and points see λ̂_h = Σ_k λ̂_k N_k(ξ_p). It is
+    updated to the function that is closest to [λ̂_h + ε g_p]₊. λ̂ may become negative at a node
+    beside the edge of contact, where λ̂_h is to follow a pressure that ends within a facet.
 
     On the overlay the sum is divided by Σ_p w_p N_k(ξ_p), the part of S_k that is covered, so that
     the gap of a node at the rim is the mean gap of what it covers. At nodes it is divided by S_k,
@@ -73,7 +84,8 @@ class WeightedGap:
         points: Pairing points of the two.
         law: What the gap is used for.
         share: Part of the energy Σ S_k φ(ḡ_k) that this pass stands for.
-        by_cover: Whether gaps are divided by what is covered of S_k.
+        rows: What rows are: ``"area"``, nodes, whose gap is divided by S_k; ``"cover"``, by what is
+            covered of it; or ``"points"``.
         augmented: Whether λ̂ is going to be updated.
     """
 
@@ -84,31 +96,48 @@ class WeightedGap:
         points: _cpp.PairingPoints,
         law: Law,
         share: float,
-        by_cover: bool,
+        rows: str,
         augmented: bool,
     ) -> None:
         self.slave = slave
         self.master = master
         self.points = points
         self.law = law
-        self.by_cover = by_cover
+        self._kind = KINDS.index(rows)
         self.operator = self._operator(law.jump)
-        #: Slave node of each row, an index into the arrays of the slave surface.
-        self.row_node: npt.NDArray[np.int64] = self.operator.row_node
         #: Area in the energy of each row: what its gap is divided by, times the share.
         self.weight: Array = share * self.operator.row_area
-        cover = self.operator.row_area / slave.node_area[self.row_node]
         #: ε of each row in units of the contact's.
-        self.relative_penalty: Array = 1 / cover if augmented else np.ones_like(cover)
-        zero = np.zeros((self.operator.num_rows, self.operator.width))
+        self.relative_penalty: Array = np.ones(self.num_rows)
+        zero = np.zeros((self.num_rows, self.operator.width))
+        multipliers: Array = zero
+        #: How values go between the rows and the slave's nodes.
+        self.rows: Rows
+        if rows == "points":
+            self.rows = point_rows = PointRows(self.operator, slave)
+            multipliers = np.zeros_like(point_rows.cover_of_sides)
+            #: Area of each multiplier, of the shape of λ̂.
+            self.multiplier_weight: Array = share * point_rows.cover_of_sides
+        else:
+            self.rows = NodeRows(self.operator, slave)
+            self.multiplier_weight = self.weight[:, None] * np.ones(self.operator.width)
+            if augmented:
+                cover = self.operator.row_area / slave.node_area[self.operator.row_node]
+                self.relative_penalty = 1 / cover
         #: What changes while the pairing stays.
-        self.state = GapState(zero, zero, zero, zero, zero[:, 0])
+        self.state = GapState(zero, multipliers, zero, zero, zero[:, 0])
+        self._at_rows: tuple[Array, Array] = multipliers, zero
         if not law.jump:
             self.state.values = -self.operator.initial_gap[:, None]
 
     def _operator(self, jump: bool) -> _cpp.GapOperator:
         surfaces = self.slave.cpp_object, self.master.cpp_object
-        return _cpp.GapOperator(*surfaces, self.points, jump=jump, by_cover=self.by_cover)
+        return _cpp.GapOperator(*surfaces, self.points, jump=jump, rows=self._kind)
+
+    @property
+    def num_rows(self) -> int:
+        """Rows on this rank."""
+        return self.operator.num_rows
 
     def jump_operator(self) -> _cpp.GapOperator:
         """The operator of the whole jump vector, at the same rows. Collective."""
@@ -124,6 +153,7 @@ class WeightedGap:
         state.values = self.change_of(u) + state.offset + state.shift
         if not self.law.jump:
             state.values -= (self.operator.initial_gap + state.allowance)[:, None]
+        self._augmented_at_rows()
 
     def allow(self, allowance: Array) -> None:
         """Set the gaps (length) of the rows that count as none."""
@@ -138,29 +168,71 @@ class WeightedGap:
         return out
 
     def multiplier(self, penalty: float) -> Array:
-        """λ at the last evaluation, shape (rows, 1) or (rows, gdim)."""
+        """λ at the last evaluation, shape (rows, 1) or (rows, gdim). Collective."""
         eps = penalty * self.relative_penalty
         return self.law.multiplier(self._shifted(eps), eps)
 
     def slope(self, penalty: float, touching: float) -> Array:
-        """∂λ/∂ḡ at the last evaluation, shape (rows,)."""
+        """∂λ/∂ḡ at the last evaluation, shape (rows,). Collective."""
         eps = penalty * self.relative_penalty
         return self.law.slope(self._shifted(eps), eps, touching)
 
     def energy(self, penalty: float) -> float:
-        """This rank's part of the energy at the last evaluation."""
+        """This rank's part of the energy at the last evaluation. Collective."""
         eps = penalty * self.relative_penalty
         density = self.law.energy(self._shifted(eps), eps)
-        return float(self.weight @ (density - np.sum(self.state.augmented**2, axis=1) / (2 * eps)))
+        known = np.sum(self._augmented_at_rows() ** 2, axis=1)
+        return float(self.weight @ (density - known / (2 * eps)))
+
+    def updated(self, penalty: float) -> Array:
+        """λ̂ after an update, of its shape. Collective."""
+        multiplier = self.multiplier(penalty)
+        if not isinstance(self.rows, PointRows):
+            return multiplier
+        change = (multiplier - self._augmented_at_rows())[:, 0]
+        return np.asarray(self.state.augmented + self.rows.project(change))
+
+    def admissible(self, augmented: Array) -> Array:
+        """The nearest λ̂ that may be: at points λ̂_h is the start of a law, not its result."""
+        return augmented if self.rows.are_points else self.law.admissible(augmented)
 
     def violation(self, penalty: float) -> float:
-        """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed."""
-        change = self.multiplier(penalty) - self.state.augmented
+        """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed.
+
+        Collective.
+        """
+        change = self.updated(penalty) - self.state.augmented
+        if self.rows.are_points:
+            return float(np.max(np.abs(change), initial=0.0)) / penalty
         gaps = np.linalg.norm(change, axis=1) / (penalty * self.relative_penalty)
         return float(np.max(gaps, initial=0.0))
 
     def _shifted(self, eps: Array) -> Array:
-        return self.state.values + self.state.augmented / eps[:, None]
+        return self.state.values + self._augmented_at_rows() / eps[:, None]
+
+    def _augmented_at_rows(self) -> Array:
+        """λ̂ at the rows, found anew when it has been replaced. Collective."""
+        augmented = self.state.augmented
+        if not isinstance(self.rows, PointRows):
+            return augmented
+        if self._at_rows[0] is not augmented:
+            self._at_rows = augmented, self.rows.from_sides(augmented)[:, None]
+        return self._at_rows[1]
+
+    # --- λ̂ at all owned nodes, the same when contact pairs anew
+
+    def augmented_on_nodes(self) -> Array:
+        """λ̂ at all owned nodes, 0 where there is none."""
+        if self.rows.are_points:
+            return self.state.augmented
+        return np.asarray(self.rows.on_nodes(self.state.augmented, 0.0), dtype=np.float64)
+
+    def set_augmented_on_nodes(self, values: Array) -> None:
+        """Put back what :meth:`augmented_on_nodes` gave."""
+        values = np.asarray(values, dtype=np.float64)
+        self.state.augmented = values if self.rows.are_points else self.rows.from_nodes(values)
+
+    # --- Forces
 
     def add_forces(self, multiplier: Array, b: Vecs) -> None:
         """Add Gᵀ S λ to b, the derivative of the energy. Collective."""
@@ -173,9 +245,3 @@ class WeightedGap:
         """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
         handles = [handle_of(mat) for mat in blocks]
         _cpp.insert_contact(self.operator, self.weight * slope, handles, self.state.scale, pattern)
-
-    def on_nodes(self, rows: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
-        """Spread values of the rows over all owned nodes of the slave surface."""
-        out = np.full((len(self.slave.node_area), *rows.shape[1:]), missing, dtype=rows.dtype)
-        out[self.row_node] = rows
-        return out

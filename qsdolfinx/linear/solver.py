@@ -191,7 +191,9 @@ class LinearSolver:
         if not (self.chooses_tolerance and isinstance(self._system.made.tangent, Additive)):
             return False
         augmented = [c for c in self._system.contacts if c.augmented]
-        return self._system.linear and all(len(c.gaps) == 1 for c in augmented)
+        passes = [gap for c in augmented for gap in c.gaps]
+        at_nodes = not any(gap.rows.are_points for gap in passes)
+        return self._system.linear and len(passes) == len(augmented) and at_nodes
 
     def solve_saddle_point(
         self, residual: Array, final: float, rounding: float

@@ -56,13 +56,11 @@ class Augmentation:
         sizes = np.cumsum([part.state.augmented.size for _, part in self._parts])
         for (_, part), values in zip(self._parts, np.split(combined, sizes[:-1]), strict=True):
             values = values.reshape(part.state.augmented.shape)
-            part.state.augmented = values if isinstance(part, Slip) else part.law.admissible(values)
+            part.state.augmented = values if isinstance(part, Slip) else part.admissible(values)
 
     def _coefficients(self) -> Array:
         """Of the combination with the least residual; they sum to 1. Collective."""
-        weight = np.concatenate(
-            [np.repeat(part.weight, part.state.augmented.shape[1]) for _, part in self._parts]
-        )
+        weight = np.concatenate([_weight(part).ravel() for _, part in self._parts])
         last = self._residuals[-1]
         count = len(self._residuals) - 1
         differences = np.array([r - last for r in self._residuals[:-1]])
@@ -75,6 +73,13 @@ class Augmentation:
         return np.append(earlier, 1 - earlier.sum())
 
 
+def _weight(part: WeightedGap | Slip) -> Array:
+    """Area of each multiplier."""
+    if isinstance(part, Slip):
+        return np.repeat(part.weight, part.slave.gdim)
+    return part.multiplier_weight
+
+
 def _multiplier(contact: ContactModel, part: WeightedGap | Slip) -> Array:
-    """λ or τ at the last evaluation."""
-    return part.state.response.traction if isinstance(part, Slip) else part.multiplier(contact.eps)
+    """λ̂ or τ̂ that the last evaluation gives. Collective."""
+    return part.state.response.traction if isinstance(part, Slip) else part.updated(contact.eps)

@@ -45,7 +45,7 @@ def _effort(record: Record, begin: float) -> str:
 
 def _outcome(comm: MPI.Intracomm, contacts: typing.Sequence[ContactModel], record: Record) -> str:
     """Active nodes, gaps and forces; of several contacts one after the other. Collective."""
-    rows = [sum(len(p.row_node) for p in contact.gaps) for contact in contacts]
+    rows = [sum(p.num_rows for p in contact.gaps) for contact in contacts]
     rows = comm.allreduce(np.array(rows, dtype=np.int64), op=MPI.SUM).tolist()
     history = record.active_of_all(comm)
     active = history[-1] if history else [0] * len(contacts)

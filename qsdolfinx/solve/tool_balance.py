@@ -112,7 +112,7 @@ class ToolBalance:
             i = next(i for i, known in enumerate(self.tools) if known is tool)
             for j, p in enumerate(contact.gaps):
                 slip = contact.slips[j] if contact.slips else None
-                none = np.zeros((len(p.row_node), tool.gdim))
+                none = np.zeros((p.num_rows, tool.gdim))
                 slip_change = none if slip is None else slip.tangential(slip.change(field))
                 self._pressed[i].append(
                     Pressed(contact, side[0], p, p.change(field), modulus, slip, slip_change)

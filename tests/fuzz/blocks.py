@@ -69,8 +69,8 @@ def moment_faults(contact, scene, imbalance, size):
         return []
     expected = np.zeros(3)
     for p, pass_ in zip(contact.pairings, contact.model.gaps, strict=True):
-        nodes = pass_.slave.node_dofs[:, 0]
-        values = pass_.on_nodes(pass_.multiplier(contact.eps), 0.0)[:, 0]
+        nodes, of_rows = pass_.slave.node_dofs[:, 0], pass_.multiplier(contact.eps)
+        values = pass_.rows.on_nodes(of_rows, 0.0)[:, 0]
         keys = gathered(contact.comm, nodes)
         values = dict(zip(keys.tolist(), gathered(contact.comm, values).tolist(), strict=True))
         where = []
@@ -84,7 +84,8 @@ def moment_faults(contact, scene, imbalance, size):
         values[-1] = 0.0
         first = p.slave.dofs[:, : p.multiplier_values.shape[1], 0]
         at = np.array([values[d] for d in first.ravel().tolist()]).reshape(first.shape)
-        strength = p.weight * np.sum(at * p.multiplier_values, axis=1)
+        at_points = np.sum(at * p.multiplier_values, axis=1)
+        strength = p.weight * (of_rows[:, 0] if pass_.rows.are_points else at_points)
         strength *= 0.5 if contact.formulation == "double-pass" else 1.0
         lever = where[0] - where[1]
         expected += np.sum(strength[:, None] * np.cross(lever, p.normal), axis=0)

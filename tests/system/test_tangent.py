@@ -41,7 +41,7 @@ def test_finite_differences(cell, formulation, law, options):
     pair, problem, x, d = scene(cell, formulation, law, 0.2, OPTIONS[options])
     errors = tangent_errors(problem, x, d, 1e-7)
     active = WORLD.allreduce(active_set.num_closed(pair.contact.model))
-    rows = WORLD.allreduce(sum(len(gap.row_node) for gap in pair.contact.model.gaps))
+    rows = WORLD.allreduce(sum(gap.num_rows for gap in pair.contact.model.gaps))
     assert errors.difference < 1e-6
     assert rows > 0
     assert active == rows if law is qs.Tied else 0 < active < rows

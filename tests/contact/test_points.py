@@ -1,0 +1,308 @@
+"""Constraints at the pairing points: what is open takes nothing from what is closed."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scenes import (
+    CELLS,
+    WORLD,
+    Pair,
+    box,
+    clamp,
+    elastic,
+    gathered,
+    largest,
+    plane,
+    raises_everywhere,
+    vector_space,
+)
+from tangents import direction, near_solution, tangent_errors
+
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+from qsdolfinx.contact import active_set
+
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
+POINTS = {"quadrature": "overlay", "constraints": "points"}
+AUGMENTED = POINTS | {"enforcement": "augmented-lagrangian"}
+
+
+def cells_along(cell):
+    return (3, 2) if cell in ("tetrahedron", "hexahedron") else (12, 9)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("cell", CELLS)
+def test_tangent(cell, formulation):
+    """The derivative of the forces, which are that of the energy, with some points open."""
+    options = POINTS if formulation == "double-pass" else AUGMENTED | {"gap_tolerance": 0.01}
+    n = cells_along(cell)
+    pair = Pair(cell, formulation, n=n, wave=0.05, contact_options=options)
+    problem = pair.problem()
+    problem.solve()
+    rng = np.random.default_rng(8)
+    x, d = near_solution(problem, rng, 0.2), direction(problem, rng)
+    errors = tangent_errors(problem, x, d, 1e-7)
+    active = WORLD.allreduce(active_set.num_closed(pair.contact.model))
+    assert 0 < active < WORLD.allreduce(sum(p.num_rows for p in pair.contact.model.gaps))
+    assert errors.difference < 1e-6
+    assert errors.asymmetry < 1e-13
+
+    def energy(step):
+        problem.system.residual(x.array_r + step * d.array_r)
+        return pair.contact.energy
+
+    slope = (energy(1e-6) - energy(-1e-6)) / 2e-6
+    problem.system.residual(x.array_r)
+    forces = np.concatenate([body.force.array_r for body in problem.bodies])
+    assert np.isclose(WORLD.allreduce(forces @ d.array_r), slope, rtol=1e-6)
+
+
+def tractions(pair, master, slave, options):
+    """Of a contact of the lower and the upper block, in any roles: on the lower, the upper one."""
+    for u in pair.u:
+        u.x.array[:] = 0
+    contact = qs.Contact(slave, master, penalty=30.0, **options)
+    problem = qs.ContactProblem(pair.F, pair.u, [contact], pair.bcs)
+    problem.solve()
+    of = {slave: contact.traction("slave"), master: contact.traction("master")}
+    return [s.node_values(of[s]) for s in (pair.master, pair.slave)]
+
+
+@pytest.mark.parametrize("cell", ("tetrahedron", "quadrilateral"))
+def test_exchange_of_slave_and_master(cell):
+    """Quasi-symmetric contact at points is the same whichever is called slave."""
+    pair = Pair(cell, n=cells_along(cell), wave=0.05)
+    there = tractions(pair, pair.master, pair.slave, POINTS)
+    back = tractions(pair, pair.slave, pair.master, POINTS)
+    errors = [largest(a - b) for a, b in zip(there, back, strict=True)]
+    size = largest(*there)
+    one_sided = POINTS | {"formulation": "master-slave"}
+    other = [tractions(pair, *roles, one_sided)[0] for roles in
+             ((pair.master, pair.slave), (pair.slave, pair.master))]  # fmt: skip
+    differs = largest(other[0] - other[1])
+    assert max(errors) < 1e-10 * size
+    assert differs > 1e-3 * size
+
+
+@pytest.mark.parametrize("options", (POINTS, AUGMENTED), ids=("penalty", "augmented"))
+@pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
+@pytest.mark.parametrize("cell", CELLS)
+def test_patch(cell, formulation, options):
+    """A uniform pressure goes through any meshes unchanged."""
+    pair = Pair(cell, formulation, n=cells_along(cell), contact_options=options)
+    pair.F = [elastic(u, E=1.0 + i, nu=0.0) for i, u in enumerate(pair.u)]
+    problem = pair.problem()
+    problem.solve()
+    compliance = 1 / 1 + 1 / 2 + (1 / 30 if options is POINTS else 0)
+    for side, sign in (("slave", 1), ("master", -1)):
+        traction = getattr(pair, side).node_values(pair.contact.traction(side))
+        expected = np.zeros(traction.shape)
+        expected[:, -1] = sign * 0.1 / compliance
+        assert largest(traction - expected) < 1e-9
+    assert largest(pair.contact.multiplier() - 0.1 / compliance) < 1e-9
+
+
+def test_ranks_do_not_matter():
+    found = []
+    for comm in (WORLD, MPI.COMM_SELF):
+        pair = Pair("tetrahedron", n=(4, 3), wave=0.05, comm=comm, contact_options=AUGMENTED)
+        problem = pair.problem()
+        problem.solve()
+        contact = pair.contact
+        at_nodes = [contact.gap(), contact.multiplier(), contact.active().astype(float)]
+        columns = gathered(comm, np.column_stack([pair.slave.node_x, *at_nodes]))
+        columns = columns[np.lexsort(np.round(columns[:, :3], 9).T)]
+        totals = contact.energy, contact.patch(), contact.penetration()
+        found.append((columns, contact.force("slave"), *totals))
+    for here, alone in zip(*found, strict=True):
+        np.testing.assert_allclose(here, alone, rtol=1e-6, atol=1e-9)
+
+
+def test_paired_anew():
+    """λ̂ stays at its nodes: nothing is left to be found where nothing has moved."""
+    pair = Pair("triangle", n=(12, 9), wave=0.05, contact_options=AUGMENTED)
+    problem = pair.problem()
+    problem.solve()
+    force, updates = pair.contact.force("slave"), problem.num_augmentations
+    pair.contact.update()
+    problem.solve()
+    assert updates > 1
+    assert problem.num_augmentations <= 1
+    np.testing.assert_allclose(pair.contact.force("slave"), force, rtol=1e-6)
+
+
+@pytest.mark.parametrize("cell", ("hexahedron", "triangle"))
+def test_ignored_overclosure(cell):
+    """Surfaces that penetrate each other everywhere, by different depths, feel nothing."""
+    options = POINTS | {"initial_overclosure": "ignore"}
+    pair = Pair(cell, n=cells_along(cell), gap=-0.02, wave=0.05, load=0.0, contact_options=options)
+    pair.problem().solve()
+    force = pair.contact.force("slave")
+    depth = pair.contact.overclosure.depth
+    pair.contact.allow_overclosure(0.0)
+    pair.problem().solve()
+    assert depth > 0.02
+    assert largest(force) == 0
+    assert np.abs(pair.contact.force("slave")[-1]) > 1e-3
+
+
+def slanted_block(gdim=2, n=8, **options):
+    """A block that widens upwards by 0.5 per unit height, bottom and sides in contact.
+
+    Returns:
+        The contact, and how deep the deepest node is below the plane.
+    """
+    low, high, up = [-0.5] * (gdim - 1) + [0.0], [0.5] * (gdim - 1) + [1.0], gdim - 1
+    if gdim == 2:
+        crossed = mesh.DiagonalType.left_right
+        msh = mesh.create_rectangle(WORLD, [low, high], [n, n], diagonal=crossed)
+    else:
+        msh = box(WORLD, (n,) * 3, "hexahedron", low, high, "scattered")
+    msh.geometry.x[:, :up] *= 1 + msh.geometry.x[:, [up]]
+    V = vector_space(msh)
+    u, top = fem.Function(V), plane(msh, up, 1.0)
+    every = mesh.locate_entities_boundary(msh, up, lambda x: np.full(x.shape[1], True))
+    surface = qs.Surface(V, facets=np.setdiff1d(every, top))
+    axis = np.eye(gdim)[up]
+    floor = qs.RigidSurface.plane(WORLD, point=0 * axis, normal=axis)
+    contact = qs.Contact(surface, floor, quadrature="overlay", search_radius=0.14, **options)
+    problem = qs.ContactProblem(
+        [elastic(u, E=1e3)], [u], [contact], [[clamp(V, top, -0.05 * axis)]]
+    )
+    problem.solve()
+    x, moved = V.tabulate_dof_coordinates(), u.x.array.reshape(-1, gdim)
+    y = (x[:, up] + moved[:, up]).min()
+    return contact, -WORLD.allreduce(float(y), op=MPI.MIN)
+
+
+def test_crease():
+    """The sides' points above the floor do not lift the corner's from it."""
+    stiff = {"penalty": 100 * 1e3 * 8}
+    depths = [slanted_block(constraints=c, **stiff)[1] for c in ("nodes", "points")]
+    assert depths[0] > 5e-3
+    assert depths[1] < 5e-4
+
+
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_multipliers_at_a_crease(gdim):
+    """Each smooth side has multipliers of its own: no corner stays below the floor."""
+    n = 8 if gdim == 2 else 4
+    contact, depth = slanted_block(
+        gdim, n, constraints="points", enforcement="augmented-lagrangian"
+    )
+    force = contact.force("slave")
+    assert depth < 1e-7
+    if gdim == 2:
+        assert abs(force[1] - 78.81) < 0.005
+
+
+def test_sides_on_a_round_surface():
+    """Facets that turn by less than 30° are one side, those that turn by more are not."""
+    found = []
+    for n in (16, 8):  # by 22.5 and by 45 degrees
+        msh = box(WORLD, (n, 1), "quadrilateral", (0.0, 1.0), (1.0, 2.0), "scattered")
+        angle, r = -2 * np.pi * msh.geometry.x[:, 0], msh.geometry.x[:, 1].copy()
+        msh.geometry.x[:, :2] = (r * np.array([np.cos(angle), np.sin(angle)])).T
+        V = vector_space(msh)
+        outside = mesh.locate_entities_boundary(
+            msh, 1, lambda x: np.hypot(x[0], x[1]) > 2 * np.cos(np.pi / n) - 1e-9
+        )
+        tool = qs.RigidSurface.plane(WORLD, point=[3, 0], normal=[-1, 0])
+        radius = {"search_radius": 10.0}
+        contact = qs.Contact(qs.Surface(V, facets=outside), tool, **AUGMENTED | radius)
+        cover = contact.model.gaps[0].rows.cover_of_sides
+        found.append(WORLD.allreduce(np.count_nonzero(cover > 1e-9, axis=0)).tolist())
+    assert found[0][1] == 0 < found[0][0]
+    assert found[1][1] > 0
+
+
+def test_large_facets_beside_the_contact():
+    """A wedge with long sides: how far away its points are looked for does not matter."""
+    msh = box(WORLD, (16, 8), "quadrilateral", (-1.0, -1.0), (1.0, 0.0), "scattered")
+    V = vector_space(msh)
+    held = clamp(V, plane(msh, 1, -1.0))
+    x = np.array([[-2.0, 5.0], [-0.3, 0.0], [0.3, 0.0], [2.0, 5.0]])
+    found = {}
+    for constraints in ("nodes", "points"):
+        for radius in (0.06, None):
+            tool = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2], [2, 3]])
+            tool.displacement[1] = -0.05
+            u = fem.Function(V)
+            surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
+            options = POINTS | {"constraints": constraints, "search_radius": radius}
+            contact = qs.Contact(surface, tool, penalty=100.0, **options)
+            qs.ContactProblem([elastic(u)], [u], [contact], [[held]]).solve()
+            found[constraints, radius] = contact.force("slave")[1]
+    assert contact.search_radius > 2
+    assert np.isclose(found["points", 0.06], found["points", None], rtol=1e-9)
+    assert not np.isclose(found["nodes", 0.06], found["nodes", None], rtol=1e-2)
+
+
+def test_penetration_is_that_of_the_points():
+    contact, depth = slanted_block(constraints="points")
+    assert 0.8 * depth < contact.penetration() <= depth
+
+
+@pytest.mark.parametrize("rigid", (False, True))
+def test_what_can_be_read(rigid):
+    """A narrow slave in the middle of a wide master, or of a tool."""
+    pair = Pair("quadrilateral", n=(7, 5))
+    x = pair.meshes[1].geometry.x
+    x[:, 0] = 0.3 + 0.4 * x[:, 0]
+    pair.slave.update()
+    floor = qs.RigidSurface.plane(WORLD, point=[0, 0], normal=[0, 1])
+    contact = qs.Contact(pair.slave, floor if rigid else pair.master, penalty=30.0, **POINTS)
+    bodies = slice(1, 2) if rigid else slice(0, 2)
+    qs.ContactProblem(pair.F[bodies], pair.u[bodies], [contact], pair.bcs[bodies]).solve()
+    gap, multiplier, active = contact.gap(), contact.multiplier(), contact.active()
+    report, (width, _) = contact.report(), contact.patch()
+    assert np.all(active) and np.all(gap > 0)
+    np.testing.assert_allclose(multiplier, 30 * gap, rtol=1e-12)
+    assert np.isclose(width, 0.4)
+    assert report.slave.missed == 0 and report.active == report.rows == report.points > 0
+    if not rigid:
+        status, traction = contact.status("master"), contact.traction("master")
+        reached = pair.master.node_values(traction)[:, 1] < 0
+        shown = np.zeros(len(reached))
+        V = status.function_space
+        places = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
+        for i, node in enumerate(pair.master.node_x):
+            nearest = np.argmin(np.linalg.norm(places - node, axis=1))
+            shown[i] = status.x.array[nearest]
+        x = pair.master.node_x[:, 0]
+        assert np.array_equal(reached, (x > 0.3 - 1 / 7) & (x < 0.7 + 1 / 7))
+        assert np.array_equal(shown == qs.Status.ACTIVE, reached)
+
+
+def test_degree_2():
+    """Points know all nodes of the trace, and multipliers the vertices."""
+
+    def space(msh):
+        return fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
+
+    for options in (POINTS, AUGMENTED):
+        pair = Pair("triangle", n=(5, 4), space=space, contact_options=options)
+        pair.F = [elastic(u, E=1.0 + i, nu=0.0) for i, u in enumerate(pair.u)]
+        pair.problem().solve()
+        pressure = 0.1 / (1.5 + (1 / 30 if options is POINTS else 0))
+        assert largest(pair.contact.multiplier() - pressure) < 1e-9
+        assert np.isclose(pair.contact.force("slave")[1], pressure, rtol=1e-9)
+
+
+def test_refused():
+    pair = Pair("triangle")
+    surfaces = pair.slave, pair.master
+    for match, options in {
+        "overlay": {"quadrature": "nodal"},
+        "tied": {"law": qs.Tied()},
+        "friction": {"friction": qs.Coulomb(0.1)},
+    }.items():
+        raises_everywhere(
+            WORLD, ValueError, match, lambda o=options: qs.Contact(*surfaces, **(POINTS | o))
+        )
+    raises_everywhere(
+        WORLD, ValueError, "constraints", lambda: qs.Contact(*surfaces, constraints="facets")
+    )
