@@ -84,6 +84,8 @@ class Slip:
         self.projector: Array = np.eye(gdim) - normal[:, :, None] * normal[:, None, :]
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self.operator.slave_sum[:, 0]
+        #: Components that conditions hold on both sides: τ̂ has none there.
+        self.held: npt.NDArray[np.bool_] = np.zeros((self.operator.num_rows, gdim), dtype=bool)
         #: What changes while the pairing stays.
         self.state = SlipState.at_rest(self.operator.num_rows, gdim)
         #: Values of the law's parameters at the rows.
@@ -198,11 +200,15 @@ class Slip:
         """Whether rows were made to stick or are given friction back: the solve has to go on."""
         return bool(self.state.stuck.any()) | self.stick_slip.give_back(self.state.closed)
 
+    def image(self) -> Array:
+        """τ of the last evaluation as the next τ̂: none where conditions hold both sides."""
+        return np.where(self.held, 0.0, self.state.response.traction)
+
     def violation(self, penalty: float) -> float:
         """Largest |τ − τ̂| / ε (length) on this rank; 0 of a law without a limit to keep."""
         if self.friction.needs_dt:
             return 0.0
-        change = np.linalg.norm(self.state.response.traction - self.state.augmented, axis=1)
+        change = np.linalg.norm(self.image() - self.state.augmented, axis=1)
         return float(np.max(change / (penalty * self.gap.relative_penalty), initial=0.0))
 
     def add_forces(self, b: Vecs) -> None:

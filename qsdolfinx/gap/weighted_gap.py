@@ -101,6 +101,8 @@ class WeightedGap:
         #: ε of each row in units of the contact's.
         self.relative_penalty: Array = 1 / cover if augmented else np.ones_like(cover)
         zero = np.zeros((self.operator.num_rows, self.operator.width))
+        #: Components of λ whose direction conditions hold on both sides: they have no λ̂.
+        self.held: npt.NDArray[np.bool_] = np.zeros(zero.shape, dtype=bool)
         #: What changes while the pairing stays.
         self.state = GapState(zero, zero, zero, zero, zero[:, 0])
         if not law.jump:
@@ -153,9 +155,13 @@ class WeightedGap:
         density = self.law.energy(self._shifted(eps), eps)
         return float(self.weight @ (density - np.sum(self.state.augmented**2, axis=1) / (2 * eps)))
 
+    def image(self, penalty: float) -> Array:
+        """λ of the last evaluation as the next λ̂: none where conditions hold both sides."""
+        return np.where(self.held, 0.0, self.multiplier(penalty))
+
     def violation(self, penalty: float) -> float:
         """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed."""
-        change = self.multiplier(penalty) - self.state.augmented
+        change = self.image(penalty) - self.state.augmented
         gaps = np.linalg.norm(change, axis=1) / (penalty * self.relative_penalty)
         return float(np.max(gaps, initial=0.0))
 

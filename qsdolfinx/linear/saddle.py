@@ -54,8 +54,10 @@ class SaddlePoint:
         self._A, self._V = ksp.getOperators()[0], ksp.getPC()
         self._ends = np.cumsum([body.num_owned for body in bodies])
         self._passes = [contact.gaps[0] for contact in contacts]
+        #: Components that have a λ̂, of shape (rows, width).
         self._closed = [
-            active_set.closed(c, p) for c, p in zip(contacts, self._passes, strict=True)
+            active_set.closed(c, p)[:, None] & ~p.held
+            for c, p in zip(contacts, self._passes, strict=True)
         ]
         widths = [np.ones((1, p.operator.width)) for p in self._passes]
         weights = [p.weight[:, None] * w for p, w in zip(self._passes, widths, strict=True)]
@@ -155,7 +157,7 @@ class SaddlePoint:
     def _at_closed(self, values: typing.Sequence[Array]) -> Array:
         """Values at the closed rows of all contacts, one after the other."""
         return np.concatenate(
-            [v[rows].ravel() for v, rows in zip(values, self._closed, strict=True)]
+            [v[closed] for v, closed in zip(values, self._closed, strict=True)]
         )
 
     def _on_rows(self, values: Array) -> list[Array]:
@@ -163,7 +165,7 @@ class SaddlePoint:
         out, start = [], 0
         for p, closed in zip(self._passes, self._closed, strict=True):
             out.append(np.zeros_like(p.state.augmented))
-            end = start + np.count_nonzero(closed) * p.operator.width
-            out[-1][closed] = values[start:end].reshape(-1, p.operator.width)
+            end = start + np.count_nonzero(closed)
+            out[-1][closed] = values[start:end]
             start = end
         return out

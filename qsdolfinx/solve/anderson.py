@@ -76,5 +76,5 @@ class Augmentation:
 
 
 def _multiplier(contact: ContactModel, part: WeightedGap | Slip) -> Array:
-    """λ or τ at the last evaluation."""
-    return part.state.response.traction if isinstance(part, Slip) else part.multiplier(contact.eps)
+    """λ̂ or τ̂ as the last evaluation asks for it."""
+    return part.image() if isinstance(part, Slip) else part.image(contact.eps)
