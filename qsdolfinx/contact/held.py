@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import typing
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -12,7 +10,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.tools.rigid_surface import as_tool
@@ -41,14 +39,22 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         slave: Nonzero at the unknowns of the slave's body that have Dirichlet conditions.
         master: The same of the master's.
     """
-    of_gaps = {}
     for gap in model.gaps:
-        first, second = model.ordered(gap, (slave, master))
-        both = _held_on_both_sides(model, gap, first, second)
-        of_gaps[gap] = both
-        gap.held = both if gap.law.jump else _along_normal(gap, both)
+        gap.extension = None
     for slip in model.slips:
-        slip.held = of_gaps[slip.gap]
+        slip.extension = None
+    if not model.augmented:
+        return
+    for i, gap in enumerate(model.gaps):
+        held = _held_on_both_sides(model, gap, *model.ordered(gap, (slave, master)))
+        if not model.comm.allreduce(bool(np.any(held)), op=MPI.LOR):
+            continue
+        pressed = _along_normal(gap, held)
+        clamped = held & pressed
+        mine = (held, clamped) if gap.law.jump else (pressed, pressed)
+        gap.extension = Extension(gap.slave, gap.row_node, *mine)
+        if model.slips:
+            model.slips[i].extension = Extension(gap.slave, gap.row_node, held, clamped)
 
 
 def _held_on_both_sides(
@@ -84,7 +90,6 @@ def _held_partner(model: ContactModel, gap: WeightedGap, master: PETSc.Vec) -> F
 
 
 def _along_normal(gap: WeightedGap, held: Flags) -> Flags:
-    """Rows along whose normal there is no free component, shape (rows, 1)."""
-    normal = gap.operator.slave_sum
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.all(held | (np.abs(normal) <= _ALONG * length), axis=1, keepdims=True)
+    """Rows along whose node's normal there is no free component, shape (rows, 1)."""
+    normal = gap.slave.node_normal[gap.row_node, : gap.slave.gdim]
+    return np.asarray(np.all(held | (np.abs(normal) <= _ALONG), axis=1, keepdims=True))

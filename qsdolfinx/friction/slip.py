@@ -14,6 +14,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.stick_slip import StickSlip
+from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap, handle_of
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
@@ -84,8 +85,8 @@ class Slip:
         self.projector: Array = np.eye(gdim) - normal[:, :, None] * normal[:, None, :]
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self.operator.slave_sum[:, 0]
-        #: Components that conditions hold on both sides: τ̂ has none there.
-        self.held: npt.NDArray[np.bool_] = np.zeros((self.operator.num_rows, gdim), dtype=bool)
+        #: Components of τ̂ that conditions hold on both sides; None if there are none anywhere.
+        self.extension: Extension | None = None
         #: What changes while the pairing stays.
         self.state = SlipState.at_rest(self.operator.num_rows, gdim)
         #: Values of the law's parameters at the rows.
@@ -201,11 +202,17 @@ class Slip:
         return bool(self.state.stuck.any()) | self.stick_slip.give_back(self.state.closed)
 
     def image(self) -> Array:
-        """τ of the last evaluation as the next τ̂: none where conditions hold both sides."""
-        return np.where(self.held, 0.0, self.state.response.traction)
+        """τ at the last evaluation as the next τ̂. Collective."""
+        traction = self.state.response.traction
+        if self.extension is None:
+            return traction
+        return self.tangential(self.extension.fill(traction, self.state.closed))
 
     def violation(self, penalty: float) -> float:
-        """Largest |τ − τ̂| / ε (length) on this rank; 0 of a law without a limit to keep."""
+        """Largest |τ − τ̂| / ε (length) on this rank; 0 of a law without a limit to keep.
+
+        Collective.
+        """
         if self.friction.needs_dt:
             return 0.0
         change = np.linalg.norm(self.image() - self.state.augmented, axis=1)

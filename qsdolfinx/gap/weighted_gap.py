@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
@@ -101,8 +102,8 @@ class WeightedGap:
         #: ε of each row in units of the contact's.
         self.relative_penalty: Array = 1 / cover if augmented else np.ones_like(cover)
         zero = np.zeros((self.operator.num_rows, self.operator.width))
-        #: Components of λ whose direction conditions hold on both sides: they have no λ̂.
-        self.held: npt.NDArray[np.bool_] = np.zeros(zero.shape, dtype=bool)
+        #: Components of λ̂ that conditions hold on both sides; None if there are none anywhere.
+        self.extension: Extension | None = None
         #: What changes while the pairing stays.
         self.state = GapState(zero, zero, zero, zero, zero[:, 0])
         if not law.jump:
@@ -156,11 +157,17 @@ class WeightedGap:
         return float(self.weight @ (density - np.sum(self.state.augmented**2, axis=1) / (2 * eps)))
 
     def image(self, penalty: float) -> Array:
-        """λ of the last evaluation as the next λ̂: none where conditions hold both sides."""
-        return np.where(self.held, 0.0, self.multiplier(penalty))
+        """λ at the last evaluation as the next λ̂. Collective."""
+        multiplier = self.multiplier(penalty)
+        if self.extension is None:
+            return multiplier
+        return self.extension.fill(multiplier, np.any(multiplier != 0, axis=1))
 
     def violation(self, penalty: float) -> float:
-        """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed."""
+        """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed.
+
+        Collective.
+        """
         change = self.image(penalty) - self.state.augmented
         gaps = np.linalg.norm(change, axis=1) / (penalty * self.relative_penalty)
         return float(np.max(gaps, initial=0.0))
