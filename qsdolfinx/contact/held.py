@@ -39,22 +39,24 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         slave: Nonzero at the unknowns of the slave's body that have Dirichlet conditions.
         master: The same of the master's.
     """
-    for gap in model.gaps:
-        gap.extension = None
-    for slip in model.slips:
-        slip.extension = None
-    if not model.augmented:
-        return
     for i, gap in enumerate(model.gaps):
         held = _held_on_both_sides(model, gap, *model.ordered(gap, (slave, master)))
-        if not model.comm.allreduce(bool(np.any(held)), op=MPI.LOR):
-            continue
         pressed = _along_normal(gap, held)
         clamped = held & pressed
-        mine = (held, clamped) if gap.law.jump else (pressed, pressed)
-        gap.extension = Extension(gap.slave, gap.row_node, *mine)
+        of_gap = (held, clamped) if gap.law.jump else (pressed, pressed)
+        gap.extension = _extension(model, gap, *of_gap)
         if model.slips:
-            model.slips[i].extension = Extension(gap.slave, gap.row_node, held, clamped)
+            model.slips[i].hold(_extension(model, gap, held, clamped))
+
+
+def _extension(
+    model: ContactModel, gap: WeightedGap, held: Flags, clamped: Flags
+) -> Extension | None:
+    """None if nothing is to be done on any rank. Collective."""
+    changed = held if model.augmented else held & ~clamped
+    if not model.comm.allreduce(bool(np.any(changed)), op=MPI.LOR):
+        return None
+    return Extension(gap.slave, gap.row_node, held, clamped)
 
 
 def _held_on_both_sides(

@@ -34,7 +34,10 @@ class Extension:
     def __init__(
         self, slave: Surface, row_node: npt.NDArray[np.int64], held: Flags, clamped: Flags
     ) -> None:
+        #: Components that are no unknowns, shape (rows, width).
         self.held = held
+        #: Those of them that are zero.
+        self.planes: Flags = held & ~clamped
         self._clamped = clamped
         self._slave = slave
         self._at = slave.node_dofs[row_node, : held.shape[1]]

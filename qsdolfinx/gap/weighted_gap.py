@@ -127,6 +127,8 @@ class WeightedGap:
         state.values = self.change_of(u) + state.offset + state.shift
         if not self.law.jump:
             state.values -= (self.operator.initial_gap + state.allowance)[:, None]
+        elif self.extension is not None:
+            state.values = np.where(self.extension.planes, 0.0, state.values)
 
     def allow(self, allowance: Array) -> None:
         """Set the gaps (length) of the rows that count as none."""
@@ -185,7 +187,10 @@ class WeightedGap:
     ) -> None:
         """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
         handles = [handle_of(mat) for mat in blocks]
-        _cpp.insert_contact(self.operator, self.weight * slope, handles, self.state.scale, pattern)
+        stiffness = self.weight * slope
+        if self.extension is not None and not pattern and self.law.jump:
+            stiffness = np.ascontiguousarray(stiffness[:, None] * ~self.extension.planes)
+        _cpp.insert_contact(self.operator, stiffness, handles, self.state.scale, pattern)
 
     def on_nodes(self, rows: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
         """Spread values of the rows over all owned nodes of the slave surface."""
