@@ -53,8 +53,9 @@ def _extension(
     model: ContactModel, gap: WeightedGap, held: Flags, clamped: Flags
 ) -> Extension | None:
     """None if nothing is to be done on any rank. Collective."""
-    changed = held if model.augmented else held & ~clamped
-    if not model.comm.allreduce(bool(np.any(changed)), op=MPI.LOR):
+    if not model.augmented:
+        held, clamped = held & ~clamped, np.zeros_like(held)
+    if not model.comm.allreduce(bool(np.any(held)), op=MPI.LOR):
         return None
     return Extension(gap.slave, gap.row_node, held, clamped)
 

@@ -128,7 +128,7 @@ class WeightedGap:
         if not self.law.jump:
             state.values -= (self.operator.initial_gap + state.allowance)[:, None]
         elif self.extension is not None:
-            state.values = np.where(self.extension.planes, 0.0, state.values)
+            state.values = np.where(self.extension.held, 0.0, state.values)
 
     def allow(self, allowance: Array) -> None:
         """Set the gaps (length) of the rows that count as none."""
@@ -163,7 +163,7 @@ class WeightedGap:
         multiplier = self.multiplier(penalty)
         if self.extension is None:
             return multiplier
-        return self.extension.fill(multiplier, np.any(multiplier != 0, axis=1))
+        return self.extension.fill(multiplier, self.law.linear | (multiplier[:, 0] > 0))
 
     def violation(self, penalty: float) -> float:
         """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed.
@@ -189,7 +189,7 @@ class WeightedGap:
         handles = [handle_of(mat) for mat in blocks]
         stiffness = self.weight * slope
         if self.extension is not None and not pattern and self.law.jump:
-            stiffness = np.ascontiguousarray(stiffness[:, None] * ~self.extension.planes)
+            stiffness = np.ascontiguousarray(stiffness[:, None] * ~self.extension.held)
         _cpp.insert_contact(self.operator, stiffness, handles, self.state.scale, pattern)
 
     def on_nodes(self, rows: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
