@@ -1,4 +1,4 @@
-"""Multipliers of directions that Dirichlet conditions hold on both sides of a contact."""
+"""Contact nodes that Dirichlet conditions hold on both sides: what multipliers are for them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-import qsdolfinx._cpp as _cpp
-from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.model import ContactModel, HeldNodes
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
 from qsdolfinx.pairing.pair import Sampling, pair
@@ -22,23 +22,28 @@ Flags = npt.NDArray[np.bool_]
 #: the plane that both end in, where a curved slave's normal leads away from it.
 MOST = 0.9
 
-#: Component of a normal that is none but for rounding.
-_ALONG = 1e-8
+#: Gap over the smallest facet that conditions leave at held nodes by how meshes approximate what
+#: is the same on both sides.
+MEANT = 0.01
+
+#: Component of a normal, or part of a marker, that is none but for rounding.
+_NONE = 1e-8
 
 
 def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
-    """Tell all parts which of their multipliers' components conditions hold. Collective.
+    """Tell all passes and slips what conditions hold of their nodes. Collective.
 
-    At such a node, as where a plane of symmetry crosses the contact, the bodies cannot be moved
-    against each other: what a multiplier would have to close there are the gaps of its neighbours,
-    which have multipliers of their own. One too many for the unknowns that are left, it would be
-    determined badly or not at all.
+    Where conditions hold a node and its partner, as where a plane of symmetry crosses the contact,
+    these cannot be moved against each other. What a multiplier could close there are the gaps of
+    the nodes around, which have multipliers of their own: one too many for the unknowns that are
+    left, it would lock them or be determined by nothing.
 
     Args:
         model: The contact.
         slave: Nonzero at the unknowns of the slave's body that have Dirichlet conditions.
         master: The same of the master's.
     """
+    model.held_nodes = []
     for i, gap in enumerate(model.gaps):
         held = _held_on_both_sides(model, gap, *model.ordered(gap, (slave, master)))
         pressed = _along_normal(gap, held)
@@ -53,7 +58,7 @@ def _extension(
     model: ContactModel, gap: WeightedGap, held: Flags, clamped: Flags
 ) -> Extension | None:
     """None if nothing is to be done on any rank. Collective."""
-    if not model.augmented:
+    if not model.augmented:  # a clamped node's penalty does not grow
         held, clamped = held & ~clamped, np.zeros_like(held)
     if not model.comm.allreduce(bool(np.any(held)), op=MPI.LOR):
         return None
@@ -69,25 +74,31 @@ def _held_on_both_sides(
     driven = tool is not None and tool.driven is not None
     if driven or not model.comm.allreduce(bool(np.any(own)), op=MPI.LOR):
         return np.zeros((len(gap.row_node), gap.slave.gdim), dtype=bool)
+    at_nodes = _at_nodes(model, gap)
     if tool is None:
-        assert master is not None
-        own &= _held_partner(model, gap, master)
-    return own[gap.row_node]
+        own &= _held_partner(gap, at_nodes, master)
+    held = np.zeros_like(own)
+    held[gap.row_node] = own[gap.row_node]
+    at = held[at_nodes.row_node]
+    components = at if gap.law.jump else _along_normal(at_nodes, at)
+    model.held_nodes.append(HeldNodes(gap, at_nodes, components))
+    return held[gap.row_node]
 
 
-def _held_partner(model: ContactModel, gap: WeightedGap, master: PETSc.Vec) -> Flags:
-    """Components that are held where the slave's nodes are projected, shape (nodes, gdim)."""
+def _at_nodes(model: ContactModel, gap: WeightedGap) -> WeightedGap:
+    """The pass as it were with each node against its projection alone. Collective."""
     sampling = Sampling("nodal", 1, model.settings.sampling.normals)
     points = pair(gap.slave, gap.master, sampling, False, model.paired.search_radius)
-    surfaces = gap.slave.cpp_object, gap.master.cpp_object
-    partner = _cpp.GapOperator(*surfaces, points, jump=True, by_cover=True)
-    none = gap.slave.create_vec()
-    part = -partner.apply(none.handle, handle_of(master))
-    # Where a node's normal misses the master: as it is beside the node.
-    whole = gap.jump_operator()
+    return WeightedGap(gap.slave, gap.master, points, gap.law, 1.0, by_cover=True, augmented=False)
+
+
+def _held_partner(gap: WeightedGap, at_nodes: WeightedGap, master: PETSc.Vec | None) -> Flags:
+    """Components that are held where the slave's nodes are projected, shape (nodes, gdim)."""
     out = np.zeros((len(gap.slave.node_area), gap.slave.gdim), dtype=bool)
-    out[gap.row_node] = -whole.apply(none.handle, handle_of(master)) > _ALONG
-    out[partner.row_node] = part > MOST
+    none = gap.slave.create_vec()
+    # Where a node's normal leads past the master: whether any of it is held beside the node.
+    for p, part in ((gap, _NONE), (at_nodes, MOST)):
+        out[p.row_node] = -p.jump_operator().apply(none.handle, handle_of(master)) > part
     none.destroy()
     return out
 
@@ -95,4 +106,53 @@ def _held_partner(model: ContactModel, gap: WeightedGap, master: PETSc.Vec) -> F
 def _along_normal(gap: WeightedGap, held: Flags) -> Flags:
     """Rows along whose node's normal there is no free component, shape (rows, 1)."""
     normal = gap.slave.node_normal[gap.row_node, : gap.slave.gdim]
-    return np.asarray(np.all(held | (np.abs(normal) <= _ALONG), axis=1, keepdims=True))
+    return np.asarray(np.all(held | (np.abs(normal) <= _NONE), axis=1, keepdims=True))
+
+
+def check_held(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+    """Warn if conditions press held nodes into each other, or tear ties apart. Collective.
+
+    Once for each contact.
+
+    Args:
+        model: The contact, solved.
+        slave: Unknowns of the slave's body as contact sees them.
+        master: The same of the master's.
+    """
+    here = [h for h in model.held_nodes if h.gap in model.gaps]
+    if model.held_warned or not here:
+        return
+    local = max(_prescribed_gap(model, h, (slave, master)) for h in here)
+    depth = float(model.comm.allreduce(local, op=MPI.MAX))
+    if depth <= MEANT * model.paired.facet_size:
+        return
+    model.held_warned = True
+    what = (
+        "move tied nodes apart"
+        if model.law.jump
+        else "press contact nodes that they hold on both sides into each other"
+    )
+    warn(
+        f"bcs: Dirichlet conditions {what} by {depth:.3g}, which contact cannot change: its force "
+        "at these nodes means nothing; prescribe the same on both sides, hold one of them alone, "
+        "or leave these nodes out of the contact surfaces",
+        ContactWarning,
+    )
+
+
+def _prescribed_gap(
+    model: ContactModel, held: HeldNodes, u: tuple[PETSc.Vec, PETSc.Vec | None]
+) -> float:
+    """Largest gap (length) of held nodes on this rank. Collective."""
+    p, motion = held.at_nodes, held.gap.master.motion
+    p.state.scale = held.gap.state.scale
+    if motion is not None:
+        p.state.shift = p.change(motion)
+    if model.offset is not None:
+        first, second = model.ordered(held.gap, model.offset)
+        p.state.offset = p.operator.apply(handle_of(first), handle_of(second))
+    allowed = np.asarray(held.gap.on_nodes(held.gap.state.allowance, 0.0), dtype=np.float64)
+    p.allow(allowed[p.row_node])
+    p.evaluate(model.ordered(held.gap, u))
+    gaps = np.abs(p.state.values) if model.law.jump else p.state.values
+    return float(np.max(gaps[np.broadcast_to(held.components, gaps.shape)], initial=0.0))
