@@ -46,8 +46,10 @@ struct Columns
 class BlockInsertion
 {
 public:
-  BlockInsertion(const GapOperator& gap, int b, bool pattern)
-      : gap_(gap), other_(gap.side(b)), d_(gap.gdim()), pattern_(pattern),
+  /// @param components of a jump that are inserted: [first, last)
+  BlockInsertion(const GapOperator& gap, int b, bool pattern,
+                 std::pair<std::size_t, std::size_t> components)
+      : gap_(gap), other_(gap.side(b)), d_(gap.gdim()), components_(components), pattern_(pattern),
         dofs_(pattern ? other_.dofs : other_.free_dofs), place_(other_.dofs.size() / d_, -1)
   {
   }
@@ -119,8 +121,10 @@ private:
   {
     const auto num_columns = columns_.size();
     // The rows of a jump couple each component with itself only.
-    const std::size_t calls = gap_.kind() == GapKind::normal ? 1 : d_, per_call = d_ / calls;
-    for (std::size_t k = 0; k < calls; ++k)
+    const bool normal = gap_.kind() == GapKind::normal;
+    const std::size_t per_call = normal ? d_ : 1;
+    const auto [begin, end] = normal ? std::pair<std::size_t, std::size_t>(0, 1) : components_;
+    for (std::size_t k = begin; k < end; ++k)
     {
       unknowns_.clear();
       for (std::int32_t column : columns_)
@@ -135,6 +139,7 @@ private:
   const GapOperator& gap_;
   const GapOperator::Side& other_;
   std::size_t d_;
+  std::pair<std::size_t, std::size_t> components_;
   bool pattern_;
   const std::vector<PetscInt>& dofs_;
   std::vector<std::int32_t> place_; ///< place of a column among those of a node, or -1
@@ -148,20 +153,28 @@ private:
 void qsdolfinx::insert_contact(const GapOperator& gap, std::span<const double> stiffness,
                                ContactBlocks blocks, std::array<double, 2> scale, bool pattern)
 {
-  if (stiffness.size() != gap.num_rows())
-    throw std::invalid_argument("stiffness must hold one value per row");
-  for (int a = 0; a < gap.num_sides(); ++a)
+  // A value for each component of a jump, or the same for all of them.
+  const std::size_t rows = gap.num_rows(), width = gap.width();
+  const std::size_t parts = rows > 0 && stiffness.size() == rows * width && !pattern ? width : 1;
+  if (stiffness.size() != rows * parts)
+    throw std::invalid_argument("stiffness must hold one value per row, or `width`");
+  for (std::size_t part = 0; part < parts; ++part)
   {
-    std::vector<double> factor(stiffness.begin(), stiffness.end());
-    if (pattern)
-      std::ranges::fill(factor, 1.0);
-    const GapOperator::Side& side = gap.side(a);
-    const Columns by_column(side, side.dofs.size() / gap.gdim(), factor);
-    for (int b = 0; b < gap.num_sides(); ++b)
+    const auto components = parts == 1 ? std::pair(std::size_t(0), width) : std::pair(part, part + 1);
+    const auto value = [&](std::size_t r) { return stiffness[r * parts + part]; };
+    for (int a = 0; a < gap.num_sides(); ++a)
     {
-      for (std::size_t r = 0; r < factor.size(); ++r)
-        factor[r] = stiffness[r] * scale[b];
-      BlockInsertion(gap, b, pattern).run(blocks[2 * a + b], a, by_column, factor);
+      std::vector<double> factor(rows, 1.0);
+      for (std::size_t r = 0; r < rows && !pattern; ++r)
+        factor[r] = value(r);
+      const GapOperator::Side& side = gap.side(a);
+      const Columns by_column(side, side.dofs.size() / gap.gdim(), factor);
+      for (int b = 0; b < gap.num_sides(); ++b)
+      {
+        for (std::size_t r = 0; r < rows; ++r)
+          factor[r] = value(r) * scale[b];
+        BlockInsertion(gap, b, pattern, components).run(blocks[2 * a + b], a, by_column, factor);
+      }
     }
   }
 }

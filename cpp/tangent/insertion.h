@@ -14,7 +14,8 @@ using ContactBlocks = std::array<Mat, 4>;
 /// where both bodies have the same scale. Rows and columns of constrained unknowns are left out.
 /// The blocks are not assembled here.
 ///
-/// @param stiffness D, one value per row of the operator; rows with 0 are skipped
+/// @param stiffness D, one value per row of the operator, or for jumps one for each component; rows
+///        with 0 are skipped
 /// @param scale displacement per unknown of the slave's and the master's body: multiplies columns
 /// @param pattern insert explicit zeros in the whole pattern, constrained unknowns included,
 /// instead:

@@ -8,6 +8,9 @@ import typing
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import numpy as np
+import numpy.typing as npt
+
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.friction.history import FrictionHistory
@@ -101,6 +104,21 @@ class Paired:
         return (*self.gaps, *self.slips)
 
 
+@dataclasses.dataclass(frozen=True)
+class HeldNodes:
+    """Nodes of a pass whose distance conditions prescribe.
+
+    Attributes:
+        gap: The pass.
+        at_nodes: The gaps of its nodes themselves, without those around.
+        components: What is held of them, of the shape of these gaps.
+    """
+
+    gap: WeightedGap
+    at_nodes: WeightedGap
+    components: npt.NDArray[np.bool_]
+
+
 def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
     """Pair the surfaces where they are now. Collective."""
     slave, master = settings.slave, settings.master
@@ -161,6 +179,10 @@ class ContactModel:
         self.catch_up: typing.Callable[[], None] | None = None
         #: Whether a ReachWarning has been given.
         self.reach_warned = False
+        #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.
+        self.held_nodes: list[HeldNodes] = []
+        #: Whether a warning of these has been given.
+        self.held_warned = False
         #: Whether a gap that is open by rounding alone counts as open.
         self.strict = False
         #: Wall time that this rank has spent in pairing, gaps and insertion.

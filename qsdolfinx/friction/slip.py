@@ -14,6 +14,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.stick_slip import StickSlip
+from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap, handle_of
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
@@ -81,15 +82,27 @@ class Slip:
         normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
         gdim = gap.slave.gdim
         #: P_k, shape (rows, gdim, gdim).
-        self.projector: Array = np.eye(gdim) - normal[:, :, None] * normal[:, None, :]
+        self.projector: Array = tangent_projector(normal, None)
+        self._normal = normal
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self.operator.slave_sum[:, 0]
+        #: Components of τ̂ that conditions hold on both sides; None if there are none anywhere.
+        self.extension: Extension | None = None
         #: What changes while the pairing stays.
         self.state = SlipState.at_rest(self.operator.num_rows, gdim)
         #: Values of the law's parameters at the rows.
         self.parameters: dict[str, Array] = {}
         #: What helps Newton's method from stick to slip and back.
         self.stick_slip = StickSlip(friction, self.operator.num_rows, gdim)
+
+    def hold(self, extension: Extension | None) -> None:
+        """Say which components of τ̂ conditions hold on both sides, None if there are none anywhere.
+
+        On planes of symmetry there is no slip across them, nor friction.
+        """
+        self.extension = extension
+        self.projector = tangent_projector(self._normal, extension)
+        self.state.augmented = self.tangential(self.state.augmented)
 
     @property
     def slave(self) -> Surface:
@@ -198,11 +211,21 @@ class Slip:
         """Whether rows were made to stick or are given friction back: the solve has to go on."""
         return bool(self.state.stuck.any()) | self.stick_slip.give_back(self.state.closed)
 
+    def image(self) -> Array:
+        """τ at the last evaluation as the next τ̂. Collective."""
+        traction = self.state.response.traction
+        if self.extension is None:
+            return traction
+        return self.tangential(self.extension.fill(traction, self.state.closed))
+
     def violation(self, penalty: float) -> float:
-        """Largest |τ − τ̂| / ε (length) on this rank; 0 of a law without a limit to keep."""
+        """Largest |τ − τ̂| / ε (length) on this rank; 0 of a law without a limit to keep.
+
+        Collective.
+        """
         if self.friction.needs_dt:
             return 0.0
-        change = np.linalg.norm(self.state.response.traction - self.state.augmented, axis=1)
+        change = np.linalg.norm(self.image() - self.state.augmented, axis=1)
         return float(np.max(change / (penalty * self.gap.relative_penalty), initial=0.0))
 
     def add_forces(self, b: Vecs) -> None:
@@ -252,3 +275,15 @@ class Slip:
         self.state.augmented = self.state.response.traction
         self.state.start = self.state.carried
         self.state.ended = True
+
+
+def tangent_projector(normal: Array, extension: Extension | None) -> Array:
+    """On the tangent planes, and on planes of symmetry as well, shape (rows, gdim, gdim)."""
+    eye = np.eye(normal.shape[1])
+    if extension is None:
+        return np.asarray(eye - normal[:, :, None] * normal[:, None, :])
+    free = ~extension.planes
+    along = normal * free
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    along = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
+    return np.asarray(eye * free[:, None, :] - along[:, :, None] * along[:, None, :])

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
 from qsdolfinx.surface.affine import Affine, affine_vec
@@ -124,6 +125,8 @@ class WeightedGap:
             if augmented:
                 cover = self.operator.row_area / slave.node_area[self.operator.row_node]
                 self.relative_penalty = 1 / cover
+        #: Components of λ̂ that conditions hold on both sides; None if there are none anywhere.
+        self.extension: Extension | None = None
         #: What changes while the pairing stays.
         self.state = GapState(zero, multipliers, zero, zero, zero[:, 0])
         self._at_rows: tuple[Array, Array] = multipliers, zero
@@ -153,6 +156,8 @@ class WeightedGap:
         state.values = self.change_of(u) + state.offset + state.shift
         if not self.law.jump:
             state.values -= (self.operator.initial_gap + state.allowance)[:, None]
+        elif self.extension is not None:
+            state.values = np.where(self.extension.held, 0.0, state.values)
         self._augmented_at_rows()
 
     def allow(self, allowance: Array) -> None:
@@ -184,24 +189,26 @@ class WeightedGap:
         known = np.sum(self._augmented_at_rows() ** 2, axis=1)
         return float(self.weight @ (density - known / (2 * eps)))
 
-    def updated(self, penalty: float) -> Array:
-        """λ̂ after an update, of its shape. Collective."""
-        multiplier = self.multiplier(penalty)
-        if not isinstance(self.rows, PointRows):
-            return multiplier
-        change = (multiplier - self._augmented_at_rows())[:, 0]
-        return np.asarray(self.state.augmented + self.rows.project(change))
-
     def admissible(self, augmented: Array) -> Array:
         """The nearest λ̂ that may be: at points λ̂_h is the start of a law, not its result."""
         return augmented if self.rows.are_points else self.law.admissible(augmented)
+
+    def image(self, penalty: float) -> Array:
+        """λ at the last evaluation as the next λ̂, of its shape. Collective."""
+        multiplier = self.multiplier(penalty)
+        if isinstance(self.rows, PointRows):
+            change = (multiplier - self._augmented_at_rows())[:, 0]
+            return np.asarray(self.state.augmented + self.rows.project(change))
+        if self.extension is None:
+            return multiplier
+        return self.extension.fill(multiplier, self.law.linear | (multiplier[:, 0] > 0))
 
     def violation(self, penalty: float) -> float:
         """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed.
 
         Collective.
         """
-        change = self.updated(penalty) - self.state.augmented
+        change = self.image(penalty) - self.state.augmented
         if self.rows.are_points:
             return float(np.max(np.abs(change), initial=0.0)) / penalty
         gaps = np.linalg.norm(change, axis=1) / (penalty * self.relative_penalty)
@@ -244,4 +251,7 @@ class WeightedGap:
     ) -> None:
         """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
         handles = [handle_of(mat) for mat in blocks]
-        _cpp.insert_contact(self.operator, self.weight * slope, handles, self.state.scale, pattern)
+        stiffness = self.weight * slope
+        if self.extension is not None and not pattern and self.law.jump:
+            stiffness = np.ascontiguousarray(stiffness[:, None] * ~self.extension.held)
+        _cpp.insert_contact(self.operator, stiffness, handles, self.state.scale, pattern)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.linear.krylov import SAFETY
 from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.system.blocks import Side
@@ -54,6 +55,11 @@ class SaddlePoint:
         self._A, self._V = ksp.getOperators()[0], ksp.getPC()
         self._ends = np.cumsum([body.num_owned for body in bodies])
         self._passes = [contact.gaps[0] for contact in contacts]
+        #: Components that have a λ̂, of shape (rows, width).
+        self._unknown = [
+            active_set.closed(c, p)[:, None] & _components(p)
+            for c, p in zip(contacts, self._passes, strict=True)
+        ]
         self._closed = [
             active_set.closed(c, p) for c, p in zip(contacts, self._passes, strict=True)
         ]
@@ -155,15 +161,26 @@ class SaddlePoint:
     def _at_closed(self, values: typing.Sequence[Array]) -> Array:
         """Values at the closed rows of all contacts, one after the other."""
         return np.concatenate(
-            [v[rows].ravel() for v, rows in zip(values, self._closed, strict=True)]
+            [v[unknown] for v, unknown in zip(values, self._unknown, strict=True)]
         )
 
     def _on_rows(self, values: Array) -> list[Array]:
-        """The inverse: an array for each contact, with zeros at its open rows."""
+        """The inverse: an array for each contact; components that are no unknowns follow.
+
+        Collective.
+        """
         out, start = [], 0
-        for p, closed in zip(self._passes, self._closed, strict=True):
-            out.append(np.zeros_like(p.state.augmented))
-            end = start + np.count_nonzero(closed) * p.operator.width
-            out[-1][closed] = values[start:end].reshape(-1, p.operator.width)
+        for p, unknown, closed in zip(self._passes, self._unknown, self._closed, strict=True):
+            on_rows = np.zeros_like(p.state.augmented)
+            end = start + np.count_nonzero(unknown)
+            on_rows[unknown] = values[start:end]
+            out.append(on_rows if p.extension is None else p.extension.fill(on_rows, closed))
             start = end
         return out
+
+
+def _components(p: WeightedGap) -> npt.NDArray[np.bool_]:
+    """Components of the multipliers that are unknowns, shape (rows, width)."""
+    if p.extension is None:
+        return np.ones_like(p.state.augmented, dtype=bool)
+    return ~p.extension.held

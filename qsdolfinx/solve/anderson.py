@@ -81,5 +81,5 @@ def _weight(part: WeightedGap | Slip) -> Array:
 
 
 def _multiplier(contact: ContactModel, part: WeightedGap | Slip) -> Array:
-    """λ̂ or τ̂ that the last evaluation gives. Collective."""
-    return part.state.response.traction if isinstance(part, Slip) else part.updated(contact.eps)
+    """λ̂ or τ̂ as the last evaluation asks for it. Collective."""
+    return part.image() if isinstance(part, Slip) else part.image(contact.eps)

@@ -21,6 +21,7 @@ from qsdolfinx.base.messages import say
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.held import check_held
 from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur
@@ -294,6 +295,7 @@ class ContactProblem:
 
         Warns:
             ReachWarning: If nodes that were too far away to be paired may have been in contact.
+            ContactWarning: If conditions press nodes that they hold on both sides into each other.
         """
         with self.one_step(), summary(self.newton, self.verbose):
             self._solve()
@@ -327,7 +329,9 @@ class ContactProblem:
             raise
         self.active_history = self.newton.record.active_of_all(self.comm)
         for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
-            check_reach(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
+            unknowns = self.bodies[s].x, None if m is None else self.bodies[m].x
+            check_reach(contact, *unknowns)
+            check_held(contact, *unknowns)
 
     def _forget_openings(self) -> None:
         for slip in self.system.slips:

@@ -8,7 +8,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from qsdolfinx.contact import terms
+from qsdolfinx.contact import held, terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.penalty import nodal_stiffness
 from qsdolfinx.system.blocks import Sides
@@ -41,7 +41,9 @@ def measure(
     markers = [body.constrained_marker() for body in bodies]
     moduli = []
     for contact, (s, m) in zip(contacts, sides, strict=True):
-        terms.constrain(contact, markers[s], None if m is None else markers[m])
+        of_sides = markers[s], None if m is None else markers[m]
+        terms.constrain(contact, *of_sides)
+        held.find(contact, *of_sides)
         measured = [
             nodal_stiffness(surface, bulk[i], markers[i], scales[i])
             for surface, i in ((contact.slave, s), (deformable(contact.master), m))
