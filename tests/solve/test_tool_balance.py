@@ -174,7 +174,9 @@ def test_a_move_that_bodies_cannot_follow_is_halved(monkeypatch):
     places, failures = tried_places(monkeypatch, scene.tool, problem)
     scene.tool.drive(1.0, [0.0, -1.0])
     problem.solve()
-    assert stretched > 2 and list(failures.values()) == ["DIVERGED_FNORM_NAN"]
+    assert stretched > 2 and len(failures) == 1
+    # The second is its name from PETSc 3.24 on.
+    assert set(failures.values()) <= {"DIVERGED_FNORM_NAN", "DIVERGED_FUNCTION_NANORINF"}
     (far,) = failures
     assert places[far] < -1.0  # the block is 1 high
     np.testing.assert_allclose(places[far + 1], (places[far - 1] + places[far]) / 2)
