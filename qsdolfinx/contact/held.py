@@ -53,7 +53,7 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         of_gap = (held, clamped) if gap.law.jump else (pressed, pressed)
         gap.extension = _extension(model, gap, *of_gap)
         if model.slips:
-            model.slips[i].hold(_extension(model, gap, held, clamped))
+            model.slips[i].extension = _extension(model, gap, held, clamped)
 
 
 def _extension(

@@ -82,8 +82,7 @@ class Slip:
         normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
         gdim = gap.slave.gdim
         #: P_k, shape (rows, gdim, gdim).
-        self.projector: Array = tangent_projector(normal, None)
-        self._normal = normal
+        self.projector: Array = np.eye(gdim) - normal[:, :, None] * normal[:, None, :]
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self.operator.slave_sum[:, 0]
         #: Components of τ̂ that conditions hold on both sides; None if there are none anywhere.
@@ -94,15 +93,6 @@ class Slip:
         self.parameters: dict[str, Array] = {}
         #: What helps Newton's method from stick to slip and back.
         self.stick_slip = StickSlip(friction, self.operator.num_rows, gdim)
-
-    def hold(self, extension: Extension | None) -> None:
-        """Say which components of τ̂ conditions hold on both sides, None if there are none anywhere.
-
-        On planes of symmetry there is no slip across them, nor friction.
-        """
-        self.extension = extension
-        self.projector = tangent_projector(self._normal, extension)
-        self.state.augmented = self.tangential(self.state.augmented)
 
     @property
     def slave(self) -> Surface:
@@ -275,15 +265,3 @@ class Slip:
         self.state.augmented = self.state.response.traction
         self.state.start = self.state.carried
         self.state.ended = True
-
-
-def tangent_projector(normal: Array, extension: Extension | None) -> Array:
-    """On the tangent planes, and on planes of symmetry as well, shape (rows, gdim, gdim)."""
-    eye = np.eye(normal.shape[1])
-    if extension is None:
-        return np.asarray(eye - normal[:, :, None] * normal[:, None, :])
-    free = ~extension.planes
-    along = normal * free
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    along = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
-    return np.asarray(eye * free[:, None, :] - along[:, :, None] * along[:, None, :])

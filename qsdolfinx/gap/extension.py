@@ -36,8 +36,6 @@ class Extension:
     ) -> None:
         #: Components that are no unknowns, shape (rows, width).
         self.held = held
-        #: Those of them that are zero.
-        self.planes: Flags = held & ~clamped
         self._clamped = clamped
         self._slave = slave
         self._at = slave.node_dofs[row_node, : held.shape[1]]
