@@ -12,6 +12,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.pairing.pair import check_quadrature, find_conforming
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
@@ -29,10 +30,16 @@ FINER = 0.45
 #: Initial penetration over the smallest facet that is hardly meant to be pressed out at once.
 DEEP = 0.25
 
+#: Chord error of facets over clearance or interference that changes results.
+COARSE = 0.1
+
+#: Chord error over the smallest facet that coordinates from a file in single precision may have.
+STRAIGHT = 1e-5
+
 
 def advise(model: ContactModel) -> None:
     """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
-    found = [_pairing(model), _finer_master(model), _overclosure(model)]
+    found = [_pairing(model), _finer_master(model), _overclosure(model), _chords(model)]
     for text in found:
         if text:
             warn(text, ContactWarning)
@@ -195,4 +202,38 @@ def _overclosure(model: ContactModel) -> str:
         f"{overclosure.depth / size:.2g} of the smallest facet, which the next solve presses out; "
         'move a mesh, choose initial_overclosure="ignore", or, for an interference fit, resolve '
         "it gradually with contact.allow_overclosure"
+    )
+
+
+# --- Facets for curves
+
+
+def _chords(model: ContactModel) -> str:
+    sampling, master = model.settings.sampling, model.master
+    if model.law.jump or sampling.smoothing != "none" or master.is_analytic:
+        return ""
+    degree = check_quadrature(model.slave, master, "overlay", None)
+    found = find_conforming(model.slave, master, degree, model.paired.search_radius)
+    if found.part < FEW:
+        return ""
+    local = found.error, -found.error, np.abs(found.gap)
+    largest = np.array([np.max(values, initial=0.0) for values in local])
+    model.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+    error, gap = float(largest[:2].max()), float(largest[2])
+    if error <= max(COARSE * gap, STRAIGHT * model.paired.facet_size):
+        return ""
+    side = int(np.argmax(largest[:2]))
+    sizes = local_sizes(model)
+    if gap > error * STRAIGHT:
+        beside = f"{error / gap:.2g} of the clearance or interference ({gap:.3g})"
+        enough = None if sizes is None else sizes[side] * np.sqrt(COARSE * gap / error)
+        finer = "" if enough is None else f"facets of size {enough:.2g} would do, or "
+    else:
+        beside, finer = "and there is no clearance or interference", ""
+    cure = 'smoothing="shared-curvature"'
+    if sampling.quadrature != "overlay":
+        cure += ' with quadrature="overlay"'
+    return (
+        f"facets: where the surfaces conform, the chord error of the {('slave', 'master')[side]}'s "
+        f"facets ({error:.3g}) is {beside}: {finer}{cure}"
     )
