@@ -104,11 +104,11 @@ void qsdolfinx::bind_pairing(nb::module_& m)
         const auto found = conforming_points(slave, master, radius, rules, area);
         std::vector<double> out;
         for (const ConformingPoint& p : found)
-          out.insert(out.end(), {p.error, p.gap, p.weight});
-        return std::pair(copy(std::move(out), {found.size(), 3}), area);
+          out.insert(out.end(), {p.slave, p.master, p.gap, p.weight});
+        return std::pair(copy(std::move(out), {found.size(), 4}), area);
       },
       "slave"_a, "master"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
-      "Where surfaces are curved the same way, [point][error, gap, weight], and the area of all "
+      "Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all "
       "that is paired on this rank; collective.");
 
   m.def("sample_nodes", &sample_nodes, "slave"_a, "Points at the nodes, without a master.");

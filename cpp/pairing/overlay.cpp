@@ -384,11 +384,11 @@ private:
     const Curvature a = curved_->of_cut[f], b = nearby_.curvature_of(other);
     const Curvature K = shared_curvature(a, b);
     const auto v = cut_.facet_x(f);
-    const double error = bulge(K, cut_.type(), v, here_.N[p])
-                         - bulge(K, nearby_.type, nearby_.facet_x(other), there_.N[p]);
+    const double here = bulge(K, cut_.type(), v, here_.N[p]);
+    const double there = bulge(K, nearby_.type, nearby_.facet_x(other), there_.N[p]);
     if (curved_->found && conforming(a, b, cut_.type(), v))
-      curved_->found->push_back({error, gap - error, points_.weight.back()});
-    return error;
+      curved_->found->push_back({here, there, gap - here + there, points_.weight.back()});
+    return here - there;
   }
 
   void append_side(bool slave, const Vec3& x, const std::vector<std::int64_t>& dofs,

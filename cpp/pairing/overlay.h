@@ -43,9 +43,9 @@ PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool
 /// Where surfaces are curved the same way, at a point of the overlay.
 struct ConformingPoint
 {
-  double error; ///< gap between facets, less that of the curved surfaces; > 0 if the slave's count
-  double gap;   ///< of the curved surfaces
-  double weight; ///< area
+  double slave, master; ///< how far the surfaces bulge out of the facets, along the slave's normal
+  double gap;           ///< of the curved surfaces: that of the facets - slave + master
+  double weight;        ///< area
 };
 
 /// Points of the slave, paired with the master, where both are curved the same way, by radii that

@@ -216,24 +216,31 @@ def _chords(model: ContactModel) -> str:
     found = find_conforming(model.slave, master, degree, model.paired.search_radius)
     if found.part < FEW:
         return ""
-    local = found.error, -found.error, np.abs(found.gap)
-    largest = np.array([np.max(values, initial=0.0) for values in local])
+    of_gap = found.bulges[:, 0] - found.bulges[:, 1]
+    local = found.bulges[:, 0], found.bulges[:, 1], of_gap, found.gap
+    largest = np.array([np.max(np.abs(values), initial=0.0) for values in local])
     model.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-    error, gap = float(largest[:2].max()), float(largest[2])
+    error, gap = largest[2:]
     if error <= max(COARSE * gap, STRAIGHT * model.paired.facet_size):
         return ""
-    side = int(np.argmax(largest[:2]))
-    sizes = local_sizes(model)
-    if gap > error * STRAIGHT:
-        beside = f"{error / gap:.2g} of the clearance or interference ({gap:.3g})"
-        enough = None if sizes is None else sizes[side] * np.sqrt(COARSE * gap / error)
-        finer = "" if enough is None else f"facets of size {enough:.2g} would do, or "
-    else:
-        beside, finer = "and there is no clearance or interference", ""
+    finer = _finer(model, largest[:2], COARSE * gap)
     cure = 'smoothing="shared-curvature"'
     if sampling.quadrature != "overlay":
         cure += ' with quadrature="overlay"'
+    beside = "; there is no clearance or interference beside it"
+    if gap > STRAIGHT * error:
+        beside = f", {error / gap:.2g} of the clearance or interference ({gap:.3g})"
     return (
-        f"facets: where the surfaces conform, the chord error of the {('slave', 'master')[side]}'s "
-        f"facets ({error:.3g}) is {beside}: {finer}{cure}"
+        "facets: where the surfaces are curved the same way, the chord errors of the slave's and "
+        f"the master's facets ({largest[0]:.2g}, {largest[1]:.2g}) change the gap by up to "
+        f"{error:.2g}{beside}: take {finer}{cure}"
     )
+
+
+def _finer(model: ContactModel, errors: Array, allowed: float) -> str:
+    """Facets whose chord errors are as small as allowed, as the start of an advice."""
+    sizes = local_sizes(model)
+    coarser = int(np.argmax(errors))
+    if sizes is None or allowed <= STRAIGHT * errors[coarser]:
+        return ""
+    return f"facets of size {sizes[coarser] * np.sqrt(allowed / errors[coarser]):.2g}, or "

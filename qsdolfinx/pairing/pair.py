@@ -126,15 +126,14 @@ class Conforming(typing.NamedTuple):
     """Points of the slave on this rank where both surfaces are curved the same way.
 
     Attributes:
-        error: Gap between facets less that of curved surfaces (length), > 0 by the slave's facets.
+        bulges: How far the surfaces of slave and master are out of their facets (length), along the
+            slave's normal, shape (points, 2).
         gap: Between the curved surfaces (length).
-        weight: Area.
         part: Part of all that is paired, of all ranks.
     """
 
-    error: Array
+    bulges: Array
     gap: Array
-    weight: Array
     part: float
 
 
@@ -143,9 +142,9 @@ def find_conforming(slave: Surface, master: AnySurface, degree: int, radius: flo
     found, area = _cpp.conforming_points(
         slave.cpp_object, master.search_object(slave), radius, *_overlay_rules(slave, degree)
     )
-    sums = slave.comm.allreduce(np.array([found[:, 2].sum(), area]), op=MPI.SUM)
+    sums = slave.comm.allreduce(np.array([found[:, 3].sum(), area]), op=MPI.SUM)
     part = float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
-    return Conforming(found[:, 0], found[:, 1], found[:, 2], part)
+    return Conforming(found[:, :2], found[:, 2], part)
 
 
 def _face_shape(
