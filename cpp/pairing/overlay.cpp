@@ -83,6 +83,18 @@ bool conforming(const Curvature& a, const Curvature& b, FacetType type, std::spa
   return out;
 }
 
+/// Whether neighbouring facets turn by rounding alone, on all ranks. Collective.
+bool is_flat(const Surface& surface, const std::vector<Curvature>& curvature)
+{
+  constexpr double rounding = 1e-6; // also that of coordinates in single precision
+  double most = 0;
+  for (std::size_t f = 0; f < curvature.size(); ++f)
+    for (double k : curvature[f])
+      most = std::max(most, std::abs(k) * surface.facets().size[f]);
+  MPI_Allreduce(MPI_IN_PLACE, &most, 1, MPI_DOUBLE, MPI_MAX, surface.comm());
+  return most < rounding;
+}
+
 /// Curvature of two surfaces that face each other.
 struct Curved
 {
@@ -466,6 +478,10 @@ std::vector<ConformingPoint> qsdolfinx::conforming_points(const Surface& slave,
   PairingPoints points(slave, &master);
   Curved curved(slave, master);
   std::vector<ConformingPoint> out;
+  area = 0;
+  const bool flat = is_flat(slave, curved.of_cut), master_flat = is_flat(master, curved.of_other);
+  if (flat || master_flat)
+    return out;
   curved.found = &out;
   Overlay(points, slave, master, true, 1, radius, Normals::bisector, rules, &curved).run();
   area = std::accumulate(points.weight.begin(), points.weight.end(), 0.0);

@@ -1,8 +1,8 @@
 #include "surface/curvature.h"
 #include "parallel/exchange.h"
 
+#include <algorithm>
 #include <cstdint>
-#include <map>
 #include <numbers>
 
 using namespace qsdolfinx;
@@ -49,6 +49,8 @@ Corner corner(const Surface& surface, std::size_t f, int i)
   if (type == FacetType::interval)
     return {n, (1 / norm(a)) * n, std::numbers::pi};
   const Vec3 c = cross(a, b);
+  if (norm(c) == 0) // the edges continue each other
+    return {n, {0, 0, 0}, std::numbers::pi};
   const double side = dot(c, n) < 0 ? -1 : 1; // the neighbours may come in either order
   return {(side / norm(c)) * c, (side / (dot(a, a) * dot(b, b))) * c,
           std::atan2(norm(c), dot(a, b))};
@@ -56,31 +58,32 @@ Corner corner(const Surface& surface, std::size_t f, int i)
 
 /// What facet r of those at a vertex sees there.
 /// @param star all of them, @param edges the neighbours' unknowns of each
+/// @param seen reused storage
 Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
-            const std::vector<Corner>& corners, const std::vector<std::int64_t>& edges)
+            const std::vector<Corner>& corners, const std::vector<std::int64_t>& edges,
+            std::vector<std::int64_t>& seen)
 {
   Vec3 sum{0, 0, 0};
   double angle = 0;
-  std::map<std::int64_t, int> count;
+  std::size_t facets = 0;
+  seen.clear();
   for (std::size_t s : star)
   {
     if (dot(corners[s].normal, corners[r].normal) < crease_cosine)
       continue;
     sum = sum + corners[s].weighted;
     angle += corners[s].angle;
-    ++count[edges[2 * s]];
-    ++count[edges[2 * s + 1]];
+    ++facets;
+    seen.insert(seen.end(), {edges[2 * s], edges[2 * s + 1]});
   }
-  const Vec3 n = (1 / norm(sum)) * sum;
+  const double length = norm(sum);
+  const Vec3 n = length > 0 ? (1 / length) * sum : corners[r].normal;
   if (type == FacetType::interval)
-    return {n, count.size() > 1 ? 1.0 : 0.0, 0, {0, 0}};
-  double closed = 1;
-  for (const auto& [edge, facets] : count)
-    if (facets == 1)
-      closed = 0;
-  const auto ends = [&](std::size_t e) { return count[edges[2 * r + e]] == 1 ? 1.0 : 0.0; };
+    return {n, facets > 1 ? 1.0 : 0.0, 0, {0, 0}};
+  const auto once = [&](std::int64_t edge) { return std::ranges::count(seen, edge) == 1; };
+  const double closed = std::ranges::none_of(seen, once) ? 1 : 0;
   const double straight = std::abs(angle - std::numbers::pi) < std::numbers::pi / 6 ? 1 : 0;
-  return {n, closed, straight, {ends(0), ends(1)}};
+  return {n, closed, straight, {once(edges[2 * r]) ? 1.0 : 0.0, once(edges[2 * r + 1]) ? 1.0 : 0.0}};
 }
 
 /// What each facet sees at its vertices, [facet][vertex]. Collective.
@@ -112,40 +115,49 @@ std::vector<Vertex> look_around(const Surface& surface)
   const std::size_t received = to_owner.num_received();
   std::vector<Corner> corners;
   std::vector<std::int64_t> edges;
-  std::map<std::int64_t, std::vector<std::size_t>> stars;
+  std::vector<std::size_t> order;
   for (std::size_t r = 0; r < received; ++r)
   {
     const double* c = data.data() + r * corner_width;
     corners.push_back({{c[0], c[1], c[2]}, {c[3], c[4], c[5]}, c[6]});
     edges.insert(edges.end(), {named[3 * r + 1], named[3 * r + 2]});
-    stars[named[3 * r]].push_back(r);
+    order.push_back(r);
   }
+  const auto name = [&](std::size_t r) { return named[3 * r]; };
+  std::ranges::sort(order, {}, name);
   std::vector<double> answers(received * vertex_width);
-  for (const auto& [name, star] : stars)
+  std::vector<std::int64_t> seen;
+  for (std::size_t first = 0, last = 0; first < received; first = last)
+  {
+    while (last < received && name(order[last]) == name(order[first]))
+      ++last;
+    const auto star = std::span(order).subspan(first, last - first);
     for (std::size_t r : star)
     {
-      const Vertex v = look(surface.type(), star, r, corners, edges);
+      const Vertex v = look(surface.type(), star, r, corners, edges, seen);
       const std::array<double, vertex_width> values{v.normal[0], v.normal[1], v.normal[2], v.closed,
                                                     v.straight,  v.ends[0],   v.ends[1]};
-      std::copy(values.begin(), values.end(), answers.begin() + r * vertex_width);
+      std::ranges::copy(values, answers.begin() + r * vertex_width);
     }
-  const auto seen = to_owner.reverse<double>(answers, vertex_width);
+  }
+  const auto back = to_owner.reverse<double>(answers, vertex_width);
   std::vector<Vertex> out;
   out.reserve(n);
   for (std::size_t i = 0; i < n; ++i)
   {
-    const double* v = seen.data() + i * vertex_width;
+    const double* v = back.data() + i * vertex_width;
     out.push_back({{v[0], v[1], v[2]}, v[3], v[4], {v[5], v[6]}});
   }
   return out;
 }
 
-/// The one nearer to zero, or zero between two signs.
-double minmod(double a, double b)
+/// The mean, limited to twice the one nearer to zero, and zero between two signs.
+double limited_mean(double a, double b)
 {
   if (a * b <= 0)
     return 0;
-  return std::abs(a) < std::abs(b) ? a : b;
+  const double least = std::min(2 * std::min(std::abs(a), std::abs(b)), std::abs(a + b) / 2);
+  return a > 0 ? least : -least;
 }
 
 /// Least squares for the tensor in the plane of a facet, of the smallest norm.
@@ -222,13 +234,14 @@ Curvature curvature_of(const Surface& surface, std::size_t f, std::span<const Ve
             return vertices[here].straight > 0;
         return false;
       };
-      const auto slope = [&](int at) { return dot(vertices[at].normal, e) / dot(vertices[at].normal, n); };
+      const auto slope = [&](int at)
+      { return dot(vertices[at].normal, e) / std::max(dot(vertices[at].normal, n), 0.5); };
       const bool first = knows(i, j), second = knows(j, i);
       if (!first && !second)
         continue;
       // Ascending out of the facet at i, descending into it at j.
       const double at_i = -slope(i), at_j = slope(j);
-      const double m = first && second ? minmod(at_i, at_j) : first ? at_i : at_j;
+      const double m = first && second ? limited_mean(at_i, at_j) : first ? at_i : at_j;
       fit.add((1 / size) * e, 2 * m / (size * size));
     }
   return fit.solve();

@@ -19,8 +19,8 @@ inline constexpr double crease_cosine = 0.8660254037844386;
 /// Curvature of this rank's facets, from the turning between facets at their vertices. Collective.
 ///
 /// Nodal normals weighted as by Max (1999), exact on circles and spheres, give the slopes at both
-/// ends of the line between two vertices of a facet, and the smaller one (minmod) its curvature: a
-/// flat facet beside a fillet stays flat. Where the surface ends, or has a crease, a normal says
+/// ends of the line between two vertices of a facet, and their limited mean its curvature: a flat
+/// facet beside a fillet stays flat. Where the surface ends, or has a crease, a normal says
 /// nothing about the direction across; then the other end counts alone. Directions that nothing is
 /// known of have no curvature.
 std::vector<Curvature> facet_curvature(const Surface& surface);
