@@ -4,6 +4,8 @@
 #include "pairing/overlay.h"
 #include "pairing/rigid.h"
 
+#include <nanobind/stl/pair.h>
+
 namespace nb = nanobind;
 using namespace nb::literals;
 using namespace qsdolfinx;
@@ -84,13 +86,30 @@ void qsdolfinx::bind_pairing(nb::module_& m)
   m.def(
       "overlay_surfaces",
       [](const Surface& slave, const Surface& master, bool both, double radius, int normals,
-         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w)
+         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w, bool smooth)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
-        return overlay_surfaces(slave, master, both, radius, static_cast<Normals>(normals), rules);
+        return overlay_surfaces(slave, master, both, radius, static_cast<Normals>(normals), rules,
+                                smooth);
       },
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a,
-      "edge_x"_a, "edge_w"_a, "Pairing points on the overlay; collective.");
+      "edge_x"_a, "edge_w"_a, "smooth"_a, "Pairing points on the overlay; collective.");
+  m.def(
+      "conforming_points",
+      [](const Surface& slave, const Surface& master, double radius, In<double> piece_x,
+         In<double> piece_w, In<double> edge_x, In<double> edge_w)
+      {
+        const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
+        double area = 0;
+        const auto found = conforming_points(slave, master, radius, rules, area);
+        std::vector<double> out;
+        for (const ConformingPoint& p : found)
+          out.insert(out.end(), {p.slave, p.master, p.gap, p.weight});
+        return std::pair(copy(std::move(out), {found.size(), 4}), area);
+      },
+      "slave"_a, "master"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
+      "Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all "
+      "that is paired on this rank; collective.");
 
   m.def("sample_nodes", &sample_nodes, "slave"_a, "Points at the nodes, without a master.");
   m.def(

@@ -1,6 +1,7 @@
 #include "surface/surface.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "surface/curvature.h"
 
 #include <nanobind/stl/array.h>
 
@@ -59,6 +60,16 @@ void qsdolfinx::bind_surface(nb::module_& m)
           [](const Surface& s) { return copy(s.nodes().normal, {s.nodes().size(), 3}); },
           "Their averaged outward unit normals, [node][3].");
 
+  m.def(
+      "facet_curvature",
+      [](const Surface& s)
+      {
+        std::vector<double> out;
+        for (const Curvature& K : facet_curvature(s))
+          out.insert(out.end(), K.begin(), K.end());
+        return copy(std::move(out), {s.num_facets(), 6});
+      },
+      "surface"_a, "Curvature of the facets, [facet][xx, yy, zz, xy, xz, yz]; collective.");
   m.def(
       "mean_of_rows",
       [](In<double> x, In<std::int32_t> rows)

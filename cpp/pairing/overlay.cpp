@@ -4,8 +4,11 @@
 #include "parallel/records.h"
 #include "search/local_search.h"
 #include "search/screen.h"
+#include "surface/curvature.h"
 
 #include <algorithm>
+#include <numeric>
+#include <optional>
 
 using namespace qsdolfinx;
 
@@ -18,18 +21,28 @@ struct NearbyFacets : FacetCopies
   std::vector<std::int64_t> dofs; ///< [facet][trace][gdim]
   std::vector<int> owner;         ///< [facet][trace]
   std::vector<std::uint8_t> side; ///< smooth sides, [facet][vertex]
+  std::vector<double> curvature;  ///< [facet][6], if asked for
+
+  Curvature curvature_of(std::size_t facet) const
+  {
+    Curvature out;
+    std::copy_n(curvature.begin() + facet * out.size(), out.size(), out.begin());
+    return out;
+  }
 };
 
 /// Copy the facets of `from` to all ranks whose facets of `to` may be within the radius. They
 /// arrive in an order that depends on the partition. Collective.
-NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
+/// @param curvature of the facets, null if it is not wanted
+NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
+                          const std::vector<Curvature>* curvature = nullptr)
 {
   const std::vector<Box> boxes = to.rank_boxes(radius);
   const int nv = from.num_vertices(), nt = from.num_trace(), d = from.gdim();
   std::vector<int> dest, owner;
   std::vector<std::size_t> facets;
   facets_in_boxes(from, boxes, dest, facets);
-  std::vector<double> x, orientation;
+  std::vector<double> x, orientation, curved;
   std::vector<std::int64_t> dofs;
   std::vector<std::uint8_t> side;
   for (std::size_t f : facets)
@@ -39,6 +52,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
     append_record(dofs, from.facets().dofs, f, nt * d);
     append_record(owner, from.facets().owner, f, nt);
     append_record(side, from.facets().vertex_side, f, nv);
+    if (curvature)
+      curved.insert(curved.end(), (*curvature)[f].begin(), (*curvature)[f].end());
   }
   const Exchange exchange(from.comm(), dest);
   return {
@@ -48,8 +63,52 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius)
       d,
       exchange.forward<std::int64_t>(dofs, nt * d),
       exchange.forward<int>(owner, nt),
-      exchange.forward<std::uint8_t>(side, nv)};
+      exchange.forward<std::uint8_t>(side, nv),
+      curvature ? exchange.forward<double>(curved, 6) : std::vector<double>{}};
 }
+
+/// Whether two bodies are curved the same way along the line between two vertices of a facet where
+/// they differ most, one being convex and the other concave.
+bool conforming(const Curvature& a, const Curvature& b, FacetType type, std::span<const double> v)
+{
+  double most = 0;
+  bool out = false;
+  for (int i = 0; i < static_cast<int>(type); ++i)
+    for (int j = 0; j < i; ++j)
+    {
+      const Vec3 e = facet_vertex(v, j) - facet_vertex(v, i);
+      const double here = along(a, e), there = -along(b, e);
+      if (std::abs(here + there) <= most)
+        continue;
+      most = std::abs(here + there);
+      out = here * there > 0 && std::abs(here) < 2 * std::abs(there)
+            && std::abs(there) < 2 * std::abs(here);
+    }
+  return out;
+}
+
+/// Whether neighbouring facets turn by rounding alone, on all ranks. Collective.
+bool is_flat(const Surface& surface, const std::vector<Curvature>& curvature)
+{
+  constexpr double rounding = 1e-6; // also that of coordinates in single precision
+  double most = 0;
+  for (std::size_t f = 0; f < curvature.size(); ++f)
+    for (double k : curvature[f])
+      most = std::max(most, std::abs(k) * surface.facets().size[f]);
+  MPI_Allreduce(MPI_IN_PLACE, &most, 1, MPI_DOUBLE, MPI_MAX, surface.comm());
+  return most < rounding;
+}
+
+/// Curvature of two surfaces that face each other.
+struct Curved
+{
+  Curved(const Surface& cut, const Surface& other)
+      : of_cut(facet_curvature(cut)), of_other(facet_curvature(other))
+  {
+  }
+  std::vector<Curvature> of_cut, of_other;        ///< by facet of this rank
+  std::vector<ConformingPoint>* found = nullptr; ///< filled if it is not null
+};
 
 /// Part of a facet that one facet of the other surface covers.
 struct Piece
@@ -147,8 +206,10 @@ class Overlay
 {
 public:
   Overlay(PairingPoints& points, const Surface& cut, const Surface& other, bool cut_is_slave,
-          double share, double radius, Normals normals, const OverlayRules& rules)
-      : points_(points), cut_(cut), nearby_(fetch_nearby(other, cut, radius)),
+          double share, double radius, Normals normals, const OverlayRules& rules,
+          const Curved* curved)
+      : points_(points), cut_(cut), curved_(curved),
+        nearby_(fetch_nearby(other, cut, radius, curved ? &curved->of_other : nullptr)),
         tree_(facet_boxes(nearby_.type, nearby_.x)), own_(fetch_nearby(cut, cut, 2 * radius)),
         own_tree_(facet_boxes(own_.type, own_.x)), cut_is_slave_(cut_is_slave), share_(share),
         radius_(radius), normals_(normals), rules_(rules)
@@ -328,7 +389,7 @@ private:
       const double stretch
           = norm(area_vector(cut_.type(), v, here.xi[p])) / planar.jacobian(here.xi[p]);
       points_.weight.push_back(share_ * w_[p] * stretch * cut_.area_factor(x));
-      points_.gap.push_back(gap);
+      points_.gap.push_back(gap - (curved_ ? chord_error(f, piece.other, p, gap) : 0.0));
       const Vec3 n = (cut_is_slave_ ? 1.0 : -1.0) * outward;
       points_.normal.insert(points_.normal.end(), n.begin(), n.end());
       append_side(cut_is_slave_, x, cut_.facets().dofs, cut_.facets().owner, f, cut_.type(),
@@ -339,6 +400,19 @@ private:
                     cut_is_slave_ ? cut_.facets().vertex_side : nearby_.side,
                     cut_is_slave_ ? f : piece.other, points_.num_multipliers);
     }
+  }
+
+  /// How much wider the gap between the facets is than that between the surfaces they approximate.
+  double chord_error(std::size_t f, std::size_t other, std::size_t p, double gap) const
+  {
+    const Curvature a = curved_->of_cut[f], b = nearby_.curvature_of(other);
+    const Curvature K = shared_curvature(a, b);
+    const auto v = cut_.facet_x(f);
+    const double here = bulge(K, cut_.type(), v, here_.N[p]);
+    const double there = bulge(K, nearby_.type, nearby_.facet_x(other), there_.N[p]);
+    if (curved_->found && conforming(a, b, cut_.type(), v))
+      curved_->found->push_back({here, there, gap - here + there, points_.weight.back()});
+    return here - there;
   }
 
   void append_side(bool slave, const Vec3& x, const std::vector<std::int64_t>& dofs,
@@ -361,6 +435,7 @@ private:
 
   PairingPoints& points_;
   const Surface& cut_;
+  const Curved* curved_; // null if facets are taken as they are
   NearbyFacets nearby_; // of the other surface
   BoxTree tree_;
   NearbyFacets own_; // of the surface that is cut
@@ -385,12 +460,42 @@ private:
 } // namespace
 
 PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& master, bool both,
-                                          double radius, Normals normals, const OverlayRules& rules)
+                                          double radius, Normals normals, const OverlayRules& rules,
+                                          bool smooth)
 {
   PairingPoints points(slave, &master);
+  std::optional<Curved> curved;
+  if (smooth)
+    curved.emplace(slave, master);
   const double share = both ? 0.5 : 1.0;
-  Overlay(points, slave, master, true, share, radius, normals, rules).run();
+  const auto cut = [&](const Surface& surface, const Surface& other)
+  {
+    const bool is_slave = &surface == &slave;
+    Overlay(points, surface, other, is_slave, share, radius, normals, rules,
+            curved ? &*curved : nullptr)
+        .run();
+  };
+  cut(slave, master);
+  if (curved)
+    std::swap(curved->of_cut, curved->of_other);
   if (both)
-    Overlay(points, master, slave, false, share, radius, normals, rules).run();
+    cut(master, slave);
   return points;
+}
+
+std::vector<ConformingPoint> qsdolfinx::conforming_points(const Surface& slave,
+                                                          const Surface& master, double radius,
+                                                          const OverlayRules& rules, double& area)
+{
+  PairingPoints points(slave, &master);
+  Curved curved(slave, master);
+  std::vector<ConformingPoint> out;
+  area = 0;
+  const bool flat = is_flat(slave, curved.of_cut), master_flat = is_flat(master, curved.of_other);
+  if (flat || master_flat)
+    return out;
+  curved.found = &out;
+  Overlay(points, slave, master, true, 1, radius, Normals::bisector, rules, &curved).run();
+  area = std::accumulate(points.weight.begin(), points.weight.end(), 0.0);
+  return out;
 }

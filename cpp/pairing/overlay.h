@@ -34,7 +34,25 @@ struct OverlayRules
 /// @param radius points further than this from the other surface are left out
 /// @param normals which normals n_p are
 /// @param rules quadrature
+/// @param smooth whether gaps are those of the curved surfaces that the facets approximate: facets
+/// of both sides bulge by the curvature that both share
 PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool both,
-                               double radius, Normals normals, const OverlayRules& rules);
+                               double radius, Normals normals, const OverlayRules& rules,
+                               bool smooth);
+
+/// Where surfaces are curved the same way, at a point of the overlay.
+struct ConformingPoint
+{
+  double slave, master; ///< how far the surfaces bulge out of the facets, along the slave's normal
+  double gap;           ///< of the curved surfaces: that of the facets - slave + master
+  double weight;        ///< area
+};
+
+/// Points of the slave, paired with the master, where both are curved the same way, by radii that
+/// differ by less than a factor of two. Collective.
+/// @param area of all points of the slave that are paired on this rank
+std::vector<ConformingPoint> conforming_points(const Surface& slave, const Surface& master,
+                                               double radius, const OverlayRules& rules,
+                                               double& area);
 
 } // namespace qsdolfinx

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.pairing.pair import check_quadrature, find_conforming
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
@@ -29,10 +30,16 @@ FINER = 0.45
 #: Initial penetration over the smallest facet that is hardly meant to be pressed out at once.
 DEEP = 0.25
 
+#: Chord error of facets over clearance or interference that changes results.
+COARSE = 0.1
+
+#: Chord error over the smallest facet that coordinates from a file in single precision may have.
+STRAIGHT = 1e-5
+
 
 def advise(model: ContactModel) -> None:
     """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
-    found = [_pairing(model), _finer_master(model), _overclosure(model)]
+    found = [_pairing(model), _finer_master(model), _overclosure(model), _chords(model)]
     for text in found:
         if text:
             warn(text, ContactWarning)
@@ -196,3 +203,44 @@ def _overclosure(model: ContactModel) -> str:
         'move a mesh, choose initial_overclosure="ignore", or, for an interference fit, resolve '
         "it gradually with contact.allow_overclosure"
     )
+
+
+# --- Facets for curves
+
+
+def _chords(model: ContactModel) -> str:
+    sampling, master = model.settings.sampling, model.master
+    if model.law.jump or sampling.smoothing != "none" or master.is_analytic:
+        return ""
+    degree = check_quadrature(model.slave, master, "overlay", None)
+    found = find_conforming(model.slave, master, degree, model.paired.search_radius)
+    if found.part < FEW:
+        return ""
+    of_gap = found.bulges[:, 0] - found.bulges[:, 1]
+    local = found.bulges[:, 0], found.bulges[:, 1], of_gap, found.gap
+    largest = np.array([np.max(np.abs(values), initial=0.0) for values in local])
+    model.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+    error, gap = largest[2:]
+    if error <= max(COARSE * gap, STRAIGHT * model.paired.facet_size):
+        return ""
+    finer = _finer(model, largest[:2], COARSE * gap)
+    cure = 'smoothing="shared-curvature"'
+    if sampling.quadrature != "overlay":
+        cure += ' with quadrature="overlay"'
+    beside = "; there is no clearance or interference beside it"
+    if gap > STRAIGHT * error:
+        beside = f", {error / gap:.2g} of the clearance or interference ({gap:.3g})"
+    return (
+        "facets: where the surfaces are curved the same way, the chord errors of the slave's and "
+        f"the master's facets ({largest[0]:.2g}, {largest[1]:.2g}) change the gap by up to "
+        f"{error:.2g}{beside}: take {finer}{cure}"
+    )
+
+
+def _finer(model: ContactModel, errors: Array, allowed: float) -> str:
+    """Facets whose chord errors are as small as allowed, as the start of an advice."""
+    sizes = local_sizes(model)
+    coarser = int(np.argmax(errors))
+    if sizes is None or allowed <= STRAIGHT * errors[coarser]:
+        return ""
+    return f"facets of size {sizes[coarser] * np.sqrt(allowed / errors[coarser]):.2g}, or "

@@ -71,6 +71,18 @@ def chosen_constraints(
     return constraints
 
 
+def check_smoothing(smoothing: str, quadrature: str, master: AnySurface) -> None:
+    """Refuse smoothing where the gap is not measured between facets."""
+    require(
+        smoothing == "none" or quadrature == "overlay",
+        'smoothing: the gap at nodes says nothing of the facets between them; use quadrature="overlay"',
+    )
+    require(
+        smoothing == "none" or not master.is_analytic,
+        "smoothing: needs facets on both sides; this tool is an analytic shape, use one of facets",
+    )
+
+
 def check_friction(friction: typing.Any, slave: Surface) -> None:
     """Refuse friction of another type, or with parameters of another mesh."""
     check(either(instance(Friction, "such as qs.Coulomb(0.2)"), None), friction=friction)

@@ -22,6 +22,7 @@ from qsdolfinx.contact.arguments import (
     check_formulation,
     check_friction,
     check_friction_use,
+    check_smoothing,
     check_surfaces,
     chosen_constraints,
 )
@@ -34,7 +35,7 @@ from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
 from qsdolfinx.gap.laws import Law, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
-from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
+from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, SMOOTHINGS, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
@@ -107,6 +108,12 @@ class Contact:
             so that what is open takes nothing from what is closed beside it; on the overlay,
             without friction and not tied, where it is the default. ``"nodes"``: at the slave
             nodes, for weighted gaps.
+        smoothing: What the gap is measured between. ``"none"``: the facets. ``"shared-curvature"``:
+            the curved surfaces that the facets approximate, as far as both sides share their
+            curvature, which is found from how neighbouring facets turn. On conforming surfaces of
+            non-matching meshes, such as shrink fits and journal bearings, the chord errors of the
+            two polygons or polyhedra are not part of the gap then. Creases of more than 30° stay.
+            Needs the overlay, and facets on both sides; a tie leaves any gap as it is.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
@@ -115,7 +122,8 @@ class Contact:
 
     Warns:
         ContactWarning: If hardly anything is paired, the master is much finer and sampled at nodes,
-            or the surfaces penetrate each other deeply.
+            the surfaces penetrate each other deeply, or the chord error of facets on conforming
+            surfaces is not small beside their clearance or interference.
     """
 
     def __init__(
@@ -137,6 +145,7 @@ class Contact:
         friction_penalty: float | None = None,
         initial_overclosure: str = "resolve",
         constraints: str | None = None,
+        smoothing: str = "none",
     ) -> None:
         law = Unilateral() if law is None else law
         check_alone(SLAVE, slave=slave)
@@ -158,6 +167,8 @@ class Contact:
                 averaging = quadrature == "overlay" or friction is not None
                 normals = "bisector" if averaging else "facet"
             same(one_of(NORMALS), normals=normals)
+            same(one_of(SMOOTHINGS), smoothing=smoothing)
+            check_smoothing(smoothing, quadrature, master)
             same(either(POSITIVE, "auto"), penalty=penalty)
             same(either(POSITIVE, None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
@@ -176,7 +187,7 @@ class Contact:
             master,
             formulation,
             law,
-            Sampling(quadrature, degree, normals),
+            Sampling(quadrature, degree, normals, smoothing),
             None if search_radius is None else float(search_radius),
             where,
             augmented,
@@ -245,6 +256,11 @@ class Contact:
     def normals(self) -> str:
         """``"facet"`` or ``"bisector"``."""
         return self.model.settings.sampling.normals
+
+    @property
+    def smoothing(self) -> str:
+        """``"none"`` or ``"shared-curvature"``."""
+        return self.model.settings.sampling.smoothing
 
     @property
     def enforcement(self) -> str:

@@ -89,7 +89,7 @@ def _held_on_both_sides(
 
 def _at_nodes(model: ContactModel, gap: WeightedGap) -> WeightedGap:
     """The pass as it were with each node against its projection alone. Collective."""
-    sampling = Sampling("nodal", 1, model.settings.sampling.normals)
+    sampling = Sampling("nodal", 1, model.settings.sampling.normals, "none")
     points = pair(gap.slave, gap.master, sampling, False, model.paired.search_radius)
     return WeightedGap(gap.slave, gap.master, points, gap.law, 1.0, rows="cover", augmented=False)
 

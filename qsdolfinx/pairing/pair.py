@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import typing
 
+from mpi4py import MPI
+
 import numpy as np
+import numpy.typing as npt
 
 import basix
 
@@ -12,7 +15,10 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
+Array = npt.NDArray[np.float64]
+
 QUADRATURES = ("nodal", "overlay")
+SMOOTHINGS = ("none", "shared-curvature")
 NORMALS = ("facet", "bisector")  # in the order of Normals in cpp/pairing/pairing.h
 
 
@@ -23,11 +29,13 @@ class Sampling(typing.NamedTuple):
         quadrature: ``"nodal"`` or ``"overlay"``.
         degree: Degree of the rule on the pieces of the overlay.
         normals: ``"facet"`` or ``"bisector"``.
+        smoothing: ``"none"`` or ``"shared-curvature"``.
     """
 
     quadrature: str
     degree: int
     normals: str
+    smoothing: str = "none"
 
 
 #: Degree of the rule along edges for general quadrilaterals: cpp/geometry/planar.h, PlanarFacet.
@@ -95,20 +103,48 @@ def _pair_facets(
     other = master.search_object(slave)
     if sampling.quadrature == "nodal":
         return _cpp.pair_surfaces(slave.cpp_object, other, both, radius, kind_of_normals)
-    kind = basix.CellType.interval if slave.gdim == 2 else basix.CellType.triangle
-    piece_x, piece_w = map(np.asarray, basix.make_quadrature(kind, sampling.degree))
-    edge_x, edge_w = map(np.asarray, basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE))
     return _cpp.overlay_surfaces(
         slave.cpp_object,
         other,
         both,
         radius,
         kind_of_normals,
-        piece_x,
-        piece_w,
-        edge_x,
-        edge_w,
+        *_overlay_rules(slave, sampling.degree),
+        sampling.smoothing == "shared-curvature",
     )
+
+
+def _overlay_rules(slave: Surface, degree: int) -> tuple[Array, Array, Array, Array]:
+    """Points and weights on pieces of the overlay and along edges."""
+    kind = basix.CellType.interval if slave.gdim == 2 else basix.CellType.triangle
+    piece_x, piece_w = map(np.asarray, basix.make_quadrature(kind, degree))
+    edge_x, edge_w = map(np.asarray, basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE))
+    return piece_x, piece_w, edge_x, edge_w
+
+
+class Conforming(typing.NamedTuple):
+    """Points of the slave on this rank where both surfaces are curved the same way.
+
+    Attributes:
+        bulges: How far the surfaces of slave and master are out of their facets (length), along the
+            slave's normal, shape (points, 2).
+        gap: Between the curved surfaces (length).
+        part: Part of all that is paired, of all ranks.
+    """
+
+    bulges: Array
+    gap: Array
+    part: float
+
+
+def find_conforming(slave: Surface, master: AnySurface, degree: int, radius: float) -> Conforming:
+    """Where two surfaces made of facets are curved the same way. Collective."""
+    found, area = _cpp.conforming_points(
+        slave.cpp_object, master.search_object(slave), radius, *_overlay_rules(slave, degree)
+    )
+    sums = slave.comm.allreduce(np.array([found[:, 3].sum(), area]), op=MPI.SUM)
+    part = float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
+    return Conforming(found[:, :2], found[:, 2], part)
 
 
 def _face_shape(

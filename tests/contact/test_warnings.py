@@ -1,10 +1,13 @@
 """What is warned of when a contact is first paired: once, on all ranks, and of nothing else."""
 
 import logging
+import re
 import warnings
 
 import numpy as np
 import pytest
+from curved_scenes import ShrinkFit
+from hertz import Parameters, build
 from scenes import CELLS, FORMULATIONS, LAWS, WORLD, Pair, box, plane, vector_space
 from step_scenes import Upset
 
@@ -43,7 +46,9 @@ def test_nothing_to_warn_of(quadrature, formulation, law):
             options = {"contact_options": {"quadrature": quadrature}, "wave": 0.02}
             Pair(cell, formulation, law(), **options).contact.update()
 
-    assert warned(scenes) == []
+    # waves that meet are curved the same way, and a tie keeps the gaps between their chords
+    found = [text for text in warned(scenes) if law is qs.Tied or not text.startswith("facets: ")]
+    assert found == []
 
 
 def test_category():
@@ -144,6 +149,51 @@ def test_wrong_face(quadrature):
     """The lower block's bottom in the place of its top, found at the same height."""
     slave, master = square(0.0)[0], square(0.01, partition="backward")[0]
     one(lambda: qs.Contact(slave, master, quadrature=quadrature), "normals")
+
+
+# --- Facets for curves
+
+
+FINE, COARSE = ((64, 4), (90, 4)), ((16, 5), (22, 7))
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("misfit", (0.01, -0.01))
+def test_chords_of_a_fit(misfit, quadrature):
+    """Interference or clearance beside h²/8R, on the coarser side, and the size that is enough."""
+    for swap in (False, True):
+        scene = ShrinkFit(COARSE, swap, misfit)
+        chord = 10.0 * (1 - np.cos(np.pi / 2 / 16 / 2))
+        options = {"quadrature": quadrature, "search_radius": 0.5}
+        sides = scene.contact.slave, scene.contact.master
+        (text,) = warned(lambda s=sides, o=options: qs.Contact(*s, **o))
+        assert text.startswith("facets: ") and "interference (0.01)" in text, text
+        assert ('with quadrature="overlay"' in text) == (quadrature == "nodal")
+        first, second = map(float, re.search(r"facets \((\S+), (\S+)\)", text).groups())
+        assert (second if swap else first) == pytest.approx(chord, rel=0.05)
+        size = float(re.search(r"facets of size (\S+),", text).group(1))
+        assert size**2 / 8 / 10 == pytest.approx(0.1 * 0.01, rel=0.1)
+
+
+def test_chords_that_do_not_matter():
+    """Fine facets, matching ones, a large misfit, a tie, and the cure."""
+    for options in (
+        {"n": FINE},
+        {"n": (COARSE[0], COARSE[0])},
+        {"n": COARSE, "misfit": 0.2, "initial_overclosure": "ignore"},
+        {"n": COARSE, "law": qs.Tied()},
+        {"n": COARSE, "smoothing": "shared-curvature"},
+    ):
+        assert warned(lambda o=options: ShrinkFit(**o)) == [], options
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+def test_chords_of_hertz(quadrature):
+    """Surfaces that do not conform: two cylinders, a cylinder or a sphere on a block."""
+    for options in ({"case": "cylinders"}, {"ratio": 2.0}, {"dim": 3, "h": 0.3}):
+        parameters = Parameters(**({"h": 0.1, "quadrature": quadrature} | options))
+        found = warned(lambda p=parameters: build(WORLD, p))
+        assert [text for text in found if text.startswith("facets")] == []
 
 
 # --- Penetration

@@ -1,0 +1,284 @@
+#include "surface/curvature.h"
+#include "parallel/exchange.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <numbers>
+
+using namespace qsdolfinx;
+
+namespace
+{
+/// Vertices that an edge connects vertex i with; an interval has one.
+std::array<int, 2> neighbours(FacetType type, int i)
+{
+  if (type == FacetType::interval)
+    return {1 - i, 1 - i};
+  if (type == FacetType::triangle)
+    return {(i + 1) % 3, (i + 2) % 3};
+  return {i ^ 1, i ^ 2};
+}
+
+/// A facet at one of its vertices, as told to the vertex's owner.
+struct Corner
+{
+  Vec3 normal;   ///< outward
+  Vec3 weighted; ///< with Max's weight; in 2D 1/length, which is the same for a circle
+  double angle;  ///< of the facet at the vertex
+};
+
+/// What the owner of a vertex knows about the surface there, as one facet sees it.
+struct Vertex
+{
+  Vec3 normal;                ///< without the facets beyond a crease
+  double closed;              ///< 1 if facets surround the vertex
+  double straight;            ///< 1 if they end there, along a line that hardly turns
+  std::array<double, 2> ends; ///< whether they end at the edge to either of the neighbours
+};
+
+constexpr int corner_width = sizeof(Corner) / sizeof(double);
+constexpr int vertex_width = sizeof(Vertex) / sizeof(double);
+
+Corner corner(const Surface& surface, std::size_t f, int i)
+{
+  const auto v = surface.facet_x(f);
+  const FacetType type = surface.type();
+  const auto [j, k] = neighbours(type, i);
+  const Vec3 a = facet_vertex(v, j) - facet_vertex(v, i), b = facet_vertex(v, k) - facet_vertex(v, i);
+  const Vec3 n = surface.normal(f, facet_centre(type));
+  if (type == FacetType::interval)
+    return {n, (1 / norm(a)) * n, std::numbers::pi};
+  const Vec3 c = cross(a, b);
+  if (norm(c) == 0) // the edges continue each other
+    return {n, {0, 0, 0}, std::numbers::pi};
+  const double side = dot(c, n) < 0 ? -1 : 1; // the neighbours may come in either order
+  return {(side / norm(c)) * c, (side / (dot(a, a) * dot(b, b))) * c,
+          std::atan2(norm(c), dot(a, b))};
+}
+
+/// What facet r of those at a vertex sees there.
+/// @param star all of them, @param edges the neighbours' unknowns of each
+/// @param seen reused storage
+Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
+            const std::vector<Corner>& corners, const std::vector<std::int64_t>& edges,
+            std::vector<std::int64_t>& seen)
+{
+  Vec3 sum{0, 0, 0};
+  double angle = 0;
+  std::size_t facets = 0;
+  seen.clear();
+  for (std::size_t s : star)
+  {
+    if (dot(corners[s].normal, corners[r].normal) < crease_cosine)
+      continue;
+    sum = sum + corners[s].weighted;
+    angle += corners[s].angle;
+    ++facets;
+    seen.insert(seen.end(), {edges[2 * s], edges[2 * s + 1]});
+  }
+  const double length = norm(sum);
+  const Vec3 n = length > 0 ? (1 / length) * sum : corners[r].normal;
+  if (type == FacetType::interval)
+    return {n, facets > 1 ? 1.0 : 0.0, 0, {0, 0}};
+  const auto once = [&](std::int64_t edge) { return std::ranges::count(seen, edge) == 1; };
+  const double closed = std::ranges::none_of(seen, once) ? 1 : 0;
+  const double straight = std::abs(angle - std::numbers::pi) < std::numbers::pi / 6 ? 1 : 0;
+  return {n, closed, straight, {once(edges[2 * r]) ? 1.0 : 0.0, once(edges[2 * r + 1]) ? 1.0 : 0.0}};
+}
+
+/// What each facet sees at its vertices, [facet][vertex]. Collective.
+std::vector<Vertex> look_around(const Surface& surface)
+{
+  const Facets& facets = surface.facets();
+  const int nv = surface.num_vertices(), d = surface.gdim();
+  const std::size_t n = surface.num_facets() * nv;
+  std::vector<double> told;
+  std::vector<std::int64_t> names; // of the vertex and its neighbours
+  told.reserve(n * corner_width);
+  names.reserve(3 * n);
+  for (std::size_t f = 0; f < surface.num_facets(); ++f)
+    for (int i = 0; i < nv; ++i)
+    {
+      const Corner c = corner(surface, f, i);
+      const double* first = c.normal.data();
+      told.insert(told.end(), first, first + 3);
+      told.insert(told.end(), c.weighted.begin(), c.weighted.end());
+      told.push_back(c.angle);
+      const auto [j, k] = neighbours(surface.type(), i);
+      for (int vertex : {i, j, k})
+        names.push_back(facets.vertex_dofs[(f * nv + vertex) * d]);
+    }
+  const Exchange to_owner(surface.comm(), facets.vertex_owner);
+  const auto data = to_owner.forward<double>(told, corner_width);
+  const auto named = to_owner.forward<std::int64_t>(names, 3);
+
+  const std::size_t received = to_owner.num_received();
+  std::vector<Corner> corners;
+  std::vector<std::int64_t> edges;
+  std::vector<std::size_t> order;
+  for (std::size_t r = 0; r < received; ++r)
+  {
+    const double* c = data.data() + r * corner_width;
+    corners.push_back({{c[0], c[1], c[2]}, {c[3], c[4], c[5]}, c[6]});
+    edges.insert(edges.end(), {named[3 * r + 1], named[3 * r + 2]});
+    order.push_back(r);
+  }
+  const auto name = [&](std::size_t r) { return named[3 * r]; };
+  std::ranges::sort(order, {}, name);
+  std::vector<double> answers(received * vertex_width);
+  std::vector<std::int64_t> seen;
+  for (std::size_t first = 0, last = 0; first < received; first = last)
+  {
+    while (last < received && name(order[last]) == name(order[first]))
+      ++last;
+    const auto star = std::span(order).subspan(first, last - first);
+    for (std::size_t r : star)
+    {
+      const Vertex v = look(surface.type(), star, r, corners, edges, seen);
+      const std::array<double, vertex_width> values{v.normal[0], v.normal[1], v.normal[2], v.closed,
+                                                    v.straight,  v.ends[0],   v.ends[1]};
+      std::ranges::copy(values, answers.begin() + r * vertex_width);
+    }
+  }
+  const auto back = to_owner.reverse<double>(answers, vertex_width);
+  std::vector<Vertex> out;
+  out.reserve(n);
+  for (std::size_t i = 0; i < n; ++i)
+  {
+    const double* v = back.data() + i * vertex_width;
+    out.push_back({{v[0], v[1], v[2]}, v[3], v[4], {v[5], v[6]}});
+  }
+  return out;
+}
+
+/// The mean, limited to twice the one nearer to zero, and zero between two signs.
+double limited_mean(double a, double b)
+{
+  if (a * b <= 0)
+    return 0;
+  const double least = std::min(2 * std::min(std::abs(a), std::abs(b)), std::abs(a + b) / 2);
+  return a > 0 ? least : -least;
+}
+
+/// Least squares for the tensor in the plane of a facet, of the smallest norm.
+class Fit
+{
+public:
+  Fit(const Vec3& normal, const Vec3& direction)
+  {
+    first_ = direction - dot(direction, normal) * normal;
+    first_ = (1 / norm(first_)) * first_;
+    second_ = cross(normal, first_);
+  }
+
+  /// Add e·K e = value; e in units of the facet's size.
+  void add(const Vec3& e, double value)
+  {
+    const double a = dot(e, first_), b = dot(e, second_);
+    const Vec3 row{a * a, std::numbers::sqrt2 * a * b, b * b};
+    for (int i = 0; i < 3; ++i)
+    {
+      matrix_[i] = matrix_[i] + row[i] * row;
+      right_[i] += value * row[i];
+    }
+  }
+
+  Curvature solve() const
+  {
+    // Decides what the data leave open, and leaves all else as it is.
+    constexpr double regularisation = 1e-6;
+    const double more = regularisation * (matrix_[0][0] + matrix_[1][1] + matrix_[2][2]);
+    if (more == 0)
+      return {};
+    auto A = matrix_;
+    for (int i = 0; i < 3; ++i)
+      A[i][i] += more;
+    const double det = dot(A[0], cross(A[1], A[2]));
+    // Cramer's rule: the inverse has the rows' cross products as columns.
+    const Vec3 k = (1 / det)
+                   * (right_[0] * cross(A[1], A[2]) + right_[1] * cross(A[2], A[0])
+                      + right_[2] * cross(A[0], A[1]));
+    const double k12 = k[1] / std::numbers::sqrt2;
+    const auto entry = [&](int i, int j)
+    {
+      return k[0] * first_[i] * first_[j] + k12 * (first_[i] * second_[j] + second_[i] * first_[j])
+             + k[2] * second_[i] * second_[j];
+    };
+    return {entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)};
+  }
+
+private:
+  Vec3 first_, second_;
+  std::array<Vec3, 3> matrix_{};
+  Vec3 right_{0, 0, 0};
+};
+
+Curvature curvature_of(const Surface& surface, std::size_t f, std::span<const Vertex> vertices)
+{
+  const auto v = surface.facet_x(f);
+  const FacetType type = surface.type();
+  const Vec3 n = surface.normal(f, facet_centre(type));
+  const double size = surface.facets().size[f];
+  Fit fit(n, facet_vertex(v, 1) - facet_vertex(v, 0));
+  for (int i = 0; i < static_cast<int>(type); ++i)
+    for (int j = 0; j < i; ++j)
+    {
+      const Vec3 e = facet_vertex(v, j) - facet_vertex(v, i);
+      const auto knows = [&](int here, int there)
+      {
+        if (vertices[here].closed > 0)
+          return true;
+        const auto to = neighbours(type, here);
+        for (int side = 0; side < 2; ++side)
+          if (to[side] == there && vertices[here].ends[side] > 0)
+            return vertices[here].straight > 0;
+        return false;
+      };
+      const auto slope = [&](int at)
+      { return dot(vertices[at].normal, e) / std::max(dot(vertices[at].normal, n), 0.5); };
+      const bool first = knows(i, j), second = knows(j, i);
+      if (!first && !second)
+        continue;
+      // Ascending out of the facet at i, descending into it at j.
+      const double at_i = -slope(i), at_j = slope(j);
+      const double m = first && second ? limited_mean(at_i, at_j) : first ? at_i : at_j;
+      fit.add((1 / size) * e, 2 * m / (size * size));
+    }
+  return fit.solve();
+}
+} // namespace
+
+std::vector<Curvature> qsdolfinx::facet_curvature(const Surface& surface)
+{
+  const std::vector<Vertex> vertices = look_around(surface);
+  const auto nv = static_cast<std::size_t>(surface.num_vertices());
+  std::vector<Curvature> out;
+  out.reserve(surface.num_facets());
+  for (std::size_t f = 0; f < surface.num_facets(); ++f)
+    out.push_back(curvature_of(surface, f, std::span(vertices).subspan(f * nv, nv)));
+  return out;
+}
+
+double qsdolfinx::along(const Curvature& K, const Vec3& e)
+{
+  return K[0] * e[0] * e[0] + K[1] * e[1] * e[1] + K[2] * e[2] * e[2]
+         + 2 * (K[3] * e[0] * e[1] + K[4] * e[0] * e[2] + K[5] * e[1] * e[2]);
+}
+
+double qsdolfinx::bulge(const Curvature& K, FacetType type, std::span<const double> v,
+                        const std::array<double, 4>& N)
+{
+  double sum = 0;
+  for (int i = 0; i < static_cast<int>(type); ++i)
+    for (int j = 0; j < i; ++j)
+      sum += N[i] * N[j] * along(K, facet_vertex(v, j) - facet_vertex(v, i));
+  return sum / 2;
+}
+
+Curvature qsdolfinx::shared_curvature(const Curvature& a, const Curvature& b)
+{
+  Curvature out;
+  for (std::size_t i = 0; i < out.size(); ++i)
+    out[i] = (a[i] - b[i]) / 2;
+  return out;
+}

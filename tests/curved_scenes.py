@@ -1,0 +1,111 @@
+"""Bodies between concentric circles or spheres, whose facets are chords."""
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from scenes import WORLD, box, elastic
+
+import qsdolfinx as qs
+
+
+class Shell:
+    """A part of a ring in 2D or 3D, or of a spherical shell, between two radii.
+
+    Cells are spread over the angle (and along the axis, or the second angle) and over the radius.
+    """
+
+    def __init__(self, n, radii, cell="quadrilateral", sphere=False, uneven=0.0, partition=None):
+        self.gdim = len(n)
+        low, high = [0.0] * self.gdim, [1.0] * self.gdim
+        self.mesh = msh = box(WORLD, n, cell, low, high, partition)
+        self.V = V = fem.functionspace(msh, ("Lagrange", 1, (self.gdim,)))
+        radial = self.gdim - 1
+        self.inner, self.outer = (self.side(radial, value) for value in (0.0, 1.0))
+        self.ends = [[self.side(axis, value) for value in (0.0, 1.0)] for axis in range(radial)]
+        x = msh.geometry.x
+        p = x[:, : self.gdim].copy()
+        inside = uneven * np.prod(np.sin(np.pi * p[:, :radial]), axis=1)
+        for axis in range(radial):
+            p[:, axis] += inside / n[axis] * np.sin(31 * p[:, axis] + 17 * p[:, 0] + axis)
+        r = radii[0] + (radii[1] - radii[0]) * p[:, radial]
+        if sphere:
+            d = np.column_stack([np.tan(1.2 * (p[:, :2] - 0.5)), np.ones(len(p))])
+            x[:] = r[:, None] * d / np.linalg.norm(d, axis=1)[:, None]
+        else:
+            x[:, 0], x[:, 1] = r * np.cos(0.5 * np.pi * p[:, 0]), r * np.sin(0.5 * np.pi * p[:, 0])
+            if self.gdim == 3:
+                x[:, 2] = 10 * p[:, 1]
+        self.u = fem.Function(V)
+        self.F = elastic(self.u, E=200e3)
+
+    def side(self, axis, value):
+        fdim = self.gdim - 1
+        return mesh.locate_entities_boundary(
+            self.mesh, fdim, lambda x: np.isclose(x[axis], value, atol=1e-9)
+        )
+
+    def surface(self, facets):
+        return qs.Surface(self.V, facets=facets)
+
+    def symmetry(self):
+        """Of a quarter of a ring, held along the axis in 3D."""
+        planes = [(1, self.ends[0][0]), (0, self.ends[0][1])]
+        planes += [(2, end) for ends in self.ends[1:] for end in ends]
+        fdim = self.gdim - 1
+        return [
+            fem.dirichletbc(
+                fem.Constant(self.mesh, 0.0),
+                fem.locate_dofs_topological(self.V.sub(axis), fdim, facets),
+                self.V.sub(axis),
+            )
+            for axis, facets in planes
+        ]
+
+
+class ShrinkFit:
+    """Rings of 5 to R + δ/2 and R − δ/2 to 15, R = 10: a quarter of them."""
+
+    R = 10.0
+
+    def __init__(self, n, swap=False, misfit=0.01, cell="quadrilateral", uneven=0.0, **options):
+        half = misfit / 2
+        partitions = "forward", "scattered"
+        radii = (5.0, self.R + half), (self.R - half, 15.0)
+        self.inner, self.outer = (
+            Shell(count, r, cell, uneven=jitter, partition=partition)
+            for count, r, jitter, partition in zip(
+                n, radii, (uneven, -uneven), partitions, strict=True
+            )
+        )
+        sides = [self.inner.surface(self.inner.outer), self.outer.surface(self.outer.inner)]
+        slave, master = sides[::-1] if swap else sides
+        self.contact = qs.Contact(slave, master, **{"quadrature": "overlay"} | options)
+
+    def problem(self):
+        bodies = self.inner, self.outer
+        return qs.ContactProblem(
+            [b.F for b in bodies],
+            [b.u for b in bodies],
+            [self.contact],
+            [b.symmetry() for b in bodies],
+        )
+
+    def pressure(self, side):
+        """Mean and scatter over the area of one side. Collective."""
+        surface = getattr(self.contact, side)
+        t = surface.node_values(self.contact.traction(side))[:, :2]
+        x = surface.node_x[:, :2]
+        p = np.abs(np.sum(t * x, axis=1)) / np.linalg.norm(x, axis=1)
+        w = surface.node_area
+        area, first, second = WORLD.allreduce(np.array([w.sum(), w @ p, w @ p**2]))
+        mean = first / area
+        return mean, np.sqrt(max(second / area - mean**2, 0.0))
+
+
+def exact_pressure(misfit=0.01, E=200e3, nu=0.3):
+    """Lamé's solution in plane strain for rings 5 to 10 to 15 of one material."""
+    a, R, b = 5.0, ShrinkFit.R, 15.0
+    E, nu = E / (1 - nu**2), nu / (1 - nu)
+    outer = (b**2 + R**2) / (b**2 - R**2) + nu
+    inner = (R**2 + a**2) / (R**2 - a**2) - nu
+    return misfit * E / R / (outer + inner)

@@ -1,0 +1,141 @@
+"""Gaps between the curved surfaces that facets approximate."""
+
+import numpy as np
+import pytest
+from curved_scenes import Shell, ShrinkFit, exact_pressure
+from hertz import Parameters, build
+from hertz_bodies import R
+from scenes import WORLD, Pair, largest, raises_everywhere
+
+import qsdolfinx as qs
+
+SMOOTH = {"smoothing": "shared-curvature"}
+RINGS = (16, 5), (22, 7)
+SHELLS = (12, 3, 4), (17, 4, 5)
+
+
+@pytest.mark.parametrize("swap", (False, True))
+@pytest.mark.parametrize(
+    ("n", "cell", "uneven", "within"),
+    [
+        (RINGS, "quadrilateral", 0.0, 0.01),
+        (RINGS[::-1], "triangle", 0.3, 0.03),
+        (SHELLS, "hexahedron", 0.0, 0.03),
+        (SHELLS, "tetrahedron", 0.0, 0.15),
+    ],
+)
+def test_gap_of_concentric_surfaces(n, cell, uneven, within, swap):
+    """The misfit at every point, where the chords' gaps are wrong by more than half of it."""
+    chords = ShrinkFit(n, swap, cell=cell, uneven=uneven).contact.pairing.gap
+    smooth = ShrinkFit(n, swap, cell=cell, uneven=uneven, **SMOOTH).contact.pairing.gap
+    assert largest(chords / 0.01 + 1) > 0.5
+    assert largest(smooth / 0.01 + 1) < within
+
+
+@pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric", "double-pass"))
+@pytest.mark.parametrize("n", (RINGS, RINGS[::-1]), ids=("coarse inside", "coarse outside"))
+def test_shrink_fit(n, formulation):
+    """Lamé's pressure within 1 %, in each formulation; without smoothing it is off by a third."""
+    exact = exact_pressure()
+    penalty = 1e3 * exact / 0.01 if formulation == "double-pass" else "auto"
+    enforcement = "penalty" if formulation == "double-pass" else "augmented-lagrangian"
+    options = {"formulation": formulation, "enforcement": enforcement, "penalty": penalty}
+    for swap in (False, True):
+        scene = ShrinkFit(n, swap, **options, **SMOOTH)
+        scene.problem().solve()
+        for side in ("slave", "master"):
+            mean, scatter = scene.pressure(side)
+            assert abs(mean / exact - 1) < 0.01 and scatter / exact < 0.015
+    if formulation == "quasi-symmetric":
+        scene = ShrinkFit(n, **options)
+        scene.problem().solve()
+        mean, scatter = scene.pressure("slave")
+        assert abs(mean / exact - 1) > 0.3 and scatter / exact > 0.2
+
+
+def test_shrink_fit_of_triangles():
+    scene = ShrinkFit(RINGS, cell="triangle", enforcement="augmented-lagrangian", **SMOOTH)
+    scene.problem().solve()
+    for side in ("slave", "master"):
+        mean, scatter = scene.pressure(side)
+        assert abs(mean / exact_pressure() - 1) < 0.01 and scatter / exact_pressure() < 0.015
+
+
+@pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
+def test_shrink_fit_3d(cell):
+    """Off by 70 % without."""
+    scene = ShrinkFit(SHELLS, cell=cell, **SMOOTH)
+    scene.problem().solve()
+    for side in ("slave", "master"):
+        mean, scatter = scene.pressure(side)
+        assert abs(mean / exact_pressure() - 1) < 0.02 and scatter / exact_pressure() < 0.03
+
+
+def test_paired_anew():
+    """On the deformed meshes the gap is what the solve has left."""
+    scene = ShrinkFit(RINGS, enforcement="augmented-lagrangian", **SMOOTH)
+    scene.problem().solve()
+    for part in (scene.inner, scene.outer):
+        u = part.u.x.array.reshape(-1, 2)
+        to = part.V.dofmap.list.reshape(-1)
+        moved = np.zeros((len(part.mesh.geometry.x), 2))
+        moved[part.mesh.geometry.dofmap.reshape(-1)] = u[to]
+        part.mesh.geometry.x[:, :2] += moved
+    scene.contact.update()
+    assert largest(scene.contact.pairing.gap) < 0.02 * 0.01
+
+
+def test_hertz_is_as_before():
+    """Equal cylinders share no curvature; a cylinder and a block share half."""
+    for case, change in (("cylinders", 0.05), ("block", 0.5)):
+        _, slave, master, contact, _ = build(WORLD, Parameters(case=case, h=0.05, ratio=1.3))
+        h = contact.search_radius
+        options = {"quadrature": "overlay", "search_radius": h}
+        smooth = qs.Contact(slave.surface, master.surface, **options, **SMOOTH)
+        plain = qs.Contact(slave.surface, master.surface, **options)
+        near = np.abs(plain.pairing.slave.x[:, 0]) < 0.8
+        sagitta = (1.3 * 0.05) ** 2 / 8 / R
+        difference = (smooth.pairing.gap - plain.pairing.gap)[near]
+        assert largest(difference) < change * sagitta
+        assert case == "cylinders" or largest(difference) > 0.1 * sagitta
+
+
+def test_flat_and_tied_contact_are_as_before():
+    for law in (qs.Unilateral(), qs.Tied()):
+        found = []
+        for options in ({}, SMOOTH):
+            pair = Pair("triangle", law=law, contact_options={"quadrature": "overlay"} | options)
+            pair.problem().solve()
+            found.append([u.x.array.copy() for u in pair.u])
+        np.testing.assert_allclose(*map(np.concatenate, found), atol=1e-12)
+
+
+def test_rigid_facets():
+    """A ring on a rigid core of segments: the misfit, too."""
+    p = np.linspace(-0.1, np.pi / 2 + 0.1, 30)
+    x = 10.005 * np.column_stack([np.cos(p), np.sin(p)])
+    segments = np.column_stack([np.arange(29), np.arange(1, 30)])
+    core = qs.RigidSurface.triangulated(WORLD, x, segments)
+    outer = Shell((22, 7), (9.995, 15.0))
+    slave = outer.surface(outer.inner)
+    gap = qs.Contact(slave, core, quadrature="overlay", **SMOOTH).pairing.gap
+    assert WORLD.allreduce(len(gap)) > 20 and largest(gap / 0.01 + 1) < 0.02
+
+
+def test_refused():
+    def contact(**options):
+        return lambda: Pair("triangle", contact_options=options)
+
+    raises_everywhere(WORLD, ValueError, 'use quadrature="overlay"', contact(**SMOOTH))
+    raises_everywhere(
+        WORLD, ValueError, "smoothing: must be one of none", contact(smoothing="nagata")
+    )
+    tool = qs.RigidSurface.sphere(WORLD, [0.0, 0.0], 9.99)
+    outer = Shell((22, 7), (9.995, 15.0))
+    slave = outer.surface(outer.inner)
+    raises_everywhere(
+        WORLD,
+        ValueError,
+        "smoothing: needs facets on both sides",
+        lambda: qs.Contact(slave, tool, quadrature="overlay", **SMOOTH),
+    )

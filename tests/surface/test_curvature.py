@@ -1,0 +1,121 @@
+"""Curvature of surfaces, found from how their facets turn."""
+
+import numpy as np
+import pytest
+from curved_scenes import Shell
+from scenes import CELLS, WORLD, box, largest, plane, vector_space
+
+import qsdolfinx as qs
+import qsdolfinx._cpp as _cpp
+
+R = 10.0
+PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def tensors(surface):
+    """K of this rank's facets, shape (facets, 3, 3). Collective."""
+    K = np.asarray(_cpp.facet_curvature(surface.cpp_object))
+    out = np.zeros((len(K), 3, 3))
+    for value, (i, j) in zip(K.T, PLACES, strict=True):
+        out[:, i, j] = out[:, j, i] = value
+    return out
+
+
+def in_all_directions(surface, K):
+    """e·K e over |e|² and lines e between the vertices of facets, shape (lines, facets)."""
+    x = surface.coordinates[0]
+    pairs = [(i, j) for i in range(x.shape[1]) for j in range(i)]
+    lines = [x[:, i] - x[:, j] for i, j in pairs]
+    return np.array([np.einsum("fi,fij,fj->f", e, K, e) / np.sum(e**2, axis=1) for e in lines])
+
+
+def body(n, cell="quadrilateral", **options):
+    return Shell(n, (5.0, R), cell, partition="scattered", **options)
+
+
+@pytest.mark.parametrize("uneven", (0.0, 0.4))
+def test_circle(uneven):
+    """Of facets of any length, convex from inside and concave from outside."""
+    inside = body((16, 2), uneven=uneven)
+    for facets, expected in ((inside.outer, 1 / R), (inside.inner, -1 / 5.0)):
+        surface = inside.surface(facets)
+        found = in_all_directions(surface, tensors(surface))
+        assert largest(found / expected - 1) < 0.01
+
+
+@pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
+@pytest.mark.parametrize("uneven", (0.0, 0.3))
+def test_sphere(cell, uneven):
+    """The same in all directions, to O(h), also where the surface ends."""
+    errors = []
+    for n in (6, 12):
+        surface = (part := body((n, n, 1), cell, sphere=True, uneven=uneven)).surface(part.outer)
+        values = in_all_directions(surface, tensors(surface)) * R - 1
+        total, count = WORLD.allreduce(np.array([np.abs(values).sum(), values.size]))
+        errors.append(total / count)
+    assert errors[1] < 0.06 and errors[1] < 0.7 * errors[0]
+
+
+@pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
+@pytest.mark.parametrize("along", (1, 5))
+def test_cylinder(cell, along):
+    """Curved around the axis alone, also if there is but one facet along it."""
+    surface = (part := body((12, along, 1), cell)).surface(part.outer)
+    x = surface.coordinates[0].mean(axis=1)
+    around = np.column_stack([-x[:, 1], x[:, 0], 0 * x[:, 0]])
+    around /= np.linalg.norm(around, axis=1)[:, None]
+    exact = around[:, :, None] * around[:, None, :] / R
+    assert largest(tensors(surface) - exact) < 0.05 / R
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_creases_and_planes_are_not_curved(cell):
+    """All sides of a block as one surface."""
+    gdim = 2 if cell in ("triangle", "quadrilateral") else 3
+    V = vector_space(box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered"))
+    sides = [plane(V.mesh, axis, value) for axis in range(gdim) for value in (0.0, 1.0)]
+    surface = qs.Surface(V, facets=np.unique(np.concatenate(sides)))
+    assert largest(tensors(surface)) < 1e-13
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_flat_beside_a_fillet(cell):
+    """Facets that touch a fillet stay flat; its own have its curvature but the outermost."""
+    gdim = 2 if cell in ("triangle", "quadrilateral") else 3
+    n, radius = 24, 2.0
+    V = vector_space(box(WORLD, [n] + [4] * (gdim - 1), cell, [0.0] * gdim, [1.0] * gdim))
+    top = plane(V.mesh, gdim - 1, 1.0)
+    x = V.mesh.geometry.x
+    length = 3.0 * x[:, 0]  # flat to 1.5, then along the fillet
+    angle = np.maximum(length - 1.5, 0.0) / radius
+    depth = 1 - x[:, gdim - 1]
+    at = np.minimum(length, 1.5) + (radius - depth) * np.sin(angle)
+    x[:, gdim - 1] = -depth * np.cos(angle) - radius * (1 - np.cos(angle))
+    x[:, 0] = at
+    surface = qs.Surface(V, facets=top)
+    K, corners = tensors(surface), surface.coordinates[0]
+    flat = corners[:, :, 0].max(axis=1) < 1.5 + 1e-9
+    if gdim == 3:  # where the surface ends, a facet knows of one side alone
+        y = corners[:, :, 1]
+        flat &= (y.min(axis=1) > 1e-9) & (y.max(axis=1) < 1 - 1e-9)
+    beyond = corners[:, :, 0].min(axis=1) > 1.5 + 1e-9
+    assert largest(K[flat]) < 1e-12
+    found = np.trace(K[beyond], axis1=1, axis2=2) * radius
+    assert largest(found - 1) < 0.1
+    assert WORLD.allreduce(int(flat.sum())) and WORLD.allreduce(int(beyond.sum()))
+
+
+@pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
+def test_any_partition(cell):
+    """The same tensors at the same places."""
+    n = (12, 3) if cell == "quadrilateral" else (8, 3, 2)
+    found = []
+    for partition in ("first", "scattered", "backward"):
+        part = Shell(n, (5.0, R), cell, uneven=0.3, partition=partition)
+        surface = part.surface(part.outer)
+        x, K = surface.coordinates[0].mean(axis=1), tensors(surface)
+        rows = np.column_stack([np.round(x, 9), K.reshape(-1, 9)])
+        rows = np.concatenate(WORLD.allgather(rows))
+        found.append(rows[np.lexsort(rows[:, :3].T)])
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], atol=1e-9)
