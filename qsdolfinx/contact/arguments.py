@@ -75,7 +75,7 @@ def check_smoothing(smoothing: str, quadrature: str, master: AnySurface) -> None
     """Refuse smoothing where the gap is not measured between facets."""
     require(
         smoothing == "none" or quadrature == "overlay",
-        'smoothing: the gap at nodes says nothing of the facets between them; use quadrature="overlay"',
+        'smoothing: nodes see nothing of the facets between them; use quadrature="overlay"',
     )
     require(
         smoothing == "none" or not master.is_analytic,
