@@ -108,7 +108,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
         return std::pair(copy(std::move(out), {found.size(), 4}), area);
       },
       "slave"_a, "master"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
-      "Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all "
+      "Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area "
+      "of all "
       "that is paired on this rank; collective.");
 
   m.def("sample_nodes", &sample_nodes, "slave"_a, "Points at the nodes, without a master.");

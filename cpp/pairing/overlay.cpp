@@ -106,7 +106,7 @@ struct Curved
       : of_cut(facet_curvature(cut)), of_other(facet_curvature(other))
   {
   }
-  std::vector<Curvature> of_cut, of_other;        ///< by facet of this rank
+  std::vector<Curvature> of_cut, of_other;       ///< by facet of this rank
   std::vector<ConformingPoint>* found = nullptr; ///< filled if it is not null
 };
 
@@ -436,7 +436,7 @@ private:
   PairingPoints& points_;
   const Surface& cut_;
   const Curved* curved_; // null if facets are taken as they are
-  NearbyFacets nearby_; // of the other surface
+  NearbyFacets nearby_;  // of the other surface
   BoxTree tree_;
   NearbyFacets own_; // of the surface that is cut
   BoxTree own_tree_;

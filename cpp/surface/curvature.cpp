@@ -44,7 +44,8 @@ Corner corner(const Surface& surface, std::size_t f, int i)
   const auto v = surface.facet_x(f);
   const FacetType type = surface.type();
   const auto [j, k] = neighbours(type, i);
-  const Vec3 a = facet_vertex(v, j) - facet_vertex(v, i), b = facet_vertex(v, k) - facet_vertex(v, i);
+  const Vec3 a = facet_vertex(v, j) - facet_vertex(v, i),
+             b = facet_vertex(v, k) - facet_vertex(v, i);
   const Vec3 n = surface.normal(f, facet_centre(type));
   if (type == FacetType::interval)
     return {n, (1 / norm(a)) * n, std::numbers::pi};
@@ -83,7 +84,8 @@ Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
   const auto once = [&](std::int64_t edge) { return std::ranges::count(seen, edge) == 1; };
   const double closed = std::ranges::none_of(seen, once) ? 1 : 0;
   const double straight = std::abs(angle - std::numbers::pi) < std::numbers::pi / 6 ? 1 : 0;
-  return {n, closed, straight, {once(edges[2 * r]) ? 1.0 : 0.0, once(edges[2 * r + 1]) ? 1.0 : 0.0}};
+  return {
+      n, closed, straight, {once(edges[2 * r]) ? 1.0 : 0.0, once(edges[2 * r + 1]) ? 1.0 : 0.0}};
 }
 
 /// What each facet sees at its vertices, [facet][vertex]. Collective.

@@ -75,7 +75,8 @@ def check_smoothing(smoothing: str, quadrature: str, master: AnySurface) -> None
     """Refuse smoothing where the gap is not measured between facets."""
     require(
         smoothing == "none" or quadrature == "overlay",
-        'smoothing: nodes see nothing of the facets between them; use quadrature="overlay"',
+        "smoothing: nodal quadrature does not measure the gap of the facets between nodes; "
+        'use quadrature="overlay"',
     )
     require(
         smoothing == "none" or not master.is_analytic,
