@@ -174,7 +174,8 @@ def tangential_offset(d, n):
 def first_hits(x, direction, facets, normals):
     """Smallest |t| at which x + t·direction meets a facet that faces it, inf if none does.
 
-    Without normals any facet counts, and only t > 0. For intervals and triangles; parallelograms are two triangles.
+    Without normals any facet counts, and only t > 0. For intervals and triangles; parallelograms
+    are two triangles.
     """
     best = np.full(len(x), np.inf)
     facing = np.ones((len(x), len(facets)), dtype=bool)
