@@ -80,7 +80,19 @@ def outward(facets, center):
     return unit(n) * np.sign(dot(n, facets.mean(axis=1) - center))[:, None]
 
 
-def nodal_faults(x, normal, facets, center, radius, found, point):
+def crossed(x, y, facets):
+    """Whether the line from x to y, or as far beyond y again, meets a facet between, at neither."""
+    out = np.zeros(len(x), dtype=bool)
+    for corners in facets:
+        at_node = np.linalg.norm(corners[:, None] - x, axis=-1).min(axis=0)
+        t = first_hits(x, y - x, corners[None], None)
+        near = np.linalg.norm(y - x, axis=1) * np.minimum(t, 2 - t)
+        size = np.linalg.norm(corners - corners[0], axis=1).max()
+        out |= (t < 2) & (np.abs(t - 1) > 1e-6) & (near > 1e-6 * size) & (at_node > 1e-6 * size)
+    return out
+
+
+def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
     """What is wrong with the pairing of nodes: too far, too near, paired or not against the rule.
 
     Args:
@@ -91,6 +103,7 @@ def nodal_faults(x, normal, facets, center, radius, found, point):
         radius: Search radius.
         found: Whether each node was paired.
         point: Where.
+        own: All facets of the nodes' surface: what they hide from a node may be unpaired.
     """
     if len(x) == 0:
         return []
@@ -121,9 +134,17 @@ def nodal_faults(x, normal, facets, center, radius, found, point):
     good = (
         np.all(within | ~near, axis=1) & (sure < radius * (1 - 1e-9)) & (sure <= possible + slack)
     )
+    good[good & ~found] &= ~hidden(x, q, facing, distance, facets, own)[good & ~found]
     if angle == MARGIN and np.any(good & ~found):
         out.append(f"{np.count_nonzero(good & ~found)} nodes were left unpaired")
     return out
+
+
+def hidden(x, q, facing, distance, facets, own):
+    """Whether facets may stand between the nodes and the nearest that faces them."""
+    nearest = np.argmin(np.where(facing < 0, distance, np.inf), axis=1)
+    y = q[np.arange(len(x)), nearest]
+    return crossed(x, y, [*facets, *own])
 
 
 def to_rim(q, facets):
@@ -153,10 +174,13 @@ def tangential_offset(d, n):
 def first_hits(x, direction, facets, normals):
     """Smallest |t| at which x + t·direction meets a facet that faces it, inf if none does.
 
-    For intervals and triangles; parallelograms are two triangles.
+    Without normals any facet counts, and only t > 0. For intervals and triangles; parallelograms
+    are two triangles.
     """
     best = np.full(len(x), np.inf)
-    facing = direction @ normals.T < 0
+    facing = np.ones((len(x), len(facets)), dtype=bool)
+    if normals is not None:
+        facing = direction @ normals.T < 0
     for f, corners in enumerate(facets):
         a, b = corners[0], corners[1]
         if len(corners) == 2:
@@ -176,6 +200,6 @@ def first_hits(x, direction, facets, normals):
             inside = (s > -1e-9) & (s < 1 + 1e-9)
             if len(corners) > 2:
                 inside &= (r > -1e-9) & (s + r < 1 + 1e-9)
-            ok = facing[:, f] & inside
+            ok = facing[:, f] & inside & ((t > 0) if normals is None else True)
             best = np.where(ok, np.minimum(best, np.abs(t)), best)
     return best

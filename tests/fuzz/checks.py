@@ -53,7 +53,8 @@ def check_scene(comm, scene):
         for at, onto, found, point in paired_nodes(contact):
             facets, center = all_facets(onto), center_of(scene, onto is contact.master)
             radius = contact.search_radius
-            faults += nodal_faults(at.node_x, at.node_normal, facets, center, radius, found, point)
+            given = at.node_x, at.node_normal, facets, center, radius, found, point
+            faults += nodal_faults(*given, all_facets(at))
     else:
         faults += overlay_faults(contact, scene)
     numbers = pairing_numbers(contact)
