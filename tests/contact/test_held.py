@@ -1,0 +1,245 @@
+"""Contact nodes that conditions hold on both sides: planes of symmetry, and clamped edges."""
+
+import warnings
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, clamp, elastic, largest, plane, slide, vector_space
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+AUGMENTED = "augmented-lagrangian"
+PARTITIONS = ("forward", "scattered")
+
+
+def bodies(cell, n, low=0.0, E=(1.0, 1.0)):
+    """Two blocks that meet at height 0, the lower one first: spaces, unknowns, forms."""
+    up = 1 if cell in ("triangle", "quadrilateral") else 2
+    V = []
+    for count, bottom, partition in zip(n, (-1.0, 0.0), PARTITIONS, strict=True):
+        cells = [count * (2 if low < 0 else 1)] * up + [2]
+        corners = [low] * up + [bottom], [1.0] * up + [bottom + 1]
+        V.append(vector_space(box(WORLD, cells, cell, *corners, partition)))
+    u = [fem.Function(space) for space in V]
+    return V, u, [elastic(*both) for both in zip(u, E, strict=True)]
+
+
+def contact_of(V, law, swap=False, **options):
+    surfaces = [qs.Surface(s, facets=plane(s.mesh, s.mesh.geometry.dim - 1, 0.0)) for s in V]
+    master, slave = surfaces[::-1] if swap else surfaces
+    options = {"enforcement": AUGMENTED, "quadrature": "overlay"} | options
+    return qs.Contact(slave, master, law=law, **options)
+
+
+# --- Planes of symmetry
+
+
+def stretched(whole, n, **options):
+    """Two tied bars of unlike stiffness, clamped at their ends and pulled; whole or a quarter.
+
+    Returns:
+        Force that the upper one feels in the quarter x, y > 0, the problem.
+    """
+    V, u, F = bodies("hexahedron", n, -1.0 if whole else 0.0, E=(1.0, 5.0))
+    bcs = []
+    for space, end, pull in zip(V, (-1.0, 1.0), (0.0, 0.1), strict=True):
+        bcs.append([clamp(space, plane(space.mesh, 2, end), [0.0, 0.0, pull])])
+        if not whole:
+            bcs[-1] += [slide(space, axis, plane(space.mesh, axis, 0.0)) for axis in (0, 1)]
+    solver = options.pop("solver", "direct")
+    contact = contact_of(V, qs.Tied(), **options)
+    problem = qs.ContactProblem(F, u, [contact], bcs, solver=solver)
+    problem.solve()
+    p, slave = contact.model.gaps[0], contact.slave
+    x = slave.node_x[p.row_node]
+    force = p.weight[:, None] * p.multiplier(contact.penalty)
+    for axis in (0, 1):
+        on = np.isclose(x[:, axis], 0.0)
+        force[(x[:, axis] < 0) & ~on] = 0.0
+        if whole:  # half of what the mirrored half feels as well, and none across the plane
+            force[on] *= 0.5
+            force[on, axis] = 0.0
+    return WORLD.allreduce(force.sum(axis=0)), problem
+
+
+@pytest.mark.parametrize("penalty", (50.0, 1e4))
+@pytest.mark.parametrize("enforcement", (AUGMENTED, "penalty"))
+@pytest.mark.parametrize("quadrature", ("overlay", "nodal"))
+@pytest.mark.parametrize("n", ((3, 2), (2, 3)))
+def test_a_quarter_is_a_quarter_of_the_whole(n, quadrature, enforcement, penalty):
+    """Shear, too; with as many updates, and neither locked by a large penalty."""
+    options = {"quadrature": quadrature, "enforcement": enforcement, "penalty": penalty}
+    force, whole = stretched(True, n, **options)
+    quarter_force, quarter = stretched(False, n, **options)
+    assert min(abs(force)) > 0.05 * max(abs(force))
+    np.testing.assert_allclose(quarter_force, force, rtol=1e-6)
+    assert quarter.num_augmentations <= whole.num_augmentations + 2
+    assert quarter.num_augmentations <= 10 or n[1] > n[0]  # a finer slave takes more
+    assert enforcement == AUGMENTED or quarter.num_iterations == 1
+
+
+def test_multigrid_finds_the_same():
+    """Unknowns and multipliers together; where conditions hold both, these are no unknowns."""
+    direct, _ = stretched(False, (3, 2))
+    force, problem = stretched(False, (3, 2), solver="amg")
+    np.testing.assert_allclose(force, direct, rtol=1e-5)
+    assert problem.num_augmentations <= 2
+
+
+@pytest.mark.parametrize("n", ((3, 2), (2, 3)))
+def test_friction_in_a_quarter(n):
+    """Sticking to each other, blocks have as many updates and nearly the shear of whole ones."""
+    found = []
+    for low in (-1.0, 0.0):
+        V, u, F = bodies("hexahedron", n, low, E=(1.0, 5.0))
+        ends = zip(V, (-1.0, 1.0), (0.0, -0.1), strict=True)
+        bcs = [[clamp(s, plane(s.mesh, 2, z), [0.0, 0.0, push])] for s, z, push in ends]
+        for space, of_body in zip(V, bcs, strict=True):
+            if low == 0:
+                planes = [(axis, plane(space.mesh, axis, 0.0)) for axis in (0, 1)]
+                of_body += [slide(space, axis, facets) for axis, facets in planes]
+        contact = contact_of(V, qs.Unilateral(), friction=qs.Sticking())
+        problem = qs.ContactProblem(F, u, [contact], bcs)
+        problem.solve()
+        p = contact.model.slips[0]
+        x, shear = p.slave.node_x[p.row_node], p.weight * p.state.response.traction[:, 0]
+        sides = np.where(np.isclose(x[:, 1], 0.0) & (low < 0), 0.5, x[:, 1] >= 0)
+        sides = sides * ((x[:, 0] > 1e-9) | (low == 0))
+        found.append((WORLD.allreduce(sides @ shear), problem.num_augmentations))
+    (whole, updates), (quarter, of_quarter) = found
+    assert abs(quarter - whole) < 0.1 * abs(whole)
+    assert of_quarter <= updates + 2
+
+
+# --- Clamped edges
+
+
+def strained(cell, n, law, swap=False, solver="direct", **options):
+    """Two blocks of one material whose sides and ends are moved as in uniform strain.
+
+    Returns:
+        Displacements less those of uniform strain, the contact, the problem.
+    """
+    V, u, F = bodies(cell, n)
+    gdim = V[0].mesh.geometry.dim
+    strain = np.diag([0.03] * (gdim - 1) + [-0.1])
+    strain[0, -1] = 0.05 if law.jump else 0.0
+    exact, bcs = [fem.Function(space) for space in V], []
+    for space, field, end in zip(V, exact, (-1.0, 1.0), strict=True):
+        field.interpolate(lambda x: strain @ x[:gdim])
+        sides = [plane(space.mesh, axis, value) for axis in range(gdim - 1) for value in (0.0, 1.0)]
+        held = [plane(space.mesh, gdim - 1, end), *sides]
+        dofs = (fem.locate_dofs_topological(space, gdim - 1, facets) for facets in held)
+        bcs.append([fem.dirichletbc(field, d) for d in dofs])
+    contact = contact_of(V, law, swap, **options)
+    problem = qs.ContactProblem(F, u, [contact], bcs, solver=solver)
+    problem.solve()
+    return [a.x.array - b.x.array for a, b in zip(u, exact, strict=True)], contact, problem
+
+
+@pytest.mark.parametrize("solver", ("direct", "amg"))
+@pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
+@pytest.mark.parametrize("n", ((4, 3), (3, 4)))
+@pytest.mark.parametrize("cell", ("triangle", "tetrahedron", "hexahedron"))
+def test_patch_with_clamped_sides(cell, n, law, solver):
+    """The patch test holds up to the edges, and multipliers are uniform there as well."""
+    errors, contact, problem = strained(cell, n, law(), solver=solver)
+    assert largest(*errors) < 1e-6
+    pressure = contact.multiplier() if law is qs.Unilateral else -contact.multiplier()[:, -1]
+    expected = abs(contact.force("slave")[-1])  # on a unit area
+    assert largest(pressure - expected) < 1e-4 * expected
+    assert problem.num_augmentations <= 10
+
+
+@pytest.mark.parametrize("quadrature", ("overlay", "nodal"))
+def test_clamped_edges_do_not_know_the_penalty(quadrature):
+    """Loaded blocks between walls: the multiplier of an edge is not that of the rows around it."""
+    forces = []
+    for penalty in ("auto", 1e3, 1e4):
+        V, u, F = bodies("quadrilateral", (4, 6), E=(1.0, 5.0))
+        bcs = [[clamp(s, plane(s.mesh, 0, x)) for x in (0.0, 1.0)] for s in V]
+        top = np.sort(plane(V[1].mesh, 1, 1.0))
+        tags = mesh.meshtags(V[1].mesh, 1, top, np.ones_like(top))
+        ds = ufl.Measure("ds", domain=V[1].mesh, subdomain_data=tags)(1)
+        load = fem.Constant(V[1].mesh, np.array([0.05, -0.1]))
+        F[1] -= ufl.inner(load, ufl.TestFunction(V[1])) * ds
+        contact = contact_of(V, qs.Tied(), penalty=penalty, quadrature=quadrature)
+        problem = qs.ContactProblem(F, u, [contact], bcs)
+        problem.solve()
+        assert problem.num_augmentations <= 10
+        forces.append(contact.force("slave"))
+    for force in forces[1:]:
+        assert largest(force - forces[0]) < 1e-3 * largest(forces[0])
+
+
+@pytest.mark.parametrize("side", (0, 1))
+def test_held_on_one_side_alone(side):
+    """There the gap is the other's to close, and its multiplier stays."""
+    V, u, F = bodies("quadrilateral", (4, 3))
+    bcs = [
+        [clamp(V[0], plane(V[0].mesh, 1, -1.0))],
+        [clamp(V[1], plane(V[1].mesh, 1, 1.0), [0.03, 0.1])],
+    ]
+    bcs[side].append(clamp(V[side], plane(V[side].mesh, 0, 0.0)))
+    contact = contact_of(V, qs.Tied())
+    problem = qs.ContactProblem(F, u, [contact], bcs)
+    problem.solve()
+    assert contact.model.gaps[0].extension is None
+    assert largest(contact.gap()) <= 3 * contact.allowed_gap
+
+
+# --- What conditions prescribe
+
+
+def warned(call):
+    """Texts of the contact warnings inside the call."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        call()
+    return [str(w.message) for w in caught if issubclass(w.category, qs.ContactWarning)]
+
+
+@pytest.mark.parametrize("quadrature", ("overlay", "nodal"))
+@pytest.mark.parametrize("enforcement", (AUGMENTED, "penalty"))
+@pytest.mark.parametrize("law, sign", ((qs.Unilateral, -1), (qs.Tied, 1)))
+def test_prescribed_gaps_are_told_of(law, sign, enforcement, quadrature):
+    """Once; they are nobody's to close, so that the solve ends."""
+    V, u, F = bodies("quadrilateral", (4, 3))
+    bcs = [
+        [clamp(space, plane(space.mesh, axis, value), [0.0, shift]) for axis, value in places]
+        for space, shift, places in zip(
+            V, (0.0, sign * 0.04), ([(1, -1.0), (0, 0.0)], [(1, 1.0), (0, 0.0)]), strict=True
+        )
+    ]
+    options = {"quadrature": quadrature, "enforcement": enforcement}
+    contact = contact_of(V, law(), formulation="master-slave", **options)
+    problem = qs.ContactProblem(F, u, [contact], bcs)
+    texts = warned(problem.solve)
+    assert len(texts) == 1 and texts[0].startswith("bcs: ") and " 0.04, " in texts[0], texts
+    assert warned(problem.solve) == []
+    assert problem.num_augmentations <= 10
+
+
+@pytest.mark.parametrize("law", (qs.Unilateral, qs.Tied))
+def test_nothing_to_tell_of_what_moves_together(law):
+    assert warned(lambda: strained("quadrilateral", (4, 3), law())) == []
+
+
+def test_a_driven_tool_is_not_held():
+    """Its force is balanced by nodes that are: they keep their multipliers."""
+    V = vector_space(box(WORLD, (4, 3), "quadrilateral", [0.0, -1.0], [1.0, 0.0], "scattered"))
+    u = fem.Function(V)
+    every = plane(V.mesh, 1, 0.0)
+    bcs = [clamp(V, every), clamp(V, plane(V.mesh, 1, -1.0))]
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, -1.0])
+    tool.drive(0.3, [0.0, -1.0])
+    contact = qs.Contact(
+        qs.Surface(V, facets=every), tool, penalty=10.0, enforcement=AUGMENTED, quadrature="overlay"
+    )
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
+    problem.solve()
+    np.testing.assert_allclose(contact.force("slave"), [0.0, -0.3], atol=1e-8)
+    assert largest(contact.gap()) <= 3 * contact.allowed_gap
