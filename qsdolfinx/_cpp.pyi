@@ -139,16 +139,12 @@ class Surface:
 def closest_facets(
     nodes: Surface, surface: Surface, radius: float
 ) -> tuple[numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.float64]]:
-    """
-    Which owned nodes find a facet, [node], and the closest points, [node][3]; collective.
-    """
+    """Which owned nodes find a facet, [node], and the closest points, [node][3]; collective."""
 
 def closest_point(
     num_vertices: int, vertices: numpy.typing.NDArray[numpy.float64], p: Sequence[float]
 ) -> tuple[float, list[float], list[float]]:
-    """
-    Closest point of one facet to p: distance, reference coordinates, position.
-    """
+    """Closest point of one facet to p: distance, reference coordinates, position."""
 
 def conforming_points(
     slave: Surface,
@@ -159,9 +155,7 @@ def conforming_points(
     edge_x: numpy.typing.NDArray[numpy.float64],
     edge_w: numpy.typing.NDArray[numpy.float64],
 ) -> tuple[numpy.typing.NDArray[numpy.float64], float]:
-    """
-    Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all that is paired on this rank; collective.
-    """
+    """Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all that is paired on this rank; collective."""
 
 def count_degenerate(num_vertices: int, x: numpy.typing.NDArray[numpy.float64]) -> int:
     """Number of facets x [facet][vertex][3] without area, or not convex."""
@@ -206,9 +200,7 @@ def insert_friction(
 def mean_of_rows(
     x: numpy.typing.NDArray[numpy.float64], rows: numpy.typing.NDArray[numpy.int32]
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """
-    Means of points x [point][3], one of each row of their numbers, [row][3].
-    """
+    """Means of points x [point][3], one of each row of their numbers, [row][3]."""
 
 def overlay_surfaces(
     slave: Surface,
