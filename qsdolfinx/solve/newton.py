@@ -317,11 +317,12 @@ class Newton:
         first_guess, slips = self.system.x.copy(), self.system.slips
         database = PETSc.Options(self.snes.getOptionsPrefix())
         full_steps = database.getString("snes_linesearch_type", "") == "basic"
+        may_stick = full_steps and attempt < MAX_ATTEMPTS
         for slip in slips:
-            slip.stick_slip.begin_iterations(full_steps and attempt < MAX_ATTEMPTS)
+            slip.stick_slip.begin_iterations(may_stick)
         self._run()
         if self._is_rescued():
-            self._start_again(first_guess, full_steps and attempt < MAX_ATTEMPTS)
+            self._start_again(first_guess, may_stick)
             self._run()
         if self.snes.getConvergedReason() < 0 and self.has_full_steps:
             self._start_again(first_guess, False)
