@@ -45,7 +45,8 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
     """
     model.held_nodes = []
     for i, gap in enumerate(model.gaps):
-        if gap.rows.are_points:  # which conditions hold nodes does not matter to points between
+        # Points between the nodes have rows of their own; edges' unknowns have no projections.
+        if gap.rows.are_points or max(gap.slave.degree, gap.master.degree) > 1:
             continue
         held = _held_on_both_sides(model, gap, *model.ordered(gap, (slave, master)))
         pressed = _along_normal(gap, held)

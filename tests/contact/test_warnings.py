@@ -6,12 +6,13 @@ import warnings
 
 import numpy as np
 import pytest
-from curved_scenes import ShrinkFit
+from curved_scenes import Shell, ShrinkFit
 from hertz import Parameters, build
 from scenes import CELLS, FORMULATIONS, LAWS, WORLD, Pair, box, plane, vector_space
 from step_scenes import Upset
 
 import qsdolfinx as qs
+from qsdolfinx.pairing.pair import find_conforming
 
 
 def warned(call):
@@ -194,6 +195,19 @@ def test_chords_of_hertz(quadrature):
         parameters = Parameters(**({"h": 0.1, "quadrature": quadrature} | options))
         found = warned(lambda p=parameters: build(WORLD, p))
         assert [text for text in found if text.startswith("facets")] == []
+
+
+def test_what_conforms():
+    """A pin in its hole all over, two pins of other radii nowhere."""
+    fit = ShrinkFit(COARSE).contact
+    pins = [Shell((n, 2), (5.0, R)) for n, R in ((16, 10.0), (30, 15.0))]
+    x = pins[1].mesh.geometry.x
+    x[:, :2] = 25.0 / np.sqrt(2.0) - x[:, :2]  # they touch half way
+    slave, master = (pin.surface(pin.outer) for pin in pins)
+    for pair, part in (((fit.slave, fit.master), 1.0), ((slave, master), 0.0)):
+        assert find_conforming(*pair, degree=2, radius=1.0).part == pytest.approx(part)
+    assert warned(lambda: qs.Contact(slave, master)) == []
+    assert WORLD.allreduce(len(qs.Contact(slave, master).pairing)) > 0
 
 
 # --- Penetration

@@ -181,6 +181,14 @@ CASES = {
         "sees nothing of the edges' unknowns of a displacement of degree 2; "
         'use quadrature="overlay"'
     ): lambda s, folder: qs.Contact(on_square(("Lagrange", 2, (2,))), s.pair.master),
+    "smoothing: nodal quadrature does not measure the gap of the facets between nodes": (
+        lambda s, folder: qs.Contact(s.pair.slave, s.pair.master, smoothing="shared-curvature")
+    ),
+    "smoothing: needs facets on both sides; this tool is an analytic shape": (
+        lambda s, folder: qs.Contact(
+            s.pair.slave, s.case.tool, quadrature="overlay", smoothing="shared-curvature"
+        )
+    ),
     "formulation: double-pass needs a multiplier on both sides, and a rigid tool has none": (
         lambda s, folder: qs.Contact(s.pair.slave, s.case.tool, "double-pass")
     ),
