@@ -124,7 +124,7 @@ def arguments():
     enforcements = "penalty", "augmented-lagrangian"
     add("--enforcement", choices=enforcements, default="augmented-lagrangian")
     add("--slave", choices=("coarser", "finer", "lower", "upper"), default="coarser")
-    add("--constraints", choices=("nodes", "points"))
+    add("--constraints", choices=("nodes", "points"), default="nodes")
     add("--factor", type=float, help="penalty over E/h; otherwise the automatic one")
     add("--gap-tolerance", type=float, default=1e-8)
     add("--solver", default="amg")

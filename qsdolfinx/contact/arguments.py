@@ -46,19 +46,12 @@ def check_formulation(formulation: str, enforcement: str, master: AnySurface) ->
     )
 
 
-def chosen_constraints(
-    constraints: str | None, quadrature: str, law: Law, friction: Friction | None
-) -> str:
-    """Constraints as given, or where they are by default.
-
-    Raises:
-        ValueError: If they are to be at points where nodes are what counts.
-    """
-    if constraints is None:
-        at_points = quadrature == "overlay" and friction is None and not law.jump
-        return "points" if at_points else "nodes"
+def check_constraints(
+    constraints: str, quadrature: str, law: Law, friction: Friction | None
+) -> None:
+    """Refuse constraints at points where nodes are what counts."""
     if constraints == "nodes":
-        return constraints
+        return
     require(quadrature == "overlay", 'constraints: "points" needs quadrature="overlay"')
     require(
         not law.jump,
@@ -68,7 +61,6 @@ def chosen_constraints(
         friction is None,
         'constraints: friction is at nodes, and so has to be the pressure; use "nodes"',
     )
-    return constraints
 
 
 def check_smoothing(smoothing: str, quadrature: str, master: AnySurface) -> None:

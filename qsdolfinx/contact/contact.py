@@ -19,12 +19,12 @@ from qsdolfinx.contact import fields, motion, multipliers, results
 from qsdolfinx.contact.advice import advise
 from qsdolfinx.contact.arguments import (
     SLAVE,
+    check_constraints,
     check_formulation,
     check_friction,
     check_friction_use,
     check_smoothing,
     check_surfaces,
-    chosen_constraints,
 )
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty
@@ -104,10 +104,9 @@ class Contact:
             it never counts as a gap: each node keeps its depth, without strain. ``"error"``: it is
             refused. Points deeper than the search radius are not paired, and not seen. A tie leaves
             any gap as it is; with it the first two are the same.
-        constraints: Where the law is asked for a multiplier. ``"points"``: at each pairing point,
-            so that what is open takes nothing from what is closed beside it; on the overlay,
-            without friction and not tied, where it is the default. ``"nodes"``: at the slave
-            nodes, for weighted gaps.
+        constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
+            weighted gaps. ``"points"``: at each pairing point, so that what is open takes nothing
+            from what is closed beside it; on the overlay, without friction and not tied.
         smoothing: What the gap is measured between. ``"none"``: the facets. ``"shared-curvature"``:
             the curved surfaces that the facets approximate, as far as both sides share their
             curvature, which is found from how neighbouring facets turn. On conforming surfaces of
@@ -144,7 +143,7 @@ class Contact:
         friction: Friction | None = None,
         friction_penalty: float | None = None,
         initial_overclosure: str = "resolve",
-        constraints: str | None = None,
+        constraints: str = "nodes",
         smoothing: str = "none",
     ) -> None:
         law = Unilateral() if law is None else law
@@ -173,12 +172,12 @@ class Contact:
             same(either(POSITIVE, None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
-            same(either(one_of(CONSTRAINTS), None), constraints=constraints)
+            same(one_of(CONSTRAINTS), constraints=constraints)
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.
         check_friction_use(friction, friction_penalty, law)
-        where = chosen_constraints(constraints, quadrature, law, friction)
+        check_constraints(constraints, quadrature, law, friction)
         needs_dt = friction is not None and friction.needs_dt
         kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=rigid)
         augmented = enforcement == "augmented-lagrangian"
@@ -189,7 +188,7 @@ class Contact:
             law,
             Sampling(quadrature, degree, normals, smoothing),
             None if search_radius is None else float(search_radius),
-            where,
+            constraints,
             augmented,
             float(gap_tolerance),
         )

@@ -54,7 +54,7 @@ def stretched(whole, n, **options):
     problem = qs.ContactProblem(F, u, [contact], bcs, solver=solver)
     problem.solve()
     p, slave = contact.model.gaps[0], contact.slave
-    x = slave.node_x[p.row_node]
+    x = slave.node_x[p.operator.row_node]
     force = p.weight[:, None] * p.multiplier(contact.penalty)
     for axis in (0, 1):
         on = np.isclose(x[:, axis], 0.0)
@@ -105,7 +105,7 @@ def test_friction_in_a_quarter(n):
         problem = qs.ContactProblem(F, u, [contact], bcs)
         problem.solve()
         p = contact.model.slips[0]
-        x, shear = p.slave.node_x[p.row_node], p.weight * p.state.response.traction[:, 0]
+        x, shear = p.slave.node_x[p.operator.row_node], p.weight * p.state.response.traction[:, 0]
         sides = np.where(np.isclose(x[:, 1], 0.0) & (low < 0), 0.5, x[:, 1] >= 0)
         sides = sides * ((x[:, 0] > 1e-9) | (low == 0))
         found.append((WORLD.allreduce(sides @ shear), problem.num_augmentations))

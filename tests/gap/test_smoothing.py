@@ -35,7 +35,7 @@ def test_gap_of_concentric_surfaces(n, cell, uneven, within, swap):
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric", "double-pass"))
 @pytest.mark.parametrize("n", (RINGS, RINGS[::-1]), ids=("coarse inside", "coarse outside"))
 def test_shrink_fit(n, formulation):
-    """Lamé's pressure within 1 %, in each formulation; without smoothing it is off by more than 15 %."""
+    """Lamé's pressure within 1 %, in each formulation; without smoothing it is off by a third."""
     exact = exact_pressure()
     penalty = 1e3 * exact / 0.01 if formulation == "double-pass" else "auto"
     enforcement = "penalty" if formulation == "double-pass" else "augmented-lagrangian"
@@ -50,7 +50,7 @@ def test_shrink_fit(n, formulation):
         scene = ShrinkFit(n, **options)
         scene.problem().solve()
         mean, scatter = scene.pressure("slave")
-        assert abs(mean / exact - 1) > 0.15 and scatter / exact > 0.2
+        assert abs(mean / exact - 1) > 0.3 and scatter / exact > 0.2
 
 
 def test_shrink_fit_of_triangles():
