@@ -201,7 +201,7 @@ class Contact:
                 quadrature,
                 augmented,
                 "velocity" in kinematics.unknown,
-                where == "points",
+                constraints == "points",
             ),
             overclosure,
             None if friction is None else FrictionHistory(friction, slave, friction_penalty),
