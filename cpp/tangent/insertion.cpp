@@ -160,7 +160,8 @@ void qsdolfinx::insert_contact(const GapOperator& gap, std::span<const double> s
     throw std::invalid_argument("stiffness must hold one value per row, or `width`");
   for (std::size_t part = 0; part < parts; ++part)
   {
-    const auto components = parts == 1 ? std::pair(std::size_t(0), width) : std::pair(part, part + 1);
+    const auto components
+        = parts == 1 ? std::pair(std::size_t(0), width) : std::pair(part, part + 1);
     const auto value = [&](std::size_t r) { return stiffness[r * parts + part]; };
     for (int a = 0; a < gap.num_sides(); ++a)
     {

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import typing
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx import fem
+
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel, HeldNodes
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
 from qsdolfinx.pairing.pair import Sampling, pair
-from qsdolfinx.tools.rigid_surface import as_tool
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import as_tool, deformable
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -45,8 +51,7 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
     """
     model.held_nodes = []
     for i, gap in enumerate(model.gaps):
-        # Points between the nodes have rows of their own; edges' unknowns have no projections.
-        if gap.rows.are_points or max(gap.slave.degree, gap.master.degree) > 1:
+        if gap.rows.are_points:  # points between the nodes have rows of their own
             continue
         held = _held_on_both_sides(model, gap, *model.ordered(gap, (slave, master)))
         pressed = _along_normal(gap, held)
@@ -72,38 +77,89 @@ def _held_on_both_sides(
     model: ContactModel, gap: WeightedGap, slave: PETSc.Vec, master: PETSc.Vec | None
 ) -> Flags:
     """Components of the slave's node and its partner that are held, shape (rows, gdim)."""
-    own = slave.array_r[gap.slave.node_dofs - slave.owner_range[0]] != 0
+    own = _read(gap.slave, slave) != 0
     tool = as_tool(gap.master)
     driven = tool is not None and tool.driven is not None
     if driven or not model.comm.allreduce(bool(np.any(own)), op=MPI.LOR):
         return np.zeros((len(gap.operator.row_node), gap.slave.gdim), dtype=bool)
     at_nodes = _at_nodes(model, gap)
-    if tool is None:
-        own &= _held_partner(gap, at_nodes, master)
-    held = np.zeros_like(own)
-    held[gap.operator.row_node] = own[gap.operator.row_node]
-    at = held[at_nodes.operator.row_node]
-    components = at if gap.law.jump else _along_normal(at_nodes, at)
+    linear = at_nodes.slave
+    held, found = np.zeros((2, len(linear.node_area), linear.gdim), dtype=bool)
+    with _linear(gap, (slave, master)) as of_vertices:
+        at = at_nodes.operator.row_node
+        held[at] = _read(linear, of_vertices[0])[at] != 0
+        if tool is None:
+            held[at] &= _part_of_master(at_nodes, of_vertices[1]) > MOST
+        found[at] = True
+    components = held[at] if gap.law.jump else _along_normal(at_nodes, held[at])
     model.held_nodes.append(HeldNodes(gap, at_nodes, components))
-    return held[gap.operator.row_node]
+    # Where a node's normal leads past the master: whether any of it is held beside the node.
+    beside = own[gap.operator.row_node]
+    if tool is None:
+        beside &= _part_of_master(gap, master) > _NONE
+    is_held, is_found = (
+        _of_vertices(gap.slave, flags)[gap.operator.row_node] for flags in (held, found)
+    )
+    return np.where(is_found, is_held, beside)
 
 
 def _at_nodes(model: ContactModel, gap: WeightedGap) -> WeightedGap:
-    """The pass as it were with each node against its projection alone. Collective."""
+    """The pass as it were with each vertex against its projection alone. Collective."""
+    master = deformable(gap.master)
+    both = gap.slave.linear, gap.master if master is None else master.linear
     sampling = Sampling("nodal", 1, model.settings.sampling.normals, "none")
-    points = pair(gap.slave, gap.master, sampling, False, model.paired.search_radius)
-    return WeightedGap(gap.slave, gap.master, points, gap.law, 1.0, rows="cover", augmented=False)
+    points = pair(*both, sampling, False, model.paired.search_radius)
+    return WeightedGap(*both, points, gap.law, 1.0, rows="cover", augmented=False)
 
 
-def _held_partner(gap: WeightedGap, at_nodes: WeightedGap, master: PETSc.Vec | None) -> Flags:
-    """Components that are held where the slave's nodes are projected, shape (nodes, gdim)."""
-    out = np.zeros((len(gap.slave.node_area), gap.slave.gdim), dtype=bool)
+def _part_of_master(gap: WeightedGap, marker: PETSc.Vec | None) -> Array:
+    """Part of the master's displacement at each row that conditions hold, (rows, gdim)."""
     none = gap.slave.create_vec()
-    # Where a node's normal leads past the master: whether any of it is held beside the node.
-    for p, part in ((gap, _NONE), (at_nodes, MOST)):
-        out[p.operator.row_node] = -p.jump_operator().apply(none.handle, handle_of(master)) > part
+    out = -gap.jump_operator().apply(none.handle, handle_of(marker))
     none.destroy()
-    return out
+    return np.asarray(out)
+
+
+@contextlib.contextmanager
+def _linear(
+    gap: WeightedGap, vecs: tuple[PETSc.Vec | None, PETSc.Vec | None]
+) -> typing.Iterator[tuple[PETSc.Vec | None, PETSc.Vec | None]]:
+    """Vectors of a pass's bodies as those of ``Surface.linear``: values at vertices. Collective."""
+    surfaces = gap.slave, deformable(gap.master)
+    made: list[PETSc.Vec | None] = []
+    for surface, vec in zip(surfaces, vecs, strict=True):
+        if surface is None or vec is None or surface.degree == 1:
+            made.append(None if vec is None else vec.copy())
+            continue
+        collapsed = surface.collapsed_vec(vec)
+        full, linear = fem.Function(surface.collapsed_space), fem.Function(surface.linear.V)
+        full.x.array[: len(collapsed.array_r)] = collapsed.array_r
+        full.x.scatter_forward()
+        linear.interpolate(full)
+        collapsed.destroy()
+        of_vertices = surface.linear.create_vec()
+        of_vertices.array[:] = linear.x.array[: len(of_vertices.array_r)]
+        made.append(of_vertices)
+    try:
+        yield made[0], made[1]
+    finally:
+        for vec in made:
+            if vec is not None:
+                vec.destroy()
+
+
+def _of_vertices(surface: Surface, flags: Flags) -> Flags:
+    """Flags at the nodes of ``surface.linear`` as flags at those of the surface. Collective."""
+    vec = surface.nodal_vec(flags.astype(np.float64))
+    out = _read(surface, vec) > 0.5
+    vec.destroy()
+    return np.asarray(out)
+
+
+def _read(surface: Surface, vec: PETSc.Vec | None) -> Array:
+    """Values at the owned contact nodes, shape (nodes, gdim)."""
+    assert vec is not None
+    return np.asarray(vec.array_r[surface.node_dofs - vec.owner_range[0]], dtype=np.float64)
 
 
 def _along_normal(gap: WeightedGap, held: Flags) -> Flags:
@@ -144,18 +200,24 @@ def check_held(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) 
 
 
 def _prescribed_gap(
-    model: ContactModel, held: HeldNodes, u: tuple[PETSc.Vec, PETSc.Vec | None]
+    model: ContactModel, held: HeldNodes, u: tuple[PETSc.Vec | None, PETSc.Vec | None]
 ) -> float:
     """Largest gap (length) of held nodes on this rank. Collective."""
-    p, motion = held.at_nodes, held.gap.master.motion
-    p.state.scale = held.gap.state.scale
+    p, gap, motion = held.at_nodes, held.gap, held.gap.master.motion
+    p.state.scale = gap.state.scale
     if motion is not None:
         p.state.shift = p.change(motion)
     if model.offset is not None:
-        first, second = model.ordered(held.gap, model.offset)
-        p.state.offset = p.operator.apply(handle_of(first), handle_of(second))
-    allowed = np.asarray(held.gap.rows.on_nodes(held.gap.state.allowance, 0.0), dtype=np.float64)
-    p.allow(allowed[p.operator.row_node])
-    p.evaluate(model.ordered(held.gap, u))
+        with _linear(gap, model.ordered(gap, model.offset)) as offset:
+            p.state.offset = p.operator.apply(handle_of(offset[0]), handle_of(offset[1]))
+    allowance = gap.slave.create_vec()
+    at = gap.slave.node_dofs[gap.operator.row_node, 0] - allowance.owner_range[0]
+    allowance.array[at] = gap.state.allowance
+    with _linear(gap, (allowance, None)) as allowed:
+        p.allow(_read(p.slave, allowed[0])[p.operator.row_node, 0])
+    allowance.destroy()
+    with _linear(gap, model.ordered(gap, u)) as (slave, master):
+        assert slave is not None
+        p.evaluate((slave, master))
     gaps = np.abs(p.state.values) if model.law.jump else p.state.values
     return float(np.max(gaps[np.broadcast_to(held.components, gaps.shape)], initial=0.0))

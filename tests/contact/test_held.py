@@ -15,14 +15,15 @@ AUGMENTED = "augmented-lagrangian"
 PARTITIONS = ("forward", "scattered")
 
 
-def bodies(cell, n, low=0.0, E=(1.0, 1.0)):
+def bodies(cell, n, low=0.0, E=(1.0, 1.0), degree=1):
     """Two blocks that meet at height 0, the lower one first: spaces, unknowns, forms."""
     up = 1 if cell in ("triangle", "quadrilateral") else 2
     V = []
     for count, bottom, partition in zip(n, (-1.0, 0.0), PARTITIONS, strict=True):
         cells = [count * (2 if low < 0 else 1)] * up + [2]
         corners = [low] * up + [bottom], [1.0] * up + [bottom + 1]
-        V.append(vector_space(box(WORLD, cells, cell, *corners, partition)))
+        msh = box(WORLD, cells, cell, *corners, partition)
+        V.append(fem.functionspace(msh, ("Lagrange", degree, (up + 1,))))
     u = [fem.Function(space) for space in V]
     return V, u, [elastic(*both) for both in zip(u, E, strict=True)]
 
@@ -117,13 +118,13 @@ def test_friction_in_a_quarter(n):
 # --- Clamped edges
 
 
-def strained(cell, n, law, swap=False, solver="direct", **options):
+def strained(cell, n, law, swap=False, solver="direct", degree=1, **options):
     """Two blocks of one material whose sides and ends are moved as in uniform strain.
 
     Returns:
         Displacements less those of uniform strain, the contact, the problem.
     """
-    V, u, F = bodies(cell, n)
+    V, u, F = bodies(cell, n, degree=degree)
     gdim = V[0].mesh.geometry.dim
     strain = np.diag([0.03] * (gdim - 1) + [-0.1])
     strain[0, -1] = 0.05 if law.jump else 0.0
@@ -150,6 +151,18 @@ def test_patch_with_clamped_sides(cell, n, law, solver):
     assert largest(*errors) < 1e-6
     pressure = contact.multiplier() if law is qs.Unilateral else -contact.multiplier()[:, -1]
     expected = abs(contact.force("slave")[-1])  # on a unit area
+    assert largest(pressure - expected) < 1e-4 * expected
+    assert problem.num_augmentations <= 10
+
+
+@pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
+@pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
+def test_patch_with_clamped_sides_of_degree_2(cell, law):
+    errors, contact, problem = strained(cell, (3, 2), law(), degree=2)
+    assert contact.model.gaps[0].extension is not None
+    assert largest(*errors) < 1e-6
+    pressure = contact.multiplier() if law is qs.Unilateral else -contact.multiplier()[:, -1]
+    expected = abs(contact.force("slave")[-1])
     assert largest(pressure - expected) < 1e-4 * expected
     assert problem.num_augmentations <= 10
 
