@@ -51,7 +51,8 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
     """
     model.held_nodes = []
     for i, gap in enumerate(model.gaps):
-        if gap.rows.are_points:  # points between the nodes have rows of their own
+        if gap.rows.are_points:
+            _warn_of_points(model, gap, model.ordered(gap, (slave, master))[0])
             continue
         held = _held_on_both_sides(model, gap, *model.ordered(gap, (slave, master)))
         pressed = _along_normal(gap, held)
@@ -60,6 +61,21 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         gap.extension = _extension(model, gap, *of_gap)
         if model.slips:
             model.slips[i].extension = _extension(model, gap, held, clamped)
+
+
+def _warn_of_points(model: ContactModel, gap: WeightedGap, slave: PETSc.Vec | None) -> None:
+    """Warn of λ̂ at clamped nodes that points ask for: it is one too many. Once; collective."""
+    clamped = np.all(_read(gap.slave, slave)[gap.rows.reached] != 0, axis=1)
+    found = model.augmented and model.comm.allreduce(bool(np.any(clamped)), op=MPI.LOR)
+    if not found or model.held_warned:
+        return
+    model.held_warned = True
+    warn(
+        "constraints: with an augmented Lagrangian at points, multipliers of contact nodes that "
+        'Dirichlet conditions clamp lock those beside them; use constraints="nodes", '
+        'enforcement="penalty", or leave these nodes out of the contact surfaces',
+        ContactWarning,
+    )
 
 
 def _extension(

@@ -167,6 +167,16 @@ def test_patch_with_clamped_sides_of_degree_2(cell, law):
     assert problem.num_augmentations <= 10
 
 
+@pytest.mark.parametrize("enforcement", (AUGMENTED, "penalty"))
+def test_points_beside_clamped_edges(enforcement):
+    """Multipliers of augmented points are not as good there, which is said."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        strained("triangle", (4, 3), qs.Unilateral(), constraints="points", enforcement=enforcement)
+    told = [w for w in caught if str(w.message).startswith("constraints: ")]
+    assert len(told) == (enforcement == AUGMENTED)
+
+
 @pytest.mark.parametrize("quadrature", ("overlay", "nodal"))
 def test_clamped_edges_do_not_know_the_penalty(quadrature):
     """Loaded blocks between walls: the multiplier of an edge is not that of the rows around it."""

@@ -29,6 +29,15 @@ def test_cylinder_on_block(ratio, enforcement):
     assert result["snes_iterations"] - result["augmentation_steps"] <= 10
 
 
+def test_cylinders_at_nodes():
+    """With the default constraints, in a few iterations."""
+    result = hertz(case="cylinders", h=0.025)
+    for side in SIDES:
+        assert result[f"l2_error_{side}"] <= 0.01
+        assert abs(result[f"peak_error_{side}"]) <= 0.005
+    assert result["snes_iterations"] <= 10
+
+
 def test_cylinders():
     """As good as the best mortar codes on these meshes, in a few iterations."""
     errors = []
