@@ -16,6 +16,7 @@ from dolfinx import fem
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel, HeldNodes
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.surface.surface import Surface
@@ -52,7 +53,7 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
     model.held_nodes = []
     for i, gap in enumerate(model.gaps):
         if gap.rows.are_points:
-            _warn_of_points(model, gap, model.ordered(gap, (slave, master))[0])
+            gap.extension = _extension_of_points(model, gap, model.ordered(gap, (slave, master)))
             continue
         held = _held_on_both_sides(model, gap, *model.ordered(gap, (slave, master)))
         pressed = _along_normal(gap, held)
@@ -63,21 +64,6 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
             model.slips[i].extension = _extension(model, gap, held, clamped)
 
 
-def _warn_of_points(model: ContactModel, gap: WeightedGap, slave: PETSc.Vec | None) -> None:
-    """Warn of λ̂ at clamped nodes that points ask for: it is one too many. Once; collective."""
-    clamped = np.all(_read(gap.slave, slave)[gap.rows.reached] != 0, axis=1)
-    found = model.augmented and model.comm.allreduce(bool(np.any(clamped)), op=MPI.LOR)
-    if not found or model.held_warned:
-        return
-    model.held_warned = True
-    warn(
-        "constraints: with an augmented Lagrangian at points, multipliers of contact nodes that "
-        'Dirichlet conditions clamp lock those beside them; use constraints="nodes", '
-        'enforcement="penalty", or leave these nodes out of the contact surfaces',
-        ContactWarning,
-    )
-
-
 def _extension(
     model: ContactModel, gap: WeightedGap, held: Flags, clamped: Flags
 ) -> Extension | None:
@@ -86,13 +72,43 @@ def _extension(
         held, clamped = held & ~clamped, np.zeros_like(held)
     if not model.comm.allreduce(bool(np.any(held)), op=MPI.LOR):
         return None
-    return Extension(gap.slave, gap.operator.row_node, held, clamped)
+    at = gap.slave.node_dofs[gap.operator.row_node, : held.shape[1]]
+    corners = gap.slave.cpp_object.facet_dofs[:, : gap.slave.num_facet_vertices, : held.shape[1]]
+    return Extension(gap.slave, at, corners, held, clamped)
+
+
+def _extension_of_points(
+    model: ContactModel, gap: WeightedGap, vecs: tuple[PETSc.Vec | None, PETSc.Vec | None]
+) -> Extension | None:
+    """That of the multipliers of a pass with rows at points, whatever their side. Collective."""
+    constrained = bool(np.any(_read(gap.slave, vecs[0]) != 0))
+    if not model.comm.allreduce(constrained, op=MPI.LOR):
+        return None
+    by_node = WeightedGap(gap.slave, gap.master, gap.points, gap.law, 1.0, "cover", False)
+    pressed = _along_normal(by_node, _held_on_both_sides(model, by_node, *vecs, told_as=gap))
+    assert isinstance(gap.rows, PointRows)
+    held = gap.rows.covered & np.asarray(by_node.rows.on_nodes(pressed, False), dtype=bool)
+    if not (model.augmented and model.comm.allreduce(bool(np.any(held)), op=MPI.LOR)):
+        return None
+    corners = np.take_along_axis(
+        gap.slave.cpp_object.facet_dofs[:, : gap.slave.num_facet_vertices],
+        gap.slave.cpp_object.vertex_side[:, :, None].astype(np.int64),
+        axis=2,
+    )
+    return Extension(gap.slave, gap.slave.node_dofs, corners, held, held, ~gap.rows.covered)
 
 
 def _held_on_both_sides(
-    model: ContactModel, gap: WeightedGap, slave: PETSc.Vec, master: PETSc.Vec | None
+    model: ContactModel,
+    gap: WeightedGap,
+    slave: PETSc.Vec | None,
+    master: PETSc.Vec | None,
+    told_as: WeightedGap | None = None,
 ) -> Flags:
-    """Components of the slave's node and its partner that are held, shape (rows, gdim)."""
+    """Components of the slave's node and its partner that are held, shape (rows, gdim).
+
+    Collective. These nodes are noted as ones of the pass, or of the one they are told as.
+    """
     own = _read(gap.slave, slave) != 0
     tool = as_tool(gap.master)
     driven = tool is not None and tool.driven is not None
@@ -108,7 +124,7 @@ def _held_on_both_sides(
             held[at] &= _part_of_master(at_nodes, of_vertices[1]) > MOST
         found[at] = True
     components = held[at] if gap.law.jump else _along_normal(at_nodes, held[at])
-    model.held_nodes.append(HeldNodes(gap, at_nodes, components))
+    model.held_nodes.append(HeldNodes(told_as or gap, at_nodes, components))
     # Where a node's normal leads past the master: whether any of it is held beside the node.
     beside = own[gap.operator.row_node]
     if tool is None:
@@ -227,8 +243,8 @@ def _prescribed_gap(
         with _linear(gap, model.ordered(gap, model.offset)) as offset:
             p.state.offset = p.operator.apply(handle_of(offset[0]), handle_of(offset[1]))
     allowance = gap.slave.create_vec()
-    at = gap.slave.node_dofs[gap.operator.row_node, 0] - allowance.owner_range[0]
-    allowance.array[at] = gap.state.allowance
+    at = gap.slave.node_dofs[:, 0] - allowance.owner_range[0]
+    allowance.array[at] = gap.rows.on_nodes(gap.state.allowance, 0.0)
     with _linear(gap, (allowance, None)) as allowed:
         p.allow(_read(p.slave, allowed[0])[p.operator.row_node, 0])
     allowance.destroy()

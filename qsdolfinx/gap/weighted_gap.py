@@ -198,7 +198,10 @@ class WeightedGap:
         multiplier = self.multiplier(penalty)
         if isinstance(self.rows, PointRows):
             change = (multiplier - self._augmented_at_rows())[:, 0]
-            return np.asarray(self.state.augmented + self.rows.project(change))
+            known = self.state.augmented
+            if self.extension is not None:
+                known = self.extension.fill(known)
+            return np.asarray(known + self.rows.project(change, self.extension))
         if self.extension is None:
             return multiplier
         return self.extension.fill(multiplier, self.law.linear | (multiplier[:, 0] > 0))
