@@ -95,6 +95,9 @@ class PairingPoints:
     def weight(self) -> numpy.typing.NDArray[numpy.float64]:
         """Areas, [point]."""
 
+    def scaled(self, factor: numpy.typing.NDArray[numpy.float64]) -> PairingPoints:
+        """The same points, their weights multiplied by factors [point]."""
+
     @property
     def num_unpaired(self) -> int:
         """Owned nodes (overlay: facets) that found no partner."""

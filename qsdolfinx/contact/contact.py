@@ -106,7 +106,7 @@ class Contact:
             any gap as it is; with it the first two are the same.
         constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
             weighted gaps. ``"points"``: at each pairing point, so that what is open takes nothing
-            from what is closed beside it; on the overlay, without friction and not tied.
+            from what is closed beside it; on the overlay, not tied.
         smoothing: What the gap is measured between. ``"none"``: the facets. ``"shared-curvature"``:
             the curved surfaces that the facets approximate, as far as both sides share their
             curvature, which is found from how neighbouring facets turn. On conforming surfaces of
@@ -177,7 +177,7 @@ class Contact:
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.
         check_friction_use(friction, friction_penalty, law)
-        check_constraints(constraints, quadrature, law, friction)
+        check_constraints(constraints, quadrature, law)
         needs_dt = friction is not None and friction.needs_dt
         kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=rigid)
         augmented = enforcement == "augmented-lagrangian"

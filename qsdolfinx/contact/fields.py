@@ -134,7 +134,8 @@ def _of_faced_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
     active = force.mean > SOME  # not where it is NaN
     status = np.where(active, Status.ACTIVE, status)
     if model.slips:
-        slip = faced(p, model.slips[0].slipping.astype(np.float64))
+        found = model.slips[0]
+        slip = faced(found.gap, found.slipping.astype(np.float64))
         status = np.where(active & (slip.mean > force.mean / 2), Status.SLIPPING, status)
     return status
 

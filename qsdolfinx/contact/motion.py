@@ -92,6 +92,8 @@ def set_motion(model: ContactModel) -> None:
         if model.offset is not None:
             u = model.ordered(gap, model.offset)
             gap.state.offset = gap.operator.apply(handle_of(u[0]), handle_of(u[1]))
+    for slip in model.slips:
+        slip.gap.state.scale = slip.of.state.scale
 
 
 def set_offset(

@@ -65,7 +65,7 @@ class ContactReport:
         active: Rows (nodes with a multiplier, or points) in contact; None before the first solve
             with an automatic penalty.
         rows: Rows.
-        slipping: Active rows that slip; None without friction.
+        slipping: Nodes in contact that slip; None without friction.
         unloaded: Nodes of the master within reach of the slave that no force can ever load,
             because no pairing point of a multiplier is beside them.
         penalty: ε (stress per length), None before an automatic one is computed.
@@ -121,7 +121,7 @@ class ContactReport:
             parts.append(f"{self.missed_facets} facets without a partner")
         active = f"{'?' if self.active is None else self.active} of {self.rows} rows"
         if self.slipping:
-            active += f", {self.slipping} of them slip"
+            active += f", {self.slipping} nodes slip"
         unloaded = "0"
         if self.unloaded:
             unloaded = f'{self.unloaded} master nodes: use quadrature="overlay", or swap sides'

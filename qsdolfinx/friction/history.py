@@ -43,7 +43,7 @@ class FrictionHistory:
 
     def slips_of(self, passes: typing.Sequence[WeightedGap]) -> tuple[Slip, ...]:
         """Slips of new passes, with the values of the law's parameters. Collective."""
-        slips = tuple(Slip(p, self.law) for p in passes)
+        slips = tuple(Slip(p.by_node(), p, self.law) for p in passes)
         if not self.slipped:
             self.slipped = [np.zeros((len(p.slave.node_area), p.slave.gdim)) for p in passes]
         for name, value in self.law.parameters.items():

@@ -104,7 +104,7 @@ class WeightedGap:
         self.master = master
         self.points = points
         self.law = law
-        self._kind = KINDS.index(rows)
+        self._kind, self._share, self._is_augmented = KINDS.index(rows), share, augmented
         self.operator = self._operator(law.jump)
         #: Area in the energy of each row: what its gap is divided by, times the share.
         self.weight: Array = share * self.operator.row_area
@@ -132,6 +132,15 @@ class WeightedGap:
         self._at_rows: tuple[Array, Array] = multipliers, zero
         if not law.jump:
             self.state.values = -self.operator.initial_gap[:, None]
+
+    def by_node(self) -> WeightedGap:
+        """The same with a row for each node: itself, unless rows are points. Collective."""
+        if not self.rows.are_points:
+            return self
+        surfaces = self.slave, self.master
+        return WeightedGap(
+            *surfaces, self.points, self.law, self._share, "cover", self._is_augmented
+        )
 
     def _operator(self, jump: bool) -> _cpp.GapOperator:
         surfaces = self.slave.cpp_object, self.master.cpp_object

@@ -186,6 +186,18 @@ def test_crease():
     assert depths[1] < 5e-4
 
 
+def test_friction_at_a_crease():
+    """Friction is at nodes, and its limit that of their mean pressure."""
+    stiff = {"penalty": 100 * 1e3 * 8, "friction": qs.Coulomb(0.3)}
+    contact, depth = slanted_block(constraints="points", **stiff)
+    tau = np.linalg.norm(contact.tangential_multiplier(), axis=1)
+    pressure = contact.multiplier()
+    slips = WORLD.allreduce(int(contact.slipping().sum()))
+    assert depth < 5e-4
+    assert slips > 0
+    assert largest(np.maximum(tau - 0.3 * pressure, 0)) < 1e-12 * largest(pressure)
+
+
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_multipliers_at_a_crease(gdim):
     """Each smooth side has multipliers of its own: no corner stays below the floor."""
@@ -298,7 +310,6 @@ def test_refused():
     for match, options in {
         "overlay": {"quadrature": "nodal"},
         "tied": {"law": qs.Tied()},
-        "friction": {"friction": qs.Coulomb(0.1)},
     }.items():
         raises_everywhere(
             WORLD, ValueError, match, lambda o=options: qs.Contact(*surfaces, **(POINTS | o))

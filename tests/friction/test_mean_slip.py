@@ -9,6 +9,11 @@ from dolfinx import fem
 import qsdolfinx as qs
 
 H, DT = 0.01, 0.5
+SAMPLINGS = {
+    "nodal": {},
+    "overlay": {"quadrature": "overlay"},
+    "points": {"quadrature": "overlay", "constraints": "points"},
+}
 pytestmark = pytest.mark.filterwarnings("ignore:quadrature")  # the master is finer
 
 
@@ -43,11 +48,11 @@ class Translated:
         self.problem.solve()
 
 
-@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("sampling", SAMPLINGS)
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
-def test_norton(cell, quadrature):
+def test_norton(cell, sampling):
     """τ = α K v^q is that of the mean slip rate at every node in contact, at the rim as well."""
-    scene = Translated(cell, qs.Norton(0.3, 2.0, 0.4, v0=1e-9), quadrature=quadrature)
+    scene = Translated(cell, qs.Norton(0.3, 2.0, 0.4, v0=1e-9), **SAMPLINGS[sampling])
     scene.move(0.0)
     scene.move(0.06)
     contact, closed = scene.contact, scene.contact.active()
@@ -60,11 +65,11 @@ def test_norton(cell, quadrature):
     np.testing.assert_allclose(slip[:, 0], 0.06, rtol=1e-9)
 
 
-@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("sampling", SAMPLINGS)
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
-def test_coulomb(cell, quadrature):
+def test_coulomb(cell, sampling):
     """Slip is the way less what is elastic with the penalty; there and back it is nothing."""
-    scene = Translated(cell, qs.Coulomb(0.3), quadrature=quadrature)
+    scene = Translated(cell, qs.Coulomb(0.3), **SAMPLINGS[sampling])
     slips, energies = [], []
     for shift in (0.0, 0.06, 0.02):
         scene.move(shift)
