@@ -10,9 +10,7 @@ class GapOperator:
     def __init__(
         self, slave: Surface, master: Surface | None, points: PairingPoints, jump: bool, rows: int
     ) -> None:
-        """
-        Rows are nodes (0), nodes with what is covered of them (1), or points (2); collective.
-        """
+        """Rows are nodes (0), nodes with what is covered of them (1), or points (2); collective."""
 
     @property
     def num_rows(self) -> int: ...
@@ -22,15 +20,11 @@ class GapOperator:
 
     @property
     def row_node(self) -> numpy.typing.NDArray[numpy.int64]:
-        """
-        Index of each row's node in the slave's nodes, [row]; empty if rows are points.
-        """
+        """Index of each row's node in the slave's nodes, [row]; empty if rows are points."""
 
     @property
     def row_area(self) -> numpy.typing.NDArray[numpy.float64]:
-        """
-        What each row's gap is divided by: S_k, its covered part, or w_p, [row].
-        """
+        """What each row's gap is divided by: S_k, its covered part, or w_p, [row]."""
 
     @property
     def initial_gap(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -51,17 +45,13 @@ class GapOperator:
         """Add the transposed operator times f; collective."""
 
     def at_points(self, nodal: int) -> numpy.typing.NDArray[numpy.float64]:
-        """
-        Values at the points of a field on the slave, a component for each side; collective.
-        """
+        """Values at the points of a field on the slave, a component for each side; collective."""
 
     def add_to_nodes(self, f: numpy.typing.NDArray[numpy.float64], nodal: int) -> None:
         """Add the sums of N_k times values of the points; collective."""
 
     def raise_nodes(self, f: numpy.typing.NDArray[numpy.float64], nodal: int) -> None:
-        """
-        Raise nodes to the largest value of the points beside them; collective.
-        """
+        """Raise nodes to the largest value of the points beside them; collective."""
 
     def constrain(self, slave: int, master: int) -> None:
         """Mark constrained unknowns; collective."""
@@ -139,9 +129,7 @@ class Surface:
 
     @property
     def vertex_side(self) -> numpy.typing.NDArray[numpy.uint8]:
-        """
-        Number of the smooth side of its vertices that a facet is part of, [facet][vertex].
-        """
+        """Number of the smooth side of its vertices that a facet is part of, [facet][vertex]."""
 
     @property
     def node_dofs(self) -> numpy.typing.NDArray[numpy.int64]:
@@ -162,16 +150,12 @@ class Surface:
 def closest_facets(
     nodes: Surface, surface: Surface, radius: float
 ) -> tuple[numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.float64]]:
-    """
-    Which owned nodes find a facet, [node], and the closest points, [node][3]; collective.
-    """
+    """Which owned nodes find a facet, [node], and the closest points, [node][3]; collective."""
 
 def closest_point(
     num_vertices: int, vertices: numpy.typing.NDArray[numpy.float64], p: Sequence[float]
 ) -> tuple[float, list[float], list[float]]:
-    """
-    Closest point of one facet to p: distance, reference coordinates, position.
-    """
+    """Closest point of one facet to p: distance, reference coordinates, position."""
 
 def conforming_points(
     slave: Surface,
@@ -182,9 +166,7 @@ def conforming_points(
     edge_x: numpy.typing.NDArray[numpy.float64],
     edge_w: numpy.typing.NDArray[numpy.float64],
 ) -> tuple[numpy.typing.NDArray[numpy.float64], float]:
-    """
-    Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all that is paired on this rank; collective.
-    """
+    """Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all that is paired on this rank; collective."""
 
 def count_degenerate(num_vertices: int, x: numpy.typing.NDArray[numpy.float64]) -> int:
     """Number of facets x [facet][vertex][3] without area, or not convex."""
@@ -229,9 +211,7 @@ def insert_friction(
 def mean_of_rows(
     x: numpy.typing.NDArray[numpy.float64], rows: numpy.typing.NDArray[numpy.int32]
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """
-    Means of points x [point][3], one of each row of their numbers, [row][3].
-    """
+    """Means of points x [point][3], one of each row of their numbers, [row][3]."""
 
 def overlay_surfaces(
     slave: Surface,

@@ -19,6 +19,7 @@ from qsdolfinx.contact.multipliers import on_nodes, set_on_nodes
 from qsdolfinx.steps.checkpoint import Checkpoint
 from qsdolfinx.steps.end_of_step import pair_at, show_at
 from qsdolfinx.steps.stepper import TimeStepper
+from qsdolfinx.steps.tool_motion import ToolRate
 
 _SCALARS = ("t", "dt", "last_dt", "num_steps", "num_cutbacks")
 
@@ -41,6 +42,7 @@ def save_run(
     multipliers = _multipliers(stepper.problem.contacts)
     state: dict[str, typing.Any] = {name: getattr(stepper, name) for name in _SCALARS}
     state["positions"] = [tool.position.tolist() for tool in stepper.tools]
+    state["tool_rates"] = [[x.tolist() for x in rate] for rate in stepper.tool_rates]
     state["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
     state["automatic"] = [contact.has_automatic_penalty for contact in stepper.problem.contacts]
     state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
@@ -92,6 +94,8 @@ def load_run(
         setattr(stepper, name, values[name])
     for tool, position in zip(stepper.tools, values["positions"], strict=True):
         tool.position = np.array(position)
+    for i, of_tool in enumerate(values["tool_rates"]):
+        stepper.tool_rates[i] = ToolRate(*map(np.array, of_tool))
     for i, rate in enumerate(stepper.rates):
         rate[:] = functions_of_run[f"rate_{i}"].x.array
     for place in stepper.ends():

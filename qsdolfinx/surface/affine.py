@@ -42,6 +42,24 @@ def rotation_matrix(rotation: Array) -> Array:
     return np.asarray(np.eye(len(W)) + first * W + second * W @ W)
 
 
+def rotation_vector(matrix: Array) -> Array:
+    """The inverse: an angle, shape (1,), or a rotation vector (3,), of at most half a turn."""
+    if len(matrix) == 2:
+        return np.array([np.arctan2(matrix[1, 0], matrix[0, 0])])
+    twist = np.array([matrix[2, 1], matrix[0, 2], matrix[1, 0]]) - [
+        matrix[1, 2],
+        matrix[2, 0],
+        matrix[0, 1],
+    ]
+    sine, cosine = np.linalg.norm(twist) / 2, (np.trace(matrix) - 1) / 2
+    angle = float(np.arctan2(sine, cosine))
+    if sine > 1e-6 or cosine > 0:
+        return np.asarray(twist / 2 * (angle / sine if sine > 0 else 1.0))
+    values, vectors = np.linalg.eigh(matrix + matrix.T)  # about half a turn: 1 has the axis
+    axis = vectors[:, np.argmax(values)]
+    return np.asarray(angle * axis * (1.0 if axis @ twist >= 0 else -1.0))
+
+
 def rotation_about(matrix: Array, center: Array, displacement: Array) -> Affine:
     """Displacement field of a motion: x ↦ (matrix − 1) (x − center) + displacement."""
     A = matrix - np.eye(len(matrix))
@@ -61,14 +79,24 @@ def trace_positions(surface: Surface) -> Array:
     return np.stack(nodes, axis=1)
 
 
-def affine_vec(surface: Surface, field: Affine) -> PETSc.Vec:
+def affine_vec(surface: Surface, field: Affine, x: Array | None = None) -> PETSc.Vec:
     """New vector of the body with the field at the surface's unknowns, zero elsewhere. Collective.
 
     Exact for traces of any degree, as the field is linear in x.
+
+    Args:
+        surface: The surface.
+        field: The field.
+        x: Where the unknowns are; by default :func:`trace_positions`.
     """
+    x = trace_positions(surface) if x is None else x
+    return trace_vec(surface, x[..., : surface.gdim] @ field.A.T + field.b)
+
+
+def trace_vec(surface: Surface, values: Array) -> PETSc.Vec:
+    """New vector of the body with values (facets, nodes, gdim), zero elsewhere. Collective."""
     vec = surface.create_vec()
-    x = trace_positions(surface)[..., : surface.gdim]
     dofs = np.asarray(surface.cpp_object.facet_dofs, dtype=PETSc.IntType)
-    vec.setValues(dofs.ravel(), (x @ field.A.T + field.b).ravel())
+    vec.setValues(dofs.ravel(), values.ravel())
     vec.assemble()
     return vec

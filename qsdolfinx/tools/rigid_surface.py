@@ -27,7 +27,7 @@ from qsdolfinx.base.checks import (
 )
 from qsdolfinx.base.collective import checked, checked_once
 from qsdolfinx.base.crash import check_alone, end_all_ranks
-from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
+from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix, rotation_vector
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import triangulation
 from qsdolfinx.tools.pose import Pose, padded, point_of, unit_vector
@@ -391,11 +391,24 @@ class RigidSurface:
     def advance(self) -> None:
         """Make displacement and rotation permanent: move the tool, and set them to zero.
 
-        Call ``contact.update()`` next: it pairs with the new position.
+        Call ``contact.update()`` next: it pairs with the new position. A tie needs no update.
         """
         self._place(Pose.from_matrix(self._pose.moved(self.motion), self.gdim))
         self._displacement = np.zeros_like(self._displacement)
         self._rotation = np.zeros_like(self._rotation)
+
+    def go_ahead(self, displacement: Array, rotation: Array) -> None:
+        """Make a motion permanent; :attr:`displacement` and :attr:`rotation` are what is left.
+
+        Args:
+            displacement: Translation (length), shape (gdim,).
+            rotation: Rotation about :attr:`center`, as :attr:`rotation`.
+        """
+        d, R = self._displacement, rotation_matrix(self._rotation)
+        self._displacement, self._rotation = displacement, rotation
+        self._place(Pose.from_matrix(self._pose.moved(self.motion), self.gdim))
+        self._displacement = d - displacement
+        self._rotation = rotation_vector(R @ rotation_matrix(rotation).T)
 
     @property
     def position(self) -> Array:
