@@ -301,7 +301,8 @@ class Contact:
     def update(self) -> None:
         """Pair anew, after the meshes of the bodies have been moved. Collective.
 
-        Displacements then count from the moved meshes, those of :meth:`set_offset` are forgotten.
+        Displacements then count from the moved meshes, those of :meth:`set_offset` are forgotten. A
+        tie keeps its pairs, and counts what meshes and tool have moved since it was made.
 
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.

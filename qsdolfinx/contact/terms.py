@@ -25,6 +25,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
         for gap in model.gaps:
             gap.evaluate(model.ordered(gap, (slave, master)))
         for slip in model.slips:
+            assert model.friction is not None
             gap = slip.gap
             slip.evaluate(
                 model.ordered(gap, (slave, master)),
@@ -32,7 +33,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
                 slip.at_nodes(active_set.closed(model, slip.of)),
                 model.tangential_eps,
                 model.kinematics.dt,
-                model.paired.facet_size,
+                model.friction.slow(model.kinematics.dt, model.paired.facet_size),
                 model.ordered(gap, model.kinematics.in_displacement),
             )
 

@@ -153,7 +153,7 @@ class Slip:
         closed: npt.NDArray[np.bool_],
         penalty: float,
         dt: float | None,
-        facet_size: float,
+        slow: float | None,
         in_displacement: tuple[bool, bool],
     ) -> None:
         """Compute slip and response for unknowns u. Collective.
@@ -164,7 +164,7 @@ class Slip:
             closed: Rows in contact.
             penalty: ε in tangential direction.
             dt: Δt.
-            facet_size: Of the smallest facet.
+            slow: Slip rate (length per time) that is slow in the scene.
             in_displacement: Whether the slave's and the master's body have (total) displacements;
                 what moves with velocities starts each step from where it is.
         """
@@ -192,7 +192,7 @@ class Slip:
             self.projector,
             self.cover,
             dt,
-            facet_size,
+            slow,
             self.parameters,
         )
         with collective_errors(self.slave.comm):  # a law may be the user's
@@ -264,6 +264,11 @@ class Slip:
         surfaces = slave.cpp_object, gap.master.cpp_object
         operator = _cpp.GapOperator(*surfaces, points, jump=False, rows=KINDS.index("area"))
         return operator, self.weight * slave.node_area[self.row_node] / gap.operator.row_area
+
+    def fastest(self) -> float:
+        """Largest way of a closed row in this step on this rank, length."""
+        size = np.linalg.norm(self.values, axis=1) / self.cover
+        return float(np.max(size[self.state.closed], initial=0.0))
 
     def dissipation(self) -> Array:
         """Energy of each row that friction took in this step, never negative, shape (rows,)."""

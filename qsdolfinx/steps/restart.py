@@ -46,6 +46,7 @@ def save_run(
     state["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
     state["automatic"] = [contact.has_automatic_penalty for contact in stepper.problem.contacts]
     state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
+    state["slip_rates"] = [_slip_rate(contact) for contact in stepper.problem.contacts]
     state["user"] = dict(values or {})
     Checkpoint(stepper.problem.comm, folder).save(
         _functions(stepper, functions) | multipliers, _meshes(stepper), state
@@ -112,6 +113,8 @@ def load_run(
         # The next step turns τ̂ to its tangent planes; turned here as well it would be another.
         set_on_nodes(contact.model.parts, arrays, turn=False)
         _load_slip(contact.model, i, multipliers, values["dissipated"][i])
+        if contact.model.friction is not None:
+            contact.model.friction.continue_with(values["slip_rates"][i])
     for place in stepper.ends():
         show_at(*place)
     return typing.cast(dict[str, typing.Any], values["user"])
@@ -163,6 +166,12 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
             for j, (slip, values) in enumerate(zip(contact.model.slips, slipped, strict=True)):
                 out[f"slip_{i}_{j}"] = slip.slave.linear.function(values)
     return out
+
+
+def _slip_rate(contact: Contact) -> float | None:
+    """Largest slip rate that friction knows of."""
+    friction = contact.model.friction
+    return None if friction is None else friction.rate
 
 
 def _load_slip(
