@@ -232,6 +232,14 @@ class ContactProblem:
         return max(len(self.violation_history) - 1, 0)
 
     @property
+    def num_restarts(self) -> int:
+        """Runs of Newton's method in the last solve that failed and were begun again.
+
+        With a line search or with a direct solver; see :doc:`/howto/convergence`.
+        """
+        return self.newton.record.restarts
+
+    @property
     def timings(self) -> dict[str, Span]:
         """Wall time (s) since the problem was made, of the contacts since they were. Collective.
 
