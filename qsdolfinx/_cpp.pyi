@@ -161,7 +161,7 @@ def closest_points(
     numpy.typing.NDArray[numpy.float64],
     numpy.typing.NDArray[numpy.float64],
 ]:
-    """Which points x [point][3] of a surface find a facet of another, [point], the closest points, [point][3], and sums of the normals of the facets there; collective."""
+    """Which points x [point][3] of a surface find a facet of another, [point], the closest points, [point][3], and means of the normals of the facets there; collective."""
 
 def conforming_points(
     slave: Surface,

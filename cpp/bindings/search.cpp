@@ -33,12 +33,12 @@ void qsdolfinx::bind_search(nb::module_& m)
           throw std::invalid_argument("closest_points: one normal for each point");
         const ClosestFacets c = closest_facets({x.view(), normal.view()}, own, surface, radius);
         const std::size_t n = c.found.size();
-        return std::tuple(copy(c.found, {n}), copy(c.x, {n, 3}), copy(c.normals, {n, 3}));
+        return std::tuple(copy(c.found, {n}), copy(c.x, {n, 3}), copy(c.mean_normal, {n, 3}));
       },
       "x"_a, "normal"_a, "own"_a, "surface"_a, "radius"_a,
       "Which points x [point][3] of a surface find a facet of another, [point], the closest "
       "points, "
-      "[point][3], and sums of the normals of the facets there; collective.");
+      "[point][3], and means of the normals of the facets there; collective.");
   m.def(
       "closest_point",
       [](int num_vertices, In<double> vertices, std::array<double, 3> p)

@@ -193,17 +193,6 @@ std::vector<std::int64_t> choose(const Answers& a, const Queries& q,
   }
   return best;
 }
-/// Add the normal of a facet that is as close as the one taken, if it is at the same point.
-void add_normal(ClosestFacets& out, std::size_t k, const Vec3& x, const Vec3& normal, double tie)
-{
-  const Vec3 r = x - facet_vertex(out.x, static_cast<int>(k));
-  // Points that are closest on two facets are apart by more than their distances differ.
-  if (dot(r, r) > tie * same_point * same_point * tie)
-    return;
-  for (std::size_t i = 0; i < 3; ++i)
-    out.normals[3 * k + i] += normal[i];
-}
-
 /// Answer with a facet of this rank.
 void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candidate& c)
 {
@@ -238,7 +227,8 @@ class NodeSearch
 public:
   NodeSearch(const Places& places, const Surface& from, const Surface& surface, double radius)
       : from_(from), surface_(surface), nodes_(places), boxes_(surface.rank_boxes(radius)),
-        search_(surface, radius), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0)
+        search_(surface, radius), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0),
+        num_equal_(nodes_.size(), 0)
   {
     const std::size_t n = nodes_.size(), nv = surface.num_vertices(), gdim = surface.gdim();
     out_ = {std::vector<std::uint8_t>(n, 0), std::vector<std::int64_t>(n * nv * gdim, -1),
@@ -289,11 +279,11 @@ private:
       {
         take(out_, k, a, best[k]);
         refused_[k] = a.beside(best[k]);
-        std::fill_n(out_.normals.begin() + 3 * k, 3, 0.0);
+        num_equal_[k] = 0;
       }
     for (std::size_t i = 0; i < a.query.size(); ++i)
       if (const std::size_t k = q.node[a.query[i]]; a.distance(i) <= limit[k])
-        add_normal(out_, k, a.x(i), a.normal(i), a.tie(i));
+        add_normal(k, a.x(i), a.normal(i), a.tie(i));
     for (const auto [k, beyond] : here)
     {
       const Vec3 p = at(nodes_.x, k);
@@ -303,11 +293,24 @@ private:
       {
         take(out_, k, surface_, *c);
         refused_[k] = search_.beside(*c, p);
-        std::fill_n(out_.normals.begin() + 3 * k, 3, 0.0);
+        num_equal_[k] = 0;
         for (const Candidate& t : ties)
-          add_normal(out_, k, t.point.x, surface_.normal(t.facet, t.point.xi),
-                     search_.tie(t.facet));
+          add_normal(k, t.point.x, surface_.normal(t.facet, t.point.xi), search_.tie(t.facet));
       }
+    }
+  }
+
+  /// Add to the mean the normal of a facet that is as close as the one taken, if its closest point
+  /// is the same.
+  void add_normal(std::size_t k, const Vec3& x, const Vec3& normal, double tie)
+  {
+    if (norm(x - at(out_.x, k)) > same_point * tie)
+      return;
+    const double part = 1.0 / ++num_equal_[k];
+    for (std::size_t i = 0; i < 3; ++i)
+    {
+      double& mean = out_.mean_normal[3 * k + i];
+      mean = (num_equal_[k] == 1 ? 0.0 : (1 - part) * mean) + part * normal[i];
     }
   }
 
@@ -360,6 +363,7 @@ private:
   ClosestFacets out_;
   std::vector<std::uint8_t> refused_;   ///< beside the facet found, or behind a back
   std::vector<std::uint8_t> near_back_; ///< whether a back may be nearer than what was found
+  std::vector<int> num_equal_;          ///< facets with the same closest point as the one found
 };
 } // namespace
 

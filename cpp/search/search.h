@@ -18,7 +18,7 @@ struct ClosestFacets
   std::vector<double> shape_values; ///< shape functions at the closest point, [node][vertex]
   std::vector<double> x;            ///< closest point, [node][3]
   std::vector<double> normal;       ///< outward unit normal of the facet there, [node][3]
-  std::vector<double> normals;      ///< sum of those of all facets whose closest point it is
+  std::vector<double> mean_normal;  ///< mean of those of all facets whose closest point it is
 };
 
 /// Points of a surface with outward normals there.

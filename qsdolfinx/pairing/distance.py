@@ -56,13 +56,15 @@ def of_points(
         other: The other one.
         radius: Length beyond which nothing is in reach.
     """
-    found, foot, normals = _cpp.closest_points(x, normal, own, other, radius)
+    found, foot, mean = _cpp.closest_points(x, normal, own, other, radius)
     away, reached = x - foot, found.astype(bool)
-    size = np.linalg.norm(normals, axis=1)
-    n = np.divide(normals, size[:, None], out=np.zeros_like(normals), where=size[:, None] > 0)
+    size = np.linalg.norm(mean, axis=1)
+    n = np.divide(mean, size[:, None], out=np.zeros_like(mean), where=size[:, None] > 0)
     height, length = np.sum(away * n, axis=1), np.linalg.norm(away, axis=1)
     offset = np.linalg.norm(away - height[:, None] * n, axis=1)
-    beside = reached & (offset > BESIDE * np.abs(height))
+    # At an edge that all its facets see the point from, it is in the cone of their normals.
+    cone = np.sqrt(np.maximum(1 - size**2, 0.0)) / np.where(reached, size, 1.0)
+    beside = reached & (offset > (BESIDE + cone) * np.abs(height))
     depth = np.where(beside, -height, -np.copysign(length, height))
     return Distances(x, np.where(reached, depth, np.nan), beside)
 
