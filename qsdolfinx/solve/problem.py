@@ -235,7 +235,7 @@ class ContactProblem:
     def num_restarts(self) -> int:
         """Runs of Newton's method in the last solve that failed and were begun again.
 
-        With a line search or with a direct solver; see :doc:`/howto/convergence`.
+        They are begun with a line search, or with a direct solver where an iterative one failed.
         """
         return self.newton.record.restarts
 

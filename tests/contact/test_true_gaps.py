@@ -24,6 +24,7 @@ from step_scenes import Upset
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+from qsdolfinx.contact import motion
 
 
 def meshed(surface, displacement):
@@ -133,6 +134,42 @@ def test_degree_2(cell):
     check(pair.contact, sides[1], sides[0], True, 3)
 
 
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+@pytest.mark.parametrize("partitions", (("first", "last"), ("scattered", "backward")))
+def test_ranks_without_facets(cell, partitions):
+    """Wherever the cells are."""
+    options = {"quadrature": "overlay"}
+    pair = Pair(cell, n=(5, 3), wave=0.05, partitions=partitions, contact_options=options)
+    pair.problem().solve()
+    sides = [meshed(s, u.x.array) for s, u in zip((pair.master, pair.slave), pair.u, strict=True)]
+    check(pair.contact, sides[1], sides[0], True, 3)
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+def test_rings(quadrature):
+    """Axisymmetric bodies, which reach the axis, in the plane (r, z)."""
+    meshes = [box(WORLD, (n, 2), "triangle", [0, z], [1, z + 1]) for n, z in ((5, -1.0), (3, 0.0))]
+    for msh in meshes:
+        msh.geometry.x[:, 1] += 0.03 * np.cos(5 * msh.geometry.x[:, 0])
+    spaces = [vector_space(msh) for msh in meshes]
+    facets = [mesh.locate_entities_boundary(m, 1, touching) for m in meshes]
+    master, slave = (
+        qs.Surface(V, facets=f, axisymmetric=True) for V, f in zip(spaces, facets, strict=True)
+    )
+    contact = qs.Contact(slave, master, quadrature=quadrature)
+    u = [fem.Function(V) for V in spaces]
+    u[1].interpolate(lambda x: np.stack([0.02 * x[0], -0.03 + 0.01 * x[0]]))
+    contact.set_penalty(1.0)
+    motion.show(contact.model, u[1], u[0])
+    sides = [meshed(s, w.x.array) for s, w in zip((master, slave), u, strict=True)]
+    check(contact, sides[1], sides[0], quadrature == "overlay", 3)
+
+
+def touching(x):
+    """The curve between the rings."""
+    return np.isclose(x[1], 0.03 * np.cos(5 * x[0]))
+
+
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_velocities(quadrature):
     """Of one body: u = v Δt; displacements of the other on top of an offset."""
@@ -191,7 +228,7 @@ def test_facets_without_area_are_refused():
     nan.x.array[:] = np.nan
     for offset, text in ((flat_, "degenerate"), (nan, "not finite")):
         pair.contact.set_offset(offset, None)
-        qs.contact.motion.show(pair.contact.model, None, None)
+        motion.show(pair.contact.model, None, None)
         for call in (pair.contact.gap, pair.contact.penetration):
             raises_everywhere(WORLD, ValueError, text, call)
     assert pair.contact.report().penetration is None
