@@ -157,6 +157,19 @@ def closest_point(
 ) -> tuple[float, list[float], list[float]]:
     """Closest point of one facet to p: distance, reference coordinates, position."""
 
+def closest_points(
+    x: numpy.typing.NDArray[numpy.float64],
+    normal: numpy.typing.NDArray[numpy.float64],
+    own: Surface,
+    surface: Surface,
+    radius: float,
+) -> tuple[
+    numpy.typing.NDArray[numpy.uint8],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+]:
+    """Which points x [point][3] of a surface find a facet of another, [point], the closest points, [point][3], and means of the normals of the facets there; collective."""
+
 def conforming_points(
     slave: Surface,
     master: Surface,

@@ -79,7 +79,7 @@ def gap_function(model: ContactModel, side: str) -> fem.Function:
     """The weighted gap, of tied contact the size of the jump. Collective."""
     surface = deformable_side(model, side)
     if results.has_multiplier(model, side):
-        values = _sizes(results.gap(model, side))
+        values = _sizes(results.weighted_gap(model, side))
     else:
         values = faced(model.gaps[0], _sizes(model.gaps[0].state.values)).mean
     return _scalar(surface, np.nan_to_num(values))

@@ -12,6 +12,7 @@ from qsdolfinx.base.checks import FUNCTION, check, either, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import multipliers, terms
 from qsdolfinx.contact.model import ContactModel, find_pairs
+from qsdolfinx.contact.placement import Placement
 from qsdolfinx.gap.weighted_gap import handle_of
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import update_surfaces
@@ -49,6 +50,8 @@ def pair_anew(model: ContactModel) -> None:
             multipliers.set_on_nodes(paired.parts, kept)
         _zero_offset(model)
         set_motion(model)
+        model.placement = Placement.at_pairing(model.slave, model.master)
+        model.tool_motion = None
         model.num_pairings += 1
         model.catch_up = None
 
@@ -113,6 +116,7 @@ def move_tool(model: ContactModel) -> None:
     with model.watch.stage("gap"):
         for part in model.parts:
             part.state.shift = part.change(model.master.motion)
+    model.tool_motion = model.master.motion
 
 
 def set_motion(model: ContactModel) -> None:

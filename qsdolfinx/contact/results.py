@@ -16,7 +16,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import check, check_vector, one_of
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import active_set
+from qsdolfinx.contact import active_set, depth
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -86,6 +86,20 @@ def slip_of(model: ContactModel, side: str) -> Slip:
 
 
 def gap(model: ContactModel, side: str) -> Array:
+    """Signed distance of the deformed surfaces, of tied ones the jump. Collective.
+
+    Raises:
+        ValueError: If the side is a rigid tool, or has no multiplier and is tied.
+    """
+    agreed(model, side)
+    if model.law.jump:
+        return weighted_gap(model, side)
+    if deformable(surface_of(model, side)) is None:
+        raise ValueError("side: a rigid tool has no gaps; see those of the slave")
+    return depth.gap(model, side)
+
+
+def weighted_gap(model: ContactModel, side: str) -> Array:
     """Weighted gap ḡ, NaN where a node has no pairing point."""
     p = gap_of(model, side)
     return typing.cast(Array, _flat(p.rows.on_nodes(p.state.values, math.nan)))
@@ -132,7 +146,12 @@ def dissipation(model: ContactModel, side: str) -> Array:
 
 
 def penetration(model: ContactModel) -> float:
-    """Largest gap of the slave, of a tied one its size. Collective."""
+    """Depth of the deepest point, of tied surfaces the size of the jump. Collective."""
+    return weighted_penetration(model) if model.law.jump else depth.penetration(model)
+
+
+def weighted_penetration(model: ContactModel) -> float:
+    """Largest weighted gap of the slave, of a tied one its size. Collective."""
     gaps = model.gaps[0].state.values
     local = float(np.max(np.abs(gaps) if model.law.jump else gaps, initial=0.0))
     return float(model.comm.allreduce(local, op=MPI.MAX))

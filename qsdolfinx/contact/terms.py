@@ -24,6 +24,9 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
     with model.watch.stage("gap"):
         for gap in model.gaps:
             gap.evaluate(model.ordered(gap, (slave, master)))
+        model.placement = model.placement.moved(
+            (slave, master), model.kinematics.scale, model.offset or (None, None), model.tool_motion
+        )
         for slip in model.slips:
             assert model.friction is not None
             gap = slip.gap

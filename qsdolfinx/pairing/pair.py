@@ -109,14 +109,14 @@ def _pair_facets(
         both,
         radius,
         kind_of_normals,
-        *_overlay_rules(slave, sampling.degree),
+        *overlay_rules(slave.gdim, sampling.degree),
         sampling.smoothing == "shared-curvature",
     )
 
 
-def _overlay_rules(slave: Surface, degree: int) -> tuple[Array, Array, Array, Array]:
+def overlay_rules(gdim: int, degree: int) -> tuple[Array, Array, Array, Array]:
     """Points and weights on pieces of the overlay and along edges."""
-    kind = basix.CellType.interval if slave.gdim == 2 else basix.CellType.triangle
+    kind = basix.CellType.interval if gdim == 2 else basix.CellType.triangle
     piece_x, piece_w = map(np.asarray, basix.make_quadrature(kind, degree))
     edge_x, edge_w = map(np.asarray, basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE))
     return piece_x, piece_w, edge_x, edge_w
@@ -140,7 +140,7 @@ class Conforming(typing.NamedTuple):
 def find_conforming(slave: Surface, master: AnySurface, degree: int, radius: float) -> Conforming:
     """Where two surfaces made of facets are curved the same way. Collective."""
     found, area = _cpp.conforming_points(
-        slave.cpp_object, master.search_object(slave), radius, *_overlay_rules(slave, degree)
+        slave.cpp_object, master.search_object(slave), radius, *overlay_rules(slave.gdim, degree)
     )
     sums = slave.comm.allreduce(np.array([found[:, 3].sum(), area]), op=MPI.SUM)
     part = float(sums[0] / sums[1]) if sums[1] > 0 else 0.0

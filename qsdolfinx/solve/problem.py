@@ -236,6 +236,14 @@ class ContactProblem:
         return max(len(self.violation_history) - 1, 0)
 
     @property
+    def num_restarts(self) -> int:
+        """Runs of Newton's method in the last solve that failed and were begun again.
+
+        They are begun with a line search, or with a direct solver where an iterative one failed.
+        """
+        return self.newton.record.restarts
+
+    @property
     def timings(self) -> dict[str, Span]:
         """Wall time (s) since the problem was made, of the contacts since they were. Collective.
 

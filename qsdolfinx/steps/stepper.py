@@ -88,8 +88,8 @@ class TimeStepper:
         growth: Factor of Δt after a step of at most ``easy`` Newton iterations.
         cutback: Factor of Δt after a failure.
         easy: See growth.
-        max_penetration: Largest gap (length, positive in penetration) at the end of a step; not
-            limited by default.
+        max_penetration: Largest ``contact.penetration()`` (length) at the end of a step, on top of
+            the initial overclosure that is allowed to stay; not limited by default.
         min_quality: Shape of the worst cell, see MeshMotion.quality, at which to stop.
         progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
 
@@ -355,7 +355,9 @@ class TimeStepper:
         """Refuse gaps that are too deep."""
         if self.max_penetration is None:
             return
-        deepest = max((c.penetration() for c in self.problem.contacts), default=0.0)
+        deepest = max(
+            (c.penetration() - c.overclosure.allowed for c in self.problem.contacts), default=0.0
+        )
         if deepest > self.max_penetration:
             raise _Fault(
                 f"a penetration of {deepest:.3g}, above max_penetration = {self.max_penetration:g}"

@@ -66,9 +66,14 @@ def rotation_about(matrix: Array, center: Array, displacement: Array) -> Affine:
     return Affine(A, displacement - A @ center)
 
 
-def trace_positions(surface: Surface) -> Array:
-    """Positions of the trace's nodes on this rank's facets, shape (facets, nodes, 3)."""
-    x = np.asarray(surface.cpp_object.facet_x)
+def trace_positions(surface: Surface, x: Array | None = None) -> Array:
+    """Positions of the trace's nodes on this rank's facets, shape (facets, nodes, 3).
+
+    Args:
+        surface: The surface.
+        x: Those of the vertices, shape (facets, vertices, 3); by default as they are now.
+    """
+    x = np.asarray(surface.cpp_object.facet_x) if x is None else x
     if surface.degree == 1:
         return x
     edges = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
