@@ -595,6 +595,9 @@ class Contact:
     def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
         """Total moment of the contact forces on the body of one side. Collective.
 
+        Forces act where nodes were paired; in the steps of a ``qs.TimeStepper``, which pairs before
+        bodies are where the step takes them, at the end of the step.
+
         Args:
             side: ``"slave"`` or ``"master"``.
             about: Point, shape (gdim,); by default the centre of a rigid tool, or the origin.

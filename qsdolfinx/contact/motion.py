@@ -64,6 +64,8 @@ def _follow(model: ContactModel) -> None:
         _zero_offset(model)
         _carry(model, True)
         set_motion(model)
+        model.placement = Placement.at_pairing(model.slave, model.master)
+        model.tool_motion = None
         model.num_pairings += 1
         model.catch_up = None
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.surface.affine import Affine
-from qsdolfinx.surface.deformed import deformed_surface, trace_values
+from qsdolfinx.surface.deformed import deformed_positions, deformed_surface, trace_values
 from qsdolfinx.surface.surface import Coordinates, Surface
 from qsdolfinx.tools.pose import Pose
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
@@ -40,6 +40,10 @@ class Place:
         if offset is not None:
             u = u + trace_values(self.surface, offset)
         return dataclasses.replace(self, displacement=u)
+
+    def positions(self) -> Array:
+        """Of the trace's nodes, shape (facets, nodes, 3). Collective."""
+        return deformed_positions(self.surface, self.coordinates, self.displacement)
 
     def facets(self) -> _cpp.Surface:
         """The surface there. Collective.

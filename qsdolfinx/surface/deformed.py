@@ -56,10 +56,7 @@ def deformed_surface(
     outwards = meshed.mean(axis=1) - np.repeat(inside, len(pieces), axis=0)
     sign = np.sign(np.sum(area_vectors(meshed) * outwards, axis=1))
     dofs, owner = surface.trace_dofs
-    if displacement is not None:
-        at_nodes = at_nodes.copy()
-        at_nodes[..., : surface.gdim] += _on_facets(surface, displacement, dofs)
-    moved = _cut(at_nodes, pieces)
+    moved = _cut(deformed_positions(surface, coordinates, displacement), pieces)
     with collective_errors(surface.comm):
         _check(moved)
     return _cpp.Surface(
@@ -74,6 +71,19 @@ def deformed_surface(
         local_size=surface.V.dofmap.index_map.size_local * surface.V.dofmap.index_map_bs,
         axisymmetric=False,
     )
+
+
+def deformed_positions(
+    surface: Surface, coordinates: Coordinates, displacement: Array | None
+) -> Array:
+    """Where displacements put the nodes of the trace, (facets, nodes, 3). Collective.
+
+    Arguments as for :func:`deformed_surface`.
+    """
+    out = trace_positions(surface, coordinates[0]).copy()
+    if displacement is not None:
+        out[..., : surface.gdim] += _on_facets(surface, displacement, surface.trace_dofs[0])
+    return out
 
 
 def _cut(values: npt.NDArray[T], pieces: npt.NDArray[np.int_]) -> npt.NDArray[T]:
