@@ -18,6 +18,9 @@ LOOSE = 1e-3
 #: Norm that a linear solve leaves, relative to what Newton's method may end with.
 SAFETY = 0.3
 
+#: The same where the residual is linear, so that it falls as the linear solver's does.
+SAFETY_LINEAR = 0.9
+
 #: Bounds of the relative tolerance of a linear solve.
 _TIGHTEST, _LOOSEST = 1e-12, 0.1
 
@@ -119,7 +122,7 @@ class Krylov:
             return
         last = SAFETY * until / norms[-1]
         if self._linear and not changed:
-            tolerance = last
+            tolerance = SAFETY_LINEAR * until / norms[-1]
         elif self._linear or len(norms) < 2:
             tolerance = max(last, LOOSE)
         else:
