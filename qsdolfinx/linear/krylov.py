@@ -21,6 +21,10 @@ SAFETY = 0.3
 #: The same where the residual is linear, so that it falls as the linear solver's does.
 SAFETY_LINEAR = 0.9
 
+#: Relative tolerance of a linear solve that is worth a try if it may be the last one: it takes fewer
+#: iterations than another tangent would.
+NEAR = 1e-5
+
 #: Bounds of the relative tolerance of a linear solve.
 _TIGHTEST, _LOOSEST = 1e-12, 0.1
 
@@ -123,8 +127,10 @@ class Krylov:
         last = SAFETY * until / norms[-1]
         if self._linear and not changed:
             tolerance = SAFETY_LINEAR * until / norms[-1]
+        elif last >= NEAR:
+            tolerance = last
         elif self._linear or len(norms) < 2:
-            tolerance = max(last, LOOSE)
+            tolerance = LOOSE
         else:
             tolerance = max(last, min(LOOSE, (norms[-1] / norms[-2]) ** 2))
         self._ksp.setTolerances(rtol=min(max(tolerance, _TIGHTEST), _LOOSEST))
