@@ -111,6 +111,10 @@ class BoxTree
 public:
   explicit BoxTree(const std::vector<Box>& boxes);
 
+  /// Let the boxes have changed, with the branches as they are: faster than a new tree. Whether the
+  /// branches are still about as small as they were when the tree was made; if not, make a new one.
+  bool follow(const std::vector<Box>& boxes);
+
   /// Numbers of the boxes within the radius of a box, coordinate by coordinate, ascending.
   void near(const Box& box, double radius, std::vector<std::size_t>& out) const;
 
@@ -196,9 +200,12 @@ private:
   static constexpr std::size_t max_depth = 64;
 
   void build(std::size_t first, std::size_t last);
+  /// Sum of the branches' lengths, widths and heights.
+  double extent() const;
 
   std::vector<Entry> entries_;
   std::vector<Node> nodes_;
+  double extent_ = 0; ///< when the tree was made
 };
 
 } // namespace qsdolfinx

@@ -240,7 +240,7 @@ private:
     outward_ = cut_.normal(f, facet_centre(cut_.type()));
     tie_ = tie_tolerance * cut_.facets().size[f];
     const double area = measure(planar.polygon());
-    tree_.near(box_of(cut_.facet_x(f)), radius_, candidates_);
+    find_candidates(f, frame);
     for (std::size_t g : candidates_)
     {
       const bool opposed = dot(nearby_.outward(g), outward_) < 0;
@@ -263,6 +263,26 @@ private:
         polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
       pieces_.push_back({g, std::move(other), polygon_});
     }
+  }
+
+  /// Facets near a facet that may lie before or behind it, ascending.
+  void find_candidates(std::size_t f, const Frame& frame)
+  {
+    const auto v = cut_.facet_x(f);
+    double margin = 0;
+    for (std::size_t i = 0; i < v.size() / 3; ++i)
+      margin = std::max(margin, norm(facet_vertex(v, static_cast<int>(i)) - frame.origin));
+    margin *= 1.001; // for rounding
+    const Box wide = widened(box_of(v), radius_);
+    const Vec3 reach = 2 * (radius_ + margin) * frame.normal; // out of the box
+    candidates_.clear();
+    tree_.along(LinePart(frame.origin - reach, 2 * reach, 1, margin),
+                [&](std::size_t g)
+                {
+                  if (meet(wide, box_of(nearby_.facet_x(g))))
+                    candidates_.push_back(g);
+                });
+    std::ranges::sort(candidates_);
   }
 
   /// Facets of the surface that is cut that the lines between it and the pieces may meet, or, if

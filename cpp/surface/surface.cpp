@@ -93,7 +93,7 @@ void Surface::move(std::span<const double> x, std::span<const double> inside)
   if (x.size() != facets_.x.size())
     throw std::invalid_argument("Surface::move: other facets than before");
   std::ranges::copy(x, facets_.x.begin());
-  tree_.reset();
+  tree_follows_ = false;
   orient_and_measure(inside);
   measure_nodes();
 }
@@ -306,8 +306,12 @@ std::vector<Box> qsdolfinx::boxes_of_ranks(MPI_Comm comm, const Box& box)
 
 const BoxTree& Surface::tree() const
 {
-  if (!tree_)
-    tree_ = std::make_unique<BoxTree>(facet_boxes(type_, facets_.x));
+  if (tree_ && tree_follows_)
+    return *tree_;
+  const auto boxes = facet_boxes(type_, facets_.x);
+  if (!tree_ || !tree_->follow(boxes))
+    tree_ = std::make_unique<BoxTree>(boxes);
+  tree_follows_ = true;
   return *tree_;
 }
 

@@ -130,6 +130,7 @@ private:
   Facets facets_;
   Nodes nodes_;
   mutable std::unique_ptr<BoxTree> tree_;   ///< null until asked for
+  mutable bool tree_follows_ = false;       ///< false after facets have moved
   std::unique_ptr<Exchange> to_owner_;      ///< from the vertices of facets to their owners
   std::vector<std::size_t> node_of_record_; ///< node of each vertex that this rank was told of
 };
