@@ -122,21 +122,33 @@ public:
   template <typename Visit>
   void along(const LinePart& line, Visit visit) const
   {
-    std::array<std::uint32_t, max_depth> stack{0};
-    for (std::size_t depth = nodes_.empty() ? 0 : 1; depth > 0;)
+    std::array<std::uint32_t, max_depth> stack;
+    std::size_t depth = 0;
+    if (!nodes_.empty() && line.meets(nodes_[0].box))
+      stack[depth++] = 0;
+    while (depth > 0)
     {
-      const std::uint32_t n = stack[--depth];
-      const Node& node = nodes_[n];
-      if (!line.meets(node.box))
-        continue;
-      if (node.count == 0)
+      std::uint32_t n = stack[--depth];
+      while (nodes_[n].count == 0) // down the left branch if the line meets it
       {
-        stack[depth++] = node.first;
-        stack[depth++] = n + 1;
+        const std::uint32_t left = n + 1, right = nodes_[n].first;
+        const bool meets_right = line.meets(nodes_[right].box);
+        if (line.meets(nodes_[left].box))
+        {
+          if (meets_right)
+            stack[depth++] = right;
+          n = left;
+        }
+        else if (meets_right)
+          n = right;
+        else
+          break;
       }
-      for (std::uint32_t i = node.first; i < node.first + node.count; ++i)
-        if (line.meets(entries_[i].box))
-          visit(entries_[i].number);
+      const Node& leaf = nodes_[n];
+      if (leaf.count > 0)
+        for (std::uint32_t i = leaf.first; i < leaf.first + leaf.count; ++i)
+          if (line.meets(entries_[i].box))
+            visit(entries_[i].number);
     }
   }
 
