@@ -13,9 +13,17 @@ using namespace qsdolfinx;
 
 void qsdolfinx::bind_search(nb::module_& m)
 {
+  nb::class_<SearchRadius>(m, "SearchRadius",
+                           "How far from each other points may be that are paired: one distance, "
+                           "or the size of the larger facet there; see search/radius.h.")
+      .def(nb::init<double>(), "everywhere"_a)
+      .def(nb::init<double, double, double>(), "largest"_a, "most_here"_a, "most_there"_a)
+      .def_ro("largest", &SearchRadius::largest, "Anywhere.");
+  nb::implicitly_convertible<double, SearchRadius>();
+
   m.def(
       "closest_facets",
-      [](const Surface& nodes, const Surface& surface, double radius)
+      [](const Surface& nodes, const Surface& surface, const SearchRadius& radius)
       {
         const ClosestFacets c = closest_facets(nodes, surface, radius);
         const std::size_t n = c.found.size();

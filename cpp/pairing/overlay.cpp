@@ -206,13 +206,13 @@ class Overlay
 {
 public:
   Overlay(PairingPoints& points, const Surface& cut, const Surface& other, bool cut_is_slave,
-          double share, double radius, Normals normals, const OverlayRules& rules,
+          double share, const SearchRadius& radius, Normals normals, const OverlayRules& rules,
           const Curved* curved)
       : points_(points), cut_(cut), curved_(curved),
-        nearby_(fetch_nearby(other, cut, radius, curved ? &curved->of_other : nullptr)),
-        tree_(facet_boxes(nearby_.type, nearby_.x)), own_(fetch_nearby(cut, cut, 2 * radius)),
+        nearby_(fetch_nearby(other, cut, radius.largest, curved ? &curved->of_other : nullptr)),
+        tree_(facet_boxes(nearby_.type, nearby_.x)), own_(fetch_nearby(cut, cut, 2 * radius.largest)),
         own_tree_(facet_boxes(own_.type, own_.x)), cut_is_slave_(cut_is_slave), share_(share),
-        radius_(radius), normals_(normals), rules_(rules)
+        radius_(radius.largest), reach_(radius), normals_(normals), rules_(rules)
   {
   }
 
@@ -397,13 +397,15 @@ private:
     here_.compute(cut_.type(), planar, piece.polygon, q_, w_, rules_.edge);
     there_.compute(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
     const ShapeValues &here = here_, &there = there_;
+    const double reach
+        = reach_.of(cut_.facets().size[f], std::sqrt(squared_size(nearby_.type, z)));
     for (std::size_t p = 0; p < q_.size(); ++p)
     {
       const Vec3 x = facet_point(cut_.type(), v, here.xi[p]);
       const Vec3 y = facet_point(nearby_.type, z, there.xi[p]);
       const Vec3 outward = normal(f, here.xi[p], piece.other, there.xi[p]);
       const double gap = dot(y - x, outward);
-      if (std::abs(gap) > radius_ || is_hidden(f, piece, q_[p], x, y))
+      if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y))
         continue;
       // A curved quadrilateral has more area than its projection.
       const double stretch
@@ -461,7 +463,8 @@ private:
   NearbyFacets own_; // of the surface that is cut
   BoxTree own_tree_;
   bool cut_is_slave_;
-  double share_, radius_;
+  double share_, radius_; ///< the largest
+  SearchRadius reach_;
   Normals normals_;
   const OverlayRules& rules_;
   // Of the present facet.
@@ -480,7 +483,8 @@ private:
 } // namespace
 
 PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& master, bool both,
-                                          double radius, Normals normals, const OverlayRules& rules,
+                                          const SearchRadius& radius, Normals normals,
+                                          const OverlayRules& rules,
                                           bool smooth)
 {
   PairingPoints points(slave, &master);
@@ -491,7 +495,8 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
   const auto cut = [&](const Surface& surface, const Surface& other)
   {
     const bool is_slave = &surface == &slave;
-    Overlay(points, surface, other, is_slave, share, radius, normals, rules,
+    Overlay(points, surface, other, is_slave, share, is_slave ? radius : radius.turned(), normals,
+            rules,
             curved ? &*curved : nullptr)
         .run();
   };
@@ -504,7 +509,8 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
 }
 
 std::vector<ConformingPoint> qsdolfinx::conforming_points(const Surface& slave,
-                                                          const Surface& master, double radius,
+                                                          const Surface& master,
+                                                          const SearchRadius& radius,
                                                           const OverlayRules& rules, double& area)
 {
   PairingPoints points(slave, &master);

@@ -94,9 +94,10 @@ struct Answers
   {
     return std::span(values).subspan(i * width(), width());
   }
+  double size(std::size_t i) const { return values[i * width() + 1]; }
   double distance(std::size_t i) const { return values[i * width()]; }
   bool beside(std::size_t i) const { return values[i * width() + 2] != 0; }
-  double tie(std::size_t i) const { return tie_tolerance * values[i * width() + 1]; }
+  double tie(std::size_t i) const { return tie_tolerance * size(i); }
   std::span<const double> name(std::size_t i) const { return value(i).subspan(9 + nv); }
 
   void append(std::int64_t q, const Surface& s, const Candidate& c, bool is_beside)
@@ -154,9 +155,12 @@ Answers answer_queries(const Surface& surface, LocalSearch& search, const Querie
   return out;
 }
 
-/// Best answer for every node: smallest distance; among equal ones the first in the order of names.
-std::vector<std::int64_t> choose(const Answers& a, const Queries& q, std::size_t num_nodes)
+/// Best answer for every node: smallest distance; of equal ones within the radius the first in the
+/// order of names.
+std::vector<std::int64_t> choose(const Answers& a, const Queries& q, const Nodes& nodes,
+                                 const SearchRadius& radius)
 {
+  const std::size_t num_nodes = nodes.size();
   std::vector<double> limit(num_nodes, std::numeric_limits<double>::infinity());
   for (std::size_t i = 0; i < a.query.size(); ++i)
   {
@@ -167,7 +171,7 @@ std::vector<std::int64_t> choose(const Answers& a, const Queries& q, std::size_t
   for (std::size_t i = 0; i < a.query.size(); ++i)
   {
     const std::size_t k = q.node[a.query[i]];
-    if (a.distance(i) > limit[k])
+    if (a.distance(i) > limit[k] || a.distance(i) > radius.of(nodes.facet_size[k], a.size(i)))
       continue;
     const auto name = a.name(i);
     if (best[k] >= 0)
@@ -212,9 +216,9 @@ void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answe
 class NodeSearch
 {
 public:
-  NodeSearch(const Surface& nodes, const Surface& surface, double radius)
-      : from_(nodes), surface_(surface), nodes_(nodes.nodes()), boxes_(surface.rank_boxes(radius)),
-        search_(surface, radius), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0)
+  NodeSearch(const Surface& nodes, const Surface& surface, const SearchRadius& radius)
+      : from_(nodes), surface_(surface), nodes_(nodes.nodes()), radius_(radius),
+        boxes_(surface.rank_boxes(radius.largest)), search_(surface, radius.largest), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0)
   {
     const std::size_t n = nodes_.size(), nv = surface.num_vertices(), gdim = surface.gdim();
     out_ = {std::vector<std::uint8_t>(n, 0), std::vector<std::int64_t>(n * nv * gdim, -1),
@@ -255,7 +259,7 @@ private:
     std::vector<Question> here;
     const Queries q = send_queries(from_, surface_, boxes_, questions, here);
     const Answers a = answer_queries(surface_, search_, q);
-    const auto best = choose(a, q, nodes_.size());
+    const auto best = choose(a, q, nodes_, radius_);
     for (std::int64_t k : q.node)
       near_back_[k] = 1; // other ranks do not say
     for (std::size_t k = 0; k < best.size(); ++k)
@@ -267,9 +271,13 @@ private:
     for (const auto [k, beyond] : here)
     {
       const Vec3 p = at(nodes_.x, k);
-      const auto ties = ask(search_, p, at(nodes_.normal, k), beyond);
+      const auto found = ask(search_, p, at(nodes_.normal, k), beyond);
       near_back_[k] = beyond != any_distance || search_.saw_back();
-      if (const Candidate* c = search_.first_by_name(ties))
+      ties_.clear();
+      for (const Candidate& c : found)
+        if (c.point.distance <= radius_.of(nodes_.facet_size[k], surface_.facets().size[c.facet]))
+          ties_.push_back(c);
+      if (const Candidate* c = search_.first_by_name(ties_))
       {
         take(out_, k, surface_, *c);
         refused_[k] = search_.beside(*c, p);
@@ -321,15 +329,18 @@ private:
 
   const Surface &from_, &surface_;
   const Nodes& nodes_;
+  SearchRadius radius_;
   std::vector<Box> boxes_;
   LocalSearch search_;
+  std::vector<Candidate> ties_;
   ClosestFacets out_;
   std::vector<std::uint8_t> refused_;   ///< beside the facet found, or behind a back
   std::vector<std::uint8_t> near_back_; ///< whether a back may be nearer than what was found
 };
 } // namespace
 
-ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& surface, double radius)
+ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& surface,
+                                        const SearchRadius& radius)
 {
   return NodeSearch(nodes, surface, radius).run();
 }

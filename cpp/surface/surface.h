@@ -42,6 +42,7 @@ struct Nodes
   std::vector<double> x;          ///< coordinates, [node][3]
   std::vector<double> area;       ///< nodal area S_k = ∫ N_k ds
   std::vector<double> normal;     ///< outward unit normal, average weighted with N_k, [node][3]
+  std::vector<double> facet_size; ///< of the largest facet at the node
 
   std::size_t size() const { return area.size(); }
 };

@@ -236,7 +236,7 @@ def _unloaded(model: ContactModel) -> int:
         return 0
     master = surface.linear
     surfaces = master.cpp_object, model.slave.linear.cpp_object
-    near = _cpp.pair_surfaces(*surfaces, False, model.paired.search_radius, 0).slave["dofs"][
+    near = _cpp.pair_surfaces(*surfaces, False, model.paired.radius, 0).slave["dofs"][
         :, 0, 0
     ]
     reached = faced(p, np.zeros(p.num_rows)).reached
