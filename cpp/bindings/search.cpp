@@ -15,9 +15,8 @@ void qsdolfinx::bind_search(nb::module_& m)
 {
   nb::class_<SearchRadius>(m, "SearchRadius",
                            "How far from each other points may be that are paired: one distance, "
-                           "or the size of the larger facet there; see search/radius.h.")
-      .def(nb::init<double>(), "everywhere"_a)
-      .def(nb::init<double, double, double>(), "largest"_a, "most_here"_a, "most_there"_a)
+                           "or the size of the larger facet there, if that is less.")
+      .def(nb::init<double, bool>(), "largest"_a, "by_size"_a = false)
       .def_ro("largest", &SearchRadius::largest, "Anywhere.");
   nb::implicitly_convertible<double, SearchRadius>();
 

@@ -495,8 +495,7 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
   const auto cut = [&](const Surface& surface, const Surface& other)
   {
     const bool is_slave = &surface == &slave;
-    Overlay(points, surface, other, is_slave, share, is_slave ? radius : radius.turned(), normals,
-            rules,
+    Overlay(points, surface, other, is_slave, share, radius, normals, rules,
             curved ? &*curved : nullptr)
         .run();
   };

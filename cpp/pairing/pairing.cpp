@@ -100,7 +100,7 @@ PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& mast
   const double share = sampling == Sampling::both ? 0.5 : 1.0;
   append_nodal_points(points, slave, master, true, share, radius, normals);
   if (sampling == Sampling::both)
-    append_nodal_points(points, master, slave, false, share, radius.turned(), normals);
+    append_nodal_points(points, master, slave, false, share, radius, normals);
   points.multiplier_values = points.slave.shape_values; // the trace is P1 or Q1
   points.multiplier_side.assign(points.multiplier_values.size(), 0);
   return points;

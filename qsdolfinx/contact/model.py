@@ -160,11 +160,9 @@ def _radius(settings: Settings) -> _cpp.SearchRadius:
         return _cpp.SearchRadius(settings.search_radius)
     slave, master = settings.slave, settings.master
     largest = slave.facet_size_range[1]
-    if master.is_analytic:
-        return _cpp.SearchRadius(largest)
-    of_master = master.facet_size_range[1]
-    most = largest if as_tool(master) is not None else of_master
-    return _cpp.SearchRadius(max(largest, min(most, of_master)), largest, most)
+    if as_tool(master) is None:
+        largest = max(largest, master.facet_size_range[1])
+    return _cpp.SearchRadius(largest, by_size=not master.is_analytic)
 
 
 class ContactModel:
