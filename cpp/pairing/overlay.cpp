@@ -210,9 +210,10 @@ public:
           const Curved* curved)
       : points_(points), cut_(cut), curved_(curved),
         nearby_(fetch_nearby(other, cut, radius.largest, curved ? &curved->of_other : nullptr)),
-        tree_(facet_boxes(nearby_.type, nearby_.x)), own_(fetch_nearby(cut, cut, 2 * radius.largest)),
-        own_tree_(facet_boxes(own_.type, own_.x)), cut_is_slave_(cut_is_slave), share_(share),
-        radius_(radius.largest), reach_(radius), normals_(normals), rules_(rules)
+        tree_(facet_boxes(nearby_.type, nearby_.x)),
+        own_(fetch_nearby(cut, cut, 2 * radius.largest)), own_tree_(facet_boxes(own_.type, own_.x)),
+        cut_is_slave_(cut_is_slave), share_(share), radius_(radius.largest), reach_(radius),
+        normals_(normals), rules_(rules)
   {
   }
 
@@ -397,8 +398,7 @@ private:
     here_.compute(cut_.type(), planar, piece.polygon, q_, w_, rules_.edge);
     there_.compute(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
     const ShapeValues &here = here_, &there = there_;
-    const double reach
-        = reach_.of(cut_.facets().size[f], std::sqrt(squared_size(nearby_.type, z)));
+    const double reach = reach_.of(cut_.facets().size[f], std::sqrt(squared_size(nearby_.type, z)));
     for (std::size_t p = 0; p < q_.size(); ++p)
     {
       const Vec3 x = facet_point(cut_.type(), v, here.xi[p]);
@@ -484,8 +484,7 @@ private:
 
 PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& master, bool both,
                                           const SearchRadius& radius, Normals normals,
-                                          const OverlayRules& rules,
-                                          bool smooth)
+                                          const OverlayRules& rules, bool smooth)
 {
   PairingPoints points(slave, &master);
   std::optional<Curved> curved;

@@ -218,7 +218,8 @@ class NodeSearch
 public:
   NodeSearch(const Surface& nodes, const Surface& surface, const SearchRadius& radius)
       : from_(nodes), surface_(surface), nodes_(nodes.nodes()), radius_(radius),
-        boxes_(surface.rank_boxes(radius.largest)), search_(surface, radius.largest), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0)
+        boxes_(surface.rank_boxes(radius.largest)), search_(surface, radius.largest),
+        refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0)
   {
     const std::size_t n = nodes_.size(), nv = surface.num_vertices(), gdim = surface.gdim();
     out_ = {std::vector<std::uint8_t>(n, 0), std::vector<std::int64_t>(n * nv * gdim, -1),

@@ -23,11 +23,12 @@ struct ClosestFacets
 /// Search, for each owned node of `nodes`, the closest point on the facets of `surface`.
 /// Collective.
 ///
-/// A closest facet that is further away than the radius leaves the node unpaired. Facets that do not face the node (their
-/// normal and the node's enclose less than 90°: the back of a body) do not count. Nor do those that are hidden,
-/// see `hidden`; a node that is beside its closest facet or behind a back finds the next one in
-/// front of it, if there is one. Local searches use a tree of the facets' boxes, O(log n) a node;
-/// nodes travel only to ranks whose facets' box is within the largest radius.
+/// A closest facet that is further away than the radius leaves the node unpaired. Facets that do
+/// not face the node (their normal and the node's enclose less than 90°: the back of a body) do not
+/// count. Nor do those that are hidden, see `hidden`; a node that is beside its closest facet or
+/// behind a back finds the next one in front of it, if there is one. Local searches use a tree of
+/// the facets' boxes, O(log n) a node; nodes travel only to ranks whose facets' box is within the
+/// largest radius.
 ClosestFacets closest_facets(const Surface& nodes, const Surface& surface,
                              const SearchRadius& radius);
 

@@ -116,7 +116,7 @@ def _of_facets(model: ContactModel, near: int, corners: tuple[Array, Array]) -> 
     slave.cpp_object.move(x, inside)
     low, high = _box(model.comm, np.concatenate([slave.node_x, *(c[None] for c in corners)]))
     anywhere = float(np.linalg.norm(high - low))
-    faced = _cpp.pair_surfaces(slave.cpp_object, other, False, anywhere, 0)
+    faced = _cpp.pair_surfaces(slave.cpp_object, other, False, _cpp.SearchRadius(anywhere), 0)
     away = float(np.min(np.abs(faced.gap), initial=np.inf))
     return Candidates(
         near,

@@ -21,8 +21,8 @@ SAFETY = 0.3
 #: The same where the residual is linear, so that it falls as the linear solver's does.
 SAFETY_LINEAR = 0.9
 
-#: Relative tolerance of a linear solve that is worth a try if it may be the last one: it takes fewer
-#: iterations than another tangent would.
+#: Relative tolerance of a linear solve that is worth a try if it may be the last one: a few
+#: iterations more cost less than another tangent.
 NEAR = 1e-5
 
 #: Bounds of the relative tolerance of a linear solve.

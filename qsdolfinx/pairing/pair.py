@@ -137,7 +137,9 @@ class Conforming(typing.NamedTuple):
     part: float
 
 
-def find_conforming(slave: Surface, master: AnySurface, degree: int, radius: _cpp.SearchRadius) -> Conforming:
+def find_conforming(
+    slave: Surface, master: AnySurface, degree: int, radius: _cpp.SearchRadius
+) -> Conforming:
     """Where two surfaces made of facets are curved the same way. Collective."""
     found, area = _cpp.conforming_points(
         slave.cpp_object, master.search_object(slave), radius, *_overlay_rules(slave, degree)
