@@ -1,7 +1,8 @@
 """Whether anything has become slower: ratios measured in one run against recorded ones.
 
 Every figure is a ratio of two measurements of this run, or a count, so that the machine matters
-little: contact against one body without it (seconds, memory, Krylov iterations; bench/scaling.py),
+little: contact against one body without it (seconds of the processor, memory, Krylov iterations,
+both to the same residual; bench/scaling.py),
 pairing against SciPy's k-d tree (bench/pairing.py), the overlay against nodal quadrature. The
 fastest of the repeats counts. Ends with 1 if a figure is more than 25 % worse than recorded.
 
