@@ -92,6 +92,14 @@ class PairingPoints:
     def num_unpaired(self) -> int:
         """Owned nodes (overlay: facets) that found no partner."""
 
+class SearchRadius:
+    """How far from each other points may be that are paired: one distance, or the size of the larger facet there, if that is less."""
+
+    def __init__(self, largest: float, by_size: bool = False) -> None: ...
+    @property
+    def largest(self) -> float:
+        """Anywhere."""
+
 class Surface:
     """Distributed contact surface; see surface/surface.h."""
 
@@ -144,11 +152,15 @@ class Surface:
         """Their areas S_k, [node]."""
 
     @property
+    def node_facet_size(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Sizes of the largest facets at them, [node]."""
+
+    @property
     def node_normal(self) -> numpy.typing.NDArray[numpy.float64]:
         """Their averaged outward unit normals, [node][3]."""
 
 def closest_facets(
-    nodes: Surface, surface: Surface, radius: float
+    nodes: Surface, surface: Surface, radius: SearchRadius
 ) -> tuple[numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.float64]]:
     """Which owned nodes find a facet, [node], and the closest points, [node][3]; collective."""
 
@@ -173,7 +185,7 @@ def closest_points(
 def conforming_points(
     slave: Surface,
     master: Surface,
-    radius: float,
+    radius: SearchRadius,
     piece_x: numpy.typing.NDArray[numpy.float64],
     piece_w: numpy.typing.NDArray[numpy.float64],
     edge_x: numpy.typing.NDArray[numpy.float64],
@@ -230,7 +242,7 @@ def overlay_surfaces(
     slave: Surface,
     master: Surface,
     both: bool,
-    radius: float,
+    radius: SearchRadius,
     normals: int,
     piece_x: numpy.typing.NDArray[numpy.float64],
     piece_w: numpy.typing.NDArray[numpy.float64],
@@ -241,7 +253,7 @@ def overlay_surfaces(
     """Pairing points on the overlay; collective."""
 
 def pair_surfaces(
-    slave: Surface, master: Surface, both: bool, radius: float, normals: int
+    slave: Surface, master: Surface, both: bool, radius: SearchRadius, normals: int
 ) -> PairingPoints:
     """Nodal pairing points; collective."""
 

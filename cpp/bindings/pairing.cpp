@@ -79,7 +79,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
 
   m.def(
       "pair_surfaces",
-      [](const Surface& slave, const Surface& master, bool both, double radius, int normals)
+      [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,
+         int normals)
       {
         return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius,
                              static_cast<Normals>(normals));
@@ -88,8 +89,9 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "Nodal pairing points; collective.");
   m.def(
       "overlay_surfaces",
-      [](const Surface& slave, const Surface& master, bool both, double radius, int normals,
-         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w, bool smooth)
+      [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,
+         int normals, In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w,
+         bool smooth)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
         return overlay_surfaces(slave, master, both, radius, static_cast<Normals>(normals), rules,
@@ -99,8 +101,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "edge_x"_a, "edge_w"_a, "smooth"_a, "Pairing points on the overlay; collective.");
   m.def(
       "conforming_points",
-      [](const Surface& slave, const Surface& master, double radius, In<double> piece_x,
-         In<double> piece_w, In<double> edge_x, In<double> edge_w)
+      [](const Surface& slave, const Surface& master, const SearchRadius& radius,
+         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
         double area = 0;

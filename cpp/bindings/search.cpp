@@ -15,9 +15,16 @@ using namespace qsdolfinx;
 
 void qsdolfinx::bind_search(nb::module_& m)
 {
+  nb::class_<SearchRadius>(m, "SearchRadius",
+                           "How far from each other points may be that are paired: one distance, "
+                           "or the size of the larger facet there, if that is less.")
+      .def(nb::init<double, bool>(), "largest"_a, "by_size"_a = false)
+      .def_ro("largest", &SearchRadius::largest, "Anywhere.");
+  nb::implicitly_convertible<double, SearchRadius>();
+
   m.def(
       "closest_facets",
-      [](const Surface& nodes, const Surface& surface, double radius)
+      [](const Surface& nodes, const Surface& surface, const SearchRadius& radius)
       {
         const ClosestFacets c = closest_facets(nodes, surface, radius);
         const std::size_t n = c.found.size();

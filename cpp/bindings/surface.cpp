@@ -64,6 +64,10 @@ void qsdolfinx::bind_surface(nb::module_& m)
           "node_area", [](const Surface& s) { return copy(s.nodes().area, {s.nodes().size()}); },
           "Their areas S_k, [node].")
       .def_prop_ro(
+          "node_facet_size",
+          [](const Surface& s) { return copy(s.nodes().facet_size, {s.nodes().size()}); },
+          "Sizes of the largest facets at them, [node].")
+      .def_prop_ro(
           "node_normal",
           [](const Surface& s) { return copy(s.nodes().normal, {s.nodes().size(), 3}); },
           "Their averaged outward unit normals, [node][3].");

@@ -30,6 +30,37 @@ BoxTree::BoxTree(const std::vector<Box>& boxes)
   nodes_.reserve(boxes.size());
   if (!entries_.empty())
     build(0, entries_.size());
+  extent_ = extent();
+}
+
+bool BoxTree::follow(const std::vector<Box>& boxes)
+{
+  constexpr double looser = 1.2;
+  for (Entry& entry : entries_)
+    entry.box = boxes[entry.number];
+  for (std::size_t n = nodes_.size(); n-- > 0;) // branches come after what they branch off
+  {
+    Node& node = nodes_[n];
+    node.box = Box{};
+    const auto include = [&node](const Box& b) { node.box.include(b.low, b.high); };
+    if (node.count == 0)
+    {
+      include(nodes_[n + 1].box);
+      include(nodes_[node.first].box);
+    }
+    for (std::uint32_t i = node.first; i < node.first + node.count; ++i)
+      include(entries_[i].box);
+  }
+  return extent() <= looser * extent_;
+}
+
+double BoxTree::extent() const
+{
+  double sum = 0;
+  for (const Node& node : nodes_)
+    for (std::size_t j = 0; j < 3; ++j)
+      sum += node.box.high[j] - node.box.low[j];
+  return sum;
 }
 
 void BoxTree::build(std::size_t first, std::size_t last)

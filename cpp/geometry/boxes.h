@@ -111,6 +111,10 @@ class BoxTree
 public:
   explicit BoxTree(const std::vector<Box>& boxes);
 
+  /// Let the boxes have changed, with the branches as they are: faster than a new tree. Whether the
+  /// branches are still about as small as they were when the tree was made; if not, make a new one.
+  bool follow(const std::vector<Box>& boxes);
+
   /// Numbers of the boxes within the radius of a box, coordinate by coordinate, ascending.
   void near(const Box& box, double radius, std::vector<std::size_t>& out) const;
 
@@ -118,21 +122,33 @@ public:
   template <typename Visit>
   void along(const LinePart& line, Visit visit) const
   {
-    std::array<std::uint32_t, max_depth> stack{0};
-    for (std::size_t depth = nodes_.empty() ? 0 : 1; depth > 0;)
+    std::array<std::uint32_t, max_depth> stack;
+    std::size_t depth = 0;
+    if (!nodes_.empty() && line.meets(nodes_[0].box))
+      stack[depth++] = 0;
+    while (depth > 0)
     {
-      const std::uint32_t n = stack[--depth];
-      const Node& node = nodes_[n];
-      if (!line.meets(node.box))
-        continue;
-      if (node.count == 0)
+      std::uint32_t n = stack[--depth];
+      while (nodes_[n].count == 0) // down the left branch if the line meets it
       {
-        stack[depth++] = node.first;
-        stack[depth++] = n + 1;
+        const std::uint32_t left = n + 1, right = nodes_[n].first;
+        const bool meets_right = line.meets(nodes_[right].box);
+        if (line.meets(nodes_[left].box))
+        {
+          if (meets_right)
+            stack[depth++] = right;
+          n = left;
+        }
+        else if (meets_right)
+          n = right;
+        else
+          break;
       }
-      for (std::uint32_t i = node.first; i < node.first + node.count; ++i)
-        if (line.meets(entries_[i].box))
-          visit(entries_[i].number);
+      const Node& leaf = nodes_[n];
+      if (leaf.count > 0)
+        for (std::uint32_t i = leaf.first; i < leaf.first + leaf.count; ++i)
+          if (line.meets(entries_[i].box))
+            visit(entries_[i].number);
     }
   }
 
@@ -196,9 +212,12 @@ private:
   static constexpr std::size_t max_depth = 64;
 
   void build(std::size_t first, std::size_t last);
+  /// Sum of the branches' lengths, widths and heights.
+  double extent() const;
 
   std::vector<Entry> entries_;
   std::vector<Node> nodes_;
+  double extent_ = 0; ///< when the tree was made
 };
 
 } // namespace qsdolfinx

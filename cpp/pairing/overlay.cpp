@@ -206,13 +206,14 @@ class Overlay
 {
 public:
   Overlay(PairingPoints& points, const Surface& cut, const Surface& other, bool cut_is_slave,
-          double share, double radius, Normals normals, const OverlayRules& rules,
+          double share, const SearchRadius& radius, Normals normals, const OverlayRules& rules,
           const Curved* curved)
       : points_(points), cut_(cut), curved_(curved),
-        nearby_(fetch_nearby(other, cut, radius, curved ? &curved->of_other : nullptr)),
-        tree_(facet_boxes(nearby_.type, nearby_.x)), own_(fetch_nearby(cut, cut, 2 * radius)),
-        own_tree_(facet_boxes(own_.type, own_.x)), cut_is_slave_(cut_is_slave), share_(share),
-        radius_(radius), normals_(normals), rules_(rules)
+        nearby_(fetch_nearby(other, cut, radius.largest, curved ? &curved->of_other : nullptr)),
+        tree_(facet_boxes(nearby_.type, nearby_.x)),
+        own_(fetch_nearby(cut, cut, 2 * radius.largest)), own_tree_(facet_boxes(own_.type, own_.x)),
+        cut_is_slave_(cut_is_slave), share_(share), radius_(radius.largest), reach_(radius),
+        normals_(normals), rules_(rules)
   {
   }
 
@@ -240,7 +241,7 @@ private:
     outward_ = cut_.normal(f, facet_centre(cut_.type()));
     tie_ = tie_tolerance * cut_.facets().size[f];
     const double area = measure(planar.polygon());
-    tree_.near(box_of(cut_.facet_x(f)), radius_, candidates_);
+    find_candidates(f, frame);
     for (std::size_t g : candidates_)
     {
       const bool opposed = dot(nearby_.outward(g), outward_) < 0;
@@ -263,6 +264,26 @@ private:
         polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
       pieces_.push_back({g, std::move(other), polygon_});
     }
+  }
+
+  /// Facets near a facet that may lie before or behind it, ascending.
+  void find_candidates(std::size_t f, const Frame& frame)
+  {
+    const auto v = cut_.facet_x(f);
+    double margin = 0;
+    for (std::size_t i = 0; i < v.size() / 3; ++i)
+      margin = std::max(margin, norm(facet_vertex(v, static_cast<int>(i)) - frame.origin));
+    margin *= 1.001; // for rounding
+    const Box wide = widened(box_of(v), radius_);
+    const Vec3 reach = 2 * (radius_ + margin) * frame.normal; // out of the box
+    candidates_.clear();
+    tree_.along(LinePart(frame.origin - reach, 2 * reach, 1, margin),
+                [&](std::size_t g)
+                {
+                  if (meet(wide, box_of(nearby_.facet_x(g))))
+                    candidates_.push_back(g);
+                });
+    std::ranges::sort(candidates_);
   }
 
   /// Facets of the surface that is cut that the lines between it and the pieces may meet, or, if
@@ -377,13 +398,14 @@ private:
     here_.compute(cut_.type(), planar, piece.polygon, q_, w_, rules_.edge);
     there_.compute(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
     const ShapeValues &here = here_, &there = there_;
+    const double reach = reach_.of(cut_.facets().size[f], std::sqrt(squared_size(nearby_.type, z)));
     for (std::size_t p = 0; p < q_.size(); ++p)
     {
       const Vec3 x = facet_point(cut_.type(), v, here.xi[p]);
       const Vec3 y = facet_point(nearby_.type, z, there.xi[p]);
       const Vec3 outward = normal(f, here.xi[p], piece.other, there.xi[p]);
       const double gap = dot(y - x, outward);
-      if (std::abs(gap) > radius_ || is_hidden(f, piece, q_[p], x, y))
+      if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y))
         continue;
       // A curved quadrilateral has more area than its projection.
       const double stretch
@@ -441,7 +463,8 @@ private:
   NearbyFacets own_; // of the surface that is cut
   BoxTree own_tree_;
   bool cut_is_slave_;
-  double share_, radius_;
+  double share_, radius_; ///< the largest
+  SearchRadius reach_;
   Normals normals_;
   const OverlayRules& rules_;
   // Of the present facet.
@@ -460,8 +483,8 @@ private:
 } // namespace
 
 PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& master, bool both,
-                                          double radius, Normals normals, const OverlayRules& rules,
-                                          bool smooth)
+                                          const SearchRadius& radius, Normals normals,
+                                          const OverlayRules& rules, bool smooth)
 {
   PairingPoints points(slave, &master);
   std::optional<Curved> curved;
@@ -484,7 +507,8 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
 }
 
 std::vector<ConformingPoint> qsdolfinx::conforming_points(const Surface& slave,
-                                                          const Surface& master, double radius,
+                                                          const Surface& master,
+                                                          const SearchRadius& radius,
                                                           const OverlayRules& rules, double& area)
 {
   PairingPoints points(slave, &master);

@@ -37,8 +37,8 @@ struct OverlayRules
 /// @param smooth whether gaps are those of the curved surfaces that the facets approximate: facets
 /// of both sides bulge by the curvature that both share
 PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool both,
-                               double radius, Normals normals, const OverlayRules& rules,
-                               bool smooth);
+                               const SearchRadius& radius, Normals normals,
+                               const OverlayRules& rules, bool smooth);
 
 /// Where surfaces are curved the same way, at a point of the overlay.
 struct ConformingPoint
@@ -52,7 +52,7 @@ struct ConformingPoint
 /// differ by less than a factor of two. Collective.
 /// @param area of all points of the slave that are paired on this rank
 std::vector<ConformingPoint> conforming_points(const Surface& slave, const Surface& master,
-                                               double radius, const OverlayRules& rules,
-                                               double& area);
+                                               const SearchRadius& radius,
+                                               const OverlayRules& rules, double& area);
 
 } // namespace qsdolfinx

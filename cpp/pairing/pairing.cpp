@@ -21,7 +21,7 @@ void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, 
 /// @param at_slave whether the nodes are the slave's
 /// @param share part of the nodal area that is the weight
 void append_nodal_points(PairingPoints& points, const Surface& at, const Surface& onto,
-                         bool at_slave, double share, double radius, Normals normals)
+                         bool at_slave, double share, const SearchRadius& radius, Normals normals)
 {
   const ClosestFacets found = closest_facets(at, onto, radius);
   PairingSide& node_side = at_slave ? points.slave : points.master;
@@ -99,7 +99,8 @@ PairingPoints PairingPoints::none_like() const
 }
 
 PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& master,
-                                       Sampling sampling, double radius, Normals normals)
+                                       Sampling sampling, const SearchRadius& radius,
+                                       Normals normals)
 {
   if (slave.degree() != 1 || master.degree() != 1)
     throw std::invalid_argument("nodal pairing points need traces of degree 1");

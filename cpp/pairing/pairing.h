@@ -89,6 +89,6 @@ enum class Sampling
 /// @param radius nodes further than this from the other surface are unpaired
 /// @throws std::invalid_argument on traces of degree 2, or as PairingPoints does
 PairingPoints pair_surfaces(const Surface& slave, const Surface& master, Sampling sampling,
-                            double radius, Normals normals);
+                            const SearchRadius& radius, Normals normals);
 
 } // namespace qsdolfinx

@@ -98,7 +98,7 @@ public:
 
   void through(const Screening& facets)
   {
-    if (end_ >= 1) // the ends touch each other
+    if (end_ >= 1 || facets.x.empty()) // the ends touch each other, or nothing is there
       return;
     facets.tree.along(LinePart(line_.x, d_, own_ ? 2.0 : 1.0, touching_),
                       [&](std::size_t f) { meet(facets, f); });

@@ -97,11 +97,12 @@ struct Answers
   {
     return std::span(values).subspan(i * width(), width());
   }
+  double size(std::size_t i) const { return values[i * width() + 1]; }
   double distance(std::size_t i) const { return values[i * width()]; }
   bool beside(std::size_t i) const { return values[i * width() + 2] != 0; }
   Vec3 x(std::size_t i) const { return {value(i)[3], value(i)[4], value(i)[5]}; }
   Vec3 normal(std::size_t i) const { return {value(i)[6], value(i)[7], value(i)[8]}; }
-  double tie(std::size_t i) const { return tie_tolerance * values[i * width() + 1]; }
+  double tie(std::size_t i) const { return tie_tolerance * size(i); }
   std::span<const double> name(std::size_t i) const { return value(i).subspan(9 + nv); }
 
   void append(std::int64_t q, const Surface& s, const Candidate& c, bool is_beside)
@@ -171,16 +172,17 @@ std::vector<double> limits(const Answers& a, const Queries& q, std::size_t num_n
   return limit;
 }
 
-/// Best answer for every node: smallest distance; among equal ones the first in the order of names.
-std::vector<std::int64_t> choose(const Answers& a, const Queries& q,
-                                 const std::vector<double>& limit)
+/// Best answer for every node: smallest distance; of equal ones within the radius the first in the
+/// order of names.
+std::vector<std::int64_t> choose(const Answers& a, const Queries& q, const Places& nodes,
+                                 const SearchRadius& radius, const std::vector<double>& limit)
 {
   const std::size_t num_nodes = limit.size();
   std::vector<std::int64_t> best(num_nodes, -1);
   for (std::size_t i = 0; i < a.query.size(); ++i)
   {
     const std::size_t k = q.node[a.query[i]];
-    if (a.distance(i) > limit[k])
+    if (a.distance(i) > limit[k] || a.distance(i) > radius.of(nodes.facet_size(k), a.size(i)))
       continue;
     const auto name = a.name(i);
     if (best[k] >= 0)
@@ -225,10 +227,11 @@ void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answe
 class NodeSearch
 {
 public:
-  NodeSearch(const Places& places, const Surface& from, const Surface& surface, double radius)
-      : from_(from), surface_(surface), nodes_(places), boxes_(surface.rank_boxes(radius)),
-        search_(surface, radius), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0),
-        num_equal_(nodes_.size(), 0)
+  NodeSearch(const Places& places, const Surface& from, const Surface& surface,
+             const SearchRadius& radius)
+      : from_(from), surface_(surface), nodes_(places), radius_(radius),
+        boxes_(surface.rank_boxes(radius.largest)), search_(surface, radius.largest),
+        refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0), num_equal_(nodes_.size(), 0)
   {
     const std::size_t n = nodes_.size(), nv = surface.num_vertices(), gdim = surface.gdim();
     out_ = {std::vector<std::uint8_t>(n, 0), std::vector<std::int64_t>(n * nv * gdim, -1),
@@ -271,7 +274,7 @@ private:
     const Queries q = send_queries(nodes_, surface_, boxes_, questions, here);
     const Answers a = answer_queries(surface_, search_, q);
     const auto limit = limits(a, q, nodes_.size());
-    const auto best = choose(a, q, limit);
+    const auto best = choose(a, q, nodes_, radius_, limit);
     for (std::int64_t k : q.node)
       near_back_[k] = 1; // other ranks do not say
     for (std::size_t k = 0; k < best.size(); ++k)
@@ -287,14 +290,18 @@ private:
     for (const auto [k, beyond] : here)
     {
       const Vec3 p = at(nodes_.x, k);
-      const auto ties = ask(search_, p, at(nodes_.normal, k), beyond);
+      const auto found = ask(search_, p, at(nodes_.normal, k), beyond);
       near_back_[k] = beyond != any_distance || search_.saw_back();
-      if (const Candidate* c = search_.first_by_name(ties))
+      ties_.clear();
+      for (const Candidate& c : found)
+        if (c.point.distance <= radius_.of(nodes_.facet_size(k), surface_.facets().size[c.facet]))
+          ties_.push_back(c);
+      if (const Candidate* c = search_.first_by_name(ties_))
       {
         take(out_, k, surface_, *c);
         refused_[k] = search_.beside(*c, p);
         num_equal_[k] = 0;
-        for (const Candidate& t : ties)
+        for (const Candidate& t : ties_)
           add_normal(k, t.point.x, surface_.normal(t.facet, t.point.xi), search_.tie(t.facet));
       }
     }
@@ -358,8 +365,10 @@ private:
 
   const Surface &from_, &surface_;
   Places nodes_;
+  SearchRadius radius_;
   std::vector<Box> boxes_;
   LocalSearch search_;
+  std::vector<Candidate> ties_;
   ClosestFacets out_;
   std::vector<std::uint8_t> refused_;   ///< beside the facet found, or behind a back
   std::vector<std::uint8_t> near_back_; ///< whether a back may be nearer than what was found
@@ -367,14 +376,15 @@ private:
 };
 } // namespace
 
-ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& surface, double radius)
+ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& surface,
+                                        const SearchRadius& radius)
 {
   const Nodes& n = nodes.nodes();
-  return NodeSearch({n.x, n.normal}, nodes, surface, radius).run();
+  return NodeSearch({n.x, n.normal, n.facet_size}, nodes, surface, radius).run();
 }
 
 ClosestFacets qsdolfinx::closest_facets(const Places& points, const Surface& own,
                                         const Surface& surface, double radius)
 {
-  return NodeSearch(points, own, surface, radius).run();
+  return NodeSearch(points, own, surface, SearchRadius{radius}).run();
 }

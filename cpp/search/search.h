@@ -1,6 +1,7 @@
 // Closest facets of one surface to the nodes of another, across ranks.
 #pragma once
 
+#include "search/radius.h"
 #include "surface/surface.h"
 #include <cstdint>
 #include <span>
@@ -26,19 +27,24 @@ struct Places
 {
   std::span<const double> x;      ///< [point][3]
   std::span<const double> normal; ///< unit normals, [point][3]
+  std::span<const double> size_of_facets = {}; ///< of the largest facet at each, if it matters
 
+  /// Size of the largest facet at a point, 0 if it is not known.
+  double facet_size(std::size_t k) const { return size_of_facets.empty() ? 0 : size_of_facets[k]; }
   std::size_t size() const { return x.size() / 3; }
 };
 
 /// Search, for each owned node of `nodes`, the closest point on the facets of `surface`.
 /// Collective.
 ///
-/// Facets further away than `radius` and facets that do not face the node (their normal and the
-/// node's enclose less than 90°: the back of a body) do not count. Nor do those that are hidden,
-/// see `hidden`; a node that is beside its closest facet or behind a back finds the next one in
-/// front of it, if there is one. Local searches use a tree of the facets' boxes, O(log n) a node;
-/// nodes travel only to ranks whose facets' box is within the radius.
-ClosestFacets closest_facets(const Surface& nodes, const Surface& surface, double radius);
+/// A closest facet that is further away than the radius leaves the node unpaired. Facets that do
+/// not face the node (their normal and the node's enclose less than 90°: the back of a body) do not
+/// count. Nor do those that are hidden, see `hidden`; a node that is beside its closest facet or
+/// behind a back finds the next one in front of it, if there is one. Local searches use a tree of
+/// the facets' boxes, O(log n) a node; nodes travel only to ranks whose facets' box is within the
+/// largest radius.
+ClosestFacets closest_facets(const Surface& nodes, const Surface& surface,
+                             const SearchRadius& radius);
 
 /// The same for any points of this rank. @param own surface that they are on
 ClosestFacets closest_facets(const Places& points, const Surface& own, const Surface& surface,

@@ -93,7 +93,7 @@ void Surface::move(std::span<const double> x, std::span<const double> inside)
   if (x.size() != facets_.x.size())
     throw std::invalid_argument("Surface::move: other facets than before");
   std::ranges::copy(x, facets_.x.begin());
-  tree_.reset();
+  tree_follows_ = false;
   orient_and_measure(inside);
   measure_nodes();
 }
@@ -140,7 +140,7 @@ void Surface::number_nodes()
 void Surface::measure_nodes()
 {
   const int nv = num_vertices();
-  constexpr int width = 7; // x, area, area vector
+  constexpr int width = 8; // x, area, area vector, size
   std::vector<double> values(facets_.vertex_owner.size() * width);
   for (std::size_t f = 0; f < num_facets(); ++f)
   {
@@ -150,6 +150,7 @@ void Surface::measure_nodes()
       double* out = values.data() + (f * nv + i) * width;
       std::copy_n(facets_.x.data() + (f * nv + i) * 3, 3, out);
       std::copy_n(areas[i].data(), 4, out + 3);
+      out[7] = facets_.size[f];
     }
   }
   const auto data = to_owner_->forward<double>(values, width);
@@ -158,12 +159,14 @@ void Surface::measure_nodes()
   nodes_.x.resize(3 * n);
   nodes_.area.assign(n, 0);
   nodes_.normal.assign(3 * n, 0);
+  nodes_.facet_size.assign(n, 0);
   for (std::size_t i = 0; i < node_of_record_.size(); ++i)
   {
     const double* record = data.data() + i * width;
     const std::size_t k = node_of_record_[i];
     std::copy_n(record, 3, nodes_.x.begin() + 3 * k);
     nodes_.area[k] += record[3];
+    nodes_.facet_size[k] = std::max(nodes_.facet_size[k], record[7]);
     for (int j = 0; j < 3; ++j)
       nodes_.normal[3 * k + j] += record[4 + j];
   }
@@ -306,8 +309,12 @@ std::vector<Box> qsdolfinx::boxes_of_ranks(MPI_Comm comm, const Box& box)
 
 const BoxTree& Surface::tree() const
 {
-  if (!tree_)
-    tree_ = std::make_unique<BoxTree>(facet_boxes(type_, facets_.x));
+  if (tree_ && tree_follows_)
+    return *tree_;
+  const auto boxes = facet_boxes(type_, facets_.x);
+  if (!tree_ || !tree_->follow(boxes))
+    tree_ = std::make_unique<BoxTree>(boxes);
+  tree_follows_ = true;
   return *tree_;
 }
 

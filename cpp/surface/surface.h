@@ -42,6 +42,7 @@ struct Nodes
   std::vector<double> x;          ///< coordinates, [node][3]
   std::vector<double> area;       ///< nodal area S_k = ∫ N_k ds
   std::vector<double> normal;     ///< outward unit normal, average weighted with N_k, [node][3]
+  std::vector<double> facet_size; ///< of the largest facet at the node
 
   std::size_t size() const { return area.size(); }
 };
@@ -130,6 +131,7 @@ private:
   Facets facets_;
   Nodes nodes_;
   mutable std::unique_ptr<BoxTree> tree_;   ///< null until asked for
+  mutable bool tree_follows_ = false;       ///< false after facets have moved
   std::unique_ptr<Exchange> to_owner_;      ///< from the vertices of facets to their owners
   std::vector<std::size_t> node_of_record_; ///< node of each vertex that this rank was told of
 };

@@ -112,11 +112,11 @@ def _of_facets(model: ContactModel, near: int, corners: tuple[Array, Array]) -> 
     other = (model.master if master is None else master.linear).search_object(slave)
     x, inside = slave.coordinates
     slave.cpp_object.move(x, 2 * x.mean(axis=1) - inside)
-    turned = _cpp.pair_surfaces(slave.cpp_object, other, False, model.paired.search_radius, 0)
+    turned = _cpp.pair_surfaces(slave.cpp_object, other, False, model.paired.radius, 0)
     slave.cpp_object.move(x, inside)
     low, high = _box(model.comm, np.concatenate([slave.node_x, *(c[None] for c in corners)]))
     anywhere = float(np.linalg.norm(high - low))
-    faced = _cpp.pair_surfaces(slave.cpp_object, other, False, anywhere, 0)
+    faced = _cpp.pair_surfaces(slave.cpp_object, other, False, _cpp.SearchRadius(anywhere), 0)
     away = float(np.min(np.abs(faced.gap), initial=np.inf))
     return Candidates(
         near,
@@ -213,7 +213,7 @@ def _chords(model: ContactModel) -> str:
     if model.law.jump or sampling.smoothing != "none" or master.is_analytic:
         return ""
     degree = check_quadrature(model.slave, master, "overlay", None)
-    found = find_conforming(model.slave, master, degree, model.paired.search_radius)
+    found = find_conforming(model.slave, master, degree, model.paired.radius)
     if found.part < FEW:
         return ""
     of_gap = found.bulges[:, 0] - found.bulges[:, 1]

@@ -73,7 +73,8 @@ class Contact:
             contact nodes when the problem is first solved; with an augmented Lagrangian and bodies
             in velocities, whenever contact has paired anew.
         search_radius: Points further than this from the other surface are not paired (length). By
-            default the largest facet size of the two surfaces; analytic shapes have no facets.
+            default, place by place, the size of the larger of the two facets, or for a rigid
+            tool's not more than the largest facet of the slave; of an analytic shape, that facet's.
         quadrature: ``"nodal"``: the gap is sampled at nodes, as in (5), (6), (12).
             ``"overlay"``: (7) is integrated exactly over the pieces that the facets of one surface
             cut from those of the other; needed for displacements of degree 2.
@@ -328,7 +329,7 @@ class Contact:
 
     @property
     def search_radius(self) -> float:
-        """Distance (length) beyond which a node is not paired."""
+        """Distance (length) beyond which nothing is paired; by default the largest of any place."""
         return self.model.paired.search_radius
 
     @property

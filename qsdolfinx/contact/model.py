@@ -11,6 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.placement import Placement
@@ -23,7 +24,7 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
 
 T = typing.TypeVar("T")
 
@@ -44,7 +45,7 @@ class Settings:
         formulation: Which surfaces are sampled, and which carry multipliers.
         law: From the gap to the multiplier.
         sampling: Where the gap is sampled.
-        search_radius: Length; None for the largest facet at each pairing.
+        search_radius: Length; None for the size of the facets there, at each pairing.
         constraints: Whether the law is asked at ``"nodes"``, or at the pairing ``"points"``.
         augmented: Whether the multiplier is augmented until the gap is closed.
         gap_tolerance: Gap at which augmentation ends, in units of the smallest facet.
@@ -84,14 +85,14 @@ class Paired:
     Attributes:
         gaps: Weighted gap of each pass.
         slips: Slip of each pass; none without friction.
-        search_radius: Distance (length) beyond which nothing was paired.
+        radius: Distance (length) beyond which points were not paired.
         facet_size: Of the smallest facet, length.
         tool_version: Position of a rigid tool that it was paired with.
     """
 
     gaps: tuple[WeightedGap, ...]
     slips: tuple[Slip, ...]
-    search_radius: float
+    radius: _cpp.SearchRadius
     facet_size: float
     tool_version: int
 
@@ -99,6 +100,11 @@ class Paired:
     def touching(self) -> float:
         """Gap (length) that counts as closed."""
         return TOUCHING * self.facet_size
+
+    @property
+    def search_radius(self) -> float:
+        """Distance (length) beyond which nothing was paired anywhere."""
+        return self.radius.largest
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -125,8 +131,8 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
     """Pair the surfaces where they are now. Collective."""
     slave, master = settings.slave, settings.master
     with_facets = [s for s in (slave, master) if not s.is_analytic]
-    low, high = zip(*(s.facet_size_range for s in with_facets), strict=True)
-    radius = max(high) if settings.search_radius is None else settings.search_radius
+    low = min(s.facet_size_range[0] for s in with_facets)
+    radius = _radius(settings)
     roles = settings.roles
     gaps = tuple(
         WeightedGap(
@@ -143,7 +149,22 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
         for first, second in roles
     )
     slips = () if friction is None else friction.slips_of(gaps)
-    return Paired(gaps, slips, radius, min(low), master.version)
+    return Paired(gaps, slips, radius, low, master.version)
+
+
+def _radius(settings: Settings) -> _cpp.SearchRadius:
+    """How far from each other points may be that are paired. Collective.
+
+    By default the size of the larger of their two facets. A tool's triangles may be as large as it
+    is flat: they count for no more than the largest facet of the slave, as an analytic shape does.
+    """
+    if settings.search_radius is not None:
+        return _cpp.SearchRadius(settings.search_radius)
+    slave, master = settings.slave, settings.master
+    largest = slave.facet_size_range[1]
+    if as_tool(master) is None:
+        largest = max(largest, master.facet_size_range[1])
+    return _cpp.SearchRadius(largest, by_size=not master.is_analytic)
 
 
 class ContactModel:

@@ -51,18 +51,28 @@ def check_reach(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None)
         field.destroy()
     if moved[1] is not None and master_surface is not None:
         other = _outwards(master_surface, *moved[1])
-    highest = (float(np.max(x, initial=0.0)) for x in (rise[alone], other))
-    approach = sum(model.comm.allreduce(height, op=MPI.MAX) for height in highest)
-    radius = model.paired.search_radius
-    if approach > radius:
+    towards = model.comm.allreduce(float(np.max(other, initial=0.0)), op=MPI.MAX)
+    radius = model.settings.search_radius
+    reach = _least_reach(model)[alone] if radius is None else np.full(len(alone), radius)
+    beyond = np.maximum(rise[alone], 0.0) + towards - reach
+    least = float(np.min(reach[beyond > 0], initial=np.inf))
+    least = model.comm.allreduce(least, op=MPI.MIN)
+    if np.isfinite(least):
         warn(
             "the surfaces have moved further towards each other than the search_radius of "
-            f"{radius:g}, within which alone nodes were paired: nodes without a "
+            f"{least:g}, within which alone nodes were paired: nodes without a "
             "partner may have passed through; give a larger search_radius, or make time steps, "
             "which pair anew",
             ReachWarning,
         )
         model.reach_warned = True
+
+
+def _least_reach(model: ContactModel) -> Array:
+    """The radius at the slave's nodes, whatever the master's facets are there."""
+    if model.master.is_analytic:
+        return np.full(len(model.slave.node_area), model.paired.search_radius)
+    return np.asarray(model.slave.cpp_object.node_facet_size)
 
 
 def _outwards(surface: Surface, x: PETSc.Vec, scale: float, offset: PETSc.Vec | None) -> Array:

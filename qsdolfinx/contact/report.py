@@ -296,9 +296,7 @@ def _unloaded(model: ContactModel) -> int:
         return 0
     master = surface.linear
     surfaces = master.cpp_object, model.slave.linear.cpp_object
-    near = _cpp.pair_surfaces(*surfaces, False, model.paired.search_radius, 0).slave["dofs"][
-        :, 0, 0
-    ]
+    near = _cpp.pair_surfaces(*surfaces, False, model.paired.radius, 0).slave["dofs"][:, 0, 0]
     reached = faced(p, np.zeros(p.num_rows)).reached
     alone = np.isin(master.node_dofs[:, 0], near) & ~reached
     return int(model.comm.allreduce(int(np.count_nonzero(alone))))

@@ -18,6 +18,13 @@ LOOSE = 1e-3
 #: Norm that a linear solve leaves, relative to what Newton's method may end with.
 SAFETY = 0.3
 
+#: The same where the residual is linear, so that it falls as the linear solver's does.
+SAFETY_LINEAR = 0.9
+
+#: Relative tolerance of a linear solve that is worth a try if it may be the last one: a few
+#: iterations more cost less than another tangent.
+NEAR = 1e-5
+
 #: Bounds of the relative tolerance of a linear solve.
 _TIGHTEST, _LOOSEST = 1e-12, 0.1
 
@@ -119,9 +126,11 @@ class Krylov:
             return
         last = SAFETY * until / norms[-1]
         if self._linear and not changed:
+            tolerance = SAFETY_LINEAR * until / norms[-1]
+        elif last >= NEAR:
             tolerance = last
         elif self._linear or len(norms) < 2:
-            tolerance = max(last, LOOSE)
+            tolerance = LOOSE
         else:
             tolerance = max(last, min(LOOSE, (norms[-1] / norms[-2]) ** 2))
         self._ksp.setTolerances(rtol=min(max(tolerance, _TIGHTEST), _LOOSEST))

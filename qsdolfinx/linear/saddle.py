@@ -13,7 +13,7 @@ import numpy.typing as npt
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.linear.krylov import SAFETY
+from qsdolfinx.linear.krylov import SAFETY_LINEAR
 from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.system.blocks import Side
 from qsdolfinx.system.body import Body
@@ -88,7 +88,9 @@ class SaddlePoint:
         comm = self._bodies[0].comm
         square = comm.allreduce(float(self._stiffness @ self._stiffness), op=MPI.SUM)
         allowed = min(contact.allowed_gap for contact in self._contacts)
-        tolerance = max(min(SAFETY * final, CLOSED * allowed * float(np.sqrt(square))), rounding)
+        tolerance = max(
+            min(SAFETY_LINEAR * final, CLOSED * allowed * float(np.sqrt(square))), rounding
+        )
         known = self._at_closed([p.state.augmented for p in self._passes])
         image = [c.gaps[0].multiplier(c.eps) for c in self._contacts]
         rows = -self._weight * (self._at_closed(image) - known)

@@ -83,7 +83,9 @@ def overlay_points(
     """
     of_facets = 0  # normals
     rules = overlay_rules(gdim, DEGREE)
-    return _cpp.overlay_surfaces(cut, other, False, radius, of_facets, *rules, smooth)
+    return _cpp.overlay_surfaces(
+        cut, other, False, _cpp.SearchRadius(radius), of_facets, *rules, smooth
+    )
 
 
 def from_shape(

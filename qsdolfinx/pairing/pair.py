@@ -71,7 +71,7 @@ def pair(
     master: AnySurface,
     sampling: Sampling,
     both: bool,
-    radius: float,
+    radius: _cpp.SearchRadius,
 ) -> _cpp.PairingPoints:
     """Pairing points of one pass. Collective.
 
@@ -80,7 +80,7 @@ def pair(
         master: The other surface.
         sampling: Where the gap is sampled.
         both: Whether both surfaces are sampled, each with half the weight.
-        radius: Search radius (length).
+        radius: Beyond which points are not paired.
     """
     tool = as_tool(master)
     if tool is not None and tool.is_analytic:
@@ -96,7 +96,7 @@ def _pair_facets(
     master: AnySurface,
     sampling: Sampling,
     both: bool,
-    radius: float,
+    radius: _cpp.SearchRadius,
 ) -> _cpp.PairingPoints:
     """Pairing points of two surfaces made of facets; see :func:`pair`."""
     kind_of_normals = NORMALS.index(sampling.normals)
@@ -137,7 +137,9 @@ class Conforming(typing.NamedTuple):
     part: float
 
 
-def find_conforming(slave: Surface, master: AnySurface, degree: int, radius: float) -> Conforming:
+def find_conforming(
+    slave: Surface, master: AnySurface, degree: int, radius: _cpp.SearchRadius
+) -> Conforming:
     """Where two surfaces made of facets are curved the same way. Collective."""
     found, area = _cpp.conforming_points(
         slave.cpp_object, master.search_object(slave), radius, *overlay_rules(slave.gdim, degree)
@@ -148,7 +150,7 @@ def find_conforming(slave: Surface, master: AnySurface, degree: int, radius: flo
 
 
 def _face_shape(
-    slave: Surface, tool: RigidSurface, sampling: Sampling, radius: float
+    slave: Surface, tool: RigidSurface, sampling: Sampling, radius: _cpp.SearchRadius
 ) -> _cpp.PairingPoints:
     """Points of the slave at their exact distance from a tool, along the tool's normals."""
     if sampling.quadrature == "nodal":
@@ -160,6 +162,6 @@ def _face_shape(
         points, group = _cpp.sample_facets(slave.cpp_object, x, w), len(w)
     gap, normal = tool.distance(points.slave["x"])
     # As between two surfaces: what is too far away, or the back of a body, is not paired.
-    keep = (np.abs(gap) <= radius) & (np.sum(normal * points.normal, axis=1) < 0)
+    keep = (np.abs(gap) <= radius.largest) & (np.sum(normal * points.normal, axis=1) < 0)
     _cpp.face_tool(points, keep.astype(np.uint8), -normal, gap, group)
     return points

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import typing
 
 from mpi4py import MPI
@@ -40,8 +41,15 @@ def rigid_modes(body: Body) -> Array:
         return np.zeros((0, body.num_owned))
     count = len(body.geometry.rigid_fields(np.zeros((1, 3)), gdim))
     modes = np.zeros((count, body.num_owned))
+    fields: list[Array] = []  # at the points of interpolation, the same for all modes
+
+    def field(x: Array, k: int) -> Array:
+        if not fields:
+            fields.extend(body.geometry.rigid_fields(x.T, gdim))
+        return fields[k].T
+
     for k in range(count):
-        part.interpolate(lambda x, k=k: body.geometry.rigid_fields(x.T, gdim)[k].T)
+        part.interpolate(functools.partial(field, k=k))
         modes[k] = u.x.array[: body.num_owned]
     return modes
 

@@ -92,6 +92,28 @@ def crossed(x, y, facets):
     return out
 
 
+def sizes_of(facets):
+    """Largest distances of two vertices."""
+    return np.linalg.norm(facets[:, :, None] - facets[:, None], axis=-1).max(axis=(1, 2))
+
+
+def reaches(x, facets, own, radius):
+    """How far each node may be from each facet, shape (nodes, facets).
+
+    Args:
+        x: Nodes.
+        facets: Of the other surface.
+        own: Of the nodes' surface.
+        radius: One for all; None for the size of the facet or, if larger, of those at the node.
+    """
+    if radius is not None:
+        return np.full((len(x), len(facets)), radius)
+    at = np.linalg.norm(own[None] - x[:, None, None], axis=-1).min(axis=2)
+    own_size = sizes_of(own)
+    of_nodes = np.where(at <= 1e-9 * own_size, own_size, 0.0).max(axis=1)
+    return np.maximum(of_nodes[:, None], sizes_of(facets))
+
+
 def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
     """What is wrong with the pairing of nodes: too far, too near, paired or not against the rule.
 
@@ -100,16 +122,18 @@ def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
         normal: Their normals.
         facets: All facets of the other surface, shape (facets, vertices, 3).
         center: A point inside the other body.
-        radius: Search radius.
+        radius: Search radius, see :func:`reaches`.
         found: Whether each node was paired.
         point: Where.
-        own: All facets of the nodes' surface: what they hide from a node may be unpaired.
+        own: All facets of the nodes' surface: what they hide from a node may be unpaired, and
+            without a radius their sizes say how far the nodes look.
     """
     if len(x) == 0:
         return []
     q = closest(x, facets)
     n = outward(facets, center)
-    size = np.linalg.norm(facets[:, :, None] - facets[:, None], axis=-1).max(axis=(1, 2))
+    size = sizes_of(facets)
+    reach = reaches(x, facets, own, radius)
     slack = 1e-5 if facets.shape[1] == 4 else 1e-9  # normals of a warped patch vary
     angle = 0.3 if facets.shape[1] == 4 and is_warped(facets) else MARGIN
     distance = np.linalg.norm(q - x[:, None], axis=-1)
@@ -123,7 +147,8 @@ def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
         out.append(f"paired too far away, by {np.max((got - sure)[found]):.1e}")
     if np.any(found & (got < possible - slack)):
         out.append(f"nearer than any facet, by {np.max((possible - got)[found]):.1e}")
-    if np.any(found & (got > radius * (1 + 1e-12))):
+    here = (np.abs(distance - got[:, None]) <= slack) & (facing < angle)
+    if np.any(found & (got > np.where(here, reach, 0).max(axis=1) * (1 + 1e-12))):
         out.append("paired beyond the radius")
     # Unpaired although something admissible is near and nothing of it beside the surface.
     offset = tangential_offset(x[:, None] - q, n[None])
@@ -131,9 +156,8 @@ def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
     within = offset < (1 - MARGIN) * 0.1 * size
     within |= (offset < (1 - MARGIN) * 2 * height) & (to_rim(q, facets) > 1e-6 * size)
     near = (distance <= possible[:, None] + slack) & (facing < angle)
-    good = (
-        np.all(within | ~near, axis=1) & (sure < radius * (1 - 1e-9)) & (sure <= possible + slack)
-    )
+    good = np.all(within | ~near, axis=1) & (sure <= possible + slack)
+    good &= sure < np.where(near, reach, np.inf).min(axis=1) * (1 - 1e-9)
     good[good & ~found] &= ~hidden(x, q, facing, distance, facets, own)[good & ~found]
     if angle == MARGIN and np.any(good & ~found):
         out.append(f"{np.count_nonzero(good & ~found)} nodes were left unpaired")

@@ -52,7 +52,7 @@ def check_scene(comm, scene):
     if scene.options["quadrature"] == "nodal":
         for at, onto, found, point in paired_nodes(contact):
             facets, center = all_facets(onto), center_of(scene, onto is contact.master)
-            radius = contact.search_radius
+            radius = scene.options["search_radius"]
             given = at.node_x, at.node_normal, facets, center, radius, found, point
             faults += nodal_faults(*given, all_facets(at))
     else:

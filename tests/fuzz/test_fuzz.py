@@ -45,7 +45,7 @@ def test_brute_force_finds_faults():
         contact = make_contact(MPI.COMM_SELF, scene)
         ((slave, master, found, x),) = paired_nodes(contact)
         given = slave.node_x, slave.node_normal, all_facets(master), center_of(scene, 1)
-        given, own = (*given, contact.search_radius), all_facets(slave)
+        given, own = (*given, scene.options["search_radius"]), all_facets(slave)
         assert brute.nodal_faults(*given, found, x, own) == []
         away = x + 1e-3 * scene.size * brute.unit(x - slave.node_x + 1e-12 * scene.size)
         toward = x - 1e-3 * (x - slave.node_x)
