@@ -72,17 +72,26 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "weight", [](const PairingPoints& p) { return copy(p.weight, {p.size()}); },
           "Areas, [point].")
       .def_ro("num_unpaired", &PairingPoints::num_unpaired,
-              "Owned nodes (overlay: facets) that found no partner.");
+              "Owned nodes (overlay: facets) that found no partner.")
+      .def_ro("num_corners", &PairingPoints::num_corners,
+              "Owned nodes of both surfaces in the corner of several walls.")
+      .def_ro("by_sides", &PairingPoints::by_sides,
+              "Whether nodes in corners have a multiplier for each smooth side.")
+      .def_prop_ro(
+          "in_corner",
+          [](const PairingPoints& p) { return copy(p.in_corner, {p.in_corner.size()}); },
+          "Which owned nodes do, [node]; empty if not by_sides.");
 
   m.def(
       "pair_surfaces",
-      [](const Surface& slave, const Surface& master, bool both, double radius, int normals)
+      [](const Surface& slave, const Surface& master, bool both, double radius, int normals,
+         bool corners)
       {
         return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius,
-                             static_cast<Normals>(normals));
+                             static_cast<Normals>(normals), corners);
       },
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a,
-      "Nodal pairing points; collective.");
+      "corners"_a = false, "Nodal pairing points; collective.");
   m.def(
       "overlay_surfaces",
       [](const Surface& slave, const Surface& master, bool both, double radius, int normals,

@@ -16,6 +16,7 @@ from dolfinx import fem
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel, HeldNodes
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.rows import NodeRows
 from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.surface.surface import Surface
@@ -86,7 +87,8 @@ def _extension(
         held, clamped = held & ~clamped, np.zeros_like(held)
     if not model.comm.allreduce(bool(np.any(held)), op=MPI.LOR):
         return None
-    return Extension(gap.slave, gap.operator.row_node, held, clamped)
+    assert isinstance(gap.rows, NodeRows)
+    return Extension(gap.slave, gap.rows, held, clamped)
 
 
 def _held_on_both_sides(
@@ -112,11 +114,18 @@ def _held_on_both_sides(
     # Where a node's normal leads past the master: whether any of it is held beside the node.
     beside = own[gap.operator.row_node]
     if tool is None:
-        beside &= _part_of_master(gap, master) > _NONE
+        least = np.where(_in_corner(gap), MOST, _NONE)[:, None]
+        beside &= _part_of_master(gap, master) > least
     is_held, is_found = (
         _of_vertices(gap.slave, flags)[gap.operator.row_node] for flags in (held, found)
     )
-    return np.where(is_found, is_held, beside)
+    return np.where(is_found & ~_in_corner(gap)[:, None], is_held, beside)
+
+
+def _in_corner(gap: WeightedGap) -> Flags:
+    """Rows whose node has several, each with a partner of its own."""
+    rows = gap.rows
+    return rows.in_corner if isinstance(rows, NodeRows) else np.zeros(gap.num_rows, dtype=bool)
 
 
 def _at_nodes(model: ContactModel, gap: WeightedGap) -> WeightedGap:
@@ -181,6 +190,10 @@ def _read(surface: Surface, vec: PETSc.Vec | None) -> Array:
 def _along_normal(gap: WeightedGap, held: Flags) -> Flags:
     """Rows along whose node's normal there is no free component, shape (rows, 1)."""
     normal = gap.slave.node_normal[gap.operator.row_node, : gap.slave.gdim]
+    at = _in_corner(gap)
+    if at.any():
+        of_sides = gap.operator.slave_sum[at]
+        normal[at] = of_sides / np.linalg.norm(of_sides, axis=1, keepdims=True)
     return np.asarray(np.all(held | (np.abs(normal) <= _NONE), axis=1, keepdims=True))
 
 

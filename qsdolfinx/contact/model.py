@@ -126,13 +126,13 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
     low, high = zip(*(s.facet_size_range for s in with_facets), strict=True)
     radius = max(high) if settings.search_radius is None else settings.search_radius
     roles = settings.roles
+    both = settings.formulation == "quasi-symmetric"
+    corners = not settings.law.jump  # one pair ties a node in all directions
     gaps = tuple(
         WeightedGap(
             first,
             second,
-            pair(
-                first, second, settings.sampling, settings.formulation == "quasi-symmetric", radius
-            ),
+            pair(first, second, settings.sampling, both, radius, corners),
             settings.law,
             1 / len(roles),
             rows=settings.rows,

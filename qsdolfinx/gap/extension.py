@@ -7,6 +7,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.gap.rows import NodeRows
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
@@ -26,20 +27,17 @@ class Extension:
 
     Args:
         slave: Surface that carries the multiplier.
-        row_node: Its node at each row.
+        rows: Rows of the pass.
         held: Components that conditions hold on both sides, shape (rows, width).
         clamped: Those of them at nodes that are held as a whole, of the same shape.
     """
 
-    def __init__(
-        self, slave: Surface, row_node: npt.NDArray[np.int64], held: Flags, clamped: Flags
-    ) -> None:
+    def __init__(self, slave: Surface, rows: NodeRows, held: Flags, clamped: Flags) -> None:
         #: Components that are no unknowns, shape (rows, width).
         self.held = held
         self._clamped = clamped
         self._slave = slave
-        self._at = slave.node_dofs[row_node, : held.shape[1]]
-        corners = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices, : held.shape[1]]
+        self._columns, (self._at, corners) = rows.dofs(held.shape[1])
         self._shape, self._corners = corners.shape, np.ascontiguousarray(corners).ravel()
 
     def fill(self, values: Array, closed: Flags) -> Array:
@@ -73,16 +71,20 @@ class Extension:
         known: Flags,
     ) -> tuple[Array, Array]:
         """Sums of values, and the number of known ones, over the facets around each row."""
-        found = []
-        for array, vec, total in zip((values, known), vecs[:2], vecs[2:], strict=True):
-            vec.zeroEntries()
-            total.zeroEntries()
-            at = self._at - vec.owner_range[0]
-            vec.array[at] = array
-            scatter.scatter(vec, local)
-            corners = local.array_r.reshape(self._shape)
-            around = np.broadcast_to(corners.sum(axis=1, keepdims=True), self._shape)
-            local.array[:] = around.ravel()
-            scatter.scatter(local, total, PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE)
-            found.append(total.array_r[at].copy())
+        found = np.zeros((2, *values.shape))
+        for columns in self._columns:
+            for i, (array, vec, total) in enumerate(
+                zip((values, known), vecs[:2], vecs[2:], strict=True)
+            ):
+                vec.zeroEntries()
+                total.zeroEntries()
+                at = self._at - vec.owner_range[0]
+                vec.array[at] = array[:, columns]
+                scatter.scatter(vec, local)
+                corners = local.array_r.reshape(self._shape)
+                around = np.broadcast_to(corners.sum(axis=1, keepdims=True), self._shape)
+                local.array[:] = around.ravel()
+                mode = PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE
+                scatter.scatter(local, total, *mode)
+                found[i, :, columns] = total.array_r[at]
         return found[0], found[1]

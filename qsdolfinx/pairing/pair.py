@@ -72,6 +72,7 @@ def pair(
     sampling: Sampling,
     both: bool,
     radius: float,
+    corners: bool = False,
 ) -> _cpp.PairingPoints:
     """Pairing points of one pass. Collective.
 
@@ -81,11 +82,13 @@ def pair(
         sampling: Where the gap is sampled.
         both: Whether both surfaces are sampled, each with half the weight.
         radius: Search radius (length).
+        corners: Whether at nodes, between facets, a node in the corner of several walls has a pair
+            for each of them and the side of the node that faces it.
     """
     tool = as_tool(master)
     if tool is not None and tool.is_analytic:
         return _face_shape(slave, tool, sampling, radius)
-    points = _pair_facets(slave, master, sampling, both, radius)
+    points = _pair_facets(slave, master, sampling, both, radius, corners)
     if tool is not None:
         _cpp.forget_master(points)
     return points
@@ -97,12 +100,13 @@ def _pair_facets(
     sampling: Sampling,
     both: bool,
     radius: float,
+    corners: bool,
 ) -> _cpp.PairingPoints:
     """Pairing points of two surfaces made of facets; see :func:`pair`."""
     kind_of_normals = NORMALS.index(sampling.normals)
     other = master.search_object(slave)
     if sampling.quadrature == "nodal":
-        return _cpp.pair_surfaces(slave.cpp_object, other, both, radius, kind_of_normals)
+        return _cpp.pair_surfaces(slave.cpp_object, other, both, radius, kind_of_normals, corners)
     return _cpp.overlay_surfaces(
         slave.cpp_object,
         other,
