@@ -48,6 +48,7 @@ class InCorner:
         named: Whether each wall and the face before it are a contact of their own.
         block_first: Whether the block is the slave.
         press: For each wall; how far.
+        gap: Between the block and each wall.
         angle: By which both bodies are turned: their far faces are then held as a whole.
         options: Of the contacts.
     """
@@ -70,9 +71,10 @@ class InCorner:
         comm = scenes.WORLD
         gdim = 2 if cell in ("triangle", "quadrilateral") else 3
         corner = corner_mesh(cell, n[0], walls, partitions[0])
-        low = [gap if i < walls else -0.8 for i in range(gdim)]
+        gap = np.broadcast_to(gap, walls)
+        low = [gap[i] if i < walls else -0.8 for i in range(gdim)]
         high = [0.8] * gdim
-        block = scenes.box(comm, [n[1]] * gdim, cell, low, high, partitions[1])
+        self.block = block = scenes.box(comm, [n[1]] * gdim, cell, low, high, partitions[1])
         self.gdim, self.walls, self.block_first = gdim, walls, block_first
         press = np.broadcast_to(press, walls)
 
@@ -80,7 +82,7 @@ class InCorner:
             return lambda x: np.isclose(x[i], 0) & np.all(x[:walls] > -1e-9, axis=0)
 
         on_corner = [boundary(corner, inner(i)) for i in range(walls)]
-        on_block = [boundary(block, on_wall(i, gap)) for i in range(walls)]
+        on_block = [boundary(block, on_wall(i, gap[i])) for i in range(walls)]
         far = [boundary(corner, on_wall(i, -1.0)) for i in range(walls)]
         pushed = [boundary(block, on_wall(i, 0.8)) for i in range(walls)]
         ends = [
@@ -136,3 +138,7 @@ class InCorner:
         """Total force on the block."""
         side = "slave" if self.block_first else "master"
         return sum(contact.force(side) for contact in self.contacts)
+
+    def num_corners(self):
+        """Nodes of this rank in corners."""
+        return sum(gap.points.num_corners for c in self.contacts for gap in c.model.gaps)

@@ -172,7 +172,7 @@ class NodeRows(Rows):
         num_nodes, width = len(self.slave.node_area), values.shape[1]
         out = np.zeros((num_nodes, self.slave.gdim, width))
         out[self._node, self._side] = values
-        return out.reshape(num_nodes, -1)
+        return out.reshape(num_nodes, self.slave.gdim * width)
 
     def from_sides(self, values: Array) -> Array:
         """Values of :meth:`on_sides` at the rows, shape (rows, width).
