@@ -246,7 +246,7 @@ def overlay_surfaces(
     """Pairing points on the overlay; collective."""
 
 def pair_surfaces(
-    slave: Surface, master: Surface, both: bool, radius: float, normals: int, corners: int = 0
+    slave: Surface, master: Surface, both: bool, radius: float, normals: int, corners: bool = False
 ) -> PairingPoints:
     """Nodal pairing points; collective."""
 

@@ -88,7 +88,7 @@ class NodeRows(Rows):
         #: Whether a row's node is in a corner; false of all if this is not asked.
         self.in_corner: npt.NDArray[np.bool_] = np.zeros(len(self._node), dtype=bool)
         self._by_sides = by_sides
-        self._side = np.zeros(len(self._node), dtype=np.int64)
+        self._side: npt.NDArray[np.int64] = np.zeros(len(self._node), dtype=np.int64)
         if by_sides and len(self._node) > 0:
             self.in_corner = operator.row_in_corner.astype(bool)
             self._side = operator.row_side.astype(np.int64)
@@ -140,12 +140,14 @@ class NodeRows(Rows):
         whole = np.zeros(len(out))
         np.add.at(whole, at, area)
         out[at] = 0
-        np.add.at(out, at, (several.T * (area / whole[at])).T)
+        np.add.at(out, at, (several.astype(np.float64).T * (area / whole[at])).T)
         return out
 
     def sums_on_nodes(self, values: Array) -> Array:
         """Values of shape (rows,) at all owned nodes, in corners added up; 0 without a row."""
-        return np.bincount(self._node, values, len(self.slave.node_area))
+        out = np.zeros(len(self.slave.node_area))
+        np.add.at(out, self._node, values)
+        return out
 
     def largest_on_nodes(self, values: Array) -> Array:
         """The values themselves, or by sides."""

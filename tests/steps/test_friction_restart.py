@@ -93,7 +93,7 @@ class Rolled:
 class Cornered:
     """An elastic block dragged along a floor into its corner with a wall, and about in it."""
 
-    PATH = ((0.0, 0.03), (-0.03, 0.05), (-0.06, 0.06), (-0.06, 0.08), (-0.08, 0.07))
+    PATH = ((0.0, 0.03), (-0.06, 0.04), (-0.08, 0.06), (-0.12, 0.06), (-0.12, 0.12))
 
     def __init__(self, comm=WORLD, partition="forward", **options):
         msh = box(comm, (4, 4), "triangle", [0.0, 0.0], [1.0, 1.0], partition)
@@ -164,8 +164,8 @@ def states(contact):
         ("body", 3, AUGMENTED),
         ("ball", 2, PENALTY),
         ("ball", 2, AUGMENTED),
-        ("corner", 3, PENALTY),
-        ("corner", 3, AUGMENTED),
+        ("corner", 2, PENALTY),
+        ("corner", 2, AUGMENTED),
         ("flow", 2, PENALTY),
         ("flow", 2, AUGMENTED),
     ),
