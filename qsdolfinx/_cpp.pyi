@@ -267,3 +267,6 @@ def sample_facets(
 
 def sample_nodes(slave: Surface) -> PairingPoints:
     """Points at the nodes, without a master."""
+
+def share_out_hardly_covered(points: PairingPoints, slave: Surface, least: float) -> int:
+    """Let neighbours carry the multipliers of nodes that are hardly covered; collective."""

@@ -1,6 +1,7 @@
 #include "pairing/pairing.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "pairing/cover.h"
 #include "pairing/overlay.h"
 #include "pairing/rigid.h"
 
@@ -132,5 +133,7 @@ void qsdolfinx::bind_pairing(nb::module_& m)
          std::size_t group) { face_tool(points, keep.view(), normal.view(), gap.view(), group); },
       "points"_a, "keep"_a, "normal"_a, "gap"_a, "group"_a,
       "Set normals and gaps, and drop points; see pairing/rigid.h.");
+  m.def("share_out_hardly_covered", &share_out_hardly_covered, "points"_a, "slave"_a, "least"_a,
+        "Let neighbours carry the multipliers of nodes that are hardly covered; collective.");
   m.def("forget_master", &forget_master, "points"_a, "Forget the unknowns of the master.");
 }

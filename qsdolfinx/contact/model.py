@@ -19,7 +19,7 @@ from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.pairing.pair import Sampling, pair
+from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
@@ -128,17 +128,21 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
     roles = settings.roles
     both = settings.formulation == "quasi-symmetric"
     corners = not settings.law.jump  # one pair ties a node in all directions
+    points = [pair(*role, settings.sampling, both, radius, corners) for role in roles]
+    if settings.augmented and settings.rows != "points":
+        for (first, _), found in zip(roles, points, strict=True):
+            share_out_hardly_covered(first, found)
     gaps = tuple(
         WeightedGap(
             first,
             second,
-            pair(first, second, settings.sampling, both, radius, corners),
+            found,
             settings.law,
             1 / len(roles),
             rows=settings.rows,
             augmented=settings.augmented,
         )
-        for first, second in roles
+        for (first, second), found in zip(roles, points, strict=True)
     )
     slips = () if friction is None else friction.slips_of(gaps)
     return Paired(gaps, slips, radius, min(low), master.version)

@@ -38,6 +38,9 @@ class Sampling(typing.NamedTuple):
     smoothing: str = "none"
 
 
+#: Part of S_k that points cover, below which a node has no augmented multiplier of its own.
+LEAST_COVER = 0.1
+
 #: Degree of the rule along edges for general quadrilaterals: cpp/geometry/planar.h, PlanarFacet.
 EDGE_DEGREE = 47
 
@@ -92,6 +95,15 @@ def pair(
     if tool is not None:
         _cpp.forget_master(points)
     return points
+
+
+def share_out_hardly_covered(slave: Surface, points: _cpp.PairingPoints) -> None:
+    """Let neighbours carry the multipliers of nodes that points hardly cover. Collective.
+
+    Beyond the master's rim a node's row is nearly that of its neighbour: two multipliers that are
+    to close the gap would grow against each other.
+    """
+    _cpp.share_out_hardly_covered(points, slave.cpp_object, LEAST_COVER)
 
 
 def _pair_facets(
