@@ -91,8 +91,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
         return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius,
                              static_cast<Normals>(normals), corners);
       },
-      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a,
-      "corners"_a = false, "Nodal pairing points; collective.");
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "corners"_a = false,
+      "Nodal pairing points; collective.");
   m.def(
       "overlay_surfaces",
       [](const Surface& slave, const Surface& master, bool both, double radius, int normals,

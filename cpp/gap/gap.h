@@ -29,7 +29,8 @@ enum class GapRows
 struct Slots;
 
 /// Weighted gaps of the slave nodes that this rank owns, one row per node with at least one pairing
-/// point, in the order of the slave surface's nodes, or in corners one for each side of the node; or gaps of the pairing points of this rank.
+/// point, in the order of the slave surface's nodes, or in corners one for each side of the node;
+/// or gaps of the pairing points of this rank.
 class GapOperator
 {
 public:
@@ -61,8 +62,9 @@ public:
   std::size_t num_rows() const { return row_area_.size(); }
   /// Index of each row's node in the slave surface's nodes; empty if rows are points.
   const std::vector<std::int64_t>& row_node() const { return row_node_; }
-  /// Smooth side of the slave that the row stands for at its node, if this is in a corner; otherwise
-  /// the side that looks at the master. Empty if there are no sides to tell apart, as at points.
+  /// Smooth side of the slave that the row stands for at its node, if this is in a corner;
+  /// otherwise the side that looks at the master. Empty if there are no sides to tell apart, as at
+  /// points.
   const std::vector<std::uint8_t>& row_side() const { return row_side_; }
   /// Whether the row's node is in a corner, and may have several rows; likewise.
   const std::vector<std::uint8_t>& row_in_corner() const { return row_in_corner_; }

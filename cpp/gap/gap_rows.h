@@ -6,8 +6,8 @@
 namespace qsdolfinx
 {
 
-/// Slots for multipliers of the slave's owned nodes: one for each smooth side of a node in a corner.
-/// Other nodes use the first of theirs; without any corner there is one slot a node.
+/// Slots for multipliers of the slave's owned nodes: one for each smooth side of a node in a
+/// corner. Other nodes use the first of theirs; without any corner there is one slot a node.
 struct Slots
 {
   std::size_t num_nodes, per_node;

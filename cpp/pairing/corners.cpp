@@ -86,8 +86,8 @@ Corners qsdolfinx::find_corners(const Surface& nodes, const Surface& surface, do
     for (std::size_t i = first; i < last; ++i)
       out.walls.found[i] = faces_wall[i - first];
     if (closest.found[k])
-      out.side[k] = out.sides.side[of_node.looking_at(
-          facet_vertex(closest.normal, static_cast<int>(k)))];
+      out.side[k]
+          = out.sides.side[of_node.looking_at(facet_vertex(closest.normal, static_cast<int>(k)))];
   }
   return out;
 }

@@ -32,10 +32,9 @@ struct PairingPoints
   int gdim = 0;
   int num_multipliers = 0; ///< vertices of a slave facet
   PairingSide slave, master;
-  std::vector<double> multiplier_values; ///< P1 or Q1 functions N_k, [point][slave vertex]
-  std::vector<std::uint8_t>
-      multiplier_side;           ///< smooth side of the slave there, likewise; of nodes as of
-                                 ///< facets in a corner, otherwise 0
+  std::vector<double> multiplier_values;     ///< P1 or Q1 functions N_k, [point][slave vertex]
+  std::vector<std::uint8_t> multiplier_side; ///< smooth side of the slave there, likewise; of nodes
+                                             ///< as of facets in a corner, otherwise 0
   std::vector<double> normal;    ///< outward of the slave, into the master, [point][3]
   std::vector<double> gap;       ///< signed distance (x_master - x_slave)·n, positive when open
   std::vector<double> weight;    ///< area

@@ -52,7 +52,7 @@ struct Sides
   std::vector<std::size_t> node;  ///< in the surface's nodes, ascending, [entry]
   std::vector<std::uint8_t> side; ///< as Facets::vertex_side, [entry]
   Nodes at;                       ///< areas and normals of the sides alone; no dofs, [entry]
-  std::vector<double> inward; ///< from the node to the middle of the side's facets, [entry][3]
+  std::vector<double> inward;     ///< from the node to the middle of the side's facets, [entry][3]
 };
 
 /// Cosine of the angle (30°) by which normals of facets at a node may differ, step by step, on one
