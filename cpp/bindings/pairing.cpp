@@ -1,6 +1,7 @@
 #include "pairing/pairing.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "pairing/cover.h"
 #include "pairing/overlay.h"
 #include "pairing/rigid.h"
 
@@ -72,20 +73,29 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "weight", [](const PairingPoints& p) { return copy(p.weight, {p.size()}); },
           "Areas, [point].")
       .def(
-          "scaled", [](const PairingPoints& p, In<double> factor) { return p.scaled(factor.view()); },
+          "scaled",
+          [](const PairingPoints& p, In<double> factor) { return p.scaled(factor.view()); },
           "factor"_a, "The same points, their weights multiplied by factors [point].")
       .def_ro("num_unpaired", &PairingPoints::num_unpaired,
-              "Owned nodes (overlay: facets) that found no partner.");
+              "Owned nodes (overlay: facets) that found no partner.")
+      .def_ro("num_corners", &PairingPoints::num_corners,
+              "Owned nodes of both surfaces in the corner of several walls.")
+      .def_ro("by_sides", &PairingPoints::by_sides,
+              "Whether nodes in corners have a multiplier for each smooth side.")
+      .def_prop_ro(
+          "in_corner",
+          [](const PairingPoints& p) { return copy(p.in_corner, {p.in_corner.size()}); },
+          "Which owned nodes do, [node]; empty if not by_sides.");
 
   m.def(
       "pair_surfaces",
       [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,
-         int normals)
+         int normals, bool corners)
       {
         return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius,
-                             static_cast<Normals>(normals));
+                             static_cast<Normals>(normals), corners);
       },
-      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a,
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "corners"_a = false,
       "Nodal pairing points; collective.");
   m.def(
       "overlay_surfaces",
@@ -128,5 +138,7 @@ void qsdolfinx::bind_pairing(nb::module_& m)
          std::size_t group) { face_tool(points, keep.view(), normal.view(), gap.view(), group); },
       "points"_a, "keep"_a, "normal"_a, "gap"_a, "group"_a,
       "Set normals and gaps, and drop points; see pairing/rigid.h.");
+  m.def("share_out_hardly_covered", &share_out_hardly_covered, "points"_a, "slave"_a, "least"_a,
+        "Let neighbours carry the multipliers of nodes that are hardly covered; collective.");
   m.def("forget_master", &forget_master, "points"_a, "Forget the unknowns of the master.");
 }

@@ -45,6 +45,16 @@ void qsdolfinx::bind_surface(nb::module_& m)
                                           static_cast<std::size_t>(s.gdim())});
           },
           "Global unknowns of the trace, [facet][node][gdim].")
+      .def(
+          "sides_of_facets",
+          [](const Surface& s, In<std::uint8_t> chosen)
+          {
+            return copy(s.sides_of_facets(chosen.view()),
+                        {s.num_facets(), static_cast<std::size_t>(s.num_vertices())});
+          },
+          "chosen"_a,
+          "Smooth side of chosen nodes that a facet belongs to, 0 at others, [facet][vertex]; "
+          "collective.")
       .def_prop_ro(
           "vertex_side",
           [](const Surface& s)

@@ -489,7 +489,8 @@ class Contact:
 
         Returns:
             In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes,
-            gdim). NaN where a node has no pairing point.
+            gdim). NaN where a node has no pairing point,
+            or with an augmented Lagrangian hardly any of its area is covered.
         """
         return results.weighted_gap(self.model, side)
 

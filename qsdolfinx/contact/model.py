@@ -21,7 +21,7 @@ from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.pairing.pair import Sampling, pair
+from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
@@ -134,19 +134,23 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
     low = min(s.facet_size_range[0] for s in with_facets)
     radius = _radius(settings)
     roles = settings.roles
+    both = settings.formulation == "quasi-symmetric"
+    corners = not settings.law.jump  # one pair ties a node in all directions
+    points = [pair(*role, settings.sampling, both, radius, corners) for role in roles]
+    if settings.augmented and settings.rows != "points":
+        for (first, _), found in zip(roles, points, strict=True):
+            share_out_hardly_covered(first, found)
     gaps = tuple(
         WeightedGap(
             first,
             second,
-            pair(
-                first, second, settings.sampling, settings.formulation == "quasi-symmetric", radius
-            ),
+            found,
             settings.law,
             1 / len(roles),
             rows=settings.rows,
             augmented=settings.augmented,
         )
-        for first, second in roles
+        for (first, second), found in zip(roles, points, strict=True)
     )
     slips = () if friction is None else friction.slips_of(gaps)
     return Paired(gaps, slips, radius, low, master.version)

@@ -78,7 +78,7 @@ class Overclosure:
         assert self._at_nodes is not None
         for p, depth in zip(passes, self._at_nodes, strict=True):
             if not p.law.jump:  # a tie keeps any gap
-                p.allow(self.part * p.rows.from_nodes(depth))
+                p.allow(self.part * p.rows.from_largest(depth))
 
     def allow(self, comm: MPI.Intracomm, part: float) -> None:
         """Set the part that is not resolved. Collective.

@@ -38,6 +38,9 @@ class Sampling(typing.NamedTuple):
     smoothing: str = "none"
 
 
+#: Part of S_k that points cover, below which a node has no augmented multiplier of its own.
+LEAST_COVER = 0.1
+
 #: Degree of the rule along edges for general quadrilaterals: cpp/geometry/planar.h, PlanarFacet.
 EDGE_DEGREE = 47
 
@@ -72,6 +75,7 @@ def pair(
     sampling: Sampling,
     both: bool,
     radius: _cpp.SearchRadius,
+    corners: bool = False,
 ) -> _cpp.PairingPoints:
     """Pairing points of one pass. Collective.
 
@@ -81,14 +85,25 @@ def pair(
         sampling: Where the gap is sampled.
         both: Whether both surfaces are sampled, each with half the weight.
         radius: Beyond which points are not paired.
+        corners: Whether at nodes, between facets, a node in the corner of several walls has a pair
+            for each of them and the side of the node that faces it.
     """
     tool = as_tool(master)
     if tool is not None and tool.is_analytic:
         return _face_shape(slave, tool, sampling, radius)
-    points = _pair_facets(slave, master, sampling, both, radius)
+    points = _pair_facets(slave, master, sampling, both, radius, corners)
     if tool is not None:
         _cpp.forget_master(points)
     return points
+
+
+def share_out_hardly_covered(slave: Surface, points: _cpp.PairingPoints) -> None:
+    """Let neighbours carry the multipliers of nodes that points hardly cover. Collective.
+
+    Beyond the master's rim a node's row is nearly that of its neighbour: two multipliers that are
+    to close the gap would grow against each other.
+    """
+    _cpp.share_out_hardly_covered(points, slave.cpp_object, LEAST_COVER)
 
 
 def _pair_facets(
@@ -97,12 +112,13 @@ def _pair_facets(
     sampling: Sampling,
     both: bool,
     radius: _cpp.SearchRadius,
+    corners: bool,
 ) -> _cpp.PairingPoints:
     """Pairing points of two surfaces made of facets; see :func:`pair`."""
     kind_of_normals = NORMALS.index(sampling.normals)
     other = master.search_object(slave)
     if sampling.quadrature == "nodal":
-        return _cpp.pair_surfaces(slave.cpp_object, other, both, radius, kind_of_normals)
+        return _cpp.pair_surfaces(slave.cpp_object, other, both, radius, kind_of_normals, corners)
     return _cpp.overlay_surfaces(
         slave.cpp_object,
         other,
