@@ -71,7 +71,8 @@ def test_corner_stays_out_of_both_walls(name, formulation):
         scene.solve().destroy()
         assert depth_in_walls(scene) < most * PRESS
         (contact,) = scene.contacts
-        assert contact.penetration() < most * PRESS
+        assert contact.weighted_penetration() < most * PRESS
+        assert contact.penetration() < 3 * most * PRESS
 
 
 @pytest.mark.parametrize("angle", (0.0, 0.3))
