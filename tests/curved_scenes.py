@@ -1,7 +1,7 @@
 """Bodies between concentric circles or spheres, whose facets are chords."""
 
 import numpy as np
-from scenes import WORLD, box, elastic
+from scenes import WORLD, box, elastic, elevated
 
 from dolfinx import fem, mesh
 
@@ -12,13 +12,24 @@ class Shell:
     """A part of a ring in 2D or 3D, or of a spherical shell, between two radii.
 
     Cells are spread over the angle (and along the axis, or the second angle) and over the radius.
+    Geometry and displacements are of these degrees.
     """
 
-    def __init__(self, n, radii, cell="quadrilateral", sphere=False, uneven=0.0, partition=None):
+    def __init__(
+        self,
+        n,
+        radii,
+        cell="quadrilateral",
+        sphere=False,
+        uneven=0.0,
+        partition=None,
+        degrees=(1, 1),
+    ):
         self.gdim = len(n)
         low, high = [0.0] * self.gdim, [1.0] * self.gdim
-        self.mesh = msh = box(WORLD, n, cell, low, high, partition)
-        self.V = V = fem.functionspace(msh, ("Lagrange", 1, (self.gdim,)))
+        msh = box(WORLD, n, cell, low, high, partition)
+        self.mesh = msh = msh if degrees[0] == 1 else elevated(msh)
+        self.V = V = fem.functionspace(msh, ("Lagrange", degrees[1], (self.gdim,)))
         radial = self.gdim - 1
         self.inner, self.outer = (self.side(radial, value) for value in (0.0, 1.0))
         self.ends = [[self.side(axis, value) for value in (0.0, 1.0)] for axis in range(radial)]
@@ -67,19 +78,35 @@ class ShrinkFit:
 
     R = 10.0
 
-    def __init__(self, n, swap=False, misfit=0.01, cell="quadrilateral", uneven=0.0, **options):
+    def __init__(
+        self,
+        n,
+        swap=False,
+        misfit=0.01,
+        cell="quadrilateral",
+        uneven=0.0,
+        degrees=(1, 1),
+        smoothing="none",
+        **options,
+    ):
         half = misfit / 2
         partitions = "forward", "scattered"
         radii = (5.0, self.R + half), (self.R - half, 15.0)
         self.inner, self.outer = (
-            Shell(count, r, cell, uneven=jitter, partition=partition)
+            Shell(count, r, cell, uneven=jitter, partition=partition, degrees=degrees)
             for count, r, jitter, partition in zip(
                 n, radii, (uneven, -uneven), partitions, strict=True
             )
         )
         sides = [self.inner.surface(self.inner.outer), self.outer.surface(self.outer.inner)]
         slave, master = sides[::-1] if swap else sides
-        self.contact = qs.Contact(slave, master, **{"quadrature": "overlay"} | options)
+        if smoothing == "named":
+            axis = None if len(n[0]) == 2 else [0.0, 0.0, 1.0]
+            center = [0.0] * len(n[0])
+            named = tuple(qs.smooth.Cylinder(center, axis, r) for r in (radii[0][1], radii[1][0]))
+            smoothing = named[::-1] if swap else named
+        options = {"quadrature": "overlay", "smoothing": smoothing} | options
+        self.contact = qs.Contact(slave, master, **options)
 
     def problem(self):
         bodies = self.inner, self.outer
@@ -92,7 +119,7 @@ class ShrinkFit:
 
     def pressure(self, side):
         """Mean and scatter over the area of one side. Collective."""
-        surface = getattr(self.contact, side)
+        surface = getattr(self.contact, side).linear
         t = surface.node_values(self.contact.traction(side))[:, :2]
         x = surface.node_x[:, :2]
         p = np.abs(np.sum(t * x, axis=1)) / np.linalg.norm(x, axis=1)

@@ -90,6 +90,23 @@ def curved_triangle():
     return create_mesh(np.arange(6).reshape(1, 6)[mine], points[mine], domain)
 
 
+def elevated(msh):
+    """The same cells with a geometry of degree 2, on the ranks that have them."""
+    gdim, comm = msh.geometry.dim, msh.comm
+    V = fem.functionspace(msh, ("Lagrange", 2, (gdim,)))
+    owned, cells = V.dofmap.index_map.size_local, msh.topology.index_map(msh.topology.dim)
+    nodes = V.dofmap.list[: cells.size_local]
+    numbers = V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
+    x = V.tabulate_dof_coordinates()[:owned, :gdim]
+    domain = ufl.Mesh(
+        basix.ufl.element("Lagrange", msh.topology.cell_name(), 2, shape=(gdim,))
+    )
+    here = lambda comm, size, *more: graph.adjacencylist(  # noqa: E731
+        np.full((cells.size_local, 1), comm.rank, dtype=np.int32)
+    )
+    return create_mesh(numbers.reshape(nodes.shape), x, domain, comm, partitioner=here)
+
+
 def plane(msh, axis, value):
     """Boundary facets in a plane across an axis."""
     fdim = msh.topology.dim - 1

@@ -4,7 +4,7 @@
 #include "parallel/records.h"
 #include "search/local_search.h"
 #include "search/screen.h"
-#include "surface/curvature.h"
+#include "surface/relief.h"
 
 #include <algorithm>
 #include <numeric>
@@ -22,6 +22,7 @@ struct NearbyFacets : FacetCopies
   std::vector<int> owner;         ///< [facet][trace]
   std::vector<std::uint8_t> side; ///< smooth sides, [facet][vertex]
   std::vector<double> curvature;  ///< [facet][6], if asked for
+  std::vector<double> heights;    ///< [facet][node of degree 2], if they are known
 
   Curvature curvature_of(std::size_t facet) const
   {
@@ -31,18 +32,33 @@ struct NearbyFacets : FacetCopies
   }
 };
 
+/// Of a surface: which part of its relief counts, and all that is known of it.
+struct CurvedSide
+{
+  CurvedSide(const Surface& surface, const Relief& relief, bool with_curvature)
+      : relief(relief),
+        curvature(with_curvature ? relief_curvature(surface, relief) : std::vector<Curvature>{})
+  {
+  }
+  Relief relief;
+  std::vector<Curvature> curvature; ///< by facet of this rank; empty if nobody asks for it
+};
+
 /// Copy the facets of `from` to all ranks whose facets of `to` may be within the radius. They
 /// arrive in an order that depends on the partition. Collective.
-/// @param curvature of the facets, null if it is not wanted
+/// @param curved what the facets stand for, null if it is not wanted
+/// @param with_curvature whether all ranks know their facets' curvature
 NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
-                          const std::vector<Curvature>* curvature = nullptr)
+                          const CurvedSide* curved = nullptr, bool with_curvature = false)
 {
   const std::vector<Box> boxes = to.rank_boxes(radius);
   const int nv = from.num_vertices(), nt = from.num_trace(), d = from.gdim();
   std::vector<int> dest, owner;
   std::vector<std::size_t> facets;
   facets_in_boxes(from, boxes, dest, facets);
-  std::vector<double> x, orientation, curved;
+  std::vector<double> x, orientation, curvature, heights;
+  const int nh = trace_size(from.type(), 2);
+  const bool known = curved && curved->relief.known;
   std::vector<std::int64_t> dofs;
   std::vector<std::uint8_t> side;
   for (std::size_t f : facets)
@@ -52,8 +68,10 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
     append_record(dofs, from.facets().dofs, f, nt * d);
     append_record(owner, from.facets().owner, f, nt);
     append_record(side, from.facets().vertex_side, f, nv);
-    if (curvature)
-      curved.insert(curved.end(), (*curvature)[f].begin(), (*curvature)[f].end());
+    if (with_curvature)
+      append_record(curvature, curved->curvature[f], 0, 6);
+    if (known)
+      append_record(heights, curved->relief.heights, f, nh);
   }
   const Exchange exchange(from.comm(), dest);
   return {
@@ -64,7 +82,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
       exchange.forward<std::int64_t>(dofs, nt * d),
       exchange.forward<int>(owner, nt),
       exchange.forward<std::uint8_t>(side, nv),
-      curvature ? exchange.forward<double>(curved, 6) : std::vector<double>{}};
+      with_curvature ? exchange.forward<double>(curvature, 6) : std::vector<double>{},
+      known ? exchange.forward<double>(heights, nh) : std::vector<double>{}};
 }
 
 /// Whether two bodies are curved the same way along the line between two vertices of a facet where
@@ -99,14 +118,11 @@ bool is_flat(const Surface& surface, const std::vector<Curvature>& curvature)
   return most < rounding;
 }
 
-/// Curvature of two surfaces that face each other.
+/// What the facets of two surfaces that face each other stand for.
 struct Curved
 {
-  Curved(const Surface& cut, const Surface& other)
-      : of_cut(facet_curvature(cut)), of_other(facet_curvature(other))
-  {
-  }
-  std::vector<Curvature> of_cut, of_other;       ///< by facet of this rank
+  CurvedSide cut, other;
+  bool with_curvature;                           ///< whether curvatures are known
   std::vector<ConformingPoint>* found = nullptr; ///< filled if it is not null
 };
 
@@ -209,7 +225,8 @@ public:
           double share, double radius, Normals normals, const OverlayRules& rules,
           const Curved* curved)
       : points_(points), cut_(cut), curved_(curved),
-        nearby_(fetch_nearby(other, cut, radius, curved ? &curved->of_other : nullptr)),
+        nearby_(fetch_nearby(other, cut, radius, curved ? &curved->other : nullptr,
+                             curved && curved->with_curvature)),
         tree_(facet_boxes(nearby_.type, nearby_.x)), own_(fetch_nearby(cut, cut, 2 * radius)),
         own_tree_(facet_boxes(own_.type, own_.x)), cut_is_slave_(cut_is_slave), share_(share),
         radius_(radius), normals_(normals), rules_(rules)
@@ -402,17 +419,52 @@ private:
     }
   }
 
-  /// How much wider the gap between the facets is than that between the surfaces they approximate.
+  /// How much wider the gap between the facets is than that between the surfaces they stand for.
   double chord_error(std::size_t f, std::size_t other, std::size_t p, double gap) const
   {
-    const Curvature a = curved_->of_cut[f], b = nearby_.curvature_of(other);
+    Curvature a{}, b{};
+    if (curved_->with_curvature)
+    {
+      a = curved_->cut.curvature[f];
+      b = nearby_.curvature_of(other);
+    }
     const Curvature K = shared_curvature(a, b);
-    const auto v = cut_.facet_x(f);
-    const double here = bulge(K, cut_.type(), v, here_.N[p]);
-    const double there = bulge(K, nearby_.type, nearby_.facet_x(other), there_.N[p]);
+    const auto v = cut_.facet_x(f), z = nearby_.facet_x(other);
+    const auto nh = static_cast<std::size_t>(trace_size(cut_.type(), 2)),
+               mh = static_cast<std::size_t>(trace_size(nearby_.type, 2));
+    const Relief &first = curved_->cut.relief, &second = curved_->other.relief;
+    const auto cut_heights
+        = first.known ? first.heights.subspan(f * nh, nh) : std::span<const double>{};
+    const auto other_heights = second.known ? std::span(nearby_.heights).subspan(other * mh, mh)
+                                            : std::span<const double>{};
+    const double here = lifted(first, cut_heights, K, cut_.type(), v, here_, p, 1),
+                 there = lifted(second, other_heights, K, nearby_.type, z, there_, p, -1);
     if (curved_->found && conforming(a, b, cut_.type(), v))
-      curved_->found->push_back({here, there, gap - here + there, points_.weight.back()});
+    {
+      const double ours = bulge(K, cut_.type(), v, here_.N[p]);
+      const double theirs = bulge(K, nearby_.type, z, there_.N[p]);
+      curved_->found->push_back({ours, theirs, gap - ours + theirs, points_.weight.back()});
+    }
     return here - there;
+  }
+
+  /// How far a surface is out of its facet, along the outward normal of the surface that is cut.
+  /// @param heights of the facet's nodes, if they are known, @param K shared, as the surface that
+  /// is cut sees it, @param side 1 on this surface, -1 on the other
+  static double lifted(const Relief& relief, std::span<const double> heights, const Curvature& K,
+                       FacetType type, std::span<const double> v, const ShapeValues& shapes,
+                       std::size_t p, double side)
+  {
+    switch (relief.lift)
+    {
+    case Lift::none:
+      return 0;
+    case Lift::own:
+      return side * height_at(type, heights, shapes.xi[p]);
+    default:
+      return bulge(K, type, v, shapes.N[p])
+             + (relief.known ? side * vertex_height(type, heights, shapes.N[p]) : 0.0);
+    }
   }
 
   void append_side(bool slave, const Vec3& x, const std::vector<std::int64_t>& dofs,
@@ -461,12 +513,17 @@ private:
 
 PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& master, bool both,
                                           double radius, Normals normals, const OverlayRules& rules,
-                                          bool smooth)
+                                          const Relief& slave_relief, const Relief& master_relief)
 {
   PairingPoints points(slave, &master);
+  const Lift first = slave_relief.lift, second = master_relief.lift;
   std::optional<Curved> curved;
-  if (smooth)
-    curved.emplace(slave, master);
+  if (first != Lift::none || second != Lift::none)
+  {
+    const bool shared = first == Lift::shared || second == Lift::shared;
+    curved.emplace(CurvedSide(slave, slave_relief, shared),
+                   CurvedSide(master, master_relief, shared), shared);
+  }
   const double share = both ? 0.5 : 1.0;
   const auto cut = [&](const Surface& surface, const Surface& other)
   {
@@ -477,7 +534,7 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
   };
   cut(slave, master);
   if (curved)
-    std::swap(curved->of_cut, curved->of_other);
+    std::swap(curved->cut, curved->other);
   if (both)
     cut(master, slave);
   return points;
@@ -485,13 +542,17 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
 
 std::vector<ConformingPoint> qsdolfinx::conforming_points(const Surface& slave,
                                                           const Surface& master, double radius,
-                                                          const OverlayRules& rules, double& area)
+                                                          const OverlayRules& rules,
+                                                          const Relief& slave_relief,
+                                                          const Relief& master_relief, double& area)
 {
   PairingPoints points(slave, &master);
-  Curved curved(slave, master);
+  Curved curved{CurvedSide(slave, slave_relief, true), CurvedSide(master, master_relief, true),
+                true};
   std::vector<ConformingPoint> out;
   area = 0;
-  const bool flat = is_flat(slave, curved.of_cut), master_flat = is_flat(master, curved.of_other);
+  const bool flat = is_flat(slave, curved.cut.curvature),
+             master_flat = is_flat(master, curved.other.curvature);
   if (flat || master_flat)
     return out;
   curved.found = &out;

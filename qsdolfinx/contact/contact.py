@@ -35,8 +35,9 @@ from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
 from qsdolfinx.gap.laws import Law, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
-from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, SMOOTHINGS, Sampling, check_quadrature
+from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
+from qsdolfinx.pairing.relief import Side, Smoothing, sides_of
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
@@ -144,7 +145,7 @@ class Contact:
         friction_penalty: float | None = None,
         initial_overclosure: str = "resolve",
         constraints: str = "nodes",
-        smoothing: str = "none",
+        smoothing: Side | tuple[Side, Side] = "none",
     ) -> None:
         law = Unilateral() if law is None else law
         check_alone(SLAVE, slave=slave)
@@ -166,8 +167,9 @@ class Contact:
                 averaging = quadrature == "overlay" or friction is not None
                 normals = "bisector" if averaging else "facet"
             same(one_of(NORMALS), normals=normals)
-            same(one_of(SMOOTHINGS), smoothing=smoothing)
-            check_smoothing(smoothing, quadrature, master)
+            sides = sides_of(smoothing, master)
+            same(smoothing=sides)
+            check_smoothing(sides, quadrature)
             same(either(POSITIVE, "auto"), penalty=penalty)
             same(either(POSITIVE, None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
@@ -186,12 +188,13 @@ class Contact:
             master,
             formulation,
             law,
-            Sampling(quadrature, degree, normals, smoothing),
+            Sampling(quadrature, degree, normals, Smoothing(slave, master, sides)),
             None if search_radius is None else float(search_radius),
             constraints,
             augmented,
             float(gap_tolerance),
         )
+        self._smoothing = smoothing
         #: The parts, for the problem and for those who extend the library.
         self.model = ContactModel(
             settings,
@@ -257,9 +260,9 @@ class Contact:
         return self.model.settings.sampling.normals
 
     @property
-    def smoothing(self) -> str:
-        """``"none"`` or ``"shared-curvature"``."""
-        return self.model.settings.sampling.smoothing
+    def smoothing(self) -> Side | tuple[Side, Side]:
+        """What the gap is measured between, as given."""
+        return self._smoothing
 
     @property
     def enforcement(self) -> str:

@@ -20,6 +20,7 @@ from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair
+from qsdolfinx.pairing.relief import check_curved
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
@@ -123,6 +124,8 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
     """Pair the surfaces where they are now. Collective."""
     slave, master = settings.slave, settings.master
     with_facets = [s for s in (slave, master) if not s.is_analytic]
+    bodies = [s for s in (slave, deformable(master)) if s is not None]
+    check_curved(bodies, settings.sampling.quadrature, not master.is_analytic)
     low, high = zip(*(s.facet_size_range for s in with_facets), strict=True)
     radius = max(high) if settings.search_radius is None else settings.search_radius
     roles = settings.roles

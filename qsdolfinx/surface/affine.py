@@ -53,6 +53,9 @@ def trace_positions(surface: Surface) -> Array:
     x = np.asarray(surface.cpp_object.facet_x)
     if surface.degree == 1:
         return x
+    nodes_x = surface.coordinates[2]
+    if nodes_x is not None:
+        return nodes_x
     edges = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
     nv = surface.num_facet_vertices
     nodes = [*x.swapaxes(0, 1), *((x[:, a] + x[:, b]) / 2 for a, b in edges[nv])]
