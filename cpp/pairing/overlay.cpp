@@ -375,12 +375,11 @@ private:
   }
 
   /// Outward normal of the surface that is cut, as the gap is to be measured.
-  Vec3 normal(std::size_t f, Vec2 xi, std::size_t other, Vec2 zeta) const
+  /// @param n of this surface, @param a of the other one, of any length and either sign
+  Vec3 normal(const Vec3& n, const Vec3& a) const
   {
-    const Vec3 n = cut_.normal(f, xi);
     if (normals_ == Normals::facet)
       return n;
-    const Vec3 a = area_vector(nearby_.type, nearby_.facet_x(other), zeta);
     const Vec3 sum = n + ((dot(a, n) > 0 ? 1 : -1) / norm(a)) * a;
     return (1 / norm(sum)) * sum;
   }
@@ -398,17 +397,22 @@ private:
     {
       const Vec3 x = facet_point(cut_.type(), v, here.xi[p]);
       const Vec3 y = facet_point(nearby_.type, z, there.xi[p]);
-      const Vec3 outward = normal(f, here.xi[p], piece.other, there.xi[p]);
-      const double gap = dot(y - x, outward);
+      const Vec3 n = cut_.normal(f, here.xi[p]);
+      const Vec3 a = area_vector(nearby_.type, z, there.xi[p]);
+      Vec3 outward = normal(n, a);
+      double gap = dot(y - x, outward);
       if (std::abs(gap) > radius_ || is_hidden(f, piece, q_[p], x, y))
         continue;
       // A curved quadrilateral has more area than its projection.
       const double stretch
           = norm(area_vector(cut_.type(), v, here.xi[p])) / planar.jacobian(here.xi[p]);
       points_.weight.push_back(share_ * w_[p] * stretch * cut_.area_factor(x));
-      points_.gap.push_back(gap - (curved_ ? chord_error(f, piece.other, p, gap) : 0.0));
-      const Vec3 n = (cut_is_slave_ ? 1.0 : -1.0) * outward;
-      points_.normal.insert(points_.normal.end(), n.begin(), n.end());
+      if (curved_)
+        lift(f, piece.other, p, n, nearby_.orientation[piece.other] * a, dot(y - x, outward_),
+             outward, gap);
+      points_.gap.push_back(gap);
+      const Vec3 into = (cut_is_slave_ ? 1.0 : -1.0) * outward;
+      points_.normal.insert(points_.normal.end(), into.begin(), into.end());
       append_side(cut_is_slave_, x, cut_.facets().dofs, cut_.facets().owner, f, cut_.type(),
                   cut_.degree(), here, p);
       append_side(!cut_is_slave_, y, nearby_.dofs, nearby_.owner, piece.other, nearby_.type,
@@ -419,52 +423,64 @@ private:
     }
   }
 
-  /// How much wider the gap between the facets is than that between the surfaces they stand for.
-  double chord_error(std::size_t f, std::size_t other, std::size_t p, double gap) const
+  /// Gap and normal between the surfaces that the facets stand for, in place of the facets' own.
+  /// @param n, a normal of the facet that is cut, and area vector of the other, both outward
+  /// @param distance of the facets along the line through both points
+  void lift(std::size_t f, std::size_t other, std::size_t p, const Vec3& n, const Vec3& a,
+            double distance, Vec3& outward, double& gap)
   {
-    Curvature a{}, b{};
+    Curvature of_cut{}, of_other{};
     if (curved_->with_curvature)
     {
-      a = curved_->cut.curvature[f];
-      b = nearby_.curvature_of(other);
+      of_cut = curved_->cut.curvature[f];
+      of_other = nearby_.curvature_of(other);
     }
-    const Curvature K = shared_curvature(a, b);
     const auto v = cut_.facet_x(f), z = nearby_.facet_x(other);
-    const auto nh = static_cast<std::size_t>(trace_size(cut_.type(), 2)),
-               mh = static_cast<std::size_t>(trace_size(nearby_.type, 2));
-    const Relief &first = curved_->cut.relief, &second = curved_->other.relief;
-    const auto cut_heights
-        = first.known ? first.heights.subspan(f * nh, nh) : std::span<const double>{};
-    const auto other_heights = second.known ? std::span(nearby_.heights).subspan(other * mh, mh)
-                                            : std::span<const double>{};
-    const double here = lifted(first, cut_heights, K, cut_.type(), v, here_, p, 1),
-                 there = lifted(second, other_heights, K, nearby_.type, z, there_, p, -1);
-    if (curved_->found && conforming(a, b, cut_.type(), v))
+    if (curved_->found && conforming(of_cut, of_other, cut_.type(), v))
     {
-      const double ours = bulge(K, cut_.type(), v, here_.N[p]);
-      const double theirs = bulge(K, nearby_.type, z, there_.N[p]);
-      curved_->found->push_back({ours, theirs, gap - ours + theirs, points_.weight.back()});
+      const Curvature K = shared_curvature(of_cut, of_other);
+      const double here = bulge(K, cut_.type(), v, here_.N[p]);
+      const double there = bulge(K, nearby_.type, z, there_.N[p]);
+      curved_->found->push_back({here, there, gap - here + there, points_.weight.back()});
     }
-    return here - there;
+    const Lifted here = lifted(curved_->cut.relief, curved_->cut.relief.heights, f,
+                               shared_curvature(of_cut, of_other), cut_.type(), v, here_.xi[p], n);
+    const Lifted there
+        = lifted(curved_->other.relief, nearby_.heights, other, shared_curvature(of_other, of_cut),
+                 nearby_.type, z, there_.xi[p], (1 / norm(a)) * a);
+    outward = normal((1 / norm(here.normal)) * here.normal, there.normal);
+    // Newton's step from each facet along the line to the surface over it, on which it lands but for
+    // what is of third order.
+    const double between = distance - here.height / dot(here.normal, outward_)
+                           + there.height / dot(there.normal, outward_);
+    gap = between * dot(outward_, outward);
   }
 
-  /// How far a surface is out of its facet, along the outward normal of the surface that is cut.
-  /// @param heights of the facet's nodes, if they are known, @param K shared, as the surface that
-  /// is cut sees it, @param side 1 on this surface, -1 on the other
-  static double lifted(const Relief& relief, std::span<const double> heights, const Curvature& K,
-                       FacetType type, std::span<const double> v, const ShapeValues& shapes,
-                       std::size_t p, double side)
+  /// What a facet stands for at one point.
+  struct Lifted
   {
-    switch (relief.lift)
+    double height; ///< over the facet, along its outward normal
+    Vec3 normal;   ///< outward, of the surface; of unit length along the facet's normal
+  };
+
+  /// @param heights of all facets' nodes, if they are known, @param K shared curvature, as this
+  /// surface sees it, @param n outward unit normal of the facet
+  static Lifted lifted(const Relief& relief, std::span<const double> heights, std::size_t facet,
+                       const Curvature& K, FacetType type, std::span<const double> v,
+                       std::array<double, 2> xi, const Vec3& n)
+  {
+    if (relief.lift == Lift::none)
+      return {0, n};
+    const auto nodes = static_cast<std::size_t>(trace_size(type, 2));
+    const auto known = relief.known ? heights.subspan(facet * nodes, nodes) : heights;
+    const auto height = [&](std::array<double, 2> at)
     {
-    case Lift::none:
-      return 0;
-    case Lift::own:
-      return side * height_at(type, heights, shapes.xi[p]);
-    default:
-      return bulge(K, type, v, shapes.N[p])
-             + (relief.known ? side * vertex_height(type, heights, shapes.N[p]) : 0.0);
-    }
+      if (relief.lift == Lift::own)
+        return height_at(type, known, at);
+      const auto N = shape_functions(type, at);
+      return bulge(K, type, v, N) + (relief.known ? vertex_height(type, known, N) : 0.0);
+    };
+    return {height(xi), n - surface_gradient(type, v, xi, height)};
   }
 
   void append_side(bool slave, const Vec3& x, const std::vector<std::int64_t>& dofs,

@@ -40,6 +40,30 @@ double height_at(FacetType type, std::span<const double> heights, std::array<dou
 double vertex_height(FacetType type, std::span<const double> heights,
                      const std::array<double, 4>& N);
 
+/// Gradient along a facet of a function of ξ that is quadratic along each axis.
+template <typename Function>
+Vec3 surface_gradient(FacetType type, std::span<const double> v, std::array<double, 2> xi,
+                      const Function& function)
+{
+  // Central differences of quadratic functions are exact.
+  const auto difference = [&](const auto& of, int axis)
+  {
+    auto low = xi, high = xi;
+    low[axis] -= 0.5;
+    high[axis] += 0.5;
+    return of(high) - of(low);
+  };
+  const auto point = [&](std::array<double, 2> at) { return facet_point(type, v, at); };
+  const Vec3 a = difference(point, 0);
+  const double along_a = difference(function, 0);
+  if (type == FacetType::interval)
+    return (along_a / dot(a, a)) * a;
+  const Vec3 b = difference(point, 1);
+  const double along_b = difference(function, 1);
+  const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b), det = aa * bb - ab * ab;
+  return ((along_a * bb - along_b * ab) / det) * a + ((along_b * aa - along_a * ab) / det) * b;
+}
+
 /// Curvature of this rank's facets: that of the heights, or by the turning between facets.
 /// Collective.
 std::vector<Curvature> relief_curvature(const Surface& surface, const Relief& relief);
