@@ -1,9 +1,9 @@
 """Bodies between concentric circles or spheres, whose facets are chords."""
 
 import numpy as np
-import ufl
 from scenes import WORLD, box, elastic, elevated
 
+import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs

@@ -98,9 +98,7 @@ def elevated(msh):
     nodes = V.dofmap.list[: cells.size_local]
     numbers = V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
     x = V.tabulate_dof_coordinates()[:owned, :gdim]
-    domain = ufl.Mesh(
-        basix.ufl.element("Lagrange", msh.topology.cell_name(), 2, shape=(gdim,))
-    )
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", msh.topology.cell_name(), 2, shape=(gdim,)))
     here = lambda comm, size, *more: graph.adjacencylist(  # noqa: E731
         np.full((cells.size_local, 1), comm.rank, dtype=np.int32)
     )

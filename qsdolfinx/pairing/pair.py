@@ -247,7 +247,7 @@ def _conforming_to_shape(
     slave: Surface, tool: RigidSurface, sampling: Sampling, radius: float
 ) -> Conforming:
     """Where a slave is curved as an analytic tool is, which has no chords. Collective."""
-    rule = _facet_rule(slave, sampling.degree)
+    rule = _facet_rule(slave, max(sampling.degree, 4))  # with points where facets bulge most
     points = _cpp.sample_facets(slave.cpp_object, *rule)
     distance, normal = tool.distance(points.slave["x"])
     near = (np.abs(distance) <= radius) & (np.sum(normal * points.normal, axis=1) < 0)

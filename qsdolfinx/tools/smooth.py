@@ -140,8 +140,8 @@ class Cylinder(Smooth):
     @classmethod
     def _fitted(cls, cloud: _Cloud) -> Cylinder:
         if cloud.x.shape[1] == 2:
-            circle = Sphere._fitted(cloud)
-            return cls(circle.shape.center[:2], None, circle.shape.radius)
+            circle = typing.cast(shapes.Round, Sphere._fitted(cloud).shape)
+            return cls(circle.center[:2], None, circle.radius)
         n = cloud.normal
         axis = _axis_of(cloud.sum(n[:, :, None] * n[:, None]))
         plane = _across(axis)
