@@ -90,15 +90,17 @@ def curved_triangle():
     return create_mesh(np.arange(6).reshape(1, 6)[mine], points[mine], domain)
 
 
-def elevated(msh):
-    """The same cells with a geometry of degree 2, on the ranks that have them."""
+def elevated(msh, degree=2):
+    """The same cells with a geometry of another degree, on the ranks that have them."""
     gdim, comm = msh.geometry.dim, msh.comm
-    V = fem.functionspace(msh, ("Lagrange", 2, (gdim,)))
+    V = fem.functionspace(msh, ("Lagrange", degree, (gdim,)))
     owned, cells = V.dofmap.index_map.size_local, msh.topology.index_map(msh.topology.dim)
     nodes = V.dofmap.list[: cells.size_local]
     numbers = V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
     x = V.tabulate_dof_coordinates()[:owned, :gdim]
-    domain = ufl.Mesh(basix.ufl.element("Lagrange", msh.topology.cell_name(), 2, shape=(gdim,)))
+    domain = ufl.Mesh(
+        basix.ufl.element("Lagrange", msh.topology.cell_name(), degree, shape=(gdim,))
+    )
     here = lambda comm, size, *more: graph.adjacencylist(  # noqa: E731
         np.full((cells.size_local, 1), comm.rank, dtype=np.int32)
     )

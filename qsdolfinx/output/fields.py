@@ -33,7 +33,7 @@ class FieldWriter:
     nodes have moved (ParaView: Warp By Vector), unless a field of this name is given, such as the
     unknown of a body in displacements, whose mesh stays; in VTX the mesh moves. VTX has one kind of
     field per file: those of the cells go to a second one, ``NAME_cells.bp``. VTK-HDF, with a
-    DOLFINx that has it, has a file per field, ``NAME_FIELD.vtkhdf``, and the mesh of the first time.
+    DOLFINx that has it, has a file per field, ``NAME_FIELD.vtkhdf``, and the first time's mesh.
 
     Args:
         filename: Ends in ``.xdmf``, ``.bp`` or ``.vtkhdf``.
