@@ -108,16 +108,21 @@ class Contact:
         constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
             weighted gaps. ``"points"``: at each pairing point, so that what is open takes nothing
             from what is closed beside it; on the overlay, without friction and not tied.
-        smoothing: What the gap is measured between. ``"none"``: the facets. ``"shared-curvature"``:
-            the curved surfaces that the facets approximate, as far as both sides share their
-            curvature, which is found from how neighbouring facets turn. On conforming surfaces of
-            non-matching meshes, such as shrink fits and journal bearings, the chord errors of the
-            two polygons or polyhedra are not part of the gap then. Creases of more than 30° stay.
-            Needs the overlay, and facets on both sides; a tie leaves any gap as it is.
+        smoothing: What the gap is measured between, one for both sides or a pair for slave and
+            master, on the overlay. ``"none"`` or None: the facets; those of a mesh of degree 2 as
+            they are curved. ``"shared-curvature"``: the curved surfaces that the facets
+            approximate, as far as both sides share their curvature, which is found from how
+            neighbouring facets turn. Creases of more than 30° stay. A surface by name, such as
+            ``qs.smooth.Cylinder``: the one that the side's vertices are on when the contact is
+            made; it goes along with the facets. On conforming surfaces of non-matching meshes, such
+            as shrink fits and journal bearings, or of a slave on an analytic tool, which itself has
+            nothing to smooth, chord errors are not part of the gap then. A tie leaves any gap as it
+            is.
 
     Raises:
-        ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
-            surfaces share facets or differ in dimension or communicator.
+        ValueError: If a name is unknown, the penalty or the radius is not positive, the two
+            surfaces share facets or differ in dimension or communicator, or vertices are not on the
+            surface that is named for them.
         TypeError: If a surface or the law is of another type.
 
     Warns:

@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from qsdolfinx.base.checks import require, shown
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.heights import COARSEST, check_near
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
-from qsdolfinx.tools.smooth import COARSEST, Smooth, check_near
+from qsdolfinx.tools.smooth import Smooth
 
 Array = npt.NDArray[np.float64]
 
@@ -90,7 +91,8 @@ class Smoothing:
             side = sides[i]
             if isinstance(side, Smooth):
                 facets = surface.search_object(slave)
-                self._shaped[i] = check_near(side, facets, slave.comm, name)
+                kind = type(side).__name__
+                self._shaped[i] = check_near(side.shape, kind, facets, slave.comm, name)
 
     def __bool__(self) -> bool:
         """Whether anything was asked for."""

@@ -55,8 +55,8 @@ class FacetLayout(typing.NamedTuple):
         nodes = None
         if coordinate_element(msh).degree == 2:
             layout = coordinate_element(msh).create_dof_layout()
-            rows = cell_points[np.arange(n)[:, None], layout_places(layout, msh, 2)[local]]
-            nodes = rows.reshape(n, -1)
+            places = layout_places(layout, msh, 2)[local]
+            nodes = cell_points[np.arange(n)[:, None], places].reshape(n, places.shape[1])
         return cls(points.reshape(n, nv), cell_points, *_global_numbers(V, dofs), nodes)
 
     def checked_coordinates(self, msh: mesh.Mesh) -> tuple[Array, Array, Array | None]:

@@ -41,7 +41,9 @@ class Surface:
     """Part of a body's boundary that may touch another body.
 
     Contact nodes are the vertices of the facets. Every facet belongs to the rank that owns its
-    cell, every node to the rank that owns its unknowns; a rank may own neither.
+    cell, every node to the rank that owns its unknowns; a rank may own neither. On a mesh of degree
+    2 areas and normals at nodes are those of the flat facets through the vertices; contact knows
+    how far the curved ones are from them.
 
     Args:
         V: Blocked vector space of the body's displacement or velocity, one component per space

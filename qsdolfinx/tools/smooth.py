@@ -10,22 +10,15 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import POSITIVE, check, instance, number, require
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import shapes
+from qsdolfinx.tools.heights import check_near
 from qsdolfinx.tools.pose import padded, point_of, unit_vector
 
 Array = npt.NDArray[np.float64]
 Made = typing.TypeVar("Made", bound="Smooth")
-
-#: Vertices may be off a shape by this part of the chord error,
-OFF = 0.1
-#: or by this part of the facet size, as coordinates from a file in single precision are.
-ROUNDED = 1e-5
-#: Largest chord error, in facet sizes: an arc of 60°.
-COARSEST = 0.14
 
 ACUTE = number("an angle between 0 and π/2", lambda x: 0 < x < np.pi / 2)
 
@@ -59,7 +52,7 @@ class Smooth(abc.ABC):
         """
         check_alone(instance(Surface, "a qsdolfinx.Surface"), surface=surface)
         found = cls._fitted(_Cloud(surface))
-        check_near(found, surface.cpp_object, surface.comm, "surface")
+        check_near(found.shape, cls.__name__, surface.cpp_object, surface.comm, "surface")
         return found
 
     @classmethod
@@ -311,62 +304,6 @@ def _derivative(
         step[i] = 1e-6 * length
         ends = [made(p + sign * step).shape.distance(x)[0] for sign in (1, -1)]
         columns.append((ends[0] - ends[1]) / (2e-6 * length))
-    return np.stack(columns, axis=1)
-
-
-def heights(smooth: Smooth, surface: _cpp.Surface) -> Array:
-    """How far it is from a surface's facets at their nodes of degree 2, along outward normals.
-
-    Returns:
-        Shape (facets, nodes); infinity where there is nothing along the normal.
-    """
-    x, n = np.asarray(_cpp.relief_nodes(surface)), np.asarray(_cpp.relief_normals(surface))
-    flat_x, flat_n = x.reshape(-1, 3), n.reshape(-1, 3)
-    height = np.zeros(len(flat_x))
-    with np.errstate(all="ignore"):
-        for _ in range(8):  # Newton's method, on what is straight to second order
-            distance, direction = smooth.shape.distance(flat_x + height[:, None] * flat_n)
-            height = height - distance / np.sum(direction * flat_n, axis=1)
-        left = np.abs(smooth.shape.distance(flat_x + height[:, None] * flat_n)[0])
-    good = left <= 1e-9 * np.maximum(np.abs(height), np.abs(flat_x).max(initial=0.0))
-    return np.where(good, height, np.inf).reshape(x.shape[:2])
-
-
-def check_near(smooth: Smooth, surface: _cpp.Surface, comm: MPI.Intracomm, name: str) -> Array:
-    """Heights of a shape over facets whose vertices are on it. Collective.
-
-    Raises:
-        ValueError: If they are not, or the facets are too coarse for it.
-    """
-    found = heights(smooth, surface)
-    corners = np.asarray(surface.facet_x).shape[1]
-    at_vertices = np.max(np.abs(found[:, :corners]), initial=0.0)
-    with np.errstate(invalid="ignore"):
-        chord = np.max(np.abs(found - _between_vertices(found, corners)), initial=0.0)
-    largest = np.nan_to_num(np.array([at_vertices, chord]), nan=np.inf)
-    comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-    off, chord = (float(value) for value in largest)
-    size = float(surface.facet_size_range[1])
-    kind = type(smooth).__name__
-    require(
-        chord <= COARSEST * size and np.isfinite(off),
-        f"smoothing: the facets of the {name} are too coarse for the {kind}, or no part of it",
-    )
-    require(
-        off <= OFF * chord + ROUNDED * size,
-        f"smoothing: vertices of the {name} are up to {off:.2g} off the {kind}, whose chord error "
-        f"is {chord:.2g}: name the surface that they are on, or take {kind}.fit",
-    )
-    return found
-
-
-def _between_vertices(values: Array, corners: int) -> Array:
-    """The linear or bilinear function with the same values at the vertices, at all nodes."""
-    edges = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}[corners]
-    columns = [values[:, i] for i in range(corners)]
-    columns += [(values[:, a] + values[:, b]) / 2 for a, b in edges]
-    if corners == 4:
-        columns.append(values[:, :4].mean(axis=1))
     return np.stack(columns, axis=1)
 
 
