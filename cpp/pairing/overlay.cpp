@@ -449,8 +449,8 @@ private:
         = lifted(curved_->other.relief, nearby_.heights, other, shared_curvature(of_other, of_cut),
                  nearby_.type, z, there_.xi[p], (1 / norm(a)) * a);
     outward = normal((1 / norm(here.normal)) * here.normal, there.normal);
-    // Newton's step from each facet along the line to the surface over it, on which it lands but for
-    // what is of third order.
+    // Newton's step from each facet along the line to the surface over it, on which it lands but
+    // for what is of third order.
     const double between = distance - here.height / dot(here.normal, outward_)
                            + there.height / dot(there.normal, outward_);
     gap = between * dot(outward_, outward);

@@ -48,8 +48,8 @@ std::vector<double> qsdolfinx::relief_nodes(const Surface& surface)
 
 std::vector<double> qsdolfinx::relief_normals(const Surface& surface)
 {
-  return at_nodes(surface, [&](std::size_t f, std::array<double, 2> xi)
-                  { return surface.normal(f, xi); });
+  return at_nodes(surface,
+                  [&](std::size_t f, std::array<double, 2> xi) { return surface.normal(f, xi); });
 }
 
 double qsdolfinx::height_at(FacetType type, std::span<const double> heights,

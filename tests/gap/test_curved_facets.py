@@ -219,6 +219,16 @@ def test_paired_anew(kind):
     assert largest(scene.contact.pairing.gap) < 0.01 * 0.01
 
 
+def test_heights_of_moved_meshes():
+    """Bodies of twice the size have twice the gaps; their curved facets are read again."""
+    scene = ShrinkFit(RINGS, degrees=(2, 2))
+    gap = scene.contact.pairing.gap
+    for part in (scene.inner, scene.outer):
+        part.mesh.geometry.x[:] *= 2
+    scene.contact.update()
+    np.testing.assert_allclose(scene.contact.pairing.gap, 2 * gap, rtol=1e-9)
+
+
 @pytest.mark.parametrize("kind", ("curved P2", "curved P1", "named P1"))
 def test_balance_and_tangent(kind):
     """Forces of both sides cancel; the tangent is that of the residual, and symmetric."""
