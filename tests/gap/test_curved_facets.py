@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from curved_scenes import LoadedRings, Shell, ShrinkFit, exact_pressure
+from output.test_output import stored
 from scenes import WORLD, box, elevated, largest, plane, raises_everywhere, vector_space
 from tangents import direction, near_solution, tangent_errors
 
@@ -271,6 +272,18 @@ def test_fields(tmp_path):
             writer.write(0.0)
             shell.mesh.geometry.x[:, 0] += 0.5
             writer.write(1.0)
+        shell.mesh.geometry.x[:, 0] -= 0.5
+    x = stored(folder / "a.h5", "/Mesh/mesh/geometry").reshape(-1, 2)
+    nodes = (2 * 4 + 1) * (2 * 2 + 1)
+    assert len(x) == nodes
+    for name, expected in (
+        ("displacement", np.tile([0.5, 0.0], (nodes, 1))),
+        ("u", np.column_stack([x[:, 1] ** 2, x[:, 0]])),
+        ("p", np.zeros((nodes, 1))),
+    ):
+        found = stored(folder / "a.h5", f"/Function/{name}/1").reshape(nodes, -1)
+        found = found[:, : expected.shape[1]]
+        np.testing.assert_allclose(found, expected, atol=1e-10)
 
 
 def test_refused():
