@@ -85,6 +85,9 @@ class PairingPoints:
     def weight(self) -> numpy.typing.NDArray[numpy.float64]:
         """Areas, [point]."""
 
+    def scaled(self, factor: numpy.typing.NDArray[numpy.float64]) -> PairingPoints:
+        """The same points, their weights multiplied by factors [point]."""
+
     @property
     def num_unpaired(self) -> int:
         """Owned nodes (overlay: facets) that found no partner."""
@@ -125,6 +128,10 @@ class Surface:
         """Global unknowns of the trace, [facet][node][gdim]."""
 
     @property
+    def vertex_side(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """Number of the smooth side of its vertices that a facet is part of, [facet][vertex]."""
+
+    @property
     def node_dofs(self) -> numpy.typing.NDArray[numpy.int64]:
         """Global unknowns of the owned nodes, [node][gdim]."""
 
@@ -149,6 +156,19 @@ def closest_point(
     num_vertices: int, vertices: numpy.typing.NDArray[numpy.float64], p: Sequence[float]
 ) -> tuple[float, list[float], list[float]]:
     """Closest point of one facet to p: distance, reference coordinates, position."""
+
+def closest_points(
+    x: numpy.typing.NDArray[numpy.float64],
+    normal: numpy.typing.NDArray[numpy.float64],
+    own: Surface,
+    surface: Surface,
+    radius: float,
+) -> tuple[
+    numpy.typing.NDArray[numpy.uint8],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+]:
+    """Which points x [point][3] of a surface find a facet of another, [point], the closest points, [point][3], and means of the normals of the facets there; collective."""
 
 def conforming_points(
     slave: Surface,

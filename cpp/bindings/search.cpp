@@ -7,6 +7,8 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
+#include <stdexcept>
+
 namespace nb = nanobind;
 using namespace nb::literals;
 using namespace qsdolfinx;
@@ -23,6 +25,20 @@ void qsdolfinx::bind_search(nb::module_& m)
       },
       "nodes"_a, "surface"_a, "radius"_a,
       "Which owned nodes find a facet, [node], and the closest points, [node][3]; collective.");
+  m.def(
+      "closest_points",
+      [](In<double> x, In<double> normal, const Surface& own, const Surface& surface, double radius)
+      {
+        if (x.array.size() != normal.array.size())
+          throw std::invalid_argument("closest_points: one normal for each point");
+        const ClosestFacets c = closest_facets({x.view(), normal.view()}, own, surface, radius);
+        const std::size_t n = c.found.size();
+        return std::tuple(copy(c.found, {n}), copy(c.x, {n, 3}), copy(c.mean_normal, {n, 3}));
+      },
+      "x"_a, "normal"_a, "own"_a, "surface"_a, "radius"_a,
+      "Which points x [point][3] of a surface find a facet of another, [point], the closest "
+      "points, "
+      "[point][3], and means of the normals of the facets there; collective.");
   m.def(
       "closest_point",
       [](int num_vertices, In<double> vertices, std::array<double, 3> p)

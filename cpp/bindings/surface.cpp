@@ -46,6 +46,14 @@ void qsdolfinx::bind_surface(nb::module_& m)
           },
           "Global unknowns of the trace, [facet][node][gdim].")
       .def_prop_ro(
+          "vertex_side",
+          [](const Surface& s)
+          {
+            return copy(s.facets().vertex_side,
+                        {s.num_facets(), static_cast<std::size_t>(s.num_vertices())});
+          },
+          "Number of the smooth side of its vertices that a facet is part of, [facet][vertex].")
+      .def_prop_ro(
           "node_dofs", [](const Surface& s)
           { return copy(s.nodes().dofs, {s.nodes().size(), static_cast<std::size_t>(s.gdim())}); },
           "Global unknowns of the owned nodes, [node][gdim].")

@@ -79,6 +79,15 @@ void PairingPoints::reserve(std::size_t n)
   for_each_array([n](auto& values, std::size_t width) { values.reserve(n * width); });
 }
 
+PairingPoints PairingPoints::scaled(std::span<const double> factor) const
+{
+  if (factor.size() != size())
+    throw std::invalid_argument("one factor for each point");
+  PairingPoints out = *this;
+  std::ranges::transform(weight, factor, out.weight.begin(), std::multiplies<>());
+  return out;
+}
+
 PairingPoints PairingPoints::none_like() const
 {
   PairingPoints out;

@@ -63,6 +63,8 @@ struct PairingPoints
   void reserve(std::size_t n);
   /// No points, but with as many places in each.
   PairingPoints none_like() const;
+  /// The same points with other weights. @param factor by which they are multiplied, [point]
+  PairingPoints scaled(std::span<const double> factor) const;
 };
 
 /// Append a point at an owned node: the node itself is its only vertex.

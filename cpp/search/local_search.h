@@ -57,10 +57,12 @@ public:
   /// Whether the node at p is beside the surface, see overhang_tolerance.
   bool beside(const Candidate& c, const Vec3& p) const;
 
+  /// Distances that differ by less are equal to that of facet f.
+  double tie(std::size_t f) const { return tie_tolerance * surface_.facets().size[f]; }
+
 private:
   void drop_beyond_limit();
   double offset(const Candidate& c, const Vec3& p) const;
-  double tie(std::size_t f) const { return tie_tolerance * surface_.facets().size[f]; }
   bool faces(const Candidate& c, const Vec3& normal) const;
   double bound(const Vec3& p, const Vec3& normal) const;
 

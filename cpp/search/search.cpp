@@ -16,6 +16,10 @@ namespace
 /// The first facet that is asked for, whatever its distance and wherever the node's foot is.
 constexpr double any_distance = -1;
 
+/// Closest points of facets that are equally close are the same point if they are nearer to each
+/// other than this many times what distances may differ by.
+constexpr double same_point = 1e4;
+
 /// A node that looks for a partner.
 struct Question
 {
@@ -44,19 +48,18 @@ std::vector<int> ranks_near(std::span<const Box> boxes, std::span<const double> 
 
 /// Sends questions of nodes that may be near facets of other ranks; the others are `here`: they may
 /// be near this rank's facets alone.
-Queries send_queries(const Surface& nodes, const Surface& surface, std::span<const Box> boxes,
+Queries send_queries(const Places& n, const Surface& surface, std::span<const Box> boxes,
                      std::span<const Question> questions, std::vector<Question>& here)
 {
   Queries q;
   std::vector<int> dest, near;
   std::vector<double> data;
-  const Nodes& n = nodes.nodes();
   const std::vector<int> neighbours = ranks_near(boxes, n.x);
   here.reserve(questions.size());
   for (const Question& question : questions)
   {
     const std::size_t k = question.node;
-    const Box box = box_of(std::span(n.x).subspan(3 * k, 3));
+    const Box box = box_of(n.x.subspan(3 * k, 3));
     near.clear();
     for (int r : neighbours)
       if (meet(boxes[r], box))
@@ -70,8 +73,8 @@ Queries send_queries(const Surface& nodes, const Surface& surface, std::span<con
     {
       q.node.push_back(static_cast<std::int64_t>(k));
       dest.push_back(r);
-      append_record(data, n.x, k, 3);
-      append_record(data, n.normal, k, 3);
+      for (const auto& values : {n.x, n.normal})
+        data.insert(data.end(), values.begin() + 3 * k, values.begin() + 3 * k + 3);
       data.push_back(question.beyond);
     }
   }
@@ -96,6 +99,8 @@ struct Answers
   }
   double distance(std::size_t i) const { return values[i * width()]; }
   bool beside(std::size_t i) const { return values[i * width() + 2] != 0; }
+  Vec3 x(std::size_t i) const { return {value(i)[3], value(i)[4], value(i)[5]}; }
+  Vec3 normal(std::size_t i) const { return {value(i)[6], value(i)[7], value(i)[8]}; }
   double tie(std::size_t i) const { return tie_tolerance * values[i * width() + 1]; }
   std::span<const double> name(std::size_t i) const { return value(i).subspan(9 + nv); }
 
@@ -154,8 +159,8 @@ Answers answer_queries(const Surface& surface, LocalSearch& search, const Querie
   return out;
 }
 
-/// Best answer for every node: smallest distance; among equal ones the first in the order of names.
-std::vector<std::int64_t> choose(const Answers& a, const Queries& q, std::size_t num_nodes)
+/// For every node the largest distance that counts as the smallest among the answers.
+std::vector<double> limits(const Answers& a, const Queries& q, std::size_t num_nodes)
 {
   std::vector<double> limit(num_nodes, std::numeric_limits<double>::infinity());
   for (std::size_t i = 0; i < a.query.size(); ++i)
@@ -163,6 +168,14 @@ std::vector<std::int64_t> choose(const Answers& a, const Queries& q, std::size_t
     double& l = limit[q.node[a.query[i]]];
     l = std::min(l, a.distance(i) + a.tie(i));
   }
+  return limit;
+}
+
+/// Best answer for every node: smallest distance; among equal ones the first in the order of names.
+std::vector<std::int64_t> choose(const Answers& a, const Queries& q,
+                                 const std::vector<double>& limit)
+{
+  const std::size_t num_nodes = limit.size();
   std::vector<std::int64_t> best(num_nodes, -1);
   for (std::size_t i = 0; i < a.query.size(); ++i)
   {
@@ -208,18 +221,20 @@ void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answe
   std::copy_n(a.owner.begin() + answer * nv, nv, out.owner.begin() + k * nv);
 }
 
-/// Nodes of one surface that look for partners on another.
+/// Nodes or other points of one surface that look for partners on another.
 class NodeSearch
 {
 public:
-  NodeSearch(const Surface& nodes, const Surface& surface, double radius)
-      : from_(nodes), surface_(surface), nodes_(nodes.nodes()), boxes_(surface.rank_boxes(radius)),
-        search_(surface, radius), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0)
+  NodeSearch(const Places& places, const Surface& from, const Surface& surface, double radius)
+      : from_(from), surface_(surface), nodes_(places), boxes_(surface.rank_boxes(radius)),
+        search_(surface, radius), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0),
+        num_equal_(nodes_.size(), 0)
   {
     const std::size_t n = nodes_.size(), nv = surface.num_vertices(), gdim = surface.gdim();
     out_ = {std::vector<std::uint8_t>(n, 0), std::vector<std::int64_t>(n * nv * gdim, -1),
             std::vector<int>(n * nv, -1),    std::vector<double>(n * nv, 0),
-            std::vector<double>(n * 3, 0),   std::vector<double>(n * 3, 0)};
+            std::vector<double>(n * 3, 0),   std::vector<double>(n * 3, 0),
+            std::vector<double>(n * 3, 0)};
   }
 
   ClosestFacets run()
@@ -245,7 +260,7 @@ private:
     return flag != 0;
   }
 
-  Vec3 at(const std::vector<double>& values, std::size_t k) const
+  Vec3 at(std::span<const double> values, std::size_t k) const
   {
     return facet_vertex(values, static_cast<int>(k));
   }
@@ -253,9 +268,10 @@ private:
   void find(std::span<const Question> questions)
   {
     std::vector<Question> here;
-    const Queries q = send_queries(from_, surface_, boxes_, questions, here);
+    const Queries q = send_queries(nodes_, surface_, boxes_, questions, here);
     const Answers a = answer_queries(surface_, search_, q);
-    const auto best = choose(a, q, nodes_.size());
+    const auto limit = limits(a, q, nodes_.size());
+    const auto best = choose(a, q, limit);
     for (std::int64_t k : q.node)
       near_back_[k] = 1; // other ranks do not say
     for (std::size_t k = 0; k < best.size(); ++k)
@@ -263,7 +279,11 @@ private:
       {
         take(out_, k, a, best[k]);
         refused_[k] = a.beside(best[k]);
+        num_equal_[k] = 0;
       }
+    for (std::size_t i = 0; i < a.query.size(); ++i)
+      if (const std::size_t k = q.node[a.query[i]]; a.distance(i) <= limit[k])
+        add_normal(k, a.x(i), a.normal(i), a.tie(i));
     for (const auto [k, beyond] : here)
     {
       const Vec3 p = at(nodes_.x, k);
@@ -273,7 +293,24 @@ private:
       {
         take(out_, k, surface_, *c);
         refused_[k] = search_.beside(*c, p);
+        num_equal_[k] = 0;
+        for (const Candidate& t : ties)
+          add_normal(k, t.point.x, surface_.normal(t.facet, t.point.xi), search_.tie(t.facet));
       }
+    }
+  }
+
+  /// Add to the mean the normal of a facet that is as close as the one taken, if its closest point
+  /// is the same.
+  void add_normal(std::size_t k, const Vec3& x, const Vec3& normal, double tie)
+  {
+    if (norm(x - at(out_.x, k)) > same_point * tie)
+      return;
+    const double part = 1.0 / ++num_equal_[k];
+    for (std::size_t i = 0; i < 3; ++i)
+    {
+      double& mean = out_.mean_normal[3 * k + i];
+      mean = (num_equal_[k] == 1 ? 0.0 : (1 - part) * mean) + part * normal[i];
     }
   }
 
@@ -320,16 +357,24 @@ private:
   }
 
   const Surface &from_, &surface_;
-  const Nodes& nodes_;
+  Places nodes_;
   std::vector<Box> boxes_;
   LocalSearch search_;
   ClosestFacets out_;
   std::vector<std::uint8_t> refused_;   ///< beside the facet found, or behind a back
   std::vector<std::uint8_t> near_back_; ///< whether a back may be nearer than what was found
+  std::vector<int> num_equal_;          ///< facets with the same closest point as the one found
 };
 } // namespace
 
 ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& surface, double radius)
 {
-  return NodeSearch(nodes, surface, radius).run();
+  const Nodes& n = nodes.nodes();
+  return NodeSearch({n.x, n.normal}, nodes, surface, radius).run();
+}
+
+ClosestFacets qsdolfinx::closest_facets(const Places& points, const Surface& own,
+                                        const Surface& surface, double radius)
+{
+  return NodeSearch(points, own, surface, radius).run();
 }

@@ -59,7 +59,7 @@ void qsdolfinx::insert_friction(const GapOperator& jump, const GapOperator& norm
     if (std::ranges::all_of(D, zero) && std::ranges::all_of(c, zero))
       continue;
     for (int s = 0; s < jump.num_sides(); ++s)
-      gather_dofs(normal.side(s), r, jump.gdim(), dofs[s]);
+      gather_dofs(jump.side(s), r, jump.gdim(), dofs[s]);
     for (int b = 0; b < jump.num_sides(); ++b)
     {
       response(D, c, jump.side(b), normal.side(b), r, scale[b], column);

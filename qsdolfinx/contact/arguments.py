@@ -47,9 +47,7 @@ def check_formulation(formulation: str, enforcement: str, master: AnySurface) ->
     )
 
 
-def check_constraints(
-    constraints: str, quadrature: str, law: Law, friction: Friction | None
-) -> None:
+def check_constraints(constraints: str, quadrature: str, law: Law) -> None:
     """Refuse constraints at points where nodes are what counts."""
     if constraints == "nodes":
         return
@@ -57,10 +55,6 @@ def check_constraints(
     require(
         not law.jump,
         'constraints: tied contact is over-constrained at "points"; use "nodes"',
-    )
-    require(
-        friction is None,
-        'constraints: friction is at nodes, and so has to be the pressure; use "nodes"',
     )
 
 

@@ -107,7 +107,7 @@ class Contact:
             any gap as it is; with it the first two are the same.
         constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
             weighted gaps. ``"points"``: at each pairing point, so that what is open takes nothing
-            from what is closed beside it; on the overlay, without friction and not tied.
+            from what is closed beside it; on the overlay, not tied.
         smoothing: What the gap is measured between, one for both sides or a pair for slave and
             master, on the overlay. ``"none"`` or None: the facets; those of a mesh of degree 2 as
             they are curved. ``"shared-curvature"``: the curved surfaces that the facets
@@ -184,7 +184,7 @@ class Contact:
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.
         check_friction_use(friction, friction_penalty, law)
-        check_constraints(constraints, quadrature, law, friction)
+        check_constraints(constraints, quadrature, law)
         needs_dt = friction is not None and friction.needs_dt
         kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=rigid)
         augmented = enforcement == "augmented-lagrangian"
@@ -309,7 +309,8 @@ class Contact:
     def update(self) -> None:
         """Pair anew, after the meshes of the bodies have been moved. Collective.
 
-        Displacements then count from the moved meshes, those of :meth:`set_offset` are forgotten.
+        Displacements then count from the moved meshes, those of :meth:`set_offset` are forgotten. A
+        tie keeps its pairs, and counts what meshes and tool have moved since it was made.
 
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
@@ -464,10 +465,31 @@ class Contact:
     # --- At nodes
 
     def gap(self, side: str = "slave") -> Array:
+        """Signed distance (length, positive in penetration) of this rank's nodes. Collective.
+
+        The true one, between the facets as the last evaluation has deformed and moved them; see
+        :meth:`weighted_gap` for what the law of contact sees. It is measured when it is asked for,
+        as when pairing at nodes: to the nearest facet within the search radius that faces the node
+        and is not hidden, or to the shape of a tool; beside a rim to the plane of the facet there.
+
+        Args:
+            side: ``"slave"``, or ``"master"`` unless that is a rigid tool.
+
+        Returns:
+            In the order of ``surface.node_x``, shape (nodes,), NaN where nothing is in reach. For
+            tied contact the jump, which is :meth:`weighted_gap`.
+
+        Raises:
+            ValueError: If a deformed facet has no area, or the side is a rigid tool.
+        """
+        return results.gap(self.model, side)
+
+    def weighted_gap(self, side: str = "slave") -> Array:
         """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
 
-        With constraints at points the mean over the points around each node, and collective, as
-        are :meth:`multiplier` and :meth:`active`.
+        What the multipliers act on: a mean around each node, which may be closed where
+        :meth:`gap` is not. With constraints at points the mean over the points around each node,
+        and collective, as are :meth:`multiplier` and :meth:`active`.
 
         Args:
             side: Side that carries the multiplier; ``"master"`` with two multipliers only.
@@ -476,10 +498,10 @@ class Contact:
             In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes,
             gdim). NaN where a node has no pairing point.
         """
-        return results.gap(self.model, side)
+        return results.weighted_gap(self.model, side)
 
     def multiplier(self, side: str = "slave") -> Array:
-        """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as the gap.
+        """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as ḡ.
 
         λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
         """
@@ -493,7 +515,7 @@ class Contact:
         """τ (stress) at the nodes of this rank, (nodes, gdim); friction on the slave is −τ.
 
         Args:
-            side: As for :meth:`gap`.
+            side: As for :meth:`weighted_gap`.
 
         Raises:
             ValueError: If the contact has no friction.
@@ -525,11 +547,24 @@ class Contact:
     # --- Totals
 
     def penetration(self) -> float:
-        """Largest gap (length) of the slave, 0 if all are open; of a tied one its size.
+        """Depth (length) of the deepest point of either side in the other one. Collective.
+
+        The true one, measured as :meth:`gap` is: at the nodes of both sides, on the overlay also
+        at points of its pieces; 0 if nothing penetrates. What is beside the other side does not
+        count. With smoothing, depths are those of the curved surfaces at the points. Of a tied
+        contact it is the largest jump.
+
+        Raises:
+            ValueError: If a deformed facet has no area.
+        """
+        return results.penetration(self.model)
+
+    def weighted_penetration(self) -> float:
+        """Largest weighted gap (length) of the slave, 0 if all are open; of a tied one its size.
 
         Collective.
         """
-        return results.penetration(self.model)
+        return results.weighted_penetration(self.model)
 
     @property
     def energy(self) -> float:
@@ -567,6 +602,9 @@ class Contact:
 
     def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
         """Total moment of the contact forces on the body of one side. Collective.
+
+        Forces act where nodes were paired; in the steps of a ``qs.TimeStepper``, which pairs before
+        bodies are where the step takes them, at the end of the step.
 
         Args:
             side: ``"slave"`` or ``"master"``.
@@ -641,7 +679,7 @@ class Contact:
 
         Returns:
             Functions of degree 1, zero off the surface: ``"traction"`` (stress, a vector),
-            ``"gap"`` (length, positive in penetration, see :meth:`gap_function`) and ``"status"``
+            ``"gap"`` (length, the weighted one, see :meth:`gap_function`) and ``"status"``
             (0 unpaired, 1 open, 2 active, 3 slipping, see :meth:`status`). With friction also its
             parts ``"normal_traction"`` and ``"tangential_traction"``, and on a side that carries
             multipliers ``"slip"`` (length, a vector).
@@ -651,9 +689,9 @@ class Contact:
     def report(self) -> ContactReport:
         """What the contact is and does, to print as a table. Collective.
 
-        Pairing, gaps and active nodes as at the last evaluation, penalty and what it means for
-        linear solvers, nodes that no force reaches. The same on all ranks; it costs about as much
-        as a nodal pairing.
+        Pairing, gaps and active nodes as at the last evaluation, the places that are deepest in
+        the other side, penalty and what it means for linear solvers, nodes that no force reaches.
+        The same on all ranks; it costs about as much as pairing anew.
         """
         return make_report(self.model)
 

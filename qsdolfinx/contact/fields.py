@@ -79,7 +79,7 @@ def gap_function(model: ContactModel, side: str) -> fem.Function:
     """The weighted gap, of tied contact the size of the jump. Collective."""
     surface = deformable_side(model, side)
     if results.has_multiplier(model, side):
-        values = _sizes(results.gap(model, side))
+        values = _sizes(results.weighted_gap(model, side))
     else:
         values = faced(model.gaps[0], _sizes(model.gaps[0].state.values)).mean
     return _scalar(surface, np.nan_to_num(values))
@@ -134,7 +134,8 @@ def _of_faced_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
     active = force.mean > SOME  # not where it is NaN
     status = np.where(active, Status.ACTIVE, status)
     if model.slips:
-        slip = faced(p, model.slips[0].slipping.astype(np.float64))
+        found = model.slips[0]
+        slip = faced(found.gap, found.slipping.astype(np.float64))
         status = np.where(active & (slip.mean > force.mean / 2), Status.SLIPPING, status)
     return status
 

@@ -16,6 +16,7 @@ from dolfinx import fem
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel, HeldNodes
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.surface.surface import Surface
@@ -51,53 +52,67 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
     """
     model.held_nodes = []
     for i, gap in enumerate(model.gaps):
-        if gap.rows.are_points:
-            _warn_of_points(model, gap, model.ordered(gap, (slave, master))[0])
+        gap.extension, slip = None, model.slips[i] if model.slips else None
+        if slip is not None:
+            slip.extension = None
+        vecs = model.ordered(gap, (slave, master))
+        if not model.comm.allreduce(bool(np.any(_read(gap.slave, vecs[0]) != 0)), op=MPI.LOR):
             continue
-        held = _held_on_both_sides(model, gap, *model.ordered(gap, (slave, master)))
-        pressed = _along_normal(gap, held)
+        by_node = gap.by_node() if slip is None else slip.gap
+        held = _held_on_both_sides(model, gap, by_node, *vecs)
+        pressed = _along_normal(by_node, held)
         clamped = held & pressed
         of_gap = (held, clamped) if gap.law.jump else (pressed, pressed)
-        gap.extension = _extension(model, gap, *of_gap)
-        if model.slips:
-            model.slips[i].extension = _extension(model, gap, held, clamped)
-
-
-def _warn_of_points(model: ContactModel, gap: WeightedGap, slave: PETSc.Vec | None) -> None:
-    """Warn of λ̂ at clamped nodes that points ask for: it is one too many. Once; collective."""
-    clamped = np.all(_read(gap.slave, slave)[gap.rows.reached] != 0, axis=1)
-    found = model.augmented and model.comm.allreduce(bool(np.any(clamped)), op=MPI.LOR)
-    if not found or model.held_warned:
-        return
-    model.held_warned = True
-    warn(
-        "constraints: with an augmented Lagrangian at points, multipliers of contact nodes that "
-        'Dirichlet conditions clamp lock those beside them; use constraints="nodes", '
-        'enforcement="penalty", or leave these nodes out of the contact surfaces',
-        ContactWarning,
-    )
+        gap.extension = _extension(model, gap, by_node, *of_gap)
+        if slip is not None:
+            slip.extension = _extension(model, by_node, by_node, held, clamped)
 
 
 def _extension(
-    model: ContactModel, gap: WeightedGap, held: Flags, clamped: Flags
+    model: ContactModel, gap: WeightedGap, by_node: WeightedGap, held: Flags, clamped: Flags
 ) -> Extension | None:
-    """None if nothing is to be done on any rank. Collective."""
+    """None if nothing is to be done on any rank. Collective.
+
+    Args:
+        model: The contact.
+        gap: The pass.
+        by_node: The pass with a row for each node.
+        held: Components at these rows that conditions hold on both sides.
+        clamped: Those of them at nodes that are held as a whole.
+    """
     if not model.augmented:  # a clamped node's penalty does not grow
         held, clamped = held & ~clamped, np.zeros_like(held)
     if not model.comm.allreduce(bool(np.any(held)), op=MPI.LOR):
         return None
-    return Extension(gap.slave, gap.operator.row_node, held, clamped)
+    slave = gap.slave
+    corners = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices]
+    if not isinstance(gap.rows, PointRows):
+        at = slave.node_dofs[gap.operator.row_node, : held.shape[1]]
+        return Extension(slave, at, corners[:, :, : held.shape[1]], held, clamped)
+    held, clamped = (
+        np.asarray(by_node.rows.on_nodes(flags, False), dtype=bool) for flags in (held, clamped)
+    )
+    sides = slave.cpp_object.vertex_side[:, :, None].astype(np.int64)  # each has a multiplier
+    corners, there = np.take_along_axis(corners, sides, axis=2), gap.rows.covered
+    return Extension(slave, slave.node_dofs, corners, held & there, clamped & there, ~there)
 
 
 def _held_on_both_sides(
-    model: ContactModel, gap: WeightedGap, slave: PETSc.Vec, master: PETSc.Vec | None
+    model: ContactModel,
+    gap: WeightedGap,
+    by_node: WeightedGap,
+    slave: PETSc.Vec | None,
+    master: PETSc.Vec | None,
 ) -> Flags:
-    """Components of the slave's node and its partner that are held, shape (rows, gdim)."""
-    own = _read(gap.slave, slave) != 0
+    """Components of the slave's node and its partner that are held, shape (nodes, gdim).
+
+    Collective. These nodes are noted as ones of the pass; arguments as for :func:`_extension`.
+    """
+    row_node = by_node.operator.row_node
     tool = as_tool(gap.master)
-    driven = tool is not None and tool.driven is not None
-    if driven or not model.comm.allreduce(bool(np.any(own)), op=MPI.LOR):
-        return np.zeros((len(gap.operator.row_node), gap.slave.gdim), dtype=bool)
+    if tool is not None and tool.driven is not None:
+        return np.zeros((len(row_node), gap.slave.gdim), dtype=bool)
+    own = _read(gap.slave, slave) != 0
     at_nodes = _at_nodes(model, gap)
     linear = at_nodes.slave
     held, found = np.zeros((2, len(linear.node_area), linear.gdim), dtype=bool)
@@ -110,12 +125,10 @@ def _held_on_both_sides(
     components = held[at] if gap.law.jump else _along_normal(at_nodes, held[at])
     model.held_nodes.append(HeldNodes(gap, at_nodes, components))
     # Where a node's normal leads past the master: whether any of it is held beside the node.
-    beside = own[gap.operator.row_node]
+    beside = own[row_node]
     if tool is None:
-        beside &= _part_of_master(gap, master) > _NONE
-    is_held, is_found = (
-        _of_vertices(gap.slave, flags)[gap.operator.row_node] for flags in (held, found)
-    )
+        beside &= _part_of_master(by_node, master) > _NONE
+    is_held, is_found = (_of_vertices(gap.slave, flags)[row_node] for flags in (held, found))
     return np.where(is_found, is_held, beside)
 
 
@@ -227,8 +240,8 @@ def _prescribed_gap(
         with _linear(gap, model.ordered(gap, model.offset)) as offset:
             p.state.offset = p.operator.apply(handle_of(offset[0]), handle_of(offset[1]))
     allowance = gap.slave.create_vec()
-    at = gap.slave.node_dofs[gap.operator.row_node, 0] - allowance.owner_range[0]
-    allowance.array[at] = gap.state.allowance
+    at = gap.slave.node_dofs[:, 0] - allowance.owner_range[0]
+    allowance.array[at] = gap.rows.on_nodes(gap.state.allowance, 0.0)
     with _linear(gap, (allowance, None)) as allowed:
         p.allow(_read(p.slave, allowed[0])[p.operator.row_node, 0])
     allowance.destroy()

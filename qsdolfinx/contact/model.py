@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.contact.penalty import Penalty
+from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.kinematics import Kinematics
@@ -21,6 +22,7 @@ from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.pairing.relief import check_curved
+from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
@@ -173,6 +175,12 @@ class ContactModel:
         self.friction = friction
         #: What the last pairing found; see :func:`qsdolfinx.contact.motion.pair_anew`.
         self.paired: Paired
+        #: Where the surfaces are at the last evaluation.
+        self.placement: Placement
+        #: Motion of a rigid tool that gaps follow, from where it was paired; None for none.
+        self.tool_motion: Affine | None = None
+        #: What :mod:`qsdolfinx.contact.depth` has measured of a placement.
+        self.measured: object | None = None
         #: Counts the pairings made so far.
         self.num_pairings = 0
         #: Displacements (length) on top of the unknowns', of the slave's and the master's

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from petsc4py import PETSc
 
 from dolfinx import fem
@@ -10,6 +12,7 @@ from qsdolfinx.base.checks import FUNCTION, check, either, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import multipliers, terms
 from qsdolfinx.contact.model import ContactModel, find_pairs
+from qsdolfinx.contact.placement import Placement
 from qsdolfinx.gap.weighted_gap import handle_of
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import update_surfaces
@@ -29,6 +32,9 @@ def pair_anew(model: ContactModel) -> None:
     """
     first = model.num_pairings == 0
     model.master.check_state()
+    if not first and model.law.jump:
+        _follow(model)
+        return
     with model.watch.stage("pairing"):
         if not first:
             surfaces = map(deformable, (model.slave, model.master))
@@ -42,12 +48,39 @@ def pair_anew(model: ContactModel) -> None:
         if not first:
             _continue_step(model)
             multipliers.set_on_nodes(paired.parts, kept)
-        for vec in model.offset or ():
-            if vec is not None:
-                vec.zeroEntries()
+        _zero_offset(model)
         set_motion(model)
+        model.placement = Placement.at_pairing(model.slave, model.master)
+        model.tool_motion = None
         model.num_pairings += 1
         model.catch_up = None
+
+
+def _follow(model: ContactModel) -> None:
+    """Let a tie count from where it was made: its pairs are those of then. Collective."""
+    with model.watch.stage("pairing"):
+        surfaces = map(deformable, (model.slave, model.master))
+        update_surfaces(*(s for s in surfaces if s is not None))
+        _zero_offset(model)
+        _carry(model, True)
+        set_motion(model)
+        model.placement = Placement.at_pairing(model.slave, model.master)
+        model.tool_motion = None
+        model.num_pairings += 1
+        model.catch_up = None
+
+
+def _carry(model: ContactModel, meshes: bool) -> None:
+    """Let a tie count what a tool, and meshes, have moved since it was made. Collective."""
+    for gap in model.gaps:
+        gap.carry(meshes)
+    model.paired = dataclasses.replace(model.paired, tool_version=model.master.version)
+
+
+def _zero_offset(model: ContactModel) -> None:
+    for vec in model.offset or ():
+        if vec is not None:
+            vec.zeroEntries()
 
 
 def catch_up(model: ContactModel) -> None:
@@ -76,13 +109,16 @@ def move_tool(model: ContactModel) -> None:
         RuntimeError: If the tool has another position than when contact was last paired.
     """
     if model.paired.tool_version != model.master.version:
-        raise RuntimeError("the tool has been moved for good: call contact.update()")
+        if not model.law.jump:
+            raise RuntimeError("the tool has been moved for good: call contact.update()")
+        _carry(model, False)
     model.master.check_state()
     if model.master.motion is None:
         return
     with model.watch.stage("gap"):
         for part in model.parts:
             part.state.shift = part.change(model.master.motion)
+    model.tool_motion = model.master.motion
 
 
 def set_motion(model: ContactModel) -> None:
@@ -92,6 +128,8 @@ def set_motion(model: ContactModel) -> None:
         if model.offset is not None:
             u = model.ordered(gap, model.offset)
             gap.state.offset = gap.operator.apply(handle_of(u[0]), handle_of(u[1]))
+    for slip in model.slips:
+        slip.gap.state.scale = slip.of.state.scale
 
 
 def set_offset(

@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact import results
 from qsdolfinx.contact.active_set import num_closed
+from qsdolfinx.contact.depth import DeepPlace, deepest
 from qsdolfinx.contact.fields import faced
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.penalty import EXTREME, MODERATE
@@ -18,6 +20,13 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
 Array = npt.NDArray[np.float64]
+
+
+#: Places that are named of those that penetrate.
+PLACES = 3
+
+#: Penetration over the smallest facet, which weighted gaps do not show, that is worth a remark.
+HIDDEN = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,10 +71,16 @@ class ContactReport:
         missed_facets: On the overlay, facets that found no partner; else 0.
         gap: Smallest and largest weighted gap at the last evaluation (length, positive in
             penetration; of tied contact the size of the jump); None if nothing is paired.
+        weighted_penetration: :meth:`qs.Contact.weighted_penetration` (length).
+        penetration: :meth:`qs.Contact.penetration` (length), the true one; None if a deformed
+            facet has no area.
+        deepest: Up to three places that are deepest in the other side, not beside each other.
+        advice: What to do if an augmented Lagrangian has closed the weighted gaps, and the true
+            penetration is more than a hundredth of the smallest facet; otherwise empty.
         active: Rows (nodes with a multiplier, or points) in contact; None before the first solve
             with an automatic penalty.
         rows: Rows.
-        slipping: Active rows that slip; None without friction.
+        slipping: Nodes in contact that slip; None without friction.
         unloaded: Nodes of the master within reach of the slave that no force can ever load,
             because no pairing point of a multiplier is beside them.
         penalty: ε (stress per length), None before an automatic one is computed.
@@ -86,6 +101,10 @@ class ContactReport:
     covered: float
     missed_facets: int
     gap: tuple[float, float] | None
+    weighted_penetration: float
+    penetration: float | None
+    deepest: tuple[DeepPlace, ...]
+    advice: str
     active: int | None
     rows: int
     slipping: int | None
@@ -115,32 +134,43 @@ class ContactReport:
             return text + 'stiff, direct solver; for "amg" take an augmented Lagrangian'
         return text + f"a direct solver's error may be {1e-15 * ratio:.0e}, iterative ones fail"
 
+    def _depths(self) -> list[tuple[str, str]]:
+        """Lines on how deep the surfaces are in each other, where, and what to do about it."""
+        depth = "unknown, a deformed facet has no area"
+        if self.penetration is not None:
+            depth = f"{self.penetration:.4g}"
+        text = f"{depth}; of weighted gaps {self.weighted_penetration:.4g}"
+        places = [("" if i else "deepest", str(place)) for i, place in enumerate(self.deepest)]
+        return [("penetration", text), *places, *([("", self.advice)] if self.advice else [])]
+
     def __str__(self) -> str:
         parts = [f"{self.points} points, {100 * self.covered:.4g} % of the slave's area"]
         if self.missed_facets:
             parts.append(f"{self.missed_facets} facets without a partner")
         active = f"{'?' if self.active is None else self.active} of {self.rows} rows"
         if self.slipping:
-            active += f", {self.slipping} of them slip"
+            active += f", {self.slipping} nodes slip"
         unloaded = "0"
         if self.unloaded:
             unloaded = f'{self.unloaded} master nodes: use quadrature="overlay", or swap sides'
         penalty = "" if self.penalty is None else f"{self.penalty:.6g}, "
-        lines = {
-            "contact": self.method,
-            "law": self.law,
-            "unknowns": self.motion,
-            "slave": str(self.slave),
-            "master": "analytic shape" if self.master is None else str(self.master),
-            "pairing": ", ".join([*parts, f"search radius {self.search_radius:.4g}"]),
-            "gap": "none" if self.gap is None else "{:.4g} to {:.4g}".format(*self.gap),
-            "active": active,
-            "unloaded": unloaded,
-            "penalty": penalty + self.penalty_source,
-            "conditioning": self.conditioning,
-            "overclosure": f"{self.overclosure:.4g} at first, {self.treatment}",
-        }
-        return "\n".join(f"{name:13}{text}" for name, text in lines.items())
+        gap = "none" if self.gap is None else "{:.4g} to {:.4g}".format(*self.gap)
+        lines = [
+            ("contact", self.method),
+            ("law", self.law),
+            ("unknowns", self.motion),
+            ("slave", str(self.slave)),
+            ("master", "analytic shape" if self.master is None else str(self.master)),
+            ("pairing", ", ".join([*parts, f"search radius {self.search_radius:.4g}"])),
+            ("weighted gap", gap),
+            *self._depths(),
+            ("active", active),
+            ("unloaded", unloaded),
+            ("penalty", penalty + self.penalty_source),
+            ("conditioning", self.conditioning),
+            ("overclosure", f"{self.overclosure:.4g} at first, {self.treatment}"),
+        ]
+        return "\n".join(f"{name:13}{text}" for name, text in lines)
 
 
 def make_report(model: ContactModel) -> ContactReport:
@@ -163,6 +193,8 @@ def make_report(model: ContactModel) -> ContactReport:
     enforcement = "augmented-lagrangian" if model.augmented else "penalty"
     slave = _side(model, model.slave)
     assert slave is not None
+    weighted = results.weighted_penetration(model)
+    depth, places = _depth(model)
     return ContactReport(
         slave,
         _side(model, model.master),
@@ -170,6 +202,10 @@ def make_report(model: ContactModel) -> ContactReport:
         weight / model.slave.area,
         unpaired if overlay else 0,
         _gap_range(model),
+        weighted,
+        depth,
+        places,
+        _advice(model, weighted, depth),
         None if model.penalty.value is None else active,
         rows,
         slipping if model.slips else None,
@@ -227,6 +263,30 @@ def _gap_range(model: ContactModel) -> tuple[float, float] | None:
     low = model.comm.allreduce(float(np.min(gaps, initial=np.inf)), op=MPI.MIN)
     high = model.comm.allreduce(float(np.max(gaps, initial=-np.inf)), op=MPI.MAX)
     return (low, high) if low <= high else None
+
+
+def _depth(model: ContactModel) -> tuple[float | None, tuple[DeepPlace, ...]]:
+    """True penetration, and where it is deepest. Collective."""
+    try:
+        penetration = results.penetration(model)
+        return penetration, () if model.law.jump else tuple(deepest(model, PLACES))
+    except ValueError:  # on all ranks
+        return None, ()
+
+
+def _advice(model: ContactModel, weighted: float, depth: float | None) -> str:
+    """What to do about penetration that weighted gaps hide; a penalty leaves some anyway."""
+    if not model.augmented or model.law.jump or depth is None or weighted > model.allowed_gap:
+        return ""
+    if depth - model.overclosure.allowed <= HIDDEN * model.paired.facet_size:
+        return ""
+    settings = model.settings
+    cure = "take finer facets"
+    if settings.constraints != "points" and model.friction is None:
+        cure += ', or constraints="points"'
+        if settings.sampling.quadrature != "overlay":
+            cure += ' with quadrature="overlay"'
+    return f"weighted gaps are closed and points are not: {cure}"
 
 
 def _unloaded(model: ContactModel) -> int:

@@ -16,13 +16,14 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import check, check_vector, one_of
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import active_set
+from qsdolfinx.contact import active_set, depth
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.placement import Place
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec, skew
 from qsdolfinx.surface.traction import nodal_forces, recover
-from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -86,6 +87,20 @@ def slip_of(model: ContactModel, side: str) -> Slip:
 
 
 def gap(model: ContactModel, side: str) -> Array:
+    """Signed distance of the deformed surfaces, of tied ones the jump. Collective.
+
+    Raises:
+        ValueError: If the side is a rigid tool, or has no multiplier and is tied.
+    """
+    agreed(model, side)
+    if model.law.jump:
+        return weighted_gap(model, side)
+    if deformable(surface_of(model, side)) is None:
+        raise ValueError("side: a rigid tool has no gaps; see those of the slave")
+    return depth.gap(model, side)
+
+
+def weighted_gap(model: ContactModel, side: str) -> Array:
     """Weighted gap ḡ, NaN where a node has no pairing point."""
     p = gap_of(model, side)
     return typing.cast(Array, _flat(p.rows.on_nodes(p.state.values, math.nan)))
@@ -132,7 +147,12 @@ def dissipation(model: ContactModel, side: str) -> Array:
 
 
 def penetration(model: ContactModel) -> float:
-    """Largest gap of the slave, of a tied one its size. Collective."""
+    """Depth of the deepest point, of tied surfaces the size of the jump. Collective."""
+    return weighted_penetration(model) if model.law.jump else depth.penetration(model)
+
+
+def weighted_penetration(model: ContactModel) -> float:
+    """Largest weighted gap of the slave, of a tied one its size. Collective."""
     gaps = model.gaps[0].state.values
     local = float(np.max(np.abs(gaps) if model.law.jump else gaps, initial=0.0))
     return float(model.comm.allreduce(local, op=MPI.MAX))
@@ -182,8 +202,7 @@ def moment(model: ContactModel, side: str, about: npt.ArrayLike | None) -> Array
     """Total moment of the contact forces on one side, shape (3,) or (1,). Collective."""
     with checked(model.comm) as same:
         same(SIDE, side=side)
-        center = model.master.center if about is None else about
-        point = check_vector("about", center, model.slave.gdim)
+        point = _center(model) if about is None else check_vector("about", about, model.slave.gdim)
         same(about=point)
     return _moment(model, side, point)
 
@@ -192,14 +211,23 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
     surface = deformable(surface_of(model, side))
     if surface is None:
         return -_moment(model, "slave", about)
-    out = []
+    place, out = model.placement.place(side), []
+    assert isinstance(place, Place)
+    x = None if model.offset is None else place.positions()
     with _force_vec(model, side) as vec:
         for axis in np.eye(1 if len(about) == 2 else 3):
             A = skew(axis)  # the forces' work in a small rotation
-            field = affine_vec(surface, Affine(A, -A @ about))
+            field = affine_vec(surface, Affine(A, -A @ about), x)
             out.append(field.dot(vec))
             field.destroy()
     return np.array(out)
+
+
+def _center(model: ContactModel) -> Array:
+    """Of a tool, after what is left of its motion in a time step; else the origin."""
+    tool = as_tool(model.master)
+    ahead = 0.0 if tool is None or model.offset is None else tool.displacement
+    return np.asarray(model.master.center + ahead)
 
 
 def traction(model: ContactModel, side: str, part: str) -> fem.Function:

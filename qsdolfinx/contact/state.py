@@ -24,6 +24,7 @@ class ContactState:
         self._penalty = copy.copy(model.penalty)
         self._dt = model.kinematics.dt
         self._catch_up = model.catch_up
+        self._placement, self._tool_motion = model.placement, model.tool_motion
         surfaces = [s for s in map(deformable, (model.slave, model.master)) if s is not None]
         self._surfaces = [(surface, surface.coordinates) for surface in surfaces]
         self._offset = None
@@ -41,6 +42,7 @@ class ContactState:
         model.penalty = copy.copy(self._penalty)
         model.kinematics.restore_dt(self._dt)
         model.catch_up = self._catch_up
+        model.placement, model.tool_motion = self._placement, self._tool_motion
         if self._offset is None:
             motion.free_offset(model)
             return

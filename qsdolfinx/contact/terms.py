@@ -12,6 +12,7 @@ import numpy as np
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import handle_of
 
 #: Blocks ss, sm, ms, mm of the slave's and the master's body.
@@ -23,15 +24,19 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
     with model.watch.stage("gap"):
         for gap in model.gaps:
             gap.evaluate(model.ordered(gap, (slave, master)))
+        model.placement = model.placement.moved(
+            (slave, master), model.kinematics.scale, model.offset or (None, None), model.tool_motion
+        )
         for slip in model.slips:
+            assert model.friction is not None
             gap = slip.gap
             slip.evaluate(
                 model.ordered(gap, (slave, master)),
-                gap.multiplier(model.eps)[:, 0],
-                active_set.closed(model, gap),
+                slip.at_nodes(slip.of.multiplier(model.eps)[:, 0]),
+                slip.at_nodes(active_set.closed(model, slip.of)),
                 model.tangential_eps,
                 model.kinematics.dt,
-                model.paired.facet_size,
+                model.friction.slow(model.kinematics.dt, model.paired.facet_size),
                 model.ordered(gap, model.kinematics.in_displacement),
             )
 
@@ -57,7 +62,7 @@ def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
             slope = active_set.slope(model, gap)
             gap.add_stiffness(slope, _ordered(model, gap.slave is model.slave, blocks), False)
         for slip in model.slips:
-            slope = active_set.slope(model, slip.gap)
+            slope = active_set.slope(model, slip.of)
             slip.add_stiffness(slope, _ordered(model, slip.slave is model.slave, blocks))
 
 
@@ -67,6 +72,11 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
         for gap in model.gaps:
             none = np.zeros(gap.num_rows)
             gap.add_stiffness(none, _ordered(model, gap.slave is model.slave, blocks), True)
+        for slip in model.slips:
+            if slip.gap is not slip.of:
+                none = np.zeros(slip.gap.num_rows)
+                ordered = _ordered(model, slip.slave is model.slave, blocks)
+                slip.gap.add_stiffness(none, ordered, True)
 
 
 def _ordered(model: ContactModel, as_given: bool, blocks: BlocksOf) -> BlocksOf:
@@ -75,6 +85,7 @@ def _ordered(model: ContactModel, as_given: bool, blocks: BlocksOf) -> BlocksOf:
 
 def constrain(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
     """Mark the unknowns with Dirichlet conditions by nonzero entries."""
-    for gap in model.gaps:
+    for part in model.parts:
+        gap = part.gap if isinstance(part, Slip) else part
         first, second = model.ordered(gap, (slave, master))
-        gap.operator.constrain(handle_of(first), handle_of(second))
+        part.operator.constrain(handle_of(first), handle_of(second))

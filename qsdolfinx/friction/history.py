@@ -23,6 +23,17 @@ from qsdolfinx.surface.traction import facet_measure
 Array = npt.NDArray[np.float64]
 
 
+#: Part of the largest slip rate that is slow.
+SLOW = 1e-3
+
+#: Relative difference of rates up to which one may stand for the other, within the first step that
+#: slips; and how much slower a later one has to be.
+SAME_RATE, SLOWER = 0.1, 5.0
+
+#: Way in a step, in facets, that is none but for rounding.
+AT_REST = 1e-11
+
+
 class FrictionHistory:
     """What friction adds to a contact, and keeps when that pairs anew.
 
@@ -38,12 +49,16 @@ class FrictionHistory:
         self._penalty = penalty
         #: Slip until the last step ended, at the nodes of each pass's slave, shape (nodes, gdim).
         self.slipped: list[Array] = []
+        #: Largest slip rate (length per time) of the first step in which anything slipped, or of a
+        #: later one in which all is much slower; None before, and of laws that need no rate.
+        self.rate: float | None = None
+        self._rate_is_final = False
         #: This rank's part of the energy that friction has taken until the last step ended.
         self.dissipated = 0.0
 
     def slips_of(self, passes: typing.Sequence[WeightedGap]) -> tuple[Slip, ...]:
         """Slips of new passes, with the values of the law's parameters. Collective."""
-        slips = tuple(Slip(p, self.law) for p in passes)
+        slips = tuple(Slip(p.by_node(), p, self.law) for p in passes)
         if not self.slipped:
             self.slipped = [np.zeros((len(p.slave.node_area), p.slave.gdim)) for p in passes]
         for name, value in self.law.parameters.items():
@@ -56,6 +71,46 @@ class FrictionHistory:
     def penalty(self, eps: float) -> float:
         """ε in tangential direction, that of the gaps being given."""
         return eps if self._penalty is None else self._penalty
+
+    # --- Rates
+
+    def continue_with(self, rate: float | None) -> None:
+        """Take the rate of an earlier run."""
+        self.rate, self._rate_is_final = rate, rate is not None
+
+    def slow(self, dt: float | None, facet_size: float) -> float | None:
+        """Slip rate that is slow in the scene: a small part of the largest one. None without Δt.
+
+        Args:
+            dt: Δt, time.
+            facet_size: Of the smallest facet, length: as long as nothing is known, one in each Δt
+                is taken for fast.
+        """
+        if dt is None:
+            return None
+        return SLOW * (facet_size / dt if self.rate is None else self.rate)
+
+    def learn_rate(self, slips: typing.Sequence[Slip], dt: float | None, facet_size: float) -> bool:
+        """Take the largest slip rate of a solution. Collective.
+
+        That of a first step is kept, so that the law stays the same; unless all is so much slower
+        later on that the law would be another there.
+
+        Returns:
+            Whether another one was assumed: the step has to be solved again.
+        """
+        if dt is None or not self.law.needs_rate:
+            return False
+        fastest = max(slip.fastest() for slip in slips)
+        way = float(self._slave.comm.allreduce(fastest, op=MPI.MAX))
+        if way <= AT_REST * facet_size:
+            return False
+        if self.rate is not None:
+            change = way / dt / self.rate
+            if change > 1 / SLOWER if self._rate_is_final else abs(change - 1) < SAME_RATE:
+                return False
+        self.rate = way / dt
+        return True
 
     # --- Parameters
 
@@ -136,6 +191,7 @@ class FrictionHistory:
             self.slipped[i] = self.slip(i, slip)
             self.dissipated += float(slip.dissipation().sum())
             slip.end_step()
+        self._rate_is_final = self.rate is not None
 
     def slip(self, i: int, slip: Slip) -> Array:
         """Slip at the nodes of pass i: of earlier steps and of the present one."""

@@ -17,9 +17,6 @@ Array = npt.NDArray[np.float64]
 #: A constant, or a scalar function on the mesh of the slave.
 Parameter: typing.TypeAlias = float | fem.Constant | fem.Function
 
-#: Slip rate, in facet sizes per Δt, below which Norton's law is linear by default.
-REST = 1e-3
-
 #: Part of the limit by which a trial has to exceed it to slip. A node that has slipped starts the
 #: next step on its limit, where rounding would decide whether Newton's method sets out from stick.
 ON_LIMIT = 1e-10
@@ -39,7 +36,7 @@ class Rows(typing.NamedTuple):
         cover: Part of the row's area that pairing points stand for: what g is to be divided by for
             a mean slip, (rows,).
         dt: Δt (time), None if there is none.
-        facet_size: Of the smallest facet (length).
+        slow: Slip rate (length per time) that is slow in the scene; None if friction knows no rate.
         parameters: Values of the law's parameters, (rows,) each.
     """
 
@@ -52,7 +49,7 @@ class Rows(typing.NamedTuple):
     projector: Array
     cover: Array
     dt: float | None
-    facet_size: float
+    slow: float | None
     parameters: dict[str, Array]
 
 
@@ -101,6 +98,8 @@ class Friction(abc.ABC):
     jumps: bool = True
     #: Whether τ depends on the slip rate, and so on Δt.
     needs_dt: bool = False
+    #: Whether it has to be told which slip rate is slow.
+    needs_rate: bool = False
 
     def __init__(self, **parameters: Parameter) -> None:
         self.parameters = {name: _checked(name, value) for name, value in parameters.items()}
@@ -231,7 +230,9 @@ class Norton(Friction):
         alpha: α, dimensionless.
         K: Consistency K, stress × (time/length)^q.
         q: Sensitivity to the slip rate, above 0.
-        v0: Slip rate v₀ (length per time); by default 1e-3 of the smallest facet in each Δt.
+        v0: Slip rate v₀ (length per time); by default 1e-3 of the largest one of the first step in
+            which anything slips, and of a later one in which all is at least 5 times slower:
+            whatever Δt is.
     """
 
     needs_dt = True
@@ -240,18 +241,18 @@ class Norton(Friction):
         check(POSITIVE, q=q)
         check(either(POSITIVE, None), v0=v0)
         super().__init__(alpha=alpha, K=K)
-        self.q, self.v0 = float(q), v0
+        self.q, self.v0, self.needs_rate = float(q), v0, v0 is None
 
     def __repr__(self) -> str:
         return f"{super().__repr__()[:-1]}, q={self.q}, v0={self.v0})"
 
     def respond(self, rows: Rows) -> Response:
         """τ and its derivatives."""
-        assert rows.dt is not None
+        assert rows.dt is not None and rows.slow is not None
         # The mean slip rate of a row, and its derivative to g.
         per_slip = np.where(rows.closed, 1 / (rows.cover * rows.dt), 0.0)
         v = per_slip[:, None] * rows.slip
-        v0 = REST * rows.facet_size / rows.dt if self.v0 is None else self.v0
+        v0 = rows.slow if self.v0 is None else self.v0
         size = np.sqrt(np.sum(v**2, axis=1) + v0**2)
         viscosity = rows.parameters["alpha"] * rows.parameters["K"] * size ** (self.q - 1)
         direction = v / size[:, None]

@@ -15,7 +15,7 @@ from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.stick_slip import StickSlip
 from qsdolfinx.gap.extension import Extension
-from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap, handle_of
+from qsdolfinx.gap.weighted_gap import KINDS, Vecs, WeightedGap, handle_of
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 
@@ -68,13 +68,17 @@ class Slip:
     Δu is the displacement since the step began; n_k is the mean of the normals of the row's pairing
     points.
 
+    Friction is at nodes, also where the pressure is at points: its limit is that of their mean,
+    λ_k = Σ_p w_p N_k λ_p / Σ_p w_p N_k.
+
     Args:
-        gap: The weighted gap of the pass.
+        gap: The weighted gap of the pass, with a row for each node.
+        of: The pass whose multiplier is the pressure: the same, unless its rows are points.
         friction: The law.
     """
 
-    def __init__(self, gap: WeightedGap, friction: Friction) -> None:
-        self.gap = gap
+    def __init__(self, gap: WeightedGap, of: WeightedGap, friction: Friction) -> None:
+        self.gap, self.of = gap, of
         self.friction = friction
         self.operator = gap.jump_operator()
         normal = gap.operator.slave_sum
@@ -125,6 +129,12 @@ class Slip:
         grow = np.divide(np.linalg.norm(vectors, axis=1), size, where=size > 0, out=0 * size)
         return np.asarray(flat * grow[:, None])
 
+    def at_nodes(self, of_pass: npt.NDArray[typing.Any]) -> npt.NDArray[typing.Any]:
+        """What the pass has at its rows, at those of the slip: means, or any flag. Collective."""
+        if self.of is self.gap:
+            return of_pass
+        return self.of.rows.on_nodes(of_pass, 0)[self.row_node]
+
     def jump_of(self, u: Vecs) -> Array:
         """Weighted jump for given displacements over the bodies' scales. Collective."""
         return self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.gap.state.scale)
@@ -143,7 +153,7 @@ class Slip:
         closed: npt.NDArray[np.bool_],
         penalty: float,
         dt: float | None,
-        facet_size: float,
+        slow: float | None,
         in_displacement: tuple[bool, bool],
     ) -> None:
         """Compute slip and response for unknowns u. Collective.
@@ -154,7 +164,7 @@ class Slip:
             closed: Rows in contact.
             penalty: ε in tangential direction.
             dt: Δt.
-            facet_size: Of the smallest facet.
+            slow: Slip rate (length per time) that is slow in the scene.
             in_displacement: Whether the slave's and the master's body have (total) displacements;
                 what moves with velocities starts each step from where it is.
         """
@@ -182,7 +192,7 @@ class Slip:
             self.projector,
             self.cover,
             dt,
-            facet_size,
+            slow,
             self.parameters,
         )
         with collective_errors(self.slave.comm):  # a law may be the user's
@@ -230,16 +240,35 @@ class Slip:
         secant = self.state.response.secant[:, None, None] * self.projector
         stiffness = np.where(careful[:, None], secant, self.state.response.stiffness)
         stiffness = self.weight[:, None, None] * stiffness
-        coupling = np.where(careful, 0.0, self.state.response.coupling)
-        coupling = (self.weight * slope)[:, None] * coupling
+        normal, weight = self._change_of_pressure(slope)
+        coupling = weight[:, None] * np.where(careful, 0.0, self.state.response.coupling)
         _cpp.insert_friction(
             self.operator,
-            self.gap.operator,
+            normal,
             np.ascontiguousarray(stiffness),
             np.ascontiguousarray(coupling),
             [handle_of(mat) for mat in blocks],
             self.gap.state.scale,
         )
+
+    def _change_of_pressure(self, slope: Array) -> tuple[_cpp.GapOperator, Array]:
+        """S_k ∂λ_k/∂u as an operator and what its rows are to be multiplied by. Collective.
+
+        Args:
+            slope: ∂λ/∂ḡ at the rows of the pass.
+        """
+        gap, slave = self.gap, self.slave
+        if self.of is gap or self.friction.symmetric:  # which the pressure does not matter to
+            return gap.operator, self.weight * (slope if self.of is gap else 0.0)
+        points = gap.points.scaled(slope)
+        surfaces = slave.cpp_object, gap.master.cpp_object
+        operator = _cpp.GapOperator(*surfaces, points, jump=False, rows=KINDS.index("area"))
+        return operator, self.weight * slave.node_area[self.row_node] / gap.operator.row_area
+
+    def fastest(self) -> float:
+        """Largest way of a closed row in this step on this rank, length."""
+        size = np.linalg.norm(self.values, axis=1) / self.cover
+        return float(np.max(size[self.state.closed], initial=0.0))
 
     def dissipation(self) -> Array:
         """Energy of each row that friction took in this step, never negative, shape (rows,)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import typing
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -17,72 +19,95 @@ Flags = npt.NDArray[np.bool_]
 _SWEEPS = 2
 
 
+class Sweep(typing.NamedTuple):
+    """Multipliers that are means over the facets around, and what the sums are divided by.
+
+    Attributes:
+        new: Those that become known, of the shape of the multipliers.
+        known: Those that were, likewise.
+        part: 1 / number of known ones around, where they are new.
+    """
+
+    new: Flags
+    known: Flags
+    part: Array
+
+
 class Extension:
-    """Which components of the multipliers at the rows of a pass are no unknowns, and what they are.
+    """Which multipliers of a pass are no unknowns, and what they are: λ = E λ_free.
 
     Where both bodies are held along the surface alone, as on a plane of symmetry, such a component
     is zero: beyond the plane its sign is the other. Where they are clamped as a whole it is the
     mean of the neighbours', so that a uniform multiplier stays uniform.
 
+    Collective.
+
     Args:
         slave: Surface that carries the multiplier.
-        row_node: Its node at each row.
-        held: Components that conditions hold on both sides, shape (rows, width).
+        at: Number of each multiplier among the unknowns of the slave's body, shape (rows, width).
+        corners: The same at the vertices of the facets, shape (facets, vertices, width): a mean is
+            one over multipliers of the same position in the last axis.
+        held: Multipliers that conditions hold on both sides, shape (rows, width).
         clamped: Those of them at nodes that are held as a whole, of the same shape.
+        missing: Multipliers that are not there, of the same shape.
     """
 
     def __init__(
-        self, slave: Surface, row_node: npt.NDArray[np.int64], held: Flags, clamped: Flags
+        self,
+        slave: Surface,
+        at: npt.NDArray[np.int64],
+        corners: npt.NDArray[np.int64],
+        held: Flags,
+        clamped: Flags,
+        missing: Flags | None = None,
     ) -> None:
-        #: Components that are no unknowns, shape (rows, width).
+        #: Multipliers that are no unknowns, shape (rows, width).
         self.held = held
-        self._clamped = clamped
-        self._slave = slave
-        self._at = slave.node_dofs[row_node, : held.shape[1]]
-        corners = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices, : held.shape[1]]
+        self._slave, self._at = slave, at
         self._shape, self._corners = corners.shape, np.ascontiguousarray(corners).ravel()
+        known = ~held if missing is None else ~held & ~missing
+        self._sweeps: list[Sweep] = []
+        for _ in range(_SWEEPS):
+            counts = self._around(known.astype(np.float64))
+            new = clamped & ~known & (counts > 0.5)
+            self._sweeps.append(Sweep(new, known, np.where(new, 1 / np.maximum(counts, 1), 0.0)))
+            known = known | new
 
-    def fill(self, values: Array, closed: Flags) -> Array:
-        """The multipliers with these components in place. Collective.
+    def fill(self, values: Array, closed: Flags | None = None) -> Array:
+        """E λ_free: the multipliers with these in place, shape (rows, width). Collective.
 
         Args:
-            values: λ or τ, shape (rows, width).
-            closed: Rows in contact; held ones that are not have no multiplier.
+            values: The multipliers.
+            closed: Rows in contact, if they are rows: held ones that are not have no multiplier.
         """
         out = np.where(self.held, 0.0, values)
-        vecs = [self._slave.create_vec() for _ in range(4)]
+        for sweep in self._sweeps:
+            sums = self._around(np.where(sweep.known, out, 0.0))
+            out = np.where(sweep.new, sums * sweep.part, out)
+        return out if closed is None else np.where(self.held & ~closed[:, None], 0.0, out)
+
+    def gather(self, values: Array) -> Array:
+        """Eᵀ of values that belong to the multipliers: 0 at those that are none. Collective."""
+        out = values
+        for sweep in reversed(self._sweeps):
+            back = self._around(np.where(sweep.new, out * sweep.part, 0.0))
+            out = np.where(sweep.new, 0.0, out) + np.where(sweep.known, back, 0.0)
+        return np.where(self.held, 0.0, out)
+
+    def _around(self, values: Array) -> Array:
+        """Sums over the facets around of the values at their vertices: a symmetric matrix."""
+        vecs = [self._slave.create_vec() for _ in range(2)]
         local = PETSc.Vec().createSeq(len(self._corners), comm=PETSc.COMM_SELF)
         here = PETSc.IS().createGeneral(self._corners.astype(PETSc.IntType), PETSc.COMM_SELF)
         scatter = PETSc.Scatter().create(vecs[0], here, local, None)
-        known = ~self.held
-        for _ in range(_SWEEPS):
-            sums, counts = self._sums(vecs, local, scatter, np.where(known, out, 0.0), known)
-            new = self._clamped & ~known & (counts > 0)
-            out[new] = sums[new] / counts[new]
-            known = known | new
+        at = self._at - vecs[0].owner_range[0]
+        vecs[0].array[at] = values
+        scatter.scatter(vecs[0], local)
+        corners = local.array_r.reshape(self._shape)
+        around = np.broadcast_to(corners.sum(axis=1, keepdims=True), self._shape)
+        local.array[:] = around.ravel()
+        scatter.scatter(local, vecs[1], PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE)
+        out: Array = vecs[1].array_r[at].copy()
         for thing in (*vecs, local, here, scatter):
             thing.destroy()
-        return np.where(self.held & ~closed[:, None], 0.0, out)
-
-    def _sums(
-        self,
-        vecs: list[PETSc.Vec],
-        local: PETSc.Vec,
-        scatter: PETSc.Scatter,
-        values: Array,
-        known: Flags,
-    ) -> tuple[Array, Array]:
-        """Sums of values, and the number of known ones, over the facets around each row."""
-        found = []
-        for array, vec, total in zip((values, known), vecs[:2], vecs[2:], strict=True):
-            vec.zeroEntries()
-            total.zeroEntries()
-            at = self._at - vec.owner_range[0]
-            vec.array[at] = array
-            scatter.scatter(vec, local)
-            corners = local.array_r.reshape(self._shape)
-            around = np.broadcast_to(corners.sum(axis=1, keepdims=True), self._shape)
-            local.array[:] = around.ravel()
-            scatter.scatter(local, total, PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE)
-            found.append(total.array_r[at].copy())
-        return found[0], found[1]
+        return out

@@ -41,6 +41,11 @@ class Overclosure:
         self.depth = 0.0
         self._at_nodes: list[Array] | None = None
 
+    @property
+    def allowed(self) -> float:
+        """Depth (length) that is not resolved, at most."""
+        return self.part * self.depth
+
     def read(self, passes: typing.Sequence[WeightedGap], facet_size: float) -> None:
         """Take the overclosure of the first pairing. Collective.
 

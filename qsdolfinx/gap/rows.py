@@ -10,9 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.gap.extension import Extension
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 #: Where the law of contact is asked: for the weighted gaps of nodes, or for the gaps of points.
 CONSTRAINTS = ("nodes", "points")
@@ -99,6 +101,8 @@ class PointRows(Rows):
         self.cover_of_sides: Array = self._sums(np.ones(operator.num_rows))
         #: The same of nodes: what the points cover of S_k.
         self.cover: Array = self.cover_of_sides.sum(axis=1)
+        #: Sides of nodes that points cover some of, of that shape.
+        self.covered: Flags = self.cover_of_sides > _SOME * slave.node_area[:, None]
 
     @property
     def reached(self) -> npt.NDArray[np.int64]:
@@ -134,18 +138,27 @@ class PointRows(Rows):
         vec.destroy()
         return np.asarray(out)
 
-    def project(self, values: Array) -> Array:
+    def project(self, values: Array, extension: Extension | None) -> Array:
         """Nearly the function Σ_k N_k v_k that is closest to values of the points, of all sides.
 
         The mass matrix M_kl = Σ_p w_p N_k N_l of what is covered is inverted by some iterations of
         Richardson's with the lumped one: M may be singular in all but name where hardly anything
         of a facet is covered, and they leave out of v what it says nothing of.
+
+        Args:
+            values: Of the points, shape (rows,).
+            extension: Which v_k follow from others, v = E v_free; the matrix is Eᵀ M E then.
         """
-        out = np.zeros_like(self.cover_of_sides)
-        at = self.cover_of_sides > _SOME * self.slave.node_area[:, None]
-        rest = values
+        cover, at = self.cover_of_sides, self.covered
+        if extension is not None:
+            cover, at = extension.gather(cover), at & ~extension.held
+        free, out, rest = np.zeros_like(cover), np.zeros_like(cover), values
         for _ in range(_RICHARDSON):
-            out[at] += self._sums(rest)[at] / self.cover_of_sides[at]
+            sums = self._sums(rest)
+            if extension is not None:
+                sums = extension.gather(sums)
+            free[at] += sums[at] / cover[at]
+            out = free.copy() if extension is None else extension.fill(free)
             rest = values - self.from_sides(out)
         return out
 

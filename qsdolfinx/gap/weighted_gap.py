@@ -14,6 +14,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
+from qsdolfinx.gap.tie import Places, Tie
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface
@@ -45,6 +46,8 @@ class GapState:
         shift: What a rigid tool's motion adds to ḡ, of the same shape.
         allowance: Gap (length) at each row that counts as none: overclosure that is not resolved.
         scale: Displacement per unknown of the slave's and of the master's body.
+        carried: Jump (length) that meshes and a tool have made since they were tied, likewise.
+        places: Where meshes had moved tied surfaces by then; None where they were tied.
     """
 
     values: Array
@@ -53,6 +56,8 @@ class GapState:
     shift: Array
     allowance: Array
     scale: tuple[float, float] = (1.0, 1.0)
+    carried: Array | float = 0.0
+    places: Places | None = None
 
 
 class WeightedGap:
@@ -104,7 +109,7 @@ class WeightedGap:
         self.master = master
         self.points = points
         self.law = law
-        self._kind = KINDS.index(rows)
+        self._kind, self._share, self._is_augmented = KINDS.index(rows), share, augmented
         self.operator = self._operator(law.jump)
         #: Area in the energy of each row: what its gap is divided by, times the share.
         self.weight: Array = share * self.operator.row_area
@@ -129,9 +134,20 @@ class WeightedGap:
         self.extension: Extension | None = None
         #: What changes while the pairing stays.
         self.state = GapState(zero, multipliers, zero, zero, zero[:, 0])
+        #: How ties count what has moved since they were made; None of other laws.
+        self.tie = Tie(slave, master) if law.jump else None
         self._at_rows: tuple[Array, Array] = multipliers, zero
         if not law.jump:
             self.state.values = -self.operator.initial_gap[:, None]
+
+    def by_node(self) -> WeightedGap:
+        """The same with a row for each node: itself, unless rows are points. Collective."""
+        if not self.rows.are_points:
+            return self
+        surfaces = self.slave, self.master
+        return WeightedGap(
+            *surfaces, self.points, self.law, self._share, "cover", self._is_augmented
+        )
 
     def _operator(self, jump: bool) -> _cpp.GapOperator:
         surfaces = self.slave.cpp_object, self.master.cpp_object
@@ -153,7 +169,7 @@ class WeightedGap:
     def evaluate(self, u: Vecs) -> None:
         """Compute the weighted gaps for unknowns u. Collective."""
         state = self.state
-        state.values = self.change_of(u) + state.offset + state.shift
+        state.values = self.change_of(u) + state.offset + state.shift + state.carried
         if not self.law.jump:
             state.values -= (self.operator.initial_gap + state.allowance)[:, None]
         elif self.extension is not None:
@@ -167,7 +183,7 @@ class WeightedGap:
 
     def change(self, field: Affine) -> Array:
         """How ḡ changes when a rigid tool is displaced by this field. Collective."""
-        r = affine_vec(self.slave, field)
+        r = affine_vec(self.slave, field) if self.tie is None else self.tie.of_tool(field)
         out = -self.operator.apply(r.handle, 0)
         r.destroy()
         return out
@@ -198,7 +214,10 @@ class WeightedGap:
         multiplier = self.multiplier(penalty)
         if isinstance(self.rows, PointRows):
             change = (multiplier - self._augmented_at_rows())[:, 0]
-            return np.asarray(self.state.augmented + self.rows.project(change))
+            known = self.state.augmented
+            if self.extension is not None:
+                known = self.extension.fill(known)
+            return np.asarray(known + self.rows.project(change, self.extension))
         if self.extension is None:
             return multiplier
         return self.extension.fill(multiplier, self.law.linear | (multiplier[:, 0] > 0))
@@ -238,6 +257,17 @@ class WeightedGap:
         """Put back what :meth:`augmented_on_nodes` gave."""
         values = np.asarray(values, dtype=np.float64)
         self.state.augmented = values if self.rows.are_points else self.rows.from_nodes(values)
+
+    def carry(self, meshes: bool) -> None:
+        """Let a tie count how a tool, and perhaps meshes, have moved since then. Collective."""
+        assert self.tie is not None
+        if meshes:
+            self.state.places = self.tie.places()
+        slave, master = self.tie.motion(self.state.places)
+        self.state.carried = self.operator.apply(slave.handle, handle_of(master))
+        for vec in (slave, master):
+            if vec is not None:
+                vec.destroy()
 
     # --- Forces
 

@@ -41,6 +41,16 @@ class Sampling(typing.NamedTuple):
         """What a surface's facets approximate."""
         return Relief.unknown() if self.smoothing is None else self.smoothing.relief(surface)
 
+    def covers(self, surface: AnySurface) -> bool:
+        """Whether gaps are measured from what its facets approximate."""
+        return self.relief(surface).lift > 0
+
+    def deformed_relief(self, surface: AnySurface) -> Relief:
+        """The same where displacements put it: see ``deformed_surface``, which cuts facets."""
+        found = self.relief(surface)
+        cut = surface.degree > 1
+        return Relief.unknown("shared") if cut and found.lift else found
+
 
 #: Degree of the rule along edges for general quadrilaterals: cpp/geometry/planar.h, PlanarFacet.
 EDGE_DEGREE = 47
@@ -113,15 +123,15 @@ def _pair_facets(
         both,
         radius,
         kind_of_normals,
-        *_overlay_rules(slave, sampling.degree),
+        *overlay_rules(slave.gdim, sampling.degree),
         *sampling.relief(slave),
         *sampling.relief(master),
     )
 
 
-def _overlay_rules(slave: Surface, degree: int) -> tuple[Array, Array, Array, Array]:
+def overlay_rules(gdim: int, degree: int) -> tuple[Array, Array, Array, Array]:
     """Points and weights on pieces of the overlay and along edges."""
-    kind = basix.CellType.interval if slave.gdim == 2 else basix.CellType.triangle
+    kind = basix.CellType.interval if gdim == 2 else basix.CellType.triangle
     piece_x, piece_w = map(np.asarray, basix.make_quadrature(kind, degree))
     edge_x, edge_w = map(np.asarray, basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE))
     return piece_x, piece_w, edge_x, edge_w
@@ -166,7 +176,7 @@ def find_conforming(
         slave.cpp_object,
         master.search_object(slave),
         radius,
-        *_overlay_rules(slave, degree),
+        *overlay_rules(slave.gdim, degree),
         *sampling.relief(slave),
         *sampling.relief(master),
     )

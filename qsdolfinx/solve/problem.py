@@ -43,6 +43,10 @@ Array = npt.NDArray[np.float64]
 _counter = itertools.count()
 
 
+#: Times that a step is solved again since bodies slip at other rates than friction has assumed.
+MAX_RATES = 4
+
+
 class ContactProblem:
     """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
 
@@ -232,6 +236,14 @@ class ContactProblem:
         return max(len(self.violation_history) - 1, 0)
 
     @property
+    def num_restarts(self) -> int:
+        """Runs of Newton's method in the last solve that failed and were begun again.
+
+        They are begun with a line search, or with a direct solver where an iterative one failed.
+        """
+        return self.newton.record.restarts
+
+    @property
     def timings(self) -> dict[str, Span]:
         """Wall time (s) since the problem was made, of the contacts since they were. Collective.
 
@@ -313,6 +325,10 @@ class ContactProblem:
         self.newton.begin()
         try:
             self._find(balance, start)
+            for _ in range(MAX_RATES):
+                if not self._has_other_rates():
+                    break
+                self._find(balance, self._starting_point())
         except BaseException as error:  # Ctrl-C, too
             for contact, kept in zip(self.system.contacts, known, strict=True):
                 multipliers.set_known(contact, kept)
@@ -332,6 +348,17 @@ class ContactProblem:
             unknowns = self.bodies[s].x, None if m is None else self.bodies[m].x
             check_reach(contact, *unknowns)
             check_held(contact, *unknowns)
+
+    def _has_other_rates(self) -> bool:
+        """Whether bodies slip at other rates than friction has taken for slow. Collective."""
+        found = [
+            contact.friction.learn_rate(
+                contact.slips, contact.kinematics.dt, contact.paired.facet_size
+            )
+            for contact in self.system.contacts
+            if contact.friction is not None
+        ]
+        return any(found)
 
     def _forget_openings(self) -> None:
         for slip in self.system.slips:

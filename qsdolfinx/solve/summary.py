@@ -49,7 +49,7 @@ def _outcome(comm: MPI.Intracomm, contacts: typing.Sequence[ContactModel], recor
     rows = comm.allreduce(np.array(rows, dtype=np.int64), op=MPI.SUM).tolist()
     history = record.active_of_all(comm)
     active = history[-1] if history else [0] * len(contacts)
-    gap = max((results.penetration(contact) for contact in contacts), default=0.0)
+    gap = max((results.weighted_penetration(contact) for contact in contacts), default=0.0)
     forces = [float(np.linalg.norm(results.force(contact, "slave"))) for contact in contacts]
     counts = " + ".join(f"{a} of {n}" for a, n in zip(active, rows, strict=True))
     return (

@@ -58,7 +58,8 @@ class Pressed(typing.NamedTuple):
         """This rank's part of the force that the tool is held with, at the last evaluation."""
         out = np.sum(self._weight * self.gap.multiplier(self.contact.eps) * self.change)
         if self.slip is not None:
-            out += np.sum(self._weight * self.slip.state.response.traction * self.slip_change)
+            traction = self.slip.state.response.traction
+            out += np.sum(self.slip.weight[:, None] * traction * self.slip_change)
         return float(out)
 
     def multipliers(self, gap: Array, jump: Array) -> tuple[Array, Array]:
@@ -67,8 +68,9 @@ class Pressed(typing.NamedTuple):
         if self.slip is None:
             return self._weight * change, np.zeros_like(jump)
         response = self.slip.state.response
-        friction = np.einsum("rij,rj->ri", response.stiffness, jump) + response.coupling * change
-        return self._weight * change, self._weight * friction
+        at_nodes = self.slip.at_nodes(change)
+        friction = np.einsum("rij,rj->ri", response.stiffness, jump) + response.coupling * at_nodes
+        return self._weight * change, self.slip.weight[:, None] * friction
 
     def changed(self, gap: Array, jump: Array) -> float:
         """This rank's part of the change of the force that the tool is held with."""

@@ -19,6 +19,7 @@ from qsdolfinx.contact.multipliers import on_nodes, set_on_nodes
 from qsdolfinx.steps.checkpoint import Checkpoint
 from qsdolfinx.steps.end_of_step import pair_at, show_at
 from qsdolfinx.steps.stepper import TimeStepper
+from qsdolfinx.steps.tool_motion import ToolRate
 
 _SCALARS = ("t", "dt", "last_dt", "num_steps", "num_cutbacks")
 
@@ -41,9 +42,11 @@ def save_run(
     multipliers = _multipliers(stepper.problem.contacts)
     state: dict[str, typing.Any] = {name: getattr(stepper, name) for name in _SCALARS}
     state["positions"] = [tool.position.tolist() for tool in stepper.tools]
+    state["tool_rates"] = [[x.tolist() for x in rate] for rate in stepper.tool_rates]
     state["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
     state["automatic"] = [contact.has_automatic_penalty for contact in stepper.problem.contacts]
     state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
+    state["slip_rates"] = [_slip_rate(contact) for contact in stepper.problem.contacts]
     state["user"] = dict(values or {})
     Checkpoint(stepper.problem.comm, folder).save(
         _functions(stepper, functions) | multipliers, _meshes(stepper), state
@@ -92,6 +95,8 @@ def load_run(
         setattr(stepper, name, values[name])
     for tool, position in zip(stepper.tools, values["positions"], strict=True):
         tool.position = np.array(position)
+    for i, of_tool in enumerate(values["tool_rates"]):
+        stepper.tool_rates[i] = ToolRate(*map(np.array, of_tool))
     for i, rate in enumerate(stepper.rates):
         rate[:] = functions_of_run[f"rate_{i}"].x.array
     for place in stepper.ends():
@@ -108,6 +113,8 @@ def load_run(
         # The next step turns τ̂ to its tangent planes; turned here as well it would be another.
         set_on_nodes(contact.model.parts, arrays, turn=False)
         _load_slip(contact.model, i, multipliers, values["dissipated"][i])
+        if contact.model.friction is not None:
+            contact.model.friction.continue_with(values["slip_rates"][i])
     for place in stepper.ends():
         show_at(*place)
     return typing.cast(dict[str, typing.Any], values["user"])
@@ -159,6 +166,12 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
             for j, (slip, values) in enumerate(zip(contact.model.slips, slipped, strict=True)):
                 out[f"slip_{i}_{j}"] = slip.slave.linear.function(values)
     return out
+
+
+def _slip_rate(contact: Contact) -> float | None:
+    """Largest slip rate that friction knows of."""
+    friction = contact.model.friction
+    return None if friction is None else friction.rate
 
 
 def _load_slip(

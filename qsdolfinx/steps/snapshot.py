@@ -11,6 +11,7 @@ from qsdolfinx.contact.state import ContactState
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.steps.mesh_motion import MeshMotion
 from qsdolfinx.surface.affine import Affine
+from qsdolfinx.tools.pose import Pose
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 
@@ -36,13 +37,14 @@ class Snapshot:
         self._shown = [ContactState(contact.model) for contact in problem.contacts]
         self._states = [tool.state for tool in tools]
 
+    def pose_of(self, tool: RigidSurface) -> Pose:
+        """Where a tool was."""
+        both = zip(self._tools, self._states, strict=True)
+        return next(state.pose for known, state in both if known is tool)
+
     def motion_since(self, tool: RigidSurface) -> Affine:
         """Displacement of a tool since then, as a field over the places where it is now."""
-        before = next(
-            state.pose.matrix
-            for known, state in zip(self._tools, self._states, strict=True)
-            if known is tool
-        )
+        before = self.pose_of(tool).matrix
         d = before.shape[0]
         back = (tool.position[:, :d] @ before[:, :d].T).T
         return Affine(np.eye(d) - back, back @ tool.position[:, d] - before[:, d])

@@ -32,7 +32,8 @@ from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
 from qsdolfinx.steps.mesh_motion import MeshMotion
 from qsdolfinx.steps.snapshot import Snapshot
-from qsdolfinx.tools.rigid_surface import as_tool
+from qsdolfinx.steps.tool_motion import ToolRate, go_ahead_by_part
+from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -87,8 +88,8 @@ class TimeStepper:
         growth: Factor of Δt after a step of at most ``easy`` Newton iterations.
         cutback: Factor of Δt after a failure.
         easy: See growth.
-        max_penetration: Largest gap (length, positive in penetration) at the end of a step; not
-            limited by default.
+        max_penetration: Largest ``contact.penetration()`` (length) at the end of a step, on top of
+            the initial overclosure that is allowed to stay; not limited by default.
         min_quality: Shape of the worst cell, see MeshMotion.quality, at which to stop.
         progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
 
@@ -160,6 +161,8 @@ class TimeStepper:
         #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
         #: first zero. They are where the next step starts from.
         self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
+        #: The same of rigid tools.
+        self.tool_rates = [ToolRate.zero(tool) for tool in self.tools]
 
     def ends(self) -> list[tuple[ContactModel, Place, Place | None]]:
         """Each contact with where its slave's and its master's body are between two steps."""
@@ -264,12 +267,16 @@ class TimeStepper:
             if not flows:
                 motion.u.x.array[:] += dt * rate
         known = self.rates
+        for tool, tool_rate in zip(self.tools, self.tool_rates, strict=True):
+            tool_rate.go_ahead(tool, self._part_of_step(tool) * dt)
         self._pair(known, dt, start)
         # A failed attempt may have left nodes unpaired, and so forgotten their multipliers.
         start.restore_multipliers()
         self._run_solver()
         if self.theta > 0 and self.num_steps == 0 and any(self.in_velocity):
             known = [u.x.array.copy() for u in self.problem.u]
+            for tool in self.tools:
+                go_ahead_by_part(tool, self._part_of_step(tool))
             self._pair(known, dt, start)
             self._run_solver()
         for _ in range(self.num_pairings - 1):
@@ -283,6 +290,15 @@ class TimeStepper:
         if self.on_solved is not None:
             with collective_errors(self.problem.comm):
                 self.on_solved()
+
+    def _part_of_step(self, tool: RigidSurface) -> float:
+        """After which contact pairs with a tool: where the body is that it touches."""
+        flows = [
+            self.in_velocity[s]
+            for contact, (s, _) in zip(self.problem.contacts, self.problem.sides, strict=True)
+            if contact.master is tool
+        ]
+        return self.theta if any(flows) else 1.0
 
     def _run_solver(self) -> None:
         try:
@@ -339,7 +355,9 @@ class TimeStepper:
         """Refuse gaps that are too deep."""
         if self.max_penetration is None:
             return
-        deepest = max((c.penetration() for c in self.problem.contacts), default=0.0)
+        deepest = max(
+            (c.penetration() - c.overclosure.allowed for c in self.problem.contacts), default=0.0
+        )
         if deepest > self.max_penetration:
             raise _Fault(
                 f"a penetration of {deepest:.3g}, above max_penetration = {self.max_penetration:g}"
@@ -352,8 +370,9 @@ class TimeStepper:
                 self.rates[i] = motion.u.x.array.copy()
             else:
                 self.rates[i] = np.asarray((motion.u.x.array - start.unknowns[i]) / dt)
-        for tool in self.tools:
+        for i, tool in enumerate(self.tools):
             tool.advance()
+            self.tool_rates[i] = ToolRate.since(tool, start.pose_of(tool), dt)
         # What contacts show stays that of the step until somebody solves.
         for model, slave, master in self.ends():
             model.catch_up = functools.partial(pair_at, model, slave, master)

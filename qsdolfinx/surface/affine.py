@@ -9,7 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.surface import Coordinates, Surface
 
 Array = npt.NDArray[np.float64]
 
@@ -42,36 +42,68 @@ def rotation_matrix(rotation: Array) -> Array:
     return np.asarray(np.eye(len(W)) + first * W + second * W @ W)
 
 
+def rotation_vector(matrix: Array) -> Array:
+    """The inverse: an angle, shape (1,), or a rotation vector (3,), of at most half a turn."""
+    if len(matrix) == 2:
+        return np.array([np.arctan2(matrix[1, 0], matrix[0, 0])])
+    twist = np.array([matrix[2, 1], matrix[0, 2], matrix[1, 0]]) - [
+        matrix[1, 2],
+        matrix[2, 0],
+        matrix[0, 1],
+    ]
+    sine, cosine = np.linalg.norm(twist) / 2, (np.trace(matrix) - 1) / 2
+    angle = float(np.arctan2(sine, cosine))
+    if sine > 1e-6 or cosine > 0:
+        return np.asarray(twist / 2 * (angle / sine if sine > 0 else 1.0))
+    values, vectors = np.linalg.eigh(matrix + matrix.T)  # about half a turn: 1 has the axis
+    axis = vectors[:, np.argmax(values)]
+    return np.asarray(angle * axis * (1.0 if axis @ twist >= 0 else -1.0))
+
+
 def rotation_about(matrix: Array, center: Array, displacement: Array) -> Affine:
     """Displacement field of a motion: x ↦ (matrix − 1) (x − center) + displacement."""
     A = matrix - np.eye(len(matrix))
     return Affine(A, displacement - A @ center)
 
 
-def trace_positions(surface: Surface) -> Array:
-    """Positions of the trace's nodes on this rank's facets, shape (facets, nodes, 3)."""
-    x = np.asarray(surface.cpp_object.facet_x)
+def trace_positions(surface: Surface, coordinates: Coordinates | None = None) -> Array:
+    """Positions of the trace's nodes on this rank's facets, shape (facets, nodes, 3).
+
+    Args:
+        surface: The surface.
+        coordinates: Of its facets, as ``surface.coordinates``; by default as they are now.
+    """
+    x, _, nodes = surface.coordinates if coordinates is None else coordinates
     if surface.degree == 1:
         return x
-    nodes_x = surface.coordinates[2]
-    if nodes_x is not None:
-        return nodes_x
+    if nodes is not None:
+        return nodes
     edges = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
     nv = surface.num_facet_vertices
-    nodes = [*x.swapaxes(0, 1), *((x[:, a] + x[:, b]) / 2 for a, b in edges[nv])]
+    out = [*x.swapaxes(0, 1), *((x[:, a] + x[:, b]) / 2 for a, b in edges[nv])]
     if nv == 4:
-        nodes.append(x.mean(axis=1))
-    return np.stack(nodes, axis=1)
+        out.append(x.mean(axis=1))
+    return np.stack(out, axis=1)
 
 
-def affine_vec(surface: Surface, field: Affine) -> PETSc.Vec:
+def affine_vec(surface: Surface, field: Affine, x: Array | None = None) -> PETSc.Vec:
     """New vector of the body with the field at the surface's unknowns, zero elsewhere. Collective.
 
     Exact for traces of any degree, as the field is linear in x.
+
+    Args:
+        surface: The surface.
+        field: The field.
+        x: Where the unknowns are; by default :func:`trace_positions`.
     """
+    x = trace_positions(surface) if x is None else x
+    return trace_vec(surface, x[..., : surface.gdim] @ field.A.T + field.b)
+
+
+def trace_vec(surface: Surface, values: Array) -> PETSc.Vec:
+    """New vector of the body with values (facets, nodes, gdim), zero elsewhere. Collective."""
     vec = surface.create_vec()
-    x = trace_positions(surface)[..., : surface.gdim]
     dofs = np.asarray(surface.cpp_object.facet_dofs, dtype=PETSc.IntType)
-    vec.setValues(dofs.ravel(), (x @ field.A.T + field.b).ravel())
+    vec.setValues(dofs.ravel(), values.ravel())
     vec.assemble()
     return vec

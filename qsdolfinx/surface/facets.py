@@ -79,6 +79,20 @@ class FacetLayout(typing.NamedTuple):
         return x, inside, None if self.nodes is None else np.take(geometry, self.nodes, axis=0)
 
 
+def area_vectors(x: Array) -> Array:
+    """Area vectors of facets in the middle, outward by their orientation, shape (facets, 3).
+
+    Args:
+        x: Vertex coordinates in reference order, shape (facets, 2 to 4, 3).
+    """
+    if x.shape[1] == 2:
+        along = x[:, 1] - x[:, 0]
+        return np.stack([along[:, 1], -along[:, 0], 0 * along[:, 0]], axis=1)
+    if x.shape[1] == 3:
+        return np.asarray(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) / 2)
+    return np.asarray(np.cross(x[:, 3] - x[:, 0], x[:, 2] - x[:, 1]) / 2)
+
+
 def _global_numbers(
     V: fem.FunctionSpace, dofs: npt.NDArray[np.int32]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:

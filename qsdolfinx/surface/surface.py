@@ -179,6 +179,21 @@ class Surface:
         return np.asarray(self.cpp_object.node_dofs)
 
     @property
+    def trace_dofs(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
+        """Global unknowns of the facets' nodes, shape (facets, nodes, gdim), and their owners."""
+        return self._layout.dofs, self._layout.owner
+
+    @functools.cached_property
+    def own_trace(self) -> npt.NDArray[np.int64]:
+        """Local unknowns of the trace that this rank owns, ascending. Collective at first."""
+        vec, dofs = self.create_vec(), self._layout.dofs.ravel().astype(PETSc.IntType)
+        vec.setValues(dofs, np.ones(len(dofs)))
+        vec.assemble()
+        out = np.flatnonzero(vec.array_r)
+        vec.destroy()
+        return np.asarray(out)
+
+    @property
     def node_x(self) -> npt.NDArray[np.float64]:
         """Positions of the contact nodes this rank owns, shape (nodes, 3)."""
         return np.asarray(self.cpp_object.node_x)

@@ -58,6 +58,11 @@ class Pose:
         step = motion.A + np.eye(len(self.t))
         return np.column_stack([step @ self.R, step @ self.t + motion.b])
 
+    def since(self, before: Pose) -> Affine:
+        """The motion from another pose to this one, as a displacement field over that one."""
+        turn = self.R @ before.R.T
+        return Affine(turn - np.eye(len(self.t)), self.t - turn @ before.t)
+
     def __call__(self, x: Array) -> Array:
         """Where a point of the tool is now, shape (gdim,)."""
         return np.asarray(self.R @ x + self.t)

@@ -27,7 +27,7 @@ from qsdolfinx.base.checks import (
 )
 from qsdolfinx.base.collective import checked, checked_once
 from qsdolfinx.base.crash import check_alone, end_all_ranks
-from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
+from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix, rotation_vector
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import triangulation
 from qsdolfinx.tools.pose import Pose, padded, point_of, unit_vector
@@ -301,11 +301,14 @@ class RigidSurface:
         low, high = self.facets().facet_size_range
         return float(low), float(high)
 
-    def distance(self, x: npt.ArrayLike) -> tuple[Array, Array]:
-        """Signed distances from the tool where it is now, and its outward normals there.
+    def distance(
+        self, x: npt.ArrayLike, position: npt.ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Signed distances from the tool, and its outward normals there.
 
         Args:
             x: Points, shape (n, 3).
+            position: Where the tool is, as :attr:`position`, which is the default.
 
         Returns:
             Distances, positive outside of the tool, shape (n,), and unit normals, shape (n, 3).
@@ -315,7 +318,7 @@ class RigidSurface:
         """
         if not isinstance(self._shape, Shape):
             raise ValueError("distance: is known in closed form for analytic shapes only")
-        R, t = self._pose.embedded
+        R, t = self._pose_of(position).embedded
         points = check_array("x", x, (None, 3))
         distance, normal = self._shape.distance((points - t) @ R)
         return distance, normal @ R.T
@@ -335,6 +338,18 @@ class RigidSurface:
             surface = self._facets.surface(self.comm, self.gdim, R, t, axisymmetric)
             self._surface = state, surface
         return self._surface[1]
+
+    def facets_at(self, position: npt.ArrayLike) -> _cpp.Surface:
+        """The extension's surface with the tool elsewhere, as :attr:`position`. Collective.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        R, t = self._pose_of(position).embedded
+        return self._facets.surface(self.comm, self.gdim, R, t, False)
+
+    def _pose_of(self, position: npt.ArrayLike | None) -> Pose:
+        return self._pose if position is None else Pose.from_matrix(position, self.gdim)
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -391,11 +406,24 @@ class RigidSurface:
     def advance(self) -> None:
         """Make displacement and rotation permanent: move the tool, and set them to zero.
 
-        Call ``contact.update()`` next: it pairs with the new position.
+        Call ``contact.update()`` next: it pairs with the new position. A tie needs no update.
         """
         self._place(Pose.from_matrix(self._pose.moved(self.motion), self.gdim))
         self._displacement = np.zeros_like(self._displacement)
         self._rotation = np.zeros_like(self._rotation)
+
+    def go_ahead(self, displacement: Array, rotation: Array) -> None:
+        """Make a motion permanent; :attr:`displacement` and :attr:`rotation` are what is left.
+
+        Args:
+            displacement: Translation (length), shape (gdim,).
+            rotation: Rotation about :attr:`center`, as :attr:`rotation`.
+        """
+        d, R = self._displacement, rotation_matrix(self._rotation)
+        self._displacement, self._rotation = displacement, rotation
+        self._place(Pose.from_matrix(self._pose.moved(self.motion), self.gdim))
+        self._displacement = d - displacement
+        self._rotation = rotation_vector(R @ rotation_matrix(rotation).T)
 
     @property
     def position(self) -> Array:

@@ -21,6 +21,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check_vector, require
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.compat import cell_nodes, coordinate_element
+from qsdolfinx.surface.facets import area_vectors
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -62,20 +63,6 @@ class Facets:
             local_size=self.num_owned * gdim,
             axisymmetric=axisymmetric,
         )
-
-
-def area_vectors(x: Array) -> Array:
-    """Area vectors of facets in the middle, outward by their orientation, shape (facets, 3).
-
-    Args:
-        x: Vertex coordinates in reference order, shape (facets, 2 to 4, 3).
-    """
-    if x.shape[1] == 2:
-        along = x[:, 1] - x[:, 0]
-        return np.stack([along[:, 1], -along[:, 0], 0 * along[:, 0]], axis=1)
-    if x.shape[1] == 3:
-        return np.asarray(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) / 2)
-    return np.asarray(np.cross(x[:, 3] - x[:, 0], x[:, 2] - x[:, 1]) / 2)
 
 
 def scatter(

@@ -78,6 +78,8 @@ class Joint:
         mu: Coulomb's coefficient of friction.
         formulation: By name.
         nodal: Whether gaps are taken at nodes.
+        at_points: Whether the pressure is at points, and friction at nodes: around the edge of
+            contact it reaches a facet further, so that nodes together have to keep to μ N.
         reported: Function that returns the forces which the library says to act on the slave.
     """
 
@@ -89,6 +91,7 @@ class Joint:
     mu: float = 0.0
     formulation: str = "quasi-symmetric"
     nodal: bool = False
+    at_points: bool = False
     reported: typing.Callable | None = None
 
     @property
@@ -265,11 +268,19 @@ def reported_force(joint, sides, tolerance):
 def directions(name, joint, side: Side, tolerance):
     """Forces push, along the normal or within Coulomb's cone about it."""
     size = np.linalg.norm(side.force, axis=1)
+    apart = np.linalg.norm(side.vertices_now[:, None] - side.vertices_now, axis=2)
+    near, further = (apart <= reach * side.size for reach in (1.0, 3.0))
+    smeared = bool(joint.at_points and joint.mu)
+    if smeared:
+        size = near @ size
     slack = side.hat_count * tolerance + (side.tilt_at_rest + ROUNDING) * size
     free = side.normal_free
     out = compare("tension", side.pull[free], slack[free], f"{name} is pulled")
     sideways = np.linalg.norm(np.where(side.held, 0.0, side.tangential), axis=1)
     limit = joint.mu * np.maximum(-side.pull, 0.0)
+    if smeared:
+        along = near @ np.where(side.held, 0.0, side.tangential)
+        sideways, limit, slack = np.linalg.norm(along, axis=1), further @ limit, near @ slack
     check, text = (
         ("cone", "friction beyond μ N on") if joint.mu else ("normal", "force across n on")
     )

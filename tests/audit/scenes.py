@@ -87,6 +87,7 @@ class Scene:
         upper = f"{self.cells[1]} {self.n[1]}" if self.tool == "none" else self.tool
         o = self.options
         words = [f"{self.cells[0]} {self.n[0]}", upper, o["formulation"], o["quadrature"]]
+        words += [o[name] for name in ("constraints", "smoothing") if name in o]
         words += [o["enforcement"], f"P{self.degree}", self.solver, self.history]
         for name in ("large", "loaded", "symmetric", "swapped", "tied"):
             words += [name] * getattr(self, name)
@@ -121,6 +122,11 @@ def random_scene(number, units=False):
         "enforcement": "augmented-lagrangian" if augmented else "penalty",
         "normals": None if rng.random() < 0.7 else str(rng.choice(["facet", "bisector"])),
     }
+    more = np.random.default_rng([SEED, number, 2])
+    if quadrature == "overlay" and not tied:
+        options["constraints"] = str(more.choice(["nodes", "points"]))
+    if quadrature == "overlay" and tool == "none":
+        options["smoothing"] = str(more.choice(["none", "none", "none", "shared-curvature"]))
     solvers = ["direct", "auto", "auto", "fieldsplit"] + ["amg"] * augmented
     scale = np.random.default_rng([SEED, number, 1])
     powers = scale.uniform(-1, 1, 2) * ((12, 6) if units else (0.5, 0.5)) - (0, 3 if units else 0)
@@ -263,6 +269,7 @@ class Stage:
             mu=scene.mu,
             formulation=scene.options["formulation"],
             nodal=scene.options["quadrature"] == "nodal",
+            at_points=scene.options.get("constraints") == "points",
             reported=lambda: self.contact.force("slave"),
         )
         self.audited = [AuditedBody(b.F, b.u, b.bcs, large=scene.large) for b in self.bodies]

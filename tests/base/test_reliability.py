@@ -46,6 +46,7 @@ def shown(case):
     for contact in case.contacts:
         out += [
             contact.gap(),
+            contact.weighted_gap(),
             contact.multiplier(),
             contact.force("slave"),
             contact.moment("slave"),

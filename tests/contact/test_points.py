@@ -112,10 +112,10 @@ def test_ranks_do_not_matter():
         problem = pair.problem()
         problem.solve()
         contact = pair.contact
-        at_nodes = [contact.gap(), contact.multiplier(), contact.active().astype(float)]
+        at_nodes = [contact.weighted_gap(), contact.multiplier(), contact.active().astype(float)]
         columns = gathered(comm, np.column_stack([pair.slave.node_x, *at_nodes]))
         columns = columns[np.lexsort(np.round(columns[:, :3], 9).T)]
-        totals = contact.energy, contact.patch(), contact.penetration()
+        totals = contact.energy, contact.patch(), contact.weighted_penetration()
         found.append((columns, contact.force("slave"), *totals))
     for here, alone in zip(*found, strict=True):
         np.testing.assert_allclose(here, alone, rtol=1e-6, atol=1e-9)
@@ -186,6 +186,18 @@ def test_crease():
     assert depths[1] < 5e-4
 
 
+def test_friction_at_a_crease():
+    """Friction is at nodes, and its limit that of their mean pressure."""
+    stiff = {"penalty": 100 * 1e3 * 8, "friction": qs.Coulomb(0.3)}
+    contact, depth = slanted_block(constraints="points", **stiff)
+    tau = np.linalg.norm(contact.tangential_multiplier(), axis=1)
+    pressure = contact.multiplier()
+    slips = WORLD.allreduce(int(contact.slipping().sum()))
+    assert depth < 5e-4
+    assert slips > 0
+    assert largest(np.maximum(tau - 0.3 * pressure, 0)) < 1e-12 * largest(pressure)
+
+
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_multipliers_at_a_crease(gdim):
     """Each smooth side has multipliers of its own: no corner stays below the floor."""
@@ -243,7 +255,7 @@ def test_large_facets_beside_the_contact():
 
 def test_penetration_is_that_of_the_points():
     contact, depth = slanted_block(constraints="points")
-    assert 0.8 * depth < contact.penetration() <= depth
+    assert 0.8 * depth < contact.weighted_penetration() <= depth
 
 
 @pytest.mark.parametrize("rigid", (False, True))
@@ -257,7 +269,7 @@ def test_what_can_be_read(rigid):
     contact = qs.Contact(pair.slave, floor if rigid else pair.master, penalty=30.0, **POINTS)
     bodies = slice(1, 2) if rigid else slice(0, 2)
     qs.ContactProblem(pair.F[bodies], pair.u[bodies], [contact], pair.bcs[bodies]).solve()
-    gap, multiplier, active = contact.gap(), contact.multiplier(), contact.active()
+    gap, multiplier, active = contact.weighted_gap(), contact.multiplier(), contact.active()
     report, (width, _) = contact.report(), contact.patch()
     assert np.all(active) and np.all(gap > 0)
     np.testing.assert_allclose(multiplier, 30 * gap, rtol=1e-12)
@@ -298,7 +310,6 @@ def test_refused():
     for match, options in {
         "overlay": {"quadrature": "nodal"},
         "tied": {"law": qs.Tied()},
-        "friction": {"friction": qs.Coulomb(0.1)},
     }.items():
         raises_everywhere(
             WORLD, ValueError, match, lambda o=options: qs.Contact(*surfaces, **(POINTS | o))

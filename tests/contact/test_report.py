@@ -34,7 +34,7 @@ def test_geometry(cell):
         assert np.allclose([*side.facet_sizes, side.area], [diagonal / n, diagonal / n, 1])
     assert report.points == 5**dim + 7**dim and report.rows == 5**dim
     assert np.isclose(report.covered, 1) and report.missed_facets == 0
-    gap = pair.contact.gap()
+    gap = pair.contact.weighted_gap()
     assert report.gap == (-largest_of(-gap), largest_of(gap)) and report.overclosure == 0
     assert -0.024 < report.gap[0] < -0.02 < report.gap[1] < -0.016  # see (12): not Σ w_p N_k
     assert report.search_radius == max(report.slave.facet_sizes)
@@ -96,7 +96,7 @@ def test_after_a_solve(quadrature, enforcement):
     assert "first solve" in before.penalty_source
     pair.problem().solve()
     report, contact = report_of(pair), pair.contact
-    gap = contact.gap()
+    gap = contact.weighted_gap()
     low, high = largest_of(-gap), largest_of(gap)
     states = contact.active(), contact.slipping()
     active, slipping = (WORLD.allreduce(int(x.sum())) for x in states)
@@ -193,7 +193,7 @@ def test_a_line_per_solve(caplog):
         problem.solve()
     active = WORLD.allreduce(int(pair.contact.active().sum()))
     force = np.linalg.norm(pair.contact.force("slave"))
-    gap = pair.contact.penetration()
+    gap = pair.contact.weighted_penetration()
     said = lines(caplog)
     assert len(said) == (2 if WORLD.rank == 0 else 0)
     for line in said[-1:]:

@@ -74,9 +74,9 @@ def test_active_is_where_force_is(cell, quadrature, formulation):
         faults.append(np.count_nonzero(np.isin(status, (0, 1, 2), invert=True)))
         seen.append([np.count_nonzero(status == s) for s in qs.Status])
         if side == "slave":
-            mine = np.isfinite(contact.gap())
+            mine = np.isfinite(contact.weighted_gap())
             faults.append(np.count_nonzero(mine != (status > 0)))
-            faults.append(np.count_nonzero(gap[mine] != contact.gap()[mine]))
+            faults.append(np.count_nonzero(gap[mine] != contact.weighted_gap()[mine]))
     faults, seen = WORLD.allreduce(np.array(faults)), WORLD.allreduce(np.array(seen))
     assert not faults.any(), faults
     assert np.all(seen[:, [qs.Status.OPEN, qs.Status.ACTIVE]] > 0), seen
@@ -155,7 +155,7 @@ def test_tied_and_degree_two():
     pair = Pair("triangle", law=qs.Tied(), n=(5, 3), **options)
     drag_top(pair, 0.1)
     pair.problem().solve()
-    jump = largest(np.linalg.norm(pair.contact.gap(), axis=1))
+    jump = largest(np.linalg.norm(pair.contact.weighted_gap(), axis=1))
     for side, surface in zip(SIDES, (pair.slave, pair.master), strict=True):
         fields = pair.contact.fields(side)
         gap, status = (at_nodes(surface, fields[name]) for name in ("gap", "status"))

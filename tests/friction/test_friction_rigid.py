@@ -14,7 +14,11 @@ from dolfinx import fem
 import qsdolfinx as qs
 
 MU, PRESS = 0.3, 0.02
-QUADRATURES = {"nodal": "master-slave", "overlay": "quasi-symmetric"}
+SAMPLINGS = {
+    "nodal": {"formulation": "master-slave"},
+    "overlay": {"quadrature": "overlay"},
+    "points": {"quadrature": "overlay", "constraints": "points"},
+}
 AUGMENTED = {"enforcement": "augmented-lagrangian"}
 
 
@@ -27,7 +31,7 @@ def rotation(gdim, angle):
 class Scene:
     """An elastic unit block, held at its bottom, and a tool at its top."""
 
-    def __init__(self, cell, kind="analytic", quadrature="nodal", turn=None, n=3, **options):
+    def __init__(self, cell, kind="analytic", sampling="nodal", turn=None, n=3, **options):
         self.gdim = gdim = 2 if cell in ("triangle", "quadrilateral") else 3
         self.mesh = box(WORLD, [n] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered")
         bottom, top = (plane(self.mesh, gdim - 1, z) for z in (0.0, 1.0))
@@ -40,9 +44,7 @@ class Scene:
         self.contact = qs.Contact(
             qs.Surface(self.V, facets=top),
             self.tool,
-            QUADRATURES[quadrature],
-            quadrature=quadrature,
-            **({"friction": qs.Coulomb(MU)} | options),
+            **(SAMPLINGS[sampling] | {"friction": qs.Coulomb(MU)} | options),
         )
         forms = [elastic(self.u, E=7.0)]
         bcs = [[clamp(self.V, bottom)]]
@@ -60,12 +62,12 @@ def along(gdim, angle):
     return np.array([1.0, 0.0] if gdim == 2 else [np.cos(angle), np.sin(angle), 0.0])
 
 
-@pytest.mark.parametrize("quadrature", QUADRATURES)
+@pytest.mark.parametrize("sampling", SAMPLINGS)
 @pytest.mark.parametrize("kind", TOOLS)
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
-def test_full_slip(cell, kind, quadrature):
+def test_full_slip(cell, kind, sampling):
     """Friction is μ times the load, along the tool's way; the tool feels the opposite."""
-    scene = Scene(cell, kind, quadrature)
+    scene = Scene(cell, kind, sampling)
     d, way = scene.gdim, along(scene.gdim, 0.4)
     down = -PRESS * np.eye(d)[-1]
     forces, shares = [], []

@@ -62,7 +62,7 @@ def test_step_that_cannot_be_made():
     np.testing.assert_array_equal(after, energy)
 
 
-def sliding(num_pairings, deformable, drag=DRAG, steps=3):
+def sliding(num_pairings, deformable, drag=DRAG, steps=3, constraints="nodes"):
     """A block pressed by a plane, or by another block, that then drags over it."""
     low = box(WORLD, (5, 4), "triangle", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(low)
@@ -81,7 +81,8 @@ def sliding(num_pairings, deformable, drag=DRAG, steps=3):
     else:
         master = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
     options = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
-    contact = qs.Contact(slave, master, friction=qs.Coulomb(MU), **options)
+    options |= {"friction": qs.Coulomb(MU), "constraints": constraints}
+    contact = qs.Contact(slave, master, **options)
     problem = qs.ContactProblem(F, u, [contact], bcs)
 
     def drive(t, dt):
@@ -106,11 +107,12 @@ def sliding(num_pairings, deformable, drag=DRAG, steps=3):
     return np.array(rows)
 
 
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
 @pytest.mark.parametrize("deformable", (False, True))
 @pytest.mark.parametrize("num_pairings", (1, 2, 3))
-def test_steady_sliding(num_pairings, deformable):
+def test_steady_sliding(num_pairings, deformable, constraints):
     """Slip is what the master moves, and takes the energy that friction times slip is."""
-    rows = sliding(num_pairings, deformable)
+    rows = sliding(num_pairings, deformable, constraints=constraints)
     slip, ratio, energy, normal = rows[-1]
     # An elastic surface tilts a little under friction.
     np.testing.assert_allclose(abs(ratio), MU, rtol=0.01 if deformable else 1e-6)
@@ -121,14 +123,15 @@ def test_steady_sliding(num_pairings, deformable):
 
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 @pytest.mark.parametrize("law", (qs.Coulomb(MU), qs.Tresca(0.01), qs.Sticking()))
-def test_tool_driven_by_a_force(law, enforcement):
+@pytest.mark.parametrize("sampling", ({}, {"quadrature": "overlay", "constraints": "points"}))
+def test_tool_driven_by_a_force(sampling, law, enforcement):
     """Friction takes its part in the balance of a tool that is pushed at an angle."""
     msh = box(WORLD, (9, 6), "triangle", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
     u = fem.Function(V)
     tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
     surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
-    contact = qs.Contact(surface, tool, friction=law, enforcement=enforcement)
+    contact = qs.Contact(surface, tool, friction=law, enforcement=enforcement, **sampling)
     problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, 0.0))]])
     direction = np.array([0.3, -1.0]) / np.hypot(0.3, 1.0)
     tool.drive(0.08, direction)

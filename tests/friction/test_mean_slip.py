@@ -9,6 +9,11 @@ from dolfinx import fem
 import qsdolfinx as qs
 
 H, DT = 0.01, 0.5
+SAMPLINGS = {
+    "nodal": {},
+    "overlay": {"quadrature": "overlay"},
+    "points": {"quadrature": "overlay", "constraints": "points"},
+}
 pytestmark = pytest.mark.filterwarnings("ignore:quadrature")  # the master is finer
 
 
@@ -43,11 +48,11 @@ class Translated:
         self.problem.solve()
 
 
-@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("sampling", SAMPLINGS)
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
-def test_norton(cell, quadrature):
+def test_norton(cell, sampling):
     """τ = α K v^q is that of the mean slip rate at every node in contact, at the rim as well."""
-    scene = Translated(cell, qs.Norton(0.3, 2.0, 0.4, v0=1e-9), quadrature=quadrature)
+    scene = Translated(cell, qs.Norton(0.3, 2.0, 0.4, v0=1e-9), **SAMPLINGS[sampling])
     scene.move(0.0)
     scene.move(0.06)
     contact, closed = scene.contact, scene.contact.active()
@@ -60,11 +65,11 @@ def test_norton(cell, quadrature):
     np.testing.assert_allclose(slip[:, 0], 0.06, rtol=1e-9)
 
 
-@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("sampling", SAMPLINGS)
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
-def test_coulomb(cell, quadrature):
+def test_coulomb(cell, sampling):
     """Slip is the way less what is elastic with the penalty; there and back it is nothing."""
-    scene = Translated(cell, qs.Coulomb(0.3), quadrature=quadrature)
+    scene = Translated(cell, qs.Coulomb(0.3), **SAMPLINGS[sampling])
     slips, energies = [], []
     for shift in (0.0, 0.06, 0.02):
         scene.move(shift)
@@ -79,3 +84,56 @@ def test_coulomb(cell, quadrature):
     np.testing.assert_allclose(slips[2][closed, 0], 0.02 + elastic_part, rtol=1e-9)
     ways = np.array([0.06 - elastic_part, 0.04 - 2 * elastic_part])
     np.testing.assert_allclose(np.diff(energies), 0.3 * force[-1] * ways, rtol=1e-9)
+
+
+class Clock:
+    """Δt, and a way at the same speed whatever it is."""
+
+    def __init__(self, scene, dt):
+        self.scene, self.dt, self.way = scene, dt, 0.0
+        scene.contact.set_dt(dt)
+
+    def go(self, speed, steps=1):
+        """Steps at a speed; τ at the nodes in contact."""
+        for _ in range(steps):
+            self.way += speed * self.dt
+            self.scene.move(self.way)
+        closed = self.scene.contact.active()
+        return self.scene.contact.tangential_multiplier()[closed, 0]
+
+
+@pytest.mark.parametrize("dt", (1.0, 1e-2, 3e-4, 1e-6))
+def test_norton_does_not_know_dt(dt):
+    """The default of v₀ is a part of how fast bodies slip, not of a facet in each Δt."""
+    scene = Translated("quadrilateral", qs.Norton(0.3, 2.0, 0.2), quadrature="overlay")
+    clock = Clock(scene, dt)
+    clock.go(0.0)
+    for speed in (0.06, 0.06, 0.2, 0.001, 0.03):
+        expected = 0.3 * 2.0 * speed**0.2
+        np.testing.assert_allclose(clock.go(speed), expected, rtol=2e-5)
+
+
+def test_norton_in_smaller_steps():
+    """A step in parts, as after a cut-back, has the friction of the whole one."""
+    found = []
+    for parts in (1, 4):
+        scene = Translated("quadrilateral", qs.Norton(0.3, 2.0, 0.2), quadrature="overlay")
+        clock = Clock(scene, 0.1)
+        clock.go(0.06)
+        rate = scene.contact.model.friction.rate
+        clock.dt /= parts
+        scene.contact.set_dt(clock.dt)
+        found.append(clock.go(0.05, parts))
+        assert scene.contact.model.friction.rate == rate
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-13)
+
+
+def test_norton_at_rest():
+    """A step without any motion asks for no other law."""
+    scene = Translated("quadrilateral", qs.Norton(0.3, 2.0, 0.2), quadrature="overlay")
+    clock = Clock(scene, 1.0)
+    clock.go(0.06)
+    rate = scene.contact.model.friction.rate
+    tau = clock.go(0.0)
+    assert scene.contact.model.friction.rate == rate > 0
+    assert np.max(np.abs(tau), initial=0.0) < 1e-12

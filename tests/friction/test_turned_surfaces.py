@@ -82,11 +82,12 @@ class Sheared:
 
 
 @pytest.mark.parametrize("enforcement, angle", (("penalty", 0.6), ("augmented-lagrangian", -1.0)))
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
 @pytest.mark.parametrize("kind", (*TOOLS, "body"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
-def test_friction_turns_along(cell, kind, enforcement, angle):
+def test_friction_turns_along(cell, kind, constraints, enforcement, angle):
     """A block that sticks in part is turned with its tool: it stays in equilibrium."""
-    scene = Sheared(cell, kind, enforcement=enforcement)
+    scene = Sheared(cell, kind, enforcement=enforcement, constraints=constraints)
     for drag in (0.0, DRAG):
         scene.drag(drag)
     (tau, pressure), force = scene.friction(), scene.contact.force("slave")

@@ -39,13 +39,13 @@ def sloped(initial_overclosure, radius=0.25):
 def test_overclosure_belongs_to_nodes():
     """What is ignored is the depth that each paired node has; openings stay as they are."""
     contact, gap = sloped("ignore")
-    np.testing.assert_allclose(contact.gap(), np.minimum(gap, 0), atol=1e-15)
+    np.testing.assert_allclose(contact.weighted_gap(), np.minimum(gap, 0), atol=1e-15)
     for part in (0.25, 0.0, 1.0):
         contact.allow_overclosure(part)
         expected = np.where(gap > 0, (1 - part) * gap, gap)
-        np.testing.assert_allclose(contact.gap(), expected, atol=1e-15)
+        np.testing.assert_allclose(contact.weighted_gap(), expected, atol=1e-15)
     resolved, gap = sloped("resolve")
-    np.testing.assert_allclose(resolved.gap(), gap, atol=1e-15)
+    np.testing.assert_allclose(resolved.weighted_gap(), gap, atol=1e-15)
 
 
 @pytest.mark.filterwarnings("ignore::qsdolfinx.ContactWarning")
@@ -59,4 +59,4 @@ def test_overclosure_goes_along():
     paired = np.abs(height) <= contact.search_radius
     kept = np.where(before > 0, before, 0.0)  # none of nodes that were out of reach
     expected = np.where(paired, -height - kept, np.nan)
-    np.testing.assert_allclose(contact.gap(), expected, atol=1e-15)
+    np.testing.assert_allclose(contact.weighted_gap(), expected, atol=1e-15)

@@ -220,6 +220,17 @@ def test_paired_anew(kind):
     assert largest(scene.contact.pairing.gap) < 0.01 * 0.01
 
 
+@pytest.mark.parametrize("kind", ("curved P1", "curved P2", "named P1"))
+def test_true_gaps(kind):
+    """Solved surfaces touch: chords, or those of the pieces that P2 is cut into, are no depth."""
+    scene = ShrinkFit(RINGS, **KINDS[kind], **LAGRANGE)
+    scene.problem().solve()
+    assert scene.contact.penetration() < 0.02 * 0.01
+    on_tool = OnCylinder((16, 5), **KINDS[kind], **LAGRANGE)
+    on_tool.error()
+    assert on_tool.contact.penetration() < 0.02 * 0.01
+
+
 def test_heights_of_moved_meshes():
     """Bodies of twice the size have twice the gaps; their curved facets are read again."""
     scene = ShrinkFit(RINGS, degrees=(2, 2))

@@ -65,7 +65,7 @@ def test_mean_gap_of_what_is_covered(cell, height):
     rim = Rim(cell, lambda x: -gap(x), formulation="master-slave", penalty=1.0)
     covered = rim.integrals(np.ones_like)
     expected = -np.divide(rim.integrals(gap), covered, where=covered > 0, out=covered * np.nan)
-    np.testing.assert_allclose(rim.contact.gap(), expected[rim.column], atol=1e-13)
+    np.testing.assert_allclose(rim.contact.weighted_gap(), expected[rim.column], atol=1e-13)
     assert np.isfinite(expected).sum() == N and covered[N - 1] < 0.03 < 1 / N
 
 
@@ -79,7 +79,7 @@ def test_penalty_of_augmented_multipliers(cell, formulation):
         options = {"enforcement": enforcement, "penalty": eps, "formulation": formulation}
         rim = Rim(cell, lambda x: h + 0 * x, **options)
         contact, column = rim.contact, rim.column
-        gap = contact.gap()[column < N]
+        gap = contact.weighted_gap()[column < N]
         cover = rim.integrals(np.ones_like) / np.array([0.5, *[1] * (N - 1), 0.5]) * N
         found[enforcement] = contact.multiplier()
         force, energy = contact.force("slave")[-1], contact.energy
@@ -112,7 +112,7 @@ def test_jump_of_a_translation(cell, formulation):
         every = np.arange(len(u[-1].x.array) // rim.gdim, dtype=np.int32)
         bcs.append([fem.dirichletbc(value, every, V)])
     qs.ContactProblem(F, u, [rim.contact], bcs).solve()
-    jump, facing, force = rim.contact.gap(), rim.column < N, rim.contact.force("slave")
+    jump, facing, force = rim.contact.weighted_gap(), rim.column < N, rim.contact.force("slave")
     np.testing.assert_allclose(jump[facing] - motion, 0, atol=1e-14)
     assert np.isnan(jump[~facing]).all()
     np.testing.assert_allclose(force, -END * motion, rtol=1e-9)

@@ -38,11 +38,13 @@ def test_the_answer_is_that_of_a_direct_solver(solver, caplog):
         assert said.count("DIVERGED_MAX_IT; a direct solver takes over") == 1
         assert "1 restart" in said
     assert problem.newton.linear.ksp.getPC().getType() == "lu"
+    assert problem.num_restarts == 0  # of the second solve
     caplog.clear()
     pair.contact.update()
     for u in problem.u:
         u.x.array[:] = 0
     problem.solve()
+    assert problem.num_restarts == 1
     np.testing.assert_allclose(pair.contact.force("slave"), expected[-1], rtol=1e-7)
     said = caplog.text
     if problem.comm.rank == 0:

@@ -62,7 +62,7 @@ def test_nodes(cell, kind):
     contact = contact_of(cell, kind, "nodal", "master-slave")
     surface = contact.slave
     height = surface.node_x[:, surface.gdim - 1]
-    paired = np.isfinite(contact.gap())
+    paired = np.isfinite(contact.weighted_gap())
     inside, outside, unpaired = (
         WORLD.allreduce(int(np.count_nonzero(rows)))
         for rows in (paired & (height < 0), paired & (height > 0), ~paired)

@@ -110,10 +110,10 @@ def test_beyond_an_edge_round_which_the_surface_goes_on(gdim):
     slave = qs.Surface(vector_space(wide), facets=plane(wide, axis, 0.01))
     master = qs.Surface(vector_space(corner), facets=faces)
     contact = qs.Contact(slave, master, "master-slave", search_radius=0.8, penalty=1.0)
-    paired, x = np.isfinite(contact.gap()), slave.node_x[:, 0]
+    paired, x = np.isfinite(contact.weighted_gap()), slave.node_x[:, 0]
     alone, unpaired = WORLD.allreduce(np.count_nonzero(~paired)), contact.num_unpaired
     np.testing.assert_array_equal(paired, x < 1 + 1e-9)
-    np.testing.assert_allclose(contact.gap()[paired], -0.01, rtol=1e-10)
+    np.testing.assert_allclose(contact.weighted_gap()[paired], -0.01, rtol=1e-10)
     assert alone == unpaired > 0
 
 

@@ -229,15 +229,6 @@ CASES = {
             s.pair.slave, s.pair.master, law=qs.Tied(), quadrature="overlay", constraints="points"
         )
     ),
-    'constraints: friction is at nodes, and so has to be the pressure; use "nodes"': (
-        lambda s, folder: qs.Contact(
-            s.pair.slave,
-            s.pair.master,
-            quadrature="overlay",
-            constraints="points",
-            friction=qs.Coulomb(0.1),
-        )
-    ),
     "friction: tied contact sticks already; leave it out, or use Unilateral()": (
         lambda s, folder: qs.Contact(
             s.pair.slave, s.pair.master, law=qs.Tied(), friction=qs.Coulomb(0.1)

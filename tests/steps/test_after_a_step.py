@@ -48,7 +48,8 @@ class Plane:
 
     def state(self):
         motion = self.tool.displacement.copy(), self.tool.rotation.copy()
-        shown = np.nan_to_num(self.contact.gap()), self.contact.multiplier()
+        gaps = self.contact.gap(), self.contact.weighted_gap()
+        shown = *map(np.nan_to_num, gaps), self.contact.multiplier()
         return [self.u.x.array.copy(), self.tool.position, *motion, *shown]
 
 

@@ -67,6 +67,7 @@ def shown(contact):
     return [
         np.array([*numbers, *contact.scale, *contact.force("slave"), *contact.moment("slave")]),
         np.nan_to_num(contact.gap()),
+        np.nan_to_num(contact.weighted_gap()),
         contact.multiplier(),
         *(a.copy() for s in surfaces for a in (s.node_x, s.node_area)),
         *vecs,

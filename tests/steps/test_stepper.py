@@ -41,15 +41,16 @@ def test_same_history_on_any_number_of_ranks(partition):
         case = Upset(comm, die=True, dt=0.05, partition=how)
         rows = []
         for t in case.stepper.run(0.15):
-            penetration = [c.penetration() for c in case.contacts]
-            rows.append([t, *case.forces(), *case.size(), *penetration])
+            depth = [c.penetration() for c in case.contacts]
+            weighted = [c.weighted_penetration() for c in case.contacts]
+            rows.append([t, *case.forces(), *case.size(), *depth, *weighted])
         assert case.problem.bodies[1].num_assemblies == 1
         assert np.array_equal(case.stepper.motions[1].reference, case.die_mesh.geometry.x)
         assert abs(case.forces()[[1, 3]].sum()) < 1e-8 * K
         assert max(rows[-1][-2:]) < 1e-6
         history.append(np.array(rows)[:, :-2])
         case.problem.destroy()
-    assert history[0].shape == history[1].shape == (3, 7)
+    assert history[0].shape == history[1].shape == (3, 9)
     np.testing.assert_allclose(history[0], history[1], rtol=1e-8, atol=1e-8)
     # The die gives way, so that the block is higher than between rigid planes.
     assert history[0][-1, 6] > 0.85 + 1e-4

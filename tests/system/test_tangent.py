@@ -120,7 +120,7 @@ def test_energy_of_a_uniform_gap(formulation):
     contact = pair.contact
     terms.evaluate(contact.model, problem.bodies[1].x, problem.bodies[0].x)
     energy, force = contact.energy, contact.force("slave")
-    gap, multiplier = contact.gap(), contact.multiplier()
+    gap, multiplier = contact.weighted_gap(), contact.multiplier()
     assert np.isclose(energy, 0.5 * 7 * h**2, rtol=1e-12)
     np.testing.assert_allclose(force, [0, 0, 7 * h], atol=1e-15)
     np.testing.assert_allclose(gap, h, rtol=1e-12)

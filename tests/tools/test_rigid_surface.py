@@ -76,7 +76,7 @@ def test_facets_of_a_plane_are_the_plane(cell):
         tool.displacement[-1] = 0.05
         tool.advance()
         contact = qs.Contact(scene.surface, tool, "master-slave", penalty=1.0)
-        gaps.append(contact.gap())
+        gaps.append(contact.weighted_gap())
         normals.append(contact.pairing.normal)
         weights.append(contact.pairing.weight)
         assert contact.num_unpaired == 0
@@ -125,10 +125,10 @@ def test_facets_of_a_sphere_converge():
         contact = qs.Contact(
             scene.surface, tool, "master-slave", penalty=1.0, search_radius=0.5, normals="facet"
         )
-        error = np.abs(contact.gap() - exact.gap())
-        assert np.array_equal(np.isnan(contact.gap()), np.isnan(exact.gap()))
+        error = np.abs(contact.weighted_gap() - exact.weighted_gap())
+        assert np.array_equal(np.isnan(contact.weighted_gap()), np.isnan(exact.weighted_gap()))
         errors.append(largest(np.nan_to_num(error)))
-    assert WORLD.allreduce(np.count_nonzero(~np.isnan(exact.gap()))) > 9
+    assert WORLD.allreduce(np.count_nonzero(~np.isnan(exact.weighted_gap()))) > 9
     assert 0 < errors[1] < errors[0] / 3
 
 
@@ -242,7 +242,8 @@ def test_results():
     np.testing.assert_allclose(contact.moment("slave", [0.0] * 3), -about_corner, atol=1e-14)
     assert np.isclose(contact.patch()[0], 1.0)
     raises_everywhere(WORLD, ValueError, "no traction", lambda: contact.traction("master"))
-    raises_everywhere(WORLD, ValueError, "no multiplier", lambda: contact.gap("master"))
+    raises_everywhere(WORLD, ValueError, "no multiplier", lambda: contact.weighted_gap("master"))
+    raises_everywhere(WORLD, ValueError, "no gaps", lambda: contact.gap("master"))
 
 
 @pytest.mark.parametrize("tool", (curved, curved_facets))
@@ -257,7 +258,7 @@ def test_ranks_do_not_matter(tool):
                 scene.tool.displacement[2],
                 scene.contact.energy,
                 comm.allreduce(len(scene.contact.pairing)),
-                comm.allreduce(np.nansum(scene.contact.gap())),
+                comm.allreduce(np.nansum(scene.contact.weighted_gap())),
             )
         )
     assert results[0][2] > 5
@@ -303,7 +304,7 @@ def test_surface_mesh(cell):
         quadrature="overlay",
     )
     scene.is_uniform(0.01, 1e-3)
-    assert gathered(WORLD, scene.contact.gap()).min() > 0
+    assert gathered(WORLD, scene.contact.weighted_gap()).min() > 0
 
 
 def test_bad_contacts():

@@ -1,0 +1,182 @@
+"""True gaps: signed distances of the deformed surfaces, found when they are asked for.
+
+The weighted gaps that the law closes are means around nodes: where facets are long beside what
+they meet, or meet it at an angle, surfaces can be closed in the mean and penetrate each other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact.model import TOUCHING, ContactModel
+from qsdolfinx.contact.placement import Place, Placement, ToolPlace
+from qsdolfinx.pairing.distance import (
+    Distances,
+    from_shape,
+    of_nodes,
+    of_points,
+    on_facets,
+    overlay_points,
+)
+
+Array = npt.NDArray[np.float64]
+
+SIDES = ("slave", "master")
+
+#: Digits of places in units of the smallest facet, by which the first of equal depths is found.
+DIGITS = 9
+
+#: Depths that differ by this part are equal: rounding is not to choose among them.
+EQUAL = 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class DeepPlace:
+    """Where surfaces penetrate each other.
+
+    Attributes:
+        x: The point, deformed, shape (gdim,).
+        depth: Of the point in the other surface (length).
+        side: Whose point it is, ``"slave"`` or ``"master"``.
+    """
+
+    x: tuple[float, ...]
+    depth: float
+    side: str
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{x:.4g}" for x in self.x)
+        return f"{self.depth:.4g} at ({place}) of the {self.side}"
+
+
+@dataclasses.dataclass
+class Measured:
+    """What has been measured of a placement.
+
+    Attributes:
+        placement: Where the surfaces are.
+        gaps: Of the nodes of a side: signed distance (length), positive in penetration, NaN where
+            nothing is in reach.
+        samples: Of each side that was sampled, all that counts for its depth.
+    """
+
+    placement: Placement
+    gaps: dict[str, Array]
+    samples: list[tuple[str, Distances]] | None = None
+
+
+def gap(model: ContactModel, side: str) -> Array:
+    """Signed distances at the nodes of a deformable side, positive in penetration. Collective."""
+    measured = _measured(model)
+    if side not in measured.gaps:
+        with model.watch.stage("gap"):
+            measured.gaps[side] = _gaps(model, side)
+    return measured.gaps[side].copy()
+
+
+def penetration(model: ContactModel) -> float:
+    """The largest depth of nodes, and of points if there is an overlay; 0 without. Collective."""
+    depths = [float(np.max(_counted(d), initial=0.0)) for _, d in _samples(model)]
+    return float(model.comm.allreduce(max(depths), op=MPI.MAX))
+
+
+def deepest(model: ContactModel, count: int) -> list[DeepPlace]:
+    """The deepest places, apart by more than the smallest facet's size. Collective.
+
+    Without what counts as closed.
+    """
+    gdim, apart = model.slave.gdim, model.paired.facet_size
+    samples = [(side, d.x[:, :gdim], _counted(d)) for side, d in _samples(model)]
+    out: list[DeepPlace] = []
+    while len(out) < count:
+        for _, x, depth in samples:
+            if out:
+                depth[np.linalg.norm(x - np.array(out[-1].x), axis=1) <= apart] = 0.0
+        most = max(float(np.max(depth, initial=0.0)) for *_, depth in samples)
+        most = model.comm.allreduce(most, op=MPI.MAX)
+        if most <= max(model.allowed_gap, TOUCHING * apart):
+            break
+        found = [
+            (tuple(place.tolist()), side)
+            for side, x, depth in samples
+            for place in np.round(x[depth >= (1 - EQUAL) * most] / apart, DIGITS) * apart
+        ]
+        first = min(f for each in model.comm.allgather(sorted(found)[:1]) for f in each)
+        out.append(DeepPlace(first[0], most, first[1]))
+    return out
+
+
+def _measured(model: ContactModel) -> Measured:
+    """What is known of the present placement; the same on all ranks."""
+    known = model.measured
+    if not isinstance(known, Measured) or known.placement is not model.placement:
+        model.measured = known = Measured(model.placement, {})
+    return known
+
+
+def _counted(distances: Distances) -> Array:
+    """Depths of what is in front of the other surface, 0 of all else: a new array."""
+    kept = ~distances.beside & (distances.depth > 0)
+    return np.where(kept, distances.depth, 0.0)
+
+
+def _gaps(model: ContactModel, side: str) -> Array:
+    """Distances of the nodes of a deformable side, in the order of the surface's. Collective."""
+    placement, radius = model.placement, model.paired.search_radius
+    place = placement.place(side)
+    other = placement.master if side == "slave" else placement.slave
+    assert isinstance(place, Place)
+    facets = place.facets()
+    if _is_analytic(other):
+        found = from_shape(other.tool, other.now, _cpp.sample_nodes(facets), radius)
+    else:
+        found = of_nodes(facets, other.facets(), radius)
+    at = np.searchsorted(facets.node_dofs[:, 0], place.surface.node_dofs[:, 0])
+    return found.depth[at]
+
+
+def _samples(model: ContactModel) -> list[tuple[str, Distances]]:
+    """Distances of all that counts, measured once for each placement. Collective."""
+    measured = _measured(model)
+    if measured.samples is None:
+        with model.watch.stage("gap"):
+            measured.samples = _sample(model)
+    return measured.samples
+
+
+def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
+    placement, radius = model.placement, model.paired.search_radius
+    sampling, gdim = model.settings.sampling, model.slave.gdim
+    slave, other = placement.slave.facets(), placement.master
+    if _is_analytic(other):
+        points = [_cpp.sample_nodes(slave)]
+        if sampling.quadrature == "overlay" and not sampling.covers(model.slave):
+            points.append(on_facets(slave, model.slave.num_facet_vertices))
+        return [("slave", from_shape(other.tool, other.now, p, radius)) for p in points]
+    surfaces = slave, other.facets()
+    lifts = tuple(sampling.deformed_relief(s) for s in (model.slave, model.master))
+    smooth = any(relief.lift for relief in lifts)
+    out: list[tuple[str, Distances]] = []
+    for i, side in enumerate(SIDES):
+        own, opposite = surfaces[i], surfaces[1 - i]
+        if not smooth:
+            out.append((side, of_nodes(own, opposite, radius)))
+        if sampling.quadrature == "overlay":
+            found = overlay_points(own, opposite, gdim, radius, (lifts[i], lifts[1 - i]))
+            x, none = found.slave["x"], np.zeros(found.size, dtype=bool)
+            between = Distances(x, -found.gap, none)
+            if not smooth:
+                between = of_points(x, found.normal, own, opposite, radius)
+            out.append((side, between))
+    return out
+
+
+def _is_analytic(place: Place | ToolPlace) -> typing.TypeGuard[ToolPlace]:
+    return isinstance(place, ToolPlace) and place.tool.is_analytic

@@ -1,0 +1,79 @@
+"""How far the two sides of a tie have moved since it was made."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.surface.affine import Affine, affine_vec, trace_positions, trace_vec
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
+
+Array = npt.NDArray[np.float64]
+#: Positions of the trace's nodes of the slave and of a deformable master, (facets, nodes, 3).
+Places = tuple[Array, Array | None]
+
+
+class Tie:
+    """Where meshes and a tool were when a tie was made: its pairs are material points and stay.
+
+    Displacements of the unknowns count from the meshes; what these have moved themselves, as those
+    of flowing bodies do, belongs to the jump as well.
+
+    Args:
+        slave: Surface that carries the multiplier.
+        master: The other surface, or a rigid tool.
+    """
+
+    def __init__(self, slave: Surface, master: AnySurface) -> None:
+        self._surfaces = slave, deformable(master)
+        self._x = self.places()
+        self._tool = as_tool(master)
+        self._pose = None if self._tool is None else self._tool.state.pose
+
+    def places(self) -> Places:
+        """Where the two surfaces were when they were last updated."""
+        slave, master = self._surfaces
+        return trace_positions(slave).copy(), None if master is None else trace_positions(master)
+
+    def motion(self, places: Places | None) -> tuple[PETSc.Vec, PETSc.Vec | None]:
+        """What makes the jump besides the unknowns: new vectors of the two bodies. Collective.
+
+        A tool's motion is counted as that of the slave the other way.
+
+        Args:
+            places: Where the surfaces are; None where they were.
+        """
+        now = places or self._x
+        slave = self._change(self._surfaces[0], now[0], self._x[0])
+        master = None
+        if self._surfaces[1] is not None and now[1] is not None and self._x[1] is not None:
+            master = self._change(self._surfaces[1], now[1], self._x[1])
+        moved = self._of_tool()
+        if moved is not None:
+            r = affine_vec(self._surfaces[0], moved, self._x[0])
+            slave.axpy(-1.0, r)
+            r.destroy()
+        return slave, master
+
+    @staticmethod
+    def _change(surface: Surface, now: Array, before: Array) -> PETSc.Vec:
+        return trace_vec(surface, (now - before)[..., : surface.gdim])
+
+    def of_tool(self, field: Affine) -> PETSc.Vec:
+        """A field over the places where the tool is now, at the slave's unknowns. Collective.
+
+        The slave is taken where it would be if it had followed the tool.
+        """
+        moved = self._of_tool()
+        if moved is not None:
+            field = Affine(field.A @ (moved.A + np.eye(len(moved.b))), field.A @ moved.b + field.b)
+        return affine_vec(self._surfaces[0], field, self._x[0])
+
+    def _of_tool(self) -> Affine | None:
+        """What a tool has moved since, as a field over the places where it was."""
+        if self._tool is None or self._pose is None:
+            return None
+        return self._tool.state.pose.since(self._pose)

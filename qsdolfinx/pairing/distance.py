@@ -1,0 +1,116 @@
+"""Signed distances of points of one surface from the other, where surfaces are now."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+import basix
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.pairing.pair import overlay_rules
+from qsdolfinx.pairing.relief import Relief
+from qsdolfinx.tools.rigid_surface import RigidSurface
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+#: Degree of the rule on the pieces of an overlay that distances are looked for at.
+DEGREE = 2
+
+#: Offset in the plane of a facet over the height above or below it, beyond which a point is beside
+#: the surface, past its rim or an edge.
+BESIDE = 0.3
+
+
+class Distances(typing.NamedTuple):
+    """Depths of points of a surface in the other one.
+
+    Attributes:
+        x: The points, shape (points, 3).
+        depth: Signed distance (length), positive in penetration; NaN where nothing is in reach.
+        beside: Whether the other surface has a facet in reach, but not in front of the point: the
+            depth is the one under the plane of that facet.
+    """
+
+    x: Array
+    depth: Array
+    beside: Flags
+
+
+def of_nodes(surface: _cpp.Surface, other: _cpp.Surface, radius: float) -> Distances:
+    """Distances of the owned nodes. Collective."""
+    return of_points(surface.node_x, surface.node_normal, surface, other, radius)
+
+
+def of_points(
+    x: Array, normal: Array, own: _cpp.Surface, other: _cpp.Surface, radius: float
+) -> Distances:
+    """Distances of points from the nearest facets that face them and can be seen. Collective.
+
+    Args:
+        x: Points of a surface, shape (points, 3).
+        normal: Outward unit normals there, of the same shape.
+        own: The surface.
+        other: The other one.
+        radius: Length beyond which nothing is in reach.
+    """
+    found, foot, mean = _cpp.closest_points(x, normal, own, other, radius)
+    away, reached = x - foot, found.astype(bool)
+    size = np.linalg.norm(mean, axis=1)
+    n = np.divide(mean, size[:, None], out=np.zeros_like(mean), where=size[:, None] > 0)
+    height, length = np.sum(away * n, axis=1), np.linalg.norm(away, axis=1)
+    offset = np.linalg.norm(away - height[:, None] * n, axis=1)
+    # At an edge that all its facets see the point from, it is in the cone of their normals.
+    cone = np.sqrt(np.maximum(1 - size**2, 0.0)) / np.where(reached, size, 1.0)
+    beside = reached & (offset > (BESIDE + cone) * np.abs(height))
+    depth = np.where(beside, -height, -np.copysign(length, height))
+    return Distances(x, np.where(reached, depth, np.nan), beside)
+
+
+def overlay_points(
+    cut: _cpp.Surface,
+    other: _cpp.Surface,
+    gdim: int,
+    radius: float,
+    reliefs: tuple[Relief, Relief],
+) -> _cpp.PairingPoints:
+    """Points on the facets of a surface that face the other one. Collective.
+
+    Args:
+        cut: The surface.
+        other: The other one.
+        gdim: Geometric dimension.
+        radius: Length beyond which nothing is in reach.
+        reliefs: What the facets of the two stand for.
+    """
+    of_facets = 0  # normals
+    rules = overlay_rules(gdim, DEGREE)
+    first, second = reliefs
+    return _cpp.overlay_surfaces(cut, other, False, radius, of_facets, *rules, *first, *second)
+
+
+def from_shape(
+    tool: RigidSurface, position: Array, points: _cpp.PairingPoints, radius: float
+) -> Distances:
+    """Distances of points from a tool whose shape is known in closed form.
+
+    Args:
+        tool: The tool.
+        position: Where it is, see ``RigidSurface.position``.
+        points: Points with outward normals.
+        radius: Length beyond which nothing is in reach.
+    """
+    x, normal = points.slave["x"], points.normal
+    distance, of_tool = tool.distance(x, position)
+    reached = (np.abs(distance) <= radius) & (np.sum(normal * of_tool, axis=1) < 0)
+    return Distances(x, np.where(reached, -distance, np.nan), np.zeros(len(x), dtype=bool))
+
+
+def on_facets(surface: _cpp.Surface, num_vertices: int) -> _cpp.PairingPoints:
+    """Points on the facets, without a partner."""
+    kinds = basix.CellType.interval, basix.CellType.triangle, basix.CellType.quadrilateral
+    x, w = map(np.asarray, basix.make_quadrature(kinds[num_vertices - 2], DEGREE))
+    return _cpp.sample_facets(surface, x, w)

@@ -1,0 +1,115 @@
+"""Surfaces where displacements put them, as new objects: what contact has paired stays as it is."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.surface.affine import trace_positions
+from qsdolfinx.surface.facets import area_vectors
+from qsdolfinx.surface.surface import Coordinates, Surface
+
+Array = npt.NDArray[np.float64]
+T = typing.TypeVar("T", np.float64, np.int64)
+
+#: Facets with nodes at their vertices alone that a facet is cut into, by vertices and degree.
+_PIECES = {
+    (2, 1): [(0, 1)],
+    (3, 1): [(0, 1, 2)],
+    (4, 1): [(0, 1, 2, 3)],
+    (2, 2): [(0, 2), (2, 1)],
+    (3, 2): [(0, 3, 4), (3, 1, 5), (4, 5, 2), (3, 5, 4)],
+    (4, 2): [(0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)],
+}
+
+
+def trace_values(surface: Surface, vec: PETSc.Vec) -> Array:
+    """Values of a vector of the body at the trace's unknowns that this rank owns: a copy."""
+    return np.asarray(vec.array_r[surface.own_trace], dtype=np.float64)
+
+
+def deformed_surface(
+    surface: Surface, coordinates: Coordinates, displacement: Array | None
+) -> _cpp.Surface:
+    """The surface displaced, with nodes at its vertices alone. Collective.
+
+    Facets of degree 2, which bend, are cut into flat ones at their nodes. Rings are as lines.
+
+    Args:
+        surface: The surface.
+        coordinates: Of its facets, as ``surface.coordinates``.
+        displacement: Of the trace (length), as :func:`trace_values`; None for none.
+
+    Raises:
+        ValueError: If a facet is not finite, or has no area.
+    """
+    inside = coordinates[1]
+    pieces = np.array(_PIECES[surface.num_facet_vertices, surface.degree])
+    at_nodes = trace_positions(surface, coordinates)
+    meshed = _cut(at_nodes, pieces)
+    outwards = meshed.mean(axis=1) - np.repeat(inside, len(pieces), axis=0)
+    sign = np.sign(np.sum(area_vectors(meshed) * outwards, axis=1))
+    dofs, owner = surface.trace_dofs
+    moved = _cut(deformed_positions(surface, coordinates, displacement), pieces)
+    with collective_errors(surface.comm):
+        _check(moved)
+    return _cpp.Surface(
+        comm=surface.comm.py2f(),
+        gdim=surface.gdim,
+        num_vertices=moved.shape[1],
+        x=moved,
+        degree=1,
+        dofs=_cut(dofs, pieces),
+        owner=np.ascontiguousarray(owner[:, pieces].reshape(-1, pieces.shape[1])),
+        inside=np.ascontiguousarray(moved.mean(axis=1) - sign[:, None] * area_vectors(moved)),
+        local_size=surface.V.dofmap.index_map.size_local * surface.V.dofmap.index_map_bs,
+        axisymmetric=False,
+    )
+
+
+def deformed_positions(
+    surface: Surface, coordinates: Coordinates, displacement: Array | None
+) -> Array:
+    """Where displacements put the nodes of the trace, (facets, nodes, 3). Collective.
+
+    Arguments as for :func:`deformed_surface`.
+    """
+    out = trace_positions(surface, coordinates).copy()
+    if displacement is not None:
+        out[..., : surface.gdim] += _on_facets(surface, displacement, surface.trace_dofs[0])
+    return out
+
+
+def _cut(values: npt.NDArray[T], pieces: npt.NDArray[np.int_]) -> npt.NDArray[T]:
+    """Values at the facets' nodes as such of the pieces, facet by facet."""
+    return np.ascontiguousarray(values[:, pieces].reshape(-1, pieces.shape[1], values.shape[2]))
+
+
+def _check(x: Array) -> None:
+    if not np.isfinite(x).all():
+        raise ValueError("displacements of contact facets are not finite (NaN, infinity)")
+    if flat := _cpp.count_degenerate(x.shape[1], x):
+        raise ValueError(
+            f"{flat} deformed contact facets are degenerate (zero area, or not convex), so that "
+            "there is no distance to them"
+        )
+
+
+def _on_facets(surface: Surface, own: Array, dofs: npt.NDArray[np.int64]) -> Array:
+    """Values of the owned unknowns of the trace at the nodes of this rank's facets. Collective."""
+    vec = surface.create_vec()
+    vec.array[surface.own_trace] = own
+    wanted = PETSc.IS().createGeneral(dofs.ravel().astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+    out = PETSc.Vec().createSeq(dofs.size, comm=PETSc.COMM_SELF)
+    scatter = PETSc.Scatter().create(vec, wanted, out, None)
+    scatter.scatter(vec, out)
+    values = np.array(out.array_r, dtype=np.float64).reshape(dofs.shape)
+    for thing in (scatter, wanted, out, vec):
+        thing.destroy()
+    return values

@@ -1,0 +1,101 @@
+"""Steps of more than a facet against rigid tools: bodies and tools go on together."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, clamp, elastic, plane, vector_space
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+from qsdolfinx.surface.affine import rotation_matrix, rotation_vector
+
+N, PRESS = 16, 0.1
+TOOLS = {
+    "plane": lambda: qs.RigidSurface.plane(WORLD, [0.5, 1.0], [0.0, -1.0]),
+    "facets": lambda: qs.RigidSurface.triangulated(
+        WORLD, np.array([[2.0, 1.0], [0.5, 1.0], [-1.0, 1.0]]), [[1, 0], [2, 1]], [0.5, 1.0]
+    ),
+}
+
+
+class Pressed:
+    """A block of height 4, held at its bottom, pressed by a tool on its top."""
+
+    def __init__(self, kind, drive, **options):
+        msh = box(WORLD, (N, 2 * N), "quadrilateral", [0.0, -3.0], [1.0, 1.0], "scattered")
+        V = vector_space(msh)
+        self.u, self.tool = fem.Function(V), TOOLS[kind]()
+        surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+        options = {"penalty": 1e4, "search_radius": 1 / N} | options
+        self.contact = qs.Contact(surface, self.tool, **options)
+        self.problem = qs.ContactProblem(
+            [elastic(self.u, E=4.0, nu=0.0)],
+            [self.u],
+            [self.contact],
+            [[clamp(V, plane(msh, 1, -3.0))]],
+        )
+        self.stepper = qs.TimeStepper(self.problem, 1.0, lambda t, dt: drive(self.tool, t, dt))
+
+    @property
+    def force(self):
+        return self.contact.force("slave")[1]
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("kind", TOOLS)
+def test_pressed_by_more_than_a_facet(kind, quadrature, enforcement):
+    """Down, down, up by half, and down: never lost."""
+    heights = np.cumsum([-PRESS / 8, -PRESS, -PRESS, PRESS / 2, -PRESS / 2, -PRESS])
+
+    def drive(tool, t, dt):
+        before = np.append(0.0, heights)
+        moved = np.interp([t - dt, t], np.arange(7.0), before)
+        tool.displacement = [0.0, moved[1] - moved[0]]
+
+    formulation = "master-slave" if quadrature == "nodal" else "quasi-symmetric"
+    options = {"quadrature": quadrature, "enforcement": enforcement, "formulation": formulation}
+    case = Pressed(kind, drive, **options)
+    stiffness = 1 / (1 + (1e-4 if enforcement == "penalty" else 0))
+    for t in case.stepper.run(6.0):
+        height = np.interp(t, np.arange(7.0), np.append(0.0, heights))
+        assert np.isclose(case.force, height * stiffness, rtol=1e-6)
+
+
+def test_driven_by_a_force():
+    """A tool that a force pushes goes on as well, and stays when the force does."""
+    forces = [0.02, 0.12, 0.22, 0.22, 0.32]
+    case = Pressed("plane", lambda tool, t, dt: tool.drive(forces[round(t) - 1], [0.0, -1.0]))
+    for force in forces:
+        case.stepper.step()
+        assert np.isclose(case.force, -force, rtol=1e-6)
+    assert np.isclose(case.tool.position[1, 2], -forces[-1] * (1 + 1e-4), rtol=1e-6)
+    assert case.stepper.num_cutbacks == 0
+
+
+@pytest.mark.parametrize("kind", ("displacement", "velocity"))
+def test_motion_of_the_tool_is_what_was_asked_for(kind):
+    """However it is split, it ends where displacement and rotation put it."""
+
+    def drive(tool, t, dt):
+        tool.displacement = [0.01 * np.sin(3 * t) * dt, -0.002 * dt]
+        tool.rotation = 0.002 * np.cos(2 * t) * dt
+
+    options = {"unknown": "velocity", "dt": 1.0} if kind == "velocity" else {}
+    case = Pressed("plane", drive, **options)
+    alone = TOOLS["plane"]()
+    for t in case.stepper.run(5.0):
+        drive(alone, t, case.stepper.last_dt)
+        alone.advance()
+        np.testing.assert_allclose(case.tool.position, alone.position, atol=1e-14)
+
+
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_rotation_vector(gdim):
+    """The inverse of the rotation matrix, also next to none and to half a turn."""
+    rng = np.random.default_rng(3)
+    for angle in (0.0, 1e-12, 1e-5, 0.7, 2.5, np.pi - 1e-9, np.pi - 1e-12):
+        axis = rng.normal(size=1 if gdim == 2 else 3)
+        vector = angle * axis / np.linalg.norm(axis)
+        found = rotation_vector(rotation_matrix(vector))
+        np.testing.assert_allclose(found, vector, atol=1e-7 if angle > 3 else 1e-14)

@@ -1,0 +1,211 @@
+"""Ties over time steps: they stay where they were made, whatever moves with them."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+from qsdolfinx import materials
+
+RATE, STIFFNESS = 0.01, 20.0
+KINDS = {
+    "displacement": {},
+    "velocity": {"unknown": "velocity", "dt": 1.0},
+}
+
+
+def block(comm=WORLD, low=0.0, n=4, partition="scattered"):
+    """A unit block above this height: its space."""
+    msh = box(comm, (n, n), "quadrilateral", [0.0, low], [1.0, low + 1.0], partition)
+    return vector_space(msh)
+
+
+def top_of(V, height=1.0):
+    return qs.Surface(V, facets=plane(V.mesh, 1, height))
+
+
+class OnTool:
+    """A block tied to a plane on its top, and its stepper.
+
+    Args:
+        drive: Called with the tool, t and Δt.
+        form: From u to the body's form.
+        held: Whether the bottom is clamped.
+    """
+
+    def __init__(self, drive, form=None, held=True, kind="displacement", theta=0.5, **options):
+        V = block()
+        self.u = u = fem.Function(V)
+        self.tool = qs.RigidSurface.plane(WORLD, [0.5, 1.0], [0.0, -1.0])
+        options = {"penalty": STIFFNESS, "quadrature": "overlay"} | KINDS[kind] | options
+        self.contact = qs.Contact(top_of(V), self.tool, law=qs.Tied(), **options)
+        form = elastic(u, E=1.0, nu=0.0) if form is None else form(u)
+        bcs = [clamp(V, plane(V.mesh, 1, 0.0))] if held else []
+        self.problem = qs.ContactProblem([form], [u], [self.contact], [bcs])
+        self.stepper = qs.TimeStepper(
+            self.problem, 1.0, lambda t, dt: drive(self.tool, t, dt), theta=theta
+        )
+
+
+def pull(tool, t, dt):
+    tool.displacement = [0.0, RATE * dt]
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("num_pairings", (1, 2))
+def test_pulled_by_a_plane(num_pairings, quadrature, enforcement):
+    """Two springs in a row; the block's force grows with the way, step by step."""
+    case = OnTool(pull, quadrature=quadrature, enforcement=enforcement)
+    case.stepper.num_pairings = num_pairings
+    stiffness = 1 / (1 + (1 / STIFFNESS if enforcement == "penalty" else 0))
+    for i in range(1, 6):
+        case.stepper.step()
+        force = case.contact.force("slave")
+        np.testing.assert_allclose(force, [0.0, i * RATE * stiffness], atol=1e-10)
+        assert largest(case.contact.gap()[:, 1] + force[1] / STIFFNESS) < 1e-9 or (
+            enforcement != "penalty"
+        )
+
+
+@pytest.mark.parametrize("theta", (0.0, 0.5))
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+def test_flow_follows_a_plane(enforcement, theta):
+    """The body lags behind by what its force takes, and not by more with each step."""
+    case = OnTool(pull, kind="velocity", theta=theta, enforcement=enforcement)
+    for i in range(1, 6):
+        case.stepper.step()
+        V = case.u.function_space
+        height = WORLD.allreduce(V.mesh.geometry.x[:, 1].max(), op=MPI.MAX)
+        lag = case.contact.force("slave")[1] / STIFFNESS if enforcement == "penalty" else 0.0
+        assert abs(height - (1 + i * RATE - lag)) < 1e-9
+        assert abs(case.contact.force("slave")[1]) < 1.1 * RATE
+
+
+def two_blocks(kind, load, enforcement="penalty"):
+    """Two tied blocks, the lower one held, the upper one loaded: problem, contact, unknowns."""
+    V = [block(low=0.0, n=4), block(low=1.0, n=3, partition="backward")]
+    u = [fem.Function(space) for space in V]
+    F = [elastic(w, E=1.0, nu=0.0) for w in u]
+    top = np.sort(plane(V[1].mesh, 1, 2.0))
+    tags = mesh.meshtags(V[1].mesh, 1, top, np.ones_like(top))
+    ds = ufl.Measure("ds", domain=V[1].mesh, subdomain_data=tags)(1)
+    force = fem.Constant(V[1].mesh, np.array(load))
+    F[1] -= ufl.inner(force, ufl.TestFunction(V[1])) * ds
+    options = {"penalty": STIFFNESS, "quadrature": "overlay", "enforcement": enforcement}
+    surfaces = [qs.Surface(space, facets=plane(space.mesh, 1, 1.0)) for space in V]
+    contact = qs.Contact(*surfaces[::-1], law=qs.Tied(), **options, **KINDS[kind])
+    bcs = [[clamp(V[0], plane(V[0].mesh, 1, 0.0))], []]
+    return qs.ContactProblem(F, u, [contact], bcs), contact, u
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+def test_a_constant_load_lets_nothing_creep(enforcement):
+    problem, contact, u = two_blocks("displacement", [0.02, -0.1], enforcement=enforcement)
+    problem.solve()
+    expected, jump = [w.x.array.copy() for w in u], contact.gap().copy()
+    stepper = qs.TimeStepper(problem, 1.0)
+    for _ in range(4):
+        stepper.step()
+        for w, before in zip(u, expected, strict=True):
+            assert largest(w.x.array - before) < 1e-7 * largest(before)
+        assert largest(contact.gap() - jump) < 1e-9
+        np.testing.assert_allclose(contact.force("slave"), [-0.02, 0.1], atol=1e-8)
+
+
+def test_flowing_bodies_stay_together():
+    """Both in velocities under a constant load: the jump is that of the force, at all times."""
+    problem, _, u = two_blocks("velocity", [0.0, -0.1])
+    stepper = qs.TimeStepper(problem, 0.1)
+    for _ in range(4):
+        stepper.step()
+        x = [w.function_space.mesh.geometry.x[:, 1] for w in u]
+        high = WORLD.allreduce(x[0].max(initial=-1.0), op=MPI.MAX)
+        low = WORLD.allreduce(x[1].min(initial=9.0), op=MPI.MIN)
+        assert abs(high - low - 0.1 / STIFFNESS) < 1e-8
+
+
+def test_turned_by_a_right_angle():
+    """A free block turns with its plane; nothing is strained, nor is the tie."""
+
+    def form(u):
+        P = materials.neo_hookean(u, 1.0, 1.0)
+        return ufl.inner(P, ufl.grad(ufl.TestFunction(u.function_space))) * ufl.dx
+
+    def drive(tool, t, dt):
+        tool.rotation = np.pi / 36 * dt
+        tool.displacement = [0.05 * dt, 0.0]
+
+    case = OnTool(drive, form, held=False, penalty=5.0)
+    for _ in case.stepper.run(18.0):
+        pass
+    x = case.u.function_space.tabulate_dof_coordinates()[:, :2] - [0.5, 1.0]
+    moved = np.array([[0.0, -1.0], [1.0, 0.0]]) @ x.T - x.T + np.array([[0.9], [0.0]])
+    assert largest(case.u.x.array.reshape(-1, 2) - moved.T) < 1e-8
+    assert largest(case.contact.force("slave")) < 1e-8
+    assert case.stepper.num_cutbacks == 0
+
+
+def test_failed_attempts_leave_no_trace():
+    """Steps that are cut back end where whole ones do."""
+    whole, case = OnTool(pull), OnTool(pull)
+    for _ in whole.stepper.run(3.0):
+        pass
+    attempts = []
+
+    def solve(step):
+        case.problem.solve()
+        attempts.append(step)
+        if attempts == [0, 1]:
+            raise qs.ConvergenceError(-3, [1.0], [])
+
+    stepper = qs.TimeStepper(case.problem, 1.0, lambda t, dt: pull(case.tool, t, dt), solve=solve)
+    for _ in stepper.run(3.0):
+        pass
+    assert stepper.num_cutbacks == 1
+    assert largest(case.u.x.array - whole.u.x.array) < 1e-10
+    np.testing.assert_allclose(
+        case.contact.force("slave"), whole.contact.force("slave"), atol=1e-10
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return WORLD.bcast(str(tmp_path_factory.mktemp("ties")) if WORLD.rank == 0 else None)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_restart(folder, kind):
+    whole, again = (OnTool(pull, kind=kind) for _ in range(2))
+    for _ in range(2):
+        whole.stepper.step()
+    qs.save_run(whole.stepper, f"{folder}/{kind}")
+    for _ in range(2):
+        whole.stepper.step()
+    qs.load_run(again.stepper, f"{folder}/{kind}")
+    for _ in range(2):
+        again.stepper.step()
+    np.testing.assert_allclose(
+        again.contact.force("slave"), whole.contact.force("slave"), rtol=1e-9, atol=1e-12
+    )
+
+
+def test_steps_by_hand():
+    """A tie follows its tool, whether or not contact is updated."""
+    forces = []
+    for updates in (False, True):
+        case = OnTool(pull)
+        for _ in range(3):
+            case.tool.displacement = [0.0, RATE]
+            case.problem.solve()
+            case.tool.advance()
+            if updates:
+                case.contact.update()
+        case.problem.solve()
+        forces.append(case.contact.force("slave")[1])
+    np.testing.assert_allclose(forces, 3 * RATE / (1 + 1 / STIFFNESS), rtol=1e-9)
