@@ -81,7 +81,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "weight", [](const PairingPoints& p) { return copy(p.weight, {p.size()}); },
           "Areas, [point].")
       .def(
-          "scaled", [](const PairingPoints& p, In<double> factor) { return p.scaled(factor.view()); },
+          "scaled",
+          [](const PairingPoints& p, In<double> factor) { return p.scaled(factor.view()); },
           "factor"_a, "The same points, their weights multiplied by factors [point].")
       .def_ro("num_unpaired", &PairingPoints::num_unpaired,
               "Owned nodes (overlay: facets) that found no partner.");
