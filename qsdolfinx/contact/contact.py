@@ -35,8 +35,9 @@ from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
 from qsdolfinx.gap.laws import Law, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
-from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, SMOOTHINGS, Sampling, check_quadrature
+from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
+from qsdolfinx.pairing.relief import Side, Smoothing, sides_of
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
@@ -108,16 +109,21 @@ class Contact:
         constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
             weighted gaps. ``"points"``: at each pairing point, so that what is open takes nothing
             from what is closed beside it; on the overlay, not tied.
-        smoothing: What the gap is measured between. ``"none"``: the facets. ``"shared-curvature"``:
-            the curved surfaces that the facets approximate, as far as both sides share their
-            curvature, which is found from how neighbouring facets turn. On conforming surfaces of
-            non-matching meshes, such as shrink fits and journal bearings, the chord errors of the
-            two polygons or polyhedra are not part of the gap then. Creases of more than 30° stay.
-            Needs the overlay, and facets on both sides; a tie leaves any gap as it is.
+        smoothing: What the gap is measured between, one for both sides or a pair for slave and
+            master, on the overlay. ``"none"`` or None: the facets; those of a mesh of degree 2 as
+            they are curved. ``"shared-curvature"``: the curved surfaces that the facets
+            approximate, as far as both sides share their curvature, which is found from how
+            neighbouring facets turn. Creases of more than 30° stay. A surface by name, such as
+            ``qs.smooth.Cylinder``: the one that the side's vertices are on when the contact is
+            made; it goes along with the facets. On conforming surfaces of non-matching meshes, such
+            as shrink fits and journal bearings, or of a slave on an analytic tool, which itself has
+            nothing to smooth, chord errors are not part of the gap then. A tie leaves any gap as it
+            is.
 
     Raises:
-        ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
-            surfaces share facets or differ in dimension or communicator.
+        ValueError: If a name is unknown, the penalty or the radius is not positive, the two
+            surfaces share facets or differ in dimension or communicator, or vertices are not on the
+            surface that is named for them.
         TypeError: If a surface or the law is of another type.
 
     Warns:
@@ -145,7 +151,7 @@ class Contact:
         friction_penalty: float | None = None,
         initial_overclosure: str = "resolve",
         constraints: str = "nodes",
-        smoothing: str = "none",
+        smoothing: Side | tuple[Side, Side] = "none",
     ) -> None:
         law = Unilateral() if law is None else law
         check_alone(SLAVE, slave=slave)
@@ -167,8 +173,9 @@ class Contact:
                 averaging = quadrature == "overlay" or friction is not None
                 normals = "bisector" if averaging else "facet"
             same(one_of(NORMALS), normals=normals)
-            same(one_of(SMOOTHINGS), smoothing=smoothing)
-            check_smoothing(smoothing, quadrature, master)
+            sides = sides_of(smoothing, master)
+            same(smoothing=sides)
+            check_smoothing(sides, quadrature)
             same(either(POSITIVE, "auto"), penalty=penalty)
             same(either(POSITIVE, None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
@@ -187,12 +194,13 @@ class Contact:
             master,
             formulation,
             law,
-            Sampling(quadrature, degree, normals, smoothing),
+            Sampling(quadrature, degree, normals, Smoothing(slave, master, sides)),
             None if search_radius is None else float(search_radius),
             constraints,
             augmented,
             float(gap_tolerance),
         )
+        self._smoothing = smoothing
         #: The parts, for the problem and for those who extend the library.
         self.model = ContactModel(
             settings,
@@ -258,9 +266,9 @@ class Contact:
         return self.model.settings.sampling.normals
 
     @property
-    def smoothing(self) -> str:
-        """``"none"`` or ``"shared-curvature"``."""
-        return self.model.settings.sampling.smoothing
+    def smoothing(self) -> Side | tuple[Side, Side]:
+        """What the gap is measured between, as given."""
+        return self._smoothing
 
     @property
     def enforcement(self) -> str:

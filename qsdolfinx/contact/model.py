@@ -22,6 +22,7 @@ from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
+from qsdolfinx.pairing.relief import check_curved
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
@@ -131,6 +132,8 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
     """Pair the surfaces where they are now. Collective."""
     slave, master = settings.slave, settings.master
     with_facets = [s for s in (slave, master) if not s.is_analytic]
+    bodies = [s for s in (slave, deformable(master)) if s is not None]
+    check_curved(bodies, settings.sampling.quadrature, not master.is_analytic)
     low = min(s.facet_size_range[0] for s in with_facets)
     radius = _radius(settings)
     roles = settings.roles
