@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import typing
+
 from mpi4py import MPI
 
 import numpy as np
@@ -10,6 +13,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 
+from qsdolfinx.base.checks import require
 from qsdolfinx.compat import cell_nodes
 from qsdolfinx.surface.unknowns import NUM_CELL_VERTICES, vertex_dofs
 from qsdolfinx.system.rigid_modes import displacement_space
@@ -121,3 +125,20 @@ class MeshMotion:
         """Volume (2D: area) of the mesh as it is. Collective."""
         local = fem.assemble_scalar(self._volume)
         return float(self.mesh.comm.allreduce(local, op=MPI.SUM))
+
+
+def check_own_meshes(unknowns: typing.Sequence[fem.Function]) -> None:
+    """Refuse unknowns that would move one mesh, each by itself.
+
+    Raises:
+        ValueError: If two of them are on the same mesh.
+    """
+    meshes = [u.function_space.mesh for u in unknowns]
+    for (i, first), (j, second) in itertools.combinations(enumerate(meshes), 2):
+        # Two objects of Python may stand for one mesh.
+        same = first is second or np.shares_memory(first.geometry.x, second.geometry.x)
+        require(
+            not same,
+            f"problem: u[{i}] and u[{j}] are on one mesh, which time steps move with each of them; "
+            "give every body a mesh of its own, or one unknown to all bodies of a mesh",
+        )
