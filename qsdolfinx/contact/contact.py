@@ -15,7 +15,7 @@ from dolfinx import fem
 from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
-from qsdolfinx.contact import fields, motion, multipliers, results
+from qsdolfinx.contact import fields, motion, multipliers, overclosed, results
 from qsdolfinx.contact.advice import advise
 from qsdolfinx.contact.arguments import (
     SLAVE,
@@ -319,7 +319,7 @@ class Contact:
             ValueError: If it is not from 0 to 1, the same on all ranks.
         """
         self.model.overclosure.allow(self.comm, part)
-        self.model.overclosure.apply(self.model.gaps)
+        overclosed.follow(self.model, self.model.paired)
 
     @property
     def version(self) -> int:
