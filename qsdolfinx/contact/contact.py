@@ -101,9 +101,10 @@ class Contact:
         initial_overclosure: What becomes of penetration at the first pairing, before anything has
             moved. ``"resolve"``: it is a misfit as any other, and the next solve presses the bodies
             apart (an interference fit; :meth:`allow_overclosure` does so gradually). ``"ignore"``:
-            it never counts as a gap: each node keeps its depth, without strain. ``"error"``: it is
-            refused. Points deeper than the search radius are not paired, and not seen. A tie leaves
-            any gap as it is; with it the first two are the same.
+            it never counts as a gap: each node keeps its depth, without strain, wherever it slides,
+            and nodes that the other surface slides to get the same if all are as deep. ``"error"``:
+            it is refused. Points deeper than the search radius are not paired, and not seen. A tie
+            leaves any gap as it is; with it the first two are the same.
         constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
             weighted gaps. ``"points"``: at each pairing point, so that what is open takes nothing
             from what is closed beside it; on the overlay, not tied.
@@ -121,8 +122,9 @@ class Contact:
 
     Warns:
         ContactWarning: If hardly anything is paired, the master is much finer and sampled at nodes,
-            the surfaces penetrate each other deeply, or the chord error of facets on conforming
-            surfaces is not small beside their clearance or interference.
+            a tool's facets look turned, the surfaces penetrate each other deeply, or the chord
+            error of facets on conforming surfaces is not small beside their clearance or
+            interference.
     """
 
     def __init__(
