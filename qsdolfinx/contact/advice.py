@@ -12,6 +12,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.orientation import find_turned
 from qsdolfinx.pairing.pair import check_quadrature, find_conforming
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
 
@@ -39,7 +40,10 @@ STRAIGHT = 1e-5
 
 def advise(model: ContactModel) -> None:
     """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
-    found = [_pairing(model), _finer_master(model), _overclosure(model), _chords(model)]
+    turned = find_turned(model)
+    found = [turned, _finer_master(model), _chords(model)]
+    if not turned:
+        found += [_pairing(model), _overclosure(model)]
     for text in found:
         if text:
             warn(text, ContactWarning)

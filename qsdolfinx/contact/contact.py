@@ -15,7 +15,7 @@ from dolfinx import fem
 from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
-from qsdolfinx.contact import fields, motion, multipliers, results
+from qsdolfinx.contact import fields, motion, multipliers, overclosed, results
 from qsdolfinx.contact.advice import advise
 from qsdolfinx.contact.arguments import (
     SLAVE,
@@ -103,9 +103,10 @@ class Contact:
         initial_overclosure: What becomes of penetration at the first pairing, before anything has
             moved. ``"resolve"``: it is a misfit as any other, and the next solve presses the bodies
             apart (an interference fit; :meth:`allow_overclosure` does so gradually). ``"ignore"``:
-            it never counts as a gap: each node keeps its depth, without strain. ``"error"``: it is
-            refused. Points deeper than the search radius are not paired, and not seen. A tie leaves
-            any gap as it is; with it the first two are the same.
+            it never counts as a gap: each node keeps its depth, without strain, wherever it slides,
+            and nodes that the other surface slides to get the same if all are as deep. ``"error"``:
+            it is refused. Points deeper than the search radius are not paired, and not seen. A tie
+            leaves any gap as it is; with it the first two are the same.
         constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
             weighted gaps. ``"points"``: at each pairing point, so that what is open takes nothing
             from what is closed beside it; on the overlay, not tied.
@@ -128,8 +129,9 @@ class Contact:
 
     Warns:
         ContactWarning: If hardly anything is paired, the master is much finer and sampled at nodes,
-            the surfaces penetrate each other deeply, or the chord error of facets on conforming
-            surfaces is not small beside their clearance or interference.
+            a tool's facets look turned, the surfaces penetrate each other deeply, or the chord
+            error of facets on conforming surfaces is not small beside their clearance or
+            interference.
     """
 
     def __init__(
@@ -328,7 +330,7 @@ class Contact:
             ValueError: If it is not from 0 to 1, the same on all ranks.
         """
         self.model.overclosure.allow(self.comm, part)
-        self.model.overclosure.apply(self.model.gaps)
+        overclosed.follow(self.model, self.model.paired)
 
     @property
     def version(self) -> int:

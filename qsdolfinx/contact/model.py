@@ -128,6 +128,21 @@ class HeldNodes:
     components: npt.NDArray[np.bool_]
 
 
+@dataclasses.dataclass(frozen=True)
+class OverclosedStart:
+    """Where slave nodes that penetrate were when contact was first paired.
+
+    Attributes:
+        nodes: Which of this rank, shape (nodes,).
+        x: Where they were as the master saw them, of the shape (such nodes, 3).
+        normal: Their normals, of the same shape.
+    """
+
+    nodes: npt.NDArray[np.bool_]
+    x: npt.NDArray[np.float64]
+    normal: npt.NDArray[np.float64]
+
+
 def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
     """Pair the surfaces where they are now. Collective."""
     slave, master = settings.slave, settings.master
@@ -213,6 +228,8 @@ class ContactModel:
         self.offset: tuple[PETSc.Vec | None, PETSc.Vec | None] | None = None
         #: Pairs where a time step has left the bodies; None if nothing has to be caught up with.
         self.catch_up: typing.Callable[[], None] | None = None
+        #: Where slave nodes penetrated at first, as long as that is watched as bodies slide.
+        self.overclosed_from: OverclosedStart | None = None
         #: Whether a ReachWarning has been given.
         self.reach_warned = False
         #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.

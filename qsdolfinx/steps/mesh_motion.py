@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import typing
 
 from mpi4py import MPI
@@ -13,6 +14,7 @@ import basix
 import ufl
 from dolfinx import fem, mesh
 
+from qsdolfinx.base.checks import require
 from qsdolfinx.compat import cell_nodes, coordinate_element
 from qsdolfinx.surface.unknowns import NUM_CELL_VERTICES, dofs_at, vertex_dofs
 from qsdolfinx.system.rigid_modes import displacement_space
@@ -181,3 +183,20 @@ def _at_nodes(V: fem.FunctionSpace) -> Array:
     """Values of a space's functions at the geometry's nodes, shape (nodes, functions)."""
     element = V.sub(0).element.basix_element
     return np.asarray(element.tabulate(0, _geometry_element(V.mesh).points)[0, :, :, 0])
+
+
+def check_own_meshes(unknowns: typing.Sequence[fem.Function]) -> None:
+    """Refuse unknowns that would move one mesh, each by itself.
+
+    Raises:
+        ValueError: If two of them are on the same mesh.
+    """
+    meshes = [u.function_space.mesh for u in unknowns]
+    for (i, first), (j, second) in itertools.combinations(enumerate(meshes), 2):
+        # Two objects of Python may stand for one mesh.
+        same = first is second or np.shares_memory(first.geometry.x, second.geometry.x)
+        require(
+            not same,
+            f"problem: u[{i}] and u[{j}] are on one mesh, which time steps move with each of them; "
+            "give every body a mesh of its own, or one unknown to all bodies of a mesh",
+        )

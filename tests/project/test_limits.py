@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from base.malformed_scene import Scene
 from curved_scenes import Shell, ShrinkFit
+from rigid_scenes import write_stl
 from scenes import (
     WORLD,
     Pair,
@@ -146,6 +147,28 @@ def off_the_cylinder(slave, master):
 def coarse_ring():
     ring = Shell((1, 2), (5.0, 10.0))
     qs.smooth.Cylinder.fit(ring.surface(ring.outer))
+
+
+def broken_stl(filename, binary, length):
+    """A file of two triangles, cut off or with something after it."""
+    if WORLD.rank == 0:
+        corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1, 0]]])
+        write_stl(filename, corners.astype(np.float64), binary)
+        data = filename.read_bytes()
+        filename.write_bytes((data + data)[:length])
+    WORLD.barrier()
+    qs.RigidSurface.from_stl(WORLD, filename)
+
+
+def bodies_on_one_mesh(msh):
+    V = [vector_space(msh), vector_space(msh)]
+    u = [fem.Function(space) for space in V]
+    F = [materials.linear_elastic(w, 1.0, 0.3) for w in u]
+    forms = [
+        ufl.inner(stress, ufl.grad(ufl.TestFunction(space))) * ufl.dx
+        for stress, space in zip(F, V, strict=True)
+    ]
+    qs.TimeStepper(qs.ContactProblem(forms, u, []), 0.1)
 
 
 #: What makes each message, from the scene and a folder.
@@ -295,6 +318,11 @@ CASES = {
     ),
     "filename: there is no folder": (
         lambda s, folder: qs.FieldWriter(folder / "none" / "a.xdmf", s.case.mesh, {})
+    ),
+    "is truncated, or no STL file": lambda s, folder: broken_stl(folder / "d.stl", False, 300),
+    "has more than its header says": lambda s, folder: broken_stl(folder / "e.stl", True, 300),
+    "u[0] and u[1] are on one mesh, which time steps move with each of them": (
+        lambda s, folder: bodies_on_one_mesh(s.case.mesh)
     ),
     "is no STL file with triangles": lambda s, folder: stl_without_triangles(folder / "a.stl"),
 }
