@@ -40,14 +40,16 @@ def pair_anew(model: ContactModel) -> None:
             surfaces = map(deformable, (model.slave, model.master))
             update_surfaces(*(s for s in surfaces if s is not None))
         kept = [] if first else multipliers.on_nodes(model.parts)
+        pressed = [] if first else multipliers.pressures_on_nodes(model)
         paired = find_pairs(model.settings, model.friction)
         if first:
             model.overclosure.read(paired.gaps, paired.facet_size)
         model.overclosure.apply(paired.gaps)
         model.paired = paired
+        _continue_step(model)
         if not first:
-            _continue_step(model)
             multipliers.set_on_nodes(paired.parts, kept)
+            multipliers.set_pressures_on_nodes(model, pressed)
         _zero_offset(model)
         set_motion(model)
         model.placement = Placement.at_pairing(model.slave, model.master)
@@ -93,7 +95,7 @@ def _continue_step(model: ContactModel) -> None:
     """Let slip count from where the bodies and the tool are now, however they got there.
 
     Bodies in total displacements keep their unknowns when contact pairs anew, unless whoever
-    has moved their mesh sets them to zero; which of the two the next evaluation tells.
+    has moved their mesh sets them to zero; which of the two the next solve finds when it begins.
     """
     for slip in model.slips:
         slip.state.starts_there = True
@@ -158,7 +160,7 @@ def set_start(
 ) -> None:
     """Say where the step began whose slip is to be found. Collective.
 
-    Without this, after pairing anew, it begins where the bodies are at the next evaluation.
+    Without this, after pairing anew, it begins where the bodies are when the next solve begins.
 
     Args:
         model: The contact.
@@ -180,6 +182,19 @@ def set_start(
             vec.destroy()
 
 
+def begin_slip(model: ContactModel, slave: fem.Function, master: fem.Function | None) -> None:
+    """Let slip count from these unknowns, unless it is known where the step began. Collective."""
+    if not any(slip.state.starts_there for slip in model.slips):
+        return
+    at_start = _vecs(model, slave, master)
+    for slip in model.slips:
+        in_displacement = model.ordered(slip.gap, model.kinematics.in_displacement)
+        slip.begin_at(model.ordered(slip.gap, at_start), in_displacement)
+    for vec in at_start:
+        if vec is not None:
+            vec.destroy()
+
+
 def show(model: ContactModel, slave: fem.Function | None, master: fem.Function | None) -> None:
     """Evaluate gaps and slips for these unknowns, to be read; no step begins or ends. Collective.
 
@@ -191,7 +206,7 @@ def show(model: ContactModel, slave: fem.Function | None, master: fem.Function |
     first, second = _vecs(model, slave, master)
     terms.evaluate(model, first, second)
     for slip in model.slips:
-        slip.state.ended = True
+        slip.state.ended, slip.state.pressed = True, slip.state.pressure
     for vec in (first, second):
         if vec is not None:
             vec.destroy()

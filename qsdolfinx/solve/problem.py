@@ -28,6 +28,7 @@ from qsdolfinx.linear.schur import Forms, check_schur, has_schur
 from qsdolfinx.linear.solver import LinearSolver, preset_options
 from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, communicator
 from qsdolfinx.solve.augmented import AugmentedLagrangian
+from qsdolfinx.solve.closing import Closings
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
@@ -43,7 +44,8 @@ Array = npt.NDArray[np.float64]
 _counter = itertools.count()
 
 
-#: Times that a step is solved again since bodies slip at other rates than friction has assumed.
+#: Times that a step is solved again since bodies slip at other rates than friction has assumed, or
+#: from other places.
 MAX_RATES = 4
 
 
@@ -292,6 +294,8 @@ class ContactProblem:
             motion.move_tool(contact)
             if contact.friction is not None:
                 contact.friction.read_parameters(contact.slips)
+        for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
+            motion.begin_slip(contact, self.u[s], None if m is None else self.u[m])
 
     def solve(self) -> list[fem.Function]:
         """Solve for all bodies, from their present u. Collective.
@@ -318,15 +322,16 @@ class ContactProblem:
             motion.catch_up(contact)
         state = [body.u.x.array.copy() for body in self.bodies]
         known = [multipliers.known(contact) for contact in self.system.contacts]
-        self._forget_openings()
+        self._begin_slips()
         self.set_up()
         balance = ToolBalance(self.system)
         start = self._starting_point()
         self.newton.begin()
         try:
             self._find(balance, start)
+            closings = Closings(self.newton)
             for _ in range(MAX_RATES):
-                if not self._has_other_rates():
+                if not (closings.have_changed() or self._has_other_rates()):
                     break
                 self._find(balance, self._starting_point())
         except BaseException as error:  # Ctrl-C, too
@@ -334,7 +339,7 @@ class ContactProblem:
                 multipliers.set_known(contact, kept)
             if isinstance(error, Exception) or self.comm.size == 1:  # else on this rank alone
                 balance.restore()
-            self._forget_openings()
+            self._begin_slips()
             for slip in self.system.slips:
                 slip.stick_slip.end_iterations()
             if isinstance(error, ConvergenceError):
@@ -360,9 +365,10 @@ class ContactProblem:
         ]
         return any(found)
 
-    def _forget_openings(self) -> None:
+    def _begin_slips(self) -> None:
         for slip in self.system.slips:
             slip.stick_slip.begin_solve()
+            slip.count_whole_step()
 
     def _starting_point(self) -> Array:
         """Bring the system to the bodies' unknowns; returns a copy of them."""
