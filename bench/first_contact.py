@@ -23,11 +23,11 @@ import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
 #: Ways of the block's upper side, and what is open at first.
-DOWN, SIDEWAYS, OPEN = 0.01, 0.01, 0.009
+DOWN, SIDEWAYS, OPEN = 0.01, 0.01, 0.00897
 LAWS = {
     "Coulomb": lambda: qs.Coulomb(0.05),
     "Tresca": lambda: qs.Tresca(5e-4),
-    "Norton": lambda: qs.Norton(0.3, 5e-3, 0.3),
+    "Norton": lambda: qs.Norton(0.3, 2e-3, 0.3),
     "sticking": lambda: qs.Sticking(),
 }
 NO_STEPPER, STEPPER = "solve()", "TimeStepper"

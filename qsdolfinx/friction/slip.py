@@ -233,8 +233,8 @@ class Slip:
 
     @property
     def is_fresh(self) -> npt.NDArray[np.bool_]:
-        """Rows in contact that had no pressure when the step began."""
-        return self.state.closed & (self.state.pressed <= NO_PRESSURE * self.state.pressure)
+        """Rows that had no pressure when the step began."""
+        return np.asarray(self.state.pressed <= NO_PRESSURE * self.state.pressure)
 
     def _respond(self, rows: Rows, means: bool) -> Response:
         """What the law answers for the time in which rows are in contact.

@@ -33,7 +33,7 @@ MAX_ITERATIONS, FREE = 6, 1e-6
 
 
 class Closing(typing.NamedTuple):
-    """Rows of a slip that were open when the step began, and are closed now.
+    """Rows of a slip that were open when the step began, whether they are closed now or not.
 
     Attributes:
         contact: The contact.
@@ -91,7 +91,7 @@ class Closings:
         self._left -= 1
         parts = zip(self._system.contacts, self._system.sides, strict=True)
         closings = [Closing.of(c, side, slip) for c, side in parts for slip in c.slips]
-        if not self._any([closing.rows for closing in closings]):
+        if not self._any([c.rows & c.slip.state.closed for c in closings]):
             return False
         change = self._without(closings)
         if change is None:
