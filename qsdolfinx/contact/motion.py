@@ -206,7 +206,7 @@ def show(model: ContactModel, slave: fem.Function | None, master: fem.Function |
     first, second = _vecs(model, slave, master)
     terms.evaluate(model, first, second)
     for slip in model.slips:
-        slip.state.ended, slip.state.pressed = True, slip.state.pressure
+        slip.state.ended = True
     for vec in (first, second):
         if vec is not None:
             vec.destroy()

@@ -15,11 +15,18 @@ from qsdolfinx.base.checks import FUNCTION, MAPPING, PATH, check, either, instan
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.multipliers import on_nodes, set_on_nodes
+from qsdolfinx.contact.multipliers import (
+    on_nodes,
+    pressures_on_nodes,
+    set_on_nodes,
+    set_pressures_on_nodes,
+)
 from qsdolfinx.steps.checkpoint import Checkpoint
 from qsdolfinx.steps.end_of_step import pair_at, show_at
 from qsdolfinx.steps.stepper import TimeStepper
 from qsdolfinx.steps.tool_motion import ToolRate
+
+Array = npt.NDArray[np.float64]
 
 _SCALARS = ("t", "dt", "last_dt", "num_steps", "num_cutbacks")
 
@@ -151,21 +158,28 @@ def _meshes(stepper: TimeStepper) -> dict[str, tuple[mesh.Mesh, npt.NDArray[np.f
 
 
 def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
-    """λ̂, τ̂ and slip as functions of degree 1; normal ones in the first component."""
+    """λ̂, τ̂, slip and pressure as functions of degree 1; normal ones in the first component."""
     out = {}
     for i, contact in enumerate(contacts):
         for j, (part, values) in enumerate(
             zip(contact.model.parts, on_nodes(contact.model.parts), strict=True)
         ):
             surface = part.slave.linear
-            padded = np.zeros((len(values), surface.gdim))
-            padded[:, : values.shape[1]] = values
-            out[f"multiplier_{i}_{j}"] = surface.function(padded)
+            out[f"multiplier_{i}_{j}"] = surface.function(_padded(values, surface.gdim))
         if contact.model.friction is not None:
             slipped = contact.model.friction.slipped
             for j, (slip, values) in enumerate(zip(contact.model.slips, slipped, strict=True)):
                 out[f"slip_{i}_{j}"] = slip.slave.linear.function(values)
+            for j, values in enumerate(pressures_on_nodes(contact.model)):
+                surface = contact.model.slips[j].slave.linear
+                columns = _padded(values[:, None], surface.gdim)
+                out[f"pressed_{i}_{j}"] = surface.function(columns)
     return out
+
+
+def _padded(values: Array, gdim: int) -> Array:
+    """With columns of zeros, so that there are gdim."""
+    return np.pad(values, ((0, 0), (0, gdim - values.shape[1])))
 
 
 def _slip_rate(contact: Contact) -> float | None:
@@ -180,6 +194,10 @@ def _load_slip(
     """Put back what friction has done so far, if there is any."""
     if model.friction is None:
         return
+    pressed = []
     for j, slip in enumerate(model.slips):
-        model.friction.slipped[j] = slip.slave.linear.node_values(functions[f"slip_{i}_{j}"])
+        surface = slip.slave.linear
+        model.friction.slipped[j] = surface.node_values(functions[f"slip_{i}_{j}"])
+        pressed.append(np.asarray(surface.node_values(functions[f"pressed_{i}_{j}"])[:, 0]))
+    set_pressures_on_nodes(model, pressed)
     model.friction.dissipated = dissipated if model.comm.rank == 0 else 0.0
