@@ -46,10 +46,10 @@ class Result(typing.NamedTuple):
         return self.tangential / self.normal
 
 
-def body(low, n, held, kind):
-    """A unit block with its lower side at this height; held at y = held by the value returned."""
-    corners = [[0.0, low], [1.0, low + 1.0]]
-    msh = mesh.create_rectangle(COMM, corners, [n, n], mesh.CellType.quadrilateral)
+def body(low, n, held, kind, wider=0.0):
+    """A block of unit height, its lower side at this one; held at y = held by the value returned."""
+    corners = [[0.0 - wider, low], [1.0 + wider, low + 1.0]]
+    msh = mesh.create_rectangle(COMM, corners, n, mesh.CellType.quadrilateral)
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
     # With a velocity: a compressible fluid.
@@ -68,12 +68,12 @@ def side(V, y):
 
 def run(law, enforcement, kind, master, driver, steps, **options):
     """All steps of a scene."""
-    V, F, u, bcs, top = body(OPEN, 6, OPEN + 1, kind)
+    V, F, u, bcs, top = body(OPEN, [6, 6], OPEN + 1, kind)
     Fs, us, conditions = [F], [u], [bcs]
     if master == "tool":
         other = qs.RigidSurface.plane(COMM, point=[0, 0], normal=[0, 1])
     else:
-        W, G, w, fixed, _ = body(-1.0, 4, -1.0, kind)
+        W, G, w, fixed, _ = body(-1.0, [8, 4], -1.0, kind, 0.5)
         Fs, us, conditions = [F, G], [u, w], [bcs, fixed]
         other = side(W, 0.0)
     friction = LAWS[law]()

@@ -67,6 +67,13 @@ def check_bodies(
         if J[i] is not None:
             _check_form("J", i, J[i], 2, u[i])
     _check_unknowns(u, contacts)
+    for i, contact in enumerate(contacts):
+        problem = contact.model.problem
+        require(
+            problem is None or problem() is None,
+            f"contacts: entry {i} is part of another problem, which has its multipliers and the "
+            "history of its friction: make another contact, or call destroy() of that problem",
+        )
 
 
 def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[Contact]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import typing
+import weakref
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -60,7 +61,7 @@ class ContactProblem:
     Args:
         F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``.
         u: Unknown of each body, the initial guess.
-        contacts: Contacts between the bodies; may be empty.
+        contacts: Contacts between the bodies; may be empty. Each is part of one problem at a time.
         bcs: For each body the list of its Dirichlet conditions; also on contact nodes.
         J: For each body the derivative of F, or None to derive it. Forms that are linear in u are
             found by UFL, and their matrix is assembled once.
@@ -83,7 +84,8 @@ class ContactProblem:
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
-            none of the bodies, or a name is unknown, that of a type in PETSc's options included.
+            none of the bodies, a contact is part of another problem that has not been destroyed, or
+            a name is unknown, that of a type in PETSc's options included.
     """
 
     def __init__(
@@ -149,6 +151,8 @@ class ContactProblem:
             raise
         ksp = snes.getKSP()
         linear = LinearSolver(ksp, self.solver, self.system, chosen, pressure_preconditioner)
+        for contact in contacts:
+            contact.model.problem = weakref.ref(self)
         #: Newton's method for the system.
         self.newton = Newton(self.system, snes, linear, full_steps)
         #: Closed rows of each contact at each iteration of the last solve, over all ranks.
@@ -395,7 +399,9 @@ class ContactProblem:
         """Free PETSc's objects and options; whoever uses them then is told so. Collective.
 
         In parallel PETSc's objects are not freed when Python drops them. A program that makes many
-        problems should call this for each. A second call does nothing.
+        problems should call this for each. A second call does nothing. Contacts stay what they
+        are: they may become part of another problem, and go on there with their penalty,
+        multipliers and history of friction.
         """
         if self.system.is_destroyed:
             return
@@ -403,6 +409,8 @@ class ContactProblem:
         remove_options(self.snes.getOptionsPrefix())
         self.newton.snes.destroy()
         self.system.destroy()
+        for contact in self.system.contacts:
+            contact.problem = None
 
 
 def _pick(
