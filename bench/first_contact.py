@@ -1,7 +1,7 @@
 """Friction in the step in which bodies meet: forces and dissipation for fewer and fewer steps.
 
 A block moves down and sideways along a straight way, and meets a floor, or a coarser block, after
-0.9 of it. Printed are T/N and the energy that friction took, relative to those of the largest
+0.897 of it. Printed are T/N and the energy that friction took, relative to those of the largest
 number of steps, for laws, enforcements, bodies in displacements and velocities, rigid tools and two
 bodies, with problem.solve() and with a qs.TimeStepper (bodies in velocities: with that alone).
 

@@ -163,7 +163,8 @@ class Closings:
             slip.count_from(until_closed, np.maximum(1 - part, LEAST_SHARE))
         for vec in vecs:
             vec.destroy()
-        moved, way = self._system.comm.allreduce(np.array([moved, way]), op=MPI.MAX)
+        comm = self._system.comm
+        moved, way = (comm.allreduce(x, op=MPI.MAX) for x in (moved, way))
         return bool(moved > SAME * way)
 
 

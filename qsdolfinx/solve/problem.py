@@ -27,7 +27,7 @@ from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur
 from qsdolfinx.linear.solver import LinearSolver, preset_options
-from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, communicator
+from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
 from qsdolfinx.solve.augmented import AugmentedLagrangian
 from qsdolfinx.solve.closing import Closings
 from qsdolfinx.solve.equilibrium import Equilibrium
@@ -61,7 +61,8 @@ class ContactProblem:
     Args:
         F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``.
         u: Unknown of each body, the initial guess.
-        contacts: Contacts between the bodies; may be empty. Each is part of one problem at a time.
+        contacts: Contacts between the bodies; may be empty. Each is part of one
+            problem at a time, the first that is set up or solved.
         bcs: For each body the list of its Dirichlet conditions; also on contact nodes.
         J: For each body the derivative of F, or None to derive it. Forms that are linear in u are
             found by UFL, and their matrix is assembled once.
@@ -151,8 +152,6 @@ class ContactProblem:
             raise
         ksp = snes.getKSP()
         linear = LinearSolver(ksp, self.solver, self.system, chosen, pressure_preconditioner)
-        for contact in contacts:
-            contact.model.problem = weakref.ref(self)
         #: Newton's method for the system.
         self.newton = Newton(self.system, snes, linear, full_steps)
         #: Closed rows of each contact at each iteration of the last solve, over all ranks.
@@ -287,8 +286,10 @@ class ContactProblem:
         Raises:
             RuntimeError: If the problem has been destroyed, or a rigid tool has another position
                 than when contact was last paired.
+            ValueError: If a contact is part of another problem.
         """
         self.system.check_alive()
+        self._claim_contacts()
         for contact in self.system.contacts:
             motion.catch_up(contact)
         for body in self.bodies:
@@ -301,6 +302,13 @@ class ContactProblem:
         for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
             motion.begin_slip(contact, self.u[s], None if m is None else self.u[m])
 
+    def _claim_contacts(self) -> None:
+        """Make the contacts part of this problem. Collective."""
+        with checked(self.comm):
+            check_free(self.system.contacts, self)
+        for contact in self.system.contacts:
+            contact.problem = weakref.ref(self)
+
     def solve(self) -> list[fem.Function]:
         """Solve for all bodies, from their present u. Collective.
 
@@ -311,7 +319,7 @@ class ContactProblem:
 
         Raises:
             ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
-            RuntimeError: As :meth:`set_up`.
+            RuntimeError, ValueError: As :meth:`set_up`.
 
         Warns:
             ReachWarning: If nodes that were too far away to be paired may have been in contact.
@@ -322,6 +330,7 @@ class ContactProblem:
         return self.u
 
     def _solve(self) -> None:
+        self._claim_contacts()
         for contact in self.system.contacts:
             motion.catch_up(contact)
         state = [body.u.x.array.copy() for body in self.bodies]
@@ -410,7 +419,8 @@ class ContactProblem:
         self.newton.snes.destroy()
         self.system.destroy()
         for contact in self.system.contacts:
-            contact.problem = None
+            if contact.problem is not None and contact.problem() is self:
+                contact.problem = None
 
 
 def _pick(

@@ -6,7 +6,18 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from scenes import WORLD, Pair, box, clamp, drag_top, elastic, largest, plane, raises_everywhere, vector_space
+from scenes import (
+    WORLD,
+    Pair,
+    box,
+    clamp,
+    drag_top,
+    elastic,
+    largest,
+    plane,
+    raises_everywhere,
+    vector_space,
+)
 
 from dolfinx import fem
 
@@ -223,4 +234,3 @@ def test_contact_goes_on_in_another_problem():
         found.append([*pair.contact.force("slave"), energy, slip])
     assert min(found[0][2:]) > 1e-5
     np.testing.assert_allclose(found[0], found[1], rtol=1e-7)
-
