@@ -47,7 +47,7 @@ class Result(typing.NamedTuple):
 
 
 def body(low, n, held, kind, wider=0.0):
-    """A block of unit height, its lower side at this one; held at y = held by the value returned."""
+    """A block of unit height from low on; held at y = held by the value returned."""
     corners = [[0.0 - wider, low], [1.0 + wider, low + 1.0]]
     msh = mesh.create_rectangle(COMM, corners, n, mesh.CellType.quadrilateral)
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
