@@ -30,7 +30,7 @@ class _Guard:
         #: What a second signal has raised wherever that was.
         self.at_once: BaseException | None = None
         self._frame: types.FrameType | None = None
-        self._pending = False
+        self._pending, _here.left_over = _here.left_over, False
         self._error: BaseException | None = None
         self._before: typing.Callable[[int, types.FrameType | None], typing.Any] | None = None
         before = signal.getsignal(signal.SIGINT)
@@ -74,8 +74,21 @@ class _Guard:
         """Call the handler that was there before if there has been a signal."""
         pending, frame = self._pending, self._frame
         self._pending, self._frame = False, None
-        if pending and self._before is not None:
-            self._before(signal.SIGINT, frame)
+        try:
+            if pending and self._before is not None:
+                self._before(signal.SIGINT, frame)
+        finally:
+            del frame  # or the traceback keeps all that was there, on this rank alone
+
+    def leave_over(self) -> None:
+        """After the last look: one rank raises at once, several leave it to the next block.
+
+        The others may be gone, and would wait for this rank in vain elsewhere.
+        """
+        if self.size == 1:
+            self.pass_on()
+        else:
+            _here.left_over = self._pending
 
     def end(self) -> None:
         """Put the handler back, unless somebody has set another one."""
@@ -85,6 +98,7 @@ class _Guard:
 
 class _OfThread(threading.local):
     guard: _Guard | None = None
+    left_over: bool = False
 
 
 _here = _OfThread()
@@ -96,7 +110,8 @@ def heeded(comm: MPI.Intracomm) -> typing.Iterator[None]:
 
     The handler of SIGINT that was there is called then; if it raises on any rank, as Python's own
     does, all ranks raise, the others KeyboardInterrupt. A second Ctrl-C while the first one waits
-    is handled at once, wherever that is. Blocks inside of others are part of these.
+    is handled at once, wherever that is. Blocks inside of others are part of these. What comes to a
+    rank of several after the last look of a block waits for the next one.
 
     Args:
         comm: Communicator of the ranks that take part.
@@ -107,6 +122,8 @@ def heeded(comm: MPI.Intracomm) -> typing.Iterator[None]:
     guard = _here.guard = _Guard(comm)
     try:
         yield
+        if guard.size > 1:
+            comm.Barrier()  # so that no rank waits for another in what follows
         look(comm)
     except BaseException as error:
         guard.end()
@@ -117,8 +134,8 @@ def heeded(comm: MPI.Intracomm) -> typing.Iterator[None]:
         raise
     finally:
         guard.end()
-        _here.guard = None
-    guard.pass_on()  # what has come since
+        _here.guard = guard.raised = guard.at_once = None  # errors refer to the guard
+    guard.leave_over()
 
 
 def requested(comm: MPI.Intracomm) -> bool:

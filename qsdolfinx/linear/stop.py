@@ -14,7 +14,7 @@ EVERY = 5
 class Stop:
     """Ends a Krylov solver by its limit of iterations, so that PETSc leaves all of it whole.
 
-    PETSc keeps this where Python's garbage collector does not look: it must not refer to the solver.
+    It must not refer to the solver: PETSc keeps it where Python's garbage collector does not look.
 
     Args:
         ksp: The solver.
