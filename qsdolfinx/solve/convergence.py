@@ -76,7 +76,9 @@ class Measures:
             rests: Whether the last step was small.
         """
         stalled = self.residuals > STALLED * least
-        small = rests | self.undeformed | (self.rounding <= NOTICED * np.maximum(self.sizes, forces))
+        small = (
+            rests | self.undeformed | (self.rounding <= NOTICED * np.maximum(self.sizes, forces))
+        )
         return np.where(stalled & small, np.maximum(limits, self.rounding), limits)
 
 

@@ -57,11 +57,9 @@ class Billet(Upset):
         return qs.materials.norton_hoff(v, 3.0, self.exponent, 1e-3)
 
     def cycle(self, t, dt):
-        down = (t - 1e-9) % 0.1 < 0.06
-        self.tool.displacement = [0.0, -dt if down else 2 * dt if self.lifted < 1 else -0.5 * dt]
-        self.lifted = 0 if down else self.lifted + 1
-
-    lifted = 0
+        phase = (t - 1e-9) % 0.1
+        speed = -1.0 if phase < 0.06 else 2.0 if phase < 0.08 else -0.5
+        self.tool.displacement = [0.0, speed * dt]
 
 
 @pytest.mark.parametrize("die", (False, True))
