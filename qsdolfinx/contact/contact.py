@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
+from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
@@ -318,7 +319,8 @@ class Contact:
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
         """
-        motion.pair_anew(self.model)
+        with interrupt.heeded(self.comm):
+            motion.pair_anew(self.model)
 
     def allow_overclosure(self, part: float) -> None:
         """Set the part of the initial overclosure that is not resolved, from 0 to 1. Collective.

@@ -23,6 +23,7 @@ class ContactState:
         self._states = [copy.copy(part.state) for part in model.parts]
         self._penalty = copy.copy(model.penalty)
         self._dt = model.kinematics.dt
+        self._rate = None if model.friction is None else model.friction.rate
         self._catch_up = model.catch_up
         self._placement, self._tool_motion = model.placement, model.tool_motion
         surfaces = [s for s in map(deformable, (model.slave, model.master)) if s is not None]
@@ -41,6 +42,8 @@ class ContactState:
             part.state = copy.copy(state)
         model.penalty = copy.copy(self._penalty)
         model.kinematics.restore_dt(self._dt)
+        if model.friction is not None:
+            model.friction.rate = self._rate
         model.catch_up = self._catch_up
         model.placement, model.tool_motion = self._placement, self._tool_motion
         if self._offset is None:

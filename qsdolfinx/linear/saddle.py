@@ -10,11 +10,13 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base import interrupt
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.linear.krylov import SAFETY_LINEAR
 from qsdolfinx.linear.presets import GMRES_RESTART
+from qsdolfinx.linear.stop import Stop
 from qsdolfinx.system.blocks import Side
 from qsdolfinx.system.body import Body
 
@@ -107,6 +109,7 @@ class SaddlePoint:
         ksp.setTolerances(rtol=0.0, atol=tolerance, max_it=MAX_ITERATIONS)
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(self)
+        Stop(ksp, comm)
         ksp.solve(b, y)
         self.converged = ksp.getConvergedReason() > 0
         self.num_iterations = ksp.getIterationNumber()
@@ -114,6 +117,7 @@ class SaddlePoint:
         self.multipliers = self._on_rows(known + rows)
         for thing in (ksp, matrix, b, y, self._x, self._y):
             thing.destroy()
+        interrupt.look(comm)
 
     # --- What PETSc calls
 

@@ -15,6 +15,7 @@ from qsdolfinx.linear.presets import AGGREGATION, BLOCK, ITERATIVE, KRYLOV, PRES
 from qsdolfinx.linear.rescue import Rescue
 from qsdolfinx.linear.saddle import SaddlePoint
 from qsdolfinx.linear.schur import Forms, Schur
+from qsdolfinx.linear.stop import Stop
 from qsdolfinx.system.additive import Additive
 from qsdolfinx.system.system import ContactSystem
 
@@ -69,6 +70,7 @@ class LinearSolver:
         self.schur = Schur(system.bodies, pressure_preconditioner) if name == "schur" else None
         self._may_be_rescued = name in ITERATIVE and not {"ksp_type", "pc_type"} & set(chosen)
         self._rescue: Rescue | None = None
+        self._stop = Stop(ksp, system.comm)
 
     @property
     def watch(self) -> Stopwatch:
@@ -183,7 +185,16 @@ class LinearSolver:
         out = y.array_r.copy()
         b.destroy()
         y.destroy()
+        self.look()
         return out, self.ksp.getConvergedReason()
+
+    def look(self) -> None:
+        """Raise if there was Ctrl-C, which ends linear solves early. Collective.
+
+        Raises:
+            KeyboardInterrupt: On all ranks.
+        """
+        self._stop.look(self.ksp)
 
     @property
     def has_saddle_point(self) -> bool:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
+from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import check, instance, number, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import multipliers
@@ -81,7 +82,7 @@ def solve_with_continuation(
     before = [constant.value.item() for constant in constants]
     damped = problem.has_full_steps
     search = line_search(problem.snes, LINE_SEARCH) if damped else contextlib.nullcontext()
-    with problem.one_step(), search:
+    with interrupt.heeded(problem.comm), problem.one_step(), search:
         try:
             moving = problem.comm.allreduce(any(np.any(x) for x in start), op=MPI.LOR)
             if moving and before == targets:
@@ -90,7 +91,7 @@ def solve_with_continuation(
                     return [(1.0, problem.num_iterations)]
                 _restore(problem, start, known)
             return _follow(problem, set_to, min(targets))
-        except BaseException:  # Ctrl-C, too
+        except BaseException:
             _restore(problem, start, known)
             for constant, value in zip(constants, before, strict=True):
                 constant.value = value

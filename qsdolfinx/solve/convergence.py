@@ -22,6 +22,9 @@ NOTICED = 1e-6
 #: Last step over the unknowns, both in the 2-norm, of a method that has come to rest.
 RESTING = 1e-4
 
+#: Displacement over the size of a cell, of a body that counts as undeformed.
+UNDEFORMED = 1e-4
+
 #: A residual that an iteration leaves above this part has met rounding.
 STALLED = 0.5
 
@@ -36,12 +39,14 @@ class Measures:
             such as incompressibility, of the terms that cancel.
         rounding: Of what rounding may leave.
         nothing: Of a residual that is none beside the largest forces on any body.
+        undeformed: Whether the body's displacements are a small part of its cells.
     """
 
     residuals: Array
     sizes: Array
     rounding: Array
     nothing: Array
+    undeformed: npt.NDArray[np.bool_]
 
     def limits(self, relative: float, fall: float, first: Array) -> Array:
         """Norms with which a run of Newton's method may end, if rounding allows.
@@ -60,7 +65,8 @@ class Measures:
     def with_rounding(self, limits: Array, least: Array, forces: Array, rests: bool) -> Array:
         """The limits, raised to what rounding leaves where an iteration no longer helps.
 
-        Not where that is no small part of the forces, unless the unknowns have come to rest: the
+        Not where that is no small part of the forces, unless the unknowns have come to rest or are
+        so small that rounding is that of an undeformed body, on which nothing may act: the
         iterates of a method that diverges become so large that rounding hides all forces.
 
         Args:
@@ -70,7 +76,9 @@ class Measures:
             rests: Whether the last step was small.
         """
         stalled = self.residuals > STALLED * least
-        small = rests | (self.rounding <= NOTICED * np.maximum(self.sizes, forces))
+        small = (
+            rests | self.undeformed | (self.rounding <= NOTICED * np.maximum(self.sizes, forces))
+        )
         return np.where(stalled & small, np.maximum(limits, self.rounding), limits)
 
 
@@ -101,7 +109,7 @@ class Convergence:
             reactions: Whether to find those of linear bodies, too: F is assembled for that.
         """
         bodies = self._system.bodies
-        rows, most = [], []
+        rows, most, moved = [], [], []
         for i, body in enumerate(bodies):
             x = np.abs(self._system.part(self._system.evaluated, i))
             residual, acting = self._system.residuals[i], body.force.array_r.copy()
@@ -109,19 +117,23 @@ class Convergence:
             known = reactions or not body.linear
             # Contact forces on held unknowns may be anything, without balance.
             acting[body.owned_constrained] = body.reactions() if known else 0.0
+            cell = self._cells[i] / self._system.scales[i]
+            displacement = x[body.groups[0]].max(initial=0.0)
             for k, group in enumerate(body.groups):
+                moved.append(displacement / cell if displacement > 0 else 0.0)
                 parts = residual, body.terms if k else acting, left
                 rows.append([float(part[group] @ part[group]) for part in parts])
                 most.append(x[body.groups[0]].max(initial=0.0) if k else 1.0)
-        squares, largest = np.array(rows).T.copy(), np.array(most)
+        squares, largest = np.array(rows).T.copy(), np.array([most, moved])
         self._system.comm.Allreduce(MPI.IN_PLACE, squares, op=MPI.SUM)
         self._system.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         norms = np.sqrt(squares)
         eps = np.finfo(np.float64).eps
         forces = np.concatenate([np.arange(len(body.groups)) == 0 for body in bodies])
-        sizes = norms[1] * largest
+        sizes = norms[1] * largest[0]
         left = ROUNDING * eps * np.where(forces, norms[2], sizes)
-        return Measures(norms[0], sizes, left, np.where(forces, eps * sizes[forces].max(), 0.0))
+        nothing = np.where(forces, eps * sizes[forces].max(), 0.0)
+        return Measures(norms[0], sizes, left, nothing, largest[1] <= UNDEFORMED)
 
     def _rounding(self, i: int, x: Array, touched: npt.NDArray[np.bool_]) -> Array:
         """Terms of body i's owned rows of which rounding takes its part.

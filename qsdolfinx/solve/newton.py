@@ -13,6 +13,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base import interrupt
 from qsdolfinx.base.messages import say
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.solve.convergence import RESTING, Convergence, Measures
@@ -166,6 +167,8 @@ def _has_converged(
     snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], context: Context
 ) -> int:
     reasons, accuracy = PETSc.SNES.ConvergedReason, context.accuracy
+    if interrupt.requested(context.system.comm):
+        return int(reasons.DIVERGED_FUNCTION_COUNT)  # PETSc ends in order; then it is raised
     size, step, norm = norms
     if not np.isfinite(norm):
         return int(reasons.DIVERGED_FNORM_NAN)
@@ -302,6 +305,7 @@ class Newton:
 
     def fail(self, reason: int) -> typing.NoReturn:
         """Raise the error of a solve that ends with this reason. Collective."""
+        interrupt.look(self.system.comm)
         linear_reason = self.snes.getKSP().getConvergedReason()
         forget_failure(self.snes)
         record = self.record
@@ -374,5 +378,7 @@ class Newton:
             self.system.replace_vectors()
             failure, self._context.failure = self._context.failure, None
             if failure is None:
+                self.linear.look()
                 raise
             raise failure from None
+        self.linear.look()

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import FLAG, check, either, instance, one_of, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import say
@@ -29,6 +30,7 @@ from qsdolfinx.linear.schur import Forms, check_schur, has_schur
 from qsdolfinx.linear.solver import LinearSolver, preset_options
 from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
 from qsdolfinx.solve.augmented import AugmentedLagrangian
+from qsdolfinx.solve.before import Before
 from qsdolfinx.solve.closing import Closings
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
@@ -290,6 +292,10 @@ class ContactProblem:
         """
         self.system.check_alive()
         self._claim_contacts()
+        with interrupt.heeded(self.comm):
+            self._set_up()
+
+    def _set_up(self) -> None:
         for contact in self.system.contacts:
             motion.catch_up(contact)
         for body in self.bodies:
@@ -320,14 +326,36 @@ class ContactProblem:
         Raises:
             ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
             RuntimeError, ValueError: As :meth:`set_up`.
+            KeyboardInterrupt: After Ctrl-C, on all ranks, whichever have received it; unknowns,
+                multipliers, tools and what contacts show are then as they were before.
 
         Warns:
             ReachWarning: If nodes that were too far away to be paired may have been in contact.
             ContactWarning: If conditions press nodes that they hold on both sides into each other.
         """
-        with self.one_step(), summary(self.newton, self.verbose):
+        with (
+            interrupt.heeded(self.comm),
+            self.one_step(),
+            self._or_as_before(),
+            summary(self.newton, self.verbose),
+        ):
             self._solve()
+            interrupt.look(self.comm)
         return self.u
+
+    @contextlib.contextmanager
+    def _or_as_before(self) -> typing.Iterator[None]:
+        """Put everything back if the block is interrupted, or if a callback fails."""
+        before = Before(self.system)
+        try:
+            yield
+        except (ConvergenceError, Warning):
+            raise
+        except BaseException as error:
+            alone = self.comm.size > 1 and not isinstance(error, Exception)
+            if interrupt.is_of_all(error) or not alone:
+                before.restore()
+            raise
 
     def _solve(self) -> None:
         self._claim_contacts()
@@ -347,10 +375,10 @@ class ContactProblem:
                 if not (closings.have_changed() or self._has_other_rates()):
                     break
                 self._find(balance, self._starting_point())
-        except BaseException as error:  # Ctrl-C, too
+        except BaseException as error:
             for contact, kept in zip(self.system.contacts, known, strict=True):
                 multipliers.set_known(contact, kept)
-            if isinstance(error, Exception) or self.comm.size == 1:  # else on this rank alone
+            if isinstance(error, ConvergenceError):
                 balance.restore()
             self._begin_slips()
             for slip in self.system.slips:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
+from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import (
     CALLABLE,
     COUNT,
@@ -194,9 +195,15 @@ class TimeStepper:
 
         Raises:
             StepError: If it cannot be made, even with the smallest Δt, or a mesh is distorted.
+            KeyboardInterrupt: After Ctrl-C, on all ranks, whichever have received it; all is as at
+                the end of the last step, or, if it came at the very last, of this one.
         """
         with checked(self.problem.comm) as same:
             same(either(FINITE, None), t_end=t_end)
+        with interrupt.heeded(self.problem.comm):
+            return self._step(t_end)
+
+    def _step(self, t_end: float | None) -> float:
         planned = dt = self._planned(t_end)
         self.num_iterations = 0
         start = Snapshot(self.problem, self.motions, self.tools)
@@ -229,7 +236,7 @@ class TimeStepper:
                         f"succeeds; the last attempt: {error}"
                     ) from error
                 dt *= self.cutback
-            except BaseException:  # Ctrl-C, too
+            except BaseException:
                 start.restore()
                 raise
 
@@ -269,6 +276,7 @@ class TimeStepper:
         """
         with collective_errors(self.problem.comm):
             self.drive(t, dt)
+        interrupt.look(self.problem.comm)
         for contact in self.problem.contacts:
             if contact.dt is not None:
                 contact.set_dt(dt)
@@ -301,6 +309,7 @@ class TimeStepper:
         if self.on_solved is not None:
             with collective_errors(self.problem.comm):
                 self.on_solved()
+        interrupt.look(self.problem.comm)
 
     def _has_slid(self, pairings: int) -> bool:
         """Whether contact has slid so far since it was paired that it has to pair once more."""
@@ -354,6 +363,7 @@ class TimeStepper:
         for i, motion in enumerate(self.motions):
             flows = self.in_velocity[i]
             motion.move(motion.values(known[i] * self.theta * dt) if flows else 0.0)
+        interrupt.look(self.problem.comm)
 
     def _check_shape(self, dt: float, start: Snapshot) -> None:
         """Refuse cells that would be distorted at the end of the step."""

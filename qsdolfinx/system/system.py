@@ -181,6 +181,10 @@ class ContactSystem:
         paired = [contact.paired for contact in self.contacts]
         return len(paired) == len(self._paired) and all(map(operator.is_, paired, self._paired))
 
+    def make_stale(self) -> None:
+        """Let matrices be built anew before they are used again."""
+        self._paired = [None] * (len(self.contacts) + 1)
+
     def rebuild(self) -> None:
         """Penalties, patterns and matrices after the contacts have paired. Collective."""
         self.check_alive()
@@ -194,9 +198,9 @@ class ContactSystem:
 
     def destroy_matrices(self) -> None:
         """Free the matrices. Collective."""
-        if self._made is not None:
-            self._made.destroy()
-        self._made = None
+        made, self._made = self._made, None
+        if made is not None:
+            made.destroy()
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
@@ -223,7 +227,7 @@ class ContactSystem:
         self.x.destroy()
         self.r.destroy()
         self._x, self._r = new
-        self._paired = [None] * len(self.contacts)  # whoever holds the old ones is set up again
+        self.make_stale()  # whoever holds the old ones is set up again
 
     # --- Evaluation
 

@@ -1,0 +1,205 @@
+"""Ctrl-C during solves and steps: all ranks stop, all is as before, and the next solve is right."""
+
+import functools
+import signal
+import threading
+
+import numpy as np
+import pytest
+from interrupted import SCENES, Blocks, run
+from scenes import WORLD
+from step_scenes import Upset, same
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+from qsdolfinx.linear.stop import EVERY
+
+
+@pytest.fixture(autouse=True)
+def python_handler():
+    """Background jobs of a shell ignore Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    after = signal.signal(signal.SIGINT, before)
+    assert after is signal.default_int_handler
+
+
+def last():
+    return WORLD.rank == WORLD.size - 1
+
+
+def raised(call):
+    """Names of what the ranks raise."""
+    found = None
+    try:
+        call()
+    except BaseException as error:
+        found = type(error).__name__
+    return WORLD.allgather(found)
+
+
+def press():
+    """Ctrl-C on one rank of those that there are."""
+    if last():
+        signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_random_moments(name):
+    """Before each solve ends there is Ctrl-C on one rank or on all; few come at the very end."""
+    assert run(name, 3, 0)[0] <= 1
+
+
+def test_long_linear_solve():
+    """Krylov's method ends within a few iterations, and has its limit again afterwards."""
+    options = {"ksp_type": "cg", "pc_type": "none", "ksp_rtol": 1e-10, "ksp_max_it": 5000}
+    scene = Blocks(petsc_options=options, solver="auto")
+    scene.set(1.0)
+    ksp, seen = scene.problem.snes.getKSP(), []
+
+    def monitor(ksp, iteration, norm):
+        seen.append(iteration)
+        if len(seen) == 20:
+            press()
+
+    ksp.setMonitor(monitor)
+    assert raised(scene.go) == ["KeyboardInterrupt"] * WORLD.size
+    assert len(seen) <= 20 + EVERY
+    scene.go()
+    assert len(seen) > 200 and ksp.getTolerances()[3] == 5000
+
+
+def test_second_one_is_handled_at_once():
+    """A callback that hangs can be left, and the state before the step is put back."""
+    case = Upset(drive=lambda t, dt: None)
+    case.stepper.step()
+    before, reached = case.state(), []
+
+    def drive(t, dt):
+        signal.raise_signal(signal.SIGINT)
+        reached.append("first")
+        signal.raise_signal(signal.SIGINT)
+        reached.append("second")
+
+    case.stepper.drive = drive
+    assert raised(case.stepper.step) == ["KeyboardInterrupt"] * WORLD.size
+    assert reached == ["first"] and same(before, case.state())
+
+
+@pytest.mark.skipif(WORLD.size > 1, reason="with several ranks nothing can be promised")
+@pytest.mark.parametrize("moment", range(5))
+def test_second_one_in_the_midst_of_assembly(moment):
+    """Even that leaves a problem that can be solved."""
+    scene, twin = Blocks(), Blocks()
+    twin.set(1.0)
+    twin.go()
+    scene.set(1.0)
+    system = scene.problem.system
+    name = ("residual", "assemble", "rebuild", "set_strict", "num_active_local")[moment]
+    method = getattr(system, name)
+
+    def twice(*args):
+        out = method(*args)
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        return out
+
+    setattr(system, name, twice)
+    before = [u.x.array.copy() for u in scene.problem.u]
+    assert raised(scene.go) == ["KeyboardInterrupt"] * WORLD.size
+    assert same(before, [u.x.array for u in scene.problem.u])
+    delattr(system, name)
+    scene.go()
+    for u, expected in zip(scene.problem.u, twin.problem.u, strict=True):
+        np.testing.assert_allclose(u.x.array, expected.x.array, atol=1e-9)
+
+
+def test_handler_of_the_program():
+    """It is called once, and if it does not raise the solve goes on."""
+    scene, twin, calls = Blocks(), Blocks(), []
+    twin.set(1.0)
+    twin.go()
+
+    def own(number, frame):
+        calls.append(number)
+
+    signal.signal(signal.SIGINT, own)
+    evaluate = scene.problem.system.residual
+    count = []
+
+    def pressing(x):
+        count.append(1)
+        if len(count) == 3:
+            press()
+        return evaluate(x)
+
+    scene.problem.system.residual = pressing
+    scene.set(1.0)
+    scene.go()
+    assert signal.signal(signal.SIGINT, signal.default_int_handler) is own
+    assert calls == ([signal.SIGINT] if last() else []) and scene.problem.num_restarts == 0
+    for a, b in zip(scene.shown(), twin.shown(), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+def test_handler_that_raises_something_else():
+    """That rank raises it, the others KeyboardInterrupt."""
+    scene = Blocks()
+    evaluate = scene.problem.system.residual
+
+    def own(number, frame):
+        raise SystemExit(3)
+
+    count = []
+
+    def pressing(x):
+        count.append(1)
+        if len(count) == 1:
+            press()
+        return evaluate(x)
+
+    signal.signal(signal.SIGINT, own)
+    scene.problem.system.residual = pressing
+    names = raised(scene.go)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    assert names == ["KeyboardInterrupt"] * (WORLD.size - 1) + ["SystemExit"]
+
+
+def test_other_threads():
+    """Signals are the main thread's: a solve elsewhere leaves the handler alone."""
+    scene, handlers = Blocks(), []
+    evaluate = scene.problem.system.residual
+
+    def watching(x):
+        handlers.append(signal.getsignal(signal.SIGINT))
+        return evaluate(x)
+
+    scene.problem.system.residual = watching
+    scene.set(1.0)
+    thread = threading.Thread(target=scene.go)
+    thread.start()
+    thread.join()
+    assert handlers and all(handler is signal.default_int_handler for handler in handlers)
+    scene.problem.system.residual = evaluate
+    scene.go()
+
+
+def test_continuation():
+    """Ctrl-C in the midst of a path puts back the parameter, too."""
+    case = Upset(drive=lambda t, dt: None)
+    case.tool.displacement = [0.0, -0.02]
+    count, solve = [], case.problem.solve
+
+    def pressing():
+        count.append(1)
+        if len(count) == 2:
+            press()
+        return solve()
+
+    case.problem.solve = pressing
+    m = fem.Constant(case.mesh, 1.0)
+    before = case.state()
+    path = functools.partial(qs.solve_with_continuation, case.problem, m, 0.1)
+    assert raised(path) == ["KeyboardInterrupt"] * WORLD.size
+    assert m.value == 1.0 and same(before, case.state())
