@@ -7,7 +7,6 @@ they meet, or meet it at an angle, surfaces can be closed in the mean and penetr
 from __future__ import annotations
 
 import dataclasses
-import typing
 
 from mpi4py import MPI
 
@@ -16,7 +15,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact.model import TOUCHING, ContactModel
-from qsdolfinx.contact.placement import Place, Placement, ToolPlace
+from qsdolfinx.contact.placement import Place, Placement, is_analytic
 from qsdolfinx.pairing.distance import (
     Distances,
     from_shape,
@@ -134,7 +133,7 @@ def _gaps(model: ContactModel, side: str) -> Array:
     other = placement.master if side == "slave" else placement.slave
     assert isinstance(place, Place)
     facets = place.facets()
-    if _is_analytic(other):
+    if is_analytic(other):
         found = from_shape(other.tool, other.now, _cpp.sample_nodes(facets), radius)
     else:
         found = of_nodes(facets, other.facets(), radius)
@@ -155,7 +154,7 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
     placement, radius = model.placement, model.paired.search_radius
     sampling, gdim = model.settings.sampling, model.slave.gdim
     slave, other = placement.slave.facets(), placement.master
-    if _is_analytic(other):
+    if is_analytic(other):
         points = [_cpp.sample_nodes(slave)]
         if sampling.quadrature == "overlay":
             points.append(on_facets(slave, model.slave.num_facet_vertices))
@@ -174,7 +173,3 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
                 between = of_points(x, found.normal, own, opposite, radius)
             out.append((side, between))
     return out
-
-
-def _is_analytic(place: Place | ToolPlace) -> typing.TypeGuard[ToolPlace]:
-    return isinstance(place, ToolPlace) and place.tool.is_analytic

@@ -119,6 +119,7 @@ class ContactProblem:
             same(FLAG, verbose=verbose)
         self.verbose = bool(verbose)
         self._steps_within = 0
+        self._watches_reach = True
         bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
         prefix = f"qsdolfinx_{next(_counter)}_" if petsc_options_prefix is None else ""
         prefix = petsc_options_prefix or prefix
@@ -258,18 +259,24 @@ class ContactProblem:
     # --- Solving
 
     @contextlib.contextmanager
-    def one_step(self) -> typing.Iterator[None]:
+    def one_step(self, watch: bool = True) -> typing.Iterator[None]:
         """Make all solves inside the block attempts at one step. Collective.
 
         Friction counts slip from the end of the last step. Without this block each solve that
         succeeds is a step.
+
+        Args:
+            watch: Whether solves warn of points that have passed through unseen, see
+                :class:`ReachWarning`: who looks for them at the end of the step can do without.
         """
         self.system.check_alive()
         self._steps_within += 1
+        before, self._watches_reach = self._watches_reach, watch and self._watches_reach
         try:
             yield
         finally:
             self._steps_within -= 1
+            self._watches_reach = before
         if self._steps_within == 0:
             for contact in self.system.contacts:
                 if contact.friction is not None:
@@ -306,7 +313,8 @@ class ContactProblem:
             RuntimeError: As :meth:`set_up`.
 
         Warns:
-            ReachWarning: If nodes that were too far away to be paired may have been in contact.
+            ReachWarning: If points have passed through the other surface, where contact had not
+                looked when it was paired.
             ContactWarning: If conditions press nodes that they hold on both sides into each other.
         """
         with self.one_step(), summary(self.newton, self.verbose):
@@ -346,7 +354,8 @@ class ContactProblem:
         self.active_history = self.newton.record.active_of_all(self.comm)
         for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
             unknowns = self.bodies[s].x, None if m is None else self.bodies[m].x
-            check_reach(contact, *unknowns)
+            if self._watches_reach:
+                check_reach(contact)
             check_held(contact, *unknowns)
 
     def _has_other_rates(self) -> bool:

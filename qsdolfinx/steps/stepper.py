@@ -31,6 +31,7 @@ from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
 from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.steps.penetration import Penetration
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.tool_motion import ToolRate, go_ahead_by_part
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
@@ -88,8 +89,10 @@ class TimeStepper:
         growth: Factor of Δt after a step of at most ``easy`` Newton iterations.
         cutback: Factor of Δt after a failure.
         easy: See growth.
-        max_penetration: Largest ``contact.penetration()`` (length) at the end of a step, on top of
-            the initial overclosure that is allowed to stay; not limited by default.
+        max_penetration: Largest true depth (length) of points of either surface at the end of a
+            step, on top of the initial overclosure that is allowed to stay. Points that have passed
+            through the other surface count however deep they are, see :ref:`max-penetration`.
+            ``"auto"``: half of the largest facet, not of ties. None: not limited.
         min_quality: Shape of the worst cell, see MeshMotion.quality, at which to stop.
         progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
 
@@ -112,7 +115,7 @@ class TimeStepper:
         growth: float = 1.5,
         cutback: float = 0.5,
         easy: int = 8,
-        max_penetration: float | None = None,
+        max_penetration: float | str | None = "auto",
         min_quality: float = 0.02,
         progress: bool = False,
     ) -> None:
@@ -128,7 +131,7 @@ class TimeStepper:
             same(COUNT, num_pairings=num_pairings, easy=easy)
             same(GROWTH, growth=growth)
             same(CUTBACK, cutback=cutback)
-            same(either(POSITIVE, None), max_penetration=max_penetration)
+            same(either(either(POSITIVE, "auto"), None), max_penetration=max_penetration)
             same(FLAG, progress=progress)
         self.problem = problem
         self.drive = drive or (lambda t, dt: None)
@@ -136,8 +139,11 @@ class TimeStepper:
         self.theta, self.num_pairings = float(theta), int(num_pairings)
         self.dt_min, self.dt_max = float(dt_min), float(dt_max)
         self.growth, self.cutback, self.easy = float(growth), float(cutback), int(easy)
-        self.max_penetration, self.min_quality = max_penetration, float(min_quality)
+        self.min_quality = float(min_quality)
         self.progress = bool(progress)
+        if max_penetration is not None and max_penetration != "auto":
+            max_penetration = float(max_penetration)
+        self._penetration = Penetration(problem.contacts, max_penetration)
         #: Time at the end of the last step.
         self.t = 0.0
         #: Δt that will be tried next.
@@ -172,6 +178,11 @@ class TimeStepper:
             for contact, (s, m) in zip(self.problem.contacts, self.problem.sides, strict=True)
         ]
 
+    @property
+    def max_penetration(self) -> float | str | None:
+        """Largest depth at the end of a step."""
+        return self._penetration.limit
+
     # --- Steps
 
     def step(self, t_end: float | None = None) -> float:
@@ -191,7 +202,8 @@ class TimeStepper:
         planned = dt = self._planned(t_end)
         self.num_iterations = 0
         start = Snapshot(self.problem, self.motions, self.tools)
-        with self.problem.one_step():
+        self._starts = self._penetration.starts()
+        with self.problem.one_step(watch=not self._penetration.is_limited):
             t, dt = self._try(t_end, dt, start)
         self._accept(t, dt, start)
         if dt < planned:
@@ -352,16 +364,10 @@ class TimeStepper:
                 )
 
     def _check_penetration(self) -> None:
-        """Refuse gaps that are too deep."""
-        if self.max_penetration is None:
-            return
-        deepest = max(
-            (c.penetration() - c.overclosure.allowed for c in self.problem.contacts), default=0.0
-        )
-        if deepest > self.max_penetration:
-            raise _Fault(
-                f"a penetration of {deepest:.3g}, above max_penetration = {self.max_penetration:g}"
-            )
+        """Refuse what is too deep."""
+        fault = self._penetration.fault(self._starts)
+        if fault is not None:
+            raise _Fault(fault)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):
@@ -373,6 +379,7 @@ class TimeStepper:
         for i, tool in enumerate(self.tools):
             tool.advance()
             self.tool_rates[i] = ToolRate.since(tool, start.pose_of(tool), dt)
+        self._penetration.accept()
         # What contacts show stays that of the step until somebody solves.
         for model, slave, master in self.ends():
             model.catch_up = functools.partial(pair_at, model, slave, master)
