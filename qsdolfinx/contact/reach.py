@@ -18,7 +18,7 @@ class ReachWarning(ContactWarning):
     """Points have passed through the other surface, or lie deeper in it than contact can see."""
 
 
-def checkreach(model: ContactModel) -> None:
+def check_reach(model: ContactModel) -> None:
     """Warn of points that were outside when they were paired, and are inside, unseen. Collective.
 
     Those are slave nodes without a partner, and any points that are deeper than the search radius.

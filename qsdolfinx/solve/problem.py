@@ -32,6 +32,7 @@ from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.snes import ConvergenceError, read_options, remove_options, set_options
+from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised
 from qsdolfinx.solve.summary import summary
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.blocks import Blocks, Side
@@ -76,6 +77,8 @@ class ContactProblem:
             that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
             sign. By default it is found from the tangent, at the viscosity of each iterate. Not
             used if ``"auto"`` takes another solver, refused with the others by name.
+        stabilisation: Springs for bodies that only contact holds, which are gone at the end of the
+            solve: see :class:`Stabilisation`. None for none.
         verbose: Whether to log a line about every solve (rank 0, logger ``"qsdolfinx"``, which
             prints as long as logging has no handlers).
 
@@ -97,6 +100,7 @@ class ContactProblem:
         kind: str | None = None,
         solver: str = "auto",
         pressure_preconditioner: Forms = None,
+        stabilisation: Stabilisation | None = None,
         verbose: bool = False,
     ) -> None:
         with checked(communicator(u)) as same:
@@ -116,8 +120,15 @@ class ContactProblem:
             check_schur(u, solver, kind, pressure_preconditioner)
             same(either(instance(str, "a string"), None), petsc_options_prefix=petsc_options_prefix)
             same(either(OPTIONS, None), petsc_options=petsc_options)
+            kind_of = instance(Stabilisation, "a Stabilisation")
+            same(either(kind_of, None), stabilisation=stabilisation)
             same(FLAG, verbose=verbose)
         self.verbose = bool(verbose)
+        #: What helps to find bodies that only contact holds; None for nothing.
+        self.stabilisation = stabilisation
+        #: Share of its springs in the forces, after each part of the last solve. The last one is
+        #: that of the result: 0, unless the solve without springs has failed.
+        self.stabilisation_shares: list[float] = []
         self._steps_within = 0
         self._watches_reach = True
         bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
@@ -347,6 +358,7 @@ class ContactProblem:
                 slip.stick_slip.end_iterations()
             if isinstance(error, ConvergenceError):
                 self.active_history = error.active_history
+                self._advise(error)
                 self.system.residual(start)  # gaps and multipliers too
             for body, array in zip(self.bodies, state, strict=True):
                 body.u.x.array[:] = array
@@ -357,6 +369,14 @@ class ContactProblem:
             if self._watches_reach:
                 check_reach(contact)
             check_held(contact, *unknowns)
+
+    def _advise(self, error: ConvergenceError) -> None:
+        """Say what may help."""
+        if self.stabilisation is None and self.system.made.rigid.free_motions.shape[1] > 0:
+            error.advise(
+                "bodies that only contact holds may have been lost on the way: "
+                "stabilisation=qs.Stabilisation() holds them by springs that are gone at the end"
+            )
 
     def _has_other_rates(self) -> bool:
         """Whether bodies slip at other rates than friction has taken for slow. Collective."""
@@ -391,7 +411,12 @@ class ContactProblem:
         equilibrium = Equilibrium(newton, balance)
         augmented = AugmentedLagrangian(equilibrium)
         with augmented.first_accuracy():
-            equilibrium.find()
+            if self.stabilisation is None:
+                equilibrium.find()
+            else:
+                stabilised = Stabilised(equilibrium, self.stabilisation, self.verbose)
+                self.stabilisation_shares = stabilised.shares
+                stabilised.find()
         augmented.close_gaps()
 
     def destroy(self) -> None:
