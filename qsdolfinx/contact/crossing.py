@@ -39,21 +39,31 @@ def motion_since(model: ContactModel, before: Placement) -> float:
     Returns:
         A bound (length).
     """
-    comm, now = model.comm, model.placement
-    if now is before:
+    comm = model.comm
+    if model.placement is before:
         return 0.0
-    if isinstance(now.master, ToolPlace):
-        assert isinstance(before.master, ToolPlace)
-        carried = _carried(before.master, now.master)
-        moved = now.slave.positions() - carried(before.slave.positions())
+    moved, other = displacements_since(model, before)
+    if other is None:
         return _longest(comm, moved)
-    assert isinstance(before.master, Place)
-    moved = now.slave.positions() - before.slave.positions()
-    other = now.master.positions() - before.master.positions()
     sums = np.append(moved.reshape(-1, 3).sum(axis=0), moved.size / 3)
     sums = comm.allreduce(sums, op=MPI.SUM)
     mean = sums[:3] / max(sums[3], 1.0)
     return _longest(comm, moved - mean) + _longest(comm, other - mean)
+
+
+def displacements_since(model: ContactModel, before: Placement) -> tuple[Array, Array | None]:
+    """Displacements of the trace's nodes of both sides, (facets, nodes, 3). Collective.
+
+    Those of the slave are relative to a rigid tool, for which there is None.
+    """
+    now = model.placement
+    if isinstance(now.master, ToolPlace):
+        assert isinstance(before.master, ToolPlace)
+        carried = _carried(before.master, now.master)
+        return now.slave.positions() - carried(before.slave.positions()), None
+    assert isinstance(before.master, Place)
+    moved = now.slave.positions() - before.slave.positions()
+    return moved, now.master.positions() - before.master.positions()
 
 
 def deepest_crossing(

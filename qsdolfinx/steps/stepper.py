@@ -31,6 +31,7 @@ from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
 from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.steps.motion_limits import MotionLimits
 from qsdolfinx.steps.penetration import Penetration
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.tool_motion import ToolRate, go_ahead_by_part
@@ -91,8 +92,12 @@ class TimeStepper:
         easy: See growth.
         max_penetration: Largest true depth (length) of points of either surface at the end of a
             step, on top of the initial overclosure that is allowed to stay. Points that have passed
-            through the other surface count however deep they are, see :ref:`max-penetration`.
+            through the other surface count however deep they are.
             ``"auto"``: half of the largest facet, not of ties. None: not limited.
+        max_rotation: Largest angle (radians) by which rigid tools, and normals of contact surfaces,
+            turn in a step; not limited by default.
+        max_slip: Largest way of nodes in contact along the other surface in a step, in units of the
+            facets there; not limited by default.
         min_quality: Shape of the worst cell, see MeshMotion.quality, at which to stop.
         progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
 
@@ -116,6 +121,8 @@ class TimeStepper:
         cutback: float = 0.5,
         easy: int = 8,
         max_penetration: float | str | None = "auto",
+        max_rotation: float | None = None,
+        max_slip: float | None = None,
         min_quality: float = 0.02,
         progress: bool = False,
     ) -> None:
@@ -132,6 +139,7 @@ class TimeStepper:
             same(GROWTH, growth=growth)
             same(CUTBACK, cutback=cutback)
             same(either(either(POSITIVE, "auto"), None), max_penetration=max_penetration)
+            same(either(POSITIVE, None), max_rotation=max_rotation, max_slip=max_slip)
             same(FLAG, progress=progress)
         self.problem = problem
         self.drive = drive or (lambda t, dt: None)
@@ -143,6 +151,7 @@ class TimeStepper:
         self.progress = bool(progress)
         if max_penetration is not None and max_penetration != "auto":
             max_penetration = float(max_penetration)
+        self._limits = MotionLimits(problem.contacts, max_rotation, max_slip)
         self._penetration = Penetration(problem.contacts, max_penetration)
         #: Time at the end of the last step.
         self.t = 0.0
@@ -182,6 +191,16 @@ class TimeStepper:
     def max_penetration(self) -> float | str | None:
         """Largest depth at the end of a step."""
         return self._penetration.limit
+
+    @property
+    def max_rotation(self) -> float | None:
+        """Largest angle (radians) in a step."""
+        return self._limits.max_rotation
+
+    @property
+    def max_slip(self) -> float | None:
+        """Largest slip in a step, in facets."""
+        return self._limits.max_slip
 
     # --- Steps
 
@@ -272,6 +291,8 @@ class TimeStepper:
         """
         with collective_errors(self.problem.comm):
             self.drive(t, dt)
+        if (fault := self._limits.fault_of(self.tools)) is not None:
+            raise _Fault(fault)
         for contact in self.problem.contacts:
             if contact.dt is not None:
                 contact.set_dt(dt)
@@ -298,7 +319,7 @@ class TimeStepper:
             self._pair(known, dt, start, at_end=True)
             self._run_solver()
         self._check_shape(dt, start)
-        self._check_penetration()
+        self._check_motion()
         if self.on_solved is not None:
             with collective_errors(self.problem.comm):
                 self.on_solved()
@@ -363,9 +384,9 @@ class TimeStepper:
                     hopeless=quality > 0.5 * motion.quality(motion.reference + old),
                 )
 
-    def _check_penetration(self) -> None:
-        """Refuse what is too deep."""
-        fault = self._penetration.fault(self._starts)
+    def _check_motion(self) -> None:
+        """Refuse what is too deep, or has turned or slipped too far."""
+        fault = self._limits.fault(self._starts) or self._penetration.fault(self._starts)
         if fault is not None:
             raise _Fault(fault)
 

@@ -52,11 +52,17 @@ class Falling:
 
         def drive(t, dt):
             if kind == "body":
-                way.value = (0.0, -speed * t)
+                way.value = (self.side * max(t - 1, 0), -speed * min(t, 1.0 if self.side else t))
             else:
-                master.displacement = [0.0, -speed * dt]
+                master.displacement = [self.side * dt, 0.0 if self.side else -speed * dt]
+
+        self.side = 0.0
 
         self.stepper = qs.TimeStepper(self.problem, 1.0, drive, **stepping)
+
+    def aside(self, speed):
+        """From now on along the block's surface."""
+        self.side = speed
 
     @property
     def force(self):
@@ -127,3 +133,43 @@ def test_free_ring_is_not_lost_in_silence(turn):
         assert "qs.Stabilisation" in str(error) or "penetration" in str(error)
     lower, upper = case.forces
     assert np.isclose(lower, -upper, rtol=1e-5) and np.isclose(lower, squeezed, rtol=0.05)
+
+
+def test_rotation_of_a_tool_is_limited():
+    """Before anything is solved; the whole angle is made, in as many steps as it takes."""
+    case = Falling("facets", 0.0, max_rotation=0.3)
+
+    def drive(t, dt):
+        case.stepper.tools[0].rotation = 2.0 * np.pi * dt
+
+    case.stepper.drive = drive
+    for _ in case.stepper.run(1.0):
+        assert case.stepper.last_dt * 2 * np.pi <= 0.3
+    assert case.stepper.num_steps >= 21
+    assert np.allclose(case.stepper.tools[0].position[:, :2], np.eye(2), atol=1e-12)
+
+
+def test_rotation_of_surfaces_is_limited():
+    """A ring that rolls by 30° a unit of time, of which its normals turn by that and more."""
+    case = FreeRing((48, 3), 30.0, max_rotation=np.radians(20.0))
+    case.step_to(2.0)
+    assert case.stepper.num_cutbacks > 0
+
+
+@pytest.mark.parametrize("kind", ("plane", "facets", "body"))
+def test_slip_is_limited(kind):
+    """Pressed by a tool that then goes along: facets of 1/4, so 0.3 is 1.2 of them."""
+    ways = []
+    for max_slip in (None, 1.1, 0.5):
+        case = Falling(kind, GAP + 0.02, max_slip=max_slip)
+        for _ in case.stepper.run(1.0):
+            pass
+        case.aside(1e-9)  # rests, so that nothing is expected to go on downwards
+        case.stepper.dt = 0.1
+        case.stepper.step()
+        case.aside(0.3)
+        case.stepper.dt = 1.0
+        case.stepper.step()
+        ways.append(0.3 * case.stepper.last_dt)
+    assert ways[0] == 0.3
+    assert np.allclose(ways[1:], [0.15, 0.075])
