@@ -215,6 +215,12 @@ def conforming_points(
     piece_w: numpy.typing.NDArray[numpy.float64],
     edge_x: numpy.typing.NDArray[numpy.float64],
     edge_w: numpy.typing.NDArray[numpy.float64],
+    slave_lift: int,
+    slave_known: bool,
+    slave_heights: numpy.typing.NDArray[numpy.float64],
+    master_lift: int,
+    master_known: bool,
+    master_heights: numpy.typing.NDArray[numpy.float64],
 ) -> tuple[numpy.typing.NDArray[numpy.float64], float]:
     """Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all that is paired on this rank; collective."""
 
@@ -238,6 +244,15 @@ def facet_curvature(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
 
 def forget_master(points: PairingPoints) -> None:
     """Forget the unknowns of the master."""
+
+def heights_at(
+    surface: Surface,
+    known: bool,
+    heights: numpy.typing.NDArray[numpy.float64],
+    x: numpy.typing.NDArray[numpy.float64],
+    w: numpy.typing.NDArray[numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]:
+    """Heights over the facets at quadrature points, facet by facet, of given heights at their nodes of degree 2 or of a curvature found from the facets' turning; collective."""
 
 def insert_contact(
     gap: GapOperator,
@@ -273,9 +288,14 @@ def overlay_surfaces(
     piece_w: numpy.typing.NDArray[numpy.float64],
     edge_x: numpy.typing.NDArray[numpy.float64],
     edge_w: numpy.typing.NDArray[numpy.float64],
-    smooth: bool,
+    slave_lift: int,
+    slave_known: bool,
+    slave_heights: numpy.typing.NDArray[numpy.float64],
+    master_lift: int,
+    master_known: bool,
+    master_heights: numpy.typing.NDArray[numpy.float64],
 ) -> PairingPoints:
-    """Pairing points on the overlay; collective."""
+    """Pairing points on the overlay; the last arguments are a Relief each; collective."""
 
 def pair_surfaces(
     slave: Surface,
@@ -296,6 +316,12 @@ def put_rows(
     mode: int,
 ) -> None:
     """Put rows of one body's block into the matrix of all bodies."""
+
+def relief_nodes(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
+    """Nodes of degree 2 on the flat facets, [facet][node][3]."""
+
+def relief_normals(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
+    """Outward unit normals of the flat facets there, [facet][node][3]."""
 
 def sample_facets(
     slave: Surface, x: numpy.typing.NDArray[numpy.float64], w: numpy.typing.NDArray[numpy.float64]

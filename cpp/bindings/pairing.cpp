@@ -30,6 +30,15 @@ Rule rule(const In<double>& x, const In<double>& w)
   return out;
 }
 
+/// Relief of a surface from its parts. @throws nb::value_error if heights are of another shape
+Relief relief(const Surface& surface, int lift, bool known, const In<double>& heights)
+{
+  const auto nodes = static_cast<std::size_t>(trace_size(surface.type(), 2));
+  if (known && heights.array.size() != surface.num_facets() * nodes)
+    throw nb::value_error("heights: one for each node of degree 2 of each facet");
+  return {static_cast<Lift>(lift), known, heights.view()};
+}
+
 using Side = nb::typed<nb::dict, nb::str, nb::any>;
 
 Side as_dict(const PairingPoints& points, const PairingSide& side)
@@ -101,32 +110,52 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "overlay_surfaces",
       [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,
          int normals, In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w,
-         bool smooth)
+         int slave_lift, bool slave_known, In<double> slave_heights, int master_lift,
+         bool master_known, In<double> master_heights)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
         return overlay_surfaces(slave, master, both, radius, static_cast<Normals>(normals), rules,
-                                smooth);
+                                relief(slave, slave_lift, slave_known, slave_heights),
+                                relief(master, master_lift, master_known, master_heights));
       },
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a,
-      "edge_x"_a, "edge_w"_a, "smooth"_a, "Pairing points on the overlay; collective.");
+      "edge_x"_a, "edge_w"_a, "slave_lift"_a, "slave_known"_a, "slave_heights"_a, "master_lift"_a,
+      "master_known"_a, "master_heights"_a,
+      "Pairing points on the overlay; the last arguments are a Relief each; collective.");
   m.def(
       "conforming_points",
       [](const Surface& slave, const Surface& master, const SearchRadius& radius,
-         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w)
+         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w,
+         int slave_lift, bool slave_known, In<double> slave_heights, int master_lift,
+         bool master_known, In<double> master_heights)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
         double area = 0;
-        const auto found = conforming_points(slave, master, radius, rules, area);
+        const auto found = conforming_points(
+            slave, master, radius, rules, relief(slave, slave_lift, slave_known, slave_heights),
+            relief(master, master_lift, master_known, master_heights), area);
         std::vector<double> out;
         for (const ConformingPoint& p : found)
           out.insert(out.end(), {p.slave, p.master, p.gap, p.weight});
         return std::pair(copy(std::move(out), {found.size(), 4}), area);
       },
       "slave"_a, "master"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
+      "slave_lift"_a, "slave_known"_a, "slave_heights"_a, "master_lift"_a, "master_known"_a,
+      "master_heights"_a,
       "Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area "
       "of all "
       "that is paired on this rank; collective.");
 
+  m.def(
+      "heights_at",
+      [](const Surface& surface, bool known, In<double> heights, In<double> x, In<double> w)
+      {
+        const auto out = heights_at(surface, relief(surface, 0, known, heights), rule(x, w));
+        return copy(out, {out.size()});
+      },
+      "surface"_a, "known"_a, "heights"_a, "x"_a, "w"_a,
+      "Heights over the facets at quadrature points, facet by facet, of given heights at their "
+      "nodes of degree 2 or of a curvature found from the facets' turning; collective.");
   m.def("sample_nodes", &sample_nodes, "slave"_a, "Points at the nodes, without a master.");
   m.def(
       "sample_facets", [](const Surface& slave, In<double> x, In<double> w)

@@ -147,7 +147,7 @@ def _at_nodes(model: ContactModel, gap: WeightedGap) -> WeightedGap:
     """The pass as it were with each vertex against its projection alone. Collective."""
     master = deformable(gap.master)
     both = gap.slave.linear, gap.master if master is None else master.linear
-    sampling = Sampling("nodal", 1, model.settings.sampling.normals, "none")
+    sampling = Sampling("nodal", 1, model.settings.sampling.normals)
     points = pair(*both, sampling, False, model.paired.radius)
     return WeightedGap(*both, points, gap.law, 1.0, rows="cover", augmented=False)
 

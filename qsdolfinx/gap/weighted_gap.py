@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import typing
 
 from petsc4py import PETSc
@@ -150,14 +151,26 @@ class WeightedGap:
             *surfaces, self.points, self.law, self._share, "cover", self._is_augmented
         )
 
-    def _operator(self, jump: bool) -> _cpp.GapOperator:
+    def _operator(self, jump: bool, kind: int | None = None) -> _cpp.GapOperator:
         surfaces = self.slave.cpp_object, self.master.cpp_object
-        return _cpp.GapOperator(*surfaces, self.points, jump=jump, rows=self._kind)
+        rows = self._kind if kind is None else kind
+        return _cpp.GapOperator(*surfaces, self.points, jump=jump, rows=rows)
 
     @property
     def num_rows(self) -> int:
         """Rows on this rank."""
         return self.operator.num_rows
+
+    @functools.cached_property
+    def cover_share(self) -> Array:
+        """ḡ of a gap that is 1 everywhere, shape (rows,). Collective at first.
+
+        Σ_p w_p N_k over what a row's gap is divided by: 1, unless that is the area of a node.
+        """
+        if KINDS[self._kind] != "area":
+            return np.ones(self.num_rows)
+        cover = self._operator(False, KINDS.index("cover")).row_area
+        return np.asarray(cover / self.operator.row_area)
 
     def jump_operator(self) -> _cpp.GapOperator:
         """The operator of the whole jump vector, at the same rows. Collective."""
