@@ -94,12 +94,13 @@ def deepest_crossing(
         deep = np.flatnonzero(came & (depth > limit))
         if len(deep):
             i = deep[np.argmax(depth[deep])]
-            found.append((float(depth[i]), tuple(x[i, : model.slave.gdim].tolist()), side))
+            place = tuple(float(c) for c in x[i, : model.slave.gdim])
+            found.append((float(depth[i]), place, side))
     all_found = [f for each in model.comm.allgather(found) for f in each]
     if not all_found:
         return None
-    depth_there, place, side = max(all_found)
-    return DeepPlace(place, depth_there, side)
+    most, where, of = max(all_found)
+    return DeepPlace(where, most, of)
 
 
 def _longest(comm: MPI.Intracomm, vectors: Array) -> float:

@@ -79,7 +79,7 @@ def _turn(comm: MPI.Intracomm, before: object, now: object) -> float:
         return 0.0  # tools are asked themselves
     normals = [place.facets().node_normal for place in (before, now)]
     cosine = np.clip(np.sum(normals[0] * normals[1], axis=1), -1.0, 1.0)
-    sine = np.linalg.norm(np.cross(*normals), axis=1)
+    sine = np.linalg.norm(np.cross(normals[0], normals[1]), axis=1)
     return float(comm.allreduce(np.max(np.arctan2(sine, cosine), initial=0.0), op=MPI.MAX))
 
 
