@@ -40,15 +40,17 @@ def pair_anew(model: ContactModel) -> None:
             surfaces = map(deformable, (model.slave, model.master))
             update_surfaces(*(s for s in surfaces if s is not None))
         kept = [] if first else multipliers.on_nodes(model.parts)
+        pressed = [] if first else multipliers.pressures_on_nodes(model)
         paired = find_pairs(model.settings, model.friction)
         if first:
             overclosed.read(model, paired)
         else:
             overclosed.follow(model, paired)
         model.paired = paired
+        _continue_step(model)
         if not first:
-            _continue_step(model)
             multipliers.set_on_nodes(paired.parts, kept)
+            multipliers.set_pressures_on_nodes(model, pressed)
         _zero_offset(model)
         set_motion(model)
         model.placement = Placement.at_pairing(model.slave, model.master)
@@ -96,7 +98,7 @@ def _continue_step(model: ContactModel) -> None:
     """Let slip count from where the bodies and the tool are now, however they got there.
 
     Bodies in total displacements keep their unknowns when contact pairs anew, unless whoever
-    has moved their mesh sets them to zero; which of the two the next evaluation tells.
+    has moved their mesh sets them to zero; which of the two the next solve finds when it begins.
     """
     for slip in model.slips:
         slip.state.starts_there = True
@@ -161,7 +163,7 @@ def set_start(
 ) -> None:
     """Say where the step began whose slip is to be found. Collective.
 
-    Without this, after pairing anew, it begins where the bodies are at the next evaluation.
+    Without this, after pairing anew, it begins where the bodies are when the next solve begins.
 
     Args:
         model: The contact.
@@ -178,6 +180,19 @@ def set_start(
         slip.state.starts_there = False
         if moved is not None:
             slip.state.start = slip.state.start - slip.change(moved)
+    for vec in at_start:
+        if vec is not None:
+            vec.destroy()
+
+
+def begin_slip(model: ContactModel, slave: fem.Function, master: fem.Function | None) -> None:
+    """Let slip count from these unknowns, unless it is known where the step began. Collective."""
+    if not any(slip.state.starts_there for slip in model.slips):
+        return
+    at_start = _vecs(model, slave, master)
+    for slip in model.slips:
+        in_displacement = model.ordered(slip.gap, model.kinematics.in_displacement)
+        slip.begin_at(model.ordered(slip.gap, at_start), in_displacement)
     for vec in at_start:
         if vec is not None:
             vec.destroy()

@@ -53,6 +53,17 @@ def set_on_nodes(
             part.state.augmented = part.turned(part.state.augmented)
 
 
+def pressures_on_nodes(model: ContactModel) -> list[Array]:
+    """Pressure of each slip at the start of the step, at all owned nodes."""
+    return [np.asarray(s.gap.rows.on_nodes(s.state.pressed, 0.0)) for s in model.slips]
+
+
+def set_pressures_on_nodes(model: ContactModel, pressures: typing.Sequence[Array]) -> None:
+    """Put back what :func:`pressures_on_nodes` gave."""
+    for slip, pressure in zip(model.slips, pressures, strict=True):
+        slip.state.pressed = slip.gap.rows.from_nodes(pressure)
+
+
 def reset(model: ContactModel) -> None:
     """Forget the multipliers: the next solve starts from λ̂ = 0 and no friction."""
     for part in model.parts:

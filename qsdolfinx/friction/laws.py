@@ -21,12 +21,16 @@ Parameter: typing.TypeAlias = float | fem.Constant | fem.Function
 #: next step on its limit, where rounding would decide whether Newton's method sets out from stick.
 ON_LIMIT = 1e-10
 
+#: Parts of a growing pressure at which limits are averaged.
+GROWING = (np.arange(8) + 0.5) / 8
+
 
 class Rows(typing.NamedTuple):
     """What a friction law knows about the rows of a weighted gap.
 
     Attributes:
-        slip: Tangential part of the jump's change since the step began, g (length), (rows, gdim).
+        slip: Tangential part of the jump's change since the step began, or the row closed in it, g
+            (length), (rows, gdim).
         traction: Multiplier τ̂ that the trial starts from (stress), tangential, (rows, gdim).
         pressure: Normal multiplier λ ≥ 0 (stress), (rows,).
         closed: Rows in contact, (rows,).
@@ -38,6 +42,8 @@ class Rows(typing.NamedTuple):
         dt: Δt (time), None if there is none.
         slow: Slip rate (length per time) that is slow in the scene; None if friction knows no rate.
         parameters: Values of the law's parameters, (rows,) each.
+        share: Part of the step in which the row has been in contact, above 0: slip is that of this
+            time, share Δt, (rows,).
     """
 
     slip: Array
@@ -51,6 +57,7 @@ class Rows(typing.NamedTuple):
     dt: float | None
     slow: float | None
     parameters: dict[str, Array]
+    share: Array
 
 
 class Response(typing.NamedTuple):
@@ -113,6 +120,13 @@ class Friction(abc.ABC):
     def respond(self, rows: Rows) -> Response:
         """τ and its derivatives."""
 
+    def growth(self, rows: Rows) -> Array:
+        """Mean of |τ| over |τ| at the end, if the pressure grows from zero in the step, (rows,).
+
+        For the energy that friction takes; 1 where τ does not depend on the pressure.
+        """
+        return np.ones_like(rows.pressure)
+
 
 class Limited(Friction):
     """Sticks while |τ| is below a limit κ(λ), and slips in the direction of τ at the limit.
@@ -148,6 +162,13 @@ class Limited(Friction):
             np.where(rows.closed[:, None], (trial - traction) / eps, rows.slip),
             factor * rows.penalty,
         )
+
+    def growth(self, rows: Rows) -> Array:
+        """Mean of the limit over that at the end, if the pressure grows at a constant rate."""
+        end = self.limit(rows)[0]
+        limits = [self.limit(rows._replace(pressure=x * rows.pressure))[0] for x in GROWING]
+        usual = np.isfinite(end) & (end > 0)
+        return np.asarray(np.divide(np.mean(limits, axis=0), end, np.ones_like(end), where=usual))
 
 
 class Coulomb(Limited):
@@ -250,7 +271,7 @@ class Norton(Friction):
         """τ and its derivatives."""
         assert rows.dt is not None and rows.slow is not None
         # The mean slip rate of a row, and its derivative to g.
-        per_slip = np.where(rows.closed, 1 / (rows.cover * rows.dt), 0.0)
+        per_slip = np.where(rows.closed, 1 / (rows.cover * rows.share * rows.dt), 0.0)
         v = per_slip[:, None] * rows.slip
         v0 = rows.slow if self.v0 is None else self.v0
         size = np.sqrt(np.sum(v**2, axis=1) + v0**2)

@@ -22,6 +22,9 @@ from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
 
+#: Pressure at the start of a step, relative to that at its end, that is none but for rounding.
+NO_PRESSURE = 1e-6
+
 
 @dataclasses.dataclass
 class SlipState:
@@ -32,11 +35,18 @@ class SlipState:
     Attributes:
         jump: Weighted jump of the last evaluation, shape (rows, gdim).
         start: Where it was when the step began.
-        starts_there: Whether that is not known yet: it is where the bodies are at the next
-            evaluation.
+        starts_there: Whether that is not known yet: it is where the bodies are when the next solve
+            begins, before conditions are in place.
+        until_closed: What the jump changed from there until the row closed in this step; 0 for
+            rows that were closed at its start, and as long as nobody knows. Same shape.
+        share: Part of the step for which the row has been closed since, shape (rows,).
         carried: Jump that the next step starts from if this one ends at the last evaluation.
         shift: What a rigid tool's motion adds to the jump.
         augmented: τ̂, what the trial multiplier starts from.
+        pressed: Pressure λ at the start of the step, shape (rows,).
+        pressure: The same at the last evaluation.
+        growth: Mean of |τ| while in contact over |τ| at the last evaluation, shape (rows,): other
+            than 1 at rows that get their pressure in this step.
         closed: Rows in contact at the last evaluation.
         stuck: Rows that were made to stick there.
         ended: Whether the step of the last evaluation has been ended.
@@ -48,6 +58,11 @@ class SlipState:
     carried: Array
     shift: Array
     augmented: Array
+    until_closed: Array
+    share: Array
+    pressed: Array
+    pressure: Array
+    growth: Array
     closed: npt.NDArray[np.bool_]
     stuck: npt.NDArray[np.bool_]
     response: Response
@@ -60,7 +75,9 @@ class SlipState:
         zero, no = np.zeros((rows, gdim)), np.zeros(rows, dtype=bool)
         stiffness = np.zeros((rows, gdim, gdim))
         response = Response(zero, stiffness, zero, no, zero, np.zeros(rows))
-        return cls(zero, zero, zero, zero, zero, no, no, response)
+        none, all_ = np.zeros(rows), np.ones(rows)
+        pressures = none, none
+        return cls(zero, zero, zero, zero, zero, zero, all_, *pressures, all_, no, no, response)
 
 
 class Slip:
@@ -83,12 +100,10 @@ class Slip:
         self.gap, self.of, self._rows = gap, of, gap.rows
         self.friction = friction
         self.operator = gap.jump_operator()
-        normal = gap.operator.slave_sum
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
         gdim = gap.slave.gdim
         #: P_k, shape (rows, gdim, gdim).
-        self.projector: Array = np.eye(gdim) - normal[:, :, None] * normal[:, None, :]
+        self.projector: Array
+        self.hold(None)
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self.operator.slave_sum[:, 0]
         #: Components of τ̂ that conditions hold on both sides; None if there are none anywhere.
@@ -118,7 +133,21 @@ class Slip:
     @property
     def values(self) -> Array:
         """Slip g of the last evaluation (length), shape (rows, gdim)."""
-        return self.tangential(self.state.jump - self.state.start)
+        state = self.state
+        return self.tangential(state.jump - state.start - state.until_closed)
+
+    def hold(self, held: npt.NDArray[np.bool_] | None) -> None:
+        """Leave out components that conditions hold along the surface, shape (rows, gdim).
+
+        On a plane of symmetry what is beyond it slips the other way: the mean of the whole is zero.
+        """
+        normal = self.gap.operator.slave_sum
+        free = np.ones_like(normal) if held is None else np.where(held, 0.0, 1.0)
+        normal = free * normal
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+        within = free[:, :, None] * np.eye(normal.shape[1])
+        self.projector = within - normal[:, :, None] * normal[:, None, :]
 
     def tangential(self, vectors: Array) -> Array:
         """Tangential parts of vectors at the rows."""
@@ -171,19 +200,14 @@ class Slip:
                 what moves with velocities starts each step from where it is.
         """
         state = self.state
-        state.jump = state.carried = self.jump_of(u)
-        if not all(in_displacement):
-            scales = [
-                s * kept for s, kept in zip(self.gap.state.scale, in_displacement, strict=True)
-            ]
-            handles = handle_of(u[0]), handle_of(u[1])
-            state.carried = self.operator.apply(*handles, (scales[0], scales[1]))
+        state.jump = self.jump_of(u)
+        state.carried = state.jump if all(in_displacement) else self._carried(u, in_displacement)
         if state.starts_there:
             state.start, state.starts_there = state.start + state.carried, False
         state.jump = state.jump + state.shift
         if in_displacement[0]:
             state.carried = state.carried + state.shift
-        state.closed, state.ended = closed, False
+        state.closed, state.pressure, state.ended = closed, pressure, False
         rows = Rows(
             self.values,
             self.state.augmented,
@@ -196,14 +220,83 @@ class Slip:
             dt,
             slow,
             self.parameters,
+            state.share,
         )
         with collective_errors(self.slave.comm):  # a law may be the user's
-            self.state.response = self.friction.respond(rows)
-            self.state.stuck = self.stick_slip.made_to_stick(self.state.response)
-            if self.state.stuck.any():
-                self.state.response = self.friction.respond(
-                    rows._replace(unlimited=self.state.stuck)
-                )
+            means = not all(in_displacement)
+            state.response = self._respond(rows, means)
+            state.stuck = self.stick_slip.made_to_stick(state.response)
+            if state.stuck.any():
+                state.response = self._respond(rows._replace(unlimited=state.stuck), means)
+            state.growth = self._growth(rows, means)
+
+    def begin_at(self, u: Vecs, in_displacement: tuple[bool, bool]) -> None:
+        """Let the step begin at these unknowns, unless its start is known. Collective."""
+        state = self.state
+        if state.starts_there:
+            state.start = state.start + self._carried(u, in_displacement)
+            state.starts_there = False
+
+    def _carried(self, u: Vecs, in_displacement: tuple[bool, bool]) -> Array:
+        """Jump of the bodies that have total displacements. Collective."""
+        s, m = (x * kept for x, kept in zip(self.gap.state.scale, in_displacement, strict=True))
+        return np.asarray(self.operator.apply(handle_of(u[0]), handle_of(u[1]), (s, m)))
+
+    # --- Rows that close within a step
+
+    @property
+    def is_fresh(self) -> npt.NDArray[np.bool_]:
+        """Rows that had no pressure when the step began."""
+        return np.asarray(self.state.pressed <= NO_PRESSURE * self.state.pressure)
+
+    def _respond(self, rows: Rows, means: bool) -> Response:
+        """What the law answers for the time in which rows are in contact.
+
+        Args:
+            rows: The rows.
+            means: Whether multipliers are means over the step, as stresses of a velocity are: while
+                in contact they are larger then.
+        """
+        if not means or np.all(rows.share == 1):
+            return self.friction.respond(rows)
+        share, of_vectors = rows.share, rows.share[:, None]
+        response = self.friction.respond(
+            rows._replace(
+                traction=rows.traction / of_vectors,
+                pressure=rows.pressure / share,
+                penalty=rows.penalty / share,
+            )
+        )
+        return response._replace(
+            traction=response.traction * of_vectors,
+            stiffness=response.stiffness * of_vectors[:, None],
+            secant=response.secant * share,
+        )
+
+    def _growth(self, rows: Rows, means: bool) -> Array:
+        """Mean of |τ| while in contact over its value; 1 of rows with a pressure at the start."""
+        fresh = self.is_fresh
+        if not fresh.any():
+            return np.ones_like(self.state.pressed)
+        return np.where(fresh, 1 / rows.share if means else self.friction.growth(rows), 1.0)
+
+    def gap_at_start(self, gap: Array) -> Array:
+        """ḡ (length) at the start of the step, given that of the last evaluation; (rows,)."""
+        moved = np.sum(self.gap.operator.slave_sum * (self.state.jump - self.state.start), axis=1)
+        return np.asarray(gap - moved / self.cover)
+
+    def count_from(self, until_closed: Array, share: Array) -> None:
+        """Let rows that close in this step count slip from when they close.
+
+        Args:
+            until_closed: What the jump changes until then, shape (rows, gdim); 0 of other rows.
+            share: Part of the step that is left then, shape (rows,); 1 of other rows.
+        """
+        self.state.until_closed, self.state.share = until_closed, share
+
+    def count_whole_step(self) -> None:
+        """Count slip from the start of the step at all rows."""
+        self.count_from(np.zeros_like(self.state.start), np.ones_like(self.state.share))
 
     def augmented_on_nodes(self) -> Array:
         """τ̂ at all owned nodes, in corners of their sides; 0 where there is none."""
@@ -276,14 +369,14 @@ class Slip:
         return operator, self.weight * slave.node_area[self.row_node] / gap.operator.row_area
 
     def fastest(self) -> float:
-        """Largest way of a closed row in this step on this rank, length."""
-        size = np.linalg.norm(self.values, axis=1) / self.cover
+        """Largest way of a closed row on this rank, length: at its rate, in a whole step."""
+        size = np.linalg.norm(self.values, axis=1) / (self.cover * self.state.share)
         return float(np.max(size[self.state.closed], initial=0.0))
 
     def dissipation(self) -> Array:
         """Energy of each row that friction took in this step, never negative, shape (rows,)."""
         work = np.sum(self.state.response.traction * self.state.response.dissipative, axis=1)
-        return np.asarray(self.weight * work)
+        return np.asarray(self.weight * self.state.growth * work)
 
     def dissipation_at_nodes(self) -> Array:
         """The same of all owned nodes."""
@@ -307,4 +400,6 @@ class Slip:
         """Let the next step begin where this one ended."""
         self.state.augmented = self.state.response.traction
         self.state.start = self.state.carried
+        self.state.pressed = self.state.pressure
+        self.count_whole_step()
         self.state.ended = True

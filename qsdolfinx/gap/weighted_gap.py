@@ -138,6 +138,8 @@ class WeightedGap:
         self.state = GapState(zero, multipliers, zero, zero, zero[:, 0])
         #: How ties count what has moved since they were made; None of other laws.
         self.tie = Tie(slave, master) if law.jump else None
+        #: Rows that are open, whatever their gap: to see where bodies would be without them.
+        self.released: npt.NDArray[np.bool_] | None = None
         self._at_rows: tuple[Array, Array] = multipliers, zero
         if not law.jump:
             self.state.values = -self.operator.initial_gap[:, None]
@@ -205,12 +207,14 @@ class WeightedGap:
     def multiplier(self, penalty: float) -> Array:
         """λ at the last evaluation, shape (rows, 1) or (rows, gdim). Collective."""
         eps = penalty * self.relative_penalty
-        return self.law.multiplier(self._shifted(eps), eps)
+        out = self.law.multiplier(self._shifted(eps), eps)
+        return out if self.released is None else np.where(self.released[:, None], 0.0, out)
 
     def slope(self, penalty: float, touching: float) -> Array:
         """∂λ/∂ḡ at the last evaluation, shape (rows,). Collective."""
         eps = penalty * self.relative_penalty
-        return self.law.slope(self._shifted(eps), eps, touching)
+        out = self.law.slope(self._shifted(eps), eps, touching)
+        return out if self.released is None else np.where(self.released, 0.0, out)
 
     def energy(self, penalty: float) -> float:
         """This rank's part of the energy at the last evaluation. Collective."""

@@ -12,6 +12,7 @@ from dolfinx import fem
 from qsdolfinx.base.checks import Kind, check, instance, require
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.system.body import body_of, contains
 
 LIST = instance(typing.Sequence, "a list")
@@ -67,6 +68,18 @@ def check_bodies(
         if J[i] is not None:
             _check_form("J", i, J[i], 2, u[i])
     _check_unknowns(u, contacts)
+    check_free([contact.model for contact in contacts], None)
+
+
+def check_free(contacts: typing.Sequence[ContactModel], problem: object) -> None:
+    """Refuse contacts that are part of a problem other than this one."""
+    for i, contact in enumerate(contacts):
+        other = None if contact.problem is None else contact.problem()
+        require(
+            other is None or other is problem,
+            f"contacts: entry {i} is part of another problem, which has its multipliers and the "
+            "history of its friction: make another contact, or call destroy() of that problem",
+        )
 
 
 def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[Contact]) -> None:

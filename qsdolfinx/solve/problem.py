@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import typing
+import weakref
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -26,8 +27,9 @@ from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur
 from qsdolfinx.linear.solver import LinearSolver, preset_options
-from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, communicator
+from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
 from qsdolfinx.solve.augmented import AugmentedLagrangian
+from qsdolfinx.solve.closing import Closings
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
@@ -44,7 +46,8 @@ Array = npt.NDArray[np.float64]
 _counter = itertools.count()
 
 
-#: Times that a step is solved again since bodies slip at other rates than friction has assumed.
+#: Times that a step is solved again since bodies slip at other rates than friction has assumed, or
+#: from other places.
 MAX_RATES = 4
 
 
@@ -59,7 +62,8 @@ class ContactProblem:
     Args:
         F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``.
         u: Unknown of each body, the initial guess.
-        contacts: Contacts between the bodies; may be empty.
+        contacts: Contacts between the bodies; may be empty. Each is part of one
+            problem at a time, the first that is set up or solved.
         bcs: For each body the list of its Dirichlet conditions; also on contact nodes.
         J: For each body the derivative of F, or None to derive it. Forms that are linear in u are
             found by UFL, and their matrix is assembled once.
@@ -84,7 +88,8 @@ class ContactProblem:
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
-            none of the bodies, or a name is unknown, that of a type in PETSc's options included.
+            none of the bodies, a contact is part of another problem that has not been destroyed, or
+            a name is unknown, that of a type in PETSc's options included.
     """
 
     def __init__(
@@ -299,8 +304,10 @@ class ContactProblem:
         Raises:
             RuntimeError: If the problem has been destroyed, or a rigid tool has another position
                 than when contact was last paired.
+            ValueError: If a contact is part of another problem.
         """
         self.system.check_alive()
+        self._claim_contacts()
         for contact in self.system.contacts:
             motion.catch_up(contact)
         for body in self.bodies:
@@ -310,6 +317,15 @@ class ContactProblem:
             motion.move_tool(contact)
             if contact.friction is not None:
                 contact.friction.read_parameters(contact.slips)
+        for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
+            motion.begin_slip(contact, self.u[s], None if m is None else self.u[m])
+
+    def _claim_contacts(self) -> None:
+        """Make the contacts part of this problem. Collective."""
+        with checked(self.comm):
+            check_free(self.system.contacts, self)
+        for contact in self.system.contacts:
+            contact.problem = weakref.ref(self)
 
     def solve(self) -> list[fem.Function]:
         """Solve for all bodies, from their present u. Collective.
@@ -321,7 +337,7 @@ class ContactProblem:
 
         Raises:
             ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
-            RuntimeError: As :meth:`set_up`.
+            RuntimeError, ValueError: As :meth:`set_up`.
 
         Warns:
             ReachWarning: If points have passed through the other surface, where contact had not
@@ -333,19 +349,21 @@ class ContactProblem:
         return self.u
 
     def _solve(self) -> None:
+        self._claim_contacts()
         for contact in self.system.contacts:
             motion.catch_up(contact)
         state = [body.u.x.array.copy() for body in self.bodies]
         known = [multipliers.known(contact) for contact in self.system.contacts]
-        self._forget_openings()
+        self._begin_slips()
         self.set_up()
         balance = ToolBalance(self.system)
         start = self._starting_point()
         self.newton.begin()
         try:
             self._find(balance, start)
+            closings = Closings(self.newton)
             for _ in range(MAX_RATES):
-                if not self._has_other_rates():
+                if not (closings.have_changed() or self._has_other_rates()):
                     break
                 self._find(balance, self._starting_point())
         except BaseException as error:  # Ctrl-C, too
@@ -353,7 +371,7 @@ class ContactProblem:
                 multipliers.set_known(contact, kept)
             if isinstance(error, Exception) or self.comm.size == 1:  # else on this rank alone
                 balance.restore()
-            self._forget_openings()
+            self._begin_slips()
             for slip in self.system.slips:
                 slip.stick_slip.end_iterations()
             if isinstance(error, ConvergenceError):
@@ -389,9 +407,10 @@ class ContactProblem:
         ]
         return any(found)
 
-    def _forget_openings(self) -> None:
+    def _begin_slips(self) -> None:
         for slip in self.system.slips:
             slip.stick_slip.begin_solve()
+            slip.count_whole_step()
 
     def _starting_point(self) -> Array:
         """Bring the system to the bodies' unknowns; returns a copy of them."""
@@ -423,7 +442,9 @@ class ContactProblem:
         """Free PETSc's objects and options; whoever uses them then is told so. Collective.
 
         In parallel PETSc's objects are not freed when Python drops them. A program that makes many
-        problems should call this for each. A second call does nothing.
+        problems should call this for each. A second call does nothing. Contacts stay what they
+        are: they may become part of another problem, and go on there with their penalty,
+        multipliers and history of friction.
         """
         if self.system.is_destroyed:
             return
@@ -431,6 +452,9 @@ class ContactProblem:
         remove_options(self.snes.getOptionsPrefix())
         self.newton.snes.destroy()
         self.system.destroy()
+        for contact in self.system.contacts:
+            if contact.problem is not None and contact.problem() is self:
+                contact.problem = None
 
 
 def _pick(

@@ -15,11 +15,19 @@ from qsdolfinx.base.checks import FUNCTION, MAPPING, PATH, check, either, instan
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.multipliers import num_columns, on_nodes, set_on_nodes
+from qsdolfinx.contact.multipliers import (
+    num_columns,
+    on_nodes,
+    pressures_on_nodes,
+    set_on_nodes,
+    set_pressures_on_nodes,
+)
 from qsdolfinx.steps.checkpoint import Checkpoint
 from qsdolfinx.steps.end_of_step import pair_at, show_at
 from qsdolfinx.steps.stepper import TimeStepper
 from qsdolfinx.steps.tool_motion import ToolRate
+
+Array = npt.NDArray[np.float64]
 
 _SCALARS = ("t", "dt", "last_dt", "num_steps", "num_cutbacks")
 
@@ -152,7 +160,7 @@ def _meshes(stepper: TimeStepper) -> dict[str, tuple[mesh.Mesh, npt.NDArray[np.f
 
 
 def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
-    """λ̂, τ̂ and slip as functions of degree 1; normal ones in the first component."""
+    """λ̂, τ̂, slip and pressure as functions of degree 1; normal ones in the first component."""
     out = {}
     for i, contact in enumerate(contacts):
         for j, (part, values) in enumerate(
@@ -160,15 +168,23 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
         ):
             surface = part.slave.linear
             names = _names(i, j, values.shape[1], surface.gdim)
-            padded = np.zeros((len(values), len(names) * surface.gdim))
-            padded[:, : values.shape[1]] = values
+            padded = _padded(values, len(names) * surface.gdim)
             for name, columns in zip(names, np.hsplit(padded, len(names)), strict=True):
                 out[name] = surface.function(columns)
         if contact.model.friction is not None:
             slipped = contact.model.friction.slipped
             for j, (slip, values) in enumerate(zip(contact.model.slips, slipped, strict=True)):
                 out[f"slip_{i}_{j}"] = slip.slave.linear.function(values)
+            for j, values in enumerate(pressures_on_nodes(contact.model)):
+                surface = contact.model.slips[j].slave.linear
+                columns = _padded(values[:, None], surface.gdim)
+                out[f"pressed_{i}_{j}"] = surface.function(columns)
     return out
+
+
+def _padded(values: Array, gdim: int) -> Array:
+    """With columns of zeros, so that there are gdim."""
+    return np.pad(values, ((0, 0), (0, gdim - values.shape[1])))
 
 
 def _slip_rate(contact: Contact) -> float | None:
@@ -189,6 +205,10 @@ def _load_slip(
     """Put back what friction has done so far, if there is any."""
     if model.friction is None:
         return
+    pressed = []
     for j, slip in enumerate(model.slips):
-        model.friction.slipped[j] = slip.slave.linear.node_values(functions[f"slip_{i}_{j}"])
+        surface = slip.slave.linear
+        model.friction.slipped[j] = surface.node_values(functions[f"slip_{i}_{j}"])
+        pressed.append(np.asarray(surface.node_values(functions[f"pressed_{i}_{j}"])[:, 0]))
+    set_pressures_on_nodes(model, pressed)
     model.friction.dissipated = dissipated if model.comm.rank == 0 else 0.0

@@ -222,10 +222,10 @@ def test_goes_on_after_a_failed_factorisation():
 
 
 def test_options_of_one_problem_do_not_reach_another():
-    pair = Pair("triangle")
-    first = pair.problem(petsc_options_prefix="same_", petsc_options={"snes_max_it": 7})
-    second = pair.problem(petsc_options_prefix="same_")
-    own = pair.problem(petsc_options={"snes_rtol": 1e-3})
+    pairs = [Pair("triangle") for _ in range(3)]
+    first = pairs[0].problem(petsc_options_prefix="same_", petsc_options={"snes_max_it": 7})
+    second = pairs[1].problem(petsc_options_prefix="same_")
+    own = pairs[2].problem(petsc_options={"snes_rtol": 1e-3})
     tolerances = [p.snes.getTolerances() for p in (first, second, own)]
     assert [t[3] for t in tolerances] == [7, 50, 50]
     assert np.isclose(tolerances[2][0], 1e-3)

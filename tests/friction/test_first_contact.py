@@ -1,0 +1,223 @@
+"""Where slip starts: at rows that close within a step, at contacts of bodies that have moved."""
+
+import itertools
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scenes import (
+    WORLD,
+    Pair,
+    box,
+    clamp,
+    drag_top,
+    elastic,
+    largest,
+    plane,
+    raises_everywhere,
+    vector_space,
+)
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+from qsdolfinx.solve import closing
+
+PENALTY, AUGMENTED = {"penalty": 500.0}, {"enforcement": "augmented-lagrangian"}
+
+#: Way of the block, and its distance from what it meets, which is none of the ends of steps.
+WAY, DISTANCE = np.array((0.02, -0.02)), 0.0151
+
+LAWS = {
+    "coulomb": lambda: qs.Coulomb(0.1),
+    "tresca": lambda: qs.Tresca(2e-4),
+    "norton": lambda: qs.Norton(0.3, 5e-4, 0.3),
+    "sticking": lambda: qs.Sticking(),
+}
+
+
+class Landing:
+    """A block that moves down and sideways until it is pressed on a floor, or another block."""
+
+    def __init__(self, law, kind="displacement", master="tool", **options):
+        msh = box(WORLD, (4, 4), "quadrilateral", [0.0, DISTANCE], [1.0, 1.0 + DISTANCE])
+        V = vector_space(msh)
+        self.u, self.top = [fem.Function(V)], fem.Constant(msh, (0.0, 0.0))
+        dofs = fem.locate_dofs_topological(V, 1, plane(msh, 1, 1.0 + DISTANCE))
+        F, bcs = [elastic(self.u[0])], [[fem.dirichletbc(self.top, dofs, V)]]
+        if master == "tool":
+            other = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+        else:
+            low = box(WORLD, (6, 3), "quadrilateral", [-0.5, -1.0], [1.5, 0.0], "backward")
+            W = vector_space(low)
+            self.u.append(fem.Function(W))
+            F.append(elastic(self.u[1], E=2.0))
+            bcs.append([clamp(W, plane(low, 1, -1.0))])
+            other = qs.Surface(W, facets=plane(low, 1, 0.0))
+        friction, self.kind = LAWS[law](), kind
+        if kind == "velocity" or friction.needs_dt:
+            options |= {"dt": 1.0}
+        options = {"quadrature": "overlay", "search_radius": 0.2, "unknown": kind} | options
+        surface = qs.Surface(V, facets=plane(msh, 1, DISTANCE))
+        self.contact = qs.Contact(surface, other, friction=friction, **options)
+        self.problem = qs.ContactProblem(F, self.u, [self.contact], bcs)
+
+    def drive(self, t, dt):
+        self.top.value[:] = WAY * (1.0 if self.kind == "velocity" else t)
+
+    def run(self, steps, stepper):
+        """T/N and the energy that friction takes."""
+        if self.contact.dt is not None:
+            self.contact.set_dt(1 / steps)
+        if stepper:
+            for _ in qs.TimeStepper(self.problem, 1 / steps, self.drive).run(1.0):
+                pass
+        else:
+            for i in range(steps):
+                self.drive((i + 1) / steps, 1 / steps)
+                self.problem.solve()
+        T, N = self.contact.force("slave")
+        return np.array((abs(T) / N, self.contact.dissipated_energy()))
+
+
+@pytest.mark.parametrize(
+    "law, kind, master, options",
+    [
+        case
+        for case in itertools.product(
+            LAWS, ("displacement", "velocity"), ("tool", "body"), (PENALTY, AUGMENTED)
+        )
+        if case[0] == "coulomb" or (case[1], case[2]) in (("displacement", "tool"),)
+    ]
+    + [(law, "velocity", "body", AUGMENTED) for law in ("tresca", "norton", "sticking")],
+)
+@pytest.mark.parametrize("stepper", (False, True))
+def test_steps_in_which_bodies_meet(law, kind, master, options, stepper):
+    """One step, or a few, give T/N and the energy of many; before it was the whole step's slip."""
+    if kind == "velocity" and not stepper:
+        pytest.skip("the mesh has to move")
+    many = Landing(law, kind, master, **options).run(60, stepper)
+    for steps in (1, 3):
+        few = Landing(law, kind, master, **options).run(steps, stepper)
+        np.testing.assert_allclose(few, many, rtol=0.1, atol=1e-12)
+
+
+def test_sticking_and_energy_in_one_step():
+    """Sticking: one step is exact where the way is straight and nothing slips."""
+    one, many = (Landing("sticking", **AUGMENTED).run(n, False) for n in (1, 40))
+    np.testing.assert_allclose(one, many, rtol=1e-6, atol=1e-12)
+
+
+def test_coulomb_takes_half():
+    """Coulomb: the pressure grows from zero, and friction takes half of what its end would."""
+    case = Landing("coulomb", **AUGMENTED)
+    case.run(1, False)
+    contact, nodes = case.contact, case.contact.active()
+    tau, slip = contact.tangential_multiplier()[nodes], contact.slip()[nodes]
+    area = contact.slave.node_area[nodes]
+    whole = WORLD.allreduce(float(area @ np.sum(tau * slip, axis=1)), op=MPI.SUM)
+    assert whole > 0
+    np.testing.assert_allclose(contact.step_dissipation(), 0.5 * whole, rtol=1e-6)
+
+
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
+@pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric", "double-pass"))
+def test_other_formulations(formulation, constraints):
+    """One step is many with each formulation, and with constraints at points."""
+    options = {"formulation": formulation, "constraints": constraints, "penalty": 500.0}
+    one, many = (Landing("coulomb", master="body", **options).run(n, False) for n in (1, 60))
+    np.testing.assert_allclose(one, many, rtol=0.1)
+
+
+def test_no_second_solve_without_closing_rows(monkeypatch):
+    """Rows that were closed before, and scenes that stay open, cost no iteration more."""
+    case = Landing("coulomb", **PENALTY)
+    closed = np.zeros(len(case.contact.active()), dtype=bool)
+    closings = []
+
+    def count(self):
+        found = have_changed(self)
+        closings.append(found)
+        return found
+
+    have_changed = closing.Closings.have_changed
+    monkeypatch.setattr(closing.Closings, "have_changed", count)
+    for t in (0.5, 0.75, 0.8, 1.0):  # open, open, closes, closed
+        case.drive(t, 0.0)
+        before, closings[:] = closed, []
+        case.problem.solve()
+        closed = case.contact.active()
+        closes = WORLD.allreduce(bool(np.any(closed & ~before)), op=MPI.LOR)
+        assert any(closings) == closes == (t == 0.8)
+
+
+# --- Bodies that have moved before contact sees them
+
+
+def test_bodies_that_are_elsewhere_at_first():
+    """A block that has been carried by 0.4 before the first solve, and is pressed straight down."""
+    found = []
+    for carried in (0.0, 0.4):
+        pair = Pair("quadrilateral", contact_options={"friction": qs.Coulomb(0.3)})
+        pair.u[1].x.array[0::2] = carried
+        drag_top(pair, carried)
+        pair.problem().solve()
+        found.append(pair.contact.force("slave"))
+    assert found[0][1] > 0.01
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-8, atol=1e-10)
+
+
+def test_conditions_on_contact_nodes_at_first():
+    """What conditions move in the first solve is slip, also on nodes of the contact."""
+    pair = Pair("quadrilateral", contact_options={"friction": qs.Coulomb(0.3)})
+    value = np.array((0.05, -0.01))
+    near = plane(pair.meshes[1], 1, 0.0)
+    pair.bcs[1].append(clamp(pair.V[1], near, value))
+    pair.problem().solve()
+    T, N = pair.contact.force("slave")
+    np.testing.assert_allclose(abs(T), 0.3 * N, rtol=1e-6)
+
+
+def test_tool_that_is_elsewhere_at_first():
+    """A tool's displacement when its contact is made is no slip."""
+    found = []
+    for carried in (0.0, 0.4):
+        msh = box(WORLD, (4, 4), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
+        V = vector_space(msh)
+        u = fem.Function(V)
+        tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+        tool.displacement = (carried, 0.0)
+        surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+        contact = qs.Contact(surface, tool, friction=qs.Coulomb(0.3), penalty=100.0)
+        problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, 0.0))]])
+        tool.displacement = (carried, -0.05)
+        problem.solve()
+        found.append(contact.force("slave"))
+    assert found[0][1] < -0.01
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-9, atol=1e-12)
+
+
+# --- One contact, two problems
+
+
+def test_contact_goes_on_in_another_problem():
+    """After destroy() a contact is free, and the next problem goes on with its history."""
+    found = []
+    for again in (False, True):
+        pair = Pair("quadrilateral", contact_options={"friction": qs.Coulomb(0.1)})
+        top = fem.Constant(pair.meshes[1], (0.0, -0.1))
+        dofs = fem.locate_dofs_topological(pair.V[1], 1, plane(pair.meshes[1], 1, 1.0))
+        pair.bcs[1][:] = [fem.dirichletbc(top, dofs, pair.V[1])]
+        problem = pair.problem()
+        for shift in (0.0, 0.1, 0.05):
+            top.value[0] = shift
+            problem.solve()
+            if again:
+                raises_everywhere(WORLD, ValueError, "part of another problem", pair.problem)
+                problem.destroy()
+                problem = pair.problem()
+        slip, energy = largest(pair.contact.slip()), pair.contact.dissipated_energy()
+        found.append([*pair.contact.force("slave"), energy, slip])
+    assert min(found[0][2:]) > 1e-5
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-7)
