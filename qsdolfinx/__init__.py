@@ -19,6 +19,7 @@ from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.solve.continuation import solve_with_continuation
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
+from qsdolfinx.solve.stabilisation import Stabilisation
 from qsdolfinx.steps.restart import load_run, save_run
 from qsdolfinx.steps.step_row import step_row
 from qsdolfinx.steps.stepper import StepError, TimeStepper
@@ -45,6 +46,7 @@ __all__ = [
     "Pairing",
     "ReachWarning",
     "RigidSurface",
+    "Stabilisation",
     "Status",
     "StepError",
     "Sticking",

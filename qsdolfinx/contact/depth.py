@@ -7,7 +7,6 @@ they meet, or meet it at an angle, surfaces can be closed in the mean and penetr
 from __future__ import annotations
 
 import dataclasses
-import typing
 
 from mpi4py import MPI
 
@@ -16,7 +15,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact.model import TOUCHING, ContactModel
-from qsdolfinx.contact.placement import Place, Placement, ToolPlace
+from qsdolfinx.contact.placement import Place, Placement, is_analytic
 from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap, handle_of
 from qsdolfinx.pairing.distance import (
     Distances,
@@ -136,7 +135,7 @@ def _gaps(model: ContactModel, side: str) -> Array:
     other = placement.master if side == "slave" else placement.slave
     assert isinstance(place, Place)
     facets = place.facets()
-    if _is_analytic(other):
+    if is_analytic(other):
         found = from_shape(other.tool, other.now, _cpp.sample_nodes(facets), radius)
     else:
         found = of_nodes(facets, other.facets(), radius)
@@ -160,7 +159,7 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
     if any(s.degree > 1 for s in sides) and any(sampling.covers(s) for s in sides):
         return [("slave", _of_pairs(model, gap)) for gap in model.gaps[:1]]
     slave, other = placement.slave.facets(), placement.master
-    if _is_analytic(other):
+    if is_analytic(other):
         points = [_cpp.sample_nodes(slave)]
         if sampling.quadrature == "overlay" and not sampling.covers(model.slave):
             points.append(on_facets(slave, model.slave.num_facet_vertices))
@@ -203,7 +202,3 @@ def _of_pairs(model: ContactModel, gap: WeightedGap) -> Distances:
             vec.destroy()
     x = gap.points.slave["x"]
     return Distances(x, change - gap.points.gap, np.zeros(len(x), dtype=bool))
-
-
-def _is_analytic(place: Place | ToolPlace) -> typing.TypeGuard[ToolPlace]:
-    return isinstance(place, ToolPlace) and place.tool.is_analytic

@@ -122,6 +122,21 @@ class Placement:
         assert unknowns[1] is not None
         return Placement(slave, master.moved(unknowns[1], scale[1], offset[1]))
 
+    @property
+    def as_paired(self) -> Placement:
+        """Where both were when they were paired."""
+        master = self.master
+        if isinstance(master, ToolPlace):
+            paired: Place | ToolPlace = dataclasses.replace(master, motion=None)
+        else:
+            paired = dataclasses.replace(master, displacement=None)
+        return Placement(dataclasses.replace(self.slave, displacement=None), paired)
+
     def place(self, side: str) -> Place | ToolPlace:
         """Of one side."""
         return typing.cast(Place | ToolPlace, getattr(self, side))
+
+
+def is_analytic(place: Place | ToolPlace) -> typing.TypeGuard[ToolPlace]:
+    """Whether a side is a tool whose shape is known in closed form."""
+    return isinstance(place, ToolPlace) and place.tool.is_analytic

@@ -36,6 +36,7 @@ from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.snes import ConvergenceError, read_options, remove_options, set_options
+from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised
 from qsdolfinx.solve.summary import summary
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.blocks import Blocks, Side
@@ -82,6 +83,8 @@ class ContactProblem:
             that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
             sign. By default it is found from the tangent, at the viscosity of each iterate. Not
             used if ``"auto"`` takes another solver, refused with the others by name.
+        stabilisation: Springs for bodies that only contact holds, which are gone at the end of the
+            solve: see :class:`Stabilisation`. None for none.
         verbose: Whether to log a line about every solve (rank 0, logger ``"qsdolfinx"``, which
             prints as long as logging has no handlers).
 
@@ -104,6 +107,7 @@ class ContactProblem:
         kind: str | None = None,
         solver: str = "auto",
         pressure_preconditioner: Forms = None,
+        stabilisation: Stabilisation | None = None,
         verbose: bool = False,
     ) -> None:
         with checked(communicator(u)) as same:
@@ -123,9 +127,17 @@ class ContactProblem:
             check_schur(u, solver, kind, pressure_preconditioner)
             same(either(instance(str, "a string"), None), petsc_options_prefix=petsc_options_prefix)
             same(either(OPTIONS, None), petsc_options=petsc_options)
+            kind_of = instance(Stabilisation, "a Stabilisation")
+            same(either(kind_of, None), stabilisation=stabilisation)
             same(FLAG, verbose=verbose)
         self.verbose = bool(verbose)
+        #: What helps to find bodies that only contact holds; None for nothing.
+        self.stabilisation = stabilisation
+        #: Share of its springs in the forces, after each part of the last solve. The last one is
+        #: that of the result: 0, unless the solve without springs has failed.
+        self.stabilisation_shares: list[float] = []
         self._steps_within = 0
+        self._watches_reach = True
         bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
         prefix = f"qsdolfinx_{next(_counter)}_" if petsc_options_prefix is None else ""
         prefix = petsc_options_prefix or prefix
@@ -265,18 +277,24 @@ class ContactProblem:
     # --- Solving
 
     @contextlib.contextmanager
-    def one_step(self) -> typing.Iterator[None]:
+    def one_step(self, watch: bool = True) -> typing.Iterator[None]:
         """Make all solves inside the block attempts at one step. Collective.
 
         Friction counts slip from the end of the last step. Without this block each solve that
         succeeds is a step.
+
+        Args:
+            watch: Whether solves warn of points that have passed through unseen, see
+                :class:`ReachWarning`: who looks for them at the end of the step can do without.
         """
         self.system.check_alive()
         self._steps_within += 1
+        before, self._watches_reach = self._watches_reach, watch and self._watches_reach
         try:
             yield
         finally:
             self._steps_within -= 1
+            self._watches_reach = before
         if self._steps_within == 0:
             for contact in self.system.contacts:
                 if contact.friction is not None:
@@ -330,7 +348,8 @@ class ContactProblem:
                 multipliers, tools and what contacts show are then as they were before.
 
         Warns:
-            ReachWarning: If nodes that were too far away to be paired may have been in contact.
+            ReachWarning: If points have passed through the other surface, where contact had not
+                looked when it was paired.
             ContactWarning: If conditions press nodes that they hold on both sides into each other.
         """
         with (
@@ -385,6 +404,7 @@ class ContactProblem:
                 slip.stick_slip.end_iterations()
             if isinstance(error, ConvergenceError):
                 self.active_history = error.active_history
+                self._advise(error)
                 self.system.residual(start)  # gaps and multipliers too
             for body, array in zip(self.bodies, state, strict=True):
                 body.u.x.array[:] = array
@@ -392,8 +412,17 @@ class ContactProblem:
         self.active_history = self.newton.record.active_of_all(self.comm)
         for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
             unknowns = self.bodies[s].x, None if m is None else self.bodies[m].x
-            check_reach(contact, *unknowns)
+            if self._watches_reach:
+                check_reach(contact)
             check_held(contact, *unknowns)
+
+    def _advise(self, error: ConvergenceError) -> None:
+        """Say what may help."""
+        if self.stabilisation is None and self.system.made.rigid.free_motions.shape[1] > 0:
+            error.advise(
+                "bodies that only contact holds may have been lost on the way: "
+                "stabilisation=qs.Stabilisation() holds them by springs that are gone at the end"
+            )
 
     def _has_other_rates(self) -> bool:
         """Whether bodies slip at other rates than friction has taken for slow. Collective."""
@@ -429,7 +458,12 @@ class ContactProblem:
         equilibrium = Equilibrium(newton, balance)
         augmented = AugmentedLagrangian(equilibrium)
         with augmented.first_accuracy():
-            equilibrium.find()
+            if self.stabilisation is None:
+                equilibrium.find()
+            else:
+                stabilised = Stabilised(equilibrium, self.stabilisation, self.verbose)
+                self.stabilisation_shares = stabilised.shares
+                stabilised.find()
         augmented.close_gaps()
 
     def destroy(self) -> None:

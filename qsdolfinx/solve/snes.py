@@ -80,6 +80,10 @@ class ConvergenceError(RuntimeError):
             + (f"; gaps after each update of the multipliers [{gaps}]" if gaps else "")
         )
 
+    def advise(self, text: str) -> None:
+        """Add to the message what may help."""
+        self.args = (f"{self.args[0]}; {text}",)
+
 
 def _ends(texts: list[str]) -> str:
     """A list, of a long one the first and the last three."""

@@ -32,6 +32,8 @@ from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
 from qsdolfinx.steps.mesh_motion import MeshMotion, check_own_meshes
+from qsdolfinx.steps.motion_limits import MotionLimits
+from qsdolfinx.steps.penetration import Penetration
 from qsdolfinx.steps.sliding import slid
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.tool_motion import ToolRate, go_ahead_by_part
@@ -96,8 +98,14 @@ class TimeStepper:
         growth: Factor of Δt after a step of at most ``easy`` Newton iterations.
         cutback: Factor of Δt after a failure.
         easy: See growth.
-        max_penetration: Largest ``contact.penetration()`` (length) at the end of a step, on top of
-            the initial overclosure that is allowed to stay; not limited by default.
+        max_penetration: Largest true depth (length) of points of either surface at the end of a
+            step, on top of the initial overclosure that is allowed to stay. Points that have passed
+            through the other surface count however deep they are.
+            ``"auto"``: half of the largest facet, not of ties. None: not limited.
+        max_rotation: Largest angle (radians) by which rigid tools, and normals of contact surfaces,
+            turn in a step; not limited by default.
+        max_slip: Largest way of nodes in contact along the other surface in a step, in units of the
+            facets there; not limited by default.
         min_quality: Shape of the worst cell, see MeshMotion.quality, at which to stop.
         progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
 
@@ -121,7 +129,9 @@ class TimeStepper:
         growth: float = 1.5,
         cutback: float = 0.5,
         easy: int = 8,
-        max_penetration: float | None = None,
+        max_penetration: float | str | None = "auto",
+        max_rotation: float | None = None,
+        max_slip: float | None = None,
         min_quality: float = 0.02,
         progress: bool = False,
     ) -> None:
@@ -138,7 +148,8 @@ class TimeStepper:
             same(COUNT, num_pairings=num_pairings, easy=easy)
             same(GROWTH, growth=growth)
             same(CUTBACK, cutback=cutback)
-            same(either(POSITIVE, None), max_penetration=max_penetration)
+            same(either(either(POSITIVE, "auto"), None), max_penetration=max_penetration)
+            same(either(POSITIVE, None), max_rotation=max_rotation, max_slip=max_slip)
             same(FLAG, progress=progress)
         self.problem = problem
         self.drive = drive or (lambda t, dt: None)
@@ -146,8 +157,12 @@ class TimeStepper:
         self.theta, self.num_pairings = float(theta), int(num_pairings)
         self.dt_min, self.dt_max = float(dt_min), float(dt_max)
         self.growth, self.cutback, self.easy = float(growth), float(cutback), int(easy)
-        self.max_penetration, self.min_quality = max_penetration, float(min_quality)
+        self.min_quality = float(min_quality)
         self.progress = bool(progress)
+        if max_penetration is not None and max_penetration != "auto":
+            max_penetration = float(max_penetration)
+        self._limits = MotionLimits(problem.contacts, max_rotation, max_slip)
+        self._penetration = Penetration(problem.contacts, max_penetration)
         #: Time at the end of the last step.
         self.t = 0.0
         #: Δt that will be tried next.
@@ -182,6 +197,21 @@ class TimeStepper:
             for contact, (s, m) in zip(self.problem.contacts, self.problem.sides, strict=True)
         ]
 
+    @property
+    def max_penetration(self) -> float | str | None:
+        """Largest depth at the end of a step."""
+        return self._penetration.limit
+
+    @property
+    def max_rotation(self) -> float | None:
+        """Largest angle (radians) in a step."""
+        return self._limits.max_rotation
+
+    @property
+    def max_slip(self) -> float | None:
+        """Largest slip in a step, in facets."""
+        return self._limits.max_slip
+
     # --- Steps
 
     def step(self, t_end: float | None = None) -> float:
@@ -207,7 +237,8 @@ class TimeStepper:
         planned = dt = self._planned(t_end)
         self.num_iterations = 0
         start = Snapshot(self.problem, self.motions, self.tools)
-        with self.problem.one_step():
+        self._starts = self._penetration.starts()
+        with self.problem.one_step(watch=not self._penetration.is_limited):
             t, dt = self._try(t_end, dt, start)
         self._accept(t, dt, start)
         if dt < planned:
@@ -277,6 +308,8 @@ class TimeStepper:
         with collective_errors(self.problem.comm):
             self.drive(t, dt)
         interrupt.look(self.problem.comm)
+        if (fault := self._limits.fault_of(self.tools)) is not None:
+            raise _Fault(fault)
         for contact in self.problem.contacts:
             if contact.dt is not None:
                 contact.set_dt(dt)
@@ -305,7 +338,7 @@ class TimeStepper:
             self._pair(known, dt, start, at_end=True)
             self._run_solver()
         self._check_shape(dt, start)
-        self._check_penetration()
+        self._check_motion()
         if self.on_solved is not None:
             with collective_errors(self.problem.comm):
                 self.on_solved()
@@ -378,17 +411,11 @@ class TimeStepper:
                     hopeless=quality > 0.5 * motion.quality(motion.reference + old),
                 )
 
-    def _check_penetration(self) -> None:
-        """Refuse gaps that are too deep."""
-        if self.max_penetration is None:
-            return
-        deepest = max(
-            (c.penetration() - c.overclosure.allowed for c in self.problem.contacts), default=0.0
-        )
-        if deepest > self.max_penetration:
-            raise _Fault(
-                f"a penetration of {deepest:.3g}, above max_penetration = {self.max_penetration:g}"
-            )
+    def _check_motion(self) -> None:
+        """Refuse what is too deep, or has turned or slipped too far."""
+        fault = self._limits.fault(self._starts) or self._penetration.fault(self._starts)
+        if fault is not None:
+            raise _Fault(fault)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):
@@ -400,6 +427,7 @@ class TimeStepper:
         for i, tool in enumerate(self.tools):
             tool.advance()
             self.tool_rates[i] = ToolRate.since(tool, start.pose_of(tool), dt)
+        self._penetration.accept()
         # What contacts show stays that of the step until somebody solves.
         for model, slave, master in self.ends():
             model.catch_up = functools.partial(pair_at, model, slave, master)

@@ -16,6 +16,7 @@ from qsdolfinx.contact import active_set, terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.system import stiffness
+from qsdolfinx.system.anchors import Anchors
 from qsdolfinx.system.blocks import Side
 from qsdolfinx.system.body import Body, body_of
 from qsdolfinx.system.matrices import Form, Matrices
@@ -49,6 +50,8 @@ class ContactSystem:
             for i in (slave, master):
                 if i is not None:
                     self.bodies[i].geometry = contact.slave.geometry
+        #: Springs that hold free bodies for a while.
+        self.anchors = Anchors(self.bodies)
         self.form = form
         for body in self.bodies:
             if form is not Form.NEST and body.V.dofmap.index_map_bs > 1:
@@ -245,6 +248,7 @@ class ContactSystem:
             terms.add_residual(contact, forces[s], None if m is None else forces[m])
         for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
             residual[body.free] += force.array_r[body.free]
+        self.anchors.add_forces(residuals, self.parts(x))
         self.residuals = residuals
         return np.concatenate(residuals)
 
@@ -266,12 +270,14 @@ class ContactSystem:
         """
         self.check_alive()
         state: list[object] = [body.fingerprint for body in self.bodies]
+        state.append(self.anchors.state)
         for contact in self.contacts:
             state += [contact.eps, contact.kinematics.scale, active_set.tangent_state(contact)]
         if self.linear and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
             return False
         self.made.tangent.assemble()
         self.made.hold.add_to(self.made.tangent)
+        self.anchors.add_to(self.made.tangent)
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
         self._assembled = state
         return True

@@ -216,6 +216,7 @@ def stepper(scene):
     arguments = {"problem": scene.case.problem, "dt": 0.05, "drive": None, "solve": None}
     arguments |= {"theta": 0.5, "num_pairings": 1, "easy": 8, "dt_min": None, "dt_max": None}
     arguments |= {"growth": 1.5, "cutback": 0.5, "max_penetration": None, "min_quality": 0.1}
+    arguments |= {"max_rotation": None, "max_slip": None}
     return Call(qs.TimeStepper, arguments)
 
 

@@ -1,4 +1,4 @@
-"""Whether surfaces have come nearer to each other than contact had looked when it was paired."""
+"""Whether surfaces have passed through each other where contact had not looked."""
 
 import warnings
 
@@ -41,21 +41,49 @@ def warned(tool_moves, block_moves):
 @pytest.mark.parametrize(
     "tool_moves, block_moves, expected",
     (
-        (-0.09, 0.0, False),
-        (-0.11, 0.0, True),
-        (0.11, 0.0, False),
-        (0.0, 0.11, True),
-        (0.0, 0.09, False),
-        (0.0, -0.11, False),
-        (-0.06, 0.05, True),
-        (0.2, 0.25, False),
-        (-0.2, -0.25, False),
+        (-0.49, 0.0, False),
+        (-0.51, 0.0, True),
+        (-3.0, 0.0, True),
+        (0.51, 0.0, False),
+        (0.0, 0.51, True),
+        (0.0, 0.49, False),
+        (0.0, -0.51, False),
+        (-0.26, 0.25, True),
+        (-0.25, 0.24, False),
+        (0.2, 0.6, False),
+        (-0.6, -0.25, False),
     ),
 )
-def test_approach_counts(tool_moves, block_moves, expected):
-    """What the one does towards the other, less what that does away from it."""
+def test_what_has_passed_through_counts(tool_moves, block_moves, expected):
+    """Not what has come near: the one's motion towards the other, less what that does away."""
     found = WORLD.allgather(warned(tool_moves, block_moves))
     assert found == [expected] * WORLD.size
+
+
+@pytest.mark.parametrize("along, down, expected", ((5.0, 0.0, False), (5.0, -0.6, True)))
+@pytest.mark.parametrize("rigid", (True, False))
+def test_tangential_motion_is_no_approach(along, down, expected, rigid):
+    """A slave that overhangs, and slides by many facets along the other surface."""
+    upper = box(WORLD, (12, 2), "quadrilateral", [-2.0, GAP], [1.0, 1.0 + GAP])
+    V = vector_space(upper)
+    u, bcs = [fem.Function(V)], [[clamp(V, plane(upper, 1, 1.0 + GAP), [along, down])]]
+    slave = qs.Surface(V, facets=plane(upper, 1, GAP))
+    if rigid:
+        master = qs.RigidSurface.triangulated(
+            WORLD, np.array([[12.0, 0.0], [4.0, 0.0], [-4.0, 0.0]]), [[0, 1], [1, 2]], [0.0, 0.0]
+        )
+    else:
+        lower = box(WORLD, (20, 2), "quadrilateral", [-4.0, -1.0], [12.0, 0.0])
+        W = vector_space(lower)
+        u.append(fem.Function(W))
+        bcs.append([clamp(W, plane(lower, 1, -1.0))])
+        master = qs.Surface(W, facets=plane(lower, 1, 0.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        contact = qs.Contact(slave, master, penalty=1.0, search_radius=RADIUS)
+    problem = qs.ContactProblem([elastic(w) for w in u], u, [contact], bcs)
+    found = bool(reach_warnings(problem.solve))
+    assert WORLD.allgather(found) == [expected] * WORLD.size
 
 
 def reach_warnings(call):
@@ -68,8 +96,8 @@ def reach_warnings(call):
 
 def test_points_to_the_line_of_the_user():
     """Of the solve, or of the step in which it is; once for each contact."""
-    problem = far_below(-0.11, 0.0)
-    stepper = qs.TimeStepper(far_below(-0.11, 0.0), 1.0)
+    problem = far_below(-0.51, 0.0)
+    stepper = qs.TimeStepper(far_below(-0.51, 0.0), 1.0, max_penetration=None)
 
     def steps():
         for _ in stepper.run(2.0):
@@ -83,7 +111,7 @@ def test_points_to_the_line_of_the_user():
 
 def test_an_error_each_time():
     """Whoever turns it into an error gets that again."""
-    problem = far_below(-0.11, 0.0)
+    problem = far_below(-0.51, 0.0)
     for _ in range(2):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -91,9 +119,11 @@ def test_an_error_each_time():
                 problem.solve()
 
 
-@pytest.mark.parametrize("moves, expected", (((0.06, -0.06), True), ((-0.06, 0.06), False)))
+@pytest.mark.parametrize(
+    "moves, expected", (((0.26, -0.26), True), ((0.24, -0.24), False), ((-0.3, 0.3), False))
+)
 def test_two_bodies(moves, expected):
-    """Each towards the other by less than the radius, by more in all."""
+    """Each towards the other by less than the gap, by more in all."""
     u, F, bcs, surfaces = [], [], [], []
     for low, move in zip((0.0, 1.0 + GAP), moves, strict=True):
         msh = box(WORLD, (3, 2), "quadrilateral", [0.0, low], [1.0, low + 1.0])

@@ -1,0 +1,151 @@
+"""Points that have passed through the other surface since an earlier placement, however deep.
+
+Contact sees no further than its search radius, and only what faces it. What came from outside and
+is inside now has passed through, whatever the law of contact has made of it.
+"""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact.depth import SIDES, DeepPlace
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.placement import Place, Placement, ToolPlace, is_analytic
+from qsdolfinx.pairing.distance import of_points, on_facets
+
+Array = npt.NDArray[np.float64]
+
+
+#: Part of its present depth that a point may have had before, to count as one from outside.
+OUTSIDE = 0.5
+
+#: Part of the motion by which a point may be deeper than it has moved: paths are not straight.
+PATH = 0.1
+
+
+def motion_since(model: ContactModel, before: Placement) -> float:
+    """How far points of the two surfaces have at most moved relative to each other. Collective.
+
+    Args:
+        model: The contact, evaluated.
+        before: Where the surfaces were.
+
+    Returns:
+        A bound (length).
+    """
+    comm = model.comm
+    if model.placement is before:
+        return 0.0
+    moved, other = displacements_since(model, before)
+    if other is None:
+        return _longest(comm, moved)
+    sums = np.append(moved.reshape(-1, 3).sum(axis=0), moved.size / 3)
+    sums = comm.allreduce(sums, op=MPI.SUM)
+    mean = sums[:3] / max(sums[3], 1.0)
+    return _longest(comm, moved - mean) + _longest(comm, other - mean)
+
+
+def displacements_since(model: ContactModel, before: Placement) -> tuple[Array, Array | None]:
+    """Displacements of the trace's nodes of both sides, (facets, nodes, 3). Collective.
+
+    Those of the slave are relative to a rigid tool, for which there is None.
+    """
+    now = model.placement
+    if isinstance(now.master, ToolPlace):
+        assert isinstance(before.master, ToolPlace)
+        carried = _carried(before.master, now.master)
+        return now.slave.positions() - carried(before.slave.positions()), None
+    assert isinstance(before.master, Place)
+    moved = now.slave.positions() - before.slave.positions()
+    return moved, now.master.positions() - before.master.positions()
+
+
+def deepest_crossing(
+    model: ContactModel, before: Placement, moved: float, least: float, unpaired: float = np.inf
+) -> DeepPlace | None:
+    """The deepest point that was outside the other surface before, and is inside now. Collective.
+
+    Args:
+        model: The contact, evaluated.
+        before: Where the surfaces were.
+        moved: Bound of their relative motion, see :func:`motion_since`.
+        least: Depth (length) that counts.
+        unpaired: The same at slave nodes that no pairing point reaches.
+
+    Raises:
+        ValueError: If a facet has no area.
+    """
+    # What is further from the other surface cannot have come from outside.
+    radius = model.paired.search_radius + (1 + PATH) * moved
+    found: list[tuple[float, tuple[float, ...], str]] = []
+    for side, nodes in _sampled(model):
+        x, was = _depths(before, side, nodes, radius)
+        x, depth = _depths(model.placement, side, nodes, radius)
+        came = ~(was > OUTSIDE * depth) & (depth - np.fmax(was, 0.0) <= (1 + PATH) * moved)
+        limit = np.full(len(x), least)
+        if side == "slave" and nodes:
+            limit[_alone(model)] = min(least, unpaired)
+        deep = np.flatnonzero(came & (depth > limit))
+        if len(deep):
+            i = deep[np.argmax(depth[deep])]
+            place = tuple(float(c) for c in x[i, : model.slave.gdim])
+            found.append((float(depth[i]), place, side))
+    all_found = [f for each in model.comm.allgather(found) for f in each]
+    if not all_found:
+        return None
+    most, where, of = max(all_found)
+    return DeepPlace(where, most, of)
+
+
+def _longest(comm: MPI.Intracomm, vectors: Array) -> float:
+    lengths = np.linalg.norm(vectors.reshape(-1, 3), axis=1)
+    return float(comm.allreduce(np.max(lengths, initial=0.0), op=MPI.MAX))
+
+
+def _carried(before: ToolPlace, now: ToolPlace) -> typing.Callable[[Array], Array]:
+    """Moves points as a tool has moved."""
+    d = before.tool.gdim
+    first, last = before.now, now.now
+    R = last[:, :d] @ first[:, :d].T
+    b = last[:, d] - R @ first[:, d]
+
+    def carry(x: Array) -> Array:
+        out = x.copy()
+        out[..., :d] = x[..., :d] @ R.T + b
+        return out
+
+    return carry
+
+
+def _sampled(model: ContactModel) -> list[tuple[str, bool]]:
+    """Sides, and whether their nodes or points within their facets are followed."""
+    sides = SIDES[:1] if model.master.is_analytic else SIDES
+    return [(side, nodes) for side in sides for nodes in (True, False)]
+
+
+def _depths(placement: Placement, side: str, nodes: bool, radius: float) -> tuple[Array, Array]:
+    """Points of a side in an order that does not depend on where they are, and their depths."""
+    place = placement.place(side)
+    other = placement.master if side == "slave" else placement.slave
+    own = place.facets()
+    points = _cpp.sample_nodes(own) if nodes else on_facets(own, own.facet_x.shape[1])
+    x = points.slave["x"]
+    if is_analytic(other):
+        distance, _ = other.tool.distance(x, other.now)
+        return x, -distance  # inside is inside, whatever it faces
+    found = of_points(x, points.normal, own, other.facets(), radius)
+    return x, np.where(found.beside, np.nan, found.depth)
+
+
+def _alone(model: ContactModel) -> npt.NDArray[np.int64]:
+    """Owned slave nodes without a row, as numbers of the deformed surface's."""
+    gap = model.gaps[0]
+    alone = np.setdiff1d(np.arange(len(model.slave.node_area)), gap.rows.reached)
+    dofs = model.placement.slave.facets().node_dofs[:, 0]
+    return np.flatnonzero(np.isin(dofs, model.slave.node_dofs[alone, 0]))

@@ -1,0 +1,109 @@
+"""How far contact may turn and slip in one step."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.contact import active_set
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.crossing import displacements_since
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.placement import Place, Placement
+from qsdolfinx.gap.weighted_gap import handle_of
+from qsdolfinx.surface.affine import trace_vec
+from qsdolfinx.tools.rigid_surface import RigidSurface, deformable
+
+Array = npt.NDArray[np.float64]
+
+
+class MotionLimits:
+    """Tells of a step that turns or slips too far.
+
+    Args:
+        contacts: The contacts.
+        max_rotation: Of tools and of normals of the surfaces (radians); None for no limit.
+        max_slip: Of closed nodes along the other surface, in units of the largest facet there is
+            at the node; None for no limit.
+    """
+
+    def __init__(
+        self,
+        contacts: typing.Sequence[Contact],
+        max_rotation: float | None,
+        max_slip: float | None,
+    ) -> None:
+        self._contacts = contacts
+        self.max_rotation, self.max_slip = max_rotation, max_slip
+
+    def fault_of(self, tools: typing.Sequence[RigidSurface]) -> str | None:
+        """What is wrong with the motion that tools have been told to make, before it is made."""
+        if self.max_rotation is None:
+            return None
+        most = max((float(np.linalg.norm(tool.rotation)) for tool in tools), default=0.0)
+        return self._turned("a tool", most)
+
+    def fault(self, starts: typing.Sequence[Placement]) -> str | None:
+        """What is wrong with the motion at the last evaluation; None if nothing is. Collective.
+
+        Args:
+            starts: Where the surfaces were at the start of the step.
+        """
+        for contact, start in zip(self._contacts, starts, strict=True):
+            now = contact.model.placement
+            if self.max_rotation is not None:
+                for side in ("slave", "master"):
+                    places = start.place(side), now.place(side)
+                    text = self._turned(f"the {side}'s surface", _turn(contact.comm, *places))
+                    if text is not None:
+                        return text
+            if self.max_slip is not None and not contact.law.jump:
+                slipped = _slip(contact.model, start)
+                if slipped > self.max_slip:
+                    return f"a slip of {slipped:.3g} facets, above max_slip = {self.max_slip:g}"
+        return None
+
+    def _turned(self, what: str, angle: float) -> str | None:
+        if self.max_rotation is None or angle <= self.max_rotation * (1 + 1e-9):
+            return None
+        return f"{what} turns by {angle:.3g}, above max_rotation = {self.max_rotation:g}"
+
+
+def _turn(comm: MPI.Intracomm, before: object, now: object) -> float:
+    """The largest angle (radians) by which nodes' normals have turned. Collective."""
+    if not isinstance(before, Place) or not isinstance(now, Place):
+        return 0.0  # tools are asked themselves
+    normals = [place.facets().node_normal for place in (before, now)]
+    cosine = np.clip(np.sum(normals[0] * normals[1], axis=1), -1.0, 1.0)
+    sine = np.linalg.norm(np.cross(normals[0], normals[1]), axis=1)
+    return float(comm.allreduce(np.max(np.arctan2(sine, cosine), initial=0.0), op=MPI.MAX))
+
+
+def _slip(model: ContactModel, start: Placement) -> float:
+    """The largest slip of closed nodes, in facets. Collective."""
+    gap, slave, gdim = model.gaps[0], model.slave, model.slave.gdim
+    closed = gap.rows.largest_on_nodes(active_set.closed(model, gap).astype(np.float64)) > 0
+    moved, other = displacements_since(model, start)
+    vec = trace_vec(slave, np.ascontiguousarray(moved[..., :gdim]))
+    by_node = gap.by_node()
+    master, against = deformable(gap.master), None
+    if master is not None and other is not None:
+        against = trace_vec(master, np.ascontiguousarray(other[..., :gdim]))
+    operator = by_node.jump_operator()
+    jump = operator.apply(handle_of(vec), handle_of(against))
+    for made in (vec, against):
+        if made is not None:
+            made.destroy()
+    normal = by_node.operator.slave_sum[:, :gdim]
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    cover = np.maximum(np.abs(operator.slave_sum[:, :1]), 1e-300)
+    mean = jump.reshape(len(cover), gdim) / cover
+    along = mean - np.sum(mean * normal, axis=1, keepdims=True) * normal
+    node = np.asarray(by_node.operator.row_node)
+    sizes = np.asarray(slave.cpp_object.node_facet_size)[node]
+    share = np.linalg.norm(along, axis=1) / sizes * closed[node]
+    return float(model.comm.allreduce(np.max(share, initial=0.0), op=MPI.MAX))

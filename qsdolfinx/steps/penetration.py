@@ -1,0 +1,103 @@
+"""How deep bodies and tools are in each other at the end of a step."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+
+from qsdolfinx.contact import depth
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.crossing import deepest_crossing, motion_since
+from qsdolfinx.contact.placement import Placement, ToolPlace
+from qsdolfinx.contact.reach import NOTICED, reach
+from qsdolfinx.tools.rigid_surface import as_tool, deformable
+
+#: Depth, in units of the largest facet, above which a step is refused by default.
+AUTOMATIC = 0.5
+
+#: Motion in a step, in units of that which brings no point from beyond what is paired, from which
+#: on points are followed.
+FOLLOWED = 0.5
+
+
+class Penetration:
+    """Tells of points that are too deep at the end of a step, however they got there.
+
+    Args:
+        contacts: The contacts.
+        limit: Depth that is too much (length), ``"auto"``, or None for none.
+    """
+
+    def __init__(self, contacts: typing.Sequence[Contact], limit: float | str | None) -> None:
+        self._contacts, self.limit = contacts, limit
+        #: Of each contact a bound of its depth at the end of the last step; None if unknown.
+        self._known: list[float | None] = [None for _ in contacts]
+        self._new = list(self._known)
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether there is a limit."""
+        return self.limit is not None
+
+    def starts(self) -> list[Placement]:
+        """Where the surfaces of each contact are, before a step."""
+        return [_start(contact) for contact in self._contacts]
+
+    def fault(self, starts: typing.Sequence[Placement]) -> str | None:
+        """What is too deep at the last evaluation, and where; None if nothing is. Collective.
+
+        Args:
+            starts: Where surfaces were at the start of the step.
+        """
+        if self.limit is None:
+            return None
+        self._new = list(self._known)
+        for i, (contact, start) in enumerate(zip(self._contacts, starts, strict=True)):
+            if self.limit == "auto" and contact.law.jump:
+                continue
+            if (text := self._fault(i, contact, start)) is not None:
+                return text if len(self._contacts) == 1 else f"contact {i}: {text}"
+        return None
+
+    def accept(self) -> None:
+        """Keep what is known of this end of a step for the next one."""
+        self._known = self._new
+
+    def _fault(self, i: int, contact: Contact, start: Placement) -> str | None:
+        model, known, limit = contact.model, self._known[i], self._limit(contact)
+        moved = motion_since(model, start)
+        seen = moved <= FOLLOWED * reach(model)
+        if self.limit == "auto" and seen and known is not None and known + moved <= limit:
+            self._new[i] = known + moved
+            return None
+        allowed = contact.overclosure.allowed
+        self._new[i] = deepest = depth.penetration(model)
+        place = depth.deepest(model, 1)[0] if deepest - allowed > limit else None
+        if not seen:
+            unpaired = NOTICED * model.paired.facet_size
+            crossing = deepest_crossing(model, start, moved, limit + allowed, unpaired)
+            if crossing is not None and (place is None or crossing.depth > place.depth):
+                place = crossing
+        if place is None:
+            return None
+        if place.depth <= limit + allowed:
+            return f"{place} has passed through the other surface, unseen by contact"
+        name = "max_penetration" if self.limit != "auto" else "max_penetration (by default)"
+        return f"a penetration of {place}, above {name} = {limit:.4g}"
+
+    def _limit(self, contact: Contact) -> float:
+        if isinstance(self.limit, float):
+            return self.limit
+        largest = contact.slave.facet_size_range[1]
+        master = deformable(contact.master)
+        if master is not None:
+            largest = max(largest, master.facet_size_range[1])
+        return AUTOMATIC * largest
+
+
+def _start(contact: Contact) -> Placement:
+    placement, tool = contact.model.placement, as_tool(contact.master)
+    if tool is None:
+        return placement
+    # Somebody may have put the tool elsewhere since.
+    return dataclasses.replace(placement, master=ToolPlace(tool, tool.position))

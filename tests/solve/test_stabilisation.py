@@ -1,0 +1,78 @@
+"""Springs that hold free bodies while they are looked for, and have no part in the result."""
+
+import numpy as np
+import pytest
+from free_ring import FreeRing
+from scenes import WORLD, largest
+
+import qsdolfinx as qs
+
+
+def squeezed(**options):
+    """The ring after its squeeze and a roll."""
+    case = FreeRing((48, 3), 20.0, **options)
+    case.step_to(2.0)
+    return case
+
+
+@pytest.mark.parametrize(
+    "settings", ({}, {"stiffness": 0.1, "decrease": 0.1}, {"max_solves": 2, "decrease": 0.0})
+)
+def test_no_part_in_the_result(settings):
+    """The ring is in equilibrium without the springs, and the plates' forces are those without."""
+    case, plain = squeezed(stabilisation=qs.Stabilisation(**settings)), squeezed()
+    assert case.problem.stabilisation_shares[-1] == 0.0
+    case.problem.system.residual(case.problem.system.x.array_r)
+    measures, limits = case.problem.newton.measure()
+    assert np.all(measures.residuals <= 10 * limits)
+    assert np.allclose(case.forces, plain.forces, rtol=1e-2)
+    assert np.isclose(case.forces[0], -case.forces[1], rtol=1e-6)
+
+
+def test_shares_fall():
+    """They are measured after each solve, and fall to the tolerance."""
+    case = squeezed(stabilisation=qs.Stabilisation(tolerance=1e-7))
+    shares = case.problem.stabilisation_shares
+    assert shares[0] > 1e-2 and 0 < shares[-2] <= 1e-7 and shares[-1] == 0
+    assert len(shares) <= 16
+
+
+def test_ring_that_is_lost_otherwise():
+    """Squeezed by a third of its radius and rolled by a facet and more in a step."""
+    case = FreeRing((64, 3), 45.0, qs.Stabilisation(), dt_min=0.02)
+    case.step_to(1.0)
+    first = case.forces[0]
+    case.stepper.step(2.0)
+    assert case.stepper.t >= 1.5
+    assert np.allclose(case.forces, [first, -first], rtol=0.05)
+    assert case.problem.stabilisation_shares[-1] == 0.0
+
+
+def test_tangent():
+    """With springs it is the derivative of the residual."""
+    case = FreeRing((16, 2))
+    case.stepper.step()
+    system = case.problem.system
+    x = np.concatenate(
+        [u.x.array[: body.num_owned] for u, body in zip(case.problem.u, system.bodies)]
+    )
+    case.problem.set_up()
+    rng = np.random.default_rng(1 + WORLD.rank)
+    for stiffness in (0.0, 0.3):
+        system.anchors.hold(system.made.rigid, system.parts(x), stiffness)
+        d, h = rng.normal(size=len(x)), 1e-7
+        difference = (system.residual(x + h * d) - system.residual(x - h * d)) / (2 * h)
+        matrix = system.tangent(x)
+        vec, out = matrix.createVecRight(), matrix.createVecLeft()
+        vec.array[:] = d
+        matrix.mult(vec, out)
+        assert largest(out.array_r - difference) < 1e-4 * largest(difference)
+    system.anchors.release()
+
+
+@pytest.mark.parametrize(
+    "name, value", (("stiffness", 0.0), ("decrease", 1.0), ("tolerance", -1.0), ("max_solves", 0))
+)
+def test_numbers_are_checked(name, value):
+    with pytest.raises(ValueError, match=name):
+        qs.Stabilisation(**{name: value})
