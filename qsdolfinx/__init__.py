@@ -23,6 +23,7 @@ from qsdolfinx.steps.restart import load_run, save_run
 from qsdolfinx.steps.step_row import step_row
 from qsdolfinx.steps.stepper import StepError, TimeStepper
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools import smooth
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 #: The one place of the version; pyproject.toml reads it here.
@@ -56,6 +57,7 @@ __all__ = [
     "load_run",
     "materials",
     "save_run",
+    "smooth",
     "solve_with_continuation",
     "step_row",
 ]

@@ -23,6 +23,14 @@ class GapOperator:
         """Index of each row's node in the slave's nodes, [row]; empty if rows are points."""
 
     @property
+    def row_side(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """Side of the row's node, [row]; empty if there are none to tell apart."""
+
+    @property
+    def row_in_corner(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """Whether the node may have a row for each side, likewise."""
+
+    @property
     def row_area(self) -> numpy.typing.NDArray[numpy.float64]:
         """What each row's gap is divided by: S_k, its covered part, or w_p, [row]."""
 
@@ -92,6 +100,18 @@ class PairingPoints:
     def num_unpaired(self) -> int:
         """Owned nodes (overlay: facets) that found no partner."""
 
+    @property
+    def num_corners(self) -> int:
+        """Owned nodes of both surfaces in the corner of several walls."""
+
+    @property
+    def by_sides(self) -> bool:
+        """Whether nodes in corners have a multiplier for each smooth side."""
+
+    @property
+    def in_corner(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """Which owned nodes do, [node]; empty if not by_sides."""
+
 class SearchRadius:
     """How far from each other points may be that are paired: one distance, or the size of the larger facet there, if that is less."""
 
@@ -134,6 +154,11 @@ class Surface:
     @property
     def facet_dofs(self) -> numpy.typing.NDArray[numpy.int64]:
         """Global unknowns of the trace, [facet][node][gdim]."""
+
+    def sides_of_facets(
+        self, chosen: numpy.typing.NDArray[numpy.uint8]
+    ) -> numpy.typing.NDArray[numpy.uint8]:
+        """Smooth side of chosen nodes that a facet belongs to, 0 at others, [facet][vertex]; collective."""
 
     @property
     def vertex_side(self) -> numpy.typing.NDArray[numpy.uint8]:
@@ -190,6 +215,12 @@ def conforming_points(
     piece_w: numpy.typing.NDArray[numpy.float64],
     edge_x: numpy.typing.NDArray[numpy.float64],
     edge_w: numpy.typing.NDArray[numpy.float64],
+    slave_lift: int,
+    slave_known: bool,
+    slave_heights: numpy.typing.NDArray[numpy.float64],
+    master_lift: int,
+    master_known: bool,
+    master_heights: numpy.typing.NDArray[numpy.float64],
 ) -> tuple[numpy.typing.NDArray[numpy.float64], float]:
     """Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all that is paired on this rank; collective."""
 
@@ -213,6 +244,15 @@ def facet_curvature(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
 
 def forget_master(points: PairingPoints) -> None:
     """Forget the unknowns of the master."""
+
+def heights_at(
+    surface: Surface,
+    known: bool,
+    heights: numpy.typing.NDArray[numpy.float64],
+    x: numpy.typing.NDArray[numpy.float64],
+    w: numpy.typing.NDArray[numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]:
+    """Heights over the facets at quadrature points, facet by facet, of given heights at their nodes of degree 2 or of a curvature found from the facets' turning; collective."""
 
 def insert_contact(
     gap: GapOperator,
@@ -248,12 +288,22 @@ def overlay_surfaces(
     piece_w: numpy.typing.NDArray[numpy.float64],
     edge_x: numpy.typing.NDArray[numpy.float64],
     edge_w: numpy.typing.NDArray[numpy.float64],
-    smooth: bool,
+    slave_lift: int,
+    slave_known: bool,
+    slave_heights: numpy.typing.NDArray[numpy.float64],
+    master_lift: int,
+    master_known: bool,
+    master_heights: numpy.typing.NDArray[numpy.float64],
 ) -> PairingPoints:
-    """Pairing points on the overlay; collective."""
+    """Pairing points on the overlay; the last arguments are a Relief each; collective."""
 
 def pair_surfaces(
-    slave: Surface, master: Surface, both: bool, radius: SearchRadius, normals: int
+    slave: Surface,
+    master: Surface,
+    both: bool,
+    radius: SearchRadius,
+    normals: int,
+    corners: bool = False,
 ) -> PairingPoints:
     """Nodal pairing points; collective."""
 
@@ -267,6 +317,12 @@ def put_rows(
 ) -> None:
     """Put rows of one body's block into the matrix of all bodies."""
 
+def relief_nodes(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
+    """Nodes of degree 2 on the flat facets, [facet][node][3]."""
+
+def relief_normals(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
+    """Outward unit normals of the flat facets there, [facet][node][3]."""
+
 def sample_facets(
     slave: Surface, x: numpy.typing.NDArray[numpy.float64], w: numpy.typing.NDArray[numpy.float64]
 ) -> PairingPoints:
@@ -274,3 +330,6 @@ def sample_facets(
 
 def sample_nodes(slave: Surface) -> PairingPoints:
     """Points at the nodes, without a master."""
+
+def share_out_hardly_covered(points: PairingPoints, slave: Surface, least: float) -> int:
+    """Let neighbours carry the multipliers of nodes that are hardly covered; collective."""

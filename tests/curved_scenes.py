@@ -1,8 +1,9 @@
 """Bodies between concentric circles or spheres, whose facets are chords."""
 
 import numpy as np
-from scenes import WORLD, box, elastic
+from scenes import WORLD, box, elastic, elevated
 
+import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
@@ -12,13 +13,24 @@ class Shell:
     """A part of a ring in 2D or 3D, or of a spherical shell, between two radii.
 
     Cells are spread over the angle (and along the axis, or the second angle) and over the radius.
+    Geometry and displacements are of these degrees.
     """
 
-    def __init__(self, n, radii, cell="quadrilateral", sphere=False, uneven=0.0, partition=None):
+    def __init__(
+        self,
+        n,
+        radii,
+        cell="quadrilateral",
+        sphere=False,
+        uneven=0.0,
+        partition=None,
+        degrees=(1, 1),
+    ):
         self.gdim = len(n)
         low, high = [0.0] * self.gdim, [1.0] * self.gdim
-        self.mesh = msh = box(WORLD, n, cell, low, high, partition)
-        self.V = V = fem.functionspace(msh, ("Lagrange", 1, (self.gdim,)))
+        msh = box(WORLD, n, cell, low, high, partition)
+        self.mesh = msh = msh if degrees[0] == 1 else elevated(msh)
+        self.V = V = fem.functionspace(msh, ("Lagrange", degrees[1], (self.gdim,)))
         radial = self.gdim - 1
         self.inner, self.outer = (self.side(radial, value) for value in (0.0, 1.0))
         self.ends = [[self.side(axis, value) for value in (0.0, 1.0)] for axis in range(radial)]
@@ -37,6 +49,12 @@ class Shell:
                 x[:, 2] = 10 * p[:, 1]
         self.u = fem.Function(V)
         self.F = elastic(self.u, E=200e3)
+
+    def load(self, facets, traction):
+        """Add a traction of UFL on facets."""
+        tags = mesh.meshtags(self.mesh, self.gdim - 1, np.sort(facets), np.ones_like(facets))
+        ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
+        self.F -= ufl.inner(traction, ufl.TestFunction(self.V)) * ds
 
     def side(self, axis, value):
         fdim = self.gdim - 1
@@ -62,24 +80,41 @@ class Shell:
         ]
 
 
-class ShrinkFit:
-    """Rings of 5 to R + δ/2 and R − δ/2 to 15, R = 10: a quarter of them."""
+class Rings:
+    """Two rings, an inner and an outer one, of which a quarter is meshed.
 
-    R = 10.0
+    Args:
+        n: Cells of the inner and of the outer one.
+        radii: Of each, within and without.
+        smoothing: As of the contact, or "named" for the circles or cylinders of these radii.
+    """
 
-    def __init__(self, n, swap=False, misfit=0.01, cell="quadrilateral", uneven=0.0, **options):
-        half = misfit / 2
-        partitions = "forward", "scattered"
-        radii = (5.0, self.R + half), (self.R - half, 15.0)
+    def __init__(
+        self,
+        n,
+        radii,
+        swap=False,
+        cell="quadrilateral",
+        uneven=0.0,
+        degrees=(1, 1),
+        smoothing="none",
+        **options,
+    ):
         self.inner, self.outer = (
-            Shell(count, r, cell, uneven=jitter, partition=partition)
+            Shell(count, r, cell, uneven=jitter, partition=partition, degrees=degrees)
             for count, r, jitter, partition in zip(
-                n, radii, (uneven, -uneven), partitions, strict=True
+                n, radii, (uneven, -uneven), ("forward", "scattered"), strict=True
             )
         )
+        if smoothing == "named":
+            axis = None if len(n[0]) == 2 else [0.0, 0.0, 1.0]
+            center = [0.0] * len(n[0])
+            named = tuple(qs.smooth.Cylinder(center, axis, r) for r in (radii[0][1], radii[1][0]))
+            smoothing = named[::-1] if swap else named
         sides = [self.inner.surface(self.inner.outer), self.outer.surface(self.outer.inner)]
         slave, master = sides[::-1] if swap else sides
-        self.contact = qs.Contact(slave, master, **{"quadrature": "overlay"} | options)
+        options = {"quadrature": "overlay", "smoothing": smoothing} | options
+        self.contact = qs.Contact(slave, master, **options)
 
     def problem(self):
         bodies = self.inner, self.outer
@@ -92,7 +127,7 @@ class ShrinkFit:
 
     def pressure(self, side):
         """Mean and scatter over the area of one side. Collective."""
-        surface = getattr(self.contact, side)
+        surface = getattr(self.contact, side).linear
         t = surface.node_values(self.contact.traction(side))[:, :2]
         x = surface.node_x[:, :2]
         p = np.abs(np.sum(t * x, axis=1)) / np.linalg.norm(x, axis=1)
@@ -100,6 +135,70 @@ class ShrinkFit:
         area, first, second = WORLD.allreduce(np.array([w.sum(), w @ p, w @ p**2]))
         mean = first / area
         return mean, np.sqrt(max(second / area - mean**2, 0.0))
+
+
+class ShrinkFit(Rings):
+    """Rings of 5 to R + δ/2 and R − δ/2 to 15, R = 10: a quarter of them."""
+
+    R = 10.0
+
+    def __init__(self, n, swap=False, misfit=0.01, **options):
+        half = misfit / 2
+        super().__init__(n, ((5.0, self.R + half), (self.R - half, 15.0)), swap, **options)
+
+
+class LoadedRings(Rings):
+    """Rings of ½ to 1 to 1½ that meet in the pressure p + q cos 2θ, by a load from without.
+
+    Michell's solution in plane strain: the inner ring is free within, no side has friction, and
+    radial displacements agree where they meet.
+    """
+
+    P, Q, E, NU = 50.0, 15.0, 200e3, 0.3
+
+    def __init__(self, n, swap=False, **options):
+        super().__init__(n, ((0.5, 1.0), (1.0, 1.5)), swap, **options)
+        uniform, second = self.load_without(0.5, 1.5)
+        x = ufl.SpatialCoordinate(self.outer.mesh)
+        r = ufl.sqrt(x[0] ** 2 + x[1] ** 2)
+        cosine = (x[0] ** 2 - x[1] ** 2) / r**2
+        self.outer.load(self.outer.outer, (uniform + second * cosine) * x / r)
+
+    def load_without(self, a, b):
+        """Stress σ_rr = s_0 + s_2 cos 2θ at the outer radius."""
+        k = 3 - 4 * self.NU
+
+        def even(r):  # of φ = A r² + B ln r: σ_rr, and 2μ u_r
+            return np.array([[2, r**-2.0], [(k - 1) * r, -1 / r]])
+
+        def second(r):  # of (A r² + B r⁴ + C r⁻² + D) cos 2θ: σ_rr, σ_rθ, and 2μ u_r
+            return np.array(
+                [
+                    [-2, 0, -6 * r**-4.0, -4 * r**-2.0],
+                    [2, 6 * r**2, -6 * r**-4.0, -2 * r**-2.0],
+                    [-2 * r, (k - 3) * r**3, 2 * r**-3.0, (k + 1) / r],
+                ]
+            )
+
+        solve = np.linalg.solve
+        inner = solve([even(a)[0], even(1.0)[0]], [0, -self.P])
+        outer = solve(even(1.0), [-self.P, even(1.0)[1] @ inner])
+        inner_2 = solve([*second(a)[:2], *second(1.0)[:2]], [0, 0, -self.Q, 0])
+        fits = [-self.Q, 0, second(1.0)[2] @ inner_2, 0]
+        outer_2 = solve([*second(1.0), second(b)[1]], fits)
+        return even(b)[0] @ outer, second(b)[0] @ outer_2
+
+    def error(self, side):
+        """L2 error of the pressure over its mean. Collective."""
+        surface = getattr(self.contact, side).linear
+        t = surface.node_values(self.contact.traction(side))[:, :2]
+        x = surface.node_x[:, :2]
+        r = np.linalg.norm(x, axis=1)
+        exact = self.P + self.Q * (x[:, 0] ** 2 - x[:, 1] ** 2) / r**2
+        off = np.abs(np.sum(t * x, axis=1)) / r - exact
+        w = surface.node_area
+        area, square = WORLD.allreduce(np.array([w.sum(), w @ off**2]))
+        return np.sqrt(square / area) / self.P
 
 
 def exact_pressure(misfit=0.01, E=200e3, nu=0.3):

@@ -90,6 +90,26 @@ def curved_triangle():
     return create_mesh(np.arange(6).reshape(1, 6)[mine], points[mine], domain)
 
 
+def elevated(msh, degree=2):
+    """The same cells with a geometry of another degree, on the ranks that have them."""
+    gdim, comm = msh.geometry.dim, msh.comm
+    V = fem.functionspace(msh, ("Lagrange", degree, (gdim,)))
+    owned = V.dofmap.index_map.size_local
+    count = msh.topology.index_map(msh.topology.dim).size_local
+    nodes = V.dofmap.list[:count]
+    numbers = V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
+    x = V.tabulate_dof_coordinates()[:owned, :gdim]
+    cell = msh.topology.cell_type.name
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, degree, shape=(gdim,)))
+
+    def here(comm, size, types, cells):
+        ranks = np.full(count, comm.rank, dtype=np.int32)
+        lists = graph.adjacencylist(ranks, np.arange(count + 1, dtype=np.int32))
+        return getattr(lists, "_cpp_object", lists)
+
+    return create_mesh(numbers.reshape(nodes.shape), x, domain, comm, partitioner=here)
+
+
 def plane(msh, axis, value):
     """Boundary facets in a plane across an axis."""
     fdim = msh.topology.dim - 1

@@ -37,6 +37,14 @@ void qsdolfinx::bind_gap(nb::module_& m)
           [](const GapOperator& g) { return copy(g.row_node(), {g.row_node().size()}); },
           "Index of each row's node in the slave's nodes, [row]; empty if rows are points.")
       .def_prop_ro(
+          "row_side",
+          [](const GapOperator& g) { return copy(g.row_side(), {g.row_side().size()}); },
+          "Side of the row's node, [row]; empty if there are none to tell apart.")
+      .def_prop_ro(
+          "row_in_corner",
+          [](const GapOperator& g) { return copy(g.row_in_corner(), {g.row_in_corner().size()}); },
+          "Whether the node may have a row for each side, likewise.")
+      .def_prop_ro(
           "row_area", [](const GapOperator& g) { return copy(g.row_area(), {g.num_rows()}); },
           "What each row's gap is divided by: S_k, its covered part, or w_p, [row].")
       .def_prop_ro(

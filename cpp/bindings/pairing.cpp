@@ -1,6 +1,7 @@
 #include "pairing/pairing.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "pairing/cover.h"
 #include "pairing/overlay.h"
 #include "pairing/rigid.h"
 
@@ -27,6 +28,15 @@ Rule rule(const In<double>& x, const In<double>& w)
   for (double& value : out.w)
     value /= total;
   return out;
+}
+
+/// Relief of a surface from its parts. @throws nb::value_error if heights are of another shape
+Relief relief(const Surface& surface, int lift, bool known, const In<double>& heights)
+{
+  const auto nodes = static_cast<std::size_t>(trace_size(surface.type(), 2));
+  if (known && heights.array.size() != surface.num_facets() * nodes)
+    throw nb::value_error("heights: one for each node of degree 2 of each facet");
+  return {static_cast<Lift>(lift), known, heights.view()};
 }
 
 using Side = nb::typed<nb::dict, nb::str, nb::any>;
@@ -72,51 +82,80 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "weight", [](const PairingPoints& p) { return copy(p.weight, {p.size()}); },
           "Areas, [point].")
       .def(
-          "scaled", [](const PairingPoints& p, In<double> factor) { return p.scaled(factor.view()); },
+          "scaled",
+          [](const PairingPoints& p, In<double> factor) { return p.scaled(factor.view()); },
           "factor"_a, "The same points, their weights multiplied by factors [point].")
       .def_ro("num_unpaired", &PairingPoints::num_unpaired,
-              "Owned nodes (overlay: facets) that found no partner.");
+              "Owned nodes (overlay: facets) that found no partner.")
+      .def_ro("num_corners", &PairingPoints::num_corners,
+              "Owned nodes of both surfaces in the corner of several walls.")
+      .def_ro("by_sides", &PairingPoints::by_sides,
+              "Whether nodes in corners have a multiplier for each smooth side.")
+      .def_prop_ro(
+          "in_corner",
+          [](const PairingPoints& p) { return copy(p.in_corner, {p.in_corner.size()}); },
+          "Which owned nodes do, [node]; empty if not by_sides.");
 
   m.def(
       "pair_surfaces",
       [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,
-         int normals)
+         int normals, bool corners)
       {
         return pair_surfaces(slave, master, both ? Sampling::both : Sampling::slave_nodes, radius,
-                             static_cast<Normals>(normals));
+                             static_cast<Normals>(normals), corners);
       },
-      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a,
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "corners"_a = false,
       "Nodal pairing points; collective.");
   m.def(
       "overlay_surfaces",
       [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,
          int normals, In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w,
-         bool smooth)
+         int slave_lift, bool slave_known, In<double> slave_heights, int master_lift,
+         bool master_known, In<double> master_heights)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
         return overlay_surfaces(slave, master, both, radius, static_cast<Normals>(normals), rules,
-                                smooth);
+                                relief(slave, slave_lift, slave_known, slave_heights),
+                                relief(master, master_lift, master_known, master_heights));
       },
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a,
-      "edge_x"_a, "edge_w"_a, "smooth"_a, "Pairing points on the overlay; collective.");
+      "edge_x"_a, "edge_w"_a, "slave_lift"_a, "slave_known"_a, "slave_heights"_a, "master_lift"_a,
+      "master_known"_a, "master_heights"_a,
+      "Pairing points on the overlay; the last arguments are a Relief each; collective.");
   m.def(
       "conforming_points",
       [](const Surface& slave, const Surface& master, const SearchRadius& radius,
-         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w)
+         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w,
+         int slave_lift, bool slave_known, In<double> slave_heights, int master_lift,
+         bool master_known, In<double> master_heights)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
         double area = 0;
-        const auto found = conforming_points(slave, master, radius, rules, area);
+        const auto found = conforming_points(
+            slave, master, radius, rules, relief(slave, slave_lift, slave_known, slave_heights),
+            relief(master, master_lift, master_known, master_heights), area);
         std::vector<double> out;
         for (const ConformingPoint& p : found)
           out.insert(out.end(), {p.slave, p.master, p.gap, p.weight});
         return std::pair(copy(std::move(out), {found.size(), 4}), area);
       },
       "slave"_a, "master"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
+      "slave_lift"_a, "slave_known"_a, "slave_heights"_a, "master_lift"_a, "master_known"_a,
+      "master_heights"_a,
       "Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area "
       "of all "
       "that is paired on this rank; collective.");
 
+  m.def(
+      "heights_at",
+      [](const Surface& surface, bool known, In<double> heights, In<double> x, In<double> w)
+      {
+        const auto out = heights_at(surface, relief(surface, 0, known, heights), rule(x, w));
+        return copy(out, {out.size()});
+      },
+      "surface"_a, "known"_a, "heights"_a, "x"_a, "w"_a,
+      "Heights over the facets at quadrature points, facet by facet, of given heights at their "
+      "nodes of degree 2 or of a curvature found from the facets' turning; collective.");
   m.def("sample_nodes", &sample_nodes, "slave"_a, "Points at the nodes, without a master.");
   m.def(
       "sample_facets", [](const Surface& slave, In<double> x, In<double> w)
@@ -128,5 +167,7 @@ void qsdolfinx::bind_pairing(nb::module_& m)
          std::size_t group) { face_tool(points, keep.view(), normal.view(), gap.view(), group); },
       "points"_a, "keep"_a, "normal"_a, "gap"_a, "group"_a,
       "Set normals and gaps, and drop points; see pairing/rigid.h.");
+  m.def("share_out_hardly_covered", &share_out_hardly_covered, "points"_a, "slave"_a, "least"_a,
+        "Let neighbours carry the multipliers of nodes that are hardly covered; collective.");
   m.def("forget_master", &forget_master, "points"_a, "Forget the unknowns of the master.");
 }

@@ -1,7 +1,7 @@
 #include "surface/surface.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
-#include "surface/curvature.h"
+#include "surface/relief.h"
 
 #include <nanobind/stl/array.h>
 
@@ -45,6 +45,16 @@ void qsdolfinx::bind_surface(nb::module_& m)
                                           static_cast<std::size_t>(s.gdim())});
           },
           "Global unknowns of the trace, [facet][node][gdim].")
+      .def(
+          "sides_of_facets",
+          [](const Surface& s, In<std::uint8_t> chosen)
+          {
+            return copy(s.sides_of_facets(chosen.view()),
+                        {s.num_facets(), static_cast<std::size_t>(s.num_vertices())});
+          },
+          "chosen"_a,
+          "Smooth side of chosen nodes that a facet belongs to, 0 at others, [facet][vertex]; "
+          "collective.")
       .def_prop_ro(
           "vertex_side",
           [](const Surface& s)
@@ -72,6 +82,17 @@ void qsdolfinx::bind_surface(nb::module_& m)
           [](const Surface& s) { return copy(s.nodes().normal, {s.nodes().size(), 3}); },
           "Their averaged outward unit normals, [node][3].");
 
+  const auto at_nodes = [](const Surface& s, std::vector<double> values)
+  {
+    const auto nodes = static_cast<std::size_t>(trace_size(s.type(), 2));
+    return copy(std::move(values), {s.num_facets(), nodes, 3});
+  };
+  m.def(
+      "relief_nodes", [at_nodes](const Surface& s) { return at_nodes(s, relief_nodes(s)); },
+      "surface"_a, "Nodes of degree 2 on the flat facets, [facet][node][3].");
+  m.def(
+      "relief_normals", [at_nodes](const Surface& s) { return at_nodes(s, relief_normals(s)); },
+      "surface"_a, "Outward unit normals of the flat facets there, [facet][node][3].");
   m.def(
       "facet_curvature",
       [](const Surface& s)

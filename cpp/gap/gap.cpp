@@ -19,7 +19,7 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
 {
   const int nk = points.num_multipliers, ns = points.slave.num_nodes, nm = points.master.num_nodes,
             d = points.gdim;
-  const int num_doubles = nk + ns + nm + 5, num_dofs = (ns + nm) * d;
+  const int num_doubles = nk + ns + nm + 5, num_dofs = (ns + nm) * d + nk;
   std::vector<int> dest;
   std::vector<double> doubles;
   std::vector<std::int64_t> dofs;
@@ -43,6 +43,7 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
       append_record(doubles, points.weight, p, 1);
       append_record(dofs, points.slave.dofs, p, ns * d);
       append_record(dofs, points.master.dofs, p, nm * d);
+      append_record(dofs, points.multiplier_side, p, nk);
     }
   }
   const Exchange exchange(slave.comm(), dest);
@@ -66,8 +67,23 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
     take(out.weight, 1);
     const std::int64_t* i = dofs.data() + p * num_dofs;
     out.slave.dofs.insert(out.slave.dofs.end(), i, i + ns * d);
-    out.master.dofs.insert(out.master.dofs.end(), i + ns * d, i + num_dofs);
+    out.master.dofs.insert(out.master.dofs.end(), i + ns * d, i + (ns + nm) * d);
+    for (int j = (ns + nm) * d; j < num_dofs; ++j)
+      out.multiplier_side.push_back(static_cast<std::uint8_t>(i[j]));
   }
+  return out;
+}
+
+/// S_k, or in corners the areas of sides.
+std::vector<double> areas_of(const Slots& slots, const Surface& slave, const PairingPoints& points)
+{
+  const std::vector<double>& of_nodes = slave.nodes().area;
+  if (slots.per_node == 1)
+    return of_nodes;
+  std::vector<double> out = points.side_area;
+  for (std::size_t node = 0; node < of_nodes.size(); ++node)
+    if (!points.in_corner[node])
+      out[slots(node, 0)] = of_nodes[node];
   return out;
 }
 
@@ -131,28 +147,47 @@ void GapOperator::build_points(const PairingPoints& points)
 void GapOperator::build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
                              bool by_cover)
 {
-  const std::vector<Patch> patches = find_patches(slave, sets);
-  std::vector<double> area = slave.nodes().area;
+  const PairingPoints& points = *sets[0];
+  const Slots slots(slave, points);
+  const std::vector<Patch> patches = find_patches(slave, sets, slots);
+  std::vector<double> area = areas_of(slots, slave, points);
   if (by_cover)
   {
     std::ranges::fill(area, 0.0);
     for (const Patch& patch : patches)
-      area[patch.node] += cover(patch);
+      area[patch.slot] += cover(patch);
   }
   const RowTerms of_slave(patches, 0, kind_, area), of_master(patches, 1, kind_, area);
-  const std::vector<std::int64_t> row_of = of_slave.rows(area.size(), row_node_);
-  of_slave.compress(sides_[0], gdim_, row_of, row_node_.size());
-  of_master.compress(sides_[1], gdim_, row_of, row_node_.size());
+  std::vector<std::size_t> row_slot;
+  const std::vector<std::int64_t> row_of = of_slave.rows(area.size(), row_slot);
+  of_slave.compress(sides_[0], gdim_, row_of, row_slot.size());
+  of_master.compress(sides_[1], gdim_, row_of, row_slot.size());
 
-  for (std::int64_t node : row_node_)
-    row_area_.push_back(area[node]);
-  initial_gap_.assign(row_node_.size(), 0);
+  name_rows(points, slots, row_slot);
+  for (std::size_t slot : row_slot)
+    row_area_.push_back(area[slot]);
+  initial_gap_.assign(row_slot.size(), 0);
   if (kind_ == GapKind::jump)
     return;
   for (const Patch& patch : patches)
-    if (const std::int64_t row = row_of[patch.node]; row >= 0) // else its function vanishes there
+    if (const std::int64_t row = row_of[patch.slot]; row >= 0) // else its function vanishes there
       for (std::size_t p = patch.first; p < patch.last; ++p)
-        initial_gap_[row] += patch.weight(p) * patch.points->gap[p] / area[patch.node];
+        initial_gap_[row] += patch.weight(p) * patch.points->gap[p] / area[patch.slot];
+}
+
+void GapOperator::name_rows(const PairingPoints& points, const Slots& slots,
+                            std::span<const std::size_t> row_slot)
+{
+  for (std::size_t slot : row_slot)
+  {
+    const std::size_t node = slot / slots.per_node;
+    row_node_.push_back(static_cast<std::int64_t>(node));
+    if (slots.per_node == 1)
+      continue;
+    row_in_corner_.push_back(points.in_corner[node]);
+    row_side_.push_back(points.in_corner[node] ? static_cast<std::uint8_t>(slot % slots.per_node)
+                                               : points.node_side[node]);
+  }
 }
 
 std::vector<double> GapOperator::slave_sum() const

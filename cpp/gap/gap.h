@@ -26,8 +26,11 @@ enum class GapRows
   points         ///< the pairing points, w_p taking the place of S_k: nothing is averaged
 };
 
+struct Slots;
+
 /// Weighted gaps of the slave nodes that this rank owns, one row per node with at least one pairing
-/// point, in the order of the slave surface's nodes; or gaps of the pairing points of this rank.
+/// point, in the order of the slave surface's nodes, or in corners one for each side of the node;
+/// or gaps of the pairing points of this rank.
 class GapOperator
 {
 public:
@@ -59,6 +62,12 @@ public:
   std::size_t num_rows() const { return row_area_.size(); }
   /// Index of each row's node in the slave surface's nodes; empty if rows are points.
   const std::vector<std::int64_t>& row_node() const { return row_node_; }
+  /// Smooth side of the slave that the row stands for at its node, if this is in a corner;
+  /// otherwise the side that looks at the master. Empty if there are no sides to tell apart, as at
+  /// points.
+  const std::vector<std::uint8_t>& row_side() const { return row_side_; }
+  /// Whether the row's node is in a corner, and may have several rows; likewise.
+  const std::vector<std::uint8_t>& row_in_corner() const { return row_in_corner_; }
   /// What each row's gap is divided by: S_k, its covered part, or w_p.
   const std::vector<double>& row_area() const { return row_area_; }
   /// Initial weighted gap d of each row (zero for a jump).
@@ -91,6 +100,8 @@ public:
 private:
   void build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
                   bool by_cover);
+  void name_rows(const PairingPoints& points, const Slots& slots,
+                 std::span<const std::size_t> row_slot);
   void build_points(const PairingPoints& points);
   /// visit(value of a node, N_k, f_p) for all N_k at all points, then to the nodes' owners.
   template <typename Visit>
@@ -100,6 +111,7 @@ private:
   GapKind kind_;
   int gdim_, num_sides_;
   std::vector<std::int64_t> row_node_;
+  std::vector<std::uint8_t> row_side_, row_in_corner_;
   std::vector<double> row_area_, initial_gap_;
   std::array<Side, 2> sides_;
   Side multipliers_; ///< N_k at the points, if these are the rows

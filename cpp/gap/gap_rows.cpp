@@ -69,10 +69,24 @@ std::span<const std::int64_t> facet_of(const PairingSide& side, std::size_t p, i
   const std::size_t width = static_cast<std::size_t>(side.num_nodes) * gdim;
   return std::span(side.dofs).subspan(p * width, width);
 }
+
+std::span<const std::uint8_t> sides_of(const PairingPoints& points, std::size_t p)
+{
+  const auto n = static_cast<std::size_t>(points.num_multipliers);
+  return std::span(points.multiplier_side).subspan(p * n, n);
+}
 } // namespace
 
+Slots::Slots(const Surface& slave, const PairingPoints& points)
+    : num_nodes(slave.nodes().size()),
+      per_node(points.in_corner.empty() ? 1 : static_cast<std::size_t>(points.gdim)),
+      in_corner(points.in_corner)
+{
+}
+
 std::vector<Patch> qsdolfinx::find_patches(const Surface& slave,
-                                           std::span<const PairingPoints* const> sets)
+                                           std::span<const PairingPoints* const> sets,
+                                           const Slots& slots)
 {
   std::int64_t end = 0, size = slave.local_size();
   MPI_Scan(&size, &end, 1, MPI_INT64_T, MPI_SUM, slave.comm());
@@ -84,13 +98,15 @@ std::vector<Patch> qsdolfinx::find_patches(const Surface& slave,
     {
       const auto on_slave = facet_of(points->slave, first, d),
                  on_master = facet_of(points->master, first, d);
+      const auto sides = sides_of(*points, first);
       for (last = first + 1; last < points->size(); ++last)
         if (!std::ranges::equal(facet_of(points->slave, last, d), on_slave)
-            || !std::ranges::equal(facet_of(points->master, last, d), on_master))
+            || !std::ranges::equal(facet_of(points->master, last, d), on_master)
+            || !std::ranges::equal(sides_of(*points, last), sides))
           break;
       for (int i = 0; i < points->num_multipliers; ++i)
         if (const std::int64_t dof = on_slave[i * d]; dof >= end - size && dof < end)
-          out.push_back({points, first, last, i, static_cast<std::int64_t>(slave.node_index(dof))});
+          out.push_back({points, first, last, i, slots(slave.node_index(dof), sides[i])});
     }
   }
   return out;
@@ -115,7 +131,7 @@ RowTerms::RowTerms(std::span<const Patch> patches, int side, GapKind kind,
     const PairingPoints& points = *patch.points;
     const PairingSide& columns = side == 0 ? points.slave : points.master;
     const int nc = columns.num_nodes;
-    const double sign = (side == 0 ? 1.0 : -1.0) / area[patch.node];
+    const double sign = (side == 0 ? 1.0 : -1.0) / area[patch.slot];
     for (int j = 0; j < nc; ++j)
     {
       std::array<double, 3> value{0, 0, 0};
@@ -134,22 +150,22 @@ RowTerms::RowTerms(std::span<const Patch> patches, int side, GapKind kind,
       const std::int32_t column = numbering(*dofs);
       if (numbering.size() > column_dofs_.size())
         column_dofs_.push_back(dofs);
-      terms_.push_back({patch.node, column, value});
+      terms_.push_back({patch.slot, column, value});
     }
   }
 }
 
-std::vector<std::int64_t> RowTerms::rows(std::size_t num_nodes,
-                                         std::vector<std::int64_t>& row_node) const
+std::vector<std::int64_t> RowTerms::rows(std::size_t num_slots,
+                                         std::vector<std::size_t>& row_slot) const
 {
-  std::vector<std::int64_t> row_of(num_nodes, -1);
+  std::vector<std::int64_t> row_of(num_slots, -1);
   for (const Term& term : terms_)
-    row_of[term.node] = 0;
-  for (std::size_t node = 0; node < num_nodes; ++node)
-    if (row_of[node] == 0)
+    row_of[term.slot] = 0;
+  for (std::size_t slot = 0; slot < num_slots; ++slot)
+    if (row_of[slot] == 0)
     {
-      row_of[node] = static_cast<std::int64_t>(row_node.size());
-      row_node.push_back(static_cast<std::int64_t>(node));
+      row_of[slot] = static_cast<std::int64_t>(row_slot.size());
+      row_slot.push_back(slot);
     }
   return row_of;
 }
@@ -179,10 +195,10 @@ void RowTerms::compress(GapOperator::Side& out, int gdim, std::span<const std::i
   // Terms by rows, in the order of the terms within each.
   std::vector<std::size_t> end(num_rows + 1, 0), order(terms_.size());
   for (const Term& term : terms_)
-    ++end[row_of[term.node] + 1];
+    ++end[row_of[term.slot] + 1];
   std::partial_sum(end.begin(), end.end(), end.begin());
   for (std::size_t t = 0; t < terms_.size(); ++t)
-    order[end[row_of[terms_[t].node]]++] = t; // end[r] moves from the first term to past the last
+    order[end[row_of[terms_[t].slot]]++] = t; // end[r] moves from the first term to past the last
 
   std::vector<std::int64_t> place(number.size(), -1); // of a column's entry, if in this row
   std::vector<std::int32_t> columns;

@@ -6,13 +6,28 @@
 namespace qsdolfinx
 {
 
+/// Slots for multipliers of the slave's owned nodes: one for each smooth side of a node in a
+/// corner. Other nodes use the first of theirs; without any corner there is one slot a node.
+struct Slots
+{
+  std::size_t num_nodes, per_node;
+  std::span<const std::uint8_t> in_corner; ///< [node], empty if per_node is 1
+
+  Slots(const Surface& slave, const PairingPoints& points);
+  std::size_t size() const { return num_nodes * per_node; }
+  std::size_t operator()(std::size_t node, std::uint8_t side) const
+  {
+    return node * per_node + (per_node > 1 && in_corner[node] ? side : 0);
+  }
+};
+
 /// A multiplier of this rank and a range of points that lie on the same two facets.
 struct Patch
 {
   const PairingPoints* points;
   std::size_t first, last; ///< points
   int multiplier;          ///< place among the slave facet's vertices
-  std::int64_t node;       ///< index in the slave surface's nodes
+  std::size_t slot;        ///< see Slots
 
   double multiplier_value(std::size_t p) const
   {
@@ -23,7 +38,8 @@ struct Patch
 };
 
 /// All patches of several sets of points, in the order of the points. Collective.
-std::vector<Patch> find_patches(const Surface& slave, std::span<const PairingPoints* const> sets);
+std::vector<Patch> find_patches(const Surface& slave, std::span<const PairingPoints* const> sets,
+                                const Slots& slots);
 
 /// Σ_p w_p N_k over a patch.
 double cover(const Patch& patch);
@@ -33,11 +49,11 @@ class RowTerms
 {
 public:
   /// @param side 0: slave, 1: master
-  /// @param area what the gap of each slave node is divided by
+  /// @param area what the gap of each slot is divided by
   RowTerms(std::span<const Patch> patches, int side, GapKind kind, std::span<const double> area);
 
-  /// Row of each node, -1 without, and the nodes that have one, ascending.
-  std::vector<std::int64_t> rows(std::size_t num_nodes, std::vector<std::int64_t>& row_node) const;
+  /// Row of each slot, -1 without, and the slots that have one, ascending.
+  std::vector<std::int64_t> rows(std::size_t num_slots, std::vector<std::size_t>& row_slot) const;
 
   /// Rows in compressed form, columns ascending by their unknowns. Cost: linear in the terms, n log
   /// n in the columns.
@@ -47,7 +63,7 @@ public:
 private:
   struct Term
   {
-    std::int64_t node;
+    std::size_t slot;
     std::int32_t column;         ///< in the order of appearance
     std::array<double, 3> value; ///< Σ w N_k N_column (n) / S_k, negative for the master
   };

@@ -4,7 +4,7 @@
 #include "parallel/records.h"
 #include "search/local_search.h"
 #include "search/screen.h"
-#include "surface/curvature.h"
+#include "surface/relief.h"
 
 #include <algorithm>
 #include <numeric>
@@ -22,6 +22,7 @@ struct NearbyFacets : FacetCopies
   std::vector<int> owner;         ///< [facet][trace]
   std::vector<std::uint8_t> side; ///< smooth sides, [facet][vertex]
   std::vector<double> curvature;  ///< [facet][6], if asked for
+  std::vector<double> heights;    ///< [facet][node of degree 2], if they are known
 
   Curvature curvature_of(std::size_t facet) const
   {
@@ -31,18 +32,33 @@ struct NearbyFacets : FacetCopies
   }
 };
 
+/// Of a surface: which part of its relief counts, and all that is known of it.
+struct CurvedSide
+{
+  CurvedSide(const Surface& surface, const Relief& relief, bool with_curvature)
+      : relief(relief),
+        curvature(with_curvature ? relief_curvature(surface, relief) : std::vector<Curvature>{})
+  {
+  }
+  Relief relief;
+  std::vector<Curvature> curvature; ///< by facet of this rank; empty if nobody asks for it
+};
+
 /// Copy the facets of `from` to all ranks whose facets of `to` may be within the radius. They
 /// arrive in an order that depends on the partition. Collective.
-/// @param curvature of the facets, null if it is not wanted
+/// @param curved what the facets stand for, null if it is not wanted
+/// @param with_curvature whether all ranks know their facets' curvature
 NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
-                          const std::vector<Curvature>* curvature = nullptr)
+                          const CurvedSide* curved = nullptr, bool with_curvature = false)
 {
   const std::vector<Box> boxes = to.rank_boxes(radius);
   const int nv = from.num_vertices(), nt = from.num_trace(), d = from.gdim();
   std::vector<int> dest, owner;
   std::vector<std::size_t> facets;
   facets_in_boxes(from, boxes, dest, facets);
-  std::vector<double> x, orientation, curved;
+  std::vector<double> x, orientation, curvature, heights;
+  const int nh = trace_size(from.type(), 2);
+  const bool known = curved && curved->relief.known;
   std::vector<std::int64_t> dofs;
   std::vector<std::uint8_t> side;
   for (std::size_t f : facets)
@@ -52,8 +68,10 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
     append_record(dofs, from.facets().dofs, f, nt * d);
     append_record(owner, from.facets().owner, f, nt);
     append_record(side, from.facets().vertex_side, f, nv);
-    if (curvature)
-      curved.insert(curved.end(), (*curvature)[f].begin(), (*curvature)[f].end());
+    if (with_curvature)
+      append_record(curvature, curved->curvature[f], 0, 6);
+    if (known)
+      append_record(heights, curved->relief.heights, f, nh);
   }
   const Exchange exchange(from.comm(), dest);
   return {
@@ -64,7 +82,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
       exchange.forward<std::int64_t>(dofs, nt * d),
       exchange.forward<int>(owner, nt),
       exchange.forward<std::uint8_t>(side, nv),
-      curvature ? exchange.forward<double>(curved, 6) : std::vector<double>{}};
+      with_curvature ? exchange.forward<double>(curvature, 6) : std::vector<double>{},
+      known ? exchange.forward<double>(heights, nh) : std::vector<double>{}};
 }
 
 /// Whether two bodies are curved the same way along the line between two vertices of a facet where
@@ -99,14 +118,11 @@ bool is_flat(const Surface& surface, const std::vector<Curvature>& curvature)
   return most < rounding;
 }
 
-/// Curvature of two surfaces that face each other.
+/// What the facets of two surfaces that face each other stand for.
 struct Curved
 {
-  Curved(const Surface& cut, const Surface& other)
-      : of_cut(facet_curvature(cut)), of_other(facet_curvature(other))
-  {
-  }
-  std::vector<Curvature> of_cut, of_other;       ///< by facet of this rank
+  CurvedSide cut, other;
+  bool with_curvature;                           ///< whether curvatures are known
   std::vector<ConformingPoint>* found = nullptr; ///< filled if it is not null
 };
 
@@ -209,7 +225,8 @@ public:
           double share, const SearchRadius& radius, Normals normals, const OverlayRules& rules,
           const Curved* curved)
       : points_(points), cut_(cut), curved_(curved),
-        nearby_(fetch_nearby(other, cut, radius.largest, curved ? &curved->of_other : nullptr)),
+        nearby_(fetch_nearby(other, cut, radius.largest, curved ? &curved->other : nullptr,
+                             curved && curved->with_curvature)),
         tree_(facet_boxes(nearby_.type, nearby_.x)),
         own_(fetch_nearby(cut, cut, 2 * radius.largest)), own_tree_(facet_boxes(own_.type, own_.x)),
         cut_is_slave_(cut_is_slave), share_(share), radius_(radius.largest), reach_(radius),
@@ -379,12 +396,11 @@ private:
   }
 
   /// Outward normal of the surface that is cut, as the gap is to be measured.
-  Vec3 normal(std::size_t f, Vec2 xi, std::size_t other, Vec2 zeta) const
+  /// @param n of this surface, @param a of the other one, of any length and either sign
+  Vec3 normal(const Vec3& n, const Vec3& a) const
   {
-    const Vec3 n = cut_.normal(f, xi);
     if (normals_ == Normals::facet)
       return n;
-    const Vec3 a = area_vector(nearby_.type, nearby_.facet_x(other), zeta);
     const Vec3 sum = n + ((dot(a, n) > 0 ? 1 : -1) / norm(a)) * a;
     return (1 / norm(sum)) * sum;
   }
@@ -403,17 +419,22 @@ private:
     {
       const Vec3 x = facet_point(cut_.type(), v, here.xi[p]);
       const Vec3 y = facet_point(nearby_.type, z, there.xi[p]);
-      const Vec3 outward = normal(f, here.xi[p], piece.other, there.xi[p]);
-      const double gap = dot(y - x, outward);
+      const Vec3 n = cut_.normal(f, here.xi[p]);
+      const Vec3 a = area_vector(nearby_.type, z, there.xi[p]);
+      Vec3 outward = normal(n, a);
+      double gap = dot(y - x, outward);
       if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y))
         continue;
       // A curved quadrilateral has more area than its projection.
       const double stretch
           = norm(area_vector(cut_.type(), v, here.xi[p])) / planar.jacobian(here.xi[p]);
       points_.weight.push_back(share_ * w_[p] * stretch * cut_.area_factor(x));
-      points_.gap.push_back(gap - (curved_ ? chord_error(f, piece.other, p, gap) : 0.0));
-      const Vec3 n = (cut_is_slave_ ? 1.0 : -1.0) * outward;
-      points_.normal.insert(points_.normal.end(), n.begin(), n.end());
+      if (curved_)
+        lift(f, piece.other, p, n, nearby_.orientation[piece.other] * a, dot(y - x, outward_),
+             outward, gap);
+      points_.gap.push_back(gap);
+      const Vec3 into = (cut_is_slave_ ? 1.0 : -1.0) * outward;
+      points_.normal.insert(points_.normal.end(), into.begin(), into.end());
       append_side(cut_is_slave_, x, cut_.facets().dofs, cut_.facets().owner, f, cut_.type(),
                   cut_.degree(), here, p);
       append_side(!cut_is_slave_, y, nearby_.dofs, nearby_.owner, piece.other, nearby_.type,
@@ -424,17 +445,64 @@ private:
     }
   }
 
-  /// How much wider the gap between the facets is than that between the surfaces they approximate.
-  double chord_error(std::size_t f, std::size_t other, std::size_t p, double gap) const
+  /// Gap and normal between the surfaces that the facets stand for, in place of the facets' own.
+  /// @param n, a normal of the facet that is cut, and area vector of the other, both outward
+  /// @param distance of the facets along the line through both points
+  void lift(std::size_t f, std::size_t other, std::size_t p, const Vec3& n, const Vec3& a,
+            double distance, Vec3& outward, double& gap)
   {
-    const Curvature a = curved_->of_cut[f], b = nearby_.curvature_of(other);
-    const Curvature K = shared_curvature(a, b);
-    const auto v = cut_.facet_x(f);
-    const double here = bulge(K, cut_.type(), v, here_.N[p]);
-    const double there = bulge(K, nearby_.type, nearby_.facet_x(other), there_.N[p]);
-    if (curved_->found && conforming(a, b, cut_.type(), v))
+    Curvature of_cut{}, of_other{};
+    if (curved_->with_curvature)
+    {
+      of_cut = curved_->cut.curvature[f];
+      of_other = nearby_.curvature_of(other);
+    }
+    const auto v = cut_.facet_x(f), z = nearby_.facet_x(other);
+    if (curved_->found && conforming(of_cut, of_other, cut_.type(), v))
+    {
+      const Curvature K = shared_curvature(of_cut, of_other);
+      const double here = bulge(K, cut_.type(), v, here_.N[p]);
+      const double there = bulge(K, nearby_.type, z, there_.N[p]);
       curved_->found->push_back({here, there, gap - here + there, points_.weight.back()});
-    return here - there;
+    }
+    const Lifted here = lifted(curved_->cut.relief, curved_->cut.relief.heights, f,
+                               shared_curvature(of_cut, of_other), cut_.type(), v, here_.xi[p], n);
+    const Lifted there
+        = lifted(curved_->other.relief, nearby_.heights, other, shared_curvature(of_other, of_cut),
+                 nearby_.type, z, there_.xi[p], (1 / norm(a)) * a);
+    outward = normal((1 / norm(here.normal)) * here.normal, there.normal);
+    // Newton's step from each facet along the line to the surface over it, on which it lands but
+    // for what is of third order.
+    const double between = distance - here.height / dot(here.normal, outward_)
+                           + there.height / dot(there.normal, outward_);
+    gap = between * dot(outward_, outward);
+  }
+
+  /// What a facet stands for at one point.
+  struct Lifted
+  {
+    double height; ///< over the facet, along its outward normal
+    Vec3 normal;   ///< outward, of the surface; of unit length along the facet's normal
+  };
+
+  /// @param heights of all facets' nodes, if they are known, @param K shared curvature, as this
+  /// surface sees it, @param n outward unit normal of the facet
+  static Lifted lifted(const Relief& relief, std::span<const double> heights, std::size_t facet,
+                       const Curvature& K, FacetType type, std::span<const double> v,
+                       std::array<double, 2> xi, const Vec3& n)
+  {
+    if (relief.lift == Lift::none)
+      return {0, n};
+    const auto nodes = static_cast<std::size_t>(trace_size(type, 2));
+    const auto known = relief.known ? heights.subspan(facet * nodes, nodes) : heights;
+    const auto height = [&](std::array<double, 2> at)
+    {
+      if (relief.lift == Lift::own)
+        return height_at(type, known, at);
+      const auto N = shape_functions(type, at);
+      return bulge(K, type, v, N) + (relief.known ? vertex_height(type, known, N) : 0.0);
+    };
+    return {height(xi), n - surface_gradient(type, v, xi, height)};
   }
 
   void append_side(bool slave, const Vec3& x, const std::vector<std::int64_t>& dofs,
@@ -484,12 +552,18 @@ private:
 
 PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& master, bool both,
                                           const SearchRadius& radius, Normals normals,
-                                          const OverlayRules& rules, bool smooth)
+                                          const OverlayRules& rules, const Relief& slave_relief,
+                                          const Relief& master_relief)
 {
   PairingPoints points(slave, &master);
+  const Lift first = slave_relief.lift, second = master_relief.lift;
   std::optional<Curved> curved;
-  if (smooth)
-    curved.emplace(slave, master);
+  if (first != Lift::none || second != Lift::none)
+  {
+    const bool shared = first == Lift::shared || second == Lift::shared;
+    curved.emplace(CurvedSide(slave, slave_relief, shared),
+                   CurvedSide(master, master_relief, shared), shared);
+  }
   const double share = both ? 0.5 : 1.0;
   const auto cut = [&](const Surface& surface, const Surface& other)
   {
@@ -500,22 +574,24 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
   };
   cut(slave, master);
   if (curved)
-    std::swap(curved->of_cut, curved->of_other);
+    std::swap(curved->cut, curved->other);
   if (both)
     cut(master, slave);
   return points;
 }
 
-std::vector<ConformingPoint> qsdolfinx::conforming_points(const Surface& slave,
-                                                          const Surface& master,
-                                                          const SearchRadius& radius,
-                                                          const OverlayRules& rules, double& area)
+std::vector<ConformingPoint>
+qsdolfinx::conforming_points(const Surface& slave, const Surface& master,
+                             const SearchRadius& radius, const OverlayRules& rules,
+                             const Relief& slave_relief, const Relief& master_relief, double& area)
 {
   PairingPoints points(slave, &master);
-  Curved curved(slave, master);
+  Curved curved{CurvedSide(slave, slave_relief, true), CurvedSide(master, master_relief, true),
+                true};
   std::vector<ConformingPoint> out;
   area = 0;
-  const bool flat = is_flat(slave, curved.of_cut), master_flat = is_flat(master, curved.of_other);
+  const bool flat = is_flat(slave, curved.cut.curvature),
+             master_flat = is_flat(master, curved.other.curvature);
   if (flat || master_flat)
     return out;
   curved.found = &out;

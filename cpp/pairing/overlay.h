@@ -3,6 +3,7 @@
 
 #include "geometry/planar.h"
 #include "pairing/pairing.h"
+#include "surface/relief.h"
 
 namespace qsdolfinx
 {
@@ -34,25 +35,30 @@ struct OverlayRules
 /// @param radius points further than this from the other surface are left out
 /// @param normals which normals n_p are
 /// @param rules quadrature
-/// @param smooth whether gaps are those of the curved surfaces that the facets approximate: facets
-/// of both sides bulge by the curvature that both share
+/// @param slave_relief, master_relief what of the curved surfaces that the facets approximate gaps
+/// are measured from
 PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool both,
                                const SearchRadius& radius, Normals normals,
-                               const OverlayRules& rules, bool smooth);
+                               const OverlayRules& rules, const Relief& slave_relief,
+                               const Relief& master_relief);
 
 /// Where surfaces are curved the same way, at a point of the overlay.
 struct ConformingPoint
 {
-  double slave, master; ///< how far the surfaces bulge out of the facets, along the slave's normal
-  double gap;           ///< of the curved surfaces: that of the facets - slave + master
+  double slave, master; ///< how far the surfaces bulge out of the facets, along the slave's normal,
+                        ///< by the curvature that both share
+  double gap;           ///< of the curved surfaces
   double weight;        ///< area
 };
 
 /// Points of the slave, paired with the master, where both are curved the same way, by radii that
 /// differ by less than a factor of two. Collective.
+/// @param slave_relief, master_relief where curvatures are known from
 /// @param area of all points of the slave that are paired on this rank
 std::vector<ConformingPoint> conforming_points(const Surface& slave, const Surface& master,
                                                const SearchRadius& radius,
-                                               const OverlayRules& rules, double& area);
+                                               const OverlayRules& rules,
+                                               const Relief& slave_relief,
+                                               const Relief& master_relief, double& area);
 
 } // namespace qsdolfinx

@@ -1,4 +1,5 @@
 #include "pairing/pairing.h"
+#include "pairing/corners.h"
 #include "parallel/records.h"
 
 #include <algorithm>
@@ -17,38 +18,103 @@ void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, 
   append_record(side.shape_values, found.shape_values, k, side.num_nodes);
 }
 
-/// Points at the nodes of one side, projected onto the other.
-/// @param at_slave whether the nodes are the slave's
-/// @param share part of the nodal area that is the weight
-void append_nodal_points(PairingPoints& points, const Surface& at, const Surface& onto,
-                         bool at_slave, double share, const SearchRadius& radius, Normals normals)
+/// Appends points at the nodes of one side, projected onto the other.
+class NodalPoints
 {
-  const ClosestFacets found = closest_facets(at, onto, radius);
-  PairingSide& node_side = at_slave ? points.slave : points.master;
-  PairingSide& facet_side = at_slave ? points.master : points.slave;
-  // The facet's normal is outward of its own body: it points into the slave if the master has the
-  // facet.
-  const double sign = at_slave ? -1.0 : 1.0;
+public:
+  /// @param at_slave whether the nodes are the slave's
+  /// @param share part of the area of a node that is the weight
+  NodalPoints(PairingPoints& points, const Surface& at, bool at_slave, double share,
+              Normals normals)
+      : points_(points), nodes_(at.nodes()), rank_(at.rank()),
+        node_side_(at_slave ? points.slave : points.master),
+        facet_side_(at_slave ? points.master : points.slave), at_slave_(at_slave), share_(share),
+        normals_(normals)
+  {
+  }
+
+  /// Node k and what was found for it, or for a side of it. @param of areas and normals of nodes
+  /// @param entry in these and in what was found
+  void append(std::size_t k, const Nodes& of, const ClosestFacets& found, std::size_t entry,
+              std::uint8_t side)
+  {
+    append_node(node_side_, nodes_, k, points_.gdim, rank_);
+    append_facet(facet_side_, found, entry, points_.gdim);
+    append_side(found, entry, side);
+    // The facet's normal is outward of its own body: it points into the slave if the master has the
+    // facet.
+    const double sign = at_slave_ ? -1.0 : 1.0;
+    const auto at = [entry](const std::vector<double>& v)
+    { return facet_vertex(v, static_cast<int>(entry)); };
+    // Into the node, as the facet's normal.
+    const Vec3 of_facet = at(found.normal), of_node = -1.0 * at(of.normal);
+    const Vec3 sum = normals_ == Normals::facet ? of_facet : of_facet + of_node;
+    const Vec3 n = (sign / norm(sum)) * sum;
+    points_.normal.insert(points_.normal.end(), n.begin(), n.end());
+    points_.gap.push_back(sign * dot(n, at(of.x) - at(found.x)));
+    points_.weight.push_back(share_ * of.area[entry]);
+  }
+
+private:
+  void append_side(const ClosestFacets& found, std::size_t entry, std::uint8_t side)
+  {
+    const auto n = static_cast<std::size_t>(points_.num_multipliers);
+    std::vector<std::uint8_t>& out = points_.multiplier_side;
+    if (!at_slave_ && !found.side.empty())
+      return append_record(out, found.side, entry, n);
+    out.push_back(at_slave_ ? side : 0);
+    out.insert(out.end(), n - 1, 0);
+  }
+
+  PairingPoints& points_;
+  const Nodes& nodes_;
+  int rank_;
+  PairingSide &node_side_, &facet_side_;
+  bool at_slave_;
+  double share_;
+  Normals normals_;
+};
+
+/// Note which nodes of the slave are in corners, and the areas of their sides.
+void take_corners(PairingPoints& points, const Corners& corners)
+{
+  points.by_sides = true;
+  points.in_corner = corners.at;
+  points.node_side = corners.side;
+  points.side_area.assign(corners.at.size() * points.gdim, 0.0);
+  for (std::size_t i = 0; i < corners.sides.node.size(); ++i)
+    points.side_area[corners.sides.node[i] * points.gdim + corners.sides.side[i]]
+        = corners.sides.at.area[i];
+}
+
+/// Points at the nodes of one side, projected onto the other; see NodalPoints.
+/// @param sides of the facets' vertices, see closest_facets
+void append_nodal_points(PairingPoints& points, const Surface& at, const Surface& onto,
+                         bool at_slave, double share, const SearchRadius& radius, Normals normals,
+                         bool with_corners, const std::vector<std::uint8_t>* sides)
+{
+  const ClosestFacets found = closest_facets(at, onto, radius, sides);
+  Corners corners;
+  if (with_corners && at.has_creases())
+  {
+    corners = find_corners(at, onto, radius, found, sides);
+    points.num_corners += std::ranges::count(corners.at, 1);
+    if (at_slave)
+      take_corners(points, corners);
+  }
+  NodalPoints out(points, at, at_slave, share, normals);
   const Nodes& nodes = at.nodes();
   points.reserve(points.size() + nodes.size());
+  std::size_t entry = 0; // of the sides of nodes at creases
   for (std::size_t k = 0; k < nodes.size(); ++k)
   {
+    for (; entry < corners.sides.node.size() && corners.sides.node[entry] == k; ++entry)
+      if (corners.walls.found[entry])
+        out.append(k, corners.sides.at, corners.walls, entry, corners.sides.side[entry]);
     if (!found.found[k])
-    {
       ++points.num_unpaired;
-      continue;
-    }
-    append_node(node_side, nodes, k, points.gdim, at.rank());
-    append_facet(facet_side, found, k, points.gdim);
-    const auto at_k
-        = [k](const std::vector<double>& v) { return facet_vertex(v, static_cast<int>(k)); };
-    // Into the node, as the facet's normal.
-    const Vec3 of_facet = at_k(found.normal), of_node = -1.0 * at_k(nodes.normal);
-    const Vec3 sum = normals == Normals::facet ? of_facet : of_facet + of_node;
-    const Vec3 n = (sign / norm(sum)) * sum;
-    points.normal.insert(points.normal.end(), n.begin(), n.end());
-    points.gap.push_back(sign * dot(n, at_k(nodes.x) - at_k(found.x)));
-    points.weight.push_back(share * nodes.area[k]);
+    else if (corners.at.empty() || !corners.at[k])
+      out.append(k, nodes, found, k, 0);
   }
 }
 } // namespace
@@ -100,16 +166,21 @@ PairingPoints PairingPoints::none_like() const
 
 PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& master,
                                        Sampling sampling, const SearchRadius& radius,
-                                       Normals normals)
+                                       Normals normals, bool corners)
 {
   if (slave.degree() != 1 || master.degree() != 1)
     throw std::invalid_argument("nodal pairing points need traces of degree 1");
   PairingPoints points(slave, &master);
   const double share = sampling == Sampling::both ? 0.5 : 1.0;
-  append_nodal_points(points, slave, master, true, share, radius, normals);
+  append_nodal_points(points, slave, master, true, share, radius, normals, corners, nullptr);
   if (sampling == Sampling::both)
-    append_nodal_points(points, master, slave, false, share, radius, normals);
+  {
+    std::vector<std::uint8_t> sides; // of the slave's facets, where a node has several multipliers
+    if (points.by_sides)
+      sides = slave.sides_of_facets(points.in_corner);
+    append_nodal_points(points, master, slave, false, share, radius, normals, corners,
+                        points.by_sides ? &sides : nullptr);
+  }
   points.multiplier_values = points.slave.shape_values; // the trace is P1 or Q1
-  points.multiplier_side.assign(points.multiplier_values.size(), 0);
   return points;
 }

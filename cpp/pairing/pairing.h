@@ -32,13 +32,20 @@ struct PairingPoints
   int gdim = 0;
   int num_multipliers = 0; ///< vertices of a slave facet
   PairingSide slave, master;
-  std::vector<double> multiplier_values; ///< P1 or Q1 functions N_k, [point][slave vertex]
-  std::vector<std::uint8_t>
-      multiplier_side;           ///< smooth side of the slave there, likewise; 0 of nodes
-  std::vector<double> normal;    ///< outward of the slave, into the master, [point][3]
+  std::vector<double> multiplier_values;     ///< P1 or Q1 functions N_k, [point][slave vertex]
+  std::vector<std::uint8_t> multiplier_side; ///< smooth side of the slave there, likewise; of nodes
+                                             ///< as of facets in a corner, otherwise 0
+  std::vector<double> normal;                ///< outward of the slave, into the master, [point][3]
   std::vector<double> gap;       ///< signed distance (x_master - x_slave)·n, positive when open
   std::vector<double> weight;    ///< area
   std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
+  /// Owned nodes of both surfaces that are in corners of the other one.
+  std::int64_t num_corners = 0;
+  /// Whether owned nodes of the slave may have a multiplier for each smooth side.
+  bool by_sides = false;
+  std::vector<std::uint8_t> in_corner; ///< whether they do, [node]; empty if not by_sides
+  std::vector<std::uint8_t> node_side; ///< side of the others that looks at the master, likewise
+  std::vector<double> side_area;       ///< areas of sides in corners, [node][gdim], likewise
 
   std::size_t size() const { return weight.size(); }
   /// Call visit(array, width) for all arrays, of `width` values per point.
@@ -87,8 +94,10 @@ enum class Sampling
 /// Nodal pairing points of two surfaces. Collective.
 /// @param normals which normals n_p are
 /// @param radius nodes further than this from the other surface are unpaired
+/// @param corners whether a node in the corner of several walls has a pair for each of them and the
+/// side of the node that faces it, with the side's area; otherwise every node has one pair
 /// @throws std::invalid_argument on traces of degree 2, or as PairingPoints does
 PairingPoints pair_surfaces(const Surface& slave, const Surface& master, Sampling sampling,
-                            const SearchRadius& radius, Normals normals);
+                            const SearchRadius& radius, Normals normals, bool corners);
 
 } // namespace qsdolfinx

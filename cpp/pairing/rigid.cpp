@@ -69,6 +69,21 @@ PairingPoints qsdolfinx::sample_facets(const Surface& slave, const Rule& rule)
   return out;
 }
 
+std::vector<double> qsdolfinx::heights_at(const Surface& surface, const Relief& relief,
+                                          const Rule& rule)
+{
+  const FacetType type = surface.type();
+  const auto nodes = static_cast<std::size_t>(trace_size(type, 2));
+  const auto K = relief.known ? std::vector<Curvature>{} : facet_curvature(surface);
+  std::vector<double> out;
+  for (std::size_t f = 0; f < surface.num_facets(); ++f)
+    for (const auto& xi : rule.x)
+      out.push_back(relief.known
+                        ? height_at(type, relief.heights.subspan(f * nodes, nodes), xi)
+                        : bulge(K[f], type, surface.facet_x(f), shape_functions(type, xi)));
+  return out;
+}
+
 void qsdolfinx::face_tool(PairingPoints& points, std::span<const std::uint8_t> keep,
                           std::span<const double> normal, std::span<const double> gap,
                           std::size_t group)

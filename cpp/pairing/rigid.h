@@ -3,6 +3,7 @@
 
 #include "geometry/planar.h"
 #include "pairing/pairing.h"
+#include "surface/relief.h"
 
 namespace qsdolfinx
 {
@@ -13,6 +14,10 @@ PairingPoints sample_nodes(const Surface& slave);
 /// Quadrature points on the facets of a slave surface, facet by facet, with outward normals and no
 /// gap. @param rule points on the reference facet, weights sum to 1
 PairingPoints sample_facets(const Surface& slave, const Rule& rule);
+
+/// How far the surface that the facets stand for is out of them at these points, along its outward
+/// normal. Collective.
+std::vector<double> heights_at(const Surface& surface, const Relief& relief, const Rule& rule);
 
 /// Set normals and gaps, and drop points that see nothing of the tool. What loses all its points
 /// counts as unpaired.

@@ -16,8 +16,8 @@ std::array<double, 12> qsdolfinx::name_of(std::span<const double> x)
   return name;
 }
 
-LocalSearch::LocalSearch(const Surface& surface, double radius)
-    : surface_(surface), radius_(radius), tree_(surface.tree())
+LocalSearch::LocalSearch(const Surface& surface, double radius, bool opposite)
+    : surface_(surface), radius_(radius), opposite_(opposite), tree_(surface.tree())
 {
   for (double size : surface.facets().size)
     largest_ = std::max(largest_, size);
@@ -106,6 +106,8 @@ bool LocalSearch::beside(const Candidate& c, const Vec3& p) const
 
 bool LocalSearch::faces(const Candidate& c, const Vec3& normal) const
 {
+  if (opposite_)
+    return dot(surface_.normal(c.facet, c.point.xi), normal) < front_cosine;
   const Vec3 a = area_vector(surface_.type(), surface_.facet_x(c.facet), c.point.xi);
   return surface_.facets().orientation[c.facet] * dot(a, normal) < 0;
 }

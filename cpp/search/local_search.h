@@ -39,7 +39,8 @@ std::array<double, 12> name_of(std::span<const double> x);
 class LocalSearch
 {
 public:
-  LocalSearch(const Surface& surface, double radius);
+  /// @param opposite whether facets face a node only if they do so within 60°
+  LocalSearch(const Surface& surface, double radius, bool opposite);
 
   /// Facets that are closest to p and face it, ties included; valid until the next call.
   std::span<const Candidate> candidates(const Vec3& p, const Vec3& normal);
@@ -68,6 +69,7 @@ private:
 
   const Surface& surface_;
   double radius_;
+  bool opposite_;
   const BoxTree& tree_;
   double largest_ = 0;                                         ///< size of a facet
   std::size_t last_ = std::numeric_limits<std::size_t>::max(); ///< found for the last node

@@ -35,6 +35,8 @@ struct Queries
   std::vector<double> data; ///< received: x, normal, beyond, [query][7]
 };
 
+Places places_of(const Nodes& nodes) { return {nodes.x, nodes.normal, nodes.facet_size}; }
+
 /// Ranks whose boxes meet that of all points.
 std::vector<int> ranks_near(std::span<const Box> boxes, std::span<const double> x)
 {
@@ -91,6 +93,7 @@ struct Answers
   std::vector<double> values;      ///< distance, size, beside, x, normal, N, sorted vertices
   std::vector<std::int64_t> dofs;  ///< [record][vertex][gdim]
   std::vector<int> owner;          ///< [record][vertex]
+  std::vector<std::uint8_t> side;  ///< [record][vertex], if asked for
 
   int width() const { return 9 + nv + 3 * nv; }
   std::span<const double> value(std::size_t i) const
@@ -105,7 +108,8 @@ struct Answers
   double tie(std::size_t i) const { return tie_tolerance * size(i); }
   std::span<const double> name(std::size_t i) const { return value(i).subspan(9 + nv); }
 
-  void append(std::int64_t q, const Surface& s, const Candidate& c, bool is_beside)
+  void append(std::int64_t q, const Surface& s, const Candidate& c, bool is_beside,
+              const std::vector<std::uint8_t>* sides)
   {
     query.push_back(q);
     const Vec3 n = s.normal(c.facet, c.point.xi);
@@ -119,6 +123,8 @@ struct Answers
     values.insert(values.end(), name.begin(), name.begin() + v.size());
     append_record(dofs, s.facets().vertex_dofs, c.facet, nv * gdim);
     append_record(owner, s.facets().vertex_owner, c.facet, nv);
+    if (sides)
+      append_record(side, *sides, c.facet, nv);
   }
 };
 
@@ -128,7 +134,8 @@ std::span<const Candidate> ask(LocalSearch& search, const Vec3& p, const Vec3& n
   return beyond == any_distance ? search.candidates(p, normal) : search.in_front(p, normal, beyond);
 }
 
-Answers answer_queries(const Surface& surface, LocalSearch& search, const Queries& q)
+Answers answer_queries(const Surface& surface, LocalSearch& search, const Queries& q,
+                       const std::vector<std::uint8_t>* sides)
 {
   // The sender numbers its queries; the answer carries that number and the sender's rank back.
   std::vector<std::int64_t> numbers(2 * q.node.size());
@@ -139,7 +146,7 @@ Answers answer_queries(const Surface& surface, LocalSearch& search, const Querie
   }
   const auto received = q.exchange->forward<std::int64_t>(numbers, 2);
 
-  Answers mine{surface.num_vertices(), surface.gdim(), {}, {}, {}, {}};
+  Answers mine{surface.num_vertices(), surface.gdim(), {}, {}, {}, {}, {}};
   std::vector<int> dest;
   for (std::size_t i = 0; i < q.exchange->num_received(); ++i)
   {
@@ -148,15 +155,17 @@ Answers answer_queries(const Surface& surface, LocalSearch& search, const Querie
     for (const Candidate& c : ask(search, p, normal, d[6]))
     {
       dest.push_back(static_cast<int>(received[2 * i]));
-      mine.append(received[2 * i + 1], surface, c, search.beside(c, p));
+      mine.append(received[2 * i + 1], surface, c, search.beside(c, p), sides);
     }
   }
   Exchange back(surface.comm(), dest);
-  Answers out{mine.nv, mine.gdim, {}, {}, {}, {}};
+  Answers out{mine.nv, mine.gdim, {}, {}, {}, {}, {}};
   out.query = back.forward<std::int64_t>(mine.query, 1);
   out.values = back.forward<double>(mine.values, mine.width());
   out.dofs = back.forward<std::int64_t>(mine.dofs, mine.nv * mine.gdim);
   out.owner = back.forward<int>(mine.owner, mine.nv);
+  if (sides)
+    out.side = back.forward<std::uint8_t>(mine.side, mine.nv);
   return out;
 }
 
@@ -195,8 +204,20 @@ std::vector<std::int64_t> choose(const Answers& a, const Queries& q, const Place
   }
   return best;
 }
+
+/// Mean of vertices.
+Vec3 middle_of(std::span<const double> x)
+{
+  Vec3 sum{0, 0, 0};
+  const std::size_t n = x.size() / 3;
+  for (std::size_t i = 0; i < n; ++i)
+    sum = sum + facet_vertex(x, static_cast<int>(i));
+  return (1.0 / static_cast<double>(n)) * sum;
+}
+
 /// Answer with a facet of this rank.
-void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candidate& c)
+void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candidate& c,
+          const std::vector<std::uint8_t>* sides)
 {
   const std::size_t nv = surface.num_vertices(), width = nv * surface.gdim();
   const Vec3 n = surface.normal(c.facet, c.point.xi);
@@ -208,6 +229,9 @@ void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candi
   std::copy_n(surface.facets().vertex_dofs.begin() + c.facet * width, width,
               out.dofs.begin() + k * width);
   std::copy_n(surface.facets().vertex_owner.begin() + c.facet * nv, nv, out.owner.begin() + k * nv);
+  std::ranges::copy(middle_of(surface.facet_x(c.facet)), out.middle.begin() + 3 * k);
+  if (sides)
+    std::copy_n(sides->begin() + c.facet * nv, nv, out.side.begin() + k * nv);
 }
 
 /// Answer with what a rank has sent.
@@ -221,23 +245,32 @@ void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answe
   std::copy_n(v.begin() + 9, nv, out.shape_values.begin() + nv * k);
   std::copy_n(a.dofs.begin() + answer * width, width, out.dofs.begin() + k * width);
   std::copy_n(a.owner.begin() + answer * nv, nv, out.owner.begin() + k * nv);
+  std::ranges::copy(middle_of(a.name(answer)), out.middle.begin() + 3 * k);
+  if (!a.side.empty())
+    std::copy_n(a.side.begin() + answer * nv, nv, out.side.begin() + k * nv);
 }
 
 /// Nodes or other points of one surface that look for partners on another.
 class NodeSearch
 {
 public:
-  NodeSearch(const Places& places, const Surface& from, const Surface& surface,
-             const SearchRadius& radius)
+  NodeSearch(const Surface& from, const Places& places, const Surface& surface,
+             const SearchRadius& radius, bool opposite, const std::vector<std::uint8_t>* sides)
       : from_(from), surface_(surface), nodes_(places), radius_(radius),
-        boxes_(surface.rank_boxes(radius.largest)), search_(surface, radius.largest),
-        refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0), num_equal_(nodes_.size(), 0)
+        boxes_(surface.rank_boxes(radius.largest)), search_(surface, radius.largest, opposite),
+        sides_(sides), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0),
+        num_equal_(nodes_.size(), 0)
   {
     const std::size_t n = nodes_.size(), nv = surface.num_vertices(), gdim = surface.gdim();
-    out_ = {std::vector<std::uint8_t>(n, 0), std::vector<std::int64_t>(n * nv * gdim, -1),
-            std::vector<int>(n * nv, -1),    std::vector<double>(n * nv, 0),
-            std::vector<double>(n * 3, 0),   std::vector<double>(n * 3, 0),
-            std::vector<double>(n * 3, 0)};
+    out_ = {std::vector<std::uint8_t>(n, 0),
+            std::vector<std::int64_t>(n * nv * gdim, -1),
+            std::vector<int>(n * nv, -1),
+            std::vector<double>(n * nv, 0),
+            std::vector<double>(n * 3, 0),
+            std::vector<double>(n * 3, 0),
+            std::vector<double>(n * 3, 0),
+            std::vector<double>(n * 3, 0),
+            std::vector<std::uint8_t>(sides ? n * nv : 0, 0)};
   }
 
   ClosestFacets run()
@@ -272,7 +305,7 @@ private:
   {
     std::vector<Question> here;
     const Queries q = send_queries(nodes_, surface_, boxes_, questions, here);
-    const Answers a = answer_queries(surface_, search_, q);
+    const Answers a = answer_queries(surface_, search_, q, sides_);
     const auto limit = limits(a, q, nodes_.size());
     const auto best = choose(a, q, nodes_, radius_, limit);
     for (std::int64_t k : q.node)
@@ -298,7 +331,7 @@ private:
           ties_.push_back(c);
       if (const Candidate* c = search_.first_by_name(ties_))
       {
-        take(out_, k, surface_, *c);
+        take(out_, k, surface_, *c, sides_);
         refused_[k] = search_.beside(*c, p);
         num_equal_[k] = 0;
         for (const Candidate& t : ties_)
@@ -368,6 +401,7 @@ private:
   SearchRadius radius_;
   std::vector<Box> boxes_;
   LocalSearch search_;
+  const std::vector<std::uint8_t>* sides_; ///< null if nobody asks
   std::vector<Candidate> ties_;
   ClosestFacets out_;
   std::vector<std::uint8_t> refused_;   ///< beside the facet found, or behind a back
@@ -377,14 +411,21 @@ private:
 } // namespace
 
 ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& surface,
-                                        const SearchRadius& radius)
+                                        const SearchRadius& radius,
+                                        const std::vector<std::uint8_t>* sides)
 {
-  const Nodes& n = nodes.nodes();
-  return NodeSearch({n.x, n.normal, n.facet_size}, nodes, surface, radius).run();
+  return NodeSearch(nodes, places_of(nodes.nodes()), surface, radius, false, sides).run();
 }
 
 ClosestFacets qsdolfinx::closest_facets(const Places& points, const Surface& own,
                                         const Surface& surface, double radius)
 {
-  return NodeSearch(points, own, surface, SearchRadius{radius}).run();
+  return NodeSearch(own, points, surface, SearchRadius{radius}, false, nullptr).run();
+}
+
+ClosestFacets qsdolfinx::closest_opposite(const Surface& of_places, const Nodes& places,
+                                          const Surface& surface, const SearchRadius& radius,
+                                          const std::vector<std::uint8_t>* sides)
+{
+  return NodeSearch(of_places, places_of(places), surface, radius, true, sides).run();
 }

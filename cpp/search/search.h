@@ -20,13 +20,15 @@ struct ClosestFacets
   std::vector<double> x;            ///< closest point, [node][3]
   std::vector<double> normal;       ///< outward unit normal of the facet there, [node][3]
   std::vector<double> mean_normal;  ///< mean of those of all facets whose closest point it is
+  std::vector<double> middle;       ///< mean of the facet's vertices, [node][3]
+  std::vector<std::uint8_t> side;   ///< sides of its vertices that were asked for, [node][vertex]
 };
 
 /// Points of a surface with outward normals there.
 struct Places
 {
-  std::span<const double> x;      ///< [point][3]
-  std::span<const double> normal; ///< unit normals, [point][3]
+  std::span<const double> x;                   ///< [point][3]
+  std::span<const double> normal;              ///< unit normals, [point][3]
   std::span<const double> size_of_facets = {}; ///< of the largest facet at each, if it matters
 
   /// Size of the largest facet at a point, 0 if it is not known.
@@ -43,11 +45,20 @@ struct Places
 /// behind a back finds the next one in front of it, if there is one. Local searches use a tree of
 /// the facets' boxes, O(log n) a node; nodes travel only to ranks whose facets' box is within the
 /// largest radius.
+/// @param sides of the vertices of the surface's facets on this rank, [facet][vertex], to be told
+/// of those that are found; null, on all ranks, if nobody wants to know
 ClosestFacets closest_facets(const Surface& nodes, const Surface& surface,
-                             const SearchRadius& radius);
+                             const SearchRadius& radius,
+                             const std::vector<std::uint8_t>* sides = nullptr);
 
 /// The same for any points of this rank. @param own surface that they are on
 ClosestFacets closest_facets(const Places& points, const Surface& own, const Surface& surface,
                              double radius);
+
+/// The same for places with normals of their own on the first surface. Facets count if their normal
+/// and the place's enclose more than 120°. Collective.
+ClosestFacets closest_opposite(const Surface& of_places, const Nodes& places,
+                               const Surface& surface, const SearchRadius& radius,
+                               const std::vector<std::uint8_t>* sides);
 
 } // namespace qsdolfinx

@@ -248,7 +248,47 @@ Curvature curvature_of(const Surface& surface, std::size_t f, std::span<const Ve
     }
   return fit.solve();
 }
+
+/// Curvature of the surface at these heights over a facet's nodes.
+Curvature curvature_under(const Surface& surface, std::size_t f, std::span<const double> heights)
+{
+  const auto v = surface.facet_x(f);
+  const FacetType type = surface.type();
+  const Vec3 n = surface.normal(f, facet_centre(type));
+  const double size = surface.facets().size[f];
+  const int nv = static_cast<int>(type);
+  Fit fit(n, facet_vertex(v, 1) - facet_vertex(v, 0));
+  const auto add = [&](int i, int j, double middle)
+  {
+    const double sagitta = middle - (heights[i] + heights[j]) / 2;
+    fit.add((1 / size) * (facet_vertex(v, j) - facet_vertex(v, i)), 8 * sagitta / (size * size));
+  };
+  int next = nv;
+  for (const auto& [a, b] : facet_edges(type))
+    add(a, b, heights[next++]);
+  if (type == FacetType::quadrilateral)
+  {
+    const Vec3 centre = facet_point(type, v, facet_centre(type));
+    for (int i : {0, 1})
+    {
+      const Vec3 middle = 0.5 * (facet_vertex(v, i) + facet_vertex(v, 3 - i));
+      add(i, 3 - i, heights[next] + dot(centre - middle, n));
+    }
+  }
+  return fit.solve();
+}
 } // namespace
+
+std::vector<Curvature> qsdolfinx::curvature_of_heights(const Surface& surface,
+                                                       std::span<const double> heights)
+{
+  const auto nodes = static_cast<std::size_t>(trace_size(surface.type(), 2));
+  std::vector<Curvature> out;
+  out.reserve(surface.num_facets());
+  for (std::size_t f = 0; f < surface.num_facets(); ++f)
+    out.push_back(curvature_under(surface, f, heights.subspan(f * nodes, nodes)));
+  return out;
+}
 
 std::vector<Curvature> qsdolfinx::facet_curvature(const Surface& surface)
 {

@@ -25,6 +25,12 @@ inline constexpr double crease_cosine = 0.8660254037844386;
 /// known of have no curvature.
 std::vector<Curvature> facet_curvature(const Surface& surface);
 
+/// Curvature of surfaces that are at these heights over this rank's facets.
+/// @param heights along the outward normals at the nodes of trace_functions of degree 2,
+/// [facet][node]
+std::vector<Curvature> curvature_of_heights(const Surface& surface,
+                                            std::span<const double> heights);
+
 /// e·K e.
 double along(const Curvature& K, const Vec3& e);
 

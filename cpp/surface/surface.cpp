@@ -1,7 +1,9 @@
 #include "surface/surface.h"
 #include "parallel/petsc.h"
+#include "parallel/records.h"
 
 #include <algorithm>
+#include <functional>
 #include <limits>
 #include <numeric>
 #include <stdexcept>
@@ -273,6 +275,71 @@ void Surface::find_sides()
     }
   }
   facets_.vertex_side = to_owner_->reverse<std::uint8_t>(side, 1);
+  int any = std::ranges::any_of(side, [](std::uint8_t s) { return s > 0; });
+  MPI_Allreduce(MPI_IN_PLACE, &any, 1, MPI_INT, MPI_LOR, comm_);
+  has_creases_ = any;
+}
+
+Sides Surface::sides() const
+{
+  const int nv = num_vertices();
+  constexpr int width = 11; // side, x, area, area vector, area times the way to the middle
+  std::vector<double> values(facets_.vertex_owner.size() * width);
+  for (std::size_t f = 0; f < num_facets(); ++f)
+  {
+    const auto areas = vertex_areas(*this, f);
+    const Vec3 middle = facet_point(type_, facet_x(f), facet_centre(type_));
+    for (int i = 0; i < nv; ++i)
+    {
+      const std::size_t v = f * nv + i;
+      double* out = values.data() + v * width;
+      const Vec3 x = facet_vertex(facet_x(f), i), inward = areas[i][0] * (middle - x);
+      out[0] = facets_.vertex_side[v];
+      std::ranges::copy(x, out + 1);
+      std::copy_n(areas[i].data(), 4, out + 4);
+      std::ranges::copy(inward, out + 8);
+    }
+  }
+  const auto data = to_owner_->forward<double>(values, width);
+  std::vector<double> sums(nodes_.size() * gdim_ * 7, 0.0);
+  std::vector<std::uint8_t> creased(nodes_.size(), 0);
+  for (std::size_t i = 0; i < node_of_record_.size(); ++i)
+  {
+    const double* record = data.data() + i * width;
+    const auto side = static_cast<std::size_t>(record[0]);
+    double* sum = sums.data() + (node_of_record_[i] * gdim_ + side) * 7;
+    std::transform(record + 4, record + 11, sum, sum, std::plus{});
+    creased[node_of_record_[i]] |= side > 0;
+  }
+  Sides out;
+  for (std::size_t k = 0; k < creased.size(); ++k)
+    for (int side = 0; creased[k] && side < gdim_; ++side)
+    {
+      const double* sum = sums.data() + (k * gdim_ + side) * 7;
+      const Vec3 a{sum[1], sum[2], sum[3]}, inward{sum[4], sum[5], sum[6]};
+      if (sum[0] <= 0 || norm(a) <= 0)
+        continue;
+      const Vec3 normal = (1 / norm(a)) * a, middle = (1 / sum[0]) * inward;
+      out.node.push_back(k);
+      out.side.push_back(static_cast<std::uint8_t>(side));
+      append_record(out.at.x, nodes_.x, k, 3);
+      out.at.area.push_back(sum[0]);
+      out.at.facet_size.push_back(nodes_.facet_size[out.node.back()]);
+      append_record(out.at.normal, normal, 0, 3);
+      append_record(out.inward, middle, 0, 3);
+    }
+  return out;
+}
+
+std::vector<std::uint8_t> Surface::sides_of_facets(std::span<const std::uint8_t> chosen) const
+{
+  std::vector<std::uint8_t> flags(node_of_record_.size());
+  for (std::size_t i = 0; i < flags.size(); ++i)
+    flags[i] = chosen[node_of_record_[i]];
+  std::vector<std::uint8_t> out = to_owner_->reverse<std::uint8_t>(flags, 1);
+  for (std::size_t v = 0; v < out.size(); ++v)
+    out[v] = out[v] ? facets_.vertex_side[v] : 0;
+  return out;
 }
 
 Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi) const

@@ -47,6 +47,15 @@ struct Nodes
   std::size_t size() const { return area.size(); }
 };
 
+/// Smooth sides of the nodes at creases whose unknowns this rank owns.
+struct Sides
+{
+  std::vector<std::size_t> node;  ///< in the surface's nodes, ascending, [entry]
+  std::vector<std::uint8_t> side; ///< as Facets::vertex_side, [entry]
+  Nodes at;                       ///< areas and normals of the sides alone; no dofs, [entry]
+  std::vector<double> inward;     ///< from the node to the middle of the side's facets, [entry][3]
+};
+
 /// Cosine of the angle (30°) by which normals of facets at a node may differ, step by step, on one
 /// smooth side; the others are beyond a crease.
 inline constexpr double smooth_cosine = 0.866025;
@@ -112,6 +121,13 @@ public:
   std::vector<Box> rank_boxes(double radius) const;
   /// Smallest and largest facet size over all ranks. Collective.
   std::array<double, 2> facet_size_range() const;
+  /// Whether there is a crease on any rank.
+  bool has_creases() const { return has_creases_; }
+  /// Sides of the owned nodes at creases, where the surface is now. Collective.
+  Sides sides() const;
+  /// Facets::vertex_side of these nodes, 0 of all others, [facet][vertex]. Collective.
+  /// @param chosen flags of the owned nodes
+  std::vector<std::uint8_t> sides_of_facets(std::span<const std::uint8_t> chosen) const;
   /// Index of the owned node with this first unknown. @throws std::logic_error if it is not here
   std::size_t node_index(std::int64_t first_dof) const;
 
@@ -128,6 +144,7 @@ private:
   int degree_;
   bool axisymmetric_;
   std::int64_t local_size_;
+  bool has_creases_ = false;
   Facets facets_;
   Nodes nodes_;
   mutable std::unique_ptr<BoxTree> tree_;   ///< null until asked for

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.orientation import find_turned
 from qsdolfinx.pairing.pair import check_quadrature, find_conforming
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
 
@@ -39,7 +40,10 @@ STRAIGHT = 1e-5
 
 def advise(model: ContactModel) -> None:
     """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
-    found = [_pairing(model), _finer_master(model), _overclosure(model), _chords(model)]
+    turned = find_turned(model)
+    found = [turned, _finer_master(model), _chords(model)]
+    if not turned:
+        found += [_pairing(model), _overclosure(model)]
     for text in found:
         if text:
             warn(text, ContactWarning)
@@ -110,7 +114,7 @@ def _of_facets(model: ContactModel, near: int, corners: tuple[Array, Array]) -> 
     """Pair with turned normals, and without a radius."""
     slave, master = model.slave.linear, deformable(model.master)
     other = (model.master if master is None else master.linear).search_object(slave)
-    x, inside = slave.coordinates
+    x, inside, _ = slave.coordinates
     slave.cpp_object.move(x, 2 * x.mean(axis=1) - inside)
     turned = _cpp.pair_surfaces(slave.cpp_object, other, False, model.paired.radius, 0)
     slave.cpp_object.move(x, inside)
@@ -210,14 +214,19 @@ def _overclosure(model: ContactModel) -> str:
 
 def _chords(model: ContactModel) -> str:
     sampling, master = model.settings.sampling, model.master
-    if model.law.jump or sampling.smoothing != "none" or master.is_analytic:
+    smoothing, analytic = sampling.smoothing, master.is_analytic
+    assert smoothing is not None
+    sides = (model.slave,) if analytic else (model.slave, master)
+    flat = np.array([not smoothing.covers(side) for side in sides] + [False] * analytic)
+    exact = analytic and sampling.quadrature == "nodal"
+    if model.law.jump or exact or not flat.any():
         return ""
     degree = check_quadrature(model.slave, master, "overlay", None)
-    found = find_conforming(model.slave, master, degree, model.paired.radius)
+    found = find_conforming(model.slave, master, degree, model.paired.radius, smoothing)
     if found.part < FEW:
         return ""
-    of_gap = found.bulges[:, 0] - found.bulges[:, 1]
-    local = found.bulges[:, 0], found.bulges[:, 1], of_gap, found.gap
+    bulges = found.bulges * flat  # what is measured from the curved surface has no chords
+    local = bulges[:, 0], bulges[:, 1], bulges[:, 0] - bulges[:, 1], found.gap
     largest = np.array([np.max(np.abs(values), initial=0.0) for values in local])
     model.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
     error, gap = largest[2:]
@@ -230,16 +239,22 @@ def _chords(model: ContactModel) -> str:
     beside = "; there is no clearance or interference beside it"
     if gap > STRAIGHT * error:
         beside = f", {error / gap:.2g} of the clearance or interference ({gap:.3g})"
+    chords = (
+        f"chord error of the slave's facets ({largest[0]:.2g}) changes"
+        if analytic
+        else "chord errors of the slave's and the master's facets "
+        f"({largest[0]:.2g}, {largest[1]:.2g}) change"
+    )
     return (
-        "facets: where the surfaces are curved the same way, the chord errors of the slave's and "
-        f"the master's facets ({largest[0]:.2g}, {largest[1]:.2g}) change the gap by up to "
+        f"facets: where the surfaces are curved the same way, the {chords} the gap by up to "
         f"{error:.2g}{beside}: take {finer}{cure}"
     )
 
 
 def _finer(model: ContactModel, errors: Array, allowed: float) -> str:
     """Facets whose chord errors are as small as allowed, as the start of an advice."""
-    sizes = local_sizes(model)
+    analytic = model.master.is_analytic
+    sizes = (sum(model.slave.facet_size_range) / 2,) if analytic else local_sizes(model)
     coarser = int(np.argmax(errors))
     if sizes is None or allowed <= STRAIGHT * errors[coarser]:
         return ""

@@ -11,6 +11,7 @@ from dolfinx import fem
 from qsdolfinx.base.checks import check, either, instance, require
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.laws import Law
+from qsdolfinx.pairing.relief import Side
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, deformable
 
@@ -57,16 +58,12 @@ def check_constraints(constraints: str, quadrature: str, law: Law) -> None:
     )
 
 
-def check_smoothing(smoothing: str, quadrature: str, master: AnySurface) -> None:
+def check_smoothing(sides: tuple[Side, Side], quadrature: str) -> None:
     """Refuse smoothing where the gap is not measured between facets."""
     require(
-        smoothing == "none" or quadrature == "overlay",
+        sides == (None, None) or quadrature == "overlay",
         "smoothing: nodal quadrature does not measure the gap of the facets between nodes; "
         'use quadrature="overlay"',
-    )
-    require(
-        smoothing == "none" or not master.is_analytic,
-        "smoothing: needs facets on both sides; this tool is an analytic shape, use one of facets",
     )
 
 

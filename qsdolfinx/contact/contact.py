@@ -15,7 +15,7 @@ from dolfinx import fem
 from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
-from qsdolfinx.contact import fields, motion, multipliers, results
+from qsdolfinx.contact import fields, motion, multipliers, overclosed, results
 from qsdolfinx.contact.advice import advise
 from qsdolfinx.contact.arguments import (
     SLAVE,
@@ -35,8 +35,9 @@ from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
 from qsdolfinx.gap.laws import Law, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
-from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, SMOOTHINGS, Sampling, check_quadrature
+from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
+from qsdolfinx.pairing.relief import Side, Smoothing, sides_of
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
@@ -102,28 +103,35 @@ class Contact:
         initial_overclosure: What becomes of penetration at the first pairing, before anything has
             moved. ``"resolve"``: it is a misfit as any other, and the next solve presses the bodies
             apart (an interference fit; :meth:`allow_overclosure` does so gradually). ``"ignore"``:
-            it never counts as a gap: each node keeps its depth, without strain. ``"error"``: it is
-            refused. Points deeper than the search radius are not paired, and not seen. A tie leaves
-            any gap as it is; with it the first two are the same.
+            it never counts as a gap: each node keeps its depth, without strain, wherever it slides,
+            and nodes that the other surface slides to get the same if all are as deep. ``"error"``:
+            it is refused. Points deeper than the search radius are not paired, and not seen. A tie
+            leaves any gap as it is; with it the first two are the same.
         constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
             weighted gaps. ``"points"``: at each pairing point, so that what is open takes nothing
             from what is closed beside it; on the overlay, not tied.
-        smoothing: What the gap is measured between. ``"none"``: the facets. ``"shared-curvature"``:
-            the curved surfaces that the facets approximate, as far as both sides share their
-            curvature, which is found from how neighbouring facets turn. On conforming surfaces of
-            non-matching meshes, such as shrink fits and journal bearings, the chord errors of the
-            two polygons or polyhedra are not part of the gap then. Creases of more than 30° stay.
-            Needs the overlay, and facets on both sides; a tie leaves any gap as it is.
+        smoothing: What the gap is measured between, one for both sides or a pair for slave and
+            master, on the overlay. ``"none"`` or None: the facets; those of a mesh of degree 2 as
+            they are curved. ``"shared-curvature"``: the curved surfaces that the facets
+            approximate, as far as both sides share their curvature, which is found from how
+            neighbouring facets turn. Creases of more than 30° stay. A surface by name, such as
+            ``qs.smooth.Cylinder``: the one that the side's vertices are on when the contact is
+            made; it goes along with the facets. On conforming surfaces of non-matching meshes, such
+            as shrink fits and journal bearings, or of a slave on an analytic tool, which itself has
+            nothing to smooth, chord errors are not part of the gap then. A tie leaves any gap as it
+            is.
 
     Raises:
-        ValueError: If a name is unknown, the penalty or the radius is not positive, or the two
-            surfaces share facets or differ in dimension or communicator.
+        ValueError: If a name is unknown, the penalty or the radius is not positive, the two
+            surfaces share facets or differ in dimension or communicator, or vertices are not on the
+            surface that is named for them.
         TypeError: If a surface or the law is of another type.
 
     Warns:
         ContactWarning: If hardly anything is paired, the master is much finer and sampled at nodes,
-            the surfaces penetrate each other deeply, or the chord error of facets on conforming
-            surfaces is not small beside their clearance or interference.
+            a tool's facets look turned, the surfaces penetrate each other deeply, or the chord
+            error of facets on conforming surfaces is not small beside their clearance or
+            interference.
     """
 
     def __init__(
@@ -145,7 +153,7 @@ class Contact:
         friction_penalty: float | None = None,
         initial_overclosure: str = "resolve",
         constraints: str = "nodes",
-        smoothing: str = "none",
+        smoothing: Side | tuple[Side, Side] = "none",
     ) -> None:
         law = Unilateral() if law is None else law
         check_alone(SLAVE, slave=slave)
@@ -167,8 +175,9 @@ class Contact:
                 averaging = quadrature == "overlay" or friction is not None
                 normals = "bisector" if averaging else "facet"
             same(one_of(NORMALS), normals=normals)
-            same(one_of(SMOOTHINGS), smoothing=smoothing)
-            check_smoothing(smoothing, quadrature, master)
+            sides = sides_of(smoothing, master)
+            same(smoothing=sides)
+            check_smoothing(sides, quadrature)
             same(either(POSITIVE, "auto"), penalty=penalty)
             same(either(POSITIVE, None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
@@ -187,12 +196,13 @@ class Contact:
             master,
             formulation,
             law,
-            Sampling(quadrature, degree, normals, smoothing),
+            Sampling(quadrature, degree, normals, Smoothing(slave, master, sides)),
             None if search_radius is None else float(search_radius),
             constraints,
             augmented,
             float(gap_tolerance),
         )
+        self._smoothing = smoothing
         #: The parts, for the problem and for those who extend the library.
         self.model = ContactModel(
             settings,
@@ -258,9 +268,9 @@ class Contact:
         return self.model.settings.sampling.normals
 
     @property
-    def smoothing(self) -> str:
-        """``"none"`` or ``"shared-curvature"``."""
-        return self.model.settings.sampling.smoothing
+    def smoothing(self) -> Side | tuple[Side, Side]:
+        """What the gap is measured between, as given."""
+        return self._smoothing
 
     @property
     def enforcement(self) -> str:
@@ -320,7 +330,7 @@ class Contact:
             ValueError: If it is not from 0 to 1, the same on all ranks.
         """
         self.model.overclosure.allow(self.comm, part)
-        self.model.overclosure.apply(self.model.gaps)
+        overclosed.follow(self.model, self.model.paired)
 
     @property
     def version(self) -> int:
@@ -489,7 +499,8 @@ class Contact:
 
         Returns:
             In the order of ``surface.node_x``, shape (nodes,), for tied contact the jump, (nodes,
-            gdim). NaN where a node has no pairing point.
+            gdim). NaN where a node has no pairing point,
+            or with an augmented Lagrangian hardly any of its area is covered.
         """
         return results.weighted_gap(self.model, side)
 

@@ -157,17 +157,19 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
     slave, other = placement.slave.facets(), placement.master
     if _is_analytic(other):
         points = [_cpp.sample_nodes(slave)]
-        if sampling.quadrature == "overlay":
+        if sampling.quadrature == "overlay" and not sampling.covers(model.slave):
             points.append(on_facets(slave, model.slave.num_facet_vertices))
         return [("slave", from_shape(other.tool, other.now, p, radius)) for p in points]
     surfaces = slave, other.facets()
+    lifts = tuple(sampling.deformed_relief(s) for s in (model.slave, model.master))
+    smooth = any(relief.lift for relief in lifts)
     out: list[tuple[str, Distances]] = []
-    for side, own, opposite in zip(SIDES, surfaces, surfaces[::-1], strict=True):
-        smooth = sampling.smoothing != "none"
+    for i, side in enumerate(SIDES):
+        own, opposite = surfaces[i], surfaces[1 - i]
         if not smooth:
             out.append((side, of_nodes(own, opposite, radius)))
         if sampling.quadrature == "overlay":
-            found = overlay_points(own, opposite, gdim, radius, smooth)
+            found = overlay_points(own, opposite, gdim, radius, (lifts[i], lifts[1 - i]))
             x, none = found.slave["x"], np.zeros(found.size, dtype=bool)
             between = Distances(x, -found.gap, none)
             if not smooth:

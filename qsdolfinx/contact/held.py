@@ -16,7 +16,7 @@ from dolfinx import fem
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel, HeldNodes
 from qsdolfinx.gap.extension import Extension
-from qsdolfinx.gap.rows import PointRows
+from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.surface.surface import Surface
@@ -85,16 +85,20 @@ def _extension(
     if not model.comm.allreduce(bool(np.any(held)), op=MPI.LOR):
         return None
     slave = gap.slave
-    corners = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices]
-    if not isinstance(gap.rows, PointRows):
-        at = slave.node_dofs[gap.operator.row_node, : held.shape[1]]
-        return Extension(slave, at, corners[:, :, : held.shape[1]], held, clamped)
+    if isinstance(gap.rows, NodeRows):
+        return Extension(slave, *gap.rows.dofs(held.shape[1]), held, clamped)
+    assert isinstance(gap.rows, PointRows)
     held, clamped = (
         np.asarray(by_node.rows.on_nodes(flags, False), dtype=bool) for flags in (held, clamped)
     )
     sides = slave.cpp_object.vertex_side[:, :, None].astype(np.int64)  # each has a multiplier
-    corners, there = np.take_along_axis(corners, sides, axis=2), gap.rows.covered
-    return Extension(slave, slave.node_dofs, corners, held & there, clamped & there, ~there)
+    of_facets = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices]
+    places, there = (
+        [slave.node_dofs, np.take_along_axis(of_facets, sides, axis=2)],
+        gap.rows.covered,
+    )
+    every = [slice(0, slave.gdim)]
+    return Extension(slave, every, places, held & there, clamped & there, ~there)
 
 
 def _held_on_both_sides(
@@ -127,16 +131,23 @@ def _held_on_both_sides(
     # Where a node's normal leads past the master: whether any of it is held beside the node.
     beside = own[row_node]
     if tool is None:
-        beside &= _part_of_master(by_node, master) > _NONE
+        least = np.where(_in_corner(by_node), MOST, _NONE)[:, None]
+        beside &= _part_of_master(by_node, master) > least
     is_held, is_found = (_of_vertices(gap.slave, flags)[row_node] for flags in (held, found))
-    return np.where(is_found, is_held, beside)
+    return np.where(is_found & ~_in_corner(by_node)[:, None], is_held, beside)
+
+
+def _in_corner(gap: WeightedGap) -> Flags:
+    """Rows whose node has several, each with a partner of its own."""
+    rows = gap.rows
+    return rows.in_corner if isinstance(rows, NodeRows) else np.zeros(gap.num_rows, dtype=bool)
 
 
 def _at_nodes(model: ContactModel, gap: WeightedGap) -> WeightedGap:
     """The pass as it were with each vertex against its projection alone. Collective."""
     master = deformable(gap.master)
     both = gap.slave.linear, gap.master if master is None else master.linear
-    sampling = Sampling("nodal", 1, model.settings.sampling.normals, "none")
+    sampling = Sampling("nodal", 1, model.settings.sampling.normals)
     points = pair(*both, sampling, False, model.paired.radius)
     return WeightedGap(*both, points, gap.law, 1.0, rows="cover", augmented=False)
 
@@ -194,6 +205,10 @@ def _read(surface: Surface, vec: PETSc.Vec | None) -> Array:
 def _along_normal(gap: WeightedGap, held: Flags) -> Flags:
     """Rows along whose node's normal there is no free component, shape (rows, 1)."""
     normal = gap.slave.node_normal[gap.operator.row_node, : gap.slave.gdim]
+    at = _in_corner(gap)
+    if at.any():
+        of_sides = gap.operator.slave_sum[at]
+        normal[at] = of_sides / np.linalg.norm(of_sides, axis=1, keepdims=True)
     return np.asarray(np.all(held | (np.abs(normal) <= _NONE), axis=1, keepdims=True))
 
 

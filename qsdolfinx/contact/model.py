@@ -21,7 +21,8 @@ from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.pairing.pair import Sampling, pair
+from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
+from qsdolfinx.pairing.relief import check_curved
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
@@ -127,26 +128,47 @@ class HeldNodes:
     components: npt.NDArray[np.bool_]
 
 
+@dataclasses.dataclass(frozen=True)
+class OverclosedStart:
+    """Where slave nodes that penetrate were when contact was first paired.
+
+    Attributes:
+        nodes: Which of this rank, shape (nodes,).
+        x: Where they were as the master saw them, of the shape (such nodes, 3).
+        normal: Their normals, of the same shape.
+    """
+
+    nodes: npt.NDArray[np.bool_]
+    x: npt.NDArray[np.float64]
+    normal: npt.NDArray[np.float64]
+
+
 def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
     """Pair the surfaces where they are now. Collective."""
     slave, master = settings.slave, settings.master
     with_facets = [s for s in (slave, master) if not s.is_analytic]
+    bodies = [s for s in (slave, deformable(master)) if s is not None]
+    check_curved(bodies, settings.sampling.quadrature, not master.is_analytic)
     low = min(s.facet_size_range[0] for s in with_facets)
     radius = _radius(settings)
     roles = settings.roles
+    both = settings.formulation == "quasi-symmetric"
+    corners = not settings.law.jump  # one pair ties a node in all directions
+    points = [pair(*role, settings.sampling, both, radius, corners) for role in roles]
+    if settings.augmented and settings.rows != "points":
+        for (first, _), found in zip(roles, points, strict=True):
+            share_out_hardly_covered(first, found)
     gaps = tuple(
         WeightedGap(
             first,
             second,
-            pair(
-                first, second, settings.sampling, settings.formulation == "quasi-symmetric", radius
-            ),
+            found,
             settings.law,
             1 / len(roles),
             rows=settings.rows,
             augmented=settings.augmented,
         )
-        for first, second in roles
+        for (first, second), found in zip(roles, points, strict=True)
     )
     slips = () if friction is None else friction.slips_of(gaps)
     return Paired(gaps, slips, radius, low, master.version)
@@ -208,6 +230,8 @@ class ContactModel:
         self.catch_up: typing.Callable[[], None] | None = None
         #: Says which problem it is part of, None once that is gone; None before it is part of any.
         self.problem: typing.Callable[[], object] | None = None
+        #: Where slave nodes penetrated at first, as long as that is watched as bodies slide.
+        self.overclosed_from: OverclosedStart | None = None
         #: Whether a ReachWarning has been given.
         self.reach_warned = False
         #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.

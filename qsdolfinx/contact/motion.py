@@ -10,7 +10,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import FUNCTION, check, either, require
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import multipliers, terms
+from qsdolfinx.contact import multipliers, overclosed, terms
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.gap.weighted_gap import handle_of
@@ -43,8 +43,9 @@ def pair_anew(model: ContactModel) -> None:
         pressed = [] if first else multipliers.pressures_on_nodes(model)
         paired = find_pairs(model.settings, model.friction)
         if first:
-            model.overclosure.read(paired.gaps, paired.facet_size)
-        model.overclosure.apply(paired.gaps)
+            overclosed.read(model, paired)
+        else:
+            overclosed.follow(model, paired)
         model.paired = paired
         _continue_step(model)
         if not first:
@@ -56,6 +57,8 @@ def pair_anew(model: ContactModel) -> None:
         model.tool_motion = None
         model.num_pairings += 1
         model.catch_up = None
+        if not first:
+            overclosed.check_sliding(model)
 
 
 def _follow(model: ContactModel) -> None:

@@ -35,12 +35,12 @@ def set_known(model: ContactModel, multipliers: typing.Sequence[Array]) -> None:
 
 def on_nodes(parts: typing.Sequence[Part]) -> list[Array]:
     """λ̂ and τ̂ at all owned nodes of each part's slave; the same when contact pairs anew."""
-    return [
-        np.asarray(part.gap.rows.on_nodes(part.state.augmented, 0.0))
-        if isinstance(part, Slip)
-        else part.augmented_on_nodes()
-        for part in parts
-    ]
+    return [part.augmented_on_nodes() for part in parts]
+
+
+def num_columns(part: Part) -> int:
+    """Values a node of the array that :func:`on_nodes` gives for a part."""
+    return part.augmented_on_nodes().shape[1]
 
 
 def set_on_nodes(
@@ -48,11 +48,9 @@ def set_on_nodes(
 ) -> None:
     """Put back what :func:`on_nodes` gave; τ̂ turns with the surface if asked."""
     for part, multiplier in zip(parts, multipliers, strict=True):
-        if isinstance(part, Slip):
-            at_rows = part.gap.rows.from_nodes(multiplier)
-            part.state.augmented = part.turned(at_rows) if turn else at_rows
-        else:
-            part.set_augmented_on_nodes(multiplier)
+        part.set_augmented_on_nodes(multiplier)
+        if turn and isinstance(part, Slip):
+            part.state.augmented = part.turned(part.state.augmented)
 
 
 def pressures_on_nodes(model: ContactModel) -> list[Array]:

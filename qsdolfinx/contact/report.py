@@ -282,7 +282,7 @@ def _advice(model: ContactModel, weighted: float, depth: float | None) -> str:
         return ""
     settings = model.settings
     cure = "take finer facets"
-    if settings.constraints != "points" and model.friction is None:
+    if settings.constraints != "points":
         cure += ', or constraints="points"'
         if settings.sampling.quadrature != "overlay":
             cure += ' with quadrature="overlay"'

@@ -139,8 +139,7 @@ def slipping(model: ContactModel, side: str) -> Flags:
 
 def dissipation(model: ContactModel, side: str) -> Array:
     """Energy that friction took at each node in the last step."""
-    found = slip_of(model, side)
-    return np.asarray(found.gap.rows.on_nodes(found.dissipation(), 0.0), dtype=np.float64)
+    return slip_of(model, side).dissipation_at_nodes()
 
 
 # --- Totals
@@ -174,8 +173,7 @@ def patch(model: ContactModel) -> tuple[float, float]:
     """Area of the closed slave nodes or points, and the radius of a disc of it. Collective."""
     slave, p = model.slave, model.gaps[0]
     closed = active_set.closed(model, p)
-    areas = p.operator.row_area if p.rows.are_points else slave.node_area[p.rows.reached]
-    area = float(np.sum(areas[closed]))
+    area = float(np.sum(p.rows.area[closed]))
     area = float(model.comm.allreduce(area, op=MPI.SUM))
     return area, area / 2 if slave.area_dim == 1 else math.sqrt(area / math.pi)
 

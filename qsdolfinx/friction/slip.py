@@ -15,6 +15,7 @@ from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.stick_slip import StickSlip
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.rows import NodeRows
 from qsdolfinx.gap.weighted_gap import KINDS, Vecs, WeightedGap, handle_of
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
@@ -95,7 +96,8 @@ class Slip:
     """
 
     def __init__(self, gap: WeightedGap, of: WeightedGap, friction: Friction) -> None:
-        self.gap, self.of = gap, of
+        assert isinstance(gap.rows, NodeRows)
+        self.gap, self.of, self._rows = gap, of, gap.rows
         self.friction = friction
         self.operator = gap.jump_operator()
         normal = gap.operator.slave_sum
@@ -285,6 +287,14 @@ class Slip:
         """Count slip from the start of the step at all rows."""
         self.count_from(np.zeros_like(self.state.start), np.ones_like(self.state.share))
 
+    def augmented_on_nodes(self) -> Array:
+        """τ̂ at all owned nodes, in corners of their sides; 0 where there is none."""
+        return self._rows.on_sides(self.state.augmented)
+
+    def set_augmented_on_nodes(self, values: Array) -> None:
+        """Put back what :meth:`augmented_on_nodes` gave."""
+        self.state.augmented = self._rows.from_sides(values)
+
     def note(self) -> None:
         """Announce that a tangent at the last evaluation follows."""
         self.stick_slip.note(self.state.response, self.state.closed, self.state.stuck)
@@ -356,6 +366,10 @@ class Slip:
         """Energy of each row that friction took in this step, never negative, shape (rows,)."""
         work = np.sum(self.state.response.traction * self.state.response.dissipative, axis=1)
         return np.asarray(self.weight * self.state.growth * work)
+
+    def dissipation_at_nodes(self) -> Array:
+        """The same of all owned nodes."""
+        return self._rows.sums_on_nodes(self.dissipation())
 
     @property
     def slipping(self) -> npt.NDArray[np.bool_]:

@@ -44,8 +44,9 @@ class Extension:
 
     Args:
         slave: Surface that carries the multiplier.
-        at: Number of each multiplier among the unknowns of the slave's body, shape (rows, width).
-        corners: The same at the vertices of the facets, shape (facets, vertices, width): a mean is
+        columns: Columns of the multipliers that take turns in a vector of the slave's body.
+        places: Numbers of the multipliers among the unknowns of this body, shape (rows, n); and
+            the same at the vertices of the facets, shape (facets, vertices, n): a mean is
             one over multipliers of the same position in the last axis.
         held: Multipliers that conditions hold on both sides, shape (rows, width).
         clamped: Those of them at nodes that are held as a whole, of the same shape.
@@ -55,15 +56,16 @@ class Extension:
     def __init__(
         self,
         slave: Surface,
-        at: npt.NDArray[np.int64],
-        corners: npt.NDArray[np.int64],
+        columns: typing.Sequence[slice],
+        places: typing.Sequence[npt.NDArray[np.int64]],
         held: Flags,
         clamped: Flags,
         missing: Flags | None = None,
     ) -> None:
         #: Multipliers that are no unknowns, shape (rows, width).
         self.held = held
-        self._slave, self._at = slave, at
+        self._slave, self._columns = slave, columns
+        self._at, corners = places
         self._shape, self._corners = corners.shape, np.ascontiguousarray(corners).ravel()
         known = ~held if missing is None else ~held & ~missing
         self._sweeps: list[Sweep] = []
@@ -100,14 +102,18 @@ class Extension:
         local = PETSc.Vec().createSeq(len(self._corners), comm=PETSc.COMM_SELF)
         here = PETSc.IS().createGeneral(self._corners.astype(PETSc.IntType), PETSc.COMM_SELF)
         scatter = PETSc.Scatter().create(vecs[0], here, local, None)
-        at = self._at - vecs[0].owner_range[0]
-        vecs[0].array[at] = values
-        scatter.scatter(vecs[0], local)
-        corners = local.array_r.reshape(self._shape)
-        around = np.broadcast_to(corners.sum(axis=1, keepdims=True), self._shape)
-        local.array[:] = around.ravel()
-        scatter.scatter(local, vecs[1], PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE)
-        out: Array = vecs[1].array_r[at].copy()
+        at, out = self._at - vecs[0].owner_range[0], np.zeros_like(values)
+        for columns in self._columns:
+            for vec in vecs:
+                vec.zeroEntries()
+            vecs[0].array[at] = values[:, columns]
+            scatter.scatter(vecs[0], local)
+            corners = local.array_r.reshape(self._shape)
+            around = np.broadcast_to(corners.sum(axis=1, keepdims=True), self._shape)
+            local.array[:] = around.ravel()
+            mode = PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE
+            scatter.scatter(local, vecs[1], *mode)
+            out[:, columns] = vecs[1].array_r[at]
         for thing in (*vecs, local, here, scatter):
             thing.destroy()
         return out

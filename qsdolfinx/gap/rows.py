@@ -60,30 +60,137 @@ class Rows(abc.ABC):
     def from_nodes(self, values: Array) -> Array:
         """Values of the owned nodes at the rows; at points of shape (nodes,)."""
 
+    def from_largest(self, values: Array) -> Array:
+        """What :meth:`largest_on_nodes` gave, perhaps for other rows, at the rows."""
+        return self.from_nodes(values)
+
+    @property
+    @abc.abstractmethod
+    def area(self) -> Array:
+        """Area of the slave that each row stands for, shape (rows,). Not collective."""
+
 
 class NodeRows(Rows):
-    """One row for each slave node that a pairing point reaches; nothing here is collective."""
+    """One row for each slave node that a pairing point reaches; nothing here is collective.
+
+    A node in the corner of several walls has a row for each of its smooth sides that faces one.
+    What is to be found again when contact pairs anew is then kept by sides, see :meth:`on_sides`.
+
+    Args:
+        operator: The gap operator.
+        slave: Surface that carries the multiplier.
+        by_sides: Whether there may be such nodes, on any rank.
+    """
 
     are_points = False
+
+    def __init__(self, operator: _cpp.GapOperator, slave: Surface, by_sides: bool) -> None:
+        super().__init__(operator, slave)
+        self._node = operator.row_node
+        #: Whether a row's node is in a corner; false of all if this is not asked.
+        self.in_corner: npt.NDArray[np.bool_] = np.zeros(len(self._node), dtype=bool)
+        self._by_sides = by_sides
+        self._side: npt.NDArray[np.int64] = np.zeros(len(self._node), dtype=np.int64)
+        if by_sides and len(self._node) > 0:
+            self.in_corner = operator.row_in_corner.astype(bool)
+            self._side = operator.row_side.astype(np.int64)
 
     @property
     def reached(self) -> npt.NDArray[np.int64]:
         """Nodes of the rows."""
-        return self.operator.row_node
+        return np.unique(self._node) if self.in_corner.any() else self._node
+
+    @property
+    def area(self) -> Array:
+        """S_k, or that of the sides of nodes in corners."""
+        of_nodes = self.slave.node_area[self._node]
+        return np.where(self.in_corner, self.operator.row_area, of_nodes)
+
+    def dofs(self, width: int) -> tuple[list[slice], list[npt.NDArray[np.int64]]]:
+        """Unknowns of the slave whose places hold values of rows in its vectors. Collective.
+
+        They are the first ones of a node. If there may be corners, columns of the values have to
+        take turns: there is one place for each side, that of the first if the node is in none.
+
+        Returns:
+            Columns that are held at a time; and the global unknowns of the rows, shape (rows, n),
+            and of those that the vertices of facets belong to, shape (facets, vertices, n).
+        """
+        of_nodes = self.slave.node_dofs
+        of_facets = self.slave.cpp_object.facet_dofs[:, : self.slave.num_facet_vertices]
+        if not self._by_sides:
+            return [slice(0, width)], [of_nodes[self._node, :width], of_facets[:, :, :width]]
+        chosen = np.zeros(len(of_nodes), dtype=np.uint8)
+        chosen[self._node[self.in_corner]] = 1
+        sides = self.slave.cpp_object.sides_of_facets(chosen)[:, :, None].astype(np.int64)
+        own = np.where(self.in_corner, self._side, 0)
+        places = [of_nodes[self._node, own][:, None], np.take_along_axis(of_facets, sides, axis=2)]
+        return [slice(i, i + 1) for i in range(width)], places
 
     def on_nodes(self, values: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
-        """The values themselves."""
+        """The values themselves; in corners means weighted with areas, of flags whether any is."""
         out = np.full((len(self.slave.node_area), *values.shape[1:]), missing, dtype=values.dtype)
-        out[self.operator.row_node] = values
+        out[self._node] = values
+        if not self.in_corner.any():
+            return out
+        at, several = self._node[self.in_corner], values[self.in_corner]
+        if values.dtype == bool:
+            out[at] = False
+            np.logical_or.at(out, at, several)
+            return out
+        area = self.operator.row_area[self.in_corner]
+        whole = np.zeros(len(out))
+        np.add.at(whole, at, area)
+        out[at] = 0
+        np.add.at(out, at, (several.astype(np.float64).T * (area / whole[at])).T)
+        return out
+
+    def sums_on_nodes(self, values: Array) -> Array:
+        """Values of shape (rows,) at all owned nodes, in corners added up; 0 without a row."""
+        out = np.zeros(len(self.slave.node_area))
+        np.add.at(out, self._node, values)
         return out
 
     def largest_on_nodes(self, values: Array) -> Array:
-        """The values themselves."""
-        return np.asarray(np.maximum(self.on_nodes(values, 0.0), 0.0), dtype=np.float64)
+        """The values themselves, or by sides."""
+        found = self.on_sides(values[:, None]) if self._by_sides else self.on_nodes(values, 0.0)
+        return np.asarray(np.maximum(found, 0.0), dtype=np.float64)
 
     def from_nodes(self, values: Array) -> Array:
         """The values themselves."""
-        return np.array(values[self.operator.row_node], dtype=np.float64)
+        return np.array(values[self._node], dtype=np.float64)
+
+    def from_largest(self, values: Array) -> Array:
+        """The values themselves, or by sides."""
+        return self.from_sides(values)[:, 0] if self._by_sides else self.from_nodes(values)
+
+    def on_sides(self, values: Array) -> Array:
+        """Values of shape (rows, width) at all owned nodes, 0 where there is no row.
+
+        Returns:
+            Shape (nodes, width); if there may be nodes in corners (nodes, gdim · width): those of
+            each side, 0 but for that of the row, which looks at the master.
+        """
+        if not self._by_sides:
+            return np.asarray(self.on_nodes(values, 0.0), dtype=np.float64)
+        num_nodes, width = len(self.slave.node_area), values.shape[1]
+        out = np.zeros((num_nodes, self.slave.gdim, width))
+        out[self._node, self._side] = values
+        return out.reshape(num_nodes, self.slave.gdim * width)
+
+    def from_sides(self, values: Array) -> Array:
+        """Values of :meth:`on_sides` at the rows, shape (rows, width).
+
+        A node that was not in a corner and has turned to the master with another side keeps its
+        value.
+        """
+        if not self._by_sides:
+            return self.from_nodes(values)
+        width = values.shape[1] // self.slave.gdim
+        at_rows = self.from_nodes(values).reshape(len(self._node), self.slave.gdim, width)
+        own = at_rows[np.arange(len(at_rows)), self._side]
+        turned = ~self.in_corner & ~np.any(own, axis=1)
+        return np.where(turned[:, None], at_rows.sum(axis=1), own)
 
 
 class PointRows(Rows):
@@ -103,6 +210,11 @@ class PointRows(Rows):
         self.cover: Array = self.cover_of_sides.sum(axis=1)
         #: Sides of nodes that points cover some of, of that shape.
         self.covered: Flags = self.cover_of_sides > _SOME * slave.node_area[:, None]
+
+    @property
+    def area(self) -> Array:
+        """Weights of the points."""
+        return self.operator.row_area
 
     @property
     def reached(self) -> npt.NDArray[np.int64]:

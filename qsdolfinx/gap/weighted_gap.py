@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import typing
 
 from petsc4py import PETSc
@@ -64,7 +65,8 @@ class WeightedGap:
     """ḡ_k = (1/S_k) Σ_p w_p N_k(ξ_p) [(u_s − u_m)·n_p − δ_p] on the slave nodes of this rank.
 
     A jump law weights the vector u_s − u_m instead. One row per slave node that a pairing point
-    reaches; or, with rows at points, one per pairing point, g_p = (u_s − u_m)·n_p − δ_p with the
+    reaches, and in the corner of several walls one per side of the node, whose area takes the place
+    of S_k; or, with rows at points, one per pairing point, g_p = (u_s − u_m)·n_p − δ_p with the
     weight w_p in place of S_k.
 
     With an augmented Lagrangian, the law sees the gap ḡ + λ̂/ε, λ̂ being the multiplier so far: it
@@ -125,9 +127,9 @@ class WeightedGap:
             #: Area of each multiplier, of the shape of λ̂.
             self.multiplier_weight: Array = share * point_rows.cover_of_sides
         else:
-            self.rows = NodeRows(self.operator, slave)
+            self.rows = NodeRows(self.operator, slave, points.by_sides)
             self.multiplier_weight = self.weight[:, None] * np.ones(self.operator.width)
-            if augmented:
+            if augmented and rows == "cover":
                 cover = self.operator.row_area / slave.node_area[self.operator.row_node]
                 self.relative_penalty = 1 / cover
         #: Components of λ̂ that conditions hold on both sides; None if there are none anywhere.
@@ -151,14 +153,26 @@ class WeightedGap:
             *surfaces, self.points, self.law, self._share, "cover", self._is_augmented
         )
 
-    def _operator(self, jump: bool) -> _cpp.GapOperator:
+    def _operator(self, jump: bool, kind: int | None = None) -> _cpp.GapOperator:
         surfaces = self.slave.cpp_object, self.master.cpp_object
-        return _cpp.GapOperator(*surfaces, self.points, jump=jump, rows=self._kind)
+        rows = self._kind if kind is None else kind
+        return _cpp.GapOperator(*surfaces, self.points, jump=jump, rows=rows)
 
     @property
     def num_rows(self) -> int:
         """Rows on this rank."""
         return self.operator.num_rows
+
+    @functools.cached_property
+    def cover_share(self) -> Array:
+        """ḡ of a gap that is 1 everywhere, shape (rows,). Collective at first.
+
+        Σ_p w_p N_k over what a row's gap is divided by: 1, unless that is the area of a node.
+        """
+        if KINDS[self._kind] != "area":
+            return np.ones(self.num_rows)
+        cover = self._operator(False, KINDS.index("cover")).row_area
+        return np.asarray(cover / self.operator.row_area)
 
     def jump_operator(self) -> _cpp.GapOperator:
         """The operator of the whole jump vector, at the same rows. Collective."""
@@ -252,15 +266,16 @@ class WeightedGap:
     # --- λ̂ at all owned nodes, the same when contact pairs anew
 
     def augmented_on_nodes(self) -> Array:
-        """λ̂ at all owned nodes, 0 where there is none."""
-        if self.rows.are_points:
+        """λ̂ at all owned nodes, in corners and at points of their sides; 0 where there is none."""
+        if not isinstance(self.rows, NodeRows):
             return self.state.augmented
-        return np.asarray(self.rows.on_nodes(self.state.augmented, 0.0), dtype=np.float64)
+        return self.rows.on_sides(self.state.augmented)
 
     def set_augmented_on_nodes(self, values: Array) -> None:
         """Put back what :meth:`augmented_on_nodes` gave."""
         values = np.asarray(values, dtype=np.float64)
-        self.state.augmented = values if self.rows.are_points else self.rows.from_nodes(values)
+        rows = self.rows
+        self.state.augmented = rows.from_sides(values) if isinstance(rows, NodeRows) else values
 
     def carry(self, meshes: bool) -> None:
         """Let a tie count how a tool, and perhaps meshes, have moved since then. Collective."""

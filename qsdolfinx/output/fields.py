@@ -27,13 +27,13 @@ class FieldWriter:
     """Writes fields of one body at several times, to XDMF or, with ADIOS2, to VTX, or to VTK-HDF.
 
     Functions of degree 1 are written at the vertices, other fields at the cells' midpoints unless
-    they are given as continuous. A field such as ``lambda: contact.traction("master")`` is called
-    for each time. In XDMF
-    the mesh is that of the first time, and the field ``displacement`` says where its vertices have
-    moved (ParaView: Warp By Vector), unless a field of this name is given, such as the unknown of a
-    body in displacements, whose mesh stays; in VTX the mesh moves. VTX has one kind of field per
-    file: those of the cells go to a second one, ``NAME_cells.bp``. VTK-HDF, with a DOLFINx that has
-    it, has a file per field, ``NAME_FIELD.vtkhdf``, and the mesh of the first time.
+    they are given as continuous; of a curved mesh, whose geometry has degree 2, functions of degree
+    1 or 2 at its nodes. A field such as ``lambda: contact.traction("master")`` is called for each
+    time. In XDMF the mesh is that of the first time, and the field ``displacement`` says where its
+    nodes have moved (ParaView: Warp By Vector), unless a field of this name is given, such as the
+    unknown of a body in displacements, whose mesh stays; in VTX the mesh moves. VTX has one kind of
+    field per file: those of the cells go to a second one, ``NAME_cells.bp``. VTK-HDF, with a
+    DOLFINx that has it, has a file per field, ``NAME_FIELD.vtkhdf``, and the first time's mesh.
 
     Args:
         filename: Ends in ``.xdmf``, ``.bp`` or ``.vtkhdf``.
@@ -67,6 +67,7 @@ class FieldWriter:
         self._msh = msh
         self._path = path
         self._x0: npt.NDArray[np.float64] = np.array(msh.geometry.x, dtype=np.float64)
+        self._degree = coordinate_element(msh).degree
         self._points: list[tuple[fem.Function, Field]] = []
         self._cells: list[tuple[fem.Function, Field]] = []
         for name, field in fields.items():
@@ -76,7 +77,7 @@ class FieldWriter:
         self._xdmf = None
         self._vtx: list[typing.Any] | None = None
         if path.suffix == ".xdmf":
-            vector = fem.functionspace(msh, ("Lagrange", 1, (msh.geometry.dim,)))
+            vector = fem.functionspace(msh, ("Lagrange", self._degree, (msh.geometry.dim,)))
             self._displacement = (
                 None if "displacement" in fields else fem.Function(vector, name="displacement")
             )
@@ -102,8 +103,10 @@ class FieldWriter:
 
     def _add(self, name: str, field: Field, at_vertices: bool) -> None:
         first = self._made(field) if _is_source(field) else field
-        linear = isinstance(first, fem.Function) and _is_linear(first.function_space)
-        element = ("Lagrange", 1) if at_vertices or linear else ("DG", 0)
+        linear = isinstance(first, fem.Function) and _is_lagrange(
+            first.function_space, self._degree
+        )
+        element = ("Lagrange", self._degree) if at_vertices or linear else ("DG", 0)
         space = fem.functionspace(self._msh, (*element, first.ufl_shape))
         written = self._points if at_vertices or linear else self._cells
         if not linear and not _is_source(field):
@@ -138,7 +141,7 @@ class FieldWriter:
         if self._displacement is not None:
             # The file has the first mesh: the displacement is written as a function on it.
             x = np.asarray(self._msh.geometry.x, dtype=np.float64)
-            _set_at_vertices(self._displacement, (x - self._x0)[:, : self._msh.geometry.dim])
+            _set_at_nodes(self._displacement, (x - self._x0)[:, : self._msh.geometry.dim])
             functions.insert(0, self._displacement)
         for function in functions:
             try:
@@ -199,19 +202,23 @@ def _expression(field: Field, space: fem.FunctionSpace) -> fem.Expression:
     return fem.Expression(field, interpolation_points(space))
 
 
-def _is_linear(V: fem.FunctionSpace) -> bool:
+def _is_lagrange(V: fem.FunctionSpace, degree: int) -> bool:
+    """Whether functions are continuous and of a degree from 1 to this one."""
     element = V.element.basix_element if not V.num_sub_spaces else V.sub(0).element.basix_element
-    return bool(element.family == basix.ElementFamily.P and element.degree == 1) and not bool(
-        element.discontinuous
-    )
+    lagrange = element.family == basix.ElementFamily.P and 1 <= element.degree <= degree
+    return bool(lagrange) and not bool(element.discontinuous)
 
 
-def _set_at_vertices(u: fem.Function, values: npt.NDArray[np.float64]) -> None:
-    """Set a P1 or Q1 function to values at the geometry nodes."""
+def _set_at_nodes(u: fem.Function, values: npt.NDArray[np.float64]) -> None:
+    """Set a Lagrange function of the geometry's degree to values at the geometry nodes."""
     V = u.function_space
-    layout = coordinate_element(V.mesh).create_dof_layout()
-    count = V.dofmap.list.shape[1]
-    places = [layout.entity_dofs(0, v)[0] for v in range(count)]
-    nodes = cell_nodes(V.mesh)[:, places]
-    own = [V.dofmap.dof_layout.entity_dofs(0, v)[0] for v in range(count)]
-    u.x.array.reshape(-1, V.mesh.geometry.dim)[V.dofmap.list[:, own]] = values[nodes]
+    layout, own = coordinate_element(V.mesh).create_dof_layout(), V.dofmap.dof_layout
+    cell = basix.topology(getattr(basix.CellType, V.mesh.topology.cell_type.name))
+    both = [
+        (layout.entity_dofs(dim, i), own.entity_dofs(dim, i))
+        for dim, entities in enumerate(cell)
+        for i in range(len(entities))
+    ]
+    there, here = (np.concatenate(places).astype(np.int32) for places in zip(*both, strict=True))
+    nodes = cell_nodes(V.mesh)[:, there]
+    u.x.array.reshape(-1, V.mesh.geometry.dim)[V.dofmap.list[:, here]] = values[nodes]

@@ -11,6 +11,7 @@ import basix
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.pair import overlay_rules
+from qsdolfinx.pairing.relief import Relief
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
@@ -70,7 +71,11 @@ def of_points(
 
 
 def overlay_points(
-    cut: _cpp.Surface, other: _cpp.Surface, gdim: int, radius: float, smooth: bool
+    cut: _cpp.Surface,
+    other: _cpp.Surface,
+    gdim: int,
+    radius: float,
+    reliefs: tuple[Relief, Relief],
 ) -> _cpp.PairingPoints:
     """Points on the facets of a surface that face the other one. Collective.
 
@@ -79,13 +84,13 @@ def overlay_points(
         other: The other one.
         gdim: Geometric dimension.
         radius: Length beyond which nothing is in reach.
-        smooth: Whether gaps are those of the curved surfaces that facets stand for.
+        reliefs: What the facets of the two stand for.
     """
     of_facets = 0  # normals
     rules = overlay_rules(gdim, DEGREE)
-    return _cpp.overlay_surfaces(
-        cut, other, False, _cpp.SearchRadius(radius), of_facets, *rules, smooth
-    )
+    first, second = reliefs
+    reach = _cpp.SearchRadius(radius)
+    return _cpp.overlay_surfaces(cut, other, False, reach, of_facets, *rules, *first, *second)
 
 
 def from_shape(

@@ -12,13 +12,13 @@ import numpy.typing as npt
 import basix
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.pairing.relief import LIFTS, Relief, Smoothing
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 
 QUADRATURES = ("nodal", "overlay")
-SMOOTHINGS = ("none", "shared-curvature")
 NORMALS = ("facet", "bisector")  # in the order of Normals in cpp/pairing/pairing.h
 
 
@@ -29,14 +29,31 @@ class Sampling(typing.NamedTuple):
         quadrature: ``"nodal"`` or ``"overlay"``.
         degree: Degree of the rule on the pieces of the overlay.
         normals: ``"facet"`` or ``"bisector"``.
-        smoothing: ``"none"`` or ``"shared-curvature"``.
+        smoothing: What the gap is measured from; None for the facets as they are.
     """
 
     quadrature: str
     degree: int
     normals: str
-    smoothing: str = "none"
+    smoothing: Smoothing | None = None
 
+    def relief(self, surface: AnySurface) -> Relief:
+        """What a surface's facets approximate."""
+        return Relief.unknown() if self.smoothing is None else self.smoothing.relief(surface)
+
+    def covers(self, surface: AnySurface) -> bool:
+        """Whether gaps are measured from what its facets approximate."""
+        return self.relief(surface).lift > 0
+
+    def deformed_relief(self, surface: AnySurface) -> Relief:
+        """The same where displacements put it: see ``deformed_surface``, which cuts facets."""
+        found = self.relief(surface)
+        cut = surface.degree > 1
+        return Relief.unknown("shared") if cut and found.lift else found
+
+
+#: Part of S_k that points cover, below which a node has no augmented multiplier of its own.
+LEAST_COVER = 0.1
 
 #: Degree of the rule along edges for general quadrilaterals: cpp/geometry/planar.h, PlanarFacet.
 EDGE_DEGREE = 47
@@ -72,6 +89,7 @@ def pair(
     sampling: Sampling,
     both: bool,
     radius: _cpp.SearchRadius,
+    corners: bool = False,
 ) -> _cpp.PairingPoints:
     """Pairing points of one pass. Collective.
 
@@ -81,14 +99,25 @@ def pair(
         sampling: Where the gap is sampled.
         both: Whether both surfaces are sampled, each with half the weight.
         radius: Beyond which points are not paired.
+        corners: Whether at nodes, between facets, a node in the corner of several walls has a pair
+            for each of them and the side of the node that faces it.
     """
     tool = as_tool(master)
     if tool is not None and tool.is_analytic:
         return _face_shape(slave, tool, sampling, radius)
-    points = _pair_facets(slave, master, sampling, both, radius)
+    points = _pair_facets(slave, master, sampling, both, radius, corners)
     if tool is not None:
         _cpp.forget_master(points)
     return points
+
+
+def share_out_hardly_covered(slave: Surface, points: _cpp.PairingPoints) -> None:
+    """Let neighbours carry the multipliers of nodes that points hardly cover. Collective.
+
+    Beyond the master's rim a node's row is nearly that of its neighbour: two multipliers that are
+    to close the gap would grow against each other.
+    """
+    _cpp.share_out_hardly_covered(points, slave.cpp_object, LEAST_COVER)
 
 
 def _pair_facets(
@@ -97,12 +126,13 @@ def _pair_facets(
     sampling: Sampling,
     both: bool,
     radius: _cpp.SearchRadius,
+    corners: bool,
 ) -> _cpp.PairingPoints:
     """Pairing points of two surfaces made of facets; see :func:`pair`."""
     kind_of_normals = NORMALS.index(sampling.normals)
     other = master.search_object(slave)
     if sampling.quadrature == "nodal":
-        return _cpp.pair_surfaces(slave.cpp_object, other, both, radius, kind_of_normals)
+        return _cpp.pair_surfaces(slave.cpp_object, other, both, radius, kind_of_normals, corners)
     return _cpp.overlay_surfaces(
         slave.cpp_object,
         other,
@@ -110,7 +140,8 @@ def _pair_facets(
         radius,
         kind_of_normals,
         *overlay_rules(slave.gdim, sampling.degree),
-        sampling.smoothing == "shared-curvature",
+        *sampling.relief(slave),
+        *sampling.relief(master),
     )
 
 
@@ -138,30 +169,119 @@ class Conforming(typing.NamedTuple):
 
 
 def find_conforming(
-    slave: Surface, master: AnySurface, degree: int, radius: _cpp.SearchRadius
+    slave: Surface,
+    master: AnySurface,
+    degree: int,
+    radius: _cpp.SearchRadius,
+    smoothing: Smoothing | None = None,
 ) -> Conforming:
-    """Where two surfaces made of facets are curved the same way. Collective."""
+    """Where two surfaces are curved the same way. Collective.
+
+    Args:
+        slave: Surface that carries the multiplier.
+        master: The other surface.
+        degree: Degree of the rule.
+        radius: Beyond which points are not paired.
+        smoothing: What is known of their curvature.
+    """
+    sampling = Sampling("overlay", degree, "bisector", smoothing)
+    tool = as_tool(master)
+    if tool is not None and tool.is_analytic:
+        return _conforming_to_shape(slave, tool, sampling, radius.largest)
     found, area = _cpp.conforming_points(
-        slave.cpp_object, master.search_object(slave), radius, *overlay_rules(slave.gdim, degree)
+        slave.cpp_object,
+        master.search_object(slave),
+        radius,
+        *overlay_rules(slave.gdim, degree),
+        *sampling.relief(slave),
+        *sampling.relief(master),
     )
     sums = slave.comm.allreduce(np.array([found[:, 3].sum(), area]), op=MPI.SUM)
     part = float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
     return Conforming(found[:, :2], found[:, 2], part)
 
 
+def _facet_rule(slave: Surface, degree: int) -> tuple[Array, Array]:
+    """Points and weights on the slave's reference facet."""
+    kinds = basix.CellType.interval, basix.CellType.triangle, basix.CellType.quadrilateral
+    x, w = basix.make_quadrature(kinds[slave.num_facet_vertices - 2], degree)
+    return np.asarray(x), np.asarray(w)
+
+
 def _face_shape(
     slave: Surface, tool: RigidSurface, sampling: Sampling, radius: _cpp.SearchRadius
 ) -> _cpp.PairingPoints:
     """Points of the slave at their exact distance from a tool, along the tool's normals."""
-    if sampling.quadrature == "nodal":
+    rule = None if sampling.quadrature == "nodal" else _facet_rule(slave, sampling.degree)
+    if rule is None:
         points, group = _cpp.sample_nodes(slave.cpp_object), 1
     else:
-        kinds = basix.CellType.interval, basix.CellType.triangle, basix.CellType.quadrilateral
-        kind = kinds[slave.num_facet_vertices - 2]
-        x, w = map(np.asarray, basix.make_quadrature(kind, sampling.degree))
-        points, group = _cpp.sample_facets(slave.cpp_object, x, w), len(w)
+        points, group = _cpp.sample_facets(slave.cpp_object, *rule), len(rule[1])
     gap, normal = tool.distance(points.slave["x"])
     # As between two surfaces: what is too far away, or the back of a body, is not paired.
     keep = (np.abs(gap) <= radius.largest) & (np.sum(normal * points.normal, axis=1) < 0)
+    relief = sampling.relief(slave)
+    if rule is not None and LIFTS[relief.lift] != "none":
+        gap = gap - _lifted(slave, tool, relief, points, gap, rule)
     _cpp.face_tool(points, keep.astype(np.uint8), -normal, gap, group)
     return points
+
+
+def _lifted(
+    slave: Surface,
+    tool: RigidSurface,
+    relief: Relief,
+    points: _cpp.PairingPoints,
+    distance: Array,
+    rule: tuple[Array, Array],
+) -> Array:
+    """How far the slave's surface is out of its facets, as far as gaps are measured from it."""
+    if LIFTS[relief.lift] == "own":
+        return np.asarray(_cpp.heights_at(slave.cpp_object, *relief[1:], *rule))
+    own, of_tool, vertices = _bulges(slave, tool, relief, points, distance, rule)
+    alike = own * of_tool > 0
+    return vertices + np.where(alike, np.sign(own) * np.minimum(abs(own), abs(of_tool)), 0.0)
+
+
+def _bulges(
+    slave: Surface,
+    tool: RigidSurface,
+    relief: Relief,
+    points: _cpp.PairingPoints,
+    distance: Array,
+    rule: tuple[Array, Array],
+) -> tuple[Array, Array, Array]:
+    """Heights over the slave's facets at the points, along its outward normal.
+
+    Returns:
+        Of the slave's surface through the facets' vertices, of the tool that all vertices would
+        touch, and of the slave's vertices where they are known, linear in between.
+    """
+    N = np.asarray(points.multiplier_values).reshape(-1, len(rule[1]), slave.num_facet_vertices)
+    x = slave.coordinates[0]
+    at_vertices = tool.distance(x.reshape(-1, 3))[0].reshape(x.shape[:2])
+    of_tool = distance - np.einsum("fpv,fv->fp", N, at_vertices).ravel()
+    own = np.asarray(_cpp.heights_at(slave.cpp_object, *relief[1:], *rule))
+    vertices = np.zeros_like(own)
+    if relief.known:
+        corners = relief.heights[:, : slave.num_facet_vertices]
+        vertices = np.einsum("fpv,fv->fp", N, corners).ravel()
+    return own - vertices, of_tool, vertices
+
+
+def _conforming_to_shape(
+    slave: Surface, tool: RigidSurface, sampling: Sampling, radius: float
+) -> Conforming:
+    """Where a slave is curved as an analytic tool is, which has no chords. Collective."""
+    rule = _facet_rule(slave, max(sampling.degree, 4))  # with points where facets bulge most
+    points = _cpp.sample_facets(slave.cpp_object, *rule)
+    distance, normal = tool.distance(points.slave["x"])
+    near = (np.abs(distance) <= radius) & (np.sum(normal * points.normal, axis=1) < 0)
+    bulges = _bulges(slave, tool, sampling.relief(slave), points, distance, rule)
+    own, of_tool = (values[near] for values in bulges[:2])
+    alike = (own * of_tool > 0) & (abs(own) < 2 * abs(of_tool)) & (abs(of_tool) < 2 * abs(own))
+    weight = np.asarray(points.weight)[near]
+    sums = slave.comm.allreduce(np.array([weight[alike].sum(), weight.sum()]), op=MPI.SUM)
+    both = np.column_stack([own, np.zeros_like(own)])[alike]
+    gap = (distance[near] - own)[alike]
+    return Conforming(both, gap, float(sums[0] / sums[1]) if sums[1] > 0 else 0.0)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
+import typing
+
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
+import basix
 import ufl
 from dolfinx import fem, mesh
 
-from qsdolfinx.compat import cell_nodes
-from qsdolfinx.surface.unknowns import NUM_CELL_VERTICES, vertex_dofs
+from qsdolfinx.base.checks import require
+from qsdolfinx.compat import cell_nodes, coordinate_element
+from qsdolfinx.surface.unknowns import NUM_CELL_VERTICES, dofs_at, vertex_dofs
 from qsdolfinx.system.rigid_modes import displacement_space
 
 Array = npt.NDArray[np.float64]
@@ -35,7 +40,7 @@ _CORNERS: dict[mesh.CellType, list[tuple[int, ...]]] = {
 
 
 class MeshMotion:
-    """Moves the vertices of a body's mesh by its displacements or velocities.
+    """Moves the nodes of a body's mesh by its displacements or velocities.
 
     Args:
         u: Unknown of the body; of a mixed space the first vector field with unknowns at vertices.
@@ -50,29 +55,38 @@ class MeshMotion:
         V = displacement_space(u.function_space)
         if V is None:
             raise ValueError("u: has no displacement or velocity with unknowns at the vertices")
-        topology, geometry = self.mesh.topology, self.mesh.geometry
-        index_map = topology.index_map(topology.dim)
-        cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)[:, None]
-        vertices = np.arange(NUM_CELL_VERTICES[topology.cell_type], dtype=np.int32)[None, :]
-        dofs = vertex_dofs(V, cells, vertices).reshape(-1, geometry.dim)
-        nodes = cell_nodes(self.mesh)[cells[:, 0]]
+        nodes = cell_nodes(self.mesh)
         self._nodes, first = np.unique(nodes.ravel(), return_index=True)
-        self._dofs = dofs[first]
+        cells, places = (index.astype(np.int32) for index in np.divmod(first, nodes.shape[1]))
+        self._values: Array | None = None
+        if coordinate_element(self.mesh).degree == 1:
+            self._dofs = vertex_dofs(V, cells, places)
+        else:
+            values = _at_nodes(V)
+            self._values = values[places]
+            functions = np.arange(values.shape[1], dtype=np.int32)
+            self._dofs = dofs_at(V, cells[:, None], functions[None])
+        self._shape = _NodeShapes.of(self.mesh)
         #: Coordinates of the mesh when the object was made, or as :meth:`set_reference` left them.
-        self.reference: Array = np.array(geometry.x)
+        self.reference: Array = np.array(self.mesh.geometry.x)
         self._sign = np.sign(self._corners(self.reference))
         one = fem.Constant(self.mesh, np.float64(1.0))
         self._volume = fem.form(one * ufl.dx(domain=self.mesh))
 
     def values(self, x: Array | None = None) -> Array:
-        """Unknowns at the vertices, shape (geometry nodes, 3), in 2D with zeros.
+        """Unknowns at the mesh's nodes, shape (geometry nodes, 3), in 2D with zeros.
+
+        Those of a curved mesh's edges are interpolated, exact where u is of degree 2.
 
         Args:
             x: All unknowns of this rank; by default those of u.
         """
         out = np.zeros_like(self.reference)
         x = self.u.x.array if x is None else x
-        out[self._nodes, : self.mesh.geometry.dim] = x[self._dofs]
+        found = x[self._dofs]
+        if self._values is not None:
+            found = np.einsum("ni,nid->nd", self._values, found)
+        out[self._nodes, : self.mesh.geometry.dim] = found
         return out
 
     def move(self, displacement: Array | float = 0.0) -> None:
@@ -87,7 +101,8 @@ class MeshMotion:
     def quality(self, x: Array | None = None) -> float:
         """Worst shape of a cell: 1 at best, 0 flat, negative turned inside out. Collective.
 
-        The determinant of the edges at a corner of unit edges' length, by the longest edge there.
+        The determinant of the edges at a corner of unit edges' length, by the longest edge there;
+        of curved cells also the Jacobian at a node, in units of the cell's mean.
 
         Args:
             x: Coordinates, shape (geometry nodes, 3); by default those of the mesh as it is.
@@ -96,13 +111,15 @@ class MeshMotion:
         corners = self._corners(x) * self._sign
         # Coordinates that are not finite are no shape at all.
         local = float(np.min(np.nan_to_num(corners, nan=-np.inf), initial=1.0))
+        if self._shape is not None:
+            local = min(local, self._shape.worst(x[cell_nodes(self.mesh)]))
         return float(self.mesh.comm.allreduce(local, op=MPI.MIN))
 
     def _corners(self, x: Array) -> Array:
         """Determinant of the edges at each cell's corners over that of the best shape."""
         geometry, kind = self.mesh.geometry, self.mesh.topology.cell_type
         gdim = geometry.dim
-        x = x[cell_nodes(self.mesh)][:, :, :gdim]
+        x = x[cell_nodes(self.mesh)][:, : NUM_CELL_VERTICES[kind], :gdim]
         simplex = kind in (mesh.CellType.triangle, mesh.CellType.tetrahedron)
         best = (np.sqrt(3) / 2 if gdim == 2 else np.sqrt(0.5)) if simplex else 1.0
         out = []
@@ -121,3 +138,65 @@ class MeshMotion:
         """Volume (2D: area) of the mesh as it is. Collective."""
         local = fem.assemble_scalar(self._volume)
         return float(self.mesh.comm.allreduce(local, op=MPI.SUM))
+
+
+class _NodeShapes(typing.NamedTuple):
+    """Jacobians of curved cells at their nodes.
+
+    Attributes:
+        gradients: Of the geometry's functions, shape (reference axes, nodes, functions).
+    """
+
+    gradients: Array
+
+    @classmethod
+    def of(cls, msh: mesh.Mesh) -> _NodeShapes | None:
+        """Those of a mesh; None if its cells are straight."""
+        if coordinate_element(msh).degree == 1:
+            return None
+        element = _geometry_element(msh)
+        return cls(element.tabulate(1, element.points)[1:, :, :, 0])
+
+    def worst(self, x: Array) -> float:
+        """Least Jacobian over its mean in the cell, x of shape (cells, nodes, 3), on this rank."""
+        gdim = len(self.gradients)
+        with np.errstate(all="ignore"):
+            J = np.einsum("jni,cid->cndj", self.gradients, x[:, :, :gdim])
+            determinants = np.linalg.det(J)
+            mean = np.abs(determinants.mean(axis=1))
+            # Cells may be oriented either way.
+            sign = np.sign(determinants.mean(axis=1))
+            ratio = sign[:, None] * determinants / mean[:, None]
+        return float(np.min(np.nan_to_num(ratio, nan=-np.inf), initial=1.0))
+
+
+def _geometry_element(msh: mesh.Mesh) -> typing.Any:
+    """Basix' element of the mesh's geometry."""
+    cell = getattr(basix.CellType, msh.topology.cell_type.name)
+    degree = coordinate_element(msh).degree
+    return basix.create_element(
+        basix.ElementFamily.P, cell, degree, basix.LagrangeVariant.gll_warped
+    )
+
+
+def _at_nodes(V: fem.FunctionSpace) -> Array:
+    """Values of a space's functions at the geometry's nodes, shape (nodes, functions)."""
+    element = V.sub(0).element.basix_element
+    return np.asarray(element.tabulate(0, _geometry_element(V.mesh).points)[0, :, :, 0])
+
+
+def check_own_meshes(unknowns: typing.Sequence[fem.Function]) -> None:
+    """Refuse unknowns that would move one mesh, each by itself.
+
+    Raises:
+        ValueError: If two of them are on the same mesh.
+    """
+    meshes = [u.function_space.mesh for u in unknowns]
+    for (i, first), (j, second) in itertools.combinations(enumerate(meshes), 2):
+        # Two objects of Python may stand for one mesh.
+        same = first is second or np.shares_memory(first.geometry.x, second.geometry.x)
+        require(
+            not same,
+            f"problem: u[{i}] and u[{j}] are on one mesh, which time steps move with each of them; "
+            "give every body a mesh of its own, or one unknown to all bodies of a mesh",
+        )

@@ -16,6 +16,7 @@ from qsdolfinx.base.collective import checked
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.multipliers import (
+    num_columns,
     on_nodes,
     pressures_on_nodes,
     set_on_nodes,
@@ -115,8 +116,9 @@ def load_run(
             contact.set_penalty(penalty)
         arrays = []
         for j, part in enumerate(contact.model.parts):
-            at_nodes = part.slave.linear.node_values(multipliers[f"multiplier_{i}_{j}"])
-            arrays.append(at_nodes[:, : part.state.augmented.shape[1]])
+            names = _names(i, j, num_columns(part), part.slave.gdim)
+            at_nodes = [part.slave.linear.node_values(multipliers[name]) for name in names]
+            arrays.append(np.hstack(at_nodes)[:, : num_columns(part)])
         # The next step turns τ̂ to its tangent planes; turned here as well it would be another.
         set_on_nodes(contact.model.parts, arrays, turn=False)
         _load_slip(contact.model, i, multipliers, values["dissipated"][i])
@@ -165,7 +167,11 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
             zip(contact.model.parts, on_nodes(contact.model.parts), strict=True)
         ):
             surface = part.slave.linear
-            out[f"multiplier_{i}_{j}"] = surface.function(_padded(values, surface.gdim))
+            names = _names(i, j, values.shape[1], surface.gdim)
+            padded = np.zeros((len(values), len(names) * surface.gdim))
+            padded[:, : values.shape[1]] = values
+            for name, columns in zip(names, np.hsplit(padded, len(names)), strict=True):
+                out[name] = surface.function(columns)
         if contact.model.friction is not None:
             slipped = contact.model.friction.slipped
             for j, (slip, values) in enumerate(zip(contact.model.slips, slipped, strict=True)):
@@ -186,6 +192,12 @@ def _slip_rate(contact: Contact) -> float | None:
     """Largest slip rate that friction knows of."""
     friction = contact.model.friction
     return None if friction is None else friction.rate
+
+
+def _names(i: int, j: int, num_columns: int, gdim: int) -> list[str]:
+    """Names of the functions that hold a part's multipliers, ``gdim`` columns each."""
+    more = range(1, -(-num_columns // gdim))
+    return [f"multiplier_{i}_{j}", *(f"multiplier_{i}_{j}_{k}" for k in more)]
 
 
 def _load_slip(

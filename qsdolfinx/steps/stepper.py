@@ -30,7 +30,7 @@ from qsdolfinx.contact.motion import set_start
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
-from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.steps.mesh_motion import MeshMotion, check_own_meshes
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.tool_motion import ToolRate, go_ahead_by_part
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
@@ -95,7 +95,8 @@ class TimeStepper:
 
     Raises:
         TypeError: If the problem is of another type.
-        ValueError: If a number is out of range, or differs between ranks.
+        ValueError: If a number is out of range, or differs between ranks, or two bodies are on one
+            mesh.
     """
 
     def __init__(
@@ -118,6 +119,7 @@ class TimeStepper:
     ) -> None:
         check(instance(ContactProblem, "a ContactProblem"), problem=problem)
         with checked(problem.comm) as same:
+            check_own_meshes(problem.u)
             check(either(CALLABLE, None), drive=drive, solve=solve)
             same(POSITIVE, dt=dt)
             dt_min = dt / 1000 if dt_min is None else dt_min

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.surface import Coordinates, Surface
 
 Array = npt.NDArray[np.float64]
 
@@ -66,22 +66,24 @@ def rotation_about(matrix: Array, center: Array, displacement: Array) -> Affine:
     return Affine(A, displacement - A @ center)
 
 
-def trace_positions(surface: Surface, x: Array | None = None) -> Array:
+def trace_positions(surface: Surface, coordinates: Coordinates | None = None) -> Array:
     """Positions of the trace's nodes on this rank's facets, shape (facets, nodes, 3).
 
     Args:
         surface: The surface.
-        x: Those of the vertices, shape (facets, vertices, 3); by default as they are now.
+        coordinates: Of its facets, as ``surface.coordinates``; by default as they are now.
     """
-    x = np.asarray(surface.cpp_object.facet_x) if x is None else x
+    x, _, nodes = surface.coordinates if coordinates is None else coordinates
     if surface.degree == 1:
         return x
+    if nodes is not None:
+        return nodes
     edges = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
     nv = surface.num_facet_vertices
-    nodes = [*x.swapaxes(0, 1), *((x[:, a] + x[:, b]) / 2 for a, b in edges[nv])]
+    out = [*x.swapaxes(0, 1), *((x[:, a] + x[:, b]) / 2 for a, b in edges[nv])]
     if nv == 4:
-        nodes.append(x.mean(axis=1))
-    return np.stack(nodes, axis=1)
+        out.append(x.mean(axis=1))
+    return np.stack(out, axis=1)
 
 
 def affine_vec(surface: Surface, field: Affine, x: Array | None = None) -> PETSc.Vec:

@@ -40,8 +40,8 @@ def check_space(V: fem.FunctionSpace, axisymmetric: bool) -> None:
         "V: contact needs a mesh of triangles or quadrilaterals in 2D, of tetrahedra or "
         f"hexahedra in 3D, not {cell.name} cells in {gdim}D",
     )
-    straight = coordinate_element(V.mesh).degree == 1
-    require(straight, "V: contact facets must be straight-sided: mesh geometry of degree 1")
+    geometry = coordinate_element(V.mesh).degree
+    require(geometry <= 2, f"V: contact needs mesh geometry of degree 1 or 2, not {geometry}")
     require(x.dtype == np.float64, "V: contact needs a mesh in double precision")
     fits = not axisymmetric or (gdim == 2 and x[:, 0].min(initial=0.0) >= -1e-10)
     require(fits, "axisymmetric: needs a 2D mesh with coordinates (r, z), r ≥ 0")

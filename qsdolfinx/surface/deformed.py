@@ -49,9 +49,9 @@ def deformed_surface(
     Raises:
         ValueError: If a facet is not finite, or has no area.
     """
-    x, inside = coordinates
+    inside = coordinates[1]
     pieces = np.array(_PIECES[surface.num_facet_vertices, surface.degree])
-    at_nodes = trace_positions(surface, x)
+    at_nodes = trace_positions(surface, coordinates)
     meshed = _cut(at_nodes, pieces)
     outwards = meshed.mean(axis=1) - np.repeat(inside, len(pieces), axis=0)
     sign = np.sign(np.sum(area_vectors(meshed) * outwards, axis=1))
@@ -80,7 +80,7 @@ def deformed_positions(
 
     Arguments as for :func:`deformed_surface`.
     """
-    out = trace_positions(surface, coordinates[0]).copy()
+    out = trace_positions(surface, coordinates).copy()
     if displacement is not None:
         out[..., : surface.gdim] += _on_facets(surface, displacement, surface.trace_dofs[0])
     return out

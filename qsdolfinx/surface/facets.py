@@ -11,9 +11,9 @@ import basix
 from dolfinx import fem, mesh
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.compat import cell_nodes
+from qsdolfinx.compat import cell_nodes, coordinate_element
 from qsdolfinx.surface.arguments import FACET_VERTICES, cell_of, trace_degree
-from qsdolfinx.surface.unknowns import dofs_at, facet_places, vertex_points
+from qsdolfinx.surface.unknowns import dofs_at, facet_places, layout_places, vertex_points
 
 Array = npt.NDArray[np.float64]
 
@@ -26,12 +26,15 @@ class FacetLayout(typing.NamedTuple):
         cell_points: Rows at all points of the facets' cells, shape (facets, points).
         dofs: Global unknowns of the trace, shape (facets, nodes, gdim).
         owner: Ranks that own them, shape (facets, nodes).
+        nodes: Rows of a mesh geometry of degree 2 at the facets' nodes, shape (facets, nodes), in
+            the order of trace_functions in cpp/geometry/facet.h; None of straight facets.
     """
 
     points: npt.NDArray[np.int32]
     cell_points: npt.NDArray[np.int32]
     dofs: npt.NDArray[np.int64]
     owner: npt.NDArray[np.int32]
+    nodes: npt.NDArray[np.int32] | None
 
     @classmethod
     def of(cls, V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> FacetLayout:
@@ -49,10 +52,17 @@ class FacetLayout(typing.NamedTuple):
         places = facet_places(V, degree)[local]
         dofs = dofs_at(V, cells[:, None], places).reshape(n, places.shape[1], gdim)
         cell_points = np.ascontiguousarray(cell_nodes(msh)[cells], dtype=np.int32)
-        return cls(points.reshape(n, nv), cell_points, *_global_numbers(V, dofs))
+        nodes = None
+        if coordinate_element(msh).degree == 2:
+            layout = coordinate_element(msh).create_dof_layout()
+            places = layout_places(layout, msh, 2)[local]
+            nodes = cell_points[np.arange(n)[:, None], places].reshape(n, places.shape[1])
+        return cls(points.reshape(n, nv), cell_points, *_global_numbers(V, dofs), nodes)
 
-    def checked_coordinates(self, msh: mesh.Mesh) -> tuple[Array, Array]:
+    def checked_coordinates(self, msh: mesh.Mesh) -> tuple[Array, Array, Array | None]:
         """Where the vertices are now, (facets, vertices, 3), and points of the body behind them.
+
+        Third come the nodes of curved facets, (facets, nodes, 3).
 
         Raises:
             ValueError: If they are not finite, or a facet has no area.
@@ -66,7 +76,7 @@ class FacetLayout(typing.NamedTuple):
             )
         if flat := _cpp.count_degenerate(x.shape[1], x):
             raise ValueError(f"V: {flat} contact facets are degenerate (zero area, or not convex)")
-        return x, inside
+        return x, inside, None if self.nodes is None else np.take(geometry, self.nodes, axis=0)
 
 
 def area_vectors(x: Array) -> Array:

@@ -27,15 +27,23 @@ from qsdolfinx.surface.arguments import (
 from qsdolfinx.surface.facets import FacetLayout
 from qsdolfinx.surface.geometry import Axisymmetric, Cartesian
 
-#: Of the facets' nodes, and of a point inside each facet's cell.
-Coordinates = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+#: Of the facets' vertices, of a point inside each facet's cell, and, with a mesh geometry of
+#: degree 2, of the facets' nodes of degree 2.
+Coordinates = tuple[
+    npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64] | None
+]
+
+#: Part of the facet size by which nodes of degree 2 may be off straight facets by rounding.
+STRAIGHT = 1e-12
 
 
 class Surface:
     """Part of a body's boundary that may touch another body.
 
     Contact nodes are the vertices of the facets. Every facet belongs to the rank that owns its
-    cell, every node to the rank that owns its unknowns; a rank may own neither.
+    cell, every node to the rank that owns its unknowns; a rank may own neither. On a mesh of degree
+    2 areas and normals at nodes are those of the flat facets through the vertices; contact knows
+    how far the curved ones are from them.
 
     Args:
         V: Blocked vector space of the body's displacement or velocity, one component per space
@@ -82,8 +90,8 @@ class Surface:
         self._linear: Surface | None = None
         with collective_errors(comm):
             self._layout = FacetLayout.of(V, self.facets)
-            x, inside = self._layout.checked_coordinates(V.mesh)
-        self._coordinates = x, inside
+            self._coordinates = self._layout.checked_coordinates(V.mesh)
+        x, inside, _ = self._coordinates
         index_map = V.dofmap.index_map
         #: The extension's surface.
         self.cpp_object: _cpp.Surface = _cpp.Surface(
@@ -98,17 +106,44 @@ class Surface:
             local_size=index_map.size_local * V.dofmap.index_map_bs,
             axisymmetric=self.axisymmetric,
         )
+        self._read_heights()
 
     @property
     def coordinates(self) -> Coordinates:
-        """Coordinates of the facets and points inside their cells, as they were read last."""
+        """Coordinates of the facets, of points inside their cells, and of curved facets' nodes.
+
+        As they were read last.
+        """
         return self._coordinates
 
     @coordinates.setter
     def coordinates(self, value: Coordinates) -> None:
-        self.cpp_object.move(*value)
+        self.cpp_object.move(*value[:2])
         self._coordinates = value
         self._linear = None
+        self._read_heights()
+
+    def _read_heights(self) -> None:
+        """How far curved facets are out of the flat ones through their vertices. Collective."""
+        nodes = self._coordinates[2]
+        self._heights: npt.NDArray[np.float64] | None = None
+        #: Largest of these heights (length), of all ranks; 0 of straight facets.
+        self.largest_height = 0.0
+        if nodes is None:
+            return
+        over = nodes - np.asarray(_cpp.relief_nodes(self.cpp_object))
+        heights = np.sum(over * np.asarray(_cpp.relief_normals(self.cpp_object)), axis=2)
+        largest = self.comm.allreduce(np.max(np.abs(heights), initial=0.0), op=MPI.MAX)
+        if largest > STRAIGHT * self.facet_size_range[1]:
+            self._heights, self.largest_height = heights, float(largest)
+
+    @property
+    def heights(self) -> npt.NDArray[np.float64] | None:
+        """How far curved facets are out of the flat ones, along outward normals (length).
+
+        Shape (facets, nodes of degree 2); None on all ranks if all facets are straight.
+        """
+        return self._heights
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -370,5 +405,5 @@ def update_surfaces(*surfaces: Surface) -> None:
     for surface in surfaces:
         with collective_errors(surface.comm):
             new.append(surface._layout.checked_coordinates(surface.mesh))
-    for surface, (x, inside) in zip(surfaces, new, strict=True):
-        surface.coordinates = x, inside
+    for surface, coordinates in zip(surfaces, new, strict=True):
+        surface.coordinates = coordinates

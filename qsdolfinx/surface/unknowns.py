@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import typing
+
 import numpy as np
 import numpy.typing as npt
 
@@ -60,8 +62,12 @@ def facet_places(V: fem.FunctionSpace, degree: int) -> Indices:
     Vertices come first, then, for degree 2, the edges in the order of the reference facet, and the
     interior of quadrilaterals: the order of trace_functions in cpp/geometry/facet.h.
     """
-    layout = V.dofmap.dof_layout
-    cell = getattr(basix.CellType, V.mesh.topology.cell_type.name)
+    return layout_places(V.dofmap.dof_layout, V.mesh, degree)
+
+
+def layout_places(layout: typing.Any, msh: mesh.Mesh, degree: int) -> Indices:
+    """The same of any layout of nodes in the cells of a mesh, such as that of its geometry."""
+    cell = getattr(basix.CellType, msh.topology.cell_type.name)
     topology = basix.topology(cell)
     tdim = len(topology) - 1
     places = []

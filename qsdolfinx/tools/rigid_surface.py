@@ -27,11 +27,13 @@ from qsdolfinx.base.checks import (
 )
 from qsdolfinx.base.collective import checked, checked_once
 from qsdolfinx.base.crash import check_alone, end_all_ranks
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix, rotation_vector
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import triangulation
 from qsdolfinx.tools.pose import Pose, padded, point_of, unit_vector
 from qsdolfinx.tools.shapes import Plane, Round, Shape
+from qsdolfinx.tools.stl import read_stl
 from qsdolfinx.tools.triangulation import Facets
 
 Array = npt.NDArray[np.float64]
@@ -217,7 +219,7 @@ class RigidSurface:
         """A tool from an STL file, ASCII or binary, read by rank 0. Collective.
 
         Vertices with equal coordinates are one. Orientation is that of the vertices; normals in the
-        file are ignored.
+        file are ignored. All solids of a file are one tool. Triangles without area are left out.
 
         Args:
             comm: Communicator of the bodies' meshes.
@@ -226,14 +228,22 @@ class RigidSurface:
 
         Raises:
             TypeError: If it is no path.
-            ValueError: If the file cannot be read or is no STL file, or as :meth:`triangulated`.
+            ValueError: If the file cannot be read, is no STL file or truncated, or as
+                :meth:`triangulated`.
+
+        Warns:
+            ContactWarning: If triangles without area are left out.
         """
-        x, triangles = None, None
+        stl = None
         check_alone(COMMUNICATOR, comm=comm)
         with checked(comm):
             if comm.rank == 0:
                 check(PATH, filename=filename)
-                x, triangles = triangulation.read_stl(filename)
+                stl = read_stl(filename)
+        advice = comm.bcast("" if stl is None else stl.advice, root=0)
+        if advice:
+            warn(advice, ContactWarning)
+        x, triangles = (None, None) if stl is None else (stl.x, stl.triangles)
         return cls.triangulated(comm, x, triangles, center)
 
     @classmethod

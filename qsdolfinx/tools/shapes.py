@@ -1,4 +1,4 @@
-"""Analytic shapes of rigid tools: exact distances and normals."""
+"""Analytic shapes, of rigid tools and of what facets approximate: exact distances and normals."""
 
 from __future__ import annotations
 
@@ -68,3 +68,57 @@ class Round(Shape):
         normal = ray / np.maximum(length, 1e-300)[:, None]
         sign = -1.0 if self.inside else 1.0
         return sign * (length - self.radius), sign * normal
+
+
+@dataclasses.dataclass(frozen=True)
+class Torus(Shape):
+    """A circular tube around an axis.
+
+    Attributes:
+        center: Middle, shape (3,).
+        axis: Unit vector along the axis, shape (3,).
+        radius: Of the circle that the tube follows (length).
+        tube: Radius of the tube (length).
+    """
+
+    center: Array
+    axis: Array
+    radius: float
+    tube: float
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """See :meth:`Shape.distance`."""
+        across, away, along = around(x - self.center, self.axis)
+        out = away - self.radius
+        length = np.hypot(out, along)
+        part = np.column_stack([out, along]) / np.maximum(length, 1e-300)[:, None]
+        return length - self.tube, part[:, :1] * across + part[:, 1:] * self.axis
+
+
+@dataclasses.dataclass(frozen=True)
+class Cone(Shape):
+    """A circular cone, to one side of its apex.
+
+    Attributes:
+        apex: Shape (3,).
+        axis: Unit vector from the apex into the cone, shape (3,).
+        half_angle: Between the axis and the cone, radians.
+    """
+
+    apex: Array
+    axis: Array
+    half_angle: float
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """See :meth:`Shape.distance`, for points that are nearer to the side than to the apex."""
+        across, away, along = around(x - self.apex, self.axis)
+        c, s = np.cos(self.half_angle), np.sin(self.half_angle)
+        return c * away - s * along, c * across - s * self.axis
+
+
+def around(ray: Array, axis: Array) -> tuple[Array, Array, Array]:
+    """Unit vectors away from an axis, and places across and along it."""
+    along = ray @ axis
+    across = ray - np.outer(along, axis)
+    away = np.linalg.norm(across, axis=1)
+    return across / np.maximum(away, 1e-300)[:, None], away, along

@@ -1,11 +1,10 @@
-"""Facets of rigid tools: from arrays, STL files and meshes."""
+"""Facets of rigid tools: from arrays and meshes."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 import hashlib
-import os
 import typing
 
 from mpi4py import MPI
@@ -125,11 +124,16 @@ def _checked(x: npt.ArrayLike | None, triangles: npt.ArrayLike | None) -> tuple[
     return points, cells
 
 
-def check_areas(name: str, x: Array) -> None:
-    """Refuse facets without area."""
+def without_area(x: Array) -> npt.NDArray[np.bool_]:
+    """Which facets, shape (facets, vertices, 3), have no area."""
     size = np.max(np.linalg.norm(x[:, :, None] - x[:, None, :], axis=-1), axis=(1, 2), initial=0.0)
     power = 1 if x.shape[1] == 2 else 2
-    flat = ~(np.linalg.norm(area_vectors(x), axis=1) > 1e-14 * size**power)
+    return np.asarray(~(np.linalg.norm(area_vectors(x), axis=1) > 1e-14 * size**power))
+
+
+def check_areas(name: str, x: Array) -> None:
+    """Refuse facets without area."""
+    flat = without_area(x)
     require(not flat.any(), f"{name}: {np.count_nonzero(flat)} facets have no area")
 
 
@@ -152,44 +156,6 @@ def _check_orientation(comm: MPI.Intracomm, name: str, vertices: Indices, sign: 
     with collective_errors(comm):
         once = len(np.unique(received, axis=0)) == len(received)
         require(once, f"{name}: neighbours are oriented in opposite ways, or overlap")
-
-
-def read_stl(filename: str | os.PathLike[str]) -> tuple[Array, Indices]:
-    """Vertices and triangles of an STL file, ASCII or binary.
-
-    Raises:
-        ValueError: If the file cannot be read or is no STL file.
-    """
-    try:
-        with open(filename, "rb") as file:
-            data = file.read()
-    except (OSError, TypeError) as error:
-        raise ValueError(f"filename: cannot be read: {error}") from error
-    corners = _binary_stl(data)
-    if corners is None:
-        corners = _ascii_stl(data)
-    if corners is None or len(corners) == 0:
-        raise ValueError(f"filename: {os.fspath(filename)!r} is no STL file with triangles")
-    x, triangles = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    return x, triangles.reshape(-1, 3).astype(np.int64)
-
-
-def _binary_stl(data: bytes) -> Array | None:
-    """Corners, shape (triangles, 3, 3): 80 bytes of header, a count, 50 bytes a triangle."""
-    record = np.dtype([("normal", "<f4", 3), ("x", "<f4", (3, 3)), ("attribute", "<u2")])
-    if len(data) < 84 or len(data) != 84 + 50 * int.from_bytes(data[80:84], "little"):
-        return None
-    return np.frombuffer(data, record, offset=84)["x"].astype(np.float64)
-
-
-def _ascii_stl(data: bytes) -> Array | None:
-    """Corners, from all lines ``vertex x y z``."""
-    try:
-        words = [line.split() for line in data.decode("ascii").splitlines()]
-        corners = np.array([w[1:] for w in words if w and w[0] == "vertex"], dtype=np.float64)
-        return corners.reshape(-1, 3, 3)
-    except ValueError:
-        return None
 
 
 def of_mesh(

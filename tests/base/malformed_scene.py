@@ -295,6 +295,7 @@ GOOD = {
     "Contact.force": lambda s: Call(s.pair.contact.force, {"side": "slave"}),
     "Contact.moment": lambda s: Call(s.pair.contact.moment, {"side": "slave", "about": [0.0, 0.0]}),
     "Contact.gap": lambda s: Call(s.pair.contact.gap, {"side": "slave"}),
+    "Contact.weighted_gap": lambda s: Call(s.pair.contact.weighted_gap, {"side": "slave"}),
     "Contact.slip": lambda s: Call(s.pair.contact.slip, {"side": "slave"}),
     "ContactProblem": problem,
     "problem by default": lambda s: Call(
@@ -376,6 +377,7 @@ LOCAL = {
     "Norton",
     "RigidSurface.distance",
     "Contact.gap",
+    "Contact.weighted_gap",
     "Contact.slip",
     "Surface.node_values",
     "strain",

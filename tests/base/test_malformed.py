@@ -145,7 +145,7 @@ ROWS = [
     Row("Contact.moment", "about", [0.0, 0.0, 0.0], V),
     Row("Contact.moment", "about", [nan, 0.0], V),
     Row("Contact.gap", "side", None, V),
-    Row("Contact.gap", "side", "master", V, says="no multiplier"),
+    Row("Contact.weighted_gap", "side", "master", V, says="no multiplier"),
     Row("Contact.slip", "side", "slaves", V),
     Row("ContactProblem", "F", None, T),
     Row("ContactProblem", "F", Of(lambda s: tuple(s.pair.F[:1])), V),

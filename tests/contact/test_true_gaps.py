@@ -83,7 +83,7 @@ def everything(contact):
     """What measuring must leave as it is."""
     out = [np.array([contact.version, contact.energy])]
     for surface in (contact.slave, contact.master):
-        out += [surface.node_x, surface.node_normal, surface.node_area, *surface.coordinates]
+        out += [surface.node_x, surface.node_normal, surface.node_area, *surface.coordinates[:2]]
     for p in contact.pairings:
         out += [p.slave.x, p.master.x, p.normal, p.gap, p.weight]
     out += [contact.weighted_gap(), contact.multiplier(), contact.force("slave")]

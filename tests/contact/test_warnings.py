@@ -12,6 +12,7 @@ from scenes import CELLS, FORMULATIONS, LAWS, WORLD, Pair, box, plane, vector_sp
 from step_scenes import Upset
 
 import qsdolfinx as qs
+from qsdolfinx._cpp import SearchRadius
 from qsdolfinx.pairing.pair import find_conforming
 
 
@@ -197,6 +198,45 @@ def test_chords_of_hertz(quadrature):
         assert [text for text in found if text.startswith("facets")] == []
 
 
+def test_chords_on_a_tool():
+    """A ring on a rigid cylinder; not if it is smoothed, fine, large, or its nodes count."""
+    for n, R, found in ((22, 10.005, 1), (22, 9.0, 0), (150, 10.005, 0)):
+        ring = Shell((n, 3), (9.995, 15.0))
+        tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.0], None, R)
+        slave, radius = ring.surface(ring.inner), {"search_radius": 2.0}
+        overlay = {"quadrature": "overlay"} | radius
+        texts = warned(lambda s=slave, t=tool, o=overlay: qs.Contact(s, t, **o))
+        assert len(texts) == found
+        if found:
+            assert texts[0].startswith("facets: ") and "interference (0.01)" in texts[0]
+            error = float(re.search(r"facets \((\S+)\) changes the gap", texts[0]).group(1))
+            chord = 9.995 * (1 - np.cos(np.pi / 4 / n))
+            assert error == pytest.approx(chord, rel=0.1)
+            size = float(re.search(r"facets of size (\S+),", texts[0]).group(1))
+            assert size**2 / 8 / 10 == pytest.approx(0.1 * 0.01, rel=0.1)
+        named = qs.smooth.Cylinder([0.0, 0.0], None, 9.995)
+        for options in (
+            radius,
+            overlay | {"smoothing": "shared-curvature"},
+            overlay | {"smoothing": named},
+            overlay | {"law": qs.Tied()},
+        ):
+            assert warned(lambda s=slave, t=tool, o=options: qs.Contact(s, t, **o)) == []
+
+
+def test_chords_of_one_side():
+    """Of a mesh of degree 2, or named, no side has any; those of the other count."""
+    for degrees, smoothing in (((2, 1), "none"), ((1, 1), "named")):
+        assert (
+            warned(lambda d=degrees, s=smoothing: ShrinkFit(COARSE, degrees=d, smoothing=s)) == []
+        )
+    named = qs.smooth.Cylinder([0.0, 0.0], None, 10.005)
+    (text,) = warned(lambda: ShrinkFit(COARSE, smoothing=(named, None)))
+    first, second = map(float, re.search(r"facets \((\S+), (\S+)\)", text).groups())
+    assert first == 0
+    assert second == pytest.approx(9.995 * (1 - np.cos(np.pi / 88)), rel=0.35)
+
+
 def test_what_conforms():
     """A pin in its hole all over, two pins of other radii nowhere."""
     fit = ShrinkFit(COARSE).contact
@@ -205,7 +245,9 @@ def test_what_conforms():
     x[:, :2] = 25.0 / np.sqrt(2.0) - x[:, :2]  # they touch half way
     slave, master = (pin.surface(pin.outer) for pin in pins)
     for pair, part in (((fit.slave, fit.master), 1.0), ((slave, master), 0.0)):
-        assert find_conforming(*pair, degree=2, radius=1.0).part == pytest.approx(part)
+        assert find_conforming(*pair, degree=2, radius=SearchRadius(1.0)).part == pytest.approx(
+            part
+        )
     assert warned(lambda: qs.Contact(slave, master)) == []
     assert WORLD.allreduce(len(qs.Contact(slave, master).pairing)) > 0
 

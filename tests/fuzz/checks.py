@@ -86,6 +86,8 @@ def point_faults(contact, scene):
         gap = dot(p.master.x - p.slave.x, p.normal)
         if np.any(np.abs(gap - p.gap) > 1e-9 * scene.size):
             out.append("the gap is not the distance along the normal")
+    if any(gap.points.num_corners for gap in contact.model.gaps):  # the bodies are convex
+        out.append("nodes in corners of a convex body")
     return out
 
 

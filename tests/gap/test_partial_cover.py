@@ -11,7 +11,7 @@ import qsdolfinx as qs
 #: Those whose facets are products of segments, so that integrals are those along x.
 PRODUCTS = ("triangle", "quadrilateral", "hexahedron")
 #: Cells of the slave along x, and where the master ends: within a cell.
-N, END = 4, 0.6
+N, END = 4, 0.7
 
 
 class Rim:
@@ -66,7 +66,7 @@ def test_mean_gap_of_what_is_covered(cell, height):
     covered = rim.integrals(np.ones_like)
     expected = -np.divide(rim.integrals(gap), covered, where=covered > 0, out=covered * np.nan)
     np.testing.assert_allclose(rim.contact.weighted_gap(), expected[rim.column], atol=1e-13)
-    assert np.isfinite(expected).sum() == N and covered[N - 1] < 0.03 < 1 / N
+    assert np.isfinite(expected).sum() == N and covered[N - 1] < 0.1 < 1 / N
 
 
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))

@@ -130,12 +130,3 @@ def test_refused():
     raises_everywhere(
         WORLD, ValueError, "smoothing: must be one of none", contact(smoothing="nagata")
     )
-    tool = qs.RigidSurface.sphere(WORLD, [0.0, 0.0], 9.99)
-    outer = Shell((22, 7), (9.995, 15.0))
-    slave = outer.surface(outer.inner)
-    raises_everywhere(
-        WORLD,
-        ValueError,
-        "smoothing: needs facets on both sides",
-        lambda: qs.Contact(slave, tool, quadrature="overlay", **SMOOTH),
-    )

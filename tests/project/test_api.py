@@ -39,6 +39,10 @@ def public_names():
             functions = inspect.getmembers(thing, inspect.isfunction)
             own = [(f, value) for f, value in functions if value.__module__ == thing.__name__]
             yield from (f"{name}.{f}{inspect.signature(value)}" for f, value in own if f[0] != "_")
+            for _, kind in inspect.getmembers(thing, inspect.isclass):
+                if kind.__module__ == thing.__name__ and kind.__name__[0] != "_":
+                    yield f"{name}.{kind.__name__}{inspect.signature(kind)}"
+                    yield from (f"{name}.{member}" for member in members(kind))
 
 
 #: Found at once: a fixture of all tests wraps a constructor.

@@ -8,12 +8,14 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 from base.malformed_scene import Scene
+from curved_scenes import Shell, ShrinkFit
+from rigid_scenes import write_stl
 from scenes import (
     WORLD,
     Pair,
     box,
     clamp,
-    curved_triangle,
+    elevated,
     plane,
     raises_everywhere,
     vector_space,
@@ -143,6 +145,38 @@ def stl_without_triangles(filename):
     qs.RigidSurface.from_stl(WORLD, filename)
 
 
+def off_the_cylinder(slave, master):
+    beside = qs.smooth.Cylinder([0.5, -40.0], None, 30.0)
+    qs.Contact(slave, master, quadrature="overlay", smoothing=(None, beside))
+
+
+def coarse_ring():
+    ring = Shell((1, 2), (5.0, 10.0))
+    qs.smooth.Cylinder.fit(ring.surface(ring.outer))
+
+
+def broken_stl(filename, binary, length):
+    """A file of two triangles, cut off or with something after it."""
+    if WORLD.rank == 0:
+        corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1, 0]]])
+        write_stl(filename, corners.astype(np.float64), binary)
+        data = filename.read_bytes()
+        filename.write_bytes((data + data)[:length])
+    WORLD.barrier()
+    qs.RigidSurface.from_stl(WORLD, filename)
+
+
+def bodies_on_one_mesh(msh):
+    V = [vector_space(msh), vector_space(msh)]
+    u = [fem.Function(space) for space in V]
+    F = [materials.linear_elastic(w, 1.0, 0.3) for w in u]
+    forms = [
+        ufl.inner(stress, ufl.grad(ufl.TestFunction(space))) * ufl.dx
+        for stress, space in zip(F, V, strict=True)
+    ]
+    qs.TimeStepper(qs.ContactProblem(forms, u, []), 0.1)
+
+
 #: What makes each message, from the scene and a folder.
 CASES = {
     # Meshes and spaces
@@ -152,8 +186,11 @@ CASES = {
     "V: contact needs a blocked vector space with 2 components": (
         lambda s, folder: on_square(("Lagrange", 1))
     ),
-    "V: contact facets must be straight-sided: mesh geometry of degree 1": (
-        lambda s, folder: surface(vector_space(curved_triangle()))
+    "V: contact needs mesh geometry of degree 1 or 2, not 3": (
+        lambda s, folder: surface(vector_space(elevated(square(), 3)))
+    ),
+    "V: contact facets of degree 2 are more curved than an arc of 60°": (
+        lambda s, folder: ShrinkFit(((1, 2), (2, 2)), degrees=(2, 1))
     ),
     (
         "V: contact needs a mesh of triangles or quadrilaterals in 2D, "
@@ -190,10 +227,17 @@ CASES = {
     "smoothing: nodal quadrature does not measure the gap of the facets between nodes": (
         lambda s, folder: qs.Contact(s.pair.slave, s.pair.master, smoothing="shared-curvature")
     ),
-    "smoothing: needs facets on both sides; this tool is an analytic shape": (
+    "smoothing: the master is an analytic shape, without facets": (
         lambda s, folder: qs.Contact(
-            s.pair.slave, s.case.tool, quadrature="overlay", smoothing="shared-curvature"
+            s.pair.slave, s.case.tool, quadrature="overlay", smoothing=(None, "shared-curvature")
         )
+    ),
+    "are too coarse for the Cylinder, or no part of it": lambda s, folder: coarse_ring(),
+    "name the surface that they are on, or take Cylinder.fit": (
+        lambda s, folder: off_the_cylinder(s.pair.slave, s.pair.master)
+    ),
+    "quadrature: the nodal rule measures gaps to straight facets": (
+        lambda s, folder: ShrinkFit(((16, 5), (22, 7)), degrees=(2, 1), quadrature="nodal")
     ),
     "formulation: double-pass needs a multiplier on both sides, and a rigid tool has none": (
         lambda s, folder: qs.Contact(s.pair.slave, s.case.tool, "double-pass")
@@ -281,6 +325,11 @@ CASES = {
     ),
     "filename: there is no folder": (
         lambda s, folder: qs.FieldWriter(folder / "none" / "a.xdmf", s.case.mesh, {})
+    ),
+    "is truncated, or no STL file": lambda s, folder: broken_stl(folder / "d.stl", False, 300),
+    "has more than its header says": lambda s, folder: broken_stl(folder / "e.stl", True, 300),
+    "u[0] and u[1] are on one mesh, which time steps move with each of them": (
+        lambda s, folder: bodies_on_one_mesh(s.case.mesh)
     ),
     "is no STL file with triangles": lambda s, folder: stl_without_triangles(folder / "a.stl"),
 }

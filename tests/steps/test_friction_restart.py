@@ -9,7 +9,7 @@ import pytest
 from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 from step_scenes import Upset
 
-from dolfinx import fem
+from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 
@@ -90,6 +90,32 @@ class Rolled:
         self.tool.displacement = np.subtract(self.PATH[step - 1], before)
 
 
+class Cornered:
+    """An elastic block dragged along a floor into its corner with a wall, and about in it."""
+
+    PATH = ((0.0, 0.03), (-0.06, 0.04), (-0.08, 0.06), (-0.12, 0.06), (-0.12, 0.12))
+
+    def __init__(self, comm=WORLD, partition="forward", **options):
+        msh = box(comm, (4, 4), "triangle", [0.0, 0.0], [1.0, 1.0], partition)
+        V = vector_space(msh)
+        u = fem.Function(V)
+        x = [[1.02, 1.4], [1.02, 0.8], [1.02, 0.3], [1.02, 0.0], [0.5, 0.0], [-0.5, 0.0]]
+        lines = np.column_stack([np.arange(5), np.arange(1, 6)])
+        self.tool = qs.RigidSurface.triangulated(comm, x, lines)
+        side = mesh.locate_entities_boundary(msh, 1, lambda x: np.isclose(x[0], 1) & (x[1] < 0.9))
+        faces = np.concatenate([side, plane(msh, 1, 0.0)])
+        options = {"friction": qs.Coulomb(0.3)} | options
+        self.contacts = [qs.Contact(qs.Surface(V, facets=faces), self.tool, **options)]
+        bcs = [clamp(V, plane(msh, 1, 1.0))]
+        self.problem = qs.ContactProblem([elastic(u)], [u], self.contacts, [bcs])
+        self.stepper = qs.TimeStepper(self.problem, 1.0, self.move)
+
+    def move(self, t, dt):
+        step = round(t)
+        before = self.PATH[step - 2] if step > 1 else np.zeros(2)
+        self.tool.displacement = np.subtract(self.PATH[step - 1], before)
+
+
 class Flowing(Upset):
     """A viscous block on an elastic die, upset by a plane that also drags it."""
 
@@ -106,6 +132,7 @@ CASES = {
     "tool": (Dragged, {"kind": "tool"}),
     "body": (Dragged, {"kind": "body"}),
     "ball": (Rolled, {}),
+    "corner": (Cornered, {}),
     "flow": (Flowing, {}),
 }
 
@@ -137,6 +164,8 @@ def states(contact):
         ("body", 3, AUGMENTED),
         ("ball", 2, PENALTY),
         ("ball", 2, AUGMENTED),
+        ("corner", 2, PENALTY),
+        ("corner", 2, AUGMENTED),
         ("flow", 2, PENALTY),
         ("flow", 2, AUGMENTED),
     ),
@@ -155,6 +184,8 @@ def test_goes_on_as_if_uninterrupted(folder, name, at, options):
         slipping, active = whole.problem.comm.allreduce(states(whole.contacts[-1]))
         assert slipping > 0 or (name == "tool" and whole.stepper.t > 4)
         assert active > 1
+        corners = sum(gap.points.num_corners for gap in whole.contacts[-1].model.gaps)
+        assert (whole.problem.comm.allreduce(corners) > 0) == (name == "corner")
     runs = [make(**more, **options), make(partition="scattered", **more, **options)]
     runs.append(make(SELF, **more, **options))
     for i, run in enumerate(runs):

@@ -1,0 +1,124 @@
+"""Overclosure that is ignored while bodies slide: who has it, and where nothing tells that."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.model import ContactModel, OverclosedStart, Paired
+from qsdolfinx.gap.overclosure import TOLERANCE
+from qsdolfinx.surface.facets import area_vectors
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
+
+Array = npt.NDArray[np.float64]
+
+#: Way in units of the smallest facet that is no sliding: bodies deform.
+SOME = 0.5
+
+#: Unevenness of the master over that of the overclosure that counts as flat.
+FLAT = 0.1
+
+#: Difference of unit normals that is rounding.
+PARALLEL = 1e-6
+
+
+def read(model: ContactModel, paired: Paired) -> None:
+    """Take the overclosure of the first pairing. Collective.
+
+    Raises:
+        ValueError: If there is any and it is to be refused.
+    """
+    overclosure = model.overclosure
+    seen = _seen(model)
+    overclosure.read(paired.gaps, seen, paired.facet_size)
+    overclosure.apply(paired.gaps)
+    if not model.law.jump and overclosure.depth > TOLERANCE * paired.facet_size:
+        nodes = overclosure.deep_nodes
+        model.overclosed_from = OverclosedStart(
+            nodes, seen[0][nodes], model.slave.node_normal[nodes]
+        )
+
+
+def follow(model: ContactModel, paired: Paired) -> None:
+    """Allow what has been paired anew its overclosure. Collective."""
+    if not model.law.jump:
+        model.overclosure.follow(paired.gaps, _seen(model))
+    model.overclosure.apply(paired.gaps)
+
+
+def check_sliding(model: ContactModel) -> None:
+    """Warn of overclosure that is ignored, if the bodies have slid since. Collective.
+
+    A depth belongs to its slave node. Where depths differ, that is right as long as the master is
+    flat: if the depths are its shape, they would have to go with it. Once for each contact.
+    """
+    overclosure, start = model.overclosure, model.overclosed_from
+    if start is None or overclosure.allowed == 0:
+        return
+    way = _seen(model)[0][start.nodes] - start.x
+    way = way - np.sum(way * start.normal, axis=1)[:, None] * start.normal
+    mine = float(np.max(np.linalg.norm(way, axis=1), initial=0.0))
+    slid = float(model.comm.allreduce(mine, op=MPI.MAX))
+    if slid <= SOME * model.paired.facet_size:
+        return
+    strangers = model.comm.allreduce(int(overclosure.has_strangers), op=MPI.MAX)
+    height = FLAT * (overclosure.depth - overclosure.least)
+    if not strangers and (overclosure.is_even or _is_flat(model, start, height)):
+        return
+    model.overclosed_from = None
+    warn(
+        f"initial_overclosure: the bodies have slid by {slid:.3g} since they were first paired, "
+        f"where depths from {overclosure.least:.3g} to {overclosure.depth:.3g} are ignored; these "
+        "belong to slave nodes, and are wrong where the master is not flat or where other nodes "
+        "meet it: move a mesh so that nothing penetrates, resolve it (contact.allow_overclosure, "
+        "gradually), or make the surface whose shape they are the slave",
+        ContactWarning,
+    )
+
+
+def _seen(model: ContactModel) -> list[Array]:
+    """Where the slave's nodes of each pass are in the frame of its master. Collective."""
+    return [_seen_by(slave, master) for slave, master in model.settings.roles]
+
+
+def _seen_by(slave: Surface, master: AnySurface) -> Array:
+    """Nodes in the frame of the other surface; a deformable one only translates. Collective."""
+    x, tool, other = np.array(slave.node_x), as_tool(master), deformable(master)
+    if tool is not None:
+        d = tool.gdim
+        x[:, :d] = (x[:, :d] - tool.position[:, d]) @ tool.position[:, :d]
+    elif other is not None:
+        sums = np.append(other.node_x.sum(axis=0), len(other.node_x))
+        sums = slave.comm.allreduce(sums, op=MPI.SUM)
+        x -= sums[:3] / sums[3]
+    return x
+
+
+def _is_flat(model: ContactModel, start: OverclosedStart, allowed: float) -> bool:
+    """Whether the master is flat, up to this height, where the slave penetrates. Collective."""
+    x, tool = model.slave.node_x[start.nodes], as_tool(model.master)
+    if tool is not None and tool.is_analytic:
+        normal = tool.distance(x)[1]
+        low, high = _range(model.comm, normal)
+        return bool(np.all(high - low <= PARALLEL))
+    facets = model.master.search_object(model.slave).facet_x
+    low, high = _range(model.comm, x)
+    margin = model.overclosure.depth
+    near = np.all((facets.max(axis=1) >= low - margin) & (facets.min(axis=1) <= high + margin), 1)
+    normal = model.comm.allreduce(area_vectors(facets[near]).sum(axis=0), op=MPI.SUM)
+    heights = facets[near].reshape(-1, 3) @ (normal / max(float(np.linalg.norm(normal)), 1e-300))
+    low, high = _range(model.comm, np.repeat(heights[:, None], 3, axis=1))
+    return not bool(np.any(high - low > allowed))
+
+
+def _range(comm: MPI.Intracomm, x: Array) -> tuple[Array, Array]:
+    """Least and largest of each column of all ranks, x of shape (n, 3). Collective."""
+    corners = np.concatenate(
+        [-np.min(x, axis=0, initial=np.inf), np.max(x, axis=0, initial=-np.inf)]
+    )
+    comm.Allreduce(MPI.IN_PLACE, corners, op=MPI.MAX)
+    return -corners[:3], corners[3:]

@@ -1,0 +1,85 @@
+"""How far smooth shapes are over the flat facets that approximate them."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.checks import require
+from qsdolfinx.tools.shapes import Shape
+
+Array = npt.NDArray[np.float64]
+
+#: Vertices may be off a shape by this part of the chord error,
+OFF = 0.1
+#: or by this part of the facet size, as coordinates from a file in single precision are.
+ROUNDED = 1e-5
+#: Largest chord error, in facet sizes: an arc of 60°.
+COARSEST = 0.14
+
+
+def heights(shape: Shape, surface: _cpp.Surface) -> Array:
+    """How far a shape is from a surface's facets at their nodes of degree 2, along outward normals.
+
+    Returns:
+        Shape (facets, nodes); infinity where there is nothing along the normal.
+    """
+    x, n = np.asarray(_cpp.relief_nodes(surface)), np.asarray(_cpp.relief_normals(surface))
+    flat_x, flat_n = x.reshape(-1, 3), n.reshape(-1, 3)
+    height = np.zeros(len(flat_x))
+    with np.errstate(all="ignore"):
+        for _ in range(8):  # Newton's method, on what is straight to second order
+            distance, direction = shape.distance(flat_x + height[:, None] * flat_n)
+            height = height - distance / np.sum(direction * flat_n, axis=1)
+        left = np.abs(shape.distance(flat_x + height[:, None] * flat_n)[0])
+    good = left <= 1e-9 * np.maximum(np.abs(height), np.abs(flat_x).max(initial=0.0))
+    return np.where(good, height, np.inf).reshape(x.shape[:2])
+
+
+def check_near(
+    shape: Shape, kind: str, surface: _cpp.Surface, comm: MPI.Intracomm, name: str
+) -> Array:
+    """Heights of a shape over facets whose vertices are on it. Collective.
+
+    Args:
+        shape: What the facets approximate.
+        kind: Its name in messages.
+        surface: The facets.
+        comm: Their communicator.
+        name: Theirs in messages.
+
+    Raises:
+        ValueError: If they are not, or the facets are too coarse for it.
+    """
+    found = heights(shape, surface)
+    corners = np.asarray(surface.facet_x).shape[1]
+    at_vertices = np.max(np.abs(found[:, :corners]), initial=0.0)
+    with np.errstate(invalid="ignore"):
+        chord = np.max(np.abs(found - _between_vertices(found, corners)), initial=0.0)
+    largest = np.nan_to_num(np.array([at_vertices, chord]), nan=np.inf)
+    comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+    off, chord = (float(value) for value in largest)
+    size = float(surface.facet_size_range[1])
+    require(
+        chord <= COARSEST * size and np.isfinite(off),
+        f"smoothing: the facets of the {name} are too coarse for the {kind}, or no part of it",
+    )
+    require(
+        off <= OFF * chord + ROUNDED * size,
+        f"smoothing: vertices of the {name} are up to {off:.2g} off the {kind}, whose chord error "
+        f"is {chord:.2g}: name the surface that they are on, or take {kind}.fit",
+    )
+    return found
+
+
+def _between_vertices(values: Array, corners: int) -> Array:
+    """The linear or bilinear function with the same values at the vertices, at all nodes."""
+    edges = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}[corners]
+    columns = [values[:, i] for i in range(corners)]
+    columns += [(values[:, a] + values[:, b]) / 2 for a, b in edges]
+    if corners == 4:
+        columns.append(values[:, :4].mean(axis=1))
+    return np.stack(columns, axis=1)

@@ -1,0 +1,95 @@
+"""Tools whose facets are turned are warned of, and nothing that looks alike is."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from contact.test_warnings import warned
+from scenes import WORLD, box, plane, vector_space
+
+from dolfinx import mesh
+
+import qsdolfinx as qs
+
+CASES = [(gdim, quadrature) for gdim in (2, 3) for quadrature in ("nodal", "overlay")]
+
+
+def closed_box(low, high, cavity=False, divisions=1):
+    """A tool that is a box, or all that is outside of one."""
+    cell = "quadrilateral" if len(low) == 2 else "tetrahedron"
+    solid = box(MPI.COMM_SELF, [divisions] * len(low), cell, low, high)
+    tdim = len(low) - 1
+    solid.topology.create_connectivity(tdim, tdim + 1)
+    facets = mesh.exterior_facet_indices(solid.topology)
+    nodes = mesh.entities_to_geometry(solid, tdim, facets).reshape(-1, tdim + 1)
+    x = solid.geometry.x[nodes].reshape(-1, 3)[:, : len(low)]
+    x, index = np.unique(np.round(x, 12), axis=0, return_inverse=True)
+    cells = index.reshape(-1, tdim + 1)
+    out = x[cells].mean(axis=1) - np.mean([low, high], axis=0)
+    edge = x[cells[:, 1]] - x[cells[:, 0]]
+    if tdim == 1:
+        normal = edge[:, ::-1] * [1, -1]  # the tool is to the left
+    else:
+        normal = np.cross(edge, x[cells[:, 2]] - x[cells[:, 0]])
+    turned = (np.sum(out * normal, axis=1) < 0) != cavity
+    cells[turned] = cells[turned][:, ::-1]
+    return qs.RigidSurface.triangulated(WORLD, x, cells)
+
+
+def slave(high, faces="top", n=4):
+    """Faces of a box from the origin: its top, bottom, or all."""
+    gdim = len(high)
+    cell = "triangle" if gdim == 2 else "hexahedron"
+    V = vector_space(box(WORLD, [n] * gdim, cell, [0.0] * gdim, high))
+    if faces == "all":
+        found = mesh.locate_entities_boundary(V.mesh, gdim - 1, lambda x: x[0] > -1)
+    else:
+        found = plane(V.mesh, gdim - 1, high[-1] if faces == "top" else 0.0)
+    return qs.Surface(V, facets=found)
+
+
+def texts_of(surface, tool, quadrature, **options):
+    texts = warned(lambda: qs.Contact(surface, tool, quadrature=quadrature, **options))
+    return [text for text in texts if "orientation" in text]
+
+
+@pytest.mark.parametrize(("gdim", "quadrature"), CASES)
+def test_tool_on_a_body(gdim, quadrature):
+    """Before it, touching, and in it; fine and coarse, and reached by a quadratic body."""
+    for offset, divisions in ((0.04, 1), (0.0, 1), (-0.01, 1), (-0.04, 4)):
+        low = [-0.3] * (gdim - 1) + [1 + offset]
+        high = [1.4] * (gdim - 1) + [1.5 + offset]
+        for turned in (False, True):
+            tool = closed_box(low, high, turned, divisions)
+            texts = texts_of(slave([1.0] * gdim), tool, quadrature, search_radius=0.7)
+            assert len(texts) == turned, (offset, turned, texts)
+            assert not turned or texts[0].startswith("normals: ")
+
+
+@pytest.mark.parametrize(("gdim", "quadrature"), CASES)
+def test_body_in_a_cavity(gdim, quadrature):
+    """With clearance, without and with interference."""
+    for clearance in (0.02, 0.0, -0.01):
+        for faces in ("all", "bottom"):
+            for turned in (False, True):
+                tool = closed_box([-clearance] * gdim, [1 + clearance] * gdim, not turned)
+                texts = texts_of(slave([1.0] * gdim, faces), tool, quadrature)
+                assert len(texts) == turned, (clearance, faces, turned, texts)
+
+
+@pytest.mark.parametrize(("gdim", "quadrature"), CASES)
+def test_no_false_alarm(gdim, quadrature):
+    """A sheet in a cavity, a block that has gone deep into a plate, one on another."""
+    across = [1.0] * (gdim - 1)
+    cavity = closed_box([0.0] * gdim, [*across, 0.5], True)
+    for n in (1, 3):
+        for faces in ("all", "top", "bottom"):
+            assert texts_of(slave([*across, 0.05], faces, n), cavity, quadrature) == []
+    for depth in (0.02, 0.06, 0.09):
+        low = [-0.3] * (gdim - 1) + [1 - depth]
+        plate = closed_box(low, [1.4] * (gdim - 1) + [1.1 - depth])
+        for faces in ("all", "top"):
+            assert texts_of(slave([1.0] * gdim, faces), plate, quadrature) == []
+    below = closed_box([-1.0] * gdim, [2.0] * (gdim - 1) + [0.0])
+    for faces in ("all", "bottom"):
+        assert texts_of(slave([1.0] * gdim, faces), below, quadrature) == []

@@ -1,0 +1,495 @@
+"""Facets of meshes of degree 2, and facets of surfaces that are known by name."""
+
+import numpy as np
+import pytest
+from curved_scenes import LoadedRings, Shell, ShrinkFit, exact_pressure
+from output.test_output import stored
+from scenes import WORLD, box, elevated, largest, plane, raises_everywhere, vector_space
+from tangents import direction, near_solution, tangent_errors
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.surface.affine import Affine, affine_vec
+
+RINGS = (16, 5), (22, 7)
+SHELLS = (12, 3, 4), (17, 4, 5)
+#: Degrees of geometry and displacements, and smoothing.
+KINDS = {
+    "curved P1": {"degrees": (2, 1)},
+    "curved P2": {"degrees": (2, 2)},
+    "named P1": {"smoothing": "named"},
+    "named P2": {"degrees": (1, 2), "smoothing": "named"},
+}
+LAGRANGE = {"enforcement": "augmented-lagrangian"}
+
+kinds = pytest.mark.parametrize("kind", KINDS)
+both_ways = pytest.mark.parametrize("swap", (False, True))
+
+
+# --- Gaps and pressures of conforming surfaces
+
+
+@kinds
+@both_ways
+@pytest.mark.parametrize(
+    ("n", "cell", "within"),
+    [
+        (RINGS, "triangle", 0.001),
+        (RINGS[::-1], "quadrilateral", 0.002),
+        (SHELLS, "hexahedron", 0.006),
+        (SHELLS, "tetrahedron", 0.006),
+    ],
+)
+def test_gap_of_concentric_surfaces(n, cell, within, swap, kind):
+    """The misfit at every point; chords are wrong by more than half of it."""
+    gap = ShrinkFit(n, swap, cell=cell, **KINDS[kind]).contact.pairing.gap
+    assert largest(gap / 0.01 + 1) < within
+
+
+@kinds
+@both_ways
+@pytest.mark.parametrize("n", (RINGS, RINGS[::-1]), ids=("coarse inside", "coarse outside"))
+def test_shrink_fit(n, swap, kind):
+    """Lamé's pressure within 1 %, where that of chords is off by a third."""
+    scene = ShrinkFit(n, swap, **KINDS[kind], **LAGRANGE)
+    scene.problem().solve()
+    for side in ("slave", "master"):
+        mean, scatter = scene.pressure(side)
+        assert abs(mean / exact_pressure() - 1) < 0.005 and scatter / exact_pressure() < 0.006
+
+
+@pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
+@pytest.mark.parametrize("kind", ("curved P1", "curved P2", "named P1"))
+def test_shrink_fit_3d(cell, kind):
+    scene = ShrinkFit(SHELLS, cell=cell, **KINDS[kind], **LAGRANGE)
+    scene.problem().solve()
+    for side in ("slave", "master"):
+        mean, scatter = scene.pressure(side)
+        assert abs(mean / exact_pressure() - 1) < 0.012 and scatter / exact_pressure() < 0.025
+
+
+@kinds
+@both_ways
+@pytest.mark.parametrize("n", (((31, 10), (52, 17)), ((52, 17), (31, 10))), ids=("fine", "coarse"))
+def test_loaded_rings(n, swap, kind):
+    """p + q cos 2θ within 1.2 % in L2, also where the slave is the finer side."""
+    scene = LoadedRings(n, swap, **KINDS[kind], **LAGRANGE)
+    scene.problem().solve()
+    assert max(scene.error(side) for side in ("slave", "master")) < 0.012
+    if kind == "curved P1" and not swap:
+        chords = LoadedRings(n, swap, **LAGRANGE)
+        chords.problem().solve()
+        assert chords.error("slave") > 0.1
+
+
+# --- On a rigid cylinder
+
+
+class OnCylinder:
+    """A ring of 9.995 to 15, a quarter of it, on a cylinder of 10.005."""
+
+    def __init__(self, n, smoothing="none", degrees=(1, 1), cell="quadrilateral", **options):
+        dim = len(n)
+        center, axis = [0.0] * dim, None if dim == 2 else [0.0, 0.0, 1.0]
+        self.ring = ring = Shell(n, (9.995, 15.0), cell, degrees=degrees)
+        tool = qs.RigidSurface.cylinder(WORLD, center, axis, 10.005)
+        if smoothing == "named":
+            smoothing = qs.smooth.Cylinder(center, axis, 9.995)
+        options = {"quadrature": "overlay", "smoothing": smoothing} | options
+        self.contact = qs.Contact(ring.surface(ring.inner), tool, **options)
+
+    def error(self):
+        """L2 error of the pressure over Lamé's. Collective."""
+        ring = self.ring
+        qs.ContactProblem([ring.F], [ring.u], [self.contact], [ring.symmetry()]).solve()
+        E, nu = 200e3 / (1 - 0.3**2), 0.3 / 0.7
+        exact = 0.01 * E / 10 / ((15**2 + 10**2) / (15**2 - 10**2) + nu)
+        surface = self.contact.slave.linear
+        t = surface.node_values(self.contact.traction("slave"))[:, :2]
+        off = np.linalg.norm(t, axis=1) / exact - 1
+        w = surface.node_area
+        return np.sqrt(np.divide(*WORLD.allreduce(np.array([w @ off**2, w.sum()]))))
+
+
+@pytest.mark.parametrize("n", ((22, 7), (16, 5), (17, 4, 5)))
+@pytest.mark.parametrize("kind", ("shared", *KINDS))
+def test_ring_on_a_cylinder(n, kind):
+    """Off by 40 % and more without."""
+    options = KINDS.get(kind, {"smoothing": "shared-curvature"})
+    cell = "quadrilateral" if len(n) == 2 else "hexahedron"
+    scene = OnCylinder(n, cell=cell, **options, **LAGRANGE)
+    assert largest(scene.contact.pairing.gap / 0.01 + 1) < 5e-4
+    assert scene.error() < 0.01
+    if kind == "shared" and len(n) == 2:
+        assert OnCylinder(n, cell=cell, **LAGRANGE).error() > 0.4
+
+
+def test_tools_of_another_curvature():
+    """On a plane nothing changes, nor where a flat side faces a small cylinder."""
+    pin = Shell((16, 5), (5.0, 10.0))
+    pin.mesh.geometry.x[:, :2] *= -1
+    plate = qs.RigidSurface.plane(WORLD, [0.0, -10.0], [0.0, 1.0])
+    block = box(WORLD, (4, 2), "quadrilateral", [0.0, 0.0], [1.0, 0.5])
+    bottom = qs.Surface(vector_space(block), facets=plane(block, 1, 0.0))
+    roller = qs.RigidSurface.cylinder(WORLD, [0.4, -0.1], None, 0.1)
+    for slave, tool in ((pin.surface(pin.outer), plate), (bottom, roller)):
+        gaps = [
+            qs.Contact(slave, tool, quadrature="overlay", smoothing=smoothing).pairing.gap
+            for smoothing in ("none", "shared-curvature")
+        ]
+        np.testing.assert_allclose(*gaps, atol=1e-12)
+
+
+# --- Meshes of degree 2
+
+
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_straight_mesh_of_degree_2(cell):
+    """Contact is what it is on the mesh of degree 1."""
+    found = []
+    for raise_degree in (lambda msh: msh, elevated):
+        n, high = ((3, 2), [1.0, 1.0]) if cell == "triangle" else ((3, 2, 2), [1.0] * 3)
+        msh = raise_degree(box(WORLD, n, cell, [0.0] * len(n), high))
+        surface = qs.Surface(vector_space(msh), facets=plane(msh, len(n) - 1, 0.0))
+        assert surface.heights is None
+        tool = qs.RigidSurface.sphere(WORLD, [0.5] * (len(n) - 1) + [-3.0], 2.9)
+        for quadrature in ("nodal", "overlay"):
+            contact = qs.Contact(surface, tool, quadrature=quadrature, search_radius=1.0)
+            gap, w = contact.pairing.gap, contact.pairing.weight
+            found.append(WORLD.allreduce(np.array([w @ gap, w @ gap**2, surface.node_area.sum()])))
+    np.testing.assert_allclose(found[:2], found[2:], rtol=1e-12)
+
+
+@pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
+@pytest.mark.parametrize("degree", (1, 2))
+def test_mesh_follows_displacements(cell, degree):
+    """All nodes: a quadratic field of P2, a linear one on straight cells of P1."""
+    gdim = 2 if cell in ("triangle", "quadrilateral") else 3
+    msh = elevated(box(WORLD, (2,) * gdim, cell, [0.0] * gdim, [1.0] * gdim))
+    u = fem.Function(fem.functionspace(msh, ("Lagrange", degree, (gdim,))))
+    field = lambda x: np.stack([x[1] ** degree, x[0] * (2 if degree == 1 else x[1]), -x[2]])  # noqa: E731
+    u.interpolate(lambda x: field(x)[:gdim])
+    x = msh.geometry.x.copy()
+    motion = MeshMotion(u)
+    assert motion.quality() > 0.2
+    expected = field(x.T).T
+    expected[:, gdim:] = 0
+    np.testing.assert_allclose(motion.values(), expected, atol=1e-14)
+    motion.move(motion.values())
+    np.testing.assert_allclose(msh.geometry.x, x + expected, atol=1e-14)
+
+
+def test_quality_sees_nodes_inside_out():
+    """A node beside an edge that makes the Jacobian negative, with all vertices where they were."""
+    msh = elevated(box(WORLD, (1, 1), "quadrilateral", [0.0, 0.0], [1.0, 1.0]))
+    motion = MeshMotion(fem.Function(fem.functionspace(msh, ("Lagrange", 2, (2,)))))
+    x = msh.geometry.x.copy()
+    assert motion.quality(x) == pytest.approx(1.0)
+    x[np.all(np.isclose(x, [0.5, 0.0, 0.0]), axis=1), 0] += 0.3
+    assert motion.quality(x) < 0
+
+
+@pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
+def test_rigid_fields(cell):
+    """On curved facets A x + b is a function of degree 2."""
+    n = (5, 2) if cell == "quadrilateral" else (4, 2, 2)
+    shell = Shell(n, (5.0, 10.0), cell, degrees=(2, 2))
+    surface, gdim = shell.surface(shell.outer), len(n)
+    A, b = np.arange(9.0).reshape(3, 3)[:gdim, :gdim] / 7, np.arange(gdim) + 0.3
+    u = fem.Function(shell.V)
+    u.interpolate(lambda x: A @ x[:gdim] + b[:, None])
+    dofs = fem.locate_dofs_topological(shell.V, gdim - 1, shell.outer)
+    vec = affine_vec(surface, Affine(A, b))
+    owned = dofs[dofs < shell.V.dofmap.index_map.size_local]
+    rows = (owned[:, None] * gdim + np.arange(gdim)).ravel()
+    np.testing.assert_allclose(vec.array_r[rows], u.x.array[rows], atol=1e-12)
+    vec.destroy()
+
+
+@pytest.mark.parametrize("kind", ("curved P2", "curved P1", "named P2", "named P1"))
+def test_paired_anew(kind):
+    """On the deformed meshes the gap is what the solve has left."""
+    scene = ShrinkFit(RINGS, **KINDS[kind], **LAGRANGE)
+    scene.problem().solve()
+    for part in (scene.inner, scene.outer):
+        motion = MeshMotion(part.u)
+        motion.move(motion.values())
+    scene.contact.update()
+    assert largest(scene.contact.pairing.gap) < 0.01 * 0.01
+
+
+@pytest.mark.parametrize("kind", ("curved P1", "curved P2", "named P1"))
+def test_true_gaps(kind):
+    """Solved surfaces touch: chords, or those of the pieces that P2 is cut into, are no depth."""
+    scene = ShrinkFit(RINGS, **KINDS[kind], **LAGRANGE)
+    scene.problem().solve()
+    assert scene.contact.penetration() < 0.02 * 0.01
+    on_tool = OnCylinder((16, 5), **KINDS[kind], **LAGRANGE)
+    on_tool.error()
+    assert on_tool.contact.penetration() < 0.02 * 0.01
+
+
+def test_heights_of_moved_meshes():
+    """Bodies of twice the size have twice the gaps; their curved facets are read again."""
+    scene = ShrinkFit(RINGS, degrees=(2, 2))
+    gap = scene.contact.pairing.gap
+    for part in (scene.inner, scene.outer):
+        part.mesh.geometry.x[:] *= 2
+    scene.contact.update()
+    np.testing.assert_allclose(scene.contact.pairing.gap, 2 * gap, rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ("curved P2", "curved P1", "named P1"))
+def test_balance_and_tangent(kind):
+    """Forces of both sides cancel; the tangent is that of the residual, and symmetric."""
+    scene = ShrinkFit(((6, 2), (8, 3)), cell="triangle", **KINDS[kind])
+    problem = scene.problem()
+    problem.solve()
+    slave, master = (scene.contact.force(side) for side in ("slave", "master"))
+    np.testing.assert_allclose(slave, -master, rtol=1e-9)
+    rng = np.random.default_rng(3)
+    x, d = near_solution(problem, rng, 1e-4), direction(problem, rng)
+    errors = tangent_errors(problem, x, d, 1e-7)
+    assert errors.difference < 1e-6 and errors.asymmetry < 1e-12
+    x.destroy()
+    d.destroy()
+
+
+def test_time_steps():
+    """A ring that is pressed in step by step, its mesh moving, ends where one solve does."""
+    scene = ShrinkFit(((6, 2), (8, 3)), **KINDS["curved P2"], **LAGRANGE)
+    problem = scene.problem()
+
+    def drive(t, dt):
+        scene.contact.allow_overclosure(1 - min(t + dt, 1.0))
+
+    stepper = qs.TimeStepper(problem, 0.5, drive)
+    for _ in stepper.run(1.0):
+        pass
+    mean = scene.pressure("slave")[0]
+    assert mean / exact_pressure() == pytest.approx(1, abs=0.01)
+
+
+def test_fields(tmp_path):
+    """A curved mesh is written with its nodes, and functions of degree 1 and 2 at them."""
+    folder = WORLD.bcast(tmp_path)
+    shell = Shell((4, 2), (5.0, 10.0), degrees=(2, 2))
+    shell.u.interpolate(lambda x: np.stack([x[1] ** 2, x[0]]))
+    p = fem.Function(fem.functionspace(shell.mesh, ("Lagrange", 1)))
+    for suffix in ("xdmf", "bp"):
+        with qs.FieldWriter(folder / f"a.{suffix}", shell.mesh, {"u": shell.u, "p": p}) as writer:
+            writer.write(0.0)
+            shell.mesh.geometry.x[:, 0] += 0.5
+            writer.write(1.0)
+        shell.mesh.geometry.x[:, 0] -= 0.5
+    x = stored(folder / "a.h5", "/Mesh/mesh/geometry").reshape(-1, 2)
+    nodes = (2 * 4 + 1) * (2 * 2 + 1)
+    assert len(x) == nodes
+    for name, expected in (
+        ("displacement", np.tile([0.5, 0.0], (nodes, 1))),
+        ("u", np.column_stack([x[:, 1] ** 2, x[:, 0]])),
+        ("p", np.zeros((nodes, 1))),
+    ):
+        found = stored(folder / "a.h5", f"/Function/{name}/1").reshape(nodes, -1)
+        found = found[:, : expected.shape[1]]
+        np.testing.assert_allclose(found, expected, atol=1e-10)
+
+
+def test_refused():
+    curved = ShrinkFit(RINGS, degrees=(2, 1))
+    raises_everywhere(
+        WORLD,
+        ValueError,
+        "quadrature: the nodal rule measures gaps to straight facets",
+        lambda: qs.Contact(curved.contact.slave, curved.contact.master),
+    )
+    tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.0], None, 9.99)
+    qs.Contact(curved.contact.master, tool)  # nodes are where they are
+    raises_everywhere(
+        WORLD,
+        ValueError,
+        "V: contact facets of degree 2 are more curved than an arc of 60°",
+        lambda: ShrinkFit(((1, 2), (2, 2)), degrees=(2, 1)),
+    )
+
+
+# --- Surfaces by name
+
+
+SQUARE = np.array([[0.3, 0.9, -0.2], [-0.8, 0.4, 0.5], [0.5, 0.1, 0.8]])
+TURN = np.linalg.qr(SQUARE)[0]
+AT = np.array([3.0, -2.0, 5.0])
+
+
+def patch(shape, cell, n=(9, 8), uneven=0.2):
+    """The side of a block, mapped to a part of a surface; the block's other sides are beneath."""
+    msh = box(WORLD, (*n, 1), cell, [0.0] * 3, [1.0] * 3)
+    V = vector_space(msh)
+    facets = plane(msh, 2, 1.0)
+    s, t, depth = msh.geometry.x.T.copy()
+    s = s + uneven / n[0] * np.sin(9 * s) * np.sin(3 * t)
+    msh.geometry.x[:] = shape(s, t, 1 - depth) @ TURN.T + AT
+    return qs.Surface(V, facets=facets)
+
+
+def plane_of(s, t, depth):
+    return np.stack([2 * s, t, -depth], axis=1)
+
+
+def cylinder_of(s, t, depth):
+    r = 2 - depth
+    return np.stack([r * np.cos(1.2 * s), r * np.sin(1.2 * s), 3 * t], axis=1)
+
+
+def sphere_of(s, t, depth):
+    r, a, b = 2 - depth, 0.9 * s, 0.4 + 0.8 * t
+    return np.stack([r * np.cos(a) * np.cos(b), r * np.sin(a) * np.cos(b), r * np.sin(b)], axis=1)
+
+
+def cone_of(s, t, depth):
+    along = 2 + 2 * t
+    r = along * np.tan(0.4) - 0.3 * depth
+    return np.stack([r * np.cos(1.5 * s), r * np.sin(1.5 * s), along], axis=1)
+
+
+def torus_of(s, t, depth):
+    r, a, b = 0.8 - 0.5 * depth, 1.1 * s, 1.5 * t - 0.4
+    away = 3 + r * np.cos(b)
+    return np.stack([away * np.cos(a), away * np.sin(a), r * np.sin(b)], axis=1)
+
+
+AXIS = TURN[:, 2]
+SHAPES = {
+    "plane": (plane_of, qs.smooth.Plane, lambda: qs.smooth.Plane(AT, AXIS)),
+    "cylinder": (cylinder_of, qs.smooth.Cylinder, lambda: qs.smooth.Cylinder(AT, AXIS, 2.0)),
+    "sphere": (sphere_of, qs.smooth.Sphere, lambda: qs.smooth.Sphere(AT, 2.0)),
+    "cone": (cone_of, qs.smooth.Cone, lambda: qs.smooth.Cone(AT, AXIS, 0.4)),
+    "torus": (torus_of, qs.smooth.Torus, lambda: qs.smooth.Torus(AT, AXIS, 3.0, 0.8)),
+}
+
+
+@pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
+@pytest.mark.parametrize("name", SHAPES)
+def test_fit(name, cell):
+    """The shape that vertices are on is found again, wherever it is."""
+    shape, kind, made = SHAPES[name]
+    found, exact = kind.fit(patch(shape, cell)).shape, made().shape
+    rng = np.random.default_rng(1)
+    s, t = rng.random((2, 40))
+    x = shape(s, t, np.full(40, 0.1)) @ TURN.T + AT
+    distances = [np.abs(of.distance(x)[0]) for of in (found, exact)]
+    np.testing.assert_allclose(*distances, atol=1e-9)
+    assert np.all(distances[0] > 0.01)
+    on = shape(s, t, np.zeros(40)) @ TURN.T + AT
+    np.testing.assert_allclose(found.distance(on)[0], 0, atol=1e-9)
+
+
+def test_fit_in_2d():
+    ring = Shell((12, 3), (5.0, 10.0))
+    for name, R in (("inner", 5.0), ("outer", 10.0)):
+        for kind in (qs.smooth.Cylinder, qs.smooth.Sphere):
+            shape = kind.fit(ring.surface(getattr(ring, name))).shape
+            assert shape.radius == pytest.approx(R, rel=1e-12)
+            np.testing.assert_allclose(shape.center, 0, atol=1e-11)
+    end = ring.surface(ring.ends[0][0])
+    np.testing.assert_allclose(np.abs(qs.smooth.Plane.fit(end).shape.normal), [0, 1, 0], atol=1e-12)
+
+
+def test_fit_of_noisy_vertices():
+    """Vertices off by a part of the chord error; the least squares beat any one of them."""
+    rings = ShrinkFit(((40, 3), (55, 3)))
+    surface = rings.contact.slave
+    chord = 10.005 * (1 - np.cos(np.pi / 160))
+    x = rings.inner.mesh.geometry.x
+    angle = np.arctan2(x[:, 1], x[:, 0])
+    x[:, :2] *= 1 + 0.05 * chord / 10 * np.sin(57 * angle)[:, None]
+    surface.update()
+    found = qs.smooth.Cylinder.fit(surface)
+    assert abs(found.shape.radius - 10.005) < 0.05 * chord
+    contact = qs.Contact(
+        surface,
+        rings.contact.master,
+        quadrature="overlay",
+        smoothing=(found, qs.smooth.Cylinder.fit(rings.contact.master)),
+    )
+    assert largest(contact.pairing.gap / 0.01 + 1) < 0.01
+
+
+def test_one_side_named():
+    """The other side is as it is, or has a curvature that its facets tell."""
+    named = qs.smooth.Cylinder([0.0, 0.0], None, 10.005)
+    fit = ShrinkFit(RINGS, smoothing=(named, "shared-curvature"))
+    assert largest(fit.contact.pairing.gap / 0.01 + 1) < 0.002
+    half = ShrinkFit(RINGS, smoothing=(named, None))
+    chord = 9.995 * (1 - np.cos(np.pi / 88))
+    assert largest(half.contact.pairing.gap / 0.01 + 1) == pytest.approx(chord / 0.01, rel=0.4)
+
+
+def test_rigid_facets():
+    """A tool of segments stands for the cylinder that is named, where it is and where it goes."""
+    p = np.linspace(-0.1, np.pi / 2 + 0.1, 30)
+    x = 10.005 * np.column_stack([np.cos(p), np.sin(p)])
+    segments = np.column_stack([np.arange(29), np.arange(1, 30)])
+    core = qs.RigidSurface.triangulated(WORLD, x, segments)
+    ring = Shell((22, 7), (9.995, 15.0))
+    named = tuple(qs.smooth.Cylinder([0.0, 0.0], None, r) for r in (9.995, 10.005))
+    slave = ring.surface(ring.inner)
+    contact = qs.Contact(slave, core, quadrature="overlay", smoothing=named)
+    assert WORLD.allreduce(len(contact.pairing)) > 20
+    assert largest(contact.pairing.gap / 0.01 + 1) < 0.002
+    core.rotation = [0.03]  # about the middle of its vertices: not where the cylinder's axis is
+    core.displacement = (np.eye(2) - _turned(0.03)) @ -core.center
+    core.advance()
+    contact.update()
+    assert largest(contact.pairing.gap / 0.01 + 1) < 0.002
+
+
+def _turned(angle):
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def test_not_on_the_shape():
+    ring = Shell((16, 5), (5.0, 10.0))
+    surface = ring.surface(ring.outer)
+    tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.0], None, 10.1, inside=True)
+
+    def contact(smoothing):
+        return lambda: qs.Contact(surface, tool, quadrature="overlay", smoothing=smoothing)
+
+    off = "smoothing: vertices of the slave are up to"
+    for radius in (9.99, 10.01):
+        named = qs.smooth.Cylinder([0.0, 0.0], None, radius)
+        raises_everywhere(WORLD, ValueError, off, contact(named))
+    contact(qs.smooth.Cylinder([0.0, 0.0], None, 10.0))()
+    beside = qs.smooth.Plane([20.0, 0.0], [1.0, 0.0])
+    raises_everywhere(WORLD, ValueError, off, contact(beside))
+    few = Shell((1, 2), (5.0, 10.0))
+    raises_everywhere(
+        WORLD,
+        ValueError,
+        "are too coarse for the Cylinder",
+        lambda: qs.smooth.Cylinder.fit(few.surface(few.outer)),
+    )
+    raises_everywhere(
+        WORLD,
+        ValueError,
+        "surface are up to",
+        lambda: qs.smooth.Plane.fit(surface),
+    )
+    raises_everywhere(
+        WORLD, ValueError, "needs a surface in 3D", lambda: qs.smooth.Torus.fit(surface)
+    )
+    raises_everywhere(
+        WORLD, ValueError, "the master is an analytic shape", contact((None, "shared-curvature"))
+    )
+    raises_everywhere(WORLD, ValueError, "smoothing: must be one of", contact((None,) * 3))
+    for wrong in (
+        lambda: qs.smooth.Cylinder([0.0, 0.0, 0.0], None, 1.0),
+        lambda: qs.smooth.Sphere([0.0, 0.0], -1.0),
+        lambda: qs.smooth.Cone([0.0, 0.0, 0.0], [0, 0, 1], 2.0),
+        lambda: qs.smooth.Torus([0.0, 0.0], [0, 0, 1], 2.0, 1.0),
+    ):
+        with pytest.raises(ValueError, match="must be"):
+            wrong()

@@ -1,0 +1,175 @@
+"""Overclosure that is ignored while the bodies slide, and are pressed: as if there were none."""
+
+import itertools
+
+import numpy as np
+import pytest
+from contact.test_warnings import warned
+from scenes import FORMULATIONS, WORLD, box, clamp, elastic, largest, plane, vector_space
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+E, N, LONG, PENALTY = 1000.0, 4, 36, 1e5
+SAMPLING = {
+    "nodal": {"quadrature": "nodal"},
+    "overlay": {"quadrature": "overlay"},
+    "points": {"quadrature": "overlay", "constraints": "points"},
+}
+PAIRS = [
+    (floor, formulation)
+    for floor in ("plane", "facets", "block")
+    for formulation in FORMULATIONS
+    if floor == "block" or formulation != "double-pass"
+]
+
+
+class Slider:
+    """A block that is pressed on a floor and slides along it, over other nodes in each step.
+
+    Args:
+        floor: A rigid ``"plane"``, rigid ``"facets"``, or an elastic ``"block"``.
+        depth: How deep it is in the floor at first.
+        is_slave: Whether the block is the slave.
+        bumps: How uneven its bottom is.
+        options: For the contact.
+    """
+
+    def __init__(self, floor, depth, is_slave=True, bumps=0.0, **options):
+        self.msh = box(WORLD, (N, N), "quadrilateral", [0.0, -depth], [1.0, 1.0 - depth])
+        x = self.msh.geometry.x
+        self.V = vector_space(self.msh)
+        bottom, top = plane(self.msh, 1, -depth), plane(self.msh, 1, 1.0 - depth)
+        x[:, 1] += bumps * np.cos(np.pi * x[:, 0]) * (1 - depth - x[:, 1])
+        self.u = [fem.Function(self.V)]
+        self.motion = fem.Constant(self.msh, (0.0, 0.0))
+        dofs = fem.locate_dofs_topological(self.V, 1, top)
+        bcs = [[fem.dirichletbc(self.motion, dofs, self.V)]]
+        surfaces = [qs.Surface(self.V, facets=bottom)]
+        if floor == "plane":
+            surfaces.append(qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0]))
+        elif floor == "facets":
+            x = np.linspace(-1.0, 3.0, LONG + 1)
+            i = np.arange(LONG)
+            points, cells = np.stack([x, 0 * x], axis=1), np.stack([i + 1, i], axis=1)
+            surfaces.append(qs.RigidSurface.triangulated(WORLD, points, cells))
+        else:
+            lower = box(WORLD, (LONG, 2), "triangle", [-1.0, -1.0], [3.0, 0.0], "backward")
+            W = vector_space(lower)
+            self.u.append(fem.Function(W))
+            bcs.append([clamp(W, plane(lower, 1, -1.0))])
+            surfaces.append(qs.Surface(W, facets=plane(lower, 1, 0.0)))
+        if not is_slave:
+            surfaces.reverse()
+        options = {"initial_overclosure": "ignore", "search_radius": 0.3} | options
+        self.contact = qs.Contact(*surfaces, penalty=PENALTY, **options)
+        forms = [elastic(u, E * 10**i, nu=0.0) for i, u in enumerate(self.u)]
+        self.problem = qs.ContactProblem(forms, self.u, [self.contact], bcs)
+        self.stepper = qs.TimeStepper(self.problem, 1.0, self.move)
+
+    def move(self, t, dt):
+        self.motion.value = 0.3 * (t - 1), -0.005 * (t + 1)
+
+    def run(self, steps=3):
+        """Force on the block in each step."""
+        forces = [abs(self.contact.force("slave")[1]) for _ in self.stepper.run(float(steps))]
+        return np.array(forces)
+
+
+def compare(floor, formulation, sampling, is_slave, depth, rtol):
+    options = SAMPLING[sampling] | {"formulation": formulation, "is_slave": is_slave}
+    known = Slider(floor, 0.0, **options).run()
+    found = []
+    texts = warned(lambda: found.append(Slider(floor, depth, **options).run()))
+    np.testing.assert_allclose(found[0], known, rtol=rtol)
+    assert not any("have slid" in text for text in texts), texts
+    return known
+
+
+@pytest.mark.parametrize("sampling", SAMPLING)
+@pytest.mark.parametrize(("floor", "formulation"), PAIRS)
+def test_a_block_slides(floor, formulation, sampling):
+    """As without overclosure; on rigid floors as in the closed form, too."""
+    known = compare(floor, formulation, sampling, True, 0.05, 1e-3)
+    if floor != "block" and sampling != "nodal":
+        exact = 0.005 * np.array([2, 3, 4]) / (1 / E + 1 / PENALTY)
+        np.testing.assert_allclose(known, exact, rtol=1e-6)
+
+
+@pytest.mark.parametrize("sampling", SAMPLING)
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_nodes_that_had_no_partner(formulation, sampling):
+    """The floor is the slave: the block slides to nodes of it that it was beside at first."""
+    compare("block", formulation, sampling, False, 0.02, 2e-3)
+
+
+def test_given_up_gradually():
+    """The part that is resolved counts at nodes that had no partner as well."""
+    for part in (1.0, 0.5, 0.0):
+        scene = Slider("block", 0.01, False, **SAMPLING["overlay"])
+        scene.contact.allow_overclosure(0.0)
+        scene.run(2)
+        scene.contact.update()
+        scene.contact.allow_overclosure(part)
+        gap = scene.contact.weighted_gap()
+        scene.contact.allow_overclosure(0.0)
+        change = scene.contact.weighted_gap() - gap
+        paired = ~np.isnan(change)
+        assert WORLD.allreduce(paired.sum()) > 5
+        assert largest(change[paired] - part * 0.01) < 1e-12
+
+
+def test_uneven():
+    """Right where the floor is flat and the block has the depths; warned of where it is not so."""
+    kinds = (SAMPLING["overlay"], SAMPLING["nodal"])
+    for options, bumps in itertools.product(kinds, (0.0, 0.004)):
+        known = Slider("plane", 0.0, bumps=0.0, **options).run()
+        found = []
+        scene = Slider("plane", 0.02, bumps=bumps, **options)
+        texts = warned(lambda s=scene, f=found: f.append(s.run()))
+        assert scene.contact.overclosure.is_even == (bumps == 0)
+        assert texts == []
+        np.testing.assert_allclose(found[0], known, rtol=0.02)
+        scene = Slider("block", 0.02, False, bumps=bumps, **options)
+        texts = warned(scene.run)
+        assert len([t for t in texts if "have slid" in t]) == (bumps > 0), texts
+
+
+def test_a_round_tool_slides():
+    """Its depths would have to go with it."""
+
+    def slide(dx, **options):
+        V = vector_space(box(WORLD, (12, 3), "triangle", [0.0, -0.5], [3.0, 0.0]))
+        surface = qs.Surface(V, facets=plane(V.mesh, 1, 0.0))
+        tool = qs.RigidSurface.sphere(WORLD, [1.0, 2.0 - 0.05], 2.0)
+        contact = qs.Contact(surface, tool, **({"initial_overclosure": "ignore"} | options))
+        tool.displacement = [dx, 0.0]
+        tool.advance()
+        contact.update()
+        contact.update()
+
+    kind = {"search_radius": 0.5}
+    texts = warned(lambda: slide(0.5, **kind))
+    assert len(texts) == 1 and texts[0].startswith(
+        "initial_overclosure: the bodies have slid by 0.5"
+    )
+    assert warned(lambda: slide(0.05, **kind)) == []
+    assert warned(lambda: slide(0.5, initial_overclosure="resolve", **kind)) == []
+
+
+def test_the_other_face_of_a_die():
+    """What was not overclosed, as it was not in reach, is allowed nothing when it gets there."""
+    V = vector_space(box(WORLD, (4, 4), "triangle", [0.0, -0.02], [1.0, 0.98]))
+    both = np.concatenate([plane(V.mesh, 1, y) for y in (-0.02, 0.98)])
+    surface = qs.Surface(V, facets=both)
+    x = np.array([[-0.5, 0.0], [1.5, 0.0], [-0.5, 2.0], [1.5, 2.0]])
+    die = qs.RigidSurface.triangulated(WORLD, x, [[1, 0], [2, 3]])
+    contact = qs.Contact(
+        surface, die, "master-slave", search_radius=0.3, initial_overclosure="ignore", penalty=1.0
+    )
+    V.mesh.geometry.x[:, 1] *= np.where(V.mesh.geometry.x[:, 1] > 0, 2.0 / 0.98, 1.0)
+    contact.update()
+    upper = surface.node_x[:, 1] > 1.0
+    assert WORLD.allreduce(upper.sum()) == 5
+    assert largest(contact.weighted_gap()) < 1e-12
