@@ -41,7 +41,7 @@ STRAIGHT = 1e-5
 def advise(model: ContactModel) -> None:
     """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
     turned = find_turned(model)
-    found = [turned, _finer_master(model), _chords(model)]
+    found = [turned, _finer_master(model), chords(model)]
     if not turned:
         found += [_pairing(model), _overclosure(model)]
     for text in found:
@@ -212,7 +212,8 @@ def _overclosure(model: ContactModel) -> str:
 # --- Facets for curves
 
 
-def _chords(model: ContactModel) -> str:
+def chords(model: ContactModel) -> str:
+    """What chord errors of facets do to the gap, if it is much; otherwise empty. Collective."""
     sampling, master = model.settings.sampling, model.master
     smoothing, analytic = sampling.smoothing, master.is_analytic
     assert smoothing is not None

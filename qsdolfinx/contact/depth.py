@@ -17,6 +17,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact.model import TOUCHING, ContactModel
 from qsdolfinx.contact.placement import Place, Placement, ToolPlace
+from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap, handle_of
 from qsdolfinx.pairing.distance import (
     Distances,
     from_shape,
@@ -25,6 +26,7 @@ from qsdolfinx.pairing.distance import (
     on_facets,
     overlay_points,
 )
+from qsdolfinx.surface.affine import affine_vec
 
 Array = npt.NDArray[np.float64]
 
@@ -154,6 +156,9 @@ def _samples(model: ContactModel) -> list[tuple[str, Distances]]:
 def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
     placement, radius = model.placement, model.paired.search_radius
     sampling, gdim = model.settings.sampling, model.slave.gdim
+    sides = (model.slave, model.master)
+    if any(s.degree > 1 for s in sides) and any(sampling.covers(s) for s in sides):
+        return [("slave", _of_pairs(model, gap)) for gap in model.gaps[:1]]
     slave, other = placement.slave.facets(), placement.master
     if _is_analytic(other):
         points = [_cpp.sample_nodes(slave)]
@@ -176,6 +181,28 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
                 between = of_points(x, found.normal, own, opposite, radius)
             out.append((side, between))
     return out
+
+
+def _of_pairs(model: ContactModel, gap: WeightedGap) -> Distances:
+    """Gaps of the pairing points, between curved surfaces: linear in displacements. Collective.
+
+    For facets that displacements of degree 2 bend: cut into flat ones, these would have chords of
+    their own.
+    """
+    surfaces = gap.slave.cpp_object, gap.master.cpp_object
+    operator = _cpp.GapOperator(*surfaces, gap.points, jump=False, rows=KINDS.index("points"))
+    places = model.placement.slave, model.placement.master
+    vecs = [place.vec() if isinstance(place, Place) else None for place in places]
+    if model.tool_motion is not None and vecs[0] is not None:
+        moved = affine_vec(gap.slave, model.tool_motion)
+        vecs[0].axpy(-1.0, moved)
+        moved.destroy()
+    change = operator.apply(handle_of(vecs[0]), handle_of(vecs[1]))[:, 0]
+    for vec in vecs:
+        if vec is not None:
+            vec.destroy()
+    x = gap.points.slave["x"]
+    return Distances(x, change - gap.points.gap, np.zeros(len(x), dtype=bool))
 
 
 def _is_analytic(place: Place | ToolPlace) -> typing.TypeGuard[ToolPlace]:

@@ -55,6 +55,7 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         gap.extension, slip = None, model.slips[i] if model.slips else None
         if slip is not None:
             slip.extension = None
+            slip.hold(None)
         vecs = model.ordered(gap, (slave, master))
         if not model.comm.allreduce(bool(np.any(_read(gap.slave, vecs[0]) != 0)), op=MPI.LOR):
             continue
@@ -66,6 +67,7 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         gap.extension = _extension(model, gap, by_node, *of_gap)
         if slip is not None:
             slip.extension = _extension(model, by_node, by_node, held, clamped)
+            slip.hold(held & ~clamped)
 
 
 def _extension(

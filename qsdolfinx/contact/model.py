@@ -228,10 +228,10 @@ class ContactModel:
         self.offset: tuple[PETSc.Vec | None, PETSc.Vec | None] | None = None
         #: Pairs where a time step has left the bodies; None if nothing has to be caught up with.
         self.catch_up: typing.Callable[[], None] | None = None
-        #: Says which problem it is part of, None once that is gone; None before it is part of any.
-        self.problem: typing.Callable[[], object] | None = None
         #: Where slave nodes penetrated at first, as long as that is watched as bodies slide.
         self.overclosed_from: OverclosedStart | None = None
+        #: Says which problem it is part of, None once that is gone; None before it is part of any.
+        self.problem: typing.Callable[[], object] | None = None
         #: Whether a ReachWarning has been given.
         self.reach_warned = False
         #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.

@@ -41,6 +41,13 @@ class Place:
             u = u + trace_values(self.surface, offset)
         return dataclasses.replace(self, displacement=u)
 
+    def vec(self) -> PETSc.Vec:
+        """The displacement as a new vector of the body, zero off the surface. Collective."""
+        out = self.surface.create_vec()
+        if self.displacement is not None:
+            out.array[self.surface.own_trace] = self.displacement
+        return out
+
     def positions(self) -> Array:
         """Of the trace's nodes, shape (facets, nodes, 3). Collective."""
         return deformed_positions(self.surface, self.coordinates, self.displacement)

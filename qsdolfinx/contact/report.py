@@ -12,6 +12,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact import results
 from qsdolfinx.contact.active_set import num_closed
+from qsdolfinx.contact.advice import chords
 from qsdolfinx.contact.depth import DeepPlace, deepest
 from qsdolfinx.contact.fields import faced
 from qsdolfinx.contact.model import ContactModel
@@ -282,6 +283,8 @@ def _advice(model: ContactModel, weighted: float, depth: float | None) -> str:
         return ""
     settings = model.settings
     cure = "take finer facets"
+    if chords(model):
+        return f'facets stand for curves: {cure}, or smoothing with quadrature="overlay"'
     if settings.constraints != "points":
         cure += ', or constraints="points"'
         if settings.sampling.quadrature != "overlay":

@@ -100,12 +100,10 @@ class Slip:
         self.gap, self.of, self._rows = gap, of, gap.rows
         self.friction = friction
         self.operator = gap.jump_operator()
-        normal = gap.operator.slave_sum
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
         gdim = gap.slave.gdim
         #: P_k, shape (rows, gdim, gdim).
-        self.projector: Array = np.eye(gdim) - normal[:, :, None] * normal[:, None, :]
+        self.projector: Array
+        self.hold(None)
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self.operator.slave_sum[:, 0]
         #: Components of τ̂ that conditions hold on both sides; None if there are none anywhere.
@@ -137,6 +135,19 @@ class Slip:
         """Slip g of the last evaluation (length), shape (rows, gdim)."""
         state = self.state
         return self.tangential(state.jump - state.start - state.until_closed)
+
+    def hold(self, held: npt.NDArray[np.bool_] | None) -> None:
+        """Leave out components that conditions hold along the surface, shape (rows, gdim).
+
+        On a plane of symmetry what is beyond it slips the other way: the mean of the whole is zero.
+        """
+        normal = self.gap.operator.slave_sum
+        free = np.ones_like(normal) if held is None else np.where(held, 0.0, 1.0)
+        normal = free * normal
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+        within = free[:, :, None] * np.eye(normal.shape[1])
+        self.projector = within - normal[:, :, None] * normal[:, None, :]
 
     def tangential(self, vectors: Array) -> Array:
         """Tangential parts of vectors at the rows."""

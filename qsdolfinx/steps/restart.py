@@ -168,8 +168,7 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
         ):
             surface = part.slave.linear
             names = _names(i, j, values.shape[1], surface.gdim)
-            padded = np.zeros((len(values), len(names) * surface.gdim))
-            padded[:, : values.shape[1]] = values
+            padded = _padded(values, len(names) * surface.gdim)
             for name, columns in zip(names, np.hsplit(padded, len(names)), strict=True):
                 out[name] = surface.function(columns)
         if contact.model.friction is not None:

@@ -31,11 +31,16 @@ from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
 from qsdolfinx.steps.mesh_motion import MeshMotion, check_own_meshes
+from qsdolfinx.steps.sliding import slid
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.tool_motion import ToolRate, go_ahead_by_part
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
+
+#: Way along a surface since contact was paired, in facets, from which on it pairs once more in the
+#: step; and how often at most.
+FAR, MORE_PAIRINGS = 0.25, 3
 
 GROWTH = number("a number of at least 1", lambda x: x >= 1)
 CUTBACK = number("a number above 0 and below 1", lambda x: 0 < x < 1)
@@ -81,8 +86,10 @@ class TimeStepper:
             all, unless others wait for that rank in a collective call of its own.
         solve: Called instead of ``problem.solve``, with the step's number from 0 on.
         theta: Part of the step, from 0 to 1, after which bodies in velocities are solved for.
-        num_pairings: How often contact pairs in a step; after the first, the end of the step that
-            was found so far is where it pairs.
+        num_pairings: How often contact pairs in a step at least; after the first, the end of the
+            step that was found so far is where it pairs. It does so once more, up to three times,
+            where closed nodes have slid by more than a quarter of a facet from where they were
+            paired, as in steps in which a tool starts, or turns.
         dt_min: Δt below which no step is tried; by default dt / 1000.
         dt_max: Largest Δt; by default dt.
         growth: Factor of Δt after a step of at most ``easy`` Newton iterations.
@@ -281,7 +288,9 @@ class TimeStepper:
                 go_ahead_by_part(tool, self._part_of_step(tool))
             self._pair(known, dt, start)
             self._run_solver()
-        for _ in range(self.num_pairings - 1):
+        pairings = 1
+        while pairings < self.num_pairings or self._has_slid(pairings):
+            pairings += 1
             self._check_shape(dt, start)  # it is paired there
             for tool in self.tools:
                 tool.advance()
@@ -292,6 +301,12 @@ class TimeStepper:
         if self.on_solved is not None:
             with collective_errors(self.problem.comm):
                 self.on_solved()
+
+    def _has_slid(self, pairings: int) -> bool:
+        """Whether contact has slid so far since it was paired that it has to pair once more."""
+        if pairings >= self.num_pairings + MORE_PAIRINGS:
+            return False
+        return max((slid(c.model) for c in self.problem.contacts), default=0.0) > FAR
 
     def _part_of_step(self, tool: RigidSurface) -> float:
         """After which contact pairs with a tool: where the body is that it touches."""

@@ -286,3 +286,38 @@ def test_a_driven_tool_is_not_held():
     problem.solve()
     np.testing.assert_allclose(contact.force("slave"), [0.0, -0.3], atol=1e-8)
     assert largest(contact.weighted_gap()) <= 3 * contact.allowed_gap
+
+
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
+@pytest.mark.parametrize("enforcement", (AUGMENTED, "penalty"))
+def test_friction_of_half_a_disc(enforcement, constraints):
+    """On the plane of symmetry nothing slips, whichever way the half's facets look there."""
+    forces = []
+    for half in (False, True):
+        low = 0.0 if half else -1.0
+        n = [8 if half else 16, 6]
+        msh = box(WORLD, n, "quadrilateral", [low, 0.0], [1.0, 0.8], "scattered")
+        V = vector_space(msh)
+        u, top = fem.Function(V), plane(msh, 1, 0.8)
+        bottom, middle = (plane(msh, axis, 0.0) for axis in (1, 0))
+        x = msh.geometry.x
+        x[:, 1] += 0.3 * x[:, 0] ** 2 * (1 - x[:, 1] / 0.8)
+        bcs = [clamp(V, top, [0.0, -0.02])]
+        if half:
+            bcs.append(slide(V, 0, middle))
+        floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+        contact = qs.Contact(
+            qs.Surface(V, facets=bottom),
+            floor,
+            quadrature="overlay",
+            enforcement=enforcement,
+            constraints=constraints,
+            friction=qs.Coulomb(0.3),
+            penalty=30.0,
+        )
+        qs.ContactProblem([elastic(u)], [u], [contact], [bcs]).solve()
+        forces.append(contact.force("slave")[1] * (2 if half else 1))
+        tau, x = contact.tangential_multiplier()[:, 0], contact.slave.node_x[:, 0]
+        assert largest(tau[np.abs(x) < 1e-9]) < 1e-9 * abs(forces[0])
+        assert largest(tau) > 1e-3 * abs(forces[0])
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-7)

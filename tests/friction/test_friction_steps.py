@@ -115,7 +115,7 @@ def test_steady_sliding(num_pairings, deformable, constraints):
     rows = sliding(num_pairings, deformable, constraints=constraints)
     slip, ratio, energy, normal = rows[-1]
     # An elastic surface tilts a little under friction.
-    np.testing.assert_allclose(abs(ratio), MU, rtol=0.01 if deformable else 1e-6)
+    np.testing.assert_allclose(abs(ratio), MU, rtol=0.015 if deformable else 1e-6)
     # Seen from the slave, which comes to rest, the master goes ahead.
     np.testing.assert_allclose(slip, -DRAG, rtol=0.02)
     np.testing.assert_allclose(energy, MU * normal * DRAG, rtol=0.02)

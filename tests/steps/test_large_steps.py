@@ -99,3 +99,33 @@ def test_rotation_vector(gdim):
         vector = angle * axis / np.linalg.norm(axis)
         found = rotation_vector(rotation_matrix(vector))
         np.testing.assert_allclose(found, vector, atol=1e-7 if angle > 3 else 1e-14)
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("facets", (1.0, 5.0))
+def test_a_round_tool_that_starts_to_slide(quadrature, facets):
+    """The step in which it starts, by this many facets, presses as hard as the one before."""
+    msh = box(WORLD, (40, 4), "quadrilateral", [-2.0, -1.0], [2.0, 0.0], "scattered")
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.cylinder(WORLD, [-1.0, 1.0], None, 1.0)
+    contact = qs.Contact(
+        qs.Surface(V, facets=plane(msh, 1, 0.0)),
+        tool,
+        quadrature=quadrature,
+        enforcement="augmented-lagrangian",
+    )
+    problem = qs.ContactProblem(
+        [elastic(u, E=1e3)], [u], [contact], [[clamp(V, plane(msh, 1, -1.0))]]
+    )
+
+    def drive(t, dt):
+        tool.displacement = [0.0, -0.02] if t < 1.5 else [0.1 * facets, 0.0]
+
+    stepper = qs.TimeStepper(problem, 1.0, drive)
+    forces = []
+    for _ in range(2):
+        stepper.step()
+        forces.append(contact.force("slave"))
+    assert forces[0][1] < -10
+    np.testing.assert_allclose(forces[1], forces[0], atol=0.015 * abs(forces[0][1]))
