@@ -75,8 +75,9 @@ class Contact:
             contact nodes when the problem is first solved; with an augmented Lagrangian and bodies
             in velocities, whenever contact has paired anew.
         search_radius: Points further than this from the other surface are not paired (length). By
-            default, place by place, the size of the larger of the two facets, or for a rigid
-            tool's not more than the largest facet of the slave; of an analytic shape, that facet's.
+            default the largest facet of the two surfaces, of a rigid tool's that of the slave.
+            ``"local"``: place by place the size of the larger of the two facets, for surfaces whose
+            fine parts are to look no further than they have to.
         quadrature: ``"nodal"``: the gap is sampled at nodes, as in (5), (6), (12).
             ``"overlay"``: (7) is integrated exactly over the pieces that the facets of one surface
             cut from those of the other; needed for displacements of degree 2.
@@ -142,7 +143,7 @@ class Contact:
         formulation: str = "quasi-symmetric",
         law: Law | None = None,
         penalty: float | str = "auto",
-        search_radius: float | None = None,
+        search_radius: float | str | None = None,
         quadrature: str = "nodal",
         quadrature_degree: int | None = None,
         normals: str | None = None,
@@ -180,7 +181,7 @@ class Contact:
             same(smoothing=sides)
             check_smoothing(sides, quadrature)
             same(either(POSITIVE, "auto"), penalty=penalty)
-            same(either(POSITIVE, None), search_radius=search_radius)
+            same(either(either(POSITIVE, "local"), None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
             same(one_of(CONSTRAINTS), constraints=constraints)
@@ -198,7 +199,9 @@ class Contact:
             formulation,
             law,
             Sampling(quadrature, degree, normals, Smoothing(slave, master, sides)),
-            None if search_radius is None else float(search_radius),
+            search_radius
+            if search_radius is None or isinstance(search_radius, str)
+            else float(search_radius),
             constraints,
             augmented,
             float(gap_tolerance),

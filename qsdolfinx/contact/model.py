@@ -46,7 +46,8 @@ class Settings:
         formulation: Which surfaces are sampled, and which carry multipliers.
         law: From the gap to the multiplier.
         sampling: Where the gap is sampled.
-        search_radius: Length; None for the size of the facets there, at each pairing.
+        search_radius: Length; None for the largest facet, or ``"local"`` for the size of the facets
+            there, at each pairing.
         constraints: Whether the law is asked at ``"nodes"``, or at the pairing ``"points"``.
         augmented: Whether the multiplier is augmented until the gap is closed.
         gap_tolerance: Gap at which augmentation ends, in units of the smallest facet.
@@ -57,7 +58,7 @@ class Settings:
     formulation: str
     law: Law
     sampling: Sampling
-    search_radius: float | None
+    search_radius: float | str | None
     constraints: str
     augmented: bool
     gap_tolerance: float
@@ -177,16 +178,17 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
 def _radius(settings: Settings) -> _cpp.SearchRadius:
     """How far from each other points may be that are paired. Collective.
 
-    By default the size of the larger of their two facets. A tool's triangles may be as large as it
-    is flat: they count for no more than the largest facet of the slave, as an analytic shape does.
+    By default the largest facet, as bodies that are pressed come closer to each other all over what
+    is going to touch. A tool's triangles may be as large as it is flat: they do not count.
     """
-    if settings.search_radius is not None:
+    if isinstance(settings.search_radius, float):
         return _cpp.SearchRadius(settings.search_radius)
     slave, master = settings.slave, settings.master
     largest = slave.facet_size_range[1]
     if as_tool(master) is None:
         largest = max(largest, master.facet_size_range[1])
-    return _cpp.SearchRadius(largest, by_size=not master.is_analytic)
+    local = settings.search_radius == "local" and not master.is_analytic
+    return _cpp.SearchRadius(largest, by_size=local)
 
 
 class ContactModel:

@@ -53,7 +53,7 @@ def reach(model: ContactModel) -> float:
     """
     paired, slave = model.paired, model.slave
     alone = np.setdiff1d(np.arange(len(slave.node_area)), model.gaps[0].rows.reached)
-    if model.settings.search_radius is not None or model.master.is_analytic:
+    if model.settings.search_radius != "local" or model.master.is_analytic:
         least = paired.search_radius if len(alone) else np.inf
     else:
         sizes = np.asarray(slave.cpp_object.node_facet_size)[alone]

@@ -128,6 +128,7 @@ def with_ratio(ratio, solver, n=(8, 6)):
     probe = pair.problem()
     probe.set_up()
     pair.contact.set_penalty(ratio * min(pair.contact.stiffness))
+    probe.destroy()
     problem = pair.problem(solver=solver)
     problem.solve()
     return problem, report_of(pair), pair.contact.force("slave")[2]
@@ -187,6 +188,7 @@ def test_a_line_per_solve(caplog):
     quiet = pair.problem()
     quiet.solve()
     assert lines(caplog) == []
+    quiet.destroy()
     problem = pair.problem(verbose=True)
     for _ in range(2):
         pair.contact.reset()

@@ -144,7 +144,9 @@ def random_scene(seed, index):
         "quadrature": quadrature,
         "normals": str(rng.choice(["facet", "bisector", "bisector"])),
         "penalty": 1.0 / size,
-        "search_radius": rng.choice([0.05, 0.3, 1.0, 3.0]) * size if rng.random() < 0.5 else None,
+        "search_radius": rng.choice([0.05, 0.3, 1.0, 3.0]) * size
+        if rng.random() < 0.5
+        else "local",
     }
     return Scene(
         index=index,

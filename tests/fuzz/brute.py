@@ -104,9 +104,9 @@ def reaches(x, facets, own, radius):
         x: Nodes.
         facets: Of the other surface.
         own: Of the nodes' surface.
-        radius: One for all; None for the size of the facet or, if larger, of those at the node.
+        radius: One for all; "local" for the size of the facet or, if larger, of those at the node.
     """
-    if radius is not None:
+    if radius != "local":
         return np.full((len(x), len(facets)), radius)
     at = np.linalg.norm(own[None] - x[:, None, None], axis=-1).min(axis=2)
     own_size = sizes_of(own)

@@ -36,7 +36,7 @@ def places(contact, side="slave"):
 def test_nodes_of_a_fine_body(formulation):
     """Nothing is paired further from fine facets than their size, over the coarse ones all is."""
     slave, master = graded(0.3, FINE)
-    contact = qs.Contact(slave, master, formulation, penalty=1.0)
+    contact = qs.Contact(slave, master, formulation, penalty=1.0, search_radius="local")
     assert np.isclose(contact.search_radius, SIZES[1])
     x, _ = places(contact)
     if formulation == "master-slave":
@@ -48,7 +48,8 @@ def test_nodes_of_a_fine_body(formulation):
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 def test_overlay_of_a_fine_body(formulation):
     slave, master = graded(0.3, FINE)
-    contact = qs.Contact(slave, master, formulation, quadrature="overlay", penalty=1.0)
+    options = {"quadrature": "overlay", "penalty": 1.0, "search_radius": "local"}
+    contact = qs.Contact(slave, master, formulation, **options)
     x, weight = places(contact)
     assert np.isclose(weight.sum(), 1.0) and x.min() > 1
 
@@ -58,7 +59,7 @@ def test_overlay_of_a_fine_body(formulation):
 def test_coarse_and_fine(quadrature, swapped):
     """A gap of nearly a coarse facet is seen from the fine body as from the coarse one."""
     surfaces = graded(0.95, COARSE)
-    options = {"quadrature": quadrature, "penalty": 1.0}
+    options = {"quadrature": quadrature, "penalty": 1.0, "search_radius": "local"}
     contact = qs.Contact(*surfaces[:: -1 if swapped else 1], **options)
     assert np.isclose(contact.search_radius, 1.0)
     assert np.isclose(places(contact)[1].sum(), 2.0)
