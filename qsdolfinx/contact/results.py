@@ -211,7 +211,9 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
         return -_moment(model, "slave", about)
     place, out = model.placement.place(side), []
     assert isinstance(place, Place)
-    x = None if model.offset is None else place.positions()
+    # Of two bodies they balance where they are paired; a tool's is minus that of the slave anyway.
+    at_end = model.offset is not None and as_tool(model.master) is not None
+    x = place.positions() if at_end else None
     with _force_vec(model, side) as vec:
         for axis in np.eye(1 if len(about) == 2 else 3):
             A = skew(axis)  # the forces' work in a small rotation
