@@ -68,17 +68,16 @@ def check_bodies(
         if J[i] is not None:
             _check_form("J", i, J[i], 2, u[i])
     _check_unknowns(u, contacts)
-    check_free([contact.model for contact in contacts], None)
 
 
 def check_free(contacts: typing.Sequence[ContactModel], problem: object) -> None:
-    """Refuse contacts that are part of a problem other than this one."""
+    """Refuse contacts that a problem other than this one has gone on with."""
     for i, contact in enumerate(contacts):
         other = None if contact.problem is None else contact.problem()
         require(
             other is None or other is problem,
-            f"contacts: entry {i} is part of another problem, which has its multipliers and the "
-            "history of its friction: make another contact, or call destroy() of that problem",
+            f"contacts: entry {i} is part of another problem, solved since, which has gone on with "
+            "its multipliers and friction: make another contact, or call destroy() of that problem",
         )
 
 

@@ -90,8 +90,7 @@ class ContactProblem:
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
-            none of the bodies, a contact is part of another problem that has not been destroyed, or
-            a name is unknown, that of a type in PETSc's options included.
+            none of the bodies, or a name is unknown, that of a type in PETSc's options included.
     """
 
     def __init__(
@@ -136,6 +135,7 @@ class ContactProblem:
         #: Share of its springs in the forces, after each part of the last solve. The last one is
         #: that of the result: 0, unless the solve without springs has failed.
         self.stabilisation_shares: list[float] = []
+        self._had_contacts = False
         self._steps_within = 0
         self._watches_reach = True
         bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
@@ -306,7 +306,7 @@ class ContactProblem:
         Raises:
             RuntimeError: If the problem has been destroyed, or a rigid tool has another position
                 than when contact was last paired.
-            ValueError: If a contact is part of another problem.
+            ValueError: If another problem, made or solved first since, has gone on with a contact.
         """
         self.system.check_alive()
         self._claim_contacts()
@@ -329,7 +329,9 @@ class ContactProblem:
     def _claim_contacts(self) -> None:
         """Make the contacts part of this problem. Collective."""
         with checked(self.comm):
-            check_free(self.system.contacts, self)
+            if self._had_contacts:  # the first solve of a new problem takes them over
+                check_free(self.system.contacts, self)
+        self._had_contacts = True
         for contact in self.system.contacts:
             contact.problem = weakref.ref(self)
 

@@ -65,7 +65,9 @@ def not_convex():
 def in_two_problems(pair):
     kept = pair.problem()
     kept.set_up()
-    pair.problem()
+    later = pair.problem()
+    later.set_up()
+    kept.solve()
 
 
 def in_another_order(slave):

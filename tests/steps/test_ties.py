@@ -138,11 +138,11 @@ def test_turned_by_a_right_angle():
         return ufl.inner(P, ufl.grad(ufl.TestFunction(u.function_space))) * ufl.dx
 
     def drive(tool, t, dt):
-        tool.rotation = np.pi / 36 * dt
-        tool.displacement = [0.05 * dt, 0.0]
+        tool.rotation = np.pi / 72 * dt
+        tool.displacement = [0.025 * dt, 0.0]
 
     case = OnTool(drive, form, held=False, penalty=5.0)
-    for _ in case.stepper.run(18.0):
+    for _ in case.stepper.run(36.0):
         pass
     x = case.u.function_space.tabulate_dof_coordinates()[:, :2] - [0.5, 1.0]
     moved = np.array([[0.0, -1.0], [1.0, 0.0]]) @ x.T - x.T + np.array([[0.9], [0.0]])
