@@ -141,7 +141,10 @@ class Closings:
             if reason < 0:
                 break
             x = x + change
-        return None if best is None or np.array_equal(best, solution) else best - solution
+        moved = best is not None and not np.array_equal(best, solution)
+        if best is None or not self._any([np.array([moved])]):  # on all ranks
+            return None
+        return np.asarray(best - solution)
 
     def _move(self, closings: typing.Sequence[Closing], change: Array) -> bool:
         """Let slip count from where the rows close; whether that is elsewhere. Collective."""
