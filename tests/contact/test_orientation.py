@@ -84,7 +84,8 @@ def test_no_false_alarm(gdim, quadrature):
     cavity = closed_box([0.0] * gdim, [*across, 0.5], True)
     for n in (1, 3):
         for faces in ("all", "top", "bottom"):
-            assert texts_of(slave([*across, 0.05], faces, n), cavity, quadrature) == []
+            sheet = slave([*across, 0.05], faces, n)
+            assert texts_of(sheet, cavity, quadrature, search_radius=1.0) == []
     for depth in (0.02, 0.06, 0.09):
         low = [-0.3] * (gdim - 1) + [1 - depth]
         plate = closed_box(low, [1.4] * (gdim - 1) + [1.1 - depth])
