@@ -117,7 +117,7 @@ class Overclosure:
             return
         for p, x, known, (low, high) in zip(passes, seen, self._at_first, self._zones, strict=True):
             there = self.is_even & np.all((x >= low) & (x <= high), axis=1)
-            is_new = np.all(np.isnan(known.reshape(len(x), -1)), axis=1)
+            is_new = np.isnan(known) if known.ndim == 1 else np.isnan(known).all(axis=1)
             depth = known.copy()
             depth[is_new] = np.where(there, self.depth, 0.0)[is_new].reshape(
                 -1, *[1] * (known.ndim - 1)
