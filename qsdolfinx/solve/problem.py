@@ -64,8 +64,8 @@ class ContactProblem:
     Args:
         F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``.
         u: Unknown of each body, the initial guess.
-        contacts: Contacts between the bodies; may be empty. Each is part of one
-            problem at a time, the first that is set up or solved.
+        contacts: Contacts between the bodies; may be empty. Each is part of one problem at a time:
+            a new one takes it over when it is first solved, and the one before cannot be any more.
         bcs: For each body the list of its Dirichlet conditions; also on contact nodes.
         J: For each body the derivative of F, or None to derive it. Forms that are linear in u are
             found by UFL, and their matrix is assembled once.

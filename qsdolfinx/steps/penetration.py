@@ -72,18 +72,20 @@ class Penetration:
             return None
         allowed = contact.overclosure.allowed
         self._new[i] = deepest = depth.penetration(model)
-        place = depth.deepest(model, 1)[0] if deepest - allowed > limit else None
+        too_deep = deepest - allowed > limit
+        # What counts as closed has no place.
+        place = next(iter(depth.deepest(model, 1)), None) if too_deep else None
         if not seen:
             unpaired = NOTICED * model.paired.facet_size
             crossing = deepest_crossing(model, start, moved, limit + allowed, unpaired)
             if crossing is not None and (place is None or crossing.depth > place.depth):
                 place = crossing
-        if place is None:
+        if place is None and not too_deep:
             return None
-        if place.depth <= limit + allowed:
+        if place is not None and place.depth <= limit + allowed:
             return f"{place} has passed through the other surface, unseen by contact"
         name = "max_penetration" if self.limit != "auto" else "max_penetration (by default)"
-        return f"a penetration of {place}, above {name} = {limit:.4g}"
+        return f"a penetration of {place or f'{deepest:.4g}'}, above {name} = {limit:.4g}"
 
     def _limit(self, contact: Contact) -> float:
         if isinstance(self.limit, float):

@@ -173,3 +173,22 @@ def test_slip_is_limited(kind):
         ways.append(0.3 * case.stepper.last_dt)
     assert ways[0] == 0.3
     assert np.allclose(ways[1:], [0.15, 0.075])
+
+
+def test_a_limit_below_what_counts_as_closed():
+    """A penalty's depth that is next to none has no place, and is refused all the same."""
+    msh = box(WORLD, (3, 3), "quadrilateral", [0.0, 0.0], [1.0, 1.0], "scattered")
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.plane(WORLD, [0.5, 1.0], [0.0, -1.0])
+    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 1.0)), tool, penalty=1e9)
+    bcs = [clamp(V, plane(msh, 1, 0.0))]
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
+
+    def drive(t, dt):
+        tool.displacement = [0.0, -0.01]
+
+    stepper = qs.TimeStepper(problem, 1.0, drive, dt_min=0.6, max_penetration=1e-13)
+    with pytest.raises(qs.StepError, match="a penetration of"):
+        stepper.step()
+    assert contact.allowed_gap > 1e-13
