@@ -17,6 +17,7 @@ from scenes import (
     raises_everywhere,
     vector_space,
 )
+from slanted import slanted_block
 from tangents import direction, near_solution, tangent_errors
 
 from dolfinx import fem, mesh
@@ -148,35 +149,6 @@ def test_ignored_overclosure(cell):
     assert depth > 0.02
     assert largest(force) == 0
     assert np.abs(pair.contact.force("slave")[-1]) > 1e-3
-
-
-def slanted_block(gdim=2, n=8, **options):
-    """A block that widens upwards by 0.5 per unit height, bottom and sides in contact.
-
-    Returns:
-        The contact, and how deep the deepest node is below the plane.
-    """
-    low, high, up = [-0.5] * (gdim - 1) + [0.0], [0.5] * (gdim - 1) + [1.0], gdim - 1
-    if gdim == 2:
-        crossed = mesh.DiagonalType.left_right
-        msh = mesh.create_rectangle(WORLD, [low, high], [n, n], diagonal=crossed)
-    else:
-        msh = box(WORLD, (n,) * 3, "hexahedron", low, high, "scattered")
-    msh.geometry.x[:, :up] *= 1 + msh.geometry.x[:, [up]]
-    V = vector_space(msh)
-    u, top = fem.Function(V), plane(msh, up, 1.0)
-    every = mesh.locate_entities_boundary(msh, up, lambda x: np.full(x.shape[1], True))
-    surface = qs.Surface(V, facets=np.setdiff1d(every, top))
-    axis = np.eye(gdim)[up]
-    floor = qs.RigidSurface.plane(WORLD, point=0 * axis, normal=axis)
-    contact = qs.Contact(surface, floor, quadrature="overlay", search_radius=0.14, **options)
-    problem = qs.ContactProblem(
-        [elastic(u, E=1e3)], [u], [contact], [[clamp(V, top, -0.05 * axis)]]
-    )
-    problem.solve()
-    x, moved = V.tabulate_dof_coordinates(), u.x.array.reshape(-1, gdim)
-    y = (x[:, up] + moved[:, up]).min()
-    return contact, -WORLD.allreduce(float(y), op=MPI.MIN)
 
 
 def test_crease():

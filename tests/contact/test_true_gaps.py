@@ -13,12 +13,12 @@ from scenes import (
     Pair,
     box,
     clamp,
-    elastic,
     gathered,
     plane,
     raises_everywhere,
     vector_space,
 )
+from slanted import slanted_block
 from step_scenes import Upset
 
 from dolfinx import fem, mesh
@@ -254,54 +254,14 @@ def test_smoothing():
 
 # --- Depth that weighted gaps hide
 
-
-def slanted_block(gdim, tool, constraints, n):
-    """A block that widens upwards by 0.5 per unit height, bottom and sides on a plane.
-
-    Returns:
-        The contact, its problem, and how deep the deepest node is below the plane.
-    """
-    low, high, up = [-0.5] * (gdim - 1) + [0.0], [0.5] * (gdim - 1) + [1.0], gdim - 1
-    if gdim == 2:
-        crossed = mesh.DiagonalType.left_right
-        msh = mesh.create_rectangle(WORLD, [low, high], [n, n], diagonal=crossed)
-    else:
-        msh = box(WORLD, (n,) * 3, "hexahedron", low, high, "scattered")
-    msh.geometry.x[:, :up] *= 1 + msh.geometry.x[:, [up]]
-    V = vector_space(msh)
-    u, top = fem.Function(V), plane(msh, up, 1.0)
-    every = mesh.locate_entities_boundary(msh, up, lambda x: np.full(x.shape[1], True))
-    surface = qs.Surface(V, facets=np.setdiff1d(every, top))
-    axis = np.eye(gdim)[up]
-    if tool == "plane":
-        floor = qs.RigidSurface.plane(WORLD, point=0 * axis, normal=axis)
-    elif gdim == 2:
-        x = [[2.0, 0.0], [0.37, 0.0], [-0.21, 0.0], [-2.0, 0.0]]
-        floor = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2], [2, 3]])
-    else:
-        x = [[-2.0, -2.0, 0.0], [2.0, -2.0, 0.0], [2.0, 2.0, 0.0], [-2.0, 2.0, 0.0]]
-        floor = qs.RigidSurface.triangulated(WORLD, x, [[0, 1, 2], [0, 2, 3]])
-    contact = qs.Contact(
-        surface,
-        floor,
-        quadrature="overlay",
-        search_radius=0.14,
-        enforcement="augmented-lagrangian",
-        constraints=constraints,
-    )
-    problem = qs.ContactProblem(
-        [elastic(u, E=1e3)], [u], [contact], [[clamp(V, top, -0.05 * axis)]]
-    )
-    problem.solve()
-    y = (V.tabulate_dof_coordinates()[:, up] + u.x.array.reshape(-1, gdim)[:, up]).min()
-    return contact, problem, -min(WORLD.allgather(float(y)))
+AUGMENTED = {"enforcement": "augmented-lagrangian"}
 
 
 @pytest.mark.parametrize("gdim, n", ((2, 8), (3, 4)))
 @pytest.mark.parametrize("tool", ("plane", "facets"))
 def test_slanted_block(gdim, n, tool):
     """Sides above the floor let the corner sink in: weighted gaps are closed all the same."""
-    contact, _, depth = slanted_block(gdim, tool, "nodes", n)
+    contact, depth = slanted_block(gdim, n, tool, constraints="nodes", **AUGMENTED)
     size = contact.model.paired.facet_size
     assert contact.weighted_penetration() <= contact.allowed_gap
     np.testing.assert_allclose(contact.penetration(), depth, rtol=1e-9)
@@ -324,7 +284,7 @@ def test_slanted_block(gdim, n, tool):
 @pytest.mark.parametrize("gdim, n", ((2, 8), (3, 4)))
 @pytest.mark.parametrize("tool", ("plane", "facets"))
 def test_points_leave_no_depth(gdim, n, tool):
-    contact, _, depth = slanted_block(gdim, tool, "points", n)
+    contact, depth = slanted_block(gdim, n, tool, constraints="points", **AUGMENTED)
     assert depth < 1e-4 and contact.penetration() < 1e-4
     np.testing.assert_allclose(contact.penetration(), depth, atol=1e-9)
     assert contact.report().advice == ""

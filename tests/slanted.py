@@ -1,0 +1,49 @@
+"""A block with slanted sides, which weighted gaps let sink into a plane with its corners."""
+
+import numpy as np
+from scenes import WORLD, box, clamp, elastic, plane, vector_space
+
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+
+def slanted_block(gdim=2, n=8, tool="plane", **options):
+    """A block that widens upwards by 0.5 per unit height, bottom and sides in contact.
+
+    Args:
+        gdim: Of space.
+        n: Cells along each axis.
+        tool: ``"plane"``, or the same of ``"facets"``.
+        options: For the contact.
+
+    Returns:
+        The contact, and how deep the deepest node is below the plane.
+    """
+    low, high, up = [-0.5] * (gdim - 1) + [0.0], [0.5] * (gdim - 1) + [1.0], gdim - 1
+    if gdim == 2:
+        crossed = mesh.DiagonalType.left_right
+        msh = mesh.create_rectangle(WORLD, [low, high], [n, n], diagonal=crossed)
+    else:
+        msh = box(WORLD, (n,) * 3, "hexahedron", low, high, "scattered")
+    msh.geometry.x[:, :up] *= 1 + msh.geometry.x[:, [up]]
+    V = vector_space(msh)
+    u, top = fem.Function(V), plane(msh, up, 1.0)
+    every = mesh.locate_entities_boundary(msh, up, lambda x: np.full(x.shape[1], True))
+    surface = qs.Surface(V, facets=np.setdiff1d(every, top))
+    axis = np.eye(gdim)[up]
+    if tool == "plane":
+        floor = qs.RigidSurface.plane(WORLD, point=0 * axis, normal=axis)
+    elif gdim == 2:
+        x = [[2.0, 0.0], [0.37, 0.0], [-0.21, 0.0], [-2.0, 0.0]]
+        floor = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2], [2, 3]])
+    else:
+        x = [[-2.0, -2.0, 0.0], [2.0, -2.0, 0.0], [2.0, 2.0, 0.0], [-2.0, 2.0, 0.0]]
+        floor = qs.RigidSurface.triangulated(WORLD, x, [[0, 1, 2], [0, 2, 3]])
+    contact = qs.Contact(surface, floor, quadrature="overlay", search_radius=0.14, **options)
+    problem = qs.ContactProblem(
+        [elastic(u, E=1e3)], [u], [contact], [[clamp(V, top, -0.05 * axis)]]
+    )
+    problem.solve()
+    y = (V.tabulate_dof_coordinates()[:, up] + u.x.array.reshape(-1, gdim)[:, up]).min()
+    return contact, -min(WORLD.allgather(float(y)))
