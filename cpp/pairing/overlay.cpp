@@ -4,6 +4,7 @@
 #include "parallel/records.h"
 #include "search/local_search.h"
 #include "search/screen.h"
+#include "search/way_out.h"
 #include "surface/relief.h"
 
 #include <algorithm>
@@ -229,7 +230,8 @@ public:
                              curved && curved->with_curvature)),
         tree_(facet_boxes(nearby_.type, nearby_.x)),
         own_(fetch_nearby(cut, cut, 2 * radius.largest)), own_tree_(facet_boxes(own_.type, own_.x)),
-        cut_is_slave_(cut_is_slave), share_(share), radius_(radius.largest), reach_(radius),
+        ways_out_({view(nearby_, tree_)}, {view(own_, own_tree_)}), cut_is_slave_(cut_is_slave),
+        share_(share), radius_(radius.largest), reach_(radius),
         normals_(normals), rules_(rules)
   {
   }
@@ -251,6 +253,11 @@ public:
   }
 
 private:
+  static FacetView view(const FacetCopies& facets, const BoxTree& tree)
+  {
+    return {facets.type, facets.x, facets.orientation, tree};
+  }
+
   void find_pieces(std::size_t f, const Frame& frame, const PlanarFacet& planar)
   {
     pieces_.clear();
@@ -385,6 +392,13 @@ private:
     return hides(-s, crossings_, tie_);
   }
 
+  /// Whether x is behind y, but has come in by another face.
+  bool has_shorter_way_out(std::size_t f, const Vec3& x, const Vec3& y)
+  {
+    return dot(y - x, outward_) < -shallow_tolerance * cut_.facets().size[f]
+           && ways_out_.are_shorter({x, y, outward_, false});
+  }
+
   static bool same(std::span<const double> a, std::span<const double> b)
   {
     return std::ranges::equal(a, b);
@@ -423,7 +437,8 @@ private:
       const Vec3 a = area_vector(nearby_.type, z, there.xi[p]);
       Vec3 outward = normal(n, a);
       double gap = dot(y - x, outward);
-      if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y))
+      if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y)
+          || has_shorter_way_out(f, x, y))
         continue;
       // A curved quadrilateral has more area than its projection.
       const double stretch
@@ -530,6 +545,7 @@ private:
   BoxTree tree_;
   NearbyFacets own_; // of the surface that is cut
   BoxTree own_tree_;
+  WaysOut ways_out_;
   bool cut_is_slave_;
   double share_, radius_; ///< the largest
   SearchRadius reach_;
