@@ -133,6 +133,7 @@ struct Piece
   std::size_t other;
   PlanarFacet planar;
   Polygon polygon;
+  bool faces; ///< whether it is paired, see facing_cosine; otherwise it only hides others
 };
 
 /// A facet that a line of sight may meet.
@@ -246,7 +247,8 @@ public:
       find_pieces(f, frame, planar);
       find_own_screens(f, frame, planar);
       for (const Piece& piece : pieces_)
-        append(f, planar, piece);
+        if (piece.faces)
+          append(f, planar, piece);
       if (points_.size() == before)
         ++points_.num_unpaired;
     }
@@ -268,7 +270,8 @@ private:
     find_candidates(f, frame);
     for (std::size_t g : candidates_)
     {
-      const bool opposed = dot(nearby_.outward(g), outward_) < 0;
+      const Vec3 outward = nearby_.outward(g);
+      const bool opposed = dot(outward, outward_) < 0;
       if (!opposed && apart(planar.polygon(), nearby_.facet_x(g), frame))
         continue;
       PlanarFacet other(nearby_.type, nearby_.facet_x(g), frame);
@@ -286,7 +289,8 @@ private:
       constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
       if (cut_.type() != FacetType::interval)
         polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
-      pieces_.push_back({g, std::move(other), polygon_});
+      pieces_.push_back({g, std::move(other), polygon_,
+                         dot(outward, outward_) < facing_cosine * norm(outward)});
     }
   }
 
