@@ -232,8 +232,7 @@ public:
         tree_(facet_boxes(nearby_.type, nearby_.x)),
         own_(fetch_nearby(cut, cut, 2 * radius.largest)), own_tree_(facet_boxes(own_.type, own_.x)),
         ways_out_({view(nearby_, tree_)}, {view(own_, own_tree_)}), cut_is_slave_(cut_is_slave),
-        share_(share), radius_(radius.largest), reach_(radius),
-        normals_(normals), rules_(rules)
+        share_(share), radius_(radius.largest), reach_(radius), normals_(normals), rules_(rules)
   {
   }
 
@@ -289,8 +288,8 @@ private:
       constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
       if (cut_.type() != FacetType::interval)
         polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
-      pieces_.push_back({g, std::move(other), polygon_,
-                         dot(outward, outward_) < facing_cosine * norm(outward)});
+      pieces_.push_back(
+          {g, std::move(other), polygon_, dot(outward, outward_) < facing_cosine * norm(outward)});
     }
   }
 
@@ -441,8 +440,7 @@ private:
       const Vec3 a = area_vector(nearby_.type, z, there.xi[p]);
       Vec3 outward = normal(n, a);
       double gap = dot(y - x, outward);
-      if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y)
-          || has_shorter_way_out(f, x, y))
+      if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y) || has_shorter_way_out(f, x, y))
         continue;
       // A curved quadrilateral has more area than its projection.
       const double stretch

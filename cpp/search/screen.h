@@ -38,6 +38,7 @@ struct FacetView
   std::span<const double> x, orientation;
   const BoxTree& tree;
 
+  std::size_t size() const { return orientation.size(); }
   std::span<const double> facet_x(std::size_t f) const
   {
     const std::size_t width = 3 * static_cast<std::size_t>(type);

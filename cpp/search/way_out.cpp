@@ -1,14 +1,16 @@
 #include "search/way_out.h"
 #include "geometry/projection.h"
 
+#include <algorithm>
 #include <cmath>
+#include <numbers>
 
 using namespace qsdolfinx;
 
 namespace
 {
-/// Faces are across a line if they are within 30° of it: cosine of their normals with it.
-constexpr double across_cosine = 0.5;
+/// Faces are across a line if they are within 30° of it: least angle of their normals with it.
+constexpr double across_angle = std::numbers::pi / 3, across_cosine = 0.5;
 
 /// Faces are opposite to each other if their normals are, within 30°.
 constexpr double opposite_cosine = -smooth_cosine;
@@ -30,26 +32,57 @@ Box box_around(std::span<const Overlap> overlaps, const Vec3 Overlap::* point)
 }
 } // namespace
 
-void WaysOut::find(const std::vector<FacetView>& facets, const Vec3& p, const Vec3& axis,
-                   double depth, std::vector<WayOut>& out) const
+WaysOut::Faces::Faces(const FacetView& view) : facets(view)
+{
+  std::vector<Vec3> normals;
+  for (std::size_t f = 0; f < facets.size(); ++f)
+  {
+    const Vec3 a = facets.outward(f);
+    normals.push_back((1 / norm(a)) * a);
+    mean = mean + normals.back();
+  }
+  const double length = norm(mean);
+  if (!(length > 0))
+  {
+    angle = normals.empty() ? -1.0 : std::numbers::pi;
+    return;
+  }
+  mean = (1 / length) * mean;
+  for (const Vec3& n : normals)
+    angle = std::max(angle, std::acos(std::clamp(dot(n, mean), -1.0, 1.0)));
+}
+
+bool WaysOut::Faces::may_be_across(const Vec3& axis) const
+{
+  return angle >= 0 && std::acos(std::min(std::abs(dot(axis, mean)), 1.0)) + angle > across_angle;
+}
+
+WaysOut::WaysOut(const std::vector<FacetView>& other, const std::vector<FacetView>& own)
+    : other_(other.begin(), other.end()), own_(own.begin(), own.end())
+{
+}
+
+void WaysOut::find(const std::vector<Faces>& all, const Vec3& p, const Vec3& axis, double depth,
+                   std::vector<WayOut>& out) const
 {
   out.clear();
-  for (const FacetView& view : facets)
+  const double rounding = equal_tolerance * depth;
+  for (const Faces& faces : all)
   {
-    if (view.orientation.empty())
+    if (!faces.may_be_across(axis))
       continue;
-    view.tree.nearest(p, depth,
-                      [&](std::size_t f)
-                      {
-                        const Vec3 a = view.outward(f), n = (1 / norm(a)) * a;
-                        if (std::abs(dot(n, axis)) > across_cosine)
+    const FacetView& facets = faces.facets;
+    facets.tree.nearest(p, depth,
+                        [&](std::size_t f)
+                        {
+                          const Vec3 a = facets.outward(f), n = (1 / norm(a)) * a;
+                          if (std::abs(dot(n, axis)) > across_cosine)
+                            return depth;
+                          const ClosestPoint c = closest_point(facets.type, facets.facet_x(f), p);
+                          if (c.distance < depth && dot(p - c.x, n) < rounding)
+                            out.push_back({c.distance, n});
                           return depth;
-                        const ClosestPoint c = closest_point(view.type, view.facet_x(f), p);
-                        const double rounding = equal_tolerance * depth;
-                        if (c.distance < depth && dot(p - c.x, n) < rounding)
-                          out.push_back({c.distance, n});
-                        return depth;
-                      });
+                        });
   }
 }
 
@@ -57,22 +90,21 @@ bool WaysOut::is_outside(const Overlap& overlap, double depth) const
 {
   bool out = false;
   const double rounding = equal_tolerance * depth, limit = depth + rounding;
-  for (const FacetView& view : other_)
-    if (!view.orientation.empty())
-      view.tree.nearest(overlap.x, limit,
-                        [&](std::size_t f)
-                        {
-                          if (out)
-                            return 0.0;
-                          const Vec3 a = view.outward(f);
-                          if (dot(a, overlap.axis) > smooth_cosine * norm(a))
-                            return limit;
-                          const ClosestPoint c
-                              = closest_point(view.type, view.facet_x(f), overlap.x);
-                          out = c.distance <= limit
-                                && dot(overlap.x - c.x, a) > 2 * rounding * norm(a);
-                          return out ? 0.0 : limit;
-                        });
+  for (const Faces& faces : other_)
+  {
+    const FacetView& facets = faces.facets;
+    facets.tree.nearest(
+        overlap.x, limit,
+        [&](std::size_t f)
+        {
+          const Vec3 a = facets.outward(f);
+          if (out || dot(a, overlap.axis) > smooth_cosine * norm(a))
+            return limit;
+          const ClosestPoint c = closest_point(facets.type, facets.facet_x(f), overlap.x);
+          out = c.distance <= limit && dot(overlap.x - c.x, a) > 2 * rounding * norm(a);
+          return limit;
+        });
+  }
   return out;
 }
 
@@ -93,8 +125,7 @@ bool WaysOut::are_shorter(const Overlap& overlap)
   return false;
 }
 
-std::vector<std::uint8_t> qsdolfinx::have_shorter_ways_out(const Surface& own,
-                                                           const Surface& other,
+std::vector<std::uint8_t> qsdolfinx::have_shorter_ways_out(const Surface& own, const Surface& other,
                                                            std::span<const Overlap> overlaps)
 {
   const NearFacets near_x(other, box_around(overlaps, &Overlap::x)),

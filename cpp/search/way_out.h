@@ -28,10 +28,7 @@ class WaysOut
 {
 public:
   /// @param other facets of y's surface, @param own those of x's, near the points
-  WaysOut(std::vector<FacetView> other, std::vector<FacetView> own)
-      : other_(std::move(other)), own_(std::move(own))
-  {
-  }
+  WaysOut(const std::vector<FacetView>& other, const std::vector<FacetView>& own);
 
   bool are_shorter(const Overlap& overlap);
 
@@ -41,11 +38,20 @@ private:
     double length;
     Vec3 normal;
   };
-  void find(const std::vector<FacetView>& facets, const Vec3& p, const Vec3& axis, double depth,
+  /// Facets with a cone that their normals are in.
+  struct Faces
+  {
+    explicit Faces(const FacetView& facets);
+    bool may_be_across(const Vec3& axis) const;
+    FacetView facets;
+    Vec3 mean{0, 0, 0};
+    double angle = 0; ///< largest one between the mean and a normal
+  };
+  void find(const std::vector<Faces>& all, const Vec3& p, const Vec3& axis, double depth,
             std::vector<WayOut>& out) const;
   bool is_outside(const Overlap& overlap, double depth) const;
 
-  std::vector<FacetView> other_, own_;
+  std::vector<Faces> other_, own_;
   std::vector<WayOut> from_x_, from_y_; // reused storage
 };
 
