@@ -353,7 +353,8 @@ class ContactProblem:
         Warns:
             ReachWarning: If points have passed through the other surface, where contact had not
                 looked when it was paired.
-            ContactWarning: If conditions press nodes that they hold on both sides into each other.
+            ContactWarning: If conditions press nodes that they hold on both sides into each other;
+                if an edge has gone in between nodes, nearly without a force.
         """
         with (
             interrupt.heeded(self.comm),
