@@ -35,7 +35,8 @@ def faults(joint, sides, before, now, tolerance):
 
     The slip of a step is what is left of the movement when the elastic stick of a penalty has been
     taken away. Gaps and slips are means over a node's facets, so that no more is known of them than
-    how much they vary there.
+    how much they vary there. What closes in a step slips from then on, so that only what was closed
+    before it is known to have stuck all the way.
     """
     side = sides[0]
     if before is None:
@@ -58,7 +59,7 @@ def faults(joint, sides, before, now, tolerance):
     free = side.normal_free & ~np.any(side.held[:, : side.gdim], axis=1) & facing
     tilt = side.tilt_at_rest * now.pushed
     big = np.linalg.norm(now.friction, axis=1) > 1e3 * tolerance
-    load = now.pushed > 1e4 * tolerance
+    load, loaded = now.pushed > 1e4 * tolerance, before.pushed > 1e4 * tolerance
     size, limit = np.linalg.norm(now.friction, axis=1), joint.mu * now.pushed
     slip = np.linalg.norm(moved, axis=1)
     out = []
@@ -69,7 +70,7 @@ def faults(joint, sides, before, now, tolerance):
         worst = np.max((work / (size * slip))[wrong])
         out.append(("direction", 1 + float(worst), f"{wrong.sum()} nodes slip along friction"))
     below = ~load | (size + tilt < STICKS * limit)
-    sticking = free & load & np.all(below | ~near, axis=1) & below
+    sticking = free & load & loaded & np.all(below | ~near, axis=1) & below
     wrong = sticking & (slip > 2 * spread) & (slip > 1e-6 * side.size)
     if np.any(wrong):
         excess = float(np.max((slip / np.maximum(spread, 1e-300))[wrong]))
