@@ -14,7 +14,7 @@ from qsdolfinx.contact.model import ContactModel
 
 #: Depth of a point, in units of the slave's smallest facet, that is not left to weighted gaps.
 #: Facets of curves and ends of contact leave some hundredths.
-NOTICED = 0.05
+NOTICED = 0.08
 
 #: The same, in units of the largest weighted gap: a soft penalty lets in all around a node.
 UNEVEN = 3.0
@@ -54,7 +54,7 @@ def check_between_nodes(model: ContactModel) -> None:
     warn(
         f"constraints: a point near ({place}) is {depth:.3g} deep in the other surface, "
         f"{depth / size:.2g} of the slave's smallest facet, and no weighted gap of a node is more "
-        f"than {weighted:.2g}: an edge or tip sharper than the facets goes in between nodes nearly "
+        f"than {weighted:.2g}: an edge or tip sharper than the facets goes in between nodes, perhaps "
         'without a force; take constraints="points", or finer facets',
         ContactWarning,
     )

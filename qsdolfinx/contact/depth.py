@@ -190,7 +190,7 @@ def gaps_of_points(model: ContactModel, gap: WeightedGap) -> Distances:
     """
     surfaces = gap.slave.cpp_object, gap.master.cpp_object
     operator = _cpp.GapOperator(*surfaces, gap.points, jump=False, rows=KINDS.index("points"))
-    places = model.placement.slave, model.placement.master
+    places = model.ordered(gap, (model.placement.slave, model.placement.master))
     vecs = [place.vec() if isinstance(place, Place) else None for place in places]
     if model.tool_motion is not None and vecs[0] is not None:
         moved = affine_vec(gap.slave, model.tool_motion)
