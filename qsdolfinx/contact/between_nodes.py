@@ -54,8 +54,8 @@ def check_between_nodes(model: ContactModel) -> None:
     warn(
         f"constraints: a point near ({place}) is {depth:.3g} deep in the other surface, "
         f"{depth / size:.2g} of the slave's smallest facet, and no weighted gap of a node is more "
-        f"than {weighted:.2g}: an edge or tip sharper than the facets goes in between nodes, perhaps "
-        'without a force; take constraints="points", or finer facets',
+        f"than {weighted:.2g}: an edge or tip sharper than the facets goes in between nodes, "
+        'perhaps without a force; take constraints="points", or finer facets',
         ContactWarning,
     )
     model.depth_warned = True
