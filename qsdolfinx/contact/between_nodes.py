@@ -45,7 +45,9 @@ def check_between_nodes(model: ContactModel) -> None:
         points = gaps_of_points(model, gap)
         if len(points.depth) and points.depth.max() > limit:
             i = int(np.argmax(points.depth))
-            found.append((float(points.depth[i]), tuple(points.x[i, : model.slave.gdim].tolist())))
+            found.append(
+                (float(points.depth[i]), tuple(float(c) for c in points.x[i, : model.slave.gdim]))
+            )
     all_found = [f for each in model.comm.allgather(found) for f in each]
     if not all_found:
         return
