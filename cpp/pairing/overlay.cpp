@@ -399,7 +399,7 @@ private:
   bool has_shorter_way_out(std::size_t f, const Vec3& x, const Vec3& y)
   {
     return dot(y - x, outward_) < -shallow_tolerance * cut_.facets().size[f]
-           && ways_out_.are_shorter({x, y, outward_, false});
+           && ways_out_.are_shorter({x, y, outward_, false, outward_});
   }
 
   static bool same(std::span<const double> a, std::span<const double> b)

@@ -373,7 +373,8 @@ private:
       if (!(depth > shallow_tolerance * sizes_[k]))
         continue;
       deep.push_back(k);
-      overlaps.push_back({x, y, n, norm(y - x - depth * n) > touch_tolerance * sizes_[k]});
+      overlaps.push_back(
+          {x, y, n, norm(y - x - depth * n) > touch_tolerance * sizes_[k], at(nodes_.normal, k)});
     }
     if (!any(!deep.empty()))
       return;

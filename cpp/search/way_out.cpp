@@ -1,5 +1,6 @@
 #include "search/way_out.h"
 #include "geometry/projection.h"
+#include "search/local_search.h"
 
 #include <algorithm>
 #include <cmath>
@@ -98,7 +99,8 @@ bool WaysOut::is_outside(const Overlap& overlap, double depth) const
         [&](std::size_t f)
         {
           const Vec3 a = facets.outward(f);
-          if (out || dot(a, overlap.axis) > smooth_cosine * norm(a))
+          if (out || dot(a, overlap.axis) > smooth_cosine * norm(a)
+              || dot(a, overlap.normal) < facing_cosine * norm(a))
             return limit;
           const ClosestPoint c = closest_point(facets.type, facets.facet_x(f), overlap.x);
           out = c.distance <= limit && dot(overlap.x - c.x, a) > 2 * rounding * norm(a);

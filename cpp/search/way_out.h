@@ -15,6 +15,7 @@ struct Overlap
   Vec3 x, y;
   Vec3 axis;       ///< unit normal of the face that the pair was found from
   bool at_an_edge; ///< whether y is on an edge of its facet, and x not straight behind it
+  Vec3 normal;     ///< at x
 };
 
 /// Which overlaps are not what keeps the bodies apart. Nothing is collective.
@@ -23,7 +24,8 @@ struct Overlap
 /// they are deep is the width of the overlap. An overlap is such a one if a pair of other faces,
 /// across its line and opposite to each other, have these points behind them, and the ways out
 /// through the one and the other, from x and from y, are shorter together than the overlap is deep.
-/// If y is on an edge, also if x is in front of another facet that is as near: it is not inside.
+/// If y is on an edge, also if x is in front of another facet that is as near and does not face it:
+/// it is not inside.
 class WaysOut
 {
 public:

@@ -173,7 +173,8 @@ def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
 def is_outside(x, q, n, distance, facing, size):
     """Whether nodes behind the plane of the nearest facet that faces them are outside all the same.
 
-    Their closest point is on its edge, and they are in front of another facet that is as near.
+    Their closest point is on its edge, and they are in front of another facet that is as near and does not
+    face them.
     """
     nodes = np.arange(len(x))
     nearest = np.argmin(np.where(facing < 0, distance, np.inf), axis=1)
@@ -181,7 +182,7 @@ def is_outside(x, q, n, distance, facing, size):
     offset = tangential_offset(x[:, None] - q, n[None])[nodes, nearest]
     behind = (height[nodes, nearest] < 0) & (offset > 1e-6 * size[nearest])
     as_near = distance <= distance[nodes, nearest, None] * (1 + 1e-6)
-    return behind & np.any(as_near & (height > 0), axis=1)
+    return behind & np.any(as_near & (height > 0) & (facing >= 0), axis=1)
 
 
 def hidden(x, q, facing, distance, facets, own):
