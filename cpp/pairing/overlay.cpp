@@ -4,6 +4,7 @@
 #include "parallel/records.h"
 #include "search/local_search.h"
 #include "search/screen.h"
+#include "search/way_out.h"
 #include "surface/relief.h"
 
 #include <algorithm>
@@ -132,6 +133,7 @@ struct Piece
   std::size_t other;
   PlanarFacet planar;
   Polygon polygon;
+  bool faces; ///< whether it is paired, see facing_cosine; otherwise it only hides others
 };
 
 /// A facet that a line of sight may meet.
@@ -229,8 +231,8 @@ public:
                              curved && curved->with_curvature)),
         tree_(facet_boxes(nearby_.type, nearby_.x)),
         own_(fetch_nearby(cut, cut, 2 * radius.largest)), own_tree_(facet_boxes(own_.type, own_.x)),
-        cut_is_slave_(cut_is_slave), share_(share), radius_(radius.largest), reach_(radius),
-        normals_(normals), rules_(rules)
+        ways_out_({view(nearby_, tree_)}, {view(own_, own_tree_)}), cut_is_slave_(cut_is_slave),
+        share_(share), radius_(radius.largest), reach_(radius), normals_(normals), rules_(rules)
   {
   }
 
@@ -244,13 +246,19 @@ public:
       find_pieces(f, frame, planar);
       find_own_screens(f, frame, planar);
       for (const Piece& piece : pieces_)
-        append(f, planar, piece);
+        if (piece.faces)
+          append(f, planar, piece);
       if (points_.size() == before)
         ++points_.num_unpaired;
     }
   }
 
 private:
+  static FacetView view(const FacetCopies& facets, const BoxTree& tree)
+  {
+    return {facets.type, facets.x, facets.orientation, tree};
+  }
+
   void find_pieces(std::size_t f, const Frame& frame, const PlanarFacet& planar)
   {
     pieces_.clear();
@@ -261,7 +269,8 @@ private:
     find_candidates(f, frame);
     for (std::size_t g : candidates_)
     {
-      const bool opposed = dot(nearby_.outward(g), outward_) < 0;
+      const Vec3 outward = nearby_.outward(g);
+      const bool opposed = dot(outward, outward_) < 0;
       if (!opposed && apart(planar.polygon(), nearby_.facet_x(g), frame))
         continue;
       PlanarFacet other(nearby_.type, nearby_.facet_x(g), frame);
@@ -279,7 +288,8 @@ private:
       constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
       if (cut_.type() != FacetType::interval)
         polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
-      pieces_.push_back({g, std::move(other), polygon_});
+      pieces_.push_back(
+          {g, std::move(other), polygon_, dot(outward, outward_) < facing_cosine * norm(outward)});
     }
   }
 
@@ -385,6 +395,13 @@ private:
     return hides(-s, crossings_, tie_);
   }
 
+  /// Whether x is behind y, but has come in by another face.
+  bool has_shorter_way_out(std::size_t f, const Vec3& x, const Vec3& y)
+  {
+    return dot(y - x, outward_) < -shallow_tolerance * cut_.facets().size[f]
+           && ways_out_.are_shorter({x, y, outward_, false, outward_});
+  }
+
   static bool same(std::span<const double> a, std::span<const double> b)
   {
     return std::ranges::equal(a, b);
@@ -423,7 +440,7 @@ private:
       const Vec3 a = area_vector(nearby_.type, z, there.xi[p]);
       Vec3 outward = normal(n, a);
       double gap = dot(y - x, outward);
-      if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y))
+      if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y) || has_shorter_way_out(f, x, y))
         continue;
       // A curved quadrilateral has more area than its projection.
       const double stretch
@@ -530,6 +547,7 @@ private:
   BoxTree tree_;
   NearbyFacets own_; // of the surface that is cut
   BoxTree own_tree_;
+  WaysOut ways_out_;
   bool cut_is_slave_;
   double share_, radius_; ///< the largest
   SearchRadius reach_;

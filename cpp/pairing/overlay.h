@@ -25,7 +25,8 @@ struct OverlayRules
 /// weight, is cut along the facets of the other surface that it faces. Those are projected onto its
 /// plane, along its normal, which is the direction from ξ_p to ζ_p as well. The normal n_p is
 /// chosen by `normals`. A pair of points counts if each sees the other: on the line through both,
-/// looking both ways, nothing of its surface is met before it, and it is the nearer of two.
+/// looking both ways, nothing of its surface is met before it, and it is the nearer of two; and if
+/// they have no shorter way out of each other's body, see WaysOut.
 ///
 /// The shape functions of general quadrilaterals are not polynomials in the plane. On each piece a
 /// constant is added to them that makes Σ w_p N_i(ξ_p) the exact integral; their sum stays 1 and

@@ -109,7 +109,7 @@ bool LocalSearch::faces(const Candidate& c, const Vec3& normal) const
   if (opposite_)
     return dot(surface_.normal(c.facet, c.point.xi), normal) < front_cosine;
   const Vec3 a = area_vector(surface_.type(), surface_.facet_x(c.facet), c.point.xi);
-  return surface_.facets().orientation[c.facet] * dot(a, normal) < 0;
+  return surface_.facets().orientation[c.facet] * dot(a, normal) < facing_cosine * norm(a);
 }
 
 /// No facet further than this is closest: the radius, or the distance of the facet that was found

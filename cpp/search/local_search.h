@@ -19,6 +19,11 @@ inline constexpr double tie_tolerance = 1e-10;
 /// Its force would have a lever of this length, and the moments on the two sides would differ.
 inline constexpr double overhang_tolerance = 0.1;
 
+/// A facet faces a node if the cosine of the angle that its normal and the node's enclose is below
+/// this. It is not 0: the faces beside a corner, which stand on what the corner touches, lean to
+/// either side of 90° as the body is strained.
+inline constexpr double facing_cosine = -0.1;
+
 /// A facet is in front of a node if its normal and the node's enclose more than 120°, the cosine
 /// being below this, the node's offset is within overhang_tolerance, and the line through the node
 /// along its normal meets the facet's box, widened by the facet's size.

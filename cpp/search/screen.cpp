@@ -56,33 +56,21 @@ std::optional<double> meet_facet(const Vec3& x, const Vec3& d, FacetType type,
   return t;
 }
 
-/// Facets that lines may meet: those of this rank or copies of others'.
-struct Screening
+bool looks_along(const FacetView& facets, std::size_t f, const Vec3& n)
 {
-  FacetType type;
-  std::span<const double> x, orientation;
-  const BoxTree& tree;
+  return dot(facets.outward(f), n) > 0;
+}
 
-  std::span<const double> facet_x(std::size_t f) const
+bool has_vertex(const FacetView& facets, std::size_t f, const Vec3& p, double tolerance)
+{
+  for (int i = 0; i < static_cast<int>(facets.type); ++i)
   {
-    const std::size_t width = 3 * static_cast<std::size_t>(type);
-    return x.subspan(f * width, width);
+    const Vec3 r = facet_vertex(facets.facet_x(f), i) - p;
+    if (dot(r, r) <= tolerance * tolerance)
+      return true;
   }
-  bool looks_along(std::size_t f, const Vec3& n) const
-  {
-    return orientation[f] * dot(area_vector(type, facet_x(f), facet_centre(type)), n) > 0;
-  }
-  bool has_vertex(std::size_t f, const Vec3& p, double tolerance) const
-  {
-    for (int i = 0; i < static_cast<int>(type); ++i)
-    {
-      const Vec3 r = facet_vertex(facet_x(f), i) - p;
-      if (dot(r, r) <= tolerance * tolerance)
-        return true;
-    }
-    return false;
-  }
-};
+  return false;
+}
 
 /// Looks along one line.
 class Look
@@ -96,7 +84,7 @@ public:
 
   bool is_hidden() const { return between_ || looks_alike_; }
 
-  void through(const Screening& facets)
+  void through(const FacetView& facets)
   {
     if (end_ >= 1 || facets.x.empty()) // the ends touch each other, or nothing is there
       return;
@@ -105,13 +93,13 @@ public:
   }
 
 private:
-  void meet(const Screening& facets, std::size_t f)
+  void meet(const FacetView& facets, std::size_t f)
   {
     const auto t = meet_facet(line_.x, d_, facets.type, facets.facet_x(f));
     if (!t || *t <= end_ || *t >= beyond_ || between_
-        || (own_ && facets.has_vertex(f, line_.x, touching_)))
+        || (own_ && has_vertex(facets, f, line_.x, touching_)))
       return;
-    const bool alike = facets.looks_along(f, line_.normal);
+    const bool alike = looks_along(facets, f, line_.normal);
     if (!own_)
       between_ = alike && *t < 1 - end_;
     else if (*t < 1 - end_ || (alike && *t < 1 + end_))
@@ -163,6 +151,18 @@ Box box_of_lines(std::span<const Sight> lines, bool doubled)
 }
 } // namespace
 
+NearFacets::NearFacets(const Surface& surface, const Box& box)
+    : surface_(surface), others_(copy_of_others(surface, box)),
+      tree_(facet_boxes(others_.type, others_.x))
+{
+}
+
+std::vector<FacetView> NearFacets::views() const
+{
+  return {{surface_.type(), surface_.facets().x, surface_.facets().orientation, surface_.tree()},
+          {others_.type, others_.x, others_.orientation, tree_}};
+}
+
 void qsdolfinx::facets_in_boxes(const Surface& surface, std::span<const Box> boxes,
                                 std::vector<int>& rank, std::vector<std::size_t>& facet)
 {
@@ -181,19 +181,16 @@ void qsdolfinx::facets_in_boxes(const Surface& surface, std::span<const Box> box
 std::vector<std::uint8_t> qsdolfinx::hidden(const Surface& surface, std::span<const Sight> lines,
                                             Screens screens)
 {
-  const FacetCopies others = copy_of_others(surface, box_of_lines(lines, screens == Screens::own));
-  const BoxTree tree(facet_boxes(others.type, others.x));
-  const Screening near[]{
-      {surface.type(), surface.facets().x, surface.facets().orientation, surface.tree()},
-      {others.type, others.x, others.orientation, tree}};
+  const NearFacets facets(surface, box_of_lines(lines, screens == Screens::own));
+  const std::vector<FacetView> near = facets.views();
   const double touching = touch_tolerance * surface.facet_size_range()[0];
   std::vector<std::uint8_t> out;
   out.reserve(lines.size());
   for (const Sight& line : lines)
   {
     Look look(line, screens, touching);
-    for (const Screening& facets : near)
-      look.through(facets);
+    for (const FacetView& view : near)
+      look.through(view);
     out.push_back(look.is_hidden());
   }
   return out;

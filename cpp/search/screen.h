@@ -31,6 +31,40 @@ struct FacetCopies
   }
 };
 
+/// Facets that a line may meet or a point be near: those of a rank or copies of others'.
+struct FacetView
+{
+  FacetType type;
+  std::span<const double> x, orientation;
+  const BoxTree& tree;
+
+  std::size_t size() const { return orientation.size(); }
+  std::span<const double> facet_x(std::size_t f) const
+  {
+    const std::size_t width = 3 * static_cast<std::size_t>(type);
+    return x.subspan(f * width, width);
+  }
+  /// Outward at the centre, of any length.
+  Vec3 outward(std::size_t f) const
+  {
+    return orientation[f] * area_vector(type, facet_x(f), facet_centre(type));
+  }
+};
+
+/// All facets of a surface that may meet a box: this rank's, and copies of those of others.
+class NearFacets
+{
+public:
+  /// Collective.
+  NearFacets(const Surface& surface, const Box& box);
+  std::vector<FacetView> views() const;
+
+private:
+  const Surface& surface_;
+  FacetCopies others_;
+  BoxTree tree_;
+};
+
 /// Ranks, and facets of this rank that meet the ranks' boxes. @param boxes of all ranks
 void facets_in_boxes(const Surface& surface, std::span<const Box> boxes, std::vector<int>& rank,
                      std::vector<std::size_t>& facet);

@@ -3,6 +3,7 @@
 #include "parallel/records.h"
 #include "search/local_search.h"
 #include "search/screen.h"
+#include "search/way_out.h"
 
 #include <algorithm>
 #include <cmath>
@@ -259,7 +260,7 @@ public:
       : from_(from), surface_(surface), nodes_(places), radius_(radius),
         boxes_(surface.rank_boxes(radius.largest)), search_(surface, radius.largest, opposite),
         sides_(sides), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0),
-        num_equal_(nodes_.size(), 0)
+        num_equal_(nodes_.size(), 0), sizes_(nodes_.size(), 0)
   {
     const std::size_t n = nodes_.size(), nv = surface.num_vertices(), gdim = surface.gdim();
     out_ = {std::vector<std::uint8_t>(n, 0),
@@ -282,6 +283,7 @@ public:
     while (any(!questions.empty()))
     {
       find(questions);
+      refuse_shorter_ways_out(questions);
       hide(questions);
       questions = asked_again(questions);
     }
@@ -315,6 +317,7 @@ private:
       {
         take(out_, k, a, best[k]);
         refused_[k] = a.beside(best[k]);
+        sizes_[k] = a.size(best[k]);
         num_equal_[k] = 0;
       }
     for (std::size_t i = 0; i < a.query.size(); ++i)
@@ -333,6 +336,7 @@ private:
       {
         take(out_, k, surface_, *c, sides_);
         refused_[k] = search_.beside(*c, p);
+        sizes_[k] = surface_.facets().size[c->facet];
         num_equal_[k] = 0;
         for (const Candidate& t : ties_)
           add_normal(k, t.point.x, surface_.normal(t.facet, t.point.xi), search_.tie(t.facet));
@@ -352,6 +356,31 @@ private:
       double& mean = out_.mean_normal[3 * k + i];
       mean = (num_equal_[k] == 1 ? 0.0 : (1 - part) * mean) + part * normal[i];
     }
+  }
+
+  /// Let go of facets that nodes seem to be behind, but have not come in by.
+  void refuse_shorter_ways_out(std::span<const Question> questions)
+  {
+    std::vector<std::size_t> deep;
+    std::vector<Overlap> overlaps;
+    for (const Question& question : questions)
+    {
+      const std::size_t k = question.node;
+      if (!out_.found[k] || refused_[k])
+        continue;
+      const Vec3 x = at(nodes_.x, k), y = at(out_.x, k), n = at(out_.normal, k);
+      const double depth = dot(y - x, n);
+      if (!(depth > shallow_tolerance * sizes_[k]))
+        continue;
+      deep.push_back(k);
+      overlaps.push_back(
+          {x, y, n, norm(y - x - depth * n) > touch_tolerance * sizes_[k], at(nodes_.normal, k)});
+    }
+    if (!any(!deep.empty()))
+      return;
+    const auto shorter = have_shorter_ways_out(from_, surface_, overlaps);
+    for (std::size_t i = 0; i < deep.size(); ++i)
+      refused_[deep[i]] = shorter[i];
   }
 
   /// Let go of partners that cannot be seen: for good if facets of the node's own surface are in
@@ -407,6 +436,7 @@ private:
   std::vector<std::uint8_t> refused_;   ///< beside the facet found, or behind a back
   std::vector<std::uint8_t> near_back_; ///< whether a back may be nearer than what was found
   std::vector<int> num_equal_;          ///< facets with the same closest point as the one found
+  std::vector<double> sizes_;           ///< of the facet found
 };
 } // namespace
 

@@ -40,11 +40,11 @@ struct Places
 /// Collective.
 ///
 /// A closest facet that is further away than the radius leaves the node unpaired. Facets that do
-/// not face the node (their normal and the node's enclose less than 90°: the back of a body) do not
-/// count. Nor do those that are hidden, see `hidden`; a node that is beside its closest facet or
-/// behind a back finds the next one in front of it, if there is one. Local searches use a tree of
-/// the facets' boxes, O(log n) a node; nodes travel only to ranks whose facets' box is within the
-/// largest radius.
+/// not face the node (see facing_cosine: the back of a body) do not count. Nor do those that are
+/// hidden, see `hidden`, or that it has not come in by, see WaysOut; a node that is beside its
+/// closest facet or behind a back finds the next one in front of it, if there is one. Local
+/// searches use a tree of the facets' boxes, O(log n) a node; nodes travel only to ranks whose
+/// facets' box is within the largest radius.
 /// @param sides of the vertices of the surface's facets on this rank, [facet][vertex], to be told
 /// of those that are found; null, on all ranks, if nobody wants to know
 ClosestFacets closest_facets(const Surface& nodes, const Surface& surface,

@@ -157,7 +157,7 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
     sampling, gdim = model.settings.sampling, model.slave.gdim
     sides = (model.slave, model.master)
     if any(s.degree > 1 for s in sides) and any(sampling.covers(s) for s in sides):
-        return [("slave", _of_pairs(model, gap)) for gap in model.gaps[:1]]
+        return [("slave", gaps_of_points(model, gap)) for gap in model.gaps[:1]]
     slave, other = placement.slave.facets(), placement.master
     if is_analytic(other):
         points = [_cpp.sample_nodes(slave)]
@@ -182,15 +182,15 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
     return out
 
 
-def _of_pairs(model: ContactModel, gap: WeightedGap) -> Distances:
+def gaps_of_points(model: ContactModel, gap: WeightedGap) -> Distances:
     """Gaps of the pairing points, between curved surfaces: linear in displacements. Collective.
 
-    For facets that displacements of degree 2 bend: cut into flat ones, these would have chords of
-    their own.
+    Also for facets that displacements of degree 2 bend: cut into flat ones, these would have chords
+    of their own.
     """
     surfaces = gap.slave.cpp_object, gap.master.cpp_object
     operator = _cpp.GapOperator(*surfaces, gap.points, jump=False, rows=KINDS.index("points"))
-    places = model.placement.slave, model.placement.master
+    places = model.ordered(gap, (model.placement.slave, model.placement.master))
     vecs = [place.vec() if isinstance(place, Place) else None for place in places]
     if model.tool_motion is not None and vecs[0] is not None:
         moved = affine_vec(gap.slave, model.tool_motion)

@@ -236,6 +236,8 @@ class ContactModel:
         self.problem: typing.Callable[[], object] | None = None
         #: Whether a ReachWarning has been given.
         self.reach_warned = False
+        #: Whether a warning of depths between nodes has been given.
+        self.depth_warned = False
         #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.
         self.held_nodes: list[HeldNodes] = []
         #: Whether a warning of these has been given.

@@ -22,6 +22,7 @@ from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
+from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import check_held
 from qsdolfinx.contact.reach import check_reach
@@ -352,7 +353,8 @@ class ContactProblem:
         Warns:
             ReachWarning: If points have passed through the other surface, where contact had not
                 looked when it was paired.
-            ContactWarning: If conditions press nodes that they hold on both sides into each other.
+            ContactWarning: If conditions press nodes that they hold on both sides into each other;
+                if an edge has gone in between nodes, nearly without a force.
         """
         with (
             interrupt.heeded(self.comm),
@@ -416,6 +418,7 @@ class ContactProblem:
             unknowns = self.bodies[s].x, None if m is None else self.bodies[m].x
             if self._watches_reach:
                 check_reach(contact)
+                check_between_nodes(contact)
             check_held(contact, *unknowns)
 
     def _advise(self, error: ConvergenceError) -> None:

@@ -26,6 +26,7 @@ from qsdolfinx.base.checks import (
 )
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.progress import progress as progress_bar
+from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.motion import set_start
 from qsdolfinx.solve.problem import ContactProblem
@@ -441,6 +442,8 @@ class TimeStepper:
         fault = self._limits.fault(self._starts) or self._penetration.fault(self._starts)
         if fault is not None:
             raise _Fault(fault)
+        for contact in self.problem.contacts:
+            check_between_nodes(contact.model)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):

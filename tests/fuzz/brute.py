@@ -5,6 +5,9 @@ import numpy as np
 #: Decisions that a smaller relative change would turn are not held against either of the two.
 MARGIN = 1e-7
 
+#: Cosine by which normals have to be opposed at least.
+FACING = 0.1
+
 
 def dot(a, b):
     return np.einsum("...i,...i->...", a, b)
@@ -137,14 +140,16 @@ def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
     slack = 1e-5 if facets.shape[1] == 4 else 1e-9  # normals of a warped patch vary
     angle = 0.3 if facets.shape[1] == 4 and is_warped(facets) else MARGIN
     distance = np.linalg.norm(q - x[:, None], axis=-1)
-    facing = normal @ n.T
+    facing = normal @ n.T + FACING
     sure = np.where(facing < -angle, distance, np.inf).min(axis=1)
     possible = np.where(facing < angle, distance, np.inf).min(axis=1)
     got = np.where(found, np.linalg.norm(point - x, axis=1), np.inf)
     slack = slack * size.max()
     out = []
-    if np.any(found & (got > np.maximum(sure, 0) + slack)):
-        out.append(f"paired too far away, by {np.max((got - sure)[found]):.1e}")
+    elsewhere = is_outside(x, q, n, distance, facing, size)
+    far = found & ~elsewhere
+    if np.any(far & (got > np.maximum(sure, 0) + slack)):
+        out.append(f"paired too far away, by {np.max((got - sure)[far]):.1e}")
     if np.any(found & (got < possible - slack)):
         out.append(f"nearer than any facet, by {np.max((possible - got)[found]):.1e}")
     here = (np.abs(distance - got[:, None]) <= slack) & (facing < angle)
@@ -159,9 +164,25 @@ def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
     good = np.all(within | ~near, axis=1) & (sure <= possible + slack)
     good &= sure < np.where(near, reach, np.inf).min(axis=1) * (1 - 1e-9)
     good[good & ~found] &= ~hidden(x, q, facing, distance, facets, own)[good & ~found]
+    good &= ~elsewhere
     if angle == MARGIN and np.any(good & ~found):
         out.append(f"{np.count_nonzero(good & ~found)} nodes were left unpaired")
     return out
+
+
+def is_outside(x, q, n, distance, facing, size):
+    """Whether nodes behind the plane of the nearest facet that faces them are outside all the same.
+
+    Their closest point is on its edge, and they are in front of another facet that is as near and does not
+    face them.
+    """
+    nodes = np.arange(len(x))
+    nearest = np.argmin(np.where(facing < 0, distance, np.inf), axis=1)
+    height = dot(x[:, None] - q, n[None])
+    offset = tangential_offset(x[:, None] - q, n[None])[nodes, nearest]
+    behind = (height[nodes, nearest] < 0) & (offset > 1e-6 * size[nearest])
+    as_near = distance <= distance[nodes, nearest, None] * (1 + 1e-6)
+    return behind & np.any(as_near & (height > 0) & (facing >= 0), axis=1)
 
 
 def hidden(x, q, facing, distance, facets, own):
