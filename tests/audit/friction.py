@@ -30,20 +30,32 @@ def read_memory(sides):
     return Memory(side.jump[:n], side.tangential, -side.pull)
 
 
-def faults(joint, sides, before, now, tolerance):
+def faults(joint, sides, before, now, tolerance, angle=0.0, known=True):
     """Check, excess and text of what is wrong with the direction of friction on the slave.
 
     The slip of a step is what is left of the movement when the elastic stick of a penalty has been
     taken away. Gaps and slips are means over a node's facets, so that no more is known of them than
     how much they vary there.
+
+    Args:
+        joint: The contact.
+        sides: Its sides, slave first.
+        before: Memory of the step before.
+        now: Memory of this one.
+        tolerance: Force that is none.
+        angle: By which tangent planes have turned between the two (radians), and friction in them.
+        known: Vertices whose slip is that of the whole step.
     """
     side = sides[0]
     if before is None:
         before = Memory(0 * now.jump, 0 * now.friction, 0 * now.pushed)
     moved = now.jump - before.jump
     moved = moved - np.sum(moved * side.normal, axis=1, keepdims=True) * side.normal
-    if joint.penalty:
-        moved = moved + (now.friction - before.friction) / (joint.penalty * side.area)[:, None]
+    turned = 0.0
+    if joint.penalty and not joint.viscous:
+        change = now.friction - before.friction
+        moved = moved + change / (joint.penalty * side.area)[:, None]
+        turned = angle * np.linalg.norm(before.friction, axis=1) / (joint.penalty * side.area)
     x = side.points[: side.num_vertices]
     # Nodes that are covered in part have means over that part, and a stiffness of their own.
     patch = np.linalg.norm(x[:, None] - side.points, axis=2) <= side.size
@@ -54,12 +66,14 @@ def faults(joint, sides, before, now, tolerance):
     spread = np.where(near, apart, 0.0).max(axis=1)
     # Means of what is apart by initial gaps along normals that are not parallel.
     spread = spread + side.turn * np.linalg.norm(now.jump - before.jump, axis=1)
-    spread = spread + 1e-6 * np.abs(now.jump).max(initial=0.0)
-    free = side.normal_free & ~np.any(side.held[:, : side.gdim], axis=1) & facing
+    spread = spread + turned + 1e-6 * np.abs(now.jump).max(initial=0.0)
+    free = known & side.normal_free & ~np.any(side.held[:, : side.gdim], axis=1) & facing
     tilt = side.tilt_at_rest * now.pushed
     big = np.linalg.norm(now.friction, axis=1) > 1e3 * tolerance
     load = now.pushed > 1e4 * tolerance
-    size, limit = np.linalg.norm(now.friction, axis=1), joint.mu * now.pushed
+    size, limit = np.linalg.norm(now.friction, axis=1), joint.friction_limit(side.area, now.pushed)
+    if joint.viscous:  # all that moves slips, whatever the force
+        limit = 0 * limit
     slip = np.linalg.norm(moved, axis=1)
     out = []
     slipping = free & big & load & (size - tilt >= SLIPS * limit) & (slip > 3 * spread)
