@@ -104,9 +104,7 @@ class Joint:
         return self.mu > 0 or self.shear > 0 or self.viscous
 
     def friction_limit(self, area, pushed):
-        """Force at vertices from which on they slip."""
-        if self.viscous:
-            return np.full_like(pushed, np.inf)
+        """Force at vertices from which on they slip; of friction without a limit none."""
         return self.mu * np.maximum(pushed, 0.0) + self.shear * area
 
     @property
@@ -285,8 +283,9 @@ def directions(name, joint, side: Side, tolerance):
     size = np.linalg.norm(side.force, axis=1)
     apart = np.linalg.norm(side.vertices_now[:, None] - side.vertices_now, axis=2)
     near, further = (apart <= reach * side.size for reach in (1.0, 3.0))
-    # Tresca's limit is of the area that rows stand for, which that of nodes is in the mean.
-    smeared = bool(joint.at_points and joint.rubs) or (joint.shear > 0 and not joint.node_by_node)
+    alone = joint.node_by_node and name == "slave"
+    # Tresca's limit is of the slave's area, which that of its nodes is in the mean.
+    smeared = bool(joint.at_points and joint.rubs) or (joint.shear > 0 and not alone)
     if smeared:
         size = near @ size
     slack = side.hat_count * tolerance + (side.tilt_at_rest + ROUNDING) * size
@@ -294,7 +293,9 @@ def directions(name, joint, side: Side, tolerance):
     out = compare("tension", side.pull[free], slack[free], f"{name} is pulled")
     sideways = np.linalg.norm(np.where(side.held, 0.0, side.tangential), axis=1)
     limit = joint.friction_limit(side.area, -side.pull)
-    if smeared and not joint.viscous:
+    if joint.viscous or (joint.shear > 0 and name == "master"):
+        limit = np.full_like(limit, np.inf)
+    elif smeared:
         along = near @ np.where(side.held, 0.0, side.tangential)
         sideways, limit, slack = np.linalg.norm(along, axis=1), further @ limit, near @ slack
     check, text = (

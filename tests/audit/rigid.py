@@ -114,6 +114,14 @@ class FacetTool(Meshed):
         state = BodyState(x, self.now(self.x) - x, zero, np.zeros(x.shape, dtype=bool))
         super().__init__(state, surface)
 
+    def find(self, points, deformed=True):
+        """As of any surface; the points are kept."""
+        return dataclasses.replace(super().find(points, deformed), points=points)
+
+    def displacement(self, found):
+        """Of the tool where the points are, if it were there: what is glued to it turns with it."""
+        return self.now.since(self.paired)(found.points) - found.points
+
     def at(self, paired, now):
         """The tool at other places."""
         return FacetTool(self.x, self._facets, self._outwards, paired, now)

@@ -25,9 +25,9 @@ import numpy as np
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
 
+from audit.auditor import compare
 from audit.histories import random_history
 from audit.play import Play
-from audit.auditor import compare
 from audit.scenes import Scene, Stage, random_scene
 from audit.steps import StepAuditor
 
@@ -60,7 +60,7 @@ class Historian:
             for _ in first.stepper.run(unit):
                 faults = self.auditor.audit()
                 if len(self.plays) > 1:
-                    faults += self.compare()
+                    faults += self.compare(unit)
                 yield faults
             if unit == self.restarted:
                 self.restart()
@@ -74,10 +74,10 @@ class Historian:
             again.refused = self.plays[0].refused
             qs.load_run(again.stepper, f"{folder}/run")
 
-    def compare(self):
+    def compare(self, unit):
         """Make the step in the continued history as well; where it differs."""
         first, again = self.plays
-        again.stepper.step(first.stepper.t)
+        again.stepper.step(unit)
         faults = compare("restart", abs(again.stepper.t - first.stepper.t), 1e-9, "time")
         length = first.L
         for i, (a, b) in enumerate(zip(first.actors, again.actors, strict=True)):

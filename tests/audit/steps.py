@@ -110,7 +110,7 @@ class StepAuditor:
     # --- Reading
 
     def read(self):
-        """Places of the bodies in the last step, and of the tool when paired and now. Collective."""
+        """Places of the bodies in the last step, and of the tool: paired, now. Collective."""
         play, dt = self.play, self.play.stepper.last_dt
         contact = play.contact
         self.joint.penalty = None if contact.augmented else contact.penalty
@@ -385,11 +385,7 @@ class StepAuditor:
         now = friction.read_memory(sides)
         angle = self.turned(side, body) + (0 if tool is None else np.linalg.norm(
             tool[1].since(self.tool_before).vector()))  # fmt: skip
-        # What was open has no friction before it closes: neighbours share its gap.
-        near = np.linalg.norm(side.points[:n, None] - side.points[:n], axis=2) <= 2 * side.size
-        open_before = pushed <= 1e4 * tolerance
-        known = ~np.any(near & open_before, axis=1)
-        found = friction.faults(self.joint, sides, before, now, tolerance, angle, known)
+        found = friction.faults(self.joint, sides, before, now, tolerance, angle)
         return [Fault(*fault) for fault in found]
 
     def turned(self, side, body):
