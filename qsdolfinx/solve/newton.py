@@ -218,6 +218,8 @@ class Newton:
     ) -> None:
         self.system, self._snes, self.linear = system, snes, linear
         self.has_full_steps = full_steps
+        #: Why the last run has ended.
+        self._reason = 0
         self.record = Record()
         self._context = Context(system, linear, self.record)
         snes.setMonitor(monitor, (self._context,))
@@ -328,13 +330,13 @@ class Newton:
         if self._is_rescued():
             self._start_again(first_guess, may_stick)
             self._run()
-        if self.snes.getConvergedReason() < 0 and self.has_full_steps:
+        if self._reason < 0 and self.has_full_steps:
             self._start_again(first_guess, False)
             with line_search(self.snes):
                 self._run()
         first_guess.destroy()
-        if self.snes.getConvergedReason() <= 0:
-            self.fail(self.snes.getConvergedReason())
+        if self._reason <= 0:
+            self.fail(self._reason)
         self.system.residual(self.system.x.array_r)  # a line search may have ended elsewhere
         for slip in slips:
             slip.stick_slip.end_iterations()
@@ -350,7 +352,7 @@ class Newton:
 
     def _is_rescued(self) -> bool:
         """Whether a direct solver takes over from an iterative one that has failed. Collective."""
-        if self.snes.getConvergedReason() != FAILED_LINEARLY:
+        if self._reason != FAILED_LINEARLY:
             return False
         reason = reason_name(PETSc.KSP.ConvergedReason, self.snes.getKSP().getConvergedReason())
         matrix = self.linear.rescue()
@@ -367,8 +369,28 @@ class Newton:
                 self._call_snes()
         finally:
             self.system.set_strict(False)
+        self._reason = self._judged()
         self.record.iterations += self.snes.getIterationNumber()
         self.record.linear_iterations += self.snes.getLinearSolveIterations()
+
+    def _judged(self) -> int:
+        """SNES' reason, where it ends for another one than our test's only if that agrees.
+
+        A line search that meets a residual that is not finite may end with the reason of a short
+        step; some types of SNES end with the number of their iterations.
+        """
+        snes, reasons = self.snes, PETSc.SNES.ConvergedReason
+        reason = int(snes.getConvergedReason())
+        failures = {
+            reasons.CONVERGED_SNORM_RELATIVE: reasons.DIVERGED_LINE_SEARCH,
+            reasons.CONVERGED_ITS: reasons.DIVERGED_MAX_IT,
+        }
+        if reason not in failures:
+            return reason
+        norm = float(np.linalg.norm(self.system.residual(self.system.x.array_r)))
+        norm = float(np.sqrt(self.system.comm.allreduce(norm**2)))
+        judged = 0 if reason == reasons.CONVERGED_ITS else 1  # without a test on the way
+        return _has_converged(snes, judged, (0.0, np.inf, norm), self._context) or failures[reason]
 
     def _call_snes(self) -> None:
         """Let SNES solve; what a callback raises is raised as it is."""

@@ -35,7 +35,7 @@ def faults(joint, sides, before, now, tolerance, angle=0.0):
 
     The slip of a step is what is left of the movement when the elastic stick of a penalty has been
     taken away. Gaps and slips are means over a node's facets, so that no more is known of them than
-    how much they vary there.
+    how much they vary there. What closes in a step slips from then on.
 
     Args:
         joint: The contact.
@@ -68,12 +68,9 @@ def faults(joint, sides, before, now, tolerance, angle=0.0):
     # Means of what is apart by initial gaps along normals that are not parallel.
     spread = spread + side.turn * np.linalg.norm(now.jump - before.jump, axis=1)
     spread = spread + turned + 1e-6 * np.abs(now.jump).max(initial=0.0)
-    free = (
-        ~near_closing(side, before, now, near, tolerance)
-        & side.normal_free
-        & ~np.any(side.held[:, : side.gdim], axis=1)
-        & facing
-    )
+    closing = near_closing(side, before, now, near, tolerance)
+    held = np.any(side.held[:, : side.gdim], axis=1)
+    free = side.normal_free & ~held & facing & ~closing
     tilt = side.tilt_at_rest * now.pushed
     big = np.linalg.norm(now.friction, axis=1) > 1e3 * tolerance
     load = now.pushed > 1e4 * tolerance

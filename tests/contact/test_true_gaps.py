@@ -204,7 +204,13 @@ def test_measuring_changes_nothing(friction):
     moved.meshes[1].geometry.x[:, 1] += 0.01
     other.update()
     again = measured(moved.contact)
-    assert np.array_equal(first[0], again[0]) and first[1:] == again[1:]
+    # Two solves of one scene differ by rounding on several ranks.
+    assert np.allclose(first[0], again[0], rtol=0, atol=1e-13)
+    assert np.isclose(first[1], again[1], rtol=0, atol=1e-13)
+    for a, b in zip(first[2], again[2], strict=True):
+        assert (
+            np.allclose((*a.x, a.depth), (*b.x, b.depth), rtol=0, atol=1e-13) and a.side == b.side
+        )
     assert not np.allclose(measured(other)[0], first[0], atol=1e-3)  # the meshes as they are
 
 
