@@ -282,7 +282,7 @@ def directions(name, joint, side: Side, tolerance):
     """Forces push, along the normal or within Coulomb's cone about it."""
     size = np.linalg.norm(side.force, axis=1)
     apart = np.linalg.norm(side.vertices_now[:, None] - side.vertices_now, axis=2)
-    near, further = (apart <= reach * side.size for reach in (1.0, 3.0))
+    near, further = (apart <= reach * side.size for reach in (1.1, 3.3))
     alone = joint.node_by_node and name == "slave"
     # Tresca's limit is of the slave's area, which that of its nodes is in the mean.
     smeared = bool(joint.at_points and joint.rubs) or (joint.shear > 0 and not alone)

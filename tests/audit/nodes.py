@@ -6,6 +6,8 @@ from audit.state import everywhere, padded
 import basix
 from dolfinx import fem, la
 
+import qsdolfinx as qs
+
 
 class Nodes:
     """Nodes of a body's displacements or velocities.
@@ -17,7 +19,7 @@ class Nodes:
 
     def __init__(self, u, mixed=False):
         W = u.function_space
-        self.V, dofs = W.sub(0).collapse() if mixed else (W, None)
+        self.V, dofs = qs.compat.collapse(W.sub(0)) if mixed else (W, None)
         self.u, self.comm, self.gdim = u, W.mesh.comm, W.mesh.geometry.dim
         self.dofs = np.arange(len(u.x.array)) if dofs is None else np.array(dofs)
         self.owned = self.V.dofmap.index_map.size_local
