@@ -70,6 +70,7 @@ KINDS = {
         mu=0.002,
         options=OVERLAY,
     ),
+    "sticking": dataclasses.replace(PLAIN, slide=0.001, mu=0.6, materials=("elastic", "plane")),
     "tied": dataclasses.replace(
         PLAIN,
         materials=("neo", "neo"),
@@ -218,6 +219,12 @@ def lose_time(made, bodies):
     made.auditor.t = made.auditor.t - 1e-6
 
 
+def forget_friction(made, bodies):
+    """What the step began with counts for nothing."""
+    stress, pushed = made.auditor.friction
+    made.auditor.friction = 0 * stress, pushed
+
+
 def swell(made, bodies):
     made.auditor.volumes = [0.97 * v for v in made.auditor.volumes]
 
@@ -234,7 +241,7 @@ def creep(made, bodies):
 ALL = tuple(KINDS)
 TIED = ("tied", "tied to a plane")
 OPEN = tuple(kind for kind in ALL if kind not in TIED)
-TOOLS = ("plane", "driven", "facets", "tied to a plane")
+TOOLS = ("plane", "driven", "facets", "sticking", "tied to a plane")
 LIMITED = ("blocks", "plane", "driven")
 
 #: What is planted, in which kinds of histories, and the audit that has to notice it.
@@ -253,6 +260,7 @@ PLANTED = [
     (reverse_friction, ("blocks", "driven", "facets", "flow"), "direction"),
     (slip_back, ("blocks", "overlay, degree 2", "driven", "facets", "flow"), "direction"),
     (halve_friction, ("blocks", "overlay, degree 2"), "stick"),
+    (forget_friction, ("sticking",), "stick"),
     (not_a_number, ALL, "finite"),
     (move_a_node, ALL, "mesh"),
     (solve_elsewhere, ALL, "mesh solved on"),
