@@ -95,7 +95,8 @@ class TimeStepper:
             paired, as in steps in which a tool starts, or turns.
         dt_min: Δt below which no step is tried; by default dt / 1000.
         dt_max: Largest Δt; by default dt.
-        growth: Factor of Δt after a step of at most ``easy`` Newton iterations.
+        growth: Factor of Δt after a step of at most ``easy`` Newton iterations, for each time that
+            contact paired.
         cutback: Factor of Δt after a failure.
         easy: See growth.
         max_penetration: Largest true depth (length) of points of either surface at the end of a
@@ -175,6 +176,7 @@ class TimeStepper:
         self.num_cutbacks = 0
         #: Newton iterations of the last step, over its attempts and pairings.
         self.num_iterations = 0
+        self._num_solves = 0
         #: How the meshes of the bodies move.
         self.motions = [MeshMotion(u) for u in problem.u]
         #: Called once a step, when it has succeeded, while the meshes are where it was solved for.
@@ -235,7 +237,7 @@ class TimeStepper:
 
     def _step(self, t_end: float | None) -> float:
         planned = dt = self._planned(t_end)
-        self.num_iterations = 0
+        self.num_iterations = self._num_solves = 0
         start = Snapshot(self.problem, self.motions, self.tools)
         self._starts = self._penetration.starts()
         with self.problem.one_step(watch=not self._penetration.is_limited):
@@ -243,7 +245,7 @@ class TimeStepper:
         self._accept(t, dt, start)
         if dt < planned:
             self.dt = dt
-        elif dt >= self.dt and self.num_iterations <= self.easy * self.num_pairings:
+        elif dt >= self.dt and self.num_iterations <= self.easy * self._num_solves:
             self.dt = min(dt * self.growth, self.dt_max)
         return dt
 
@@ -364,6 +366,7 @@ class TimeStepper:
             self._solve(self.num_steps)
         finally:
             self.num_iterations += self.problem.num_iterations
+            self._num_solves += 1
 
     def _pair(self, known: list[Array], dt: float, start: Snapshot, at_end: bool = False) -> None:
         """Pair with the surfaces where they are in the step, and put the meshes for the solver.
