@@ -117,7 +117,7 @@ class MeshMotion:
         cells = np.arange(len(V.dofmap.list), dtype=np.int32)[:, None]
         return [
             (
-                dofs_at(V, cells[:, 0], np.int32(place)),
+                dofs_at(V, cells[:, 0], np.array(place, dtype=np.int32)),
                 vertex_dofs(V, cells, np.array([vertices], dtype=np.int32)),
             )
             for dim in range(1, len(topology) - 1)
