@@ -191,12 +191,13 @@ def not_a_number(made, bodies):
 
 def move_a_node(made, bodies):
     """A mesh is not where velocities, or the reference, have it."""
-    bodies[0].now[0] += 1e-5 * made.play.L
-    bodies[0].first[0] += 1e-5 * made.play.L
+    node = np.argmax(made.auditor.vertices(0))
+    bodies[0].now[node] += 1e-5 * made.play.L
+    bodies[0].first[node] += 1e-5 * made.play.L
 
 
 def solve_elsewhere(made, bodies):
-    bodies[0].solved[0, 0] += 1e-5 * made.play.L
+    bodies[0].solved[np.argmax(made.auditor.vertices(0)), 0] += 1e-5 * made.play.L
 
 
 def slip_at_the_end(made, bodies):
