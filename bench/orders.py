@@ -26,7 +26,7 @@ import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
 #: Size of cells, ways of the tool down and sideways, its turn (radians).
-H, DOWN, SIDEWAYS, TURN = 1 / 8, 0.12, 0.3, 0.4
+H, DOWN, SIDEWAYS, TURN = 1 / 8, 0.12, 0.3, 0.15
 
 
 class Scene(typing.NamedTuple):
@@ -89,7 +89,7 @@ def facets_tool():
     x = np.linspace(-1.5, 1.5, 61)
     x = np.stack((x, 0.08 * x**2), axis=1)
     i = np.arange(len(x) - 1)
-    return qs.RigidSurface.triangulated(COMM, x, np.stack((i + 1, i), axis=1), [0.0, 0.0])
+    return qs.RigidSurface.triangulated(COMM, x, np.stack((i, i + 1), axis=1), [0.0, 0.0])
 
 
 def way(t):

@@ -107,6 +107,7 @@ def load_run(
         stepper.tool_rates[i] = ToolRate(*map(np.array, of_tool))
     for i, rate in enumerate(stepper.rates):
         rate[:] = functions_of_run[f"rate_{i}"].x.array
+        stepper.missed[i] = functions_of_run[f"missed_{i}"].x.array.copy()
     for place in stepper.ends():
         pair_at(*place)
     for i, (contact, penalty) in enumerate(zip(contacts, values["penalties"], strict=True)):
@@ -152,6 +153,8 @@ def _functions(
     for i, (u, rate) in enumerate(zip(stepper.problem.u, stepper.rates, strict=True)):
         functions[f"rate_{i}"] = fem.Function(u.function_space)
         functions[f"rate_{i}"].x.array[:] = rate
+        functions[f"missed_{i}"] = fem.Function(u.function_space)
+        functions[f"missed_{i}"].x.array[:] = stepper.missed[i]
     return functions | {f"user_{name}": f for name, f in (more or {}).items()}
 
 

@@ -36,6 +36,7 @@ from qsdolfinx.steps.motion_limits import MotionLimits
 from qsdolfinx.steps.penetration import Penetration
 from qsdolfinx.steps.sliding import slid
 from qsdolfinx.steps.snapshot import Snapshot
+from qsdolfinx.steps.swinging import swings
 from qsdolfinx.steps.tool_motion import ToolRate, go_ahead_by_part
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
@@ -188,6 +189,8 @@ class TimeStepper:
         #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
         #: first zero. They are where the next step starts from.
         self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
+        #: By how much the last step missed what was expected of it, length; at first zero.
+        self.missed: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
         #: The same of rigid tools.
         self.tool_rates = [ToolRate.zero(tool) for tool in self.tools]
 
@@ -319,6 +322,7 @@ class TimeStepper:
             if not flows:
                 motion.u.x.array[:] += dt * rate
         known = self.rates
+        expected = [u.x.array.copy() for u in self.problem.u]
         for tool, tool_rate in zip(self.tools, self.tool_rates, strict=True):
             tool_rate.go_ahead(tool, self._part_of_step(tool) * dt)
         self._pair(known, dt, start)
@@ -334,17 +338,35 @@ class TimeStepper:
         pairings = 1
         while pairings < self.num_pairings or self._has_slid(pairings):
             pairings += 1
-            self._check_shape(dt, start)  # it is paired there
-            for tool in self.tools:
-                tool.advance()
-            self._pair(known, dt, start, at_end=True)
-            self._run_solver()
+            self._pair_at_end(known, dt, start)
+        if self._swings(expected, dt, start):
+            self._pair_at_end(known, dt, start)
         self._check_shape(dt, start)
         self._check_motion()
         if self.on_solved is not None:
             with collective_errors(self.problem.comm):
                 self.on_solved()
         interrupt.look(self.problem.comm)
+
+    def _pair_at_end(self, known: list[Array], dt: float, start: Snapshot) -> None:
+        """Pair at the end of the step that was found, and solve again."""
+        self._check_shape(dt, start)  # it is paired there
+        for tool in self.tools:
+            tool.advance()
+        self._pair(known, dt, start, at_end=True)
+        self._run_solver()
+
+    def _swings(self, expected: list[Array], dt: float, start: Snapshot) -> bool:
+        """Whether this step misses what was expected of it to the other side than the last one."""
+        missed: list[Array] = []
+        moved: list[Array] = []
+        for i, u in enumerate(self.problem.u):
+            flows = self.in_velocity[i]
+            unit = dt if flows else 1.0
+            missed.append(unit * (u.x.array - (self.rates[i] if flows else expected[i])))
+            moved.append(unit * u.x.array if flows else u.x.array - start.unknowns[i])
+        self._missed = missed
+        return swings(self.motions, missed, self.missed, moved)
 
     def _has_slid(self, pairings: int) -> bool:
         """Whether contact has slid so far since it was paired that it has to pair once more."""
@@ -431,6 +453,7 @@ class TimeStepper:
             tool.advance()
             self.tool_rates[i] = ToolRate.since(tool, start.pose_of(tool), dt)
         self._penetration.accept()
+        self.missed = self._missed
         # What contacts show stays that of the step until somebody solves.
         for model, slave, master in self.ends():
             model.catch_up = functools.partial(pair_at, model, slave, master)
