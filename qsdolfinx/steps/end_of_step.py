@@ -37,10 +37,17 @@ class Place:
         x = motion.u.x.array
         return cls(motion, np.zeros_like(x) if flows else x.copy())
 
-    def function(self, factor: float) -> fem.Function:
-        """The displacements times a factor."""
+    def displacements(self) -> fem.Function:
+        """The displacements as a function."""
+        return self._function(self.unknowns)
+
+    def offset(self) -> fem.Function:
+        """What does not count of displacements, as the mesh that contact was paired on has it."""
+        return self._function(-self.motion.carried(self.unknowns))
+
+    def _function(self, values: Array) -> fem.Function:
         out = fem.Function(self.motion.u.function_space)
-        out.x.array[:] = factor * self.unknowns
+        out.x.array[:] = values
         return out
 
 
@@ -60,14 +67,14 @@ def pair_at(model: ContactModel, slave: Place, master: Place | None) -> None:
     places = [slave] if master is None or master.motion is slave.motion else [slave, master]
     with _moved(places):
         pair_anew(model)
-    set_offset(model, slave.function(-1.0), None if master is None else master.function(-1.0))
-    set_start(model, slave.function(1.0), None if master is None else master.function(1.0))
+    set_offset(model, slave.offset(), None if master is None else master.offset())
+    set_start(model, slave.displacements(), None if master is None else master.displacements())
 
 
 def show_at(model: ContactModel, slave: Place, master: Place | None) -> None:
     """Let a contact that was paired there show gaps and forces where its bodies are. Collective."""
     if model.penalty.value is not None:  # else nothing has been solved yet
-        show(model, slave.function(1.0), None if master is None else master.function(1.0))
+        show(model, slave.displacements(), None if master is None else master.displacements())
 
 
 @contextlib.contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import typing
 
@@ -15,11 +16,12 @@ import ufl
 from dolfinx import fem, mesh
 
 from qsdolfinx.base.checks import require
-from qsdolfinx.compat import cell_nodes, coordinate_element
+from qsdolfinx.compat import cell_nodes, coordinate_element, num_entity_dofs
 from qsdolfinx.surface.unknowns import NUM_CELL_VERTICES, dofs_at, vertex_dofs
 from qsdolfinx.system.rigid_modes import displacement_space
 
 Array = npt.NDArray[np.float64]
+Dofs = npt.NDArray[np.int32]
 
 #: Vertices next to each vertex of a cell, in the order that gives a right-handed corner.
 _CORNERS: dict[mesh.CellType, list[tuple[int, ...]]] = {
@@ -88,6 +90,40 @@ class MeshMotion:
             found = np.einsum("ni,nid->nd", self._values, found)
         out[self._nodes, : self.mesh.geometry.dim] = found
         return out
+
+    def carried(self, x: Array) -> Array:
+        """The part of unknowns that a mesh has in it when it was moved by them.
+
+        Straight cells stay straight: of a field of degree 2 it is what is linear between vertices,
+        and the rest is still to be counted.
+
+        Args:
+            x: All unknowns of this rank.
+        """
+        out = x.copy()
+        for dofs, vertices in self._between:
+            out[dofs] = x[vertices].mean(axis=1)
+        return out
+
+    @functools.cached_property
+    def _between(self) -> list[tuple[Dofs, Dofs]]:
+        """Unknowns between the vertices of straight cells, (cells, gdim), and at these vertices."""
+        V = displacement_space(self.u.function_space)
+        if V is None or coordinate_element(self.mesh).degree > 1 or num_entity_dofs(V, 1) == 0:
+            return []
+        if V.sub(0).element.basix_element.family != basix.ElementFamily.P:
+            return []  # unknowns are no values
+        topology, layout = basix.topology(self.mesh.basix_cell()), V.dofmap.dof_layout
+        cells = np.arange(len(V.dofmap.list), dtype=np.int32)[:, None]
+        return [
+            (
+                dofs_at(V, cells[:, 0], np.array(place, dtype=np.int32)),
+                vertex_dofs(V, cells, np.array([vertices], dtype=np.int32)),
+            )
+            for dim in range(1, len(topology) - 1)
+            for entity, vertices in enumerate(topology[dim])
+            for place in layout.entity_dofs(dim, entity)
+        ]
 
     def move(self, displacement: Array | float = 0.0) -> None:
         """Put the mesh at the reference coordinates plus a displacement (length)."""

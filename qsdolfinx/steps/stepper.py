@@ -409,7 +409,7 @@ class TimeStepper:
             if motion.quality() <= 0:
                 raise _Fault(f"a cell of u[{i}] turns inside out on the way")
             offsets.append(fem.Function(motion.u.function_space))
-            offsets[-1].x.array[:] = -moved
+            offsets[-1].x.array[:] = -motion.carried(moved)
             starts.append(fem.Function(motion.u.function_space))
             starts[-1].x.array[:] = 0.0 if self.in_velocity[i] else start.unknowns[i]
         for contact, (s, m) in zip(self.problem.contacts, self.problem.sides, strict=True):

@@ -76,6 +76,8 @@ class Joint:
         allowed_gap: That an augmented Lagrangian may leave (length).
         tied: Whether it is.
         mu: Coulomb's coefficient of friction.
+        shear: Tresca's limit (stress).
+        viscous: Whether friction has no limit.
         formulation: By name.
         nodal: Whether gaps are taken at nodes.
         at_points: Whether the pressure is at points, and friction at nodes: around the edge of
@@ -89,10 +91,21 @@ class Joint:
     allowed_gap: float = 0.0
     tied: bool = False
     mu: float = 0.0
+    shear: float = 0.0
+    viscous: bool = False
     formulation: str = "quasi-symmetric"
     nodal: bool = False
     at_points: bool = False
     reported: typing.Callable | None = None
+
+    @property
+    def rubs(self):
+        """Whether there is friction."""
+        return self.mu > 0 or self.shear > 0 or self.viscous
+
+    def friction_limit(self, area, pushed):
+        """Force at vertices from which on they slip; of friction without a limit none."""
+        return self.mu * np.maximum(pushed, 0.0) + self.shear * area
 
     @property
     def node_by_node(self):
@@ -141,7 +154,7 @@ class Auditor:
             sides = self.sides(number, states)
             faults += joint_faults(joint, sides, tolerance, self.length)
             now = friction.read_memory(sides)
-            if joint.mu > 0:
+            if joint.rubs:
                 faults += [
                     Fault(*fault)
                     for fault in friction.faults(joint, sides, self.before[number], now, tolerance)
@@ -247,7 +260,7 @@ def pair_balance(joint, sides, tolerance, length):
     if np.all(known):
         moment = sum(np.cross(side.nodal_x, f).sum(axis=0) for side, f in zip(sides, force))
         size = sum(np.linalg.norm(f, axis=1).sum() for f in force)
-        levers = max(side.lever(joint.tied or joint.mu > 0, tolerance) for side in sides)
+        levers = max(side.lever(joint.tied or joint.rubs, tolerance) for side in sides)
         reach = max(np.abs(side.nodal_x).max() for side in sides) + length
         bound = slack * reach + size * levers
         out += compare("action", np.abs(moment), bound, "slave + master moment")
@@ -269,20 +282,24 @@ def directions(name, joint, side: Side, tolerance):
     """Forces push, along the normal or within Coulomb's cone about it."""
     size = np.linalg.norm(side.force, axis=1)
     apart = np.linalg.norm(side.vertices_now[:, None] - side.vertices_now, axis=2)
-    near, further = (apart <= reach * side.size for reach in (1.0, 3.0))
-    smeared = bool(joint.at_points and joint.mu)
+    near, further = (apart <= reach * side.size for reach in (1.1, 3.3))
+    alone = joint.node_by_node and name == "slave"
+    # Tresca's limit is of the slave's area, which that of its nodes is in the mean.
+    smeared = bool(joint.at_points and joint.rubs) or (joint.shear > 0 and not alone)
     if smeared:
         size = near @ size
     slack = side.hat_count * tolerance + (side.tilt_at_rest + ROUNDING) * size
     free = side.normal_free
     out = compare("tension", side.pull[free], slack[free], f"{name} is pulled")
     sideways = np.linalg.norm(np.where(side.held, 0.0, side.tangential), axis=1)
-    limit = joint.mu * np.maximum(-side.pull, 0.0)
-    if smeared:
+    limit = joint.friction_limit(side.area, -side.pull)
+    if joint.viscous or (joint.shear > 0 and name == "master"):
+        limit = np.full_like(limit, np.inf)
+    elif smeared:
         along = near @ np.where(side.held, 0.0, side.tangential)
         sideways, limit, slack = np.linalg.norm(along, axis=1), further @ limit, near @ slack
     check, text = (
-        ("cone", "friction beyond μ N on") if joint.mu else ("normal", "force across n on")
+        ("cone", "friction beyond its limit on") if joint.rubs else ("normal", "force across n on")
     )
     slack = slack * (1 + joint.mu)
     return out + compare(check, (sideways - limit)[free], slack[free], f"{text} {name}")

@@ -24,6 +24,7 @@ class Found:
         normal: Outward normal of the opponent there, shape (points, 3).
         nodes: Nodes of the opponent's piece, or of its quadrilateral; None of a tool.
         weights: Their shape functions at the closest point.
+        points: The points themselves; of a tool that turns.
     """
 
     distance: np.ndarray
@@ -31,6 +32,7 @@ class Found:
     normal: np.ndarray
     nodes: np.ndarray | None = None
     weights: np.ndarray | None = None
+    points: np.ndarray | None = None
 
 
 class Meshed:

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
-#: Part of μ N below which a node sticks for sure, and from which on it slips if it moves.
-STICKS, SLIPS = 0.9, 0.98
+#: Part of μ N below which a node sticks for sure.
+STICKS = 0.9
 
 
 @dataclasses.dataclass
@@ -30,21 +30,33 @@ def read_memory(sides):
     return Memory(side.jump[:n], side.tangential, -side.pull)
 
 
-def faults(joint, sides, before, now, tolerance):
+def faults(joint, sides, before, now, tolerance, angle=0.0):
     """Check, excess and text of what is wrong with the direction of friction on the slave.
 
     The slip of a step is what is left of the movement when the elastic stick of a penalty has been
     taken away. Gaps and slips are means over a node's facets, so that no more is known of them than
-    how much they vary there. What closes in a step slips from then on, so that only what was closed
-    before it is known to have stuck all the way.
+    how much they vary there. What closes in a step slips from then on.
+
+    Args:
+        joint: The contact.
+        sides: Its sides, slave first.
+        before: Memory of the step before.
+        now: Memory of this one.
+        tolerance: Force that is none.
+        angle: By which tangent planes have turned between the two (radians), and friction in them.
     """
     side = sides[0]
     if before is None:
         before = Memory(0 * now.jump, 0 * now.friction, 0 * now.pushed)
     moved = now.jump - before.jump
     moved = moved - np.sum(moved * side.normal, axis=1, keepdims=True) * side.normal
-    if joint.penalty:
-        moved = moved + (now.friction - before.friction) / (joint.penalty * side.area)[:, None]
+    turned = 0.0
+    if joint.penalty and not joint.viscous:
+        change = now.friction - before.friction
+        moved = moved + change / (joint.penalty * side.area)[:, None]
+        # What is elastic, across and along, turns with the bodies.
+        force = np.hypot(np.linalg.norm(before.friction, axis=1), before.pushed)
+        turned = angle * force / (joint.penalty * side.area)
     x = side.points[: side.num_vertices]
     # Nodes that are covered in part have means over that part, and a stiffness of their own.
     patch = np.linalg.norm(x[:, None] - side.points, axis=2) <= side.size
@@ -55,24 +67,38 @@ def faults(joint, sides, before, now, tolerance):
     spread = np.where(near, apart, 0.0).max(axis=1)
     # Means of what is apart by initial gaps along normals that are not parallel.
     spread = spread + side.turn * np.linalg.norm(now.jump - before.jump, axis=1)
-    spread = spread + 1e-6 * np.abs(now.jump).max(initial=0.0)
-    free = side.normal_free & ~np.any(side.held[:, : side.gdim], axis=1) & facing
+    spread = spread + turned + 1e-6 * np.abs(now.jump).max(initial=0.0)
+    closing = near_closing(side, before, now, near, tolerance)
+    held = np.any(side.held[:, : side.gdim], axis=1)
+    free = side.normal_free & ~held & facing & ~closing
     tilt = side.tilt_at_rest * now.pushed
     big = np.linalg.norm(now.friction, axis=1) > 1e3 * tolerance
-    load, loaded = now.pushed > 1e4 * tolerance, before.pushed > 1e4 * tolerance
-    size, limit = np.linalg.norm(now.friction, axis=1), joint.mu * now.pushed
+    load = now.pushed > 1e4 * tolerance
+    size, limit = np.linalg.norm(now.friction, axis=1), joint.friction_limit(side.area, now.pushed)
     slip = np.linalg.norm(moved, axis=1)
     out = []
-    slipping = free & big & load & (size - tilt >= SLIPS * limit) & (slip > 3 * spread)
+    moves = slip > 1e-6 * side.size
+    # Friction at a vertex may be the normal force of a facet beside it.
+    slipping = free & big & load & (size > 1.2 * tilt) & moves & (slip > 3 * spread)
     work = np.sum(now.friction * moved, axis=1)
     wrong = slipping & (work > -0.5 * size * slip)
     if np.any(wrong):
         worst = np.max((work / (size * slip))[wrong])
         out.append(("direction", 1 + float(worst), f"{wrong.sum()} nodes slip along friction"))
-    below = ~load | (size + tilt < STICKS * limit)
-    sticking = free & load & loaded & np.all(below | ~near, axis=1) & below
-    wrong = sticking & (slip > 2 * spread) & (slip > 1e-6 * side.size)
+    below = size + tilt < STICKS * limit
+    # Tresca's friction acts where neighbours press, and is lost where it does not let a node rest.
+    below = below & load & big if joint.shear else below | ~load
+    sticking = free & load & np.all(below | ~near, axis=1) & below & (not joint.viscous)
+    wrong = sticking & moves & (slip > 2 * spread)
     if np.any(wrong):
         excess = float(np.max((slip / np.maximum(spread, 1e-300))[wrong]))
         out.append(("stick", excess, f"{wrong.sum()} nodes move below the limit"))
     return out
+
+
+def near_closing(side, before, now, near, tolerance):
+    """Vertices near one that has closed in the step: its slip counts from when it did, only."""
+    n = side.num_vertices
+    gap = side.rest.distance[:n] - np.sum(before.jump * side.normal, axis=1)
+    was_open = (before.pushed <= 1e4 * tolerance) & (gap > 1e-6 * side.size)
+    return np.any(near & was_open & (now.pushed > tolerance), axis=1)

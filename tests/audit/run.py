@@ -1,6 +1,7 @@
-"""Random scenes through full solves, and the auditor's faults.
+"""Random scenes through full solves, and histories through time steps, and the auditor's faults.
 
     python3 tests/audit/run.py --scenes 0:200 --verbose
+    python3 tests/audit/run.py --histories 0:500
     mpirun -n 2 python3 tests/audit/run.py --scenes 0:200 --units
 
 A scene is refused if the library raises an error of its own; one that has faults but was warned
@@ -8,25 +9,99 @@ about by the library is counted as such. Ends with 1 if there are faults that no
 """
 
 import argparse
+import contextlib
 import dataclasses
 import gc
+import os
 import pathlib
 import sys
+import tempfile
 import time
 import warnings
 
 from mpi4py import MPI
 
+import numpy as np
+
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
 
-from audit.scenes import Stage, random_scene
+from audit.auditor import compare
+from audit.histories import random_history
+from audit.play import Play
+from audit.scenes import Scene, Stage, random_scene
+from audit.steps import StepAuditor
 
 import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
 
 #: Errors that say what to do.
-REFUSALS = (qs.ConvergenceError, ValueError)
+REFUSALS = (qs.ConvergenceError, qs.StepError, ValueError)
+
+#: Difference between an uninterrupted history and one that was saved and continued: of its length.
+RESTART = 1e-6
+
+
+DEBUG = bool(os.environ.get("AUDIT_DEBUG"))
+
+
+class Historian:
+    """A history with its auditor, and from the middle on another one that was continued."""
+
+    def __init__(self, history):
+        self.plays = [Play(history)]
+        self.auditor = StepAuditor(self.plays[0])
+        self.restarted = history.restarted
+
+    def steps(self):
+        """Step after step; what is wrong after each."""
+        first = self.plays[0]
+        for unit in range(1, len(first.history.path) + 1):
+            for _ in first.stepper.run(unit):
+                faults = self.auditor.audit()
+                if len(self.plays) > 1:
+                    faults += self.compare(unit)
+                yield faults
+            if unit == self.restarted:
+                self.restart()
+
+    def restart(self):
+        """Save the history and continue it in new bodies. Collective."""
+        with shared_folder() as folder:
+            qs.save_run(self.plays[0].stepper, f"{folder}/run")
+            again = Play(self.plays[0].history)
+            self.plays.append(again)
+            again.refused = self.plays[0].refused
+            qs.load_run(again.stepper, f"{folder}/run")
+
+    def compare(self, unit):
+        """Make the step in the continued history as well; where it differs."""
+        first, again = self.plays
+        again.stepper.step(unit)
+        faults = compare("restart", abs(again.stepper.t - first.stepper.t), 1e-9, "time")
+        length = first.L
+        for i, (a, b) in enumerate(zip(first.actors, again.actors, strict=True)):
+            difference = a.nodes.values(a.u.x.array) - b.nodes.values(b.u.x.array)
+            error = np.abs(a.nodes.gather(difference)).max()
+            faults += compare("restart", error, RESTART * length, f"unknowns of body {i}")
+        force = first.contact.force("slave") - again.contact.force("slave")
+        slack = 1e-5 * np.abs(first.contact.force("slave")).max() + 1e-6 * self.auditor.force
+        return faults + compare("restart", np.abs(force), slack, "contact force")
+
+    def destroy(self):
+        for play in self.plays:
+            play.problem.destroy()
+
+
+@contextlib.contextmanager
+def shared_folder():
+    """A folder that all ranks write to, for a while. Collective."""
+    with contextlib.ExitStack() as stack:
+        name = None
+        if COMM.rank == 0:
+            name = stack.enter_context(tempfile.TemporaryDirectory())
+        yield COMM.bcast(name)
+        COMM.barrier()
 
 
 @dataclasses.dataclass
@@ -53,21 +128,24 @@ class Outcome:
 
 
 def run_scene(scene):
-    """Solve and audit a scene. Collective."""
+    """Solve and audit a scene, or a history. Collective."""
     out, start, step, stage = Outcome(), time.perf_counter(), 0, None
+    begin = Stage if isinstance(scene, Scene) else Historian
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", qs.ContactWarning)
         try:
-            stage = Stage(scene)
+            stage = begin(scene)
             for step, faults in enumerate(stage.steps(), 1):
                 out.faults += [f"step {step}: {fault}" for fault in faults]
         except REFUSALS as error:
             out.refused = f"step {step + 1}: {error}"
         except Exception as error:
+            if DEBUG:
+                raise
             out.faults.append(f"step {step + 1}: {type(error).__name__}: {error}")
         finally:
             if stage is not None:
-                stage.problem.destroy()
+                stage.destroy()
     texts = [str(w.message) for w in caught if issubclass(w.category, qs.ContactWarning)]
     out.warned = sorted({text for part in COMM.allgather(texts) for text in part})
     out.faults = sorted({fault for part in COMM.allgather(out.faults) for fault in part})
@@ -75,13 +153,13 @@ def run_scene(scene):
     return out
 
 
-def run(numbers, units=False, report=None, verbose=False):
-    """Scenes one after another; counts by word. Collective."""
+def run(numbers, units=False, report=None, verbose=False, draw=random_scene):
+    """Scenes or histories one after another; counts by word. Collective."""
     counts = {"good": 0, "refused": 0, "warned": 0, "FAULT": 0}
     for i, number in enumerate(numbers):
         if i % 10 == 0:  # on all ranks at once: see tests/conftest.py
             gc.collect()
-        scene = random_scene(number, units)
+        scene = draw(number, units)
         outcome = run_scene(scene)
         counts[outcome.word] += 1
         if report and COMM.rank == 0 and (verbose or outcome.word == "FAULT"):
@@ -104,15 +182,19 @@ def numbers_of(text):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=numbers_of, default=range(100), help="first:last, or 3,7")
+    parser.add_argument("--histories", type=numbers_of, help="the same, of time steps")
     parser.add_argument("--units", action="store_true", help="odd units of force and length")
     parser.add_argument("--verbose", action="store_true", help="those without faults as well")
     args = parser.parse_args()
     start = time.perf_counter()
-    counts = run(args.scenes, args.units, lambda text: print(text, flush=True), args.verbose)
+    numbers, draw, what = args.scenes, random_scene, "scenes"
+    if args.histories is not None:
+        numbers, draw, what = args.histories, random_history, "histories"
+    counts = run(numbers, args.units, lambda text: print(text, flush=True), args.verbose, draw)
     seconds = time.perf_counter() - start
     if COMM.rank == 0:
         words = ", ".join(f"{count} {word}" for word, count in counts.items())
-        print(f"{len(args.scenes)} scenes on {COMM.size} rank(s): {words}; {seconds:.1f} s")
+        print(f"{len(numbers)} {what} on {COMM.size} rank(s): {words}; {seconds:.1f} s")
     sys.exit(min(counts["FAULT"], 1))
 
 

@@ -312,3 +312,6 @@ class Stage:
             self.problem.solve()
             self.read_settings()
             yield self.auditor.audit()
+
+    def destroy(self):
+        self.problem.destroy()

@@ -1,22 +1,33 @@
-"""Random scenes in equilibrium, by the auditor's own means; other ones on each number of ranks."""
+"""Random scenes and histories, by the auditor's own means; other ones on each number of ranks."""
 
 from mpi4py import MPI
 
 import pytest
+from audit.histories import random_history
 from audit.run import run
+from audit.scenes import random_scene
 
 SIZE = MPI.COMM_WORLD.size
 
 
-def check(numbers, units=False):
+def check(numbers, units=False, draw=random_scene):
     faults = []
-    counts = run(numbers, units, faults.append)
+    counts = run(numbers, units, faults.append, draw=draw)
     assert counts["FAULT"] == 0, "\n".join(faults)
     assert counts["good"] > 0.9 * len(numbers)
 
 
 def test_some():
     check(range(100 * (SIZE - 1), 100 * SIZE))
+
+
+def test_some_histories():
+    check(range(50 * (SIZE - 1), 50 * SIZE), draw=random_history)
+
+
+@pytest.mark.long
+def test_many_histories():
+    check(range(10_000, 10_500), draw=random_history)
 
 
 @pytest.mark.long
