@@ -12,7 +12,6 @@ import argparse
 import contextlib
 import dataclasses
 import gc
-import os
 import pathlib
 import sys
 import tempfile
@@ -40,9 +39,6 @@ REFUSALS = (qs.ConvergenceError, qs.StepError, ValueError)
 
 #: Difference between an uninterrupted history and one that was saved and continued: of its length.
 RESTART = 1e-6
-
-
-DEBUG = bool(os.environ.get("AUDIT_DEBUG"))
 
 
 class Historian:
@@ -140,8 +136,6 @@ def run_scene(scene):
         except REFUSALS as error:
             out.refused = f"step {step + 1}: {error}"
         except Exception as error:
-            if DEBUG:
-                raise
             out.faults.append(f"step {step + 1}: {type(error).__name__}: {error}")
         finally:
             if stage is not None:

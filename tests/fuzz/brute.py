@@ -173,8 +173,8 @@ def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
 def is_outside(x, q, n, distance, facing, size):
     """Whether nodes behind the plane of the nearest facet that faces them are outside all the same.
 
-    Their closest point is on its edge, and they are in front of another facet that is as near and does not
-    face them.
+    Their closest point is on its edge, and they are in front of another facet that is as near and
+    does not face them.
     """
     nodes = np.arange(len(x))
     nearest = np.argmin(np.where(facing < 0, distance, np.inf), axis=1)
