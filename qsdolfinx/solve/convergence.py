@@ -113,7 +113,7 @@ class Convergence:
         for i, body in enumerate(bodies):
             x = np.abs(self._system.part(self._system.evaluated, i))
             residual, acting = self._system.residuals[i], body.force.array_r.copy()
-            left = self._rounding(i, x, acting != 0)
+            left = self._rounding(i, x)
             known = reactions or not body.linear
             # Contact forces on held unknowns may be anything, without balance.
             acting[body.owned_constrained] = body.reactions() if known else 0.0
@@ -135,20 +135,19 @@ class Convergence:
         nothing = np.where(forces, eps * sizes[forces].max(), 0.0)
         return Measures(norms[0], sizes, left, nothing, largest[1] <= UNDEFORMED)
 
-    def _rounding(self, i: int, x: Array, touched: npt.NDArray[np.bool_]) -> Array:
+    def _rounding(self, i: int, x: Array) -> Array:
         """Terms of body i's owned rows of which rounding takes its part.
 
         Those of a linear form are K (x - x0); strains of others round beside 1, which counts as a
-        displacement of a cell's size; gaps round beside coordinates.
+        displacement of a cell's size; gaps round beside coordinates, also where rounding opens
+        what the tangent takes for closed.
 
         Args:
             i: The body.
             x: Magnitude of its owned unknowns.
-            touched: Rows in which contact acts.
         """
         body, scale = self._system.bodies[i], self._system.scales[i]
         place = np.abs(body.V.mesh.geometry.x).max(initial=0.0) / scale
         beside = body.reference if body.linear else self._cells[i] / scale
         both = np.maximum(self._system.made.tangent.diagonal(i), body.diagonal)
-        contact = touched * (both - body.diagonal)
-        return np.asarray(body.diagonal * (x + beside) + contact * (x + place))
+        return np.asarray(body.diagonal * (x + beside) + (both - body.diagonal) * (x + place))
