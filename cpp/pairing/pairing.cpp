@@ -33,10 +33,11 @@ public:
   {
   }
 
-  /// Node k and what was found for it, or for a side of it. @param of areas and normals of nodes
+  /// Node k and what was found for it, or for a side of it. @param of areas of nodes
+  /// @param normals the nodes' or, at creases, those of the sides that face what was found
   /// @param entry in these and in what was found
-  void append(std::size_t k, const Nodes& of, const ClosestFacets& found, std::size_t entry,
-              std::uint8_t side)
+  void append(std::size_t k, const Nodes& of, const std::vector<double>& normals,
+              const ClosestFacets& found, std::size_t entry, std::uint8_t side)
   {
     append_node(node_side_, nodes_, k, points_.gdim, rank_);
     append_facet(facet_side_, found, entry, points_.gdim);
@@ -47,7 +48,7 @@ public:
     const auto at = [entry](const std::vector<double>& v)
     { return facet_vertex(v, static_cast<int>(entry)); };
     // Into the node, as the facet's normal.
-    const Vec3 of_facet = at(found.normal), of_node = -1.0 * at(of.normal);
+    const Vec3 of_facet = at(found.normal), of_node = -1.0 * at(normals);
     const Vec3 sum = normals_ == Normals::facet ? of_facet : of_facet + of_node;
     const Vec3 n = (sign / norm(sum)) * sum;
     points_.normal.insert(points_.normal.end(), n.begin(), n.end());
@@ -87,6 +88,33 @@ void take_corners(PairingPoints& points, const Corners& corners)
         = corners.sides.at.area[i];
 }
 
+/// Normals of nodes, [node][3]; at creases of the smooth side that looks most at what was found: the
+/// mean with faces beside it would tilt the pair.
+std::vector<double> facing_normals(const Surface& at, const ClosestFacets& found)
+{
+  std::vector<double> out = at.nodes().normal;
+  if (!at.has_creases())
+    return out;
+  const Sides sides = at.sides();
+  std::size_t last = out.size(); // node that was seen
+  double best = 0;
+  for (std::size_t i = 0; i < sides.node.size(); ++i)
+  {
+    const std::size_t k = sides.node[i];
+    if (!found.found[k])
+      continue;
+    const Vec3 n = facet_vertex(sides.at.normal, static_cast<int>(i));
+    const double looks = -dot(n, facet_vertex(found.normal, static_cast<int>(k)));
+    if (k != last || looks > best)
+    {
+      std::ranges::copy(n, out.begin() + static_cast<std::ptrdiff_t>(3 * k));
+      best = looks;
+    }
+    last = k;
+  }
+  return out;
+}
+
 /// Points at the nodes of one side, projected onto the other; see NodalPoints.
 /// @param sides of the facets' vertices, see closest_facets
 void append_nodal_points(PairingPoints& points, const Surface& at, const Surface& onto,
@@ -104,17 +132,20 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
   }
   NodalPoints out(points, at, at_slave, share, normals);
   const Nodes& nodes = at.nodes();
+  const std::vector<double> facing
+      = normals == Normals::facet ? nodes.normal : facing_normals(at, found);
   points.reserve(points.size() + nodes.size());
   std::size_t entry = 0; // of the sides of nodes at creases
   for (std::size_t k = 0; k < nodes.size(); ++k)
   {
     for (; entry < corners.sides.node.size() && corners.sides.node[entry] == k; ++entry)
       if (corners.walls.found[entry])
-        out.append(k, corners.sides.at, corners.walls, entry, corners.sides.side[entry]);
+        out.append(k, corners.sides.at, corners.sides.at.normal, corners.walls, entry,
+                   corners.sides.side[entry]);
     if (!found.found[k])
       ++points.num_unpaired;
     else if (corners.at.empty() || !corners.at[k])
-      out.append(k, nodes, found, k, 0);
+      out.append(k, nodes, facing, found, k, 0);
   }
 }
 } // namespace

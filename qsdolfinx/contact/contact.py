@@ -612,7 +612,8 @@ class Contact:
     def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
         """Total moment of the contact forces on the body of one side. Collective.
 
-        Forces act where nodes were paired, so that those of two bodies balance. On a rigid tool in
+        Forces act where nodes were paired, so that those of two bodies balance, unless they are
+        tied across a gap. On a rigid tool in
         the steps of a ``qs.TimeStepper``, which pairs before the body is where the step takes it,
         they act at the end of the step.
 

@@ -104,9 +104,9 @@ class Krylov:
             self._ksp.setType(kind)
             if not symmetric:
                 self._ksp.setGMRESRestart(GMRES_RESTART)
-                self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
-            else:
-                self._ksp.setPCSide(PETSc.PC.Side.LEFT)
+        # Also after a direct solver, which gives back types, has taken over from GMRES.
+        side = PETSc.PC.Side.LEFT if symmetric else PETSc.PC.Side.RIGHT
+        self._ksp.setPCSide(side)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # Newton's method ends by it
 
     def set_tolerance(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:

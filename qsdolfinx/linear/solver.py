@@ -179,6 +179,8 @@ class LinearSolver:
         b, y = self._system.x.duplicate(), self._system.x.duplicate()
         b.array[:] = load
         if self.krylov is not None:
+            if self._rescue is None:
+                self.krylov.choose_type(self._system.symmetric)
             self.krylov.set_exact()
         with self.watch.stage("solve"):
             self.ksp.solve(b, y)

@@ -69,7 +69,8 @@ def load_run(
     """Continue from a checkpoint, on any number of ranks. Collective.
 
     Contacts are paired where the run ended, and show gaps and forces of the saved multipliers
-    there: the saved ones, but for what areas and normals have changed since the last step paired.
+    there: the saved ones, but for what areas and normals have changed since the last step paired;
+    with a penalty those of the gaps there, which may differ by more on a curved tool.
 
     Args:
         stepper: The run, set up just as before. Forces that drive tools (``tool.drive``), loads and

@@ -15,12 +15,16 @@ from qsdolfinx.surface.affine import affine_vec
 
 Array = npt.NDArray[np.float64]
 
+#: Gap, in units of the smallest facet, of what touched where it was paired.
+TOUCHING = 0.01
+
 
 def slid(model: ContactModel) -> float:
-    """Largest way along the surface, in facets, that closed nodes have gone since. Collective.
+    """Largest way along the surface, in facets, that nodes in contact have gone since. Collective.
 
     Points, normals and weights are those of the pairing: what has slid by much of a facet presses
-    where the other surface has been.
+    where the other surface has been. Nodes that touched there count even if they are open now:
+    points of a round surface that turns in place go away from where they were, and others come.
     """
     if model.law.jump:  # a tie keeps its pairs
         return 0.0
@@ -29,7 +33,12 @@ def slid(model: ContactModel) -> float:
 
 
 def _slid(model: ContactModel, gap: WeightedGap) -> float:
-    closed = np.asarray(gap.rows.on_nodes(active_set.closed(model, gap), False), dtype=bool)
+    touched = (
+        gap.operator.initial_gap + gap.state.allowance < TOUCHING * gap.slave.facet_size_range[0]
+    )
+    closed = np.asarray(
+        gap.rows.on_nodes(active_set.closed(model, gap) | touched, False), dtype=bool
+    )
     jump = np.asarray(gap.rows.on_nodes(_mean_jump(model, gap), 0.0), dtype=np.float64)
     normal = gap.slave.node_normal[:, : gap.slave.gdim]
     along = jump - np.sum(jump * normal, axis=1)[:, None] * normal

@@ -44,8 +44,9 @@ from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 Array = npt.NDArray[np.float64]
 
 #: Way along a surface since contact was paired, in facets, from which on it pairs once more in the
-#: step; and how often at most.
-FAR, MORE_PAIRINGS = 0.25, 3
+#: step: of bodies in displacements, from where the last step's rate leads to, and of those in
+#: velocities, in the middle of the step; and how often at most.
+FAR, FAR_FLOWING, MORE_PAIRINGS = 0.05, 0.25, 3
 
 GROWTH = number("a number of at least 1", lambda x: x >= 1)
 CUTBACK = number("a number above 0 and below 1", lambda x: 0 < x < 1)
@@ -93,8 +94,9 @@ class TimeStepper:
         theta: Part of the step, from 0 to 1, after which bodies in velocities are solved for.
         num_pairings: How often contact pairs in a step at least; after the first, the end of the
             step that was found so far is where it pairs. It does so once more, up to three times,
-            where closed nodes have slid by more than a quarter of a facet from where they were
-            paired, as in steps in which a tool starts, or turns.
+            where nodes in contact have slid by more than a twentieth of a facet (bodies in
+            velocities: a quarter) from where they were paired, as in steps in which a tool starts,
+            stops, or turns.
         dt_min: Δt below which no step is tried; by default dt / 1000.
         dt_max: Largest Δt; by default dt.
         growth: Factor of Δt after a step of at most ``easy`` Newton iterations, for each time that
@@ -373,7 +375,11 @@ class TimeStepper:
         """Whether contact has slid so far since it was paired that it has to pair once more."""
         if pairings >= self.num_pairings + MORE_PAIRINGS:
             return False
-        return max((slid(c.model) for c in self.problem.contacts), default=0.0) > FAR
+        for contact, sides in zip(self.problem.contacts, self.problem.sides, strict=True):
+            flows = any(self.in_velocity[i] for i in sides if i is not None)
+            if slid(contact.model) > (FAR_FLOWING if flows else FAR):
+                return True
+        return False
 
     def _part_of_step(self, tool: RigidSurface) -> float:
         """After which contact pairs with a tool: where the body is that it touches."""

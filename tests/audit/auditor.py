@@ -288,7 +288,8 @@ def directions(name, joint, side: Side, tolerance):
     smeared = bool(joint.at_points and joint.rubs) or (joint.shear > 0 and not alone)
     if smeared:
         size = near @ size
-    slack = side.hat_count * tolerance + (side.tilt_at_rest + ROUNDING) * size
+    # Tilts are those of facets; what presses has one between those of its neighbours.
+    slack = side.hat_count * tolerance + (1.1 * side.tilt_at_rest + ROUNDING) * size
     free = side.normal_free
     out = compare("tension", side.pull[free], slack[free], f"{name} is pulled")
     sideways = np.linalg.norm(np.where(side.held, 0.0, side.tangential), axis=1)

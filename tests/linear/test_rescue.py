@@ -2,6 +2,8 @@
 
 import logging
 
+from petsc4py import PETSc
+
 import numpy as np
 import pytest
 from scenes import WORLD, Pair, box, plane
@@ -50,6 +52,19 @@ def test_the_answer_is_that_of_a_direct_solver(solver, caplog):
     if problem.comm.rank == 0:
         assert "a direct solver takes over" in said
     problem.destroy()
+
+
+def test_conjugate_gradients_after_gmres():
+    """They precondition from the left, also if a rescue from GMRES has given back their type."""
+    pair = Pair("hexahedron", n=(4, 3), wave=0.02, load=-0.05)
+    problem = pair.problem(solver="amg")
+    problem.solve()
+    linear = problem.newton.linear
+    linear.krylov.choose_type(False)
+    assert linear.ksp.getPCSide() == PETSc.PC.Side.RIGHT
+    linear.ksp.setType(PETSc.KSP.Type.CG)
+    linear.krylov.choose_type(True)
+    assert linear.ksp.getPCSide() == PETSc.PC.Side.LEFT
 
 
 def test_a_choice_of_the_user_stays():

@@ -29,12 +29,12 @@ class Pressed:
 
 def test_displacements_go_on_at_their_rate():
     """u + Δt Δu/Δt_last, for steps of any size: the solution where loads grow at one rate."""
-    starts, residuals = [], []
+    starts, residuals = {}, {}
 
     def solve(step):
-        starts.append(case.u.x.array.copy())
+        starts.setdefault(step, case.u.x.array.copy())  # the first step pairs twice
         case.problem.solve()
-        residuals.append(case.problem.residual_history[0])
+        residuals.setdefault(step, case.problem.residual_history[0])
 
     case = Pressed(0.2, solve)
     ends, times = [case.u.x.array.copy()], [0.0]
@@ -59,17 +59,17 @@ def test_a_failed_attempt_predicts_anew():
     starts = []
 
     def solve(step):
-        starts.append(case.u.x.array.copy())
+        if step == 1:
+            starts.append(case.u.x.array.copy())
         case.problem.solve()
-        if len(starts) in (2, 3):
+        if len(starts) in (1, 2):
             refuse()
 
     case = Pressed(0.2, solve)
     case.stepper.step()
     end = case.u.x.array.copy()
     case.stepper.step()
-    assert len(starts) == 4
-    for start, factor in zip(starts[1:], (1, 1 / 2, 1 / 4), strict=True):
+    for start, factor in zip(starts, (1, 1 / 2, 1 / 4), strict=True):
         assert largest(start - (1 + factor) * end) < 1e-14
 
 

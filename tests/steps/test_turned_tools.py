@@ -54,3 +54,35 @@ def test_where_the_tool_comes_from(kind, num_pairings):
     for a, b in zip(first, other, strict=True):
         assert largest(np.asarray(a) - b) < 1e-6 * largest(np.asarray(a))
     assert first[2] > 0 and first[3] > 1e-4
+
+
+@pytest.mark.parametrize("turns", ((0.2, 0.0), (0.1, -0.1), (0.3, 0.0, 0.0)))
+@pytest.mark.parametrize("shape", ("cylinder", "facets"))
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+def test_a_round_tool_turns_in_place(enforcement, shape, turns):
+    """Nothing changes: its points go away from where they are paired, and others come."""
+    msh = box(WORLD, (12, 4), "quadrilateral", [0.0, -1.0], [3.0, 0.0], "scattered")
+    V = vector_space(msh)
+    u = fem.Function(V)
+    radius, center = 1.6, [1.5, 1.6]
+    if shape == "cylinder":
+        tool = qs.RigidSurface.cylinder(WORLD, center, None, radius)
+    else:
+        angle = np.linspace(-np.pi, np.pi, 80, endpoint=False)
+        x = radius * np.column_stack([np.cos(angle), np.sin(angle)]) + center
+        i = np.arange(80)
+        tool = qs.RigidSurface.triangulated(WORLD, x, np.column_stack([i, (i + 1) % 80]), center)
+    surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
+    contact = qs.Contact(surface, tool, quadrature="overlay", enforcement=enforcement)
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, -1.0))]])
+
+    def drive(t, dt):
+        tool.displacement = [0.0, -0.03 if t < 1.5 else 0.0]
+        tool.rotation = 0.0 if t < 1.5 else turns[round(t) - 2]
+
+    stepper = qs.TimeStepper(problem, 1.0, drive)
+    forces = []
+    for _ in stepper.run(1.0 + len(turns)):
+        forces.append(contact.force("master")[1])
+    np.testing.assert_allclose(forces, forces[0], rtol=2e-3)
+    assert abs(forces[0]) > 1e-3
