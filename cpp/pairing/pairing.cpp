@@ -88,8 +88,8 @@ void take_corners(PairingPoints& points, const Corners& corners)
         = corners.sides.at.area[i];
 }
 
-/// Normals of nodes, [node][3]; at creases of the smooth side that looks most at what was found: the
-/// mean with faces beside it would tilt the pair.
+/// Normals of nodes, [node][3]; at creases of the smooth side that looks most at what was found:
+/// the mean with faces beside it would tilt the pair.
 std::vector<double> facing_normals(const Surface& at, const ClosestFacets& found)
 {
   std::vector<double> out = at.nodes().normal;
