@@ -165,6 +165,9 @@ def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
     good &= sure < np.where(near, reach, np.inf).min(axis=1) * (1 - 1e-9)
     good[good & ~found] &= ~hidden(x, q, facing, distance, facets, own)[good & ~found]
     good &= ~elsewhere
+    left = np.flatnonzero(good & ~found)
+    good[left] = ~has_shorter_way_out(x, normal, q, n, facing, facets, own, left)
+    good[left] &= ~is_behind_the_edge(x, q, n, distance, facing)[left]
     if angle == MARGIN and np.any(good & ~found):
         out.append(f"{np.count_nonzero(good & ~found)} nodes were left unpaired")
     return out
@@ -183,6 +186,53 @@ def is_outside(x, q, n, distance, facing, size):
     behind = (height[nodes, nearest] < 0) & (offset > 1e-6 * size[nearest])
     as_near = distance <= distance[nodes, nearest, None] * (1 + 1e-6)
     return behind & np.any(as_near & (height > 0) & (facing >= 0), axis=1)
+
+
+def is_behind_the_edge(x, q, n, distance, facing):
+    """Whether the nearest facet that faces a node meets one there whose back the node sees.
+
+    A line of sight then just touches that one, and may or may not be hidden by it.
+    """
+    nodes = np.arange(len(x))
+    nearest = np.argmin(np.where(facing < 0, distance, np.inf), axis=1)
+    as_near = np.abs(distance - distance[nodes, nearest, None]) <= 1e-6 * distance
+    return np.any(as_near & (dot(x[:, None] - q, n[None]) < 0) & (facing >= 0), axis=1)
+
+
+def has_shorter_way_out(x, normal, q, n, facing, facets, own, nodes):
+    """Whether faces across, opposite to each other, are less deep together than the nearest one.
+
+    Args:
+        x: All nodes, and so on as for :func:`nodal_faults`.
+        nodes: Of which to say so.
+    """
+    out = np.zeros(len(nodes), dtype=bool)
+    if len(nodes) == 0:
+        return out
+    own_n = outward(own, own.mean(axis=(0, 1)))
+    at = np.argmin(np.linalg.norm(own.mean(axis=1)[:, None] - x, axis=-1), axis=1)
+    own_n = own_n * np.sign(dot(own_n, normal[at]))[:, None]
+    distance = np.linalg.norm(q - x[:, None], axis=-1)
+    for i, k in enumerate(nodes):
+        f = np.argmin(np.where(facing[k] < 0, distance[k], np.inf))
+        y, depth = q[k, f], distance[k, f]
+        if (y - x[k]) @ n[f] <= 0:
+            continue
+        from_x = across(x[k], facets, n, n[f], depth)
+        from_y = across(y, own, own_n, n[f], depth)
+        out[i] = any(
+            a + b < depth * (1 + 1e-6) and u @ v < -0.86 for a, u in from_x for b, v in from_y
+        )
+    return out
+
+
+def across(p, facets, normals, axis, depth):
+    """Distances and normals of facets across an axis that have a point behind them."""
+    q = closest(p[None], facets)[0]
+    distance = np.linalg.norm(q - p, axis=1)
+    behind = dot(p - q, normals) < 1e-6 * depth
+    keep = (np.abs(normals @ axis) < 0.5 + MARGIN) & (distance < depth) & behind
+    return list(zip(distance[keep], normals[keep], strict=True))
 
 
 def hidden(x, q, facing, distance, facets, own):
