@@ -33,7 +33,8 @@ def test_shares_fall():
     """They are measured after each solve, and fall to the tolerance."""
     case = squeezed(stabilisation=qs.Stabilisation(tolerance=1e-7))
     shares = case.problem.stabilisation_shares
-    assert shares[0] > 1e-2 and 0 < shares[-2] <= 1e-7 and shares[-1] == 0
+    # The step pairs twice, and its last solve starts where the first one has ended.
+    assert shares[0] > 1e-6 and 0 < shares[-2] <= 1e-7 and shares[-1] == 0
     assert len(shares) <= 16
 
 
