@@ -7,7 +7,7 @@ RANKS = 1 2 3
 # Arguments for pytest (--all-cases: see CONTRIBUTING.md; PYTEST_N: with N ranks), and seconds after
 # which a test run is given up.
 PYTEST = -q
-TEST_TIMEOUT = 1500
+TEST_TIMEOUT = 2400
 # The command of `make demo`.
 DEMO = python3 demos/patch_test.py --plot patch_test.png
 
