@@ -192,10 +192,11 @@ class TimeStepper:
         #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
         #: first zero. They are where the next step starts from.
         self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
-        #: By how much the last step missed what was expected of it, length; at first zero.
-        self.missed: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
         #: The same of rigid tools.
         self.tool_rates = [ToolRate.zero(tool) for tool in self.tools]
+        #: By how much the last step missed what was expected of it, length; at first zero.
+        self.missed: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
+        self._missed = self.missed
 
     def ends(self) -> list[tuple[ContactModel, Place, Place | None]]:
         """Each contact with where its slave's and its master's body are between two steps."""
