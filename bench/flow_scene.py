@@ -1,4 +1,4 @@
-"""The velocity–pressure scene of ``bench/presets.py``: an elastic tool presses a block that flows.
+"""The velocity–pressure scene of ``bench/solvers.py``: an elastic tool presses a block that flows.
 
 The lower body is a Norton-Hoff block, a square or cube of MINI elements with velocity and pressure,
 held by planes of symmetry. The elastic tool on it covers 0.6 of an edge, so that the flow is far
@@ -69,6 +69,7 @@ def flow(dim, n, solver, enforcement, mu=0.0):
     contact = qs.Contact(
         lower[3],
         upper[3],
+        quadrature="nodal",
         enforcement=enforcement,
         unknown=("velocity", "displacement"),
         dt=STEP,

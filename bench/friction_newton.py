@@ -74,6 +74,7 @@ def scene(cell, n, formulation, quadrature, law):
         formulation,
         penalty=30.0,
         quadrature=quadrature,
+        enforcement="penalty",
         friction=law,
         dt=0.5 if law.needs_dt else None,
     )

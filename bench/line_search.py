@@ -70,6 +70,8 @@ def iterations(formulation, penalty, load, gap, search):
         qs.Unilateral(),
         penalty,
         search_radius=2.0,
+        quadrature="nodal",
+        enforcement="penalty",
     )
     bodies = (block, punch)
     problem = qs.ContactProblem(

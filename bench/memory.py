@@ -69,6 +69,7 @@ def growth(step, count):
 
 def pairing(cell, **options):
     """A step that moves a block along the other and pairs anew, there and back."""
+    options = {"quadrature": "nodal", "enforcement": "penalty"} | options
     pair = Pair(cell, n=(8, 6), wave=0.02, contact_options=options)
     ways = [1e-3, -1e-3]
 
@@ -82,7 +83,8 @@ def pairing(cell, **options):
 
 def solving(cell):
     """A step that pairs anew and solves, so that matrices are built again."""
-    pair = Pair(cell, n=(5, 4))
+    options = {"quadrature": "nodal", "enforcement": "penalty"}
+    pair = Pair(cell, n=(5, 4), contact_options=options)
     problem = pair.problem()
 
     def step():

@@ -103,7 +103,9 @@ class OurPairing:
     """qsdolfinx: a contact that is updated, its pairing, and the search alone."""
 
     def __init__(self, slave, master):
-        self.contact = qs.Contact(slave, master, "master-slave", search_radius=RADIUS)
+        self.contact = qs.Contact(
+            slave, master, "master-slave", quadrature="nodal", search_radius=RADIUS
+        )
         self.surfaces = slave, master
 
     def update(self):

@@ -1,4 +1,4 @@
-"""The same contact job through qsdolfinx, CalculiX, Kratos and NGSolve, in one run.
+"""The same contact job through qsdolfinx, asimov-contact, CalculiX, Kratos and NGSolve, in one run.
 
 Two unit cubes of hexahedra whose meshes do not match, pressed together by a displacement; or with
 --job hertz a sphere on a block: see bench/peers/README.md for what is compared. Printed for each
@@ -15,6 +15,7 @@ with the fewest CPU seconds counts. A program that is not there is reported.
 
 import argparse
 import datetime
+import functools
 import json
 import os
 import pathlib
@@ -44,9 +45,25 @@ TRIAL = {"cubes": (3, 2), "hertz": (7, 5)}
 RUNS = {
     "ours": [
         ("overlay, augmented", ["--quadrature", "overlay"], False),
+        (
+            "overlay, augmented, points",
+            ["--quadrature", "overlay", "--constraints", "points"],
+            False,
+        ),
         ("nodal, augmented", ["--quadrature", "nodal"], False),
         ("overlay, penalty", ["--quadrature", "overlay", "--enforcement", "penalty"], True),
+        (
+            "overlay, penalty, points",
+            ["--quadrature", "overlay", "--enforcement", "penalty", "--constraints", "points"],
+            True,
+        ),
         ("nodal, penalty", ["--quadrature", "nodal", "--enforcement", "penalty"], True),
+    ],
+    "asimov": [
+        ("CG, GAMG", ["--linear", "gamg"], False),
+        ("CG, BoomerAMG", ["--linear", "boomeramg"], False),
+        ("CG, incomplete Cholesky", ["--linear", "icc"], False),
+        ("MUMPS", ["--linear", "mumps"], False),
     ],
     "calculix": [
         ("CG, incomplete Cholesky", ["--linear", "ITERATIVE CHOLESKY"], True),
@@ -63,7 +80,7 @@ RUNS = {
     ],
 }
 #: Direct solvers, only with --direct.
-DIRECT = "SPOOLES", "PaStiX", "ALM, sparse LU", "sparse Cholesky"
+DIRECT = "MUMPS", "SPOOLES", "PaStiX", "ALM, sparse LU", "sparse Cholesky"
 #: The run that leaves no gap, beside which forces are put.
 REFERENCE = "overlay, augmented"
 
@@ -74,13 +91,21 @@ def command(name, how):
         return [sys.executable, HERE / "ours.py"]
     if name == "calculix":
         return [sys.executable, HERE / "calculix.py", "--ccx", how]
+    if name == "asimov":
+        return [sys.executable, HERE / "asimov.py"]
     return [how, HERE / ("ngsolve_.py" if name == "ngsolve" else "kratos.py")]
 
 
-def measure(arguments, own, limit):
+def environment(name, how):
+    """That of a program's driver: our own where it needs our DOLFINx; one thread."""
+    if name in ("ours", "asimov"):
+        return install.with_path(how)
+    return install.environment()
+
+
+def measure(arguments, environ, limit):
     """Run a driver; its row, or the reason why there is none."""
     start = time.perf_counter()
-    environment = dict(os.environ, OMP_NUM_THREADS="1") if own else install.environment()
     with subprocess.Popen(
         [str(a) for a in ("timeout", limit, *arguments)],
         stdin=subprocess.DEVNULL,
@@ -88,7 +113,7 @@ def measure(arguments, own, limit):
         stderr=subprocess.STDOUT,
         text=True,
         errors="replace",
-        env=environment,
+        env=environ,
     ) as process:
         text = process.stdout.read()
         _, status, usage = os.wait4(process.pid, 0)
@@ -119,18 +144,18 @@ def machine():
     }
 
 
-def solve(call, name, sizes, p):
+def solve(call, environ, sizes, p):
     """Row of one program and one pair of meshes, with the errors if there is an exact solution."""
     call = [*call, "--job", p.job, "--sizes", ",".join(map(str, sizes))]
     if p.job == "cubes":
-        return measure(call, name == "ours", p.timeout)
+        return measure(call, environ, p.timeout)
     with tempfile.TemporaryDirectory() as folder:
-        output = pathlib.Path(folder, "u.npy")
-        row = measure([*call, "--output", output], name == "ours", p.timeout)
+        output = pathlib.Path(folder, "u.npz")
+        row = measure([*call, "--output", output], environ, p.timeout)
         if "error" in row:
             return row
         try:
-            return row | hertz_error.measure(sizes, np.load(output))
+            return row | hertz_error.measure(sizes, **np.load(output))
         except ValueError as reason:
             return {"error": str(reason)}
 
@@ -186,6 +211,7 @@ def parse():
     add("--peers", nargs="+", choices=tuple(RUNS), default=tuple(RUNS))
     add("--install", metavar="FOLDER", help="take them from here; install what is missing")
     add("--python", help="interpreter for Kratos and NGSolve; by default the one that runs this")
+    add("--asimov-source", metavar="FOLDER", help="source of asimov-contact; otherwise cloned")
     add("--factor", type=float, default=10.0, help="penalty over E/h, where there is one")
     add("--rtol", type=float, default=1e-6, help="residual at which Newton ends, with a penalty")
     add("--direct", action="store_true", help="direct solvers of the others as well")
@@ -200,34 +226,37 @@ def parse():
 def main():
     p = parse()
     others = [name for name in p.peers if name != "ours"]
-    how = install.prepare(others, p.install, p.python, lambda text: print(text, flush=True))
+    say = functools.partial(print, flush=True)
+    how = install.prepare(others, p.install, p.python, say, p.asimov_source)
     runners, versions = [], {}
     for name in p.peers:
         for run, arguments, takes_penalty in RUNS[name]:
             if run in DIRECT and not p.direct:
                 continue
             if isinstance(how.get(name), install.Missing):
-                runners.append((name, run, None, {"error": f"missing: {how[name]}"}))
+                runners.append((name, run, None, None, {"error": f"missing: {how[name]}"}))
                 continue
             call = [*command(name, how.get(name)), *arguments]
+            environ = environment(name, how.get(name))
             if takes_penalty:
                 call += ["--factor", p.factor]
-                call += [] if name == "calculix" else ["--rtol", p.rtol]  # it has a rule of its own
+            if (takes_penalty and name != "calculix") or name == "asimov":
+                call += ["--rtol", p.rtol]  # CalculiX has a rule of its own
             # A tiny job first: forms are compiled, and what cannot run at all is found out.
-            trial = solve(call, name, TRIAL[p.job], p)
+            trial = solve(call, environ, TRIAL[p.job], p)
             versions[name] = trial.get("version", versions.get(name))
-            runners.append((name, run, call, trial))
+            runners.append((name, run, call, environ, trial))
     results = []
     for sizes in p.sizes:
         runs = {i: [] for i in range(len(runners))}
         for _ in range(p.repeats):
-            for i, (name, _, call, trial) in enumerate(runners):
+            for i, (_, _, call, environ, trial) in enumerate(runners):
                 failed = "error" in trial
-                row = trial if failed else solve(call, name, sizes, p)
+                row = trial if failed else solve(call, environ, sizes, p)
                 runs[i].append(row)
         rows = [
             {"sizes": sizes, "program": name, "run": run} | best(runs[i])
-            for i, (name, run, _, _) in enumerate(runners)
+            for i, (name, run, *_) in enumerate(runners)
         ]
         show(rows, sizes, p.job)
         results += rows

@@ -10,19 +10,25 @@ t_k = f_k / S_k, is in L2, (Σ S_k (t_k − t(x_k))² / Σ S_k t(x_k)²)^½, on 
 
 import pathlib
 import sys
+import types
 import typing
 
 import numpy as np
 
+import ufl
+from dolfinx import fem, mesh
+
 import qsdolfinx as qs
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "demos"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 import forging
 import forging_bodies
 import hertz
 import hertz_bodies
 import patch_bodies
+import two_blocks
 import upsetting_convergence as upsetting
 
 SIDES = ("slave", "master")
@@ -195,6 +201,70 @@ class Upsetting(Pair):
         return out | {"energy": float(np.sqrt(energy))}
 
 
+class Cubes(Pair):
+    """Two cubes, E = 3e4 and 1.3e4, under a pressure of 200: 5·2ˡ and 4·2ˡ tetrahedra an edge.
+
+    The lower one is clamped, the top does not move sideways. Of the mean displacement of the top.
+    """
+
+    title = "Two cubes, mean displacement"
+    levels = (0, 1, 2)
+    errors_of = ("displacement",)
+    moduli, pressure = (3e4, 1.3e4), 200.0
+    #: Cells an edge of the reference's matching meshes, of degree 2.
+    finest = 10
+
+    def __init__(self, comm, level, shared, n=None, degree=1):
+        n = n or (5 * 2**level, 4 * 2**level)
+        self.reference = shared
+        bodies, surfaces = [], []
+        for i, (cells, modulus) in enumerate(zip(n, self.moduli, strict=True)):
+            msh = two_blocks.box("tetrahedron", cells, float(i), i + 1.0)
+            V = fem.functionspace(msh, ("Lagrange", degree, (3,)))
+            body = types.SimpleNamespace(V=V, u=fem.Function(V))
+            v = ufl.TestFunction(V)
+            body.F = two_blocks.residual(body.u, v, modulus)
+            if i == 0:
+                body.bcs = [two_blocks.clamp(V, 0.0, 0.0)]
+            else:
+                top = two_blocks.facets_at(msh, 2.0)
+                tags = mesh.meshtags(msh, 2, np.sort(top), np.ones(len(top), dtype=np.int32))
+                ds = ufl.Measure("ds", msh, subdomain_data=tags)(1)
+                body.F += self.pressure * v[2] * ds
+                body.bcs = [
+                    fem.dirichletbc(0.0, fem.locate_dofs_topological(V.sub(j), 2, top), V.sub(j))
+                    for j in range(2)
+                ]
+                self.mean = fem.form(-body.u[2] * ds)
+            bodies.append(body)
+            surfaces.append(qs.Surface(V, facets=two_blocks.facets_at(msh, 1.0)))
+        super().__init__(bodies[::-1], surfaces[::-1], 1 / n[1])
+
+    @classmethod
+    def prepare(cls, comm, levels):
+        """The mean displacement on matching meshes of degree 2."""
+        scene = cls(comm, 0, None, n=(cls.finest, cls.finest), degree=2)
+        *_, problem, solve = scene.assemble(
+            Kind("quasi-symmetric", "overlay", "augmented-lagrangian")
+        )
+        solve()
+        displacement = scene.displacement()
+        problem.destroy()
+        return displacement
+
+    @staticmethod
+    def describe(shared):
+        return {"mean displacement": shared}
+
+    def displacement(self):
+        """Mean of the top's, downwards. Collective."""
+        comm = self.bodies[0].V.mesh.comm
+        return float(comm.allreduce(fem.assemble_scalar(self.mean)))
+
+    def errors(self, contacts):
+        return {"displacement": abs(self.displacement() / self.reference - 1)}
+
+
 class Profile(typing.NamedTuple):
     """Pressure over the radius: coefficients of 1, r², r⁴, and what is to be said of it."""
 
@@ -283,6 +353,7 @@ class Forging(Scene):
 
 CASES = {
     "patch": Patch,
+    "cubes": Cubes,
     "hertz2d": Hertz2D,
     "hertz3d": Hertz3D,
     "upsetting": Upsetting,

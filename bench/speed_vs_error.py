@@ -46,7 +46,7 @@ KINDS = [
 #: The kind beside which the others are put.
 BASE = Kind("quasi-symmetric", "overlay", "penalty")
 #: Errors by what is wrong: the worst of some entries of a summary's rows.
-MEASURES = {"energy norm": ("energy",), "traction": SIDES}
+MEASURES = {"displacement": ("displacement",), "energy norm": ("energy",), "traction": SIDES}
 #: CPU seconds after which a kind is not run again.
 LONG = 10.0
 #: Relative error below which a solution is as good as exact: multipliers are augmented to 1e-8.

@@ -1,4 +1,4 @@
-"""Two elastic blocks, one on the other, pressed together: for bench/presets.py and scaling.py."""
+"""Two elastic blocks, one on the other, pressed together: for bench/solvers.py and scaling.py."""
 
 from mpi4py import MPI
 

@@ -8,8 +8,8 @@ it. So it is dragged further, by larger steps, until T, the force along x, chang
 1e-7 μ N in a step. Points and normals stay as they are paired at first (small sliding).
 
     python3 demos/block_on_block.py
-    mpirun -n 2 python3 demos/block_on_block.py --quadrature overlay --mu 0.5 --json block.json
-    python3 demos/block_on_block.py --quadrature overlay --n 2 --plot block.png
+    mpirun -n 2 python3 demos/block_on_block.py --mu 0.5 --json block.json
+    python3 demos/block_on_block.py --n 2 --plot block.png
 
 The demo ends with status 1 if friction takes energy at a node that does not slip, or gives any
 back. Keys of the JSON object:
@@ -51,8 +51,8 @@ class Parameters:
 
     mu: float = option(0.3, "coefficient of friction, above 0")
     formulation: str = option("quasi-symmetric")
-    quadrature: str = option("nodal")
-    enforcement: str = option("penalty")
+    quadrature: str = option("overlay")
+    enforcement: str | None = option(None)
     n: int = option(1, "factor of the numbers of cells along an edge")
     push: float = option(2e-3, "displacement of the top in a step")
 

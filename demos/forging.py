@@ -7,7 +7,7 @@ times finer than the workpiece, which carries the multipliers (--swap: the dies 
 condition holds the workpiece up or down: contact does. There is no friction unless --friction names
 a law; friction factors are of the flow stress at the nominal strain rate, velocity over height.
 
-    mpirun -n 2 python3 demos/forging.py --die-refinement 4 --quadrature overlay --json forging.json
+    mpirun -n 2 python3 demos/forging.py --die-refinement 4 --json forging.json
     mpirun -n 2 python3 demos/forging.py --friction coulomb-tresca --mu 0.2 --m-bar 0.4
     python3 demos/forging.py --friction sticking --plot forging.png --animate forging.gif
 
@@ -54,7 +54,7 @@ class Parameters:
     die_refinement: float = option(4.0)
     formulation: str = option("quasi-symmetric")
     quadrature: str = option("overlay")
-    enforcement: str = option("penalty")
+    enforcement: str = option("penalty", "as accurate here, and faster")
     reduction: float = option(0.3)
     size: str = option("coarse", choices=tuple(SIZES))
     num_steps: int = option(15, name="--steps")

@@ -11,7 +11,7 @@ made by qs.TimeStepper, which pairs anew, until the wedge has gone that far.
 
     python3 demos/sliding_wedge.py --mu 0.3 --plot wedge.png
     mpirun -n 2 python3 demos/sliding_wedge.py --mu 0.1 --formulation double-pass --json wedge.json
-    python3 demos/sliding_wedge.py --mu 0.2 --quadrature overlay --travel 1
+    python3 demos/sliding_wedge.py --mu 0.2 --travel 1
 
 Key of the JSON object:
 
@@ -44,8 +44,8 @@ class Parameters:
 
     mu: float = option(0.2, "coefficient of friction")
     formulation: str = option("quasi-symmetric")
-    quadrature: str = option("nodal")
-    enforcement: str = option("penalty")
+    quadrature: str = option("overlay")
+    enforcement: str | None = option(None)
     n: int = option(1, "factor of the numbers of cells along an edge")
     push: float = option(1e-3, "displacement of the back in a step")
     travel: float = option(0.0, "way to go, pairing in every step")

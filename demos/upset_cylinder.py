@@ -51,7 +51,7 @@ class Parameters:
     num_steps: int = option(25, name="--steps")
     scheme: str = option("midpoint", choices=("midpoint", "euler"))
     formulation: str = option("quasi-symmetric", choices=("master-slave", "quasi-symmetric"))
-    quadrature: str = option("nodal")
+    quadrature: str = option("overlay")
     verbose: bool = False
 
 

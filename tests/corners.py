@@ -10,6 +10,9 @@ import qsdolfinx as qs
 #: How far the block is pressed against each wall.
 PRESS = 0.02
 
+#: What contacts have if nothing else is said.
+AT_NODES = {"quadrature": "nodal", "enforcement": "penalty", "penalty": 50.0}
+
 
 def boundary(msh, where):
     return mesh.locate_entities_boundary(msh, msh.topology.dim - 1, where)
@@ -50,7 +53,7 @@ class InCorner:
         press: For each wall; how far.
         gap: Between the block and each wall.
         angle: By which both bodies are turned: their far faces are then held as a whole.
-        options: Of the contacts.
+        options: Of the contacts; else they have penalties at nodes.
     """
 
     def __init__(
@@ -123,9 +126,7 @@ class InCorner:
             else:
                 one = qs.Surface(self.V[0], facets=walls_of)
             slave, other = (two, one) if block_first else (one, two)
-            self.contacts.append(
-                qs.Contact(slave, other, formulation, **({"penalty": 50.0} | options))
-            )
+            self.contacts.append(qs.Contact(slave, other, formulation, **(AT_NODES | options)))
         if master == "rigid":
             self.V, self.u, self.F, self.bcs = ([x[1]] for x in (self.V, self.u, self.F, self.bcs))
 

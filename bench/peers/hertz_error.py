@@ -130,12 +130,16 @@ def check_conditions(bodies, parts):
         raise ValueError(f"boundary conditions are off by {max(off):.2g}")
 
 
-def measure(sizes, u):
+def measure(sizes, u, loads=None, tractions=None):
     """Row of results: of the whole, as if there were four quarters.
 
     Args:
         sizes: Cells along an edge of the lower and the upper body.
         u: Displacements of all nodes, shape (nodes, 3).
+        loads: Forces of the program's contact on nodes, where they reach further than the surfaces,
+            shape (nodes, 3).
+        tractions: Forces of its contact's tractions on nodes, where they are not those inside the
+            bodies, shape (nodes, 3).
 
     Returns:
         The force, its Hertz radius, and for each body the two errors of the pressure and the forces
@@ -145,20 +149,23 @@ def measure(sizes, u):
         ValueError: If the displacements are not those of the job.
     """
     bodies = sphere.bodies(sizes)
-    parts = np.split(u, [len(bodies[0].x)])
+    first = [len(bodies[0].x)]
+    parts = np.split(u, first)
     check_conditions(bodies, parts)
-    forces = [
+    inside = [
         internal_forces(body, part, modulus, sphere.NU)
         for body, part, modulus in zip(bodies, parts, sphere.E, strict=True)
     ]
+    forces = inside if tractions is None else np.split(tractions, first)
+    rest = inside if loads is None else [f - g for f, g in zip(inside, np.split(loads, first))]
     surfaces = bodies[0].high, bodies[1].low
     total = -4 * forces[0][np.unique(surfaces[0]), 2].sum()
     if not total > 0:
         raise ValueError("no contact force")
     out = {"total": float(total), "radius": float(hertz(total)[0])}
-    names = zip(("lower", "upper"), bodies, forces, surfaces, (-1, 1), strict=True)
-    for name, body, f, quads, sign in names:
+    names = zip(("lower", "upper"), bodies, forces, rest, surfaces, (-1, 1), strict=True)
+    for name, body, f, left, quads, sign in names:
         errors = relative_errors(body.x, quads, sign * f[:, 2], total)
         out[f"l2_{name}"], out[f"l2_nodes_{name}"] = errors
-        out[f"unbalanced_{name}"] = 4 * unbalanced(body, f) / total
+        out[f"unbalanced_{name}"] = 4 * unbalanced(body, left) / total
     return out

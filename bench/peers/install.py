@@ -1,12 +1,14 @@
 """Installs the other programs into a folder of their own; the system is left alone.
 
 Kratos and NGSolve come from the Python package index, into a virtual environment; CalculiX from
-Debian, its package and all it depends on unpacked, and started by the C library that came with it.
+Debian, its package and all it depends on unpacked, and started by the C library that came with it;
+asimov-contact from its repository, compiled with the DOLFINx of the Python that runs this.
 """
 
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 
@@ -22,6 +24,9 @@ MODULES = {
     "kratos": "KratosMultiphysics.ContactStructuralMechanicsApplication",
     "ngsolve": "ngsolve",
 }
+
+#: Source of asimov-contact, for DOLFINx 0.9.
+ASIMOV = "https://github.com/Wells-Group/asimov-contact", "v0.9.0"
 
 #: Debian's releases; the newest that has calculix-ccx is taken, but first that of the system.
 SUITES = "trixie", "bookworm", "bullseye"
@@ -61,7 +66,7 @@ def run(*command, **kwargs):
 
 def environment():
     """That of a program which has nothing to do with our own Python; one thread."""
-    names = "PYTHONPATH", "PYTHONHOME", "PYTHONSAFEPATH"
+    names = "PYTHONPATH", "PYTHONHOME", "PYTHONSAFEPATH", "PYTHONDONTWRITEBYTECODE"
     kept = {name: value for name, value in os.environ.items() if name not in names}
     return kept | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
@@ -173,16 +178,80 @@ def write_script(script):
     script.chmod(0o755)
 
 
-def prepare(names, folder, python, say):
-    """How to start each program: a command prefix, or the reason why it is missing."""
+def asimov(folder, source):
+    """Folder of asimov-contact's Python package; None where Python has it already.
+
+    Args:
+        folder: Where to compile it if it is not there, or None.
+        source: Folder of its source, or None to clone it.
+    """
+    path = pathlib.Path(folder, "asimov", "python").absolute() if folder else None
+    check = sys.executable, "-c", "import dolfinx_contact"
+    if not folder:
+        run(*check)
+        return None
+    try:
+        run(*check, env=with_path(path))
+    except Missing:
+        compile_asimov(path, source)
+        run(*check, env=with_path(path))
+    return path
+
+
+def with_path(path):
+    """Our own environment, with a folder of Python packages if one is given; one thread."""
+    paths = [str(path or ""), os.environ.get("PYTHONPATH", "")]
+    found = {"PYTHONPATH": os.pathsep.join(p for p in paths if p), "OMP_NUM_THREADS": "1"}
+    kept = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    return kept | found
+
+
+def compile_asimov(path, source):
+    """Compile the library and its Python package, which is put there, beside the library."""
+    root = path.parent
+    run(sys.executable, "-c", "import dolfinx")
+    shutil.rmtree(root, ignore_errors=True)
+    if not source:
+        source = root / "source"
+        clone = "git", "clone", "--depth", "1", "--branch", ASIMOV[1], ASIMOV[0]
+        try:
+            run(*clone, source)
+        except Missing as reason:
+            raise Missing(f"{reason} ({' '.join(clone)}, then --asimov-source)") from reason
+    source, build = pathlib.Path(source), root / "build"
+    release = f"-DCMAKE_INSTALL_PREFIX={root}", "-DCMAKE_BUILD_TYPE=Release"
+    run("cmake", "-S", source / "cpp", "-B", build, *release)
+    cores = str(len(os.sched_getaffinity(0)))
+    run("cmake", "--build", build, "--target", "install", "--parallel", cores)
+    found = f"-Ccmake.define.DOLFINX_CONTACT_DIR={root / 'share' / 'dolfinx_contact'}"
+    pip = sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"
+    run(*pip, "--no-build-isolation", "--no-deps", "--target", path, found, source / "python")
+    shutil.rmtree(build)
+
+
+def prepare(names, folder, python, say, source=None):
+    """What starts each program, or the reason why it is missing.
+
+    That is a command prefix, or a folder of Python's path for asimov-contact.
+
+    Args:
+        names: The programs.
+        folder: Where they are, or are installed to; None takes what the system has.
+        python: Interpreter for Kratos and NGSolve, or None for the one that runs this.
+        say: Told what is looked for.
+        source: Folder of asimov-contact's source, or None to clone it.
+    """
     python = python or sys.executable
     found = {}
     for name in names:
         say(f"looking for {name}")
         try:
-            found[name] = (
-                calculix(folder) if name == "calculix" else python_peer(name, folder, python)
-            )
+            if name == "calculix":
+                found[name] = calculix(folder)
+            elif name == "asimov":
+                found[name] = asimov(folder, source)
+            else:
+                found[name] = python_peer(name, folder, python)
         except Missing as reason:
             found[name] = reason
     return found

@@ -23,7 +23,7 @@ def add_arguments(parser):
     """What every driver is given."""
     parser.add_argument("--job", choices=tuple(JOBS), default="cubes")
     parser.add_argument("--sizes", required=True, help="cells along an edge, LOWER,UPPER")
-    parser.add_argument("--output", metavar="FILE", help="write the displacements here")
+    parser.add_argument("--output", metavar="FILE", help="write the displacements here (.npz)")
 
 
 def parse(parser):
@@ -33,14 +33,16 @@ def parse(parser):
     return p
 
 
-def report(output, u, **row):
+def report(output, u, contact=None, **row):
     """Print what the bench reads.
 
     Args:
         output: File for the displacements, or None.
         u: Displacements of the nodes of the lower and then of the upper body, shape (nodes, 3).
+        contact: The program's own forces of contact, where they are not those inside the bodies:
+            arguments of ``hertz_error.measure``.
         row: Results.
     """
     if output:
-        np.save(output, np.asarray(u, dtype=np.float64))
+        np.savez(output, u=np.asarray(u, dtype=np.float64), **(contact or {}))
     print("RESULT " + json.dumps(row), flush=True)

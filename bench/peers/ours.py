@@ -14,40 +14,24 @@ from petsc4py import PETSc
 
 import numpy as np
 
-import basix.ufl
 import dolfinx
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.compat import cell_nodes
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
+import dolfinx_mesh
 import jobs
 
 COMM = MPI.COMM_WORLD
 
 
-def create_mesh(body):
-    """The mesh of a body. DOLFINx numbers the corners of a cell row by row."""
-    element = basix.ufl.element("Lagrange", "hexahedron", 1, shape=(3,))
-    cells = body.cells[:, [0, 1, 3, 2, 4, 5, 7, 6]]
-    return mesh.create_mesh(COMM, cells, x=body.x, e=ufl.Mesh(element))
-
-
-def locate(msh, quads):
-    """Facets of a side of the body, given by its faces."""
-    on_side = np.isin(msh.geometry.input_global_indices, np.unique(quads))
-    msh.topology.create_connectivity(2, 3)
-    facets = mesh.exterior_facet_indices(msh.topology)
-    nodes = mesh.entities_to_geometry(msh, 2, facets)
-    return facets[on_side[nodes].all(axis=1)]
-
-
 def create_body(body, i, job):
     """Form, displacement, conditions and contact surface of the lower (0) or the upper body (1)."""
-    msh = create_mesh(body)
+    msh = dolfinx_mesh.create_mesh(COMM, body.x, body.cells)
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
     # Constants, so that both bodies have the same form to compile.
@@ -56,26 +40,17 @@ def create_body(body, i, job):
     strain = ufl.sym(ufl.grad(u))
     stress = lame * ufl.tr(strain) * ufl.Identity(3) + 2 * mu * strain
     held, touching = (
-        locate(msh, s) for s in ((body.high, body.low) if i else (body.low, body.high))
+        dolfinx_mesh.locate(msh, s) for s in ((body.high, body.low) if i else (body.low, body.high))
     )
     value = np.array([0.0, 0.0, i * job.PRESS])
     bcs = [
-        fem.dirichletbc(0.0, fem.locate_dofs_topological(W, 2, locate(msh, quads)), W)
+        fem.dirichletbc(0.0, fem.locate_dofs_topological(W, 2, dolfinx_mesh.locate(msh, quads)), W)
         for W, quads in ((V.sub(axis), quads) for axis, quads in body.planes.items())
     ]
     bcs.append(fem.dirichletbc(value, fem.locate_dofs_topological(V, 2, held), V))
     # Eight points in each cell, as the others have: exact for boxes.
     dx = ufl.dx(degree=3)
     return ufl.inner(stress, ufl.grad(v)) * dx, u, bcs, qs.Surface(V, facets=touching)
-
-
-def displacements(u):
-    """Displacements in the order of the job's nodes; one rank."""
-    msh = u.function_space.mesh
-    out = np.empty((msh.geometry.x.shape[0], 3))
-    rows = msh.geometry.input_global_indices[cell_nodes(msh)]
-    out[rows.ravel()] = u.x.array.reshape(-1, 3)[u.function_space.dofmap.list.ravel()]
-    return out
 
 
 def solve(p, job, sizes):
@@ -90,6 +65,7 @@ def solve(p, job, sizes):
         p.formulation,
         penalty="auto" if p.factor is None else jobs.penalty(job, sizes, p.factor),
         quadrature=p.quadrature,
+        quadrature_degree=p.degree,
         enforcement=p.enforcement,
         gap_tolerance=p.gap_tolerance,
         constraints=p.constraints,
@@ -111,7 +87,12 @@ def solve(p, job, sizes):
         "solve": now - before,
     }
     problem.destroy()
-    return np.concatenate([displacements(body[1]) for body in bodies]), row
+    spaces = [body[1].function_space for body in bodies]
+    parts = [
+        dolfinx_mesh.at_nodes(body[1].x.array, V, cell_nodes(V.mesh))
+        for body, V in zip(bodies, spaces, strict=True)
+    ]
+    return np.concatenate(parts), row
 
 
 def arguments():
@@ -125,6 +106,7 @@ def arguments():
     add("--enforcement", choices=enforcements, default="augmented-lagrangian")
     add("--slave", choices=("coarser", "finer", "lower", "upper"), default="coarser")
     add("--constraints", choices=("nodes", "points"), default="nodes")
+    add("--degree", type=int, help="of the rule on the overlay's pieces; otherwise as by default")
     add("--factor", type=float, help="penalty over E/h; otherwise the automatic one")
     add("--gap-tolerance", type=float, default=1e-8)
     add("--solver", default="amg")

@@ -44,14 +44,15 @@ def stick_and_slip(contact):
 
     Returns:
         Under "stick" and "slip" parts of the closed area, under "stick_energy" the energy taken at
-        nodes that do not slip, and under "least" the least energy taken at any node.
+        closed nodes that do not slip (others may slip and leave within the step), and under
+        "least" the least energy taken at any node.
     """
     areas, sticking, least = np.zeros(2), 0.0, 0.0
     for side in ("slave", "master") if contact.formulation == "double-pass" else ("slave",):
         area, energy = getattr(contact, side).node_area, contact.dissipation(side)
         active, slipping = contact.active(side), contact.slipping(side)
         areas += area[active & ~slipping].sum(), area[slipping].sum()
-        sticking += energy[~slipping].sum()
+        sticking += energy[active & ~slipping].sum()
         least = min(least, energy.min(initial=0.0))
     areas, sticking = contact.comm.allreduce(areas), contact.comm.allreduce(sticking)
     least = contact.comm.allreduce(least, op=MPI.MIN)

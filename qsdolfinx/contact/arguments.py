@@ -32,6 +32,11 @@ def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
         slave.check_partner(other)
 
 
+def default_enforcement(formulation: str) -> str:
+    """An augmented Lagrangian, but where there is none."""
+    return "penalty" if formulation == "double-pass" else "augmented-lagrangian"
+
+
 def check_formulation(formulation: str, enforcement: str, master: AnySurface) -> None:
     """Refuse multipliers where they cannot be."""
     both = formulation == "double-pass"

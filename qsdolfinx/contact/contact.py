@@ -26,6 +26,7 @@ from qsdolfinx.contact.arguments import (
     check_friction_use,
     check_smoothing,
     check_surfaces,
+    default_enforcement,
 )
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty
@@ -49,14 +50,18 @@ ENFORCEMENTS = ("penalty", "augmented-lagrangian")
 
 
 class Contact:
-    """Contact of a slave surface with a master surface by the penalty method.
+    """Contact of a slave surface with a master surface.
 
-    The energy is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations differ in where
-    the gap is sampled: ``"master-slave"``, (5), at the slave nodes; ``"quasi-symmetric"``, (11) and
-    (12), at the nodes of both sides, while the multiplier stays on the slave; ``"double-pass"``,
-    (6), is the mean of two master-slave contacts with the roles swapped, and so has multipliers on
-    both sides. They cannot close every gap of non-matching meshes: it takes a moderate penalty, and
-    no augmented Lagrangian.
+    Given no more than the two, it is quasi-symmetric contact with exact integrals, in which an
+    augmented Lagrangian closes the gaps. The paper's own method is ``quadrature="nodal"`` with
+    ``enforcement="penalty"``.
+
+    The energy of a penalty is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations
+    differ in where the gap is sampled: ``"master-slave"``, (5), at the slave's side;
+    ``"quasi-symmetric"``, (11) and (12), at both sides, while the multiplier stays on the slave;
+    ``"double-pass"``, (6), is the mean of two master-slave contacts with the roles swapped, and so
+    has multipliers on both sides. They cannot close every gap of non-matching meshes: it takes a
+    moderate penalty, and no augmented Lagrangian.
 
     The ½ of (11) is kept in the gap, so that ε means the same in every formulation: matching meshes
     give the same result with each. The ρ of (12) is ε/8 for quasi-symmetric contact and ε/2 for
@@ -78,9 +83,10 @@ class Contact:
             default the largest facet of the two surfaces, of a rigid tool's that of the slave.
             ``"local"``: place by place the size of the larger of the two facets, for surfaces whose
             fine parts are to look no further than they have to.
-        quadrature: ``"nodal"``: the gap is sampled at nodes, as in (5), (6), (12).
-            ``"overlay"``: (7) is integrated exactly over the pieces that the facets of one surface
-            cut from those of the other; needed for displacements of degree 2.
+        quadrature: ``"overlay"``: (7) is integrated exactly over the pieces that the facets of one
+            surface cut from those of the other. ``"nodal"``, the paper's: the gap is sampled at
+            nodes, as in (5), (6), (12), for displacements of degree 1. It is cheaper, and tractions
+            on non-matching meshes are wrong by a share that does not fall with the size of facets.
         quadrature_degree: Degree of the rule on the pieces of the overlay; by default that of the
             integrand on affine facets.
         normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
@@ -88,9 +94,11 @@ class Contact:
             node or point of the other surface (the default on the overlay, and with friction,
             which takes closing a gap along a tilted facet's normal for slip). Those of an analytic
             shape are always its own, at the point that is closest.
-        enforcement: ``"penalty"``, or ``"augmented-lagrangian"``: multipliers are updated until
-            they leave no gap larger than the tolerance. They are kept for the next solve, also
-            when contact pairs anew; :meth:`reset` forgets them.
+        enforcement: ``"augmented-lagrangian"``, the default where there is one: multipliers are
+            updated until they leave no gap larger than the tolerance, with any penalty. (With
+            direct solvers a penalty that takes too many updates is raised.) They are
+            kept for the next solve, also when contact pairs anew; :meth:`reset` forgets them.
+            ``"penalty"``, the default of double-pass contact: a gap of λ/ε is left.
         gap_tolerance: That gap in units of the smallest facet.
         unknown: What the unknowns of the bodies are: ``"displacement"`` or ``"velocity"``, (2) and
             (3), or one of them for the slave and the master, such as a forged workpiece and an
@@ -130,10 +138,10 @@ class Contact:
         TypeError: If a surface or the law is of another type.
 
     Warns:
-        ContactWarning: If hardly anything is paired, the master is much finer and sampled at nodes,
-            a tool's facets look turned, the surfaces penetrate each other deeply, or the chord
-            error of facets on conforming surfaces is not small beside their clearance or
-            interference.
+        ContactWarning: If hardly anything is paired, the master is much finer and sampled at nodes
+            (the first solve warns of a finer slave, too, with a soft penalty), a tool's facets look
+            turned, the surfaces penetrate each other deeply, or the chord error of facets on
+            conforming surfaces is not small beside their clearance or interference.
     """
 
     def __init__(
@@ -144,10 +152,10 @@ class Contact:
         law: Law | None = None,
         penalty: float | str = "auto",
         search_radius: float | str | None = None,
-        quadrature: str = "nodal",
+        quadrature: str = "overlay",
         quadrature_degree: int | None = None,
         normals: str | None = None,
-        enforcement: str = "penalty",
+        enforcement: str | None = None,
         gap_tolerance: float = 1e-8,
         unknown: str | typing.Sequence[str] = "displacement",
         dt: float | None = None,
@@ -164,6 +172,8 @@ class Contact:
             check_surfaces(slave, master)
             same(master=type(master).__name__)
             same(one_of(FORMULATIONS), formulation=formulation)
+            if enforcement is None:
+                enforcement = default_enforcement(formulation)
             same(one_of(ENFORCEMENTS), enforcement=enforcement)
             check_formulation(formulation, enforcement, master)
             same(one_of(QUADRATURES), quadrature=quadrature)

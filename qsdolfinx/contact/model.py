@@ -242,6 +242,8 @@ class ContactModel:
         self.held_nodes: list[HeldNodes] = []
         #: Whether a warning of these has been given.
         self.held_warned = False
+        #: Whether a warning of a soft penalty at the nodes of a finer slave has been given.
+        self.soft_warned = False
         #: Whether a gap that is open by rounding alone counts as open.
         self.strict = False
         #: Wall time that this rank has spent in pairing, gaps and insertion.
@@ -301,6 +303,12 @@ class ContactModel:
         """ε in tangential direction; only with friction."""
         assert self.friction is not None
         return self.friction.penalty(self.eps)
+
+    @property
+    def compliance(self) -> float:
+        """Gap that a pressure at a node closes, over it: of the penalty and of the bodies."""
+        of_bodies = sum(1 / k for k in self.penalty.stiffness if k > 0)
+        return of_bodies + (0.0 if self.augmented else 1 / self.eps)
 
     @property
     def allowed_gap(self) -> float:

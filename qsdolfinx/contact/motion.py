@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
+from mpi4py import MPI
 from petsc4py import PETSc
+
+import numpy as np
 
 from dolfinx import fem
 
@@ -14,9 +17,9 @@ from qsdolfinx.contact import multipliers, overclosed, terms
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.gap.weighted_gap import handle_of
-from qsdolfinx.surface.affine import Affine
+from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
 from qsdolfinx.surface.surface import update_surfaces
-from qsdolfinx.tools.rigid_surface import deformable
+from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
 
 Vecs = tuple[PETSc.Vec | None, PETSc.Vec | None]
 
@@ -123,7 +126,32 @@ def move_tool(model: ContactModel) -> None:
     with model.watch.stage("gap"):
         for part in model.parts:
             part.state.shift = part.change(model.master.motion)
+        tool = as_tool(model.master)
+        # Bodies in displacements pair where the tool ends, and friction takes others along with it.
+        alone = model.friction is None and not model.kinematics.in_displacement[0]
+        if tool is not None and alone and not model.law.jump and tool.rotation.any():
+            _turn_in_place(model, tool)
     model.tool_motion = model.master.motion
+
+
+def _turn_in_place(model: ContactModel, tool: RigidSurface) -> None:
+    """Let a tool that turns in place open no gap to a body that stays. Collective.
+
+    A point of a surface of revolution leaves the tangent plane on its way round, and another comes.
+    A rotation R about c is of that kind where ½ (R − Rᵀ)(x − c), the displacement along the mean
+    of the normals before and after, opens gaps by less than the rest of (R − 1)(x − c) does.
+    """
+    R, zero = rotation_matrix(tool.rotation), np.zeros_like(tool.displacement)
+    turns = R, np.eye(len(R)) + (R - R.T) / 2
+    full, along = (rotation_about(turn, tool.center, zero) for turn in turns)
+    parts = [(gap.change(full), gap.change(along)) for gap in model.gaps]
+    opened = max(np.max(np.abs(odd), initial=0.0) for _, odd in parts)
+    rest = max(np.max(np.abs(whole - odd), initial=0.0) for whole, odd in parts)
+    opened, rest = (model.comm.allreduce(x, op=MPI.MAX) for x in (opened, rest))
+    if opened >= rest:
+        return
+    for gap, (whole, odd) in zip(model.gaps, parts, strict=True):
+        gap.state.shift = gap.state.shift + (odd - whole)
 
 
 def set_motion(model: ContactModel) -> None:

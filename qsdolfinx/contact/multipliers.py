@@ -17,7 +17,8 @@ Array = npt.NDArray[np.float64]
 
 def violation(model: ContactModel) -> float:
     """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
-    gaps = [gap.violation(model.eps) for gap in model.gaps]
+    touching = model.paired.touching
+    gaps = [gap.violation(model.eps, touching) for gap in model.gaps]
     local = max(gaps + [slip.violation(model.tangential_eps) for slip in model.slips])
     return float(model.comm.allreduce(local, op=MPI.MAX))
 
@@ -54,17 +55,24 @@ def set_on_nodes(
 
 
 def pressures_on_nodes(model: ContactModel) -> list[Array]:
-    """Pressure of each slip at the start of the step, at all owned nodes."""
-    return [np.asarray(s.gap.rows.on_nodes(s.state.pressed, 0.0)) for s in model.slips]
+    """Pressure of each slip at the start of the step at all owned nodes, and whether it slipped.
+
+    Shape (nodes, 2).
+    """
+    columns = [np.column_stack([s.state.pressed, s.state.slipped]) for s in model.slips]
+    pairs = zip(model.slips, columns, strict=True)
+    return [np.asarray(s.gap.rows.on_nodes(c, 0.0), dtype=np.float64) for s, c in pairs]
 
 
 def set_pressures_on_nodes(model: ContactModel, pressures: typing.Sequence[Array]) -> None:
     """Put back what :func:`pressures_on_nodes` gave."""
-    for slip, pressure in zip(model.slips, pressures, strict=True):
-        slip.state.pressed = slip.gap.rows.from_nodes(pressure)
+    for slip, columns in zip(model.slips, pressures, strict=True):
+        pressed, slipped = (slip.gap.rows.from_nodes(column) for column in columns.T)
+        slip.state.pressed, slip.state.slipped = pressed, slipped
 
 
 def reset(model: ContactModel) -> None:
-    """Forget the multipliers: the next solve starts from λ̂ = 0 and no friction."""
+    """Forget the multipliers: the next solve starts from λ̂ = 0, no friction, and the first ε."""
+    model.penalty.forget_raises()
     for part in model.parts:
         part.state.augmented = np.zeros_like(part.state.augmented)

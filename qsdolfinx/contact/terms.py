@@ -38,6 +38,8 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
                 model.kinematics.dt,
                 model.friction.slow(model.kinematics.dt, model.paired.facet_size),
                 model.ordered(gap, model.kinematics.in_displacement),
+                slip.at_nodes(slip.of.state.values[:, 0]),
+                model.compliance,
             )
 
 

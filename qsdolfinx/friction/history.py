@@ -198,10 +198,7 @@ class FrictionHistory:
         state = slip.state
         if state.ended:
             return self.slipped[i]
-        mean = np.where(
-            state.closed[:, None], state.response.dissipative / slip.cover[:, None], 0.0
-        )
-        at_nodes = np.asarray(slip.gap.rows.on_nodes(mean, 0.0), dtype=np.float64)
+        at_nodes = np.asarray(slip.gap.rows.on_nodes(slip.lost()[0], 0.0), dtype=np.float64)
         return self.slipped[i] + at_nodes
 
     def dissipated_energy(self) -> float:

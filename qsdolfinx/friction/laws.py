@@ -21,8 +21,8 @@ Parameter: typing.TypeAlias = float | fem.Constant | fem.Function
 #: next step on its limit, where rounding would decide whether Newton's method sets out from stick.
 ON_LIMIT = 1e-10
 
-#: Parts of a growing pressure at which limits are averaged.
-GROWING = (np.arange(8) + 0.5) / 8
+#: Parts of a step at which limits of a changing pressure are averaged.
+CHANGING = (np.arange(8) + 0.5) / 8
 
 
 class Rows(typing.NamedTuple):
@@ -44,6 +44,7 @@ class Rows(typing.NamedTuple):
         parameters: Values of the law's parameters, (rows,) each.
         share: Part of the step in which the row has been in contact, above 0: slip is that of this
             time, share Δt, (rows,).
+        pressed: λ at the start of the step, 0 of rows that were open then, (rows,).
     """
 
     slip: Array
@@ -58,6 +59,7 @@ class Rows(typing.NamedTuple):
     slow: float | None
     parameters: dict[str, Array]
     share: Array
+    pressed: Array
 
 
 class Response(typing.NamedTuple):
@@ -121,7 +123,7 @@ class Friction(abc.ABC):
         """τ and its derivatives."""
 
     def growth(self, rows: Rows) -> Array:
-        """Mean of |τ| over |τ| at the end, if the pressure grows from zero in the step, (rows,).
+        """Mean of |τ| in the step over |τ| at its end, as far as the pressure changes it, (rows,).
 
         For the energy that friction takes; 1 where τ does not depend on the pressure.
         """
@@ -164,9 +166,10 @@ class Limited(Friction):
         )
 
     def growth(self, rows: Rows) -> Array:
-        """Mean of the limit over that at the end, if the pressure grows at a constant rate."""
-        end = self.limit(rows)[0]
-        limits = [self.limit(rows._replace(pressure=x * rows.pressure))[0] for x in GROWING]
+        """Mean of the limit over that at the end, if the pressure changes at a constant rate."""
+        end, change = self.limit(rows)[0], rows.pressure - rows.pressed
+        between = [rows.pressed + x * change for x in CHANGING]
+        limits = [self.limit(rows._replace(pressure=pressure))[0] for pressure in between]
         usual = np.isfinite(end) & (end > 0)
         return np.asarray(np.divide(np.mean(limits, axis=0), end, np.ones_like(end), where=usual))
 

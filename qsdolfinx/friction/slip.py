@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.stick_slip import StickSlip
 from qsdolfinx.gap.extension import Extension
@@ -44,9 +45,9 @@ class SlipState:
         shift: What a rigid tool's motion adds to the jump.
         augmented: τ̂, what the trial multiplier starts from.
         pressed: Pressure λ at the start of the step, shape (rows,).
+        slipped: 1 of rows that slipped there, (rows,).
         pressure: The same at the last evaluation.
-        growth: Mean of |τ| while in contact over |τ| at the last evaluation, shape (rows,): other
-            than 1 at rows that get their pressure in this step.
+        evaluated: The last evaluation; None before the first.
         closed: Rows in contact at the last evaluation.
         stuck: Rows that were made to stick there.
         ended: Whether the step of the last evaluation has been ended.
@@ -61,13 +62,14 @@ class SlipState:
     until_closed: Array
     share: Array
     pressed: Array
+    slipped: Array
     pressure: Array
-    growth: Array
     closed: npt.NDArray[np.bool_]
     stuck: npt.NDArray[np.bool_]
     response: Response
     starts_there: bool = False
     ended: bool = True
+    evaluated: Evaluated | None = None
 
     @classmethod
     def at_rest(cls, rows: int, gdim: int) -> SlipState:
@@ -77,7 +79,7 @@ class SlipState:
         response = Response(zero, stiffness, zero, no, zero, np.zeros(rows))
         none, all_ = np.zeros(rows), np.ones(rows)
         pressures = none, none
-        return cls(zero, zero, zero, zero, zero, zero, all_, *pressures, all_, no, no, response)
+        return cls(zero, zero, zero, zero, zero, zero, all_, none, *pressures, no, no, response)
 
 
 class Slip:
@@ -186,6 +188,8 @@ class Slip:
         dt: float | None,
         slow: float | None,
         in_displacement: tuple[bool, bool],
+        gap: Array,
+        compliance: float,
     ) -> None:
         """Compute slip and response for unknowns u. Collective.
 
@@ -198,6 +202,8 @@ class Slip:
             slow: Slip rate (length per time) that is slow in the scene.
             in_displacement: Whether the slave's and the master's body have (total) displacements;
                 what moves with velocities starts each step from where it is.
+            gap: Weighted gap at the rows, length.
+            compliance: Gap (length) that a pressure closes, over it.
         """
         state = self.state
         state.jump = self.jump_of(u)
@@ -221,6 +227,7 @@ class Slip:
             slow,
             self.parameters,
             state.share,
+            np.where(self.is_fresh, 0.0, state.pressed),
         )
         with collective_errors(self.slave.comm):  # a law may be the user's
             means = not all(in_displacement)
@@ -228,7 +235,9 @@ class Slip:
             state.stuck = self.stick_slip.made_to_stick(state.response)
             if state.stuck.any():
                 state.response = self._respond(rows._replace(unlimited=state.stuck), means)
-            state.growth = self._growth(rows, means)
+        leaving = ~closed & (state.slipped > 0) & ~self.stick_slip.without_friction
+        seen = rows, state.response, leaving, gap / self.cover, compliance, means
+        state.evaluated = Evaluated(*seen)
 
     def begin_at(self, u: Vecs, in_displacement: tuple[bool, bool]) -> None:
         """Let the step begin at these unknowns, unless its start is known. Collective."""
@@ -273,17 +282,16 @@ class Slip:
             secant=response.secant * share,
         )
 
-    def _growth(self, rows: Rows, means: bool) -> Array:
-        """Mean of |τ| while in contact over its value; 1 of rows with a pressure at the start."""
-        fresh = self.is_fresh
-        if not fresh.any():
-            return np.ones_like(self.state.pressed)
-        return np.where(fresh, 1 / rows.share if means else self.friction.growth(rows), 1.0)
-
     def gap_at_start(self, gap: Array) -> Array:
-        """ḡ (length) at the start of the step, given that of the last evaluation; (rows,)."""
+        """ḡ (length) of the pass' rows at the start of the step, given that now. Collective.
+
+        At points as far as the motion of the nodes tells.
+        """
         moved = np.sum(self.gap.operator.slave_sum * (self.state.jump - self.state.start), axis=1)
-        return np.asarray(gap - moved / self.cover)
+        moved = moved / self.cover
+        if self.of is not self.gap:
+            moved = self.of.rows.from_nodes(self.gap.rows.on_nodes(moved, 0.0).astype(np.float64))
+        return np.asarray(gap - moved)
 
     def count_from(self, until_closed: Array, share: Array) -> None:
         """Let rows that close in this step count slip from when they close.
@@ -373,10 +381,20 @@ class Slip:
         size = np.linalg.norm(self.values, axis=1) / (self.cover * self.state.share)
         return float(np.max(size[self.state.closed], initial=0.0))
 
+    def lost(self) -> tuple[Array, Array]:
+        """Slip (length), and energy of each row, that friction took in this step; never negative.
+
+        Shapes (rows, gdim) and (rows,).
+        """
+        state = self.state
+        if state.evaluated is None:
+            return np.zeros_like(state.start), np.zeros_like(state.pressed)
+        slip, energy = slip_and_energy(self.friction, state.evaluated)
+        return slip / self.cover[:, None], self.weight * energy
+
     def dissipation(self) -> Array:
-        """Energy of each row that friction took in this step, never negative, shape (rows,)."""
-        work = np.sum(self.state.response.traction * self.state.response.dissipative, axis=1)
-        return np.asarray(self.weight * self.state.growth * work)
+        """Energy of each row that friction took in this step, shape (rows,)."""
+        return self.lost()[1]
 
     def dissipation_at_nodes(self) -> Array:
         """The same of all owned nodes."""
@@ -401,5 +419,6 @@ class Slip:
         self.state.augmented = self.state.response.traction
         self.state.start = self.state.carried
         self.state.pressed = self.state.pressure
+        self.state.slipped = self.state.response.slipping.astype(np.float64)
         self.count_whole_step()
         self.state.ended = True

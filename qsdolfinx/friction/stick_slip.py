@@ -57,13 +57,15 @@ class StickSlip:
         self._was_closed: Flags = np.zeros(self._shape[0], dtype=bool)
         self._openings: npt.NDArray[np.int64] = np.zeros(self._shape[0], dtype=np.int64)
 
-    def begin_iterations(self, full_steps: bool) -> None:
+    def begin_iterations(self, full_steps: bool, from_stick: bool = False) -> None:
         """Forget how slip has turned in earlier iterations.
 
         Args:
             full_steps: Whether rows may be made to stick.
+            from_stick: Whether all rows that slip are made to, until this is called again.
         """
         self._may_stick = full_steps and self._limited
+        self._all_stick = from_stick and self._limited
         self._last: Array = np.zeros(self._shape)
         self._turns: npt.NDArray[np.int64] = np.zeros(self._shape[0], dtype=np.int64)
         self._wait: npt.NDArray[np.int64] = np.zeros(self._shape[0], dtype=np.int64)
@@ -71,7 +73,7 @@ class StickSlip:
 
     def end_iterations(self) -> None:
         """Make no row stick any more."""
-        self._may_stick = False
+        self._may_stick = self._all_stick = False
 
     @property
     def without_friction(self) -> Flags:
@@ -87,6 +89,8 @@ class StickSlip:
         """Rows to evaluate again without a limit; to be called for each evaluation."""
         along = np.sum(response.traction * self._last, axis=1)
         self._turned = (along < 0) & response.slipping
+        if self._all_stick:
+            return response.slipping
         return self._turned & (self._turns < (MAX_STICKS if self._may_stick else 0))
 
     def note(self, response: Response, closed: Flags, stuck: Flags) -> None:

@@ -227,8 +227,11 @@ class WeightedGap:
         """The nearest λ̂ that may be: at points λ̂_h is the start of a law, not its result."""
         return augmented if self.rows.are_points else self.law.admissible(augmented)
 
-    def image(self, penalty: float) -> Array:
-        """λ at the last evaluation as the next λ̂, of its shape. Collective."""
+    def image(self, penalty: float, touching: float) -> Array:
+        """λ at the last evaluation as the next λ̂, of its shape. Collective.
+
+        Held rows whose gap is closed but for rounding have that of their neighbours.
+        """
         multiplier = self.multiplier(penalty)
         if isinstance(self.rows, PointRows):
             change = (multiplier - self._augmented_at_rows())[:, 0]
@@ -238,14 +241,14 @@ class WeightedGap:
             return np.asarray(known + self.rows.project(change, self.extension))
         if self.extension is None:
             return multiplier
-        return self.extension.fill(multiplier, self.law.linear | (multiplier[:, 0] > 0))
+        return self.extension.fill(multiplier, self.slope(penalty, touching) > 0)
 
-    def violation(self, penalty: float) -> float:
+    def violation(self, penalty: float, touching: float) -> float:
         """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed.
 
         Collective.
         """
-        change = self.image(penalty) - self.state.augmented
+        change = self.image(penalty, touching) - self.state.augmented
         if self.rows.are_points:
             return float(np.max(np.abs(change), initial=0.0)) / penalty
         gaps = np.linalg.norm(change, axis=1) / (penalty * self.relative_penalty)

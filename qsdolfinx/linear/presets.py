@@ -88,21 +88,23 @@ ITERATIVE = ("amg", "fieldsplit", "schur")
 #: Options of each body's block with "fieldsplit", after "fieldsplit_I_".
 BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | AGGREGATION
 
-#: Unknowns in 2D and 3D from which on multigrid is taken: see ``bench/presets.py``.
-LARGE = {2: 1_000_000, 3: 40_000}
+#: Unknowns from which on multigrid is taken, by dimension of space and whether all bodies are of
+#: degree 1: see ``bench/solvers.py``.
+LARGE = {(2, True): 1_000_000, (2, False): 1_000_000, (3, True): 2_500, (3, False): 20_000}
 
-#: The same of velocity–pressure bodies, and of "schur".
-LARGE_FLOW = {2: 150_000, 3: 20_000}
+#: The same of velocity–pressure bodies, by dimension, and of "schur".
+LARGE_FLOW = {2: 1_000_000, 3: 60_000}
 
 
 def pick(
-    unknowns: int, dim: int, has_modes: bool, kind: str, is_flow: bool = False
+    unknowns: int, dim: int, degree: int, has_modes: bool, kind: str, is_flow: bool = False
 ) -> tuple[str, str]:
     """The preset for a problem, and why.
 
     Args:
         unknowns: Number of unknowns, over all ranks.
         dim: Of space.
+        degree: Of the bodies' elements, the highest.
         has_modes: Whether all bodies are in displacements or velocities alone.
         kind: ``"mpi"`` or ``"nest"``, the matrix that the solver sees.
         is_flow: Whether there are bodies in velocity and pressure, for ``"schur"``.
@@ -115,9 +117,8 @@ def pick(
         return "schur", f"{reason} {LARGE_FLOW[dim]} or more"
     if not has_modes:
         return "direct", "a body has other unknowns than displacements"
-    if unknowns < LARGE[dim]:
-        return "direct", f"{unknowns} unknowns in {dim}D are fewer than {LARGE[dim]}"
-    return (
-        "amg" if kind == "mpi" else "fieldsplit",
-        f"{unknowns} unknowns in {dim}D are {LARGE[dim]} or more",
-    )
+    large = LARGE[dim, degree == 1]
+    what = f"{unknowns} unknowns of degree {degree} in {dim}D are"
+    if unknowns < large:
+        return "direct", f"{what} fewer than {large}"
+    return "amg" if kind == "mpi" else "fieldsplit", f"{what} {large} or more"

@@ -44,10 +44,15 @@ class Rescue:
         pc.getFactorMatrix().setMumpsIcntl(14, EXTRA_MEMORY)
 
     @staticmethod
-    def fits(ksp: PETSc.KSP, system: ContactSystem) -> bool:
-        """Whether the last solve failed in a way, and is of a size, for a direct solver."""
+    def helps(ksp: PETSc.KSP) -> bool:
+        """Whether the last solve failed in a way that a direct solver may not share."""
+        return ksp.getConvergedReason() in _FAILURES
+
+    @staticmethod
+    def is_small_enough(system: ContactSystem) -> bool:
+        """Whether a problem is of a size for a direct solver."""
         dim = system.bodies[0].V.mesh.geometry.dim
-        return ksp.getConvergedReason() in _FAILURES and system.x.getSize() <= LARGEST[dim]
+        return bool(system.x.getSize() <= LARGEST[dim])
 
     def update(self) -> None:
         """Follow the tangent, which has changed. Collective."""

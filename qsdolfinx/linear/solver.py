@@ -21,6 +21,13 @@ from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
+#: Failures in a row that count: a direct solver then stays for 2^this pairings.
+MAX_FAILURES = 6
+
+#: Penalty over the bodies' stiffness from which on multigrid takes several times the iterations,
+#: and unknowns up to which a direct solver is then the faster one.
+STIFF, LARGE_IF_STIFF = 300.0, 40_000
+
 
 def preset_options(
     name: str, num_bodies: int, chosen: typing.Collection[str]
@@ -52,6 +59,7 @@ class LinearSolver:
         system: The system.
         chosen: Names of the options that the user has chosen, without the prefix.
         pressure_preconditioner: For ``"schur"``, see :class:`qs.ContactProblem`.
+        is_named: Whether the user has named the solver.
     """
 
     def __init__(
@@ -61,6 +69,7 @@ class LinearSolver:
         system: ContactSystem,
         chosen: typing.Collection[str],
         pressure_preconditioner: Forms = None,
+        is_named: bool = True,
     ) -> None:
         self.ksp = ksp
         self._system = system
@@ -69,7 +78,10 @@ class LinearSolver:
         #: Preconditioner of the pressures for ``"schur"``.
         self.schur = Schur(system.bodies, pressure_preconditioner) if name == "schur" else None
         self._may_be_rescued = name in ITERATIVE and not {"ksp_type", "pc_type"} & set(chosen)
+        self._may_avoid = name == "amg" and not is_named
         self._rescue: Rescue | None = None
+        # Failures that have not been followed by a success, and pairings with a direct solver left.
+        self._failures = self._waits = 0
         self._stop = Stop(ksp, system.comm)
 
     @property
@@ -78,20 +90,56 @@ class LinearSolver:
         return self._system.watch
 
     @property
+    def is_direct(self) -> bool:
+        """Whether a linear solve is one with factors, whatever the condition of the matrix."""
+        return str(self.ksp.getType()) == PETSc.KSP.Type.PREONLY
+
+    @property
     def chooses_tolerance(self) -> bool:
         """Whether the accuracy of linear solves is ours to choose."""
         chooses = self.krylov is not None and self.krylov.chooses_tolerance
         return chooses and self._rescue is None
 
-    def rescue(self) -> PETSc.Mat | None:
+    def rescue(self, newton_failed: bool = False) -> PETSc.Mat | None:
         """Let a direct solver take over, if the last solve's failure is one for that. Collective.
+
+        Until contact pairs anew, after another failure then for twice as many pairings.
+
+        Args:
+            newton_failed: Whether Newton's method has failed, whatever the linear solver says.
 
         Returns:
             What is factorised in the place of the tangent, until :meth:`forget`; None if the
             solver stays.
         """
-        if not self._may_be_rescued or self._rescue or not Rescue.fits(self.ksp, self._system):
+        if not self._may_be_rescued or self._rescue or not Rescue.is_small_enough(self._system):
             return None
+        if not (newton_failed or Rescue.helps(self.ksp)):
+            return None
+        self._waits, self._failures = 2**self._failures - 1, min(self._failures + 1, MAX_FAILURES)
+        return self._take_over()
+
+    def rescue_again(self) -> PETSc.Mat | None:
+        """The same for new matrices, as long as the failures before are remembered. Collective."""
+        if self._waits == 0:
+            return None
+        self._waits -= 1
+        return self._take_over()
+
+    def avoid_stiff(self) -> PETSc.Mat | None:
+        """A direct solver where penalties are stiff and nobody named multigrid. Collective.
+
+        Returns:
+            What is factorised in the place of the tangent, until :meth:`forget`; or None.
+        """
+        system = self._system
+        stiffest = max((contact.penalty.ratio for contact in system.contacts), default=0.0)
+        is_small = system.x.getSize() <= LARGE_IF_STIFF
+        if not (self._may_avoid and self._may_be_rescued and is_small and stiffest > STIFF):
+            return None
+        return self._take_over()
+
+    def _take_over(self) -> PETSc.Mat:
         if self.krylov is not None:
             self.krylov.forget()
         with self.watch.stage("solve"):
@@ -103,6 +151,8 @@ class LinearSolver:
         if self._rescue is not None:
             self._rescue.end()
             self._rescue = None
+        else:
+            self._failures = 0
         if self.krylov is not None:
             self.krylov.forget()
 

@@ -82,4 +82,6 @@ def _weight(part: WeightedGap | Slip) -> Array:
 
 def _multiplier(contact: ContactModel, part: WeightedGap | Slip) -> Array:
     """λ̂ or τ̂ as the last evaluation asks for it. Collective."""
-    return part.image() if isinstance(part, Slip) else part.image(contact.eps)
+    if isinstance(part, Slip):
+        return part.image()
+    return part.image(contact.eps, contact.paired.touching)

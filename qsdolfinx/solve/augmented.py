@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import contextlib
+import typing
 
 from mpi4py import MPI
 
 import numpy as np
 
 from qsdolfinx.contact import active_set, multipliers
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.solve.anderson import Augmentation
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.snes import NOT_CLOSED
 
 #: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
 MAX_AUGMENTATIONS = 100
+
+#: Updates after which it is looked at how fast gaps close, and what ε is multiplied with if as many
+#: again would not close them. Softer ones need fewer factors and more updates.
+PATIENCE, RAISE = 5, 10.0
+
+#: Updates that are still needed at that rate, from which on a direct solver takes over from
+#: multigrid, which bears no stiffer ε.
+MANY = 20.0
 
 #: Residual after an update of the multipliers, relative to that before, with which the next may be
 #: made. With 1e-3 Anderson's combination of earlier updates can fail on the errors.
@@ -40,6 +50,7 @@ class AugmentedLagrangian:
         self._newton = equilibrium.newton
         self._system = equilibrium.newton.system
         self._contacts = [c for c in self._system.contacts if c.augmented]
+        self._since = 0
         linear = self._newton.linear
         #: Whether solves between updates of the multipliers need not be exact.
         self._is_loose = bool(
@@ -67,6 +78,7 @@ class AugmentedLagrangian:
         newton, contacts = self._newton, self._contacts
         augmentation = Augmentation(contacts)
         first, loose, together = newton.record.residuals[0], self._is_loose, self._together
+        self._since = 0
         stays = self._has_stayed()
         while True:
             gaps = [multipliers.violation(contact) for contact in contacts]
@@ -88,7 +100,43 @@ class AugmentedLagrangian:
                         self._equilibrium.find()
                 continue
             augmentation.update()
+            if self._raise_penalties(gaps):
+                augmentation = Augmentation(contacts)
             self._solve_again(loose)
+
+    def _raise_penalties(self, gaps: typing.Sequence[float]) -> bool:
+        """Raise ε of what is not closed and closes slowly, if linear solvers bear it. Collective.
+
+        The result does not depend on ε, but how many updates it takes does: many for soft ones,
+        finer slaves and friction. What multigrid does not bear, a direct solver may.
+
+        Returns:
+            Whether an ε is another one now.
+        """
+        seen, linear = self._newton.record.violations, self._newton.linear
+        if len(seen) - self._since <= PATIENCE:
+            return False
+        self._since = len(seen)
+        limit = min(c.allowed_gap for c in self._contacts)
+        if seen[-1] <= limit:
+            return False
+        factor = np.log(seen[-1] / seen[-1 - PATIENCE]) / PATIENCE
+        left = np.log(limit / seen[-1]) / factor if factor < 0 else np.inf
+        if left <= PATIENCE:
+            return False
+        slow = [c for c, gap in zip(self._contacts, gaps, strict=True) if gap > c.allowed_gap]
+        soft = [c for c in slow if self._bears(c, not linear.is_direct)]
+        if not soft and left > MANY and any(self._bears(c, False) for c in slow):
+            self._newton.hand_over("gaps close slowly")
+            soft = [c for c in slow if self._bears(c, not linear.is_direct)]
+        for contact in soft:
+            contact.penalty.stiffen(RAISE)
+        return bool(soft)
+
+    @staticmethod
+    def _bears(contact: ContactModel, multigrid: bool) -> bool:
+        """Whether the ε of a contact may be raised."""
+        return contact.penalty.bears(RAISE, contact.friction is not None, multigrid)
 
     def _is_balanced(self) -> bool:
         """Whether the residual is small enough for a solution. Collective."""

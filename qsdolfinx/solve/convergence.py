@@ -25,6 +25,9 @@ RESTING = 1e-4
 #: Displacement over the size of a cell, of a body that counts as undeformed.
 UNDEFORMED = 1e-4
 
+#: The same of a body that has flown away: a step that is small beside that is no rest.
+FLOWN = 1e6
+
 #: A residual that an iteration leaves above this part has met rounding.
 STALLED = 0.5
 
@@ -40,6 +43,7 @@ class Measures:
         rounding: Of what rounding may leave.
         nothing: Of a residual that is none beside the largest forces on any body.
         undeformed: Whether the body's displacements are a small part of its cells.
+        flown: Whether they are by far larger.
     """
 
     residuals: Array
@@ -47,6 +51,7 @@ class Measures:
     rounding: Array
     nothing: Array
     undeformed: npt.NDArray[np.bool_]
+    flown: npt.NDArray[np.bool_]
 
     def limits(self, relative: float, fall: float, first: Array) -> Array:
         """Norms with which a run of Newton's method may end, if rounding allows.
@@ -76,9 +81,8 @@ class Measures:
             rests: Whether the last step was small.
         """
         stalled = self.residuals > STALLED * least
-        small = (
-            rests | self.undeformed | (self.rounding <= NOTICED * np.maximum(self.sizes, forces))
-        )
+        hidden = self.rounding > NOTICED * np.maximum(self.sizes, forces)
+        small = self.undeformed | ~hidden | (~self.flown & rests)
         return np.where(stalled & small, np.maximum(limits, self.rounding), limits)
 
 
@@ -132,8 +136,13 @@ class Convergence:
         forces = np.concatenate([np.arange(len(body.groups)) == 0 for body in bodies])
         sizes = norms[1] * largest[0]
         left = ROUNDING * eps * np.where(forces, norms[2], sizes)
+        # Velocities that rounding of the forces leaves to a body at rest meet no constraint.
+        share = np.divide(left, sizes, out=np.ones(len(left)), where=sizes > left)[forces]
+        of_body = np.cumsum(forces) - 1
+        left = np.where(forces, left, np.maximum(left, share[of_body] * sizes))
         nothing = np.where(forces, eps * sizes[forces].max(), 0.0)
-        return Measures(norms[0], sizes, left, nothing, largest[1] <= UNDEFORMED)
+        flags = largest[1] <= UNDEFORMED, largest[1] > FLOWN
+        return Measures(norms[0], sizes, left, nothing, *flags)
 
     def _rounding(self, i: int, x: Array) -> Array:
         """Terms of body i's owned rows of which rounding takes its part.

@@ -245,8 +245,9 @@ class Newton:
         self.snes.reset()
         self.snes.setFunction(residual, self.system.r, (self._context,))
         matrix = self.system.matrix
-        self.snes.setJacobian(tangent, matrix, matrix, (self._context,))
         self.linear.set_up()
+        factorised = self.linear.rescue_again() or self.linear.avoid_stiff() or matrix
+        self.snes.setJacobian(tangent, matrix, factorised, (self._context,))
         self._context.convergence = Convergence(self.system)
 
     # --- Accuracy
@@ -327,19 +328,27 @@ class Newton:
         for slip in slips:
             slip.stick_slip.begin_iterations(may_stick)
         self._run()
-        if self._is_rescued():
+        if self._reason == FAILED_LINEARLY and self._is_rescued(False):
             self._start_again(first_guess, may_stick)
             self._run()
-        if self._reason < 0 and self.has_full_steps:
-            self._start_again(first_guess, False)
-            with line_search(self.snes):
-                self._run()
+        self._search_line_if_failed(first_guess)
+        if self._reason < 0 and self._is_rescued(True):
+            self._start_again(first_guess, may_stick)
+            self._run()
+            self._search_line_if_failed(first_guess)
         first_guess.destroy()
         if self._reason <= 0:
             self.fail(self._reason)
         self.system.residual(self.system.x.array_r)  # a line search may have ended elsewhere
         for slip in slips:
             slip.stick_slip.end_iterations()
+
+    def _search_line_if_failed(self, first_guess: PETSc.Vec) -> None:
+        """Repeat a run of full steps that has failed with a line search. Collective."""
+        if self._reason < 0 and self.has_full_steps:
+            self._start_again(first_guess, False)
+            with line_search(self.snes):
+                self._run()
 
     def _start_again(self, first_guess: PETSc.Vec, may_stick: bool) -> None:
         """Go back to the first guess after a run that has failed. Collective."""
@@ -350,12 +359,29 @@ class Newton:
             slip.stick_slip.begin_attempt()
             slip.stick_slip.begin_iterations(may_stick)
 
-    def _is_rescued(self) -> bool:
-        """Whether a direct solver takes over from an iterative one that has failed. Collective."""
-        if self._reason != FAILED_LINEARLY:
-            return False
-        reason = reason_name(PETSc.KSP.ConvergedReason, self.snes.getKSP().getConvergedReason())
-        matrix = self.linear.rescue()
+    def _is_rescued(self, newton_failed: bool) -> bool:
+        """Whether a direct solver takes over from an iterative one. Collective.
+
+        Args:
+            newton_failed: Whether Newton's method has failed, not a linear solve alone.
+        """
+        linear = reason_name(PETSc.KSP.ConvergedReason, self.snes.getKSP().getConvergedReason())
+        reason = reason_name(PETSc.SNES.ConvergedReason, self._reason) if newton_failed else linear
+        return self.hand_over(reason, newton_failed)
+
+    def hand_over(self, reason: str, always: bool = True) -> bool:
+        """Let a direct solver take over from an iterative one, if the problem is small enough.
+
+        Collective.
+
+        Args:
+            reason: What is said.
+            always: Whether the last linear solve need not have failed.
+
+        Returns:
+            Whether it has.
+        """
+        matrix = self.linear.rescue(always)
         if matrix is None:
             return False
         say(self.system.comm, f"linear solver: {reason}; a direct solver takes over")

@@ -166,7 +166,9 @@ class ContactProblem:
             self.system.destroy()
             raise
         ksp = snes.getKSP()
-        linear = LinearSolver(ksp, self.solver, self.system, chosen, pressure_preconditioner)
+        linear = LinearSolver(
+            ksp, self.solver, self.system, chosen, pressure_preconditioner, solver != "auto"
+        )
         #: Newton's method for the system.
         self.newton = Newton(self.system, snes, linear, full_steps)
         #: Closed rows of each contact at each iteration of the last solve, over all ranks.
@@ -501,7 +503,9 @@ def _pick(
     gdim, comm = bodies[0].V.mesh.geometry.dim, bodies[0].comm
     has_modes = all(body.V.dofmap.index_map_bs == gdim for body in bodies)
     size = sum(body.V.dofmap.index_map.size_global * body.V.dofmap.index_map_bs for body in bodies)
-    name, reason = pick(size, gdim, has_modes, kind, has_schur([body.u for body in bodies]))
+    degree = max(body.V.element.basix_element.degree for body in bodies) if has_modes else 0
+    is_flow = has_schur([body.u for body in bodies])
+    name, reason = pick(size, gdim, degree, has_modes, kind, is_flow)
     if name != "direct":
         say(comm, f'solver="{name}": {reason}')
     return name

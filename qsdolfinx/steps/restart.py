@@ -181,7 +181,7 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
                 out[f"slip_{i}_{j}"] = slip.slave.linear.function(values)
             for j, values in enumerate(pressures_on_nodes(contact.model)):
                 surface = contact.model.slips[j].slave.linear
-                columns = _padded(values[:, None], surface.gdim)
+                columns = _padded(values, surface.gdim)
                 out[f"pressed_{i}_{j}"] = surface.function(columns)
     return out
 
@@ -213,6 +213,6 @@ def _load_slip(
     for j, slip in enumerate(model.slips):
         surface = slip.slave.linear
         model.friction.slipped[j] = surface.node_values(functions[f"slip_{i}_{j}"])
-        pressed.append(np.asarray(surface.node_values(functions[f"pressed_{i}_{j}"])[:, 0]))
+        pressed.append(np.asarray(surface.node_values(functions[f"pressed_{i}_{j}"])[:, :2]))
     set_pressures_on_nodes(model, pressed)
     model.friction.dissipated = dissipated if model.comm.rank == 0 else 0.0

@@ -9,56 +9,63 @@ import numpy.typing as npt
 
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.placement import Place
 from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
-from qsdolfinx.surface.affine import affine_vec
+from qsdolfinx.surface.affine import Affine, affine_vec
 
 Array = npt.NDArray[np.float64]
+Ways = tuple[Array | None, Array | None]
 
 #: Gap, in units of the smallest facet, of what touched where it was paired.
 TOUCHING = 0.01
 
 
-def slid(model: ContactModel) -> float:
-    """Largest way along the surface, in facets, that nodes in contact have gone since. Collective.
+def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine | None) -> float:
+    """Largest way along the surface, in facets, of nodes in contact since it paired. Collective.
 
     Points, normals and weights are those of the pairing: what has slid by much of a facet presses
     where the other surface has been. Nodes that touched there count even if they are open now:
     points of a round surface that turns in place go away from where they were, and others come.
+
+    Args:
+        model: The contact.
+        slave: Way of the slave's body since, at all unknowns of this rank (length).
+        master: The same of the master's; None of a tool.
+        tool: That of a tool.
     """
     if model.law.jump:  # a tie keeps its pairs
         return 0.0
-    local = max(_slid(model, gap) for gap in model.gaps)
+    local = max(_slid(model, gap, (slave, master), tool) for gap in model.gaps)
     return float(model.comm.allreduce(local, op=MPI.MAX))
 
 
-def _slid(model: ContactModel, gap: WeightedGap) -> float:
+def _slid(model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None) -> float:
     touched = (
         gap.operator.initial_gap + gap.state.allowance < TOUCHING * gap.slave.facet_size_range[0]
     )
     closed = np.asarray(
         gap.rows.on_nodes(active_set.closed(model, gap) | touched, False), dtype=bool
     )
-    jump = np.asarray(gap.rows.on_nodes(_mean_jump(model, gap), 0.0), dtype=np.float64)
+    mean_jump = _mean_jump(gap, model.ordered(gap, ways), tool)
+    jump = np.asarray(gap.rows.on_nodes(mean_jump, 0.0), dtype=np.float64)
     normal = gap.slave.node_normal[:, : gap.slave.gdim]
     along = jump - np.sum(jump * normal, axis=1)[:, None] * normal
-    ways = np.linalg.norm(along, axis=1) / gap.slave.node_size
-    return float(np.max(ways[closed], initial=0.0))
+    ways_along = np.linalg.norm(along, axis=1) / gap.slave.node_size
+    return float(np.max(ways_along[closed], initial=0.0))
 
 
-def _mean_jump(model: ContactModel, gap: WeightedGap) -> Array:
-    """Mean of what the two sides have moved against each other since, at the rows. Collective."""
-    operator, placement = gap.jump_operator(), model.placement
-    other = placement.master
-    vecs = placement.slave.vec(), other.vec() if isinstance(other, Place) else None
-    slave, master = model.ordered(gap, vecs)
-    assert slave is not None
-    jump = operator.apply(slave.handle, handle_of(master))
-    if model.tool_motion is not None:
-        moved = affine_vec(gap.slave, model.tool_motion)
+def _mean_jump(gap: WeightedGap, ways: Ways, tool: Affine | None) -> Array:
+    """Mean of what the two sides have moved against each other, at the rows. Collective."""
+    operator = gap.jump_operator()
+    vecs = gap.slave.create_vec(), gap.master.create_vec()
+    for vec, way in zip(vecs, ways, strict=True):
+        if vec is not None and way is not None:
+            vec.array[:] = way[: len(vec.array_r)]
+    jump = operator.apply(handle_of(vecs[0]), handle_of(vecs[1]))
+    if tool is not None:
+        moved = affine_vec(gap.slave, tool)
         jump = jump - operator.apply(moved.handle, 0)
         moved.destroy()
-    for vec in (slave, master):
+    for vec in vecs:
         if vec is not None:
             vec.destroy()
     return np.asarray(jump / operator.slave_sum[:, :1])

@@ -8,8 +8,6 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx import fem
-
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import (
     CALLABLE,
@@ -28,25 +26,21 @@ from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.motion import set_start
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
 from qsdolfinx.steps.mesh_motion import MeshMotion, check_own_meshes
 from qsdolfinx.steps.motion_limits import MotionLimits
+from qsdolfinx.steps.pairings import DistortedError, Pairings
 from qsdolfinx.steps.penetration import Penetration
-from qsdolfinx.steps.sliding import slid
 from qsdolfinx.steps.snapshot import Snapshot
-from qsdolfinx.steps.swinging import swings
-from qsdolfinx.steps.tool_motion import ToolRate, go_ahead_by_part
-from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
+from qsdolfinx.steps.tool_motion import ToolRate
+from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
-#: Way along a surface since contact was paired, in facets, from which on it pairs once more in the
-#: step: of bodies in displacements, from where the last step's rate leads to, and of those in
-#: velocities, in the middle of the step; and how often at most.
-FAR, FAR_FLOWING, MORE_PAIRINGS = 0.05, 0.25, 3
+#: Pairings at most that a step has to make on top of those asked for.
+MORE_PAIRINGS = 3
 
 GROWTH = number("a number of at least 1", lambda x: x >= 1)
 CUTBACK = number("a number above 0 and below 1", lambda x: 0 < x < 1)
@@ -92,11 +86,11 @@ class TimeStepper:
             all, unless others wait for that rank in a collective call of its own.
         solve: Called instead of ``problem.solve``, with the step's number from 0 on.
         theta: Part of the step, from 0 to 1, after which bodies in velocities are solved for.
-        num_pairings: How often contact pairs in a step at least; after the first, the end of the
-            step that was found so far is where it pairs. It does so once more, up to three times,
-            where nodes in contact have slid by more than a twentieth of a facet (bodies in
-            velocities: a quarter) from where they were paired, as in steps in which a tool starts,
-            stops, or turns.
+        num_pairings: How often contact pairs in a step at least: at first where the last step's
+            rate leads to, then where the solution found so far does (bodies in velocities: after
+            the part theta of the step). It does so once more, up to three times, where nodes in
+            contact are elsewhere than they were paired by more than a twentieth of a facet (bodies
+            in velocities: a quarter), as in steps in which a tool starts, stops, or turns.
         dt_min: Δt below which no step is tried; by default dt / 1000.
         dt_max: Largest Δt; by default dt.
         growth: Factor of Δt after a step of at most ``easy`` Newton iterations, for each time that
@@ -196,7 +190,7 @@ class TimeStepper:
         self.tool_rates = [ToolRate.zero(tool) for tool in self.tools]
         #: By how much the last step missed what was expected of it, length; at first zero.
         self.missed: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
-        self._missed = self.missed
+        self._pairings = Pairings(problem, self.motions, self.tools, self.in_velocity, self.theta)
 
     def ends(self) -> list[tuple[ContactModel, Place, Place | None]]:
         """Each contact with where its slave's and its master's body are between two steps."""
@@ -322,29 +316,10 @@ class TimeStepper:
         for contact in self.problem.contacts:
             if contact.dt is not None:
                 contact.set_dt(dt)
-        for motion, flows, rate in zip(self.motions, self.in_velocity, self.rates, strict=True):
-            if not flows:
-                motion.u.x.array[:] += dt * rate
-        known = self.rates
-        expected = [u.x.array.copy() for u in self.problem.u]
-        for tool, tool_rate in zip(self.tools, self.tool_rates, strict=True):
-            tool_rate.go_ahead(tool, self._part_of_step(tool) * dt)
-        self._pair(known, dt, start)
-        # A failed attempt may have left nodes unpaired, and so forgotten their multipliers.
-        start.restore_multipliers()
-        self._run_solver()
-        if self.theta > 0 and self.num_steps == 0 and any(self.in_velocity):
-            known = [u.x.array.copy() for u in self.problem.u]
-            for tool in self.tools:
-                go_ahead_by_part(tool, self._part_of_step(tool))
-            self._pair(known, dt, start)
-            self._run_solver()
-        pairings = 1
-        while pairings < self.num_pairings or self._has_slid(pairings):
-            pairings += 1
-            self._pair_at_end(known, dt, start)
-        if self._swings(expected, dt, start):
-            self._pair_at_end(known, dt, start)
+        try:
+            self._pair_and_solve(dt, start)
+        except DistortedError as error:
+            raise _Fault(str(error)) from error
         self._check_shape(dt, start)
         self._check_motion()
         if self.on_solved is not None:
@@ -352,44 +327,29 @@ class TimeStepper:
                 self.on_solved()
         interrupt.look(self.problem.comm)
 
-    def _pair_at_end(self, known: list[Array], dt: float, start: Snapshot) -> None:
-        """Pair at the end of the step that was found, and solve again."""
-        self._check_shape(dt, start)  # it is paired there
-        for tool in self.tools:
-            tool.advance()
-        self._pair(known, dt, start, at_end=True)
+    def _pair_and_solve(self, dt: float, start: Snapshot) -> None:
+        pairings = self._pairings
+        pairings.begin(dt, start, self.rates, self.tool_rates)
+        # A failed attempt may have left nodes unpaired, and so forgotten their multipliers.
+        start.restore_multipliers()
         self._run_solver()
+        if self.theta > 0 and self.num_steps == 0 and any(self.in_velocity):
+            pairings.learn_velocities()
+            self._run_solver()
+        made = 1
+        while made < self.num_pairings or (
+            made < self.num_pairings + MORE_PAIRINGS and pairings.have_slid()
+        ):
+            made += 1
+            self._pair_again(dt, start)
+        if pairings.swing(self.missed):
+            self._pair_again(dt, start)
 
-    def _swings(self, expected: list[Array], dt: float, start: Snapshot) -> bool:
-        """Whether this step misses what was expected of it to the other side than the last one."""
-        missed: list[Array] = []
-        moved: list[Array] = []
-        for i, u in enumerate(self.problem.u):
-            flows = self.in_velocity[i]
-            unit = dt if flows else 1.0
-            missed.append(unit * (u.x.array - (self.rates[i] if flows else expected[i])))
-            moved.append(unit * u.x.array if flows else u.x.array - start.unknowns[i])
-        self._missed = missed
-        return swings(self.motions, missed, self.missed, moved)
-
-    def _has_slid(self, pairings: int) -> bool:
-        """Whether contact has slid so far since it was paired that it has to pair once more."""
-        if pairings >= self.num_pairings + MORE_PAIRINGS:
-            return False
-        for contact, sides in zip(self.problem.contacts, self.problem.sides, strict=True):
-            flows = any(self.in_velocity[i] for i in sides if i is not None)
-            if slid(contact.model) > (FAR_FLOWING if flows else FAR):
-                return True
-        return False
-
-    def _part_of_step(self, tool: RigidSurface) -> float:
-        """After which contact pairs with a tool: where the body is that it touches."""
-        flows = [
-            self.in_velocity[s]
-            for contact, (s, _) in zip(self.problem.contacts, self.problem.sides, strict=True)
-            if contact.master is tool
-        ]
-        return self.theta if any(flows) else 1.0
+    def _pair_again(self, dt: float, start: Snapshot) -> None:
+        """Pair where the solution leads to, and solve again."""
+        self._check_shape(dt, start)
+        self._pairings.again()
+        self._run_solver()
 
     def _run_solver(self) -> None:
         try:
@@ -397,39 +357,6 @@ class TimeStepper:
         finally:
             self.num_iterations += self.problem.num_iterations
             self._num_solves += 1
-
-    def _pair(self, known: list[Array], dt: float, start: Snapshot, at_end: bool = False) -> None:
-        """Pair with the surfaces where they are in the step, and put the meshes for the solver.
-
-        Args:
-            known: Velocities of the last step, or so.
-            dt: Δt.
-            start: State at the start of the step.
-            at_end: Pair where the present solution puts the surfaces at the end of the step.
-        """
-        offsets, starts = [], []
-        for i, motion in enumerate(self.motions):
-            moved = motion.u.x.array.copy()
-            if self.in_velocity[i]:
-                moved = moved * dt if at_end else known[i] * self.theta * dt
-            motion.move(motion.values(moved))
-            if motion.quality() <= 0:
-                raise _Fault(f"a cell of u[{i}] turns inside out on the way")
-            offsets.append(fem.Function(motion.u.function_space))
-            offsets[-1].x.array[:] = -motion.carried(moved)
-            starts.append(fem.Function(motion.u.function_space))
-            starts[-1].x.array[:] = 0.0 if self.in_velocity[i] else start.unknowns[i]
-        for contact, (s, m) in zip(self.problem.contacts, self.problem.sides, strict=True):
-            contact.update()
-            contact.set_offset(offsets[s], None if m is None else offsets[m])
-            tool = as_tool(contact.master)
-            moved_tool = None if tool is None else start.motion_since(tool)
-            of_master = None if m is None else starts[m]
-            set_start(contact.model, starts[s], of_master, moved_tool)
-        for i, motion in enumerate(self.motions):
-            flows = self.in_velocity[i]
-            motion.move(motion.values(known[i] * self.theta * dt) if flows else 0.0)
-        interrupt.look(self.problem.comm)
 
     def _check_shape(self, dt: float, start: Snapshot) -> None:
         """Refuse cells that would be distorted at the end of the step."""
@@ -463,7 +390,7 @@ class TimeStepper:
             tool.advance()
             self.tool_rates[i] = ToolRate.since(tool, start.pose_of(tool), dt)
         self._penetration.accept()
-        self.missed = self._missed
+        self.missed = self._pairings.missed
         # What contacts show stays that of the step until somebody solves.
         for model, slave, master in self.ends():
             model.catch_up = functools.partial(pair_at, model, slave, master)

@@ -23,8 +23,9 @@ from qsdolfinx.steps.mesh_motion import MeshMotion
 
 Array = npt.NDArray[np.float64]
 
-#: Least part of a step's motion that counts, and largest cosine of what has changed its sign.
-NOTICED, TURNED = 1e-3, -0.5
+#: Least part of a step's motion that counts, that of the step before which is no rounding, and
+#: largest cosine of what has changed its sign.
+NOTICED, NO_ROUNDING, TURNED = 1e-3, 1e-8, -0.5
 
 
 def swings(
@@ -48,4 +49,6 @@ def swings(
         products += np.sum(a * b), np.sum(a * a), np.sum(b * b), np.sum(c * c)
     motions[0].mesh.comm.Allreduce(MPI.IN_PLACE, products, op=MPI.SUM)
     both, now_, last_, way_ = products
-    return bool(now_ > NOTICED**2 * way_ and both < TURNED * np.sqrt(now_ * last_))
+    if not (now_ > NOTICED**2 * way_ and last_ > NO_ROUNDING**2 * way_):
+        return False
+    return bool(both < TURNED * np.sqrt(now_ * last_))

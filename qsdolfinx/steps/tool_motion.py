@@ -51,7 +51,16 @@ class ToolRate(typing.NamedTuple):
         tool.go_ahead(displacement, time * self.rotation)
 
 
-def go_ahead_by_part(tool: RigidSurface, part: float) -> None:
-    """Let a tool make a part of its motion; what is left of it stays to be made."""
-    if np.any([*tool.displacement, *tool.rotation]):
-        tool.go_ahead(part * tool.displacement, part * tool.rotation)
+def left_until(tool: RigidSurface, before: Pose, part: float) -> tuple[Array, Array]:
+    """Displacement and rotation that bring a tool to a part of its step.
+
+    Args:
+        tool: The tool, which has made some of its motion already.
+        before: Where it was when the step began.
+        part: Of the whole motion.
+    """
+    if part == 1:
+        return tool.displacement.copy(), tool.rotation.copy()
+    done = ToolRate.since(tool, before, 1.0)
+    displacement = part * (done.displacement + tool.displacement) - done.displacement
+    return displacement, part * (done.rotation + tool.rotation) - done.rotation

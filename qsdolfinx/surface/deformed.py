@@ -18,6 +18,9 @@ from qsdolfinx.surface.surface import Coordinates, Surface
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T", np.float64, np.int64)
 
+#: Size of a facet, in units of what it was in the mesh, that is none but for rounding.
+VANISHED = 1e-13
+
 #: Facets with nodes at their vertices alone that a facet is cut into, by vertices and degree.
 _PIECES = {
     (2, 1): [(0, 1)],
@@ -58,7 +61,7 @@ def deformed_surface(
     dofs, owner = surface.trace_dofs
     moved = _cut(deformed_positions(surface, coordinates, displacement), pieces)
     with collective_errors(surface.comm):
-        _check(moved)
+        _check(moved, meshed)
     return _cpp.Surface(
         comm=surface.comm.py2f(),
         gdim=surface.gdim,
@@ -91,10 +94,13 @@ def _cut(values: npt.NDArray[T], pieces: npt.NDArray[np.int_]) -> npt.NDArray[T]
     return np.ascontiguousarray(values[:, pieces].reshape(-1, pieces.shape[1], values.shape[2]))
 
 
-def _check(x: Array) -> None:
+def _check(x: Array, meshed: Array) -> None:
+    """Refuse facets without an area; what is left of one by rounding is none."""
     if not np.isfinite(x).all():
         raise ValueError("displacements of contact facets are not finite (NaN, infinity)")
-    if flat := _cpp.count_degenerate(x.shape[1], x):
+    width, before = (np.ptp(facets, axis=1).max(axis=1) for facets in (x, meshed))
+    vanished = int(np.count_nonzero(width <= VANISHED * before))
+    if flat := max(vanished, _cpp.count_degenerate(x.shape[1], x)):
         raise ValueError(
             f"{flat} deformed contact facets are degenerate (zero area, or not convex), so that "
             "there is no distance to them"

@@ -108,6 +108,9 @@ class Additive:
         self._product.shift[self._parts[i]] += change
         self.matrix.assemble()
 
+    def renew(self) -> None:
+        """Nothing is left from one assembly to the next."""
+
     def destroy(self) -> None:
         """Free the matrices but for the bodies'. Collective."""
         self.matrix.destroy()

@@ -70,9 +70,10 @@ class Anchors:
             residuals[i][rows] += self._forces[i]
 
     def add_to(self, tangent: Tangent) -> None:
-        """Add the springs' stiffness to the tangent. Collective."""
+        """Add the springs' stiffness to the tangent, until it is assembled again. Collective."""
         if self.stiffness == 0:
             return
+        tangent.renew()
         for i, body in enumerate(self._bodies):
             if body.comm.allreduce(len(self._rows[i]), op=MPI.SUM):
                 diagonal = tangent.diagonal(i)

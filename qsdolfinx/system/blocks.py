@@ -90,6 +90,9 @@ class Blocks:
         self._mats[i, i].setDiagonal(diagonal)
         diagonal.destroy()
 
+    def renew(self) -> None:
+        """Nothing is left from one assembly to the next."""
+
     def destroy(self) -> None:
         """Free the matrices. Collective."""
         self.matrix.destroy()

@@ -32,7 +32,9 @@ class Hold:
     A workpiece between frictionless dies can slide; neither Dirichlet conditions nor closed
     contacts resist. Where such a motion exists, Newton's method becomes the proximal point method
     for it: the residual is left as it is, so that the solution does not depend on what is added,
-    and of the motions that equilibrium leaves open it takes the one next to the first guess.
+    and of the motions that equilibrium leaves open it takes the one next to the first guess. In one
+    AIJ matrix of linear bodies it adds up over the iterations, away from contact: the matrix is the
+    better conditioned, the longer Newton's method takes to find a body at rest.
 
     Args:
         rigid: Rigid motions of the bodies.

@@ -66,7 +66,8 @@ class Monolithic:
                 self._put(matrix, (i, i), self._all[i], Mode.INSERT)
             self.matrix.assemble()
         forbid_allocation(self.matrix)
-        self._inserted = [body.num_assemblies for body in bodies]
+        # Assembly of each body whose bulk the matrix has.
+        self._inserted: list[int | None] = [body.num_assemblies for body in bodies]
 
     def assemble(self, contact: bool = True) -> None:
         """Fill the matrix for the bodies' and the contacts' present state. Collective.
@@ -101,6 +102,10 @@ class Monolithic:
         diagonal.array[self._part(i)] = values
         self.matrix.setDiagonal(diagonal)
         diagonal.destroy()
+
+    def renew(self) -> None:
+        """Put back all of the bulk at the next assembly, without what was added to its diagonal."""
+        self._inserted = [None] * len(self._bodies)
 
     def destroy(self) -> None:
         """Free the matrix. Collective."""

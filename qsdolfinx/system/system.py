@@ -20,8 +20,15 @@ from qsdolfinx.system.anchors import Anchors
 from qsdolfinx.system.blocks import Side
 from qsdolfinx.system.body import Body, body_of
 from qsdolfinx.system.matrices import Form, Matrices
+from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
+
+
+def _is_driven(contact: ContactModel) -> bool:
+    """Whether a force moves its tool."""
+    tool = as_tool(contact.master)
+    return tool is not None and tool.driven is not None
 
 
 class ContactSystem:
@@ -63,6 +70,7 @@ class ContactSystem:
         #: Whether PETSc's objects have been freed.
         self.is_destroyed = False
         self._paired: list[object] = []
+        self._driven: list[bool] = []
         self._assembled: list[object] | None = None
         #: E of each contact (stress), when matrices were last made.
         self.moduli: list[float] = []
@@ -180,9 +188,14 @@ class ContactSystem:
         return self._made is None or not self._is_paired()
 
     def _is_paired(self) -> bool:
-        """Whether what the contacts have paired is what matrices were made for."""
+        """Whether what the contacts have paired is what matrices were made for.
+
+        With tools that move by themselves, or not, as then: where conditions hold both sides
+        depends on it.
+        """
         paired = [contact.paired for contact in self.contacts]
-        return len(paired) == len(self._paired) and all(map(operator.is_, paired, self._paired))
+        same = len(paired) == len(self._paired) and all(map(operator.is_, paired, self._paired))
+        return same and self._driven == list(map(_is_driven, self.contacts))
 
     def make_stale(self) -> None:
         """Let matrices be built anew before they are used again."""
@@ -197,6 +210,7 @@ class ContactSystem:
         self.moduli = stiffness.measure(*parts, self.scales, bulk, self.form)
         self._made = Matrices(*parts, bulk, self.form, self.watch)
         self._paired = [c.paired for c in self.contacts]
+        self._driven = list(map(_is_driven, self.contacts))
         self._assembled = None
 
     def destroy_matrices(self) -> None:

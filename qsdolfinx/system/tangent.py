@@ -29,7 +29,13 @@ class Tangent(typing.Protocol):
         """Diagonal of body i's block on this rank. Collective."""
 
     def set_diagonal(self, i: int, values: Array) -> None:
-        """Replace the diagonal of body i's block. Collective."""
+        """Replace the diagonal of body i's block. Collective.
+
+        Where a bulk that has not changed is not put back, it stays until :meth:`renew`.
+        """
+
+    def renew(self) -> None:
+        """Put back all of the bulk at the next assembly."""
 
     def destroy(self) -> None:
         """Free the matrices that are its own. Collective."""

@@ -154,7 +154,7 @@ class StepAuditor:
             if not actor.flows:
                 out = actor.start + values
             else:
-                out = x + dt * values * (play.stepper.theta if len(solutions) == self.base else 1)
+                out = x + dt * values * (play.stepper.theta or 1.0)
         return actor.nodes.straight(out)
 
     def volumes_now(self):

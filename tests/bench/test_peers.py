@@ -1,5 +1,7 @@
 """The meshes and inputs that bench/peers.py gives to other programs."""
 
+import importlib.util
+import os
 import pathlib
 import subprocess
 import sys
@@ -108,6 +110,32 @@ def test_missing_program():
     assert "No such file" in str(found["kratos"])
 
 
+def test_missing_package():
+    """So is a package that Python does not find and that is not to be installed."""
+    if importlib.util.find_spec("dolfinx_contact"):
+        pytest.skip("it is there")
+    found = install.prepare(["asimov"], None, None, lambda text: None)
+    assert isinstance(found["asimov"], install.Missing)
+    assert "dolfinx_contact" in str(found["asimov"])
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="what is started initialises MPI")
+def test_no_source(monkeypatch, tmp_path):
+    """Without git it is told what to clone, and how to give it."""
+    if importlib.util.find_spec("dolfinx_contact"):
+        pytest.skip("it is there")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(install.Missing, match=r"git clone .* v0.9.0 .*--asimov-source"):
+        install.asimov(tmp_path / "peers", None)
+
+
+def test_python_path(monkeypatch):
+    """A folder of packages comes before what is on the path, and nothing else changes."""
+    monkeypatch.setenv("PYTHONPATH", "/some")
+    assert install.with_path("/other")["PYTHONPATH"] == os.pathsep.join(("/other", "/some"))
+    assert install.with_path(None)["PYTHONPATH"] == "/some"
+
+
 def test_missing_solver(tmp_path):
     """A program that ends with an error gives its message, not numbers."""
     program = tmp_path / "ccx"
@@ -209,6 +237,67 @@ def test_wrong_conditions():
     u[np.unique(bodies[0].planes[1])[-1], 1] = np.nan
     with pytest.raises(ValueError, match="conditions"):
         hertz_error.measure(sizes, u)
+
+
+def test_own_forces():
+    """A program's tractions are measured instead of the forces inside; its loads balance those."""
+    sizes, force = (7, 5), 150.0
+    lower, upper = sphere.bodies(sizes)
+    first = len(lower.x)
+    u = np.zeros((first + len(upper.x), 3))
+    u[first + np.unique(upper.high), 2] = sphere.PRESS
+    tractions = np.zeros_like(u)
+    tractions[:first, 2] = -hertz_error.hertz_forces(lower.x, lower.high, force)
+    tractions[first:, 2] = hertz_error.hertz_forces(upper.x, upper.low, force)
+    inside = [
+        hertz_error.internal_forces(body, part, modulus, sphere.NU)
+        for body, part, modulus in zip((lower, upper), np.split(u, [first]), sphere.E, strict=True)
+    ]
+    row = hertz_error.measure(sizes, u, tractions=tractions)
+    assert np.isclose(row["total"], force, rtol=1e-3)
+    assert row["unbalanced_upper"] > 1e-3  # only the top has moved
+    row = hertz_error.measure(sizes, u, np.concatenate(inside), 1.1 * tractions)
+    assert row["unbalanced_lower"] == row["unbalanced_upper"] == 0
+    assert np.isclose(row["total"], 1.1 * force, rtol=1e-3)
+    far = hertz_error.measure(sizes, u, tractions=2 * tractions)
+    assert far["l2_lower"] > row["l2_lower"] > 1e-2  # of a larger force the radius is another
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank solves by itself")
+def test_asimov_converges(monkeypatch):
+    """Nitsche's tractions come near to Hertz's pressure, and its forces balance those inside."""
+    pytest.importorskip("dolfinx_contact")
+    import asimov
+
+    monkeypatch.setattr(asimov, "COMM", MPI.COMM_SELF)
+    rows = []
+    for sizes in ((10, 8), (20, 16)):
+        p = asimov.arguments().parse_args(["--job", "hertz", "--sizes", "0,0", "--linear", "icc"])
+        p.job, p.sizes = sphere, sizes
+        u, contact, row = asimov.solve(p)
+        rows.append(hertz_error.measure(sizes, u, **contact))
+        assert np.isclose(4 * row["force"], rows[-1]["total"], rtol=1e-6)
+        assert np.isclose(rows[-1]["radius"], 1, atol=0.02)
+    for name in ("lower", "upper"):
+        coarse, fine = (row[f"l2_{name}"] for row in rows)
+        assert fine < 0.035 and fine < 0.8 * coarse
+        assert rows[1][f"unbalanced_{name}"] < 1e-8
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank solves by itself")
+def test_asimov_cubes(monkeypatch):
+    """The force of the cubes is that of our augmented Lagrangian, which leaves no gap either."""
+    pytest.importorskip("dolfinx_contact")
+    import asimov
+
+    sizes = 8, 6
+    monkeypatch.setattr(asimov, "COMM", MPI.COMM_SELF)
+    monkeypatch.setattr(ours, "COMM", MPI.COMM_SELF)
+    p = asimov.arguments().parse_args(["--sizes", "0,0", "--linear", "mumps"])
+    p.job, p.sizes = cubes, sizes
+    force = asimov.solve(p)[2]["force"]
+    expected = ours.solve(ours.arguments().parse_args(["--sizes", "0,0"]), cubes, sizes)[1]["force"]
+    assert np.isclose(force, expected, rtol=1e-4)
 
 
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank solves by itself")

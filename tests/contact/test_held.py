@@ -320,4 +320,6 @@ def test_friction_of_half_a_disc(enforcement, constraints):
         tau, x = contact.tangential_multiplier()[:, 0], contact.slave.node_x[:, 0]
         assert largest(tau[np.abs(x) < 1e-9]) < 1e-9 * abs(forces[0])
         assert largest(tau) > 1e-3 * abs(forces[0])
-    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-7)
+    # When points close is known as far as the motion of the nodes tells, here of half of a patch.
+    rtol = 1e-7 if constraints == "nodes" else 1e-3
+    np.testing.assert_allclose(forces[1], forces[0], rtol=rtol)

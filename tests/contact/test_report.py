@@ -26,7 +26,7 @@ def report_of(pair):
 @pytest.mark.parametrize("cell", CELLS)
 def test_geometry(cell):
     """Nodes, facets and areas of two blocks with 6 and 4 cells along an edge."""
-    pair = Pair(cell, n=(6, 4), gap=0.02)
+    pair = Pair(cell, n=(6, 4), gap=0.02, contact_options={"quadrature": "nodal"})
     report, dim = report_of(pair), pair.gdim - 1
     diagonal = 2**0.5 if dim == 2 else 1
     for side, n in ((report.slave, 4), (report.master, 6)):
@@ -124,7 +124,8 @@ def largest_of(values):
 
 def with_ratio(ratio, solver, n=(8, 6)):
     """A solve with this penalty over the stiffness."""
-    pair = Pair("hexahedron", n=n, wave=0.02, penalty=30.0)
+    options = {"contact_options": {"enforcement": "penalty"}}
+    pair = Pair("hexahedron", n=n, wave=0.02, penalty=30.0, **options)
     probe = pair.problem()
     probe.set_up()
     pair.contact.set_penalty(ratio * min(pair.contact.stiffness))
@@ -142,7 +143,7 @@ def test_conditioning_of_iterative_solvers():
         assert np.isclose(report.stiffness_ratio, ratio) and word in report.conditioning
         per_step[ratio] = problem.num_linear_iterations / problem.num_iterations
     assert per_step[29.0] < 3.5 * per_step[1.0]
-    assert per_step[3e3] > 5 * per_step[1.0]
+    assert per_step[3e3] > 4 * per_step[1.0]
 
 
 def test_conditioning_of_direct_solvers():

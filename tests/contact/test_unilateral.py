@@ -49,9 +49,10 @@ def test_closing_a_gap(cell, formulation, load, penalty):
     forces = contact.force("slave"), contact.force("master")
     active = WORLD.allreduce(active_set.num_closed(contact.model))
     assert iterations <= 8
-    # Stress of the displaced blocks, less a little for the penalty and the uneven contact.
-    force = 65 if load == "pressure" else 0.01 / (1 / E_MASTER + 1 / E_SLAVE)
-    assert np.isclose(forces[0][axis], force, rtol=1e-9 if load == "pressure" else 0.01)
+    # Stress of the displaced blocks, of double-pass contact less what is left of the gap.
+    compliance = 1 / contact.penalty if contact.enforcement == "penalty" else 0.0
+    force = 65 if load == "pressure" else 0.01 / (1 / E_MASTER + 1 / E_SLAVE + compliance)
+    assert np.isclose(forces[0][axis], force, rtol=1e-6)
     assert np.linalg.norm(forces[0] + forces[1]) < 1e-12 * force
     assert active > 0
 
@@ -96,7 +97,7 @@ def test_curved_punch(formulation, penalty, load, gap):
     if formulation == "double-pass":
         gaps.append(contact.weighted_gap("master"))
     penetration = WORLD.allreduce(max(np.nanmax(g, initial=0) for g in gaps), op=MPI.MAX)
-    assert iterations <= 12
+    assert iterations <= 16
     if load == "pressure":
         assert np.isclose(forces[0][1], 60, rtol=1e-6)
     assert np.linalg.norm(forces[0] + forces[1]) < 1e-12 * np.linalg.norm(forces[0])
@@ -128,7 +129,8 @@ def test_solving_again_changes_nothing():
 
 def test_loading_and_unloading():
     """The way there does not matter: contact has no memory."""
-    pair = Pair("quadrilateral", n=(9, 7), wave=0.05, load=0.0)
+    options = {"contact_options": {"enforcement": "penalty"}}
+    pair = Pair("quadrilateral", n=(9, 7), wave=0.05, load=0.0, **options)
     top = pair.bcs[1][0].g
     problem = pair.problem()
     energies = []

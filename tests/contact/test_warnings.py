@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 from curved_scenes import Shell, ShrinkFit
 from hertz import Parameters, build
-from scenes import CELLS, FORMULATIONS, LAWS, WORLD, Pair, box, plane, vector_space
+from scenes import (
+    CELLS,
+    FORMULATIONS,
+    LAWS,
+    WORLD,
+    Pair,
+    box,
+    drag_top,
+    largest,
+    plane,
+    vector_space,
+)
 from step_scenes import Upset
 
 import qsdolfinx as qs
@@ -67,16 +78,16 @@ def test_finer_master(cell, formulation):
     """Once, though contact pairs again, and solves; not with the remedies."""
 
     def steps():
-        pair = Pair(cell, formulation, n=(9, 3))
+        pair = Pair(cell, formulation, n=(9, 3), **nodal)
         pair.contact.update()
         pair.problem().solve()
         pair.contact.update()
 
+    nodal = {"contact_options": {"quadrature": "nodal"}}
     one(steps, "quadrature")
-    overlay = {"contact_options": {"quadrature": "overlay"}}
-    assert warned(lambda: Pair(cell, formulation, n=(9, 3), **overlay)) == []
-    assert warned(lambda: Pair(cell, formulation, n=(3, 9))) == []
-    assert warned(lambda: Pair(cell, formulation, n=(6, 3))) == []
+    assert warned(lambda: Pair(cell, formulation, n=(9, 3))) == []
+    assert warned(lambda: Pair(cell, formulation, n=(3, 9), **nodal)) == []
+    assert warned(lambda: Pair(cell, formulation, n=(6, 3), **nodal)) == []
 
 
 def test_finer_where_they_meet():
@@ -89,8 +100,56 @@ def test_finer_where_they_meet():
         msh.geometry.x[:, 0] = x[np.round(msh.geometry.x[:, 0]).astype(int)]
         V = vector_space(msh)
         master, slave = qs.Surface(V, facets=plane(msh, 1, 0.0)), square(0.0)[0]
-        texts = warned(lambda m=master, s=slave: qs.Contact(s, m, search_radius=0.2))
+        options = {"quadrature": "nodal", "search_radius": 0.2}
+        texts = warned(lambda m=master, s=slave: qs.Contact(s, m, **options))
         assert len(texts) == count, texts
+
+
+# --- Finer slave, soft penalty
+
+
+def largest_shear(cell, n, factor, **options):
+    """Friction at the slave's nodes of blocks that stick, and what is warned of.
+
+    Args:
+        cell: Of both.
+        n: Cells of the master and the slave along an edge.
+        factor: Penalty over the stiffness of the softer side.
+        options: Of the contact.
+    """
+    formulation = options.pop("formulation", "quasi-symmetric")
+    given = {"friction": qs.Coulomb(0.3), "enforcement": "penalty"} | options
+    probe = Pair(cell, formulation, n=n, contact_options=given)
+    problem = probe.problem()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        problem.set_up()
+    penalty = factor * min(probe.contact.stiffness)
+    pair = Pair(cell, formulation, n=n, penalty=penalty, contact_options=given)
+    drag_top(pair, 0.01)
+    found = warned(lambda: (pair.problem().solve(), pair.contact.update(), pair.problem().solve()))
+    shear = pair.contact.traction("slave", part="tangential")
+    return largest(pair.slave.node_values(shear)), found
+
+
+@pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
+def test_soft_penalty_at_nodes_of_a_finer_slave(cell):
+    """Where it is warned of, friction is several times too large; elsewhere it is not."""
+    nodal, finer, soft, stiff = {"quadrature": "nodal"}, (2, 8), 0.3, 100.0
+    spikes, found = largest_shear(cell, finer, soft, **nodal)
+    smooth, nothing = largest_shear(cell, finer, soft)
+    assert len(found) == 1 and found[0].startswith("quadrature: ") and nothing == []
+    assert spikes > 3 * smooth
+    for n, factor, options in (
+        (finer, stiff, {}),
+        (finer, soft, {"formulation": "master-slave"}),
+        (finer, soft, {"enforcement": "augmented-lagrangian"}),
+        ((6, 6), soft, {}),
+        ((6, 8), soft, {}),
+    ):
+        at_nodes, texts = largest_shear(cell, n, factor, **nodal | options)
+        overlay, _ = largest_shear(cell, n, factor, **options)
+        assert texts == [] and at_nodes < 2 * overlay, (n, factor, options, texts)
 
 
 # --- Nothing is paired
@@ -204,8 +263,7 @@ def test_chords_on_a_tool():
         ring = Shell((n, 3), (9.995, 15.0))
         tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.0], None, R)
         slave, radius = ring.surface(ring.inner), {"search_radius": 2.0}
-        overlay = {"quadrature": "overlay"} | radius
-        texts = warned(lambda s=slave, t=tool, o=overlay: qs.Contact(s, t, **o))
+        texts = warned(lambda s=slave, t=tool, o=radius: qs.Contact(s, t, **o))
         assert len(texts) == found
         if found:
             assert texts[0].startswith("facets: ") and "interference (0.01)" in texts[0]
@@ -216,10 +274,10 @@ def test_chords_on_a_tool():
             assert size**2 / 8 / 10 == pytest.approx(0.1 * 0.01, rel=0.1)
         named = qs.smooth.Cylinder([0.0, 0.0], None, 9.995)
         for options in (
-            radius,
-            overlay | {"smoothing": "shared-curvature"},
-            overlay | {"smoothing": named},
-            overlay | {"law": qs.Tied()},
+            radius | {"quadrature": "nodal"},
+            radius | {"smoothing": "shared-curvature"},
+            radius | {"smoothing": named},
+            radius | {"law": qs.Tied()},
         ):
             assert warned(lambda s=slave, t=tool, o=options: qs.Contact(s, t, **o)) == []
 
@@ -286,7 +344,7 @@ def test_shown_in_spite_of_ffcx(monkeypatch, capfd):
         for captured in (False, True):  # now, whatever has been done before
             logging.captureWarnings(captured)
         warnings.warn("of another library", UserWarning, stacklevel=1)
-        Pair("triangle", n=(9, 3))
+        Pair("triangle", n=(9, 3), contact_options={"quadrature": "nodal"})
     said = capfd.readouterr().err
     assert (said.count("ContactWarning: quadrature: ") == 1) == (WORLD.rank == 0)
     assert "of another library" not in said

@@ -19,7 +19,7 @@ from scenes import (
     vector_space,
 )
 
-from dolfinx import fem
+from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 from qsdolfinx.solve import closing
@@ -150,6 +150,78 @@ def test_no_second_solve_without_closing_rows(monkeypatch):
         closed = case.contact.active()
         closes = WORLD.allreduce(bool(np.any(closed & ~before)), op=MPI.LOR)
         assert any(closings) == closes == (t == 0.8)
+
+
+# --- Rows that close one after another, beside one that is closed
+
+
+def press_by_a_tilted_plane(steps, **options):
+    """T and N: a plane has slid away from a block until it touches a corner, and comes down."""
+    msh = box(WORLD, (20, 10), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.plane(WORLD, [0.6, 0.99], [np.sin(0.15), -np.cos(0.15)])
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    options |= {"friction": qs.Coulomb(0.3), "initial_overclosure": "resolve"}
+    contact = qs.Contact(surface, tool, **options)
+    bcs = [clamp(V, plane(msh, 1, 0.0))]
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
+
+    def drive(t, dt):
+        tool.displacement = (-0.6 * dt, 0.0) if t < 1.001 else (0.0, -0.15 * dt)
+
+    stepper = qs.TimeStepper(problem, 1.0, drive)
+    for i in range(steps + 1):
+        end = 1 + i / steps
+        while stepper.t < end - 1e-9:
+            stepper.step(end)
+    return contact.force("slave")
+
+
+@pytest.mark.filterwarnings("ignore:initial_overclosure")
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"quadrature": "overlay", "enforcement": "augmented-lagrangian"},
+        {"quadrature": "overlay", "enforcement": "penalty"},
+        {"quadrature": "nodal", "enforcement": "augmented-lagrangian"},
+    ],
+)
+def test_rows_that_close_one_after_another(options):
+    """One step is as five; before, the corner alone was pushed aside, for a third of T."""
+    one, many = (press_by_a_tilted_plane(n, **options) for n in (1, 5))
+    assert many[0] > 0.2 * abs(many[1])
+    np.testing.assert_allclose(one, many, rtol=0.04)
+
+
+@pytest.mark.parametrize("steps", (1, 2))
+def test_points_that_close_before_the_mean_of_their_node(steps):
+    """A wheel is pressed and dragged at once, and slips in all of the contact: T/N is μ.
+
+    Points within a facet close one after another, and nodes whose mean gap closes late have had
+    friction for longer.
+    """
+    msh = box(WORLD, (30, 3), "quadrilateral", [-1.0, 0.0], [1.0, 0.5])
+    x = msh.geometry.x
+    x[:, 1] += 0.5 * x[:, 0] ** 2
+    V = vector_space(msh)
+    u, top = fem.Function(V), fem.Constant(msh, (0.0, 0.0))
+    msh.topology.create_connectivity(1, 2)
+    at = mesh.exterior_facet_indices(msh.topology)
+    middle = mesh.compute_midpoints(msh, 1, at)
+    height = middle[:, 1] - 0.5 * middle[:, 0] ** 2
+    dofs = fem.locate_dofs_topological(V, 1, at[height > 0.49])
+    surface = qs.Surface(V, facets=at[np.abs(height) < 0.01])
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+    options = {"quadrature": "overlay", "constraints": "points", "penalty": 500.0}
+    contact = qs.Contact(surface, tool, friction=qs.Coulomb(0.3), **options)
+    bcs = [fem.dirichletbc(top, dofs, V)]
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
+    for i in range(steps):
+        top.value[:] = np.array((0.03, -0.02)) * (i + 1) / steps
+        problem.solve()
+    T, N = contact.force("slave")
+    np.testing.assert_allclose(abs(T) / N, 0.3, rtol=2e-3)
 
 
 # --- Bodies that have moved before contact sees them

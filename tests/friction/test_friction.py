@@ -146,7 +146,7 @@ def test_sticking_is_tied(cell, quadrature, formulation):
     """Sticking friction on a closed interface: tied contact."""
     forces, solutions = [], []
     for law, more in ((qs.Tied(), {}), (qs.Unilateral(), {"friction": qs.Sticking()})):
-        options = {"quadrature": quadrature, **more}
+        options = {"quadrature": quadrature, "gap_tolerance": 1e-10, **more}
         pair = Pair(cell, formulation, law, contact_options=options)
         drag_top(pair, 0.01)
         problem = pair.problem()

@@ -36,6 +36,7 @@ def rows_of(law, slip, traction, pressure, penalty=10.0, cover=1.0):
         2e-4,
         {name: np.full(n, value) for name, value in law.parameters.items()},
         np.ones(n),
+        np.zeros(n),
     ), basis
 
 

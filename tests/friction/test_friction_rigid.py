@@ -142,11 +142,11 @@ def test_spin(kind, angle):
 def test_steps(cell, kind):
     """Solves without pairing anew, and time steps, which do: the same totals.
 
-    With an augmented Lagrangian, whose forces do not depend on how large facets are.
+    At nodes with an augmented Lagrangian, whose forces do not depend on how large facets are.
     """
     results = []
     for stepping in (False, True):
-        scene = Scene(cell, kind, **AUGMENTED)
+        scene = Scene(cell, kind, quadrature="nodal", **AUGMENTED)
         d = scene.gdim
         path = [-PRESS * np.eye(d)[-1] + s * along(d, 0.4) for s in (0.0, 0.01, 0.05, 0.2, 0.15)]
         tool, forces = scene.tool, []
@@ -169,8 +169,9 @@ def test_steps(cell, kind):
         results.append((np.array(forces), scene.contact.dissipated_energy(), total))
     forces = results[0][0]
     assert forces[1][0] > 0 and forces[3][0] > 0 > forces[4][0] and results[0][1] > 1e-3
-    for plain, stepped in zip(*results, strict=True):
-        np.testing.assert_allclose(stepped, plain, rtol=1e-5, atol=1e-7)
+    # Energies: pressures at the start of a step are those of facets as they were paired then.
+    for plain, stepped, rtol in zip(*results, (1e-5, 1e-3, 1e-5), strict=True):
+        np.testing.assert_allclose(stepped, plain, rtol=rtol, atol=1e-7)
 
 
 # --- Velocities
@@ -272,7 +273,7 @@ def test_flow_in_steps(kind):
     tool = TOOLS[kind](WORLD, 2)
     surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
     options = {"unknown": "velocity", "dt": 0.05, "friction": qs.Coulomb(0.1)} | AUGMENTED
-    contact = qs.Contact(surface, tool, "master-slave", **options)
+    contact = qs.Contact(surface, tool, "master-slave", gap_tolerance=1e-10, **options)
     problem = qs.ContactProblem([F], [w], [contact], [bcs])
 
     def drive(t, dt):

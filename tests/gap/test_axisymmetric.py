@@ -57,7 +57,7 @@ class Stack:
             surfaces.append(qs.Surface(V, facets=plane(msh, 1, 0.0), axisymmetric=True))
             self.u.append(u)
             self.meshes.append(msh)
-        options = {"penalty": EPS, "quadrature": "overlay", "law": law} | options
+        options = {"enforcement": "penalty", "penalty": EPS, "law": law} | options
         self.contact = qs.Contact(surfaces[1], surfaces[0], **options)
         self.problem = qs.ContactProblem(F, self.u, [self.contact], bcs)
 

@@ -303,10 +303,10 @@ def test_refused():
         WORLD,
         ValueError,
         "quadrature: the nodal rule measures gaps to straight facets",
-        lambda: qs.Contact(curved.contact.slave, curved.contact.master),
+        lambda: qs.Contact(curved.contact.slave, curved.contact.master, quadrature="nodal"),
     )
     tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.0], None, 9.99)
-    qs.Contact(curved.contact.master, tool)  # nodes are where they are
+    qs.Contact(curved.contact.master, tool, quadrature="nodal")  # nodes are where they are
     raises_everywhere(
         WORLD,
         ValueError,

@@ -63,6 +63,7 @@ class Slider:
         if not is_slave:
             surfaces.reverse()
         options = {"initial_overclosure": "ignore", "search_radius": 0.3} | options
+        options = {"enforcement": "penalty"} | options
         self.contact = qs.Contact(*surfaces, penalty=PENALTY, **options)
         forms = [elastic(u, E * 10**i, nu=0.0) for i, u in enumerate(self.u)]
         self.problem = qs.ContactProblem(forms, self.u, [self.contact], bcs)

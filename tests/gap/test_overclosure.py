@@ -102,7 +102,11 @@ def test_rigid_tool():
         scene = Column(Variant())
         tool = qs.RigidSurface.plane(WORLD, [0.0, 0.02], [0.0, 1.0])
         contact = qs.Contact(
-            scene.contact.slave, tool, penalty=100.0, initial_overclosure=treatment
+            scene.contact.slave,
+            tool,
+            penalty=100.0,
+            initial_overclosure=treatment,
+            enforcement="penalty",
         )
         scene.push(0.0)
         solve(problem([scene.upper], [contact]))

@@ -103,7 +103,8 @@ def test_penalty_of_augmented_multipliers(cell, formulation):
 @pytest.mark.parametrize("cell", CELLS)
 def test_jump_of_a_translation(cell, formulation):
     """A tied slave that is moved as a whole: each node sees the whole motion, covered or not."""
-    rim = Rim(cell, np.zeros_like, qs.Tied(), formulation=formulation, penalty=1.0)
+    options = {"formulation": formulation, "enforcement": "penalty", "penalty": 1.0}
+    rim = Rim(cell, np.zeros_like, qs.Tied(), **options)
     motion = np.array([0.02, -0.01, 0.03])[: rim.gdim]
     u, F, bcs = [], [], []
     for V, value in zip(rim.V, (motion, 0 * motion), strict=True):

@@ -126,7 +126,9 @@ def test_refused():
     def contact(**options):
         return lambda: Pair("triangle", contact_options=options)
 
-    raises_everywhere(WORLD, ValueError, 'use quadrature="overlay"', contact(**SMOOTH))
+    raises_everywhere(
+        WORLD, ValueError, 'use quadrature="overlay"', contact(**SMOOTH | {"quadrature": "nodal"})
+    )
     raises_everywhere(
         WORLD, ValueError, "smoothing: must be one of none", contact(smoothing="nagata")
     )

@@ -1,15 +1,27 @@
 """What a hard case is, the variants that it is solved with, and running one."""
 
+import contextlib
 import dataclasses
 import gc
 import itertools
 import typing
+from unittest import mock
 
 from petsc4py import PETSc
 
 from hard import bodies
 
 import qsdolfinx as qs
+from qsdolfinx.linear import presets
+
+
+@contextlib.contextmanager
+def iterative():
+    """Multigrid for displacements, and Schur complements for flow, whatever the size."""
+    always = dict.fromkeys(presets.LARGE, 0)
+    of_flow = dict.fromkeys(presets.LARGE_FLOW, 0)
+    with mock.patch.multiple(presets, LARGE=always, LARGE_FLOW=of_flow):
+        yield
 
 
 class Variant(typing.NamedTuple):

@@ -177,6 +177,7 @@ def test_beside_a_near_plate_and_before_a_far_one(gdim):
         "master-slave",
         penalty=1.0,
         search_radius=0.5,
+        quadrature="nodal",
     )
     points, unpaired = contact.pairing, contact.num_unpaired
     x = points.slave.x[:, 0]

@@ -76,7 +76,7 @@ def test_brute_force(cell, partitions):
     low, high = np.zeros(d), np.ones(d)
     slave = curved(WORLD, cell, counts[0], low, high, 0.3, 1, 0.1, partitions[0])
     master = curved(WORLD, cell, counts[1], low - 0.2, high + 0.1, -0.3, 2, 0.1, partitions[1])
-    contact = qs.Contact(slave, master, search_radius=RADIUS, penalty=1.0)
+    contact = qs.Contact(slave, master, quadrature="nodal", search_radius=RADIUS, penalty=1.0)
     pairing = contact.pairing
     from_slave = pairing.slave.dofs[:, 1, 0] < 0
 
@@ -109,7 +109,7 @@ def test_bilinear_facets():
     slave = curved(WORLD, "hexahedron", [12, 9], [0, 0], [1, 1], 0.3, 1, 0.3, "scattered")
     master = curved(WORLD, "hexahedron", [7, 8], [-0.2] * 2, [1.1] * 2, -0.3, 2, 0.3, "backward")
     contact = qs.Contact(
-        slave, master, formulation="master-slave", search_radius=RADIUS, penalty=1.0
+        slave, master, "master-slave", quadrature="nodal", search_radius=RADIUS, penalty=1.0
     )
     pairing = contact.pairing
     facets = all_facets(master)
@@ -133,7 +133,7 @@ def table(comm, partitions, formulation, cell):
     d = len(n[0])
     slave = curved(comm, cell, n[0], [0] * d, [1] * d, 0.3, 1, 0.0, partitions[0])
     master = curved(comm, cell, n[1], [0] * d, [1] * d, -0.3, 2, 0.0, partitions[1])
-    contact = qs.Contact(slave, master, formulation, qs.Tied(), 1.0)
+    contact = qs.Contact(slave, master, formulation, qs.Tied(), 1.0, quadrature="nodal")
     rows = [
         np.column_stack([p.slave.x, p.master.x, p.normal, p.gap, p.weight])
         for p in contact.pairings
@@ -165,7 +165,7 @@ def test_ties_take_the_same_facet():
     def vertices(comm, partition):
         slave = curved(comm, "tetrahedron", [4, 4], [0, 0], [1, 1], 0.3, 1, 0.0, partition)
         master = curved(comm, "tetrahedron", [2, 4], [0, 0], [1, 1], -0.3, 1, 0.0, partition)
-        contact = qs.Contact(slave, master, "master-slave", qs.Tied(), 1.0)
+        contact = qs.Contact(slave, master, "master-slave", qs.Tied(), 1.0, quadrature="nodal")
         x_of = dict(
             zip(
                 gathered(comm, master.node_dofs[:, 0]),
@@ -194,7 +194,9 @@ def test_never_the_back_of_a_body():
     back = qs.Surface(vector_space(plate), facets=plane(plate, 2, -0.05))
     front = qs.Surface(vector_space(plate), facets=plane(plate, 2, 0.0))
     num = [
-        WORLD.allreduce(len(qs.Contact(slave, s, "master-slave", search_radius=0.5).pairing))
+        WORLD.allreduce(
+            len(qs.Contact(slave, s, "master-slave", quadrature="nodal", search_radius=0.5).pairing)
+        )
         for s in (back, front)
     ]
     assert num == [0, 25]
@@ -204,8 +206,8 @@ def test_beyond_the_radius():
     slave = curved(WORLD, "triangle", [10], [0], [1], 0.3, 1, 0.0, None)
     msh = box(WORLD, [7, 1], "triangle", [0, -1.2], [1, -0.2])
     master = qs.Surface(vector_space(msh), facets=plane(msh, 1, -0.2))
-    near = qs.Contact(slave, master, search_radius=0.21)
-    far = qs.Contact(slave, master, search_radius=0.19)
+    near = qs.Contact(slave, master, quadrature="nodal", search_radius=0.21)
+    far = qs.Contact(slave, master, quadrature="nodal", search_radius=0.19)
     counts = [WORLD.allreduce(len(c.pairing)) for c in (near, far)]
     unpaired = [c.num_unpaired for c in (near, far)]
     radius = qs.Contact(slave, master).search_radius
@@ -217,7 +219,7 @@ def test_punch_on_a_wider_block():
     """Nodes of the wider surface beside the punch sample no gap."""
     punch = curved(WORLD, "quadrilateral", [4], [0.0], [1.0], 0.3, 1, 0.0, None)
     wide = curved(WORLD, "quadrilateral", [33], [-1.0], [2.0], -0.3, 1, 0.0, None)
-    contact = qs.Contact(punch, wide, search_radius=1.0)
+    contact = qs.Contact(punch, wide, quadrature="nodal", search_radius=1.0)
     x = gathered(WORLD, contact.pairing.slave.x)
     weight = gathered(WORLD, contact.pairing.weight)
     assert np.all((x[:, 0] > -1e-12) & (x[:, 0] < 1 + 1e-12))
@@ -229,7 +231,7 @@ def test_update_after_motion():
     """Pairing follows the meshes, and the gaps are those of the new positions."""
     slave = curved(WORLD, "quadrilateral", [4], [0.0], [1.0], 0.3, 1, 0.0, None)
     master = curved(WORLD, "quadrilateral", [5], [0.0], [1.0], -0.3, 1, 0.0, None)
-    contact = qs.Contact(slave, master, search_radius=0.5)
+    contact = qs.Contact(slave, master, quadrature="nodal", search_radius=0.5)
     slave.mesh.geometry.x[:, 1] += 0.125
     before = contact.pairing.gap
     contact.update()
@@ -242,7 +244,7 @@ def test_unknowns_and_owners():
     """dofs and owner of a point name the unknowns that the surface has at these positions."""
     slave = curved(WORLD, "tetrahedron", [3, 4], [0, 0], [1, 1], 0.3, 1, 0.1, "scattered")
     master = curved(WORLD, "tetrahedron", [5, 3], [0, 0], [1, 1], -0.3, 2, 0.1, "backward")
-    pairing = qs.Contact(slave, master, search_radius=1.0).pairing
+    pairing = qs.Contact(slave, master, quadrature="nodal", search_radius=1.0).pairing
     checks = []
     for side, surface in ((pairing.slave, slave), (pairing.master, master)):
         numbers = gathered(WORLD, surface.node_dofs)

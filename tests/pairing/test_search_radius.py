@@ -36,12 +36,16 @@ def places(contact, side="slave"):
 def test_nodes_of_a_fine_body(formulation):
     """Nothing is paired further from fine facets than their size, over the coarse ones all is."""
     slave, master = graded(0.3, FINE)
-    contact = qs.Contact(slave, master, formulation, penalty=1.0, search_radius="local")
+    contact = qs.Contact(
+        slave, master, formulation, penalty=1.0, quadrature="nodal", search_radius="local"
+    )
     assert np.isclose(contact.search_radius, SIZES[1])
     x, _ = places(contact)
     if formulation == "master-slave":
         np.testing.assert_allclose(x, np.linspace(1, 2, FINE // 2 + 1), atol=1e-12)
-    given = qs.Contact(slave, master, "master-slave", penalty=1.0, search_radius=0.31)
+    given = qs.Contact(
+        slave, master, "master-slave", penalty=1.0, quadrature="nodal", search_radius=0.31
+    )
     np.testing.assert_allclose(places(given)[0], np.linspace(0, 2, FINE + 1), atol=1e-12)
 
 
@@ -120,7 +124,7 @@ def test_fillet():
     """Nodes over fillet and flat that are no further from the die than the billet's facets."""
     n, height = 12, 0.35
     surface = billet([-4, 0.5, height], [2 - 0.3, 3.5, height + 2], [n, 6, 1])
-    contact = qs.Contact(surface, die(WORLD), "master-slave", penalty=1.0)
+    contact = qs.Contact(surface, die(WORLD), "master-slave", quadrature="nodal", penalty=1.0)
     x = np.linspace(-4, 1.7, n + 1)
     # The chord of the fillet is not more than 1/200 of its radius off.
     distance = np.where(x < 0, height, FILLET - np.hypot(np.maximum(x, 0), FILLET - height))

@@ -109,7 +109,9 @@ def test_beyond_an_edge_round_which_the_surface_goes_on(gdim):
     faces = np.concatenate([plane(corner, axis, 0.0), plane(corner, 0, 1.0)])
     slave = qs.Surface(vector_space(wide), facets=plane(wide, axis, 0.01))
     master = qs.Surface(vector_space(corner), facets=faces)
-    contact = qs.Contact(slave, master, "master-slave", search_radius=0.8, penalty=1.0)
+    contact = qs.Contact(
+        slave, master, "master-slave", quadrature="nodal", search_radius=0.8, penalty=1.0
+    )
     paired, x = np.isfinite(contact.weighted_gap()), slave.node_x[:, 0]
     alone, unpaired = WORLD.allreduce(np.count_nonzero(~paired)), contact.num_unpaired
     np.testing.assert_array_equal(paired, x < 1 + 1e-9)
@@ -135,7 +137,9 @@ def test_ridge_of_cells_numbered_anyhow(turns):
     msh = box(WORLD, [4, 2, 1], "hexahedron", [0.5, 0.2, 0.6], [1.5, 0.8, 1.0])
     slave = qs.Surface(vector_space(msh), facets=plane(msh, 2, 0.6))
     master = qs.Surface(vector_space(roof), facets=top)
-    contact = qs.Contact(slave, master, "master-slave", search_radius=1.0, penalty=1.0)
+    contact = qs.Contact(
+        slave, master, "master-slave", quadrature="nodal", search_radius=1.0, penalty=1.0
+    )
     points = contact.pairing
     above = np.isclose(points.slave.x[:, 0], 1.0)
     counts = WORLD.allreduce(np.array([len(points), np.count_nonzero(above)]))
@@ -157,7 +161,7 @@ def tied_corners(comm, partition, angle):
         msh.geometry.x[:] = msh.geometry.x @ R.T
         surfaces.append(qs.Surface(V, facets=face))
     slave, master = surfaces
-    options = {"search_radius": 0.3, "penalty": 1.0}
+    options = {"search_radius": 0.3, "penalty": 1.0, "quadrature": "nodal"}
     points = qs.Contact(slave, master, "master-slave", qs.Tied(), **options).pairing
     numbers, places = gathered(comm, master.node_dofs[:, 0]), gathered(comm, master.node_x)
     x_of = dict(zip(numbers, np.round(places @ R, 9), strict=True))

@@ -43,7 +43,7 @@ def test_full_slip(formulation, quadrature):
 
 def test_states():
     """More sticking than slipping at first, then both, then slip; T grows and stays below μ N."""
-    _, table = run(Parameters(quadrature="overlay"))
+    _, table = run(Parameters(enforcement="penalty"))
     ratio, stick, energy = (column(table, name) for name in ("ratio", "stick", "energy"))
     assert abs(ratio[0]) < 1e-10
     assert stick[1] > 0.7 and np.any((stick > 0.1) & (stick < 0.5)) and stick[-1] == 0
@@ -69,9 +69,8 @@ def test_sticking_alone():
 
 def test_augmented_lagrangian():
     """Friction at full slip, and where it sticks that of a stiff penalty (100 at nodes)."""
-    options = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
-    result, table = run(Parameters(push=1.2e-2, **options))
-    _, other = run(Parameters(push=1.2e-2))
+    result, table = run(Parameters(push=1.2e-2))
+    _, other = run(Parameters(push=1.2e-2, quadrature="nodal", enforcement="penalty"))
     assert result["friction_force_error"] < 1e-6
     assert result["force_balance_error"] < 1e-10
     assert abs(result["energy_error"]) < 1e-3

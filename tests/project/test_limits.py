@@ -225,9 +225,13 @@ CASES = {
     (
         "sees nothing of the edges' unknowns of a displacement of degree 2; "
         'use quadrature="overlay"'
-    ): lambda s, folder: qs.Contact(on_square(("Lagrange", 2, (2,))), s.pair.master),
+    ): lambda s, folder: qs.Contact(
+        on_square(("Lagrange", 2, (2,))), s.pair.master, quadrature="nodal"
+    ),
     "smoothing: nodal quadrature does not measure the gap of the facets between nodes": (
-        lambda s, folder: qs.Contact(s.pair.slave, s.pair.master, smoothing="shared-curvature")
+        lambda s, folder: qs.Contact(
+            s.pair.slave, s.pair.master, quadrature="nodal", smoothing="shared-curvature"
+        )
     ),
     "smoothing: the master is an analytic shape, without facets": (
         lambda s, folder: qs.Contact(
@@ -253,7 +257,9 @@ CASES = {
         lambda s, folder: qs.Contact(s.case.tool, s.pair.slave)
     ),
     'constraints: "points" needs quadrature="overlay"': (
-        lambda s, folder: qs.Contact(s.pair.slave, s.pair.master, constraints="points")
+        lambda s, folder: qs.Contact(
+            s.pair.slave, s.pair.master, quadrature="nodal", constraints="points"
+        )
     ),
     'constraints: tied contact is over-constrained at "points"; use "nodes"': (
         lambda s, folder: qs.Contact(

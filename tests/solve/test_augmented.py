@@ -2,16 +2,31 @@
 
 import numpy as np
 import pytest
-from scenes import CELLS, WORLD, Pair, largest, raises_everywhere
+from scenes import CELLS, FORMULATIONS, WORLD, Pair, drag_top, largest, raises_everywhere
 
 import qsdolfinx as qs
 
 OPTIONS = {"enforcement": "augmented-lagrangian", "quadrature": "overlay"}
+GIVEN = {"contact_options": OPTIONS}
 
 
 def scene(cell="quadrilateral", penalty=30.0, law=None, **options):
     pair = Pair(cell, law=law, penalty=penalty, n=(5, 4), contact_options=OPTIONS | options)
     return pair, pair.problem()
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_default(formulation):
+    """Wherever there is one; multipliers on both sides have none."""
+    pair = Pair("triangle", formulation)
+    assert pair.contact.quadrature == "overlay"
+    both = formulation == "double-pass"
+    assert pair.contact.enforcement == ("penalty" if both else "augmented-lagrangian")
+    assert pair.contact.augmented != both
+    if both:
+        raises_everywhere(
+            WORLD, ValueError, "cannot close", lambda: Pair("triangle", formulation, **GIVEN)
+        )
 
 
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
@@ -29,6 +44,27 @@ def test_gap_is_closed_at_any_penalty(cell, law):
     allowed = pair.contact.allowed_gap
     assert max(gaps) <= 3 * allowed
     np.testing.assert_allclose(forces[0], forces[1], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("law", (qs.Unilateral, qs.Tied))
+@pytest.mark.parametrize("n", ((2, 6), (5, 4)))
+def test_any_penalty_will_do(n, law):
+    """However soft: it is raised where many updates would be needed, and comes back by a reset."""
+    given = {"wave": 0.03, "n": n}
+    forces = []
+    for penalty in (1e3, 10.0, 0.05):
+        pair = Pair("hexahedron", law=law(), penalty=penalty, **given)
+        drag_top(pair, 0.01)
+        problem = pair.problem()
+        problem.solve()
+        assert problem.num_augmentations <= 60
+        forces.append(pair.contact.force("slave"))
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(forces[2], forces[0], rtol=1e-4, atol=1e-7)
+    assert pair.contact.penalty > 5 * penalty
+    assert pair.contact.report().penalty_source == "given, raised to close gaps sooner"
+    pair.contact.reset()
+    assert pair.contact.penalty == penalty
 
 
 def test_multipliers_are_kept():

@@ -27,7 +27,7 @@ def test_rests_at_once(cell, gap, slope):
     low[-1] = -gap
     tool = qs.RigidSurface.plane(WORLD, low, -weight)
     surface = qs.Surface(V, facets=facets)
-    contact = qs.Contact(surface, tool, penalty=1e3, search_radius=0.5)
+    contact = qs.Contact(surface, tool, penalty=1e3, search_radius=0.5, enforcement="penalty")
     form = elastic(u, force=fem.Constant(msh, weight))
     problem = qs.ContactProblem([form], [u], [contact], [held])
     problem.solve()

@@ -66,7 +66,10 @@ class Billet(Upset):
 @pytest.mark.parametrize("exponent", (None, 0.2))
 @pytest.mark.parametrize("enforcement", ENFORCEMENTS)
 def test_billet(enforcement, exponent, die):
-    """Three presses with two steps of rest: no force then, and hardly a step fails."""
+    """Three presses with two steps of rest: no force then, and hardly a step fails.
+
+    At rest velocities are what rounding of the forces leaves, and their divergence with them.
+    """
     case = Billet(exponent, die=die, contact={"enforcement": enforcement})
     largest = 0.0
     for t in case.stepper.run(0.3):
@@ -74,4 +77,4 @@ def test_billet(enforcement, exponent, die):
         largest = max(largest, force)
         if (t - 1e-9) % 0.1 > 0.06:
             assert abs(force) < 1e-6 * largest
-    assert case.stepper.num_cutbacks <= 4  # rounding decides, on some numbers of ranks
+    assert case.stepper.num_cutbacks <= 1  # rounding decides, on some numbers of ranks

@@ -66,15 +66,19 @@ def test_three_bodies_in_a_row():
 
 def test_two_contacts_of_the_same_bodies():
     """A surface split in two contacts acts as one master-slave contact does."""
-    whole = Pair("quadrilateral", "master-slave", qs.Tied(), n=(4, 8), penalty=100.0)
+    options = {"quadrature": "nodal", "enforcement": "penalty"}
+    given = {"n": (4, 8), "penalty": 100.0, "contact_options": options}
+    whole = Pair("quadrilateral", "master-slave", qs.Tied(), **given)
     whole.problem().solve()
-    parts = Pair("quadrilateral", "master-slave", qs.Tied(), n=(4, 8), penalty=100.0)
+    parts = Pair("quadrilateral", "master-slave", qs.Tied(), **given)
     V, msh = parts.V[1], parts.meshes[1]
     facets = plane(msh, 1, 0.0)
     msh.topology.create_connectivity(1, 0)
     left = mesh.compute_midpoints(msh, 1, facets)[:, 0] < 0.5
     contacts = [
-        qs.Contact(qs.Surface(V, facets=f), parts.master, "master-slave", qs.Tied(), 100.0)
+        qs.Contact(
+            qs.Surface(V, facets=f), parts.master, "master-slave", qs.Tied(), 100.0, **options
+        )
         for f in (facets[left], facets[~left])
     ]
     qs.ContactProblem(parts.F, parts.u, contacts, parts.bcs).solve()
@@ -242,7 +246,7 @@ def test_results_before_a_solve_are_those_of_no_displacement():
 
 
 def test_penalty_can_be_changed():
-    pair = Pair("triangle", penalty=10.0)
+    pair = Pair("triangle", penalty=10.0, contact_options={"enforcement": "penalty"})
     problem = pair.problem()
     gaps = []
     for penalty in (10.0, 1000.0):

@@ -140,7 +140,8 @@ def test_linear_solvers(kind, options):
     """Any PETSc solver gives what MUMPS gives."""
     solutions = []
     for k, o in (("mpi", {}), (kind, options)):
-        pair = Pair("tetrahedron", n=(4, 3), wave=0.03)
+        closed = {"gap_tolerance": 1e-10}
+        pair = Pair("tetrahedron", n=(4, 3), wave=0.03, contact_options=closed)
         problem = pair.problem(kind=k, petsc_options=o | {"snes_rtol": 1e-11})
         problem.solve()
         solutions.append(np.concatenate([u.x.array for u in pair.u]))
@@ -233,7 +234,7 @@ def test_options_of_one_problem_do_not_reach_another():
 
 
 def test_field_split_keeps_its_options_when_paired_anew():
-    pair = Pair("tetrahedron", n=(5, 4))
+    pair = Pair("tetrahedron", n=(5, 4), contact_options={"enforcement": "penalty"})
     problem = pair.problem(petsc_options=SPLIT, kind="nest")
     counts = []
     for _ in range(2):

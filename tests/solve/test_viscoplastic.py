@@ -204,7 +204,11 @@ def test_contact(quadrature):
         bodies.append((materials.incompressible(w, stress), w, bcs))
         surfaces.append(qs.Surface(V, facets=plane(msh, 1, 1.0)))
     contact = qs.Contact(
-        surfaces[1], surfaces[0], "quasi-symmetric", qs.Unilateral(), eps, quadrature=quadrature
+        surfaces[1],
+        surfaces[0],
+        penalty=eps,
+        quadrature=quadrature,
+        enforcement="penalty",
     )
     F, w, bcs = (list(given) for given in zip(*bodies, strict=True))
     problem = qs.ContactProblem(F, w, [contact], bcs)

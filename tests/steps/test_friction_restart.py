@@ -14,8 +14,8 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 SELF = MPI.COMM_SELF
-PENALTY = {"penalty": 30.0}
-AUTOMATIC = {}
+PENALTY = {"enforcement": "penalty", "penalty": 30.0}
+AUTOMATIC = {"enforcement": "penalty"}
 AUGMENTED = {"enforcement": "augmented-lagrangian"}
 
 
@@ -104,7 +104,7 @@ class Cornered:
         self.tool = qs.RigidSurface.triangulated(comm, x, lines)
         side = mesh.locate_entities_boundary(msh, 1, lambda x: np.isclose(x[0], 1) & (x[1] < 0.9))
         faces = np.concatenate([side, plane(msh, 1, 0.0)])
-        options = {"friction": qs.Coulomb(0.3)} | options
+        options = {"friction": qs.Coulomb(0.3), "quadrature": "nodal"} | options
         self.contacts = [qs.Contact(qs.Surface(V, facets=faces), self.tool, **options)]
         bcs = [clamp(V, plane(msh, 1, 1.0))]
         self.problem = qs.ContactProblem([elastic(u)], [u], self.contacts, [bcs])

@@ -18,7 +18,8 @@ class Pressed:
         self.u = fem.Function(V)
         self.tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
         surface = qs.Surface(V, facets=plane(self.mesh, 1, 1.0))
-        contact = qs.Contact(surface, self.tool, "master-slave", penalty=50.0)
+        options = {"enforcement": "penalty", "penalty": 50.0}
+        contact = qs.Contact(surface, self.tool, "master-slave", **options)
         bcs = [slide(V, i, plane(self.mesh, i, 0.0)) for i in (0, 1)]
         self.problem = qs.ContactProblem([elastic(self.u)], [self.u], [contact], [bcs])
         self.stepper = qs.TimeStepper(self.problem, dt, self.move, solve=solve, **stepping)
@@ -122,17 +123,20 @@ def test_first_step_is_made_twice():
 
 @pytest.mark.parametrize("theta", (0.0, 0.4))
 def test_where_contact_pairs(theta):
-    """First where bodies are solved for, displacements predicted; then at the end as found."""
-    # Of each solve, whether contact has paired at the end of the step. The first is made twice.
-    at_end = iter([*([False] if theta else []), False, True, False, True])
+    """First where bodies are solved for, displacements predicted; then as found.
+
+    With θ = 0 contact then pairs at the end of the step.
+    """
+    # Of each solve, whether contact has paired by the solution. The first is made twice.
+    as_found = iter([*([False] if theta else []), False, True, False, True])
     errors = []
 
     def solve(step):
-        ended = next(at_end)
+        ended = next(as_found)
         for u, motion, probe in zip(case.u, case.stepper.motions, probes, strict=True):
             flows, here = u is case.w, motion.mesh.geometry.x.copy()
             if ended or not flows:
-                factor = case.stepper.dt if flows else 1.0
+                factor = (theta or 1.0) * case.stepper.dt if flows else 1.0
                 motion.mesh.geometry.x[:] = starts[u] + factor * motion.values()
             probe.update()
             motion.mesh.geometry.x[:] = here
@@ -146,6 +150,6 @@ def test_where_contact_pairs(theta):
         starts = {u: u.function_space.mesh.geometry.x.copy() for u in case.u}
         case.stepper.dt = dt
         case.stepper.step()
-    assert next(at_end, None) is None
+    assert next(as_found, None) is None
     assert max(errors) < 1e-14
     assert largest(case.u[1].x.array) > 1e-4

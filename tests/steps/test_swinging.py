@@ -24,6 +24,7 @@ def test_no_force_swings_up():
         ((0.1, 0.2), (0.1, 0.3), False),  # it goes on accelerating
         ((0.1, 0.2), (0.2, -0.1), False),  # to another side, not to the other one
         ((1e-5, 2e-5), (-0.1, -0.3), False),  # next to nothing
+        ((0.1, 0.2), (-1e-15, -3e-15), False),  # rounding
         ((0.0, 0.0), (0.0, 0.0), False),
     ],
 )

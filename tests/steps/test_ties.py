@@ -205,7 +205,7 @@ def test_steps_by_hand():
     """A tie follows its tool, whether or not contact is updated."""
     forces = []
     for updates in (False, True):
-        case = OnTool(pull)
+        case = OnTool(pull, enforcement="penalty")
         for _ in range(3):
             case.tool.displacement = [0.0, RATE]
             case.problem.solve()

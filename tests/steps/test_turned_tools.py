@@ -27,7 +27,8 @@ def spun(kind, before, num_pairings):
     tool = TOOLS[kind](WORLD, 3)
     tool.position = turn(before)
     surface = qs.Surface(V, facets=plane(msh, 2, 1.0))
-    contact = qs.Contact(surface, tool, "master-slave", penalty=30.0, friction=qs.Coulomb(0.3))
+    options = {"quadrature": "nodal", "friction": qs.Coulomb(0.3)}
+    contact = qs.Contact(surface, tool, "master-slave", **options)
     bcs = [clamp(V, plane(msh, 2, 0.0))]
     problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
 
@@ -84,5 +85,38 @@ def test_a_round_tool_turns_in_place(enforcement, shape, turns):
     forces = []
     for _ in stepper.run(1.0 + len(turns)):
         forces.append(contact.force("master")[1])
-    np.testing.assert_allclose(forces, forces[0], rtol=2e-3)
+    # The polygon has other facets there, and pairs once more in the step in which it stops.
+    rtol = 2e-3 if shape == "cylinder" else 6e-3
+    np.testing.assert_allclose(forces, forces[0], rtol=rtol)
     assert abs(forces[0]) > 1e-3
+
+
+@pytest.mark.parametrize("num_pairings", (1, 2))
+@pytest.mark.parametrize("theta", (0.0, 0.5))
+def test_roll_that_turns_under_a_fluid(theta, num_pairings):
+    """A cylinder that turns in place, without friction, changes nothing, however far it turns."""
+    found = []
+    for angle in (0.0, 0.05, 0.3):
+        msh = box(WORLD, (16, 8), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
+        V = vector_space(msh)
+        u, top = fem.Function(V), fem.Constant(msh, (0.0, 0.0))
+        dofs = fem.locate_dofs_topological(V, 1, plane(msh, 1, 1.0))
+        roll = qs.RigidSurface.cylinder(WORLD, [1.0, -0.8], None, 0.8)
+        surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
+        options = {"quadrature": "overlay", "enforcement": "augmented-lagrangian", "dt": 1.0}
+        contact = qs.Contact(surface, roll, unknown="velocity", **options)
+        bcs = [fem.dirichletbc(top, dofs, V)]
+        problem = qs.ContactProblem([elastic(u, E=100.0)], [u], [contact], [bcs])
+
+        def drive(t, dt, roll=roll, top=top, angle=angle):
+            top.value[:] = (0.0, -0.025 if t < 1.5 else -0.005)
+            roll.rotation = [angle if 2.5 < t < 4.5 else 0.0]
+
+        stepper = qs.TimeStepper(problem, 1.0, drive, theta=theta, num_pairings=num_pairings)
+        forces = []
+        for _ in stepper.run(5.0):
+            forces.append(contact.force("slave"))
+        found.append(np.array(forces))
+    assert np.all(found[0][:, 1] > 0.3)
+    for forces in found[1:]:
+        np.testing.assert_allclose(forces, found[0], rtol=2e-3, atol=1e-3)

@@ -1,0 +1,214 @@
+"""Time of each linear solver, and of the one that ``solver="auto"`` takes, scene by scene.
+
+Two elastic blocks on non-matching meshes, linear or neo-Hookean, of degree 1 or 2, or an elastic
+tool on a viscous block in velocity and pressure (MINI elements), are pressed together, with and
+without friction: from forms to closed gaps, contact as it is by default. Printed are CPU seconds of
+all ranks with each solver, what "auto" has picked, and its time over the best one's. A solver is
+left out of larger problems when a smaller one of its scene took more than ``--longest`` seconds.
+
+    python3 bench/solvers.py [--dim 2 3] [--scenes linear …] [--cells 8 16 …] [--json FILE]
+    mpirun -n 2 python3 bench/solvers.py
+
+With --page nothing is measured: the tables of docs/solvers.md are made of the --json files
+bench/results/solvers_*.json.
+"""
+
+import argparse
+import itertools
+import json
+import math
+import pathlib
+import sys
+import time
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+
+import ufl
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from flow_scene import flow
+from machine import circumstances, write
+from two_blocks import PRESS, box, clamp, facets_at
+
+COMM = MPI.COMM_WORLD
+HERE = pathlib.Path(__file__).resolve().parent
+PAGE, MARK = HERE.parent / "docs" / "solvers.md", "<!-- made by bench/solvers.py --page -->\n"
+E, MU = (3e4, 1.3e4), 0.2
+#: Cells along an edge, for about 2,000 to 300,000 unknowns.
+CELLS = {
+    ("linear", 2): (24, 60, 140, 300),
+    ("linear", 3): (8, 14, 20, 28, 36),
+    ("flow", 2): (20, 50, 110, 200),
+    ("flow", 3): (6, 9, 13, 18, 24),
+}
+SOLVERS = {"linear": ("direct", "amg"), "hyperelastic": ("direct", "amg")}
+SOLVERS["flow"] = ("direct", "schur")
+
+
+class Case(typing.NamedTuple):
+    """A scene without its size."""
+
+    scene: str
+    dim: int
+    degree: int
+    mu: float
+
+    def __str__(self):
+        kind = f"{self.scene} {self.dim}D" + (f" P{self.degree}" if self.scene != "flow" else "")
+        return kind + (", friction" if self.mu else "")
+
+    def cells(self):
+        """Cells along an edge."""
+        scene = "flow" if self.scene == "flow" else "linear"
+        return [max(2, n // self.degree) for n in CELLS[scene, self.dim]]
+
+
+def elastic(case, n, solver):
+    """Two elastic blocks."""
+    cell = "triangle" if case.dim == 2 else "tetrahedron"
+    meshes = box(cell, n, 0.0, 1.0), box(cell, max(1, 4 * n // 5), 1.0, 2.0)
+    law = "neo_hookean" if case.scene == "hyperelastic" else "linear_elastic"
+    forms, us, bcs, surfaces = [], [], [], []
+    for i, (msh, modulus) in enumerate(zip(meshes, E, strict=True)):
+        V = fem.functionspace(msh, ("Lagrange", case.degree, (case.dim,)))
+        u, v = fem.Function(V), ufl.TestFunction(V)
+        stress = getattr(qs.materials, law)(u, modulus, 0.3)
+        dx = ufl.dx(degree=2 * case.degree)  # what UFL estimates for ln J takes all the time
+        forms.append(ufl.inner(stress, ufl.grad(v)) * dx)
+        us.append(u)
+        bcs.append([clamp(V, 2.0 * i, i * PRESS)])
+        surfaces.append(qs.Surface(V, facets=facets_at(msh, 1.0)))
+    friction = qs.Coulomb(case.mu) if case.mu else None
+    contact = qs.Contact(*surfaces[::-1], friction=friction)
+    return qs.ContactProblem(forms, us, [contact], bcs, solver=solver)
+
+
+def measure(case, n, solver):
+    """CPU seconds of all ranks (None if it fails), unknowns, and the solver that was taken."""
+    COMM.barrier()
+    start = time.process_time()
+    if case.scene == "flow":
+        problem, _ = flow(case.dim, n, solver, "augmented-lagrangian", case.mu)
+    else:
+        problem = elastic(case, n, solver)
+    try:
+        problem.solve()
+        seconds = COMM.allreduce(time.process_time() - start, op=MPI.SUM)
+    except qs.ConvergenceError:
+        seconds = None
+    out = seconds, problem.system.x.getSize(), problem.solver
+    problem.destroy()
+    return out
+
+
+def rows_of(case, longest, cells):
+    """A row for each size: unknowns, seconds of each solver and of "auto", and what that took."""
+    names = [*SOLVERS[case.scene], "auto"]
+    left = set(names)
+    for n in cells or case.cells():
+        if left == {"auto"}:
+            return
+        row = {"case": str(case), "cells": n}
+        for name in names:
+            if name not in left:
+                continue
+            seconds, row["unknowns"], taken = measure(case, n, name)
+            row[name] = seconds
+            if name == "auto":
+                row["picked"] = taken
+            if name != "auto" and (seconds is None or seconds > longest):
+                left.discard(name)
+        best = min((row[s] for s in SOLVERS[case.scene] if row.get(s)), default=math.nan)
+        row["ratio"] = (row["auto"] or math.nan) / best
+        yield row
+
+
+def cells_of(row):
+    """Direct, iterative and auto's seconds, and auto over the best, as a row of a table."""
+    scene = row["case"].split()[0]
+    times = [row.get(s) for s in (*SOLVERS[scene], "auto")]
+    return [
+        *("–" if t is None else f"{t:.2f}" for t in times),
+        row["picked"],
+        f"{row['ratio']:.2f}",
+    ]
+
+
+def page(results):
+    """The tables of the page.
+
+    Args:
+        results: What was written with --json.
+    """
+    for result in results:
+        ranks, rows = result["ranks"], result["rows"]
+        dims = sorted({word for row in rows for word in ("2D", "3D") if word in row["case"]})
+        yield f"\n## {' and '.join(dims)}, {ranks} rank{'s' * (ranks > 1)}\n"
+        versions = result["versions"]
+        yield f"`{result['command']}`, {result['date']}, {result['machine']['cpu']}, PETSc"
+        yield f"{versions['petsc']}, dolfinx {versions['dolfinx']}\n"
+        yield "| scene | unknowns | direct, s | iterative, s | auto, s | picked | auto / best |"
+        yield "|---|---|---|---|---|---|---|"
+        last = ""
+        for row in rows:
+            case = row["case"] if row["case"] != last else ""
+            last = row["case"]
+            yield f"| {case} | {row['unknowns']:,} | {' | '.join(cells_of(row))} |"
+        ratios = [row["ratio"] for row in rows]
+        yield f"\nAuto over the best: at most {max(ratios):.2f}, median {np.median(ratios):.2f}."
+
+
+def rewritten(text):
+    """The text of the page with new tables below the mark."""
+    files = sorted((HERE / "results").glob("solvers_*.json"))
+    results = [json.loads(f.read_text(encoding="utf-8")) for f in files]
+    return text.partition(MARK)[0] + MARK + "\n".join(page(results)) + "\n"
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--dim", type=int, nargs="+", choices=(2, 3), default=(2, 3))
+    parser.add_argument("--scenes", nargs="+", choices=tuple(SOLVERS), default=tuple(SOLVERS))
+    parser.add_argument("--degrees", type=int, nargs="+", choices=(1, 2), default=(1, 2))
+    parser.add_argument("--mu", type=float, nargs="+", default=(0.0, MU))
+    parser.add_argument("--cells", type=int, nargs="+", help="along an edge, for all scenes")
+    parser.add_argument("--longest", type=float, default=40.0, help="CPU seconds")
+    parser.add_argument("--json", type=pathlib.Path, help="file for all rows")
+    parser.add_argument("--page", action="store_true", help="write the tables of the page")
+    p = parser.parse_args()
+    if p.page:
+        PAGE.write_text(rewritten(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+        return
+    say = print if COMM.rank == 0 else lambda *args, **kwargs: None
+    say("| scene | unknowns | direct, s | iterative, s | auto, s | picked | auto / best |")
+    say("|---|---|---|---|---|---|---|")
+    rows = []
+    warm_up = Case("linear", 2, 1, 0.0)
+    measure(warm_up, 4, "direct")
+    for scene, dim, degree, mu in itertools.product(p.scenes, p.dim, p.degrees, p.mu):
+        if scene == "flow" and degree == 2:
+            continue
+        case = Case(scene, dim, degree, mu)
+        for name in SOLVERS[scene]:  # forms are compiled once
+            measure(case, 2, name)
+        for row in rows_of(case, p.longest, p.cells):
+            rows.append(row)
+            shown = " | ".join(cells_of(row))
+            say(f"| {row['case']} | {row['unknowns']:,} | {shown} |", flush=True)
+    if p.json and COMM.rank == 0:
+        write(p.json, {**circumstances(COMM.size), "rows": rows}, digits=3)
+    ratios = np.array([row["ratio"] for row in rows])
+    say(f"\nauto / best: at most {np.nanmax(ratios):.2f}, median {np.nanmedian(ratios):.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""What friction takes in a step: the slip at which work is lost, and its energy."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.friction.laws import Friction, Response, Rows
+
+Array = npt.NDArray[np.float64]
+
+#: Stiffness of stick, in that of the rows, for rows that leave: all of their way is slip.
+RIGID = 1e6
+
+#: Least part of a step for which a row that leaves has been in contact: its rate is slip over that.
+LEAST_PART = 1e-6
+
+
+class Evaluated(typing.NamedTuple):
+    """The rows of a slip at an evaluation.
+
+    Attributes:
+        rows: What the law was told.
+        response: What it answered.
+        leaving: Rows that slipped when the step began and are open, but for those that have lost
+            their friction, (rows,). Rows that stuck slip when next to no pressure is left.
+        gap: Mean gap of each row (length), negative where it is open, (rows,).
+        compliance: Gap (length) that a pressure closes, over it: of the penalty and of the bodies.
+        means: Whether multipliers are means over the step, as stresses of a velocity are.
+    """
+
+    rows: Rows
+    response: Response
+    leaving: npt.NDArray[np.bool_]
+    gap: Array
+    compliance: float
+    means: bool
+
+
+def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
+    """Slip (length) and energy per area that friction took in a step, (rows, gdim) and (rows,).
+
+    Along the slip the limit of a law goes from the pressure at the start of the step to that at
+    its end; the mean makes the energy one of second order in Δt. Multipliers that are means over
+    the step are such a mean already, also of rows that leave in it; of rows that close in the step
+    they are that of a part.
+
+    Otherwise rows that leave had λ_0 at the start, and are open by −ḡ at the end. At a constant
+    rate they are in contact for λ_0 C / (λ_0 C − ḡ) of the step, C being the compliance.
+    """
+    rows, response = step.rows, step.response
+    closed = rows.closed[:, None]
+    slip = np.where(closed, response.dissipative, 0.0)
+    fresh = rows.pressed == 0
+    growth = np.where(fresh, 1 / rows.share, 1.0) if step.means else law.growth(rows)
+    energy = growth * np.sum(response.traction * slip, axis=1)
+    leaving = step.leaving
+    if leaving.any() and not step.means:
+        way, work = _of_leaving(law, step)
+        slip = np.where(leaving[:, None], way, slip)
+        energy = np.where(leaving, work, energy)
+    return slip, energy
+
+
+def _of_leaving(law: Friction, step: Evaluated) -> tuple[Array, Array]:
+    """The same of rows that leave, until they do so."""
+    rows, leaving = step.rows, step.leaving
+    closing = rows.pressed * step.compliance
+    opening = np.maximum(-step.gap, 0.0)
+    part = np.divide(closing, closing + opening, np.zeros_like(closing), where=closing > 0)
+    part = np.maximum(part, LEAST_PART)
+    rows = rows._replace(
+        slip=part[:, None] * rows.slip,
+        traction=np.zeros_like(rows.traction),
+        pressure=rows.pressed,
+        pressed=np.zeros_like(rows.pressed),
+        closed=leaving,
+        unlimited=np.zeros_like(leaving),
+        penalty=RIGID * rows.penalty,
+        share=part,
+    )
+    response = law.respond(rows)
+    work = np.sum(response.traction * response.dissipative, axis=1)
+    return response.dissipative, np.asarray(law.growth(rows) * work)

@@ -1,0 +1,187 @@
+"""Where contact pairs in a time step, and whether it has to do so once more."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem
+
+from qsdolfinx.base import interrupt
+from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.motion import set_start
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.steps.sliding import slid
+from qsdolfinx.steps.snapshot import Snapshot
+from qsdolfinx.steps.swinging import swings
+from qsdolfinx.steps.tool_motion import ToolRate, left_until
+from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
+from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
+
+Array = npt.NDArray[np.float64]
+
+#: Way along a surface from where contact paired to where it should have, in facets, from which on
+#: it pairs once more in the step; the second of bodies in velocities.
+FAR, FAR_FLOWING = 0.05, 0.25
+
+
+class DistortedError(RuntimeError):
+    """A mesh cannot be where contact is to pair."""
+
+
+class Pairings:
+    """Where surfaces are in a step when contact pairs.
+
+    Bodies in displacements, and what touches them, are paired at the end of the step; bodies in
+    velocities after a part θ of it, so that their forces act along the normals there (with θ = 0 at
+    its start, and at its end if contact pairs again).
+
+    Args:
+        problem: The problem.
+        motions: How the meshes of its bodies move.
+        tools: Rigid tools, each once.
+        in_velocity: Whether a body has velocities.
+        theta: θ.
+    """
+
+    def __init__(
+        self,
+        problem: ContactProblem,
+        motions: typing.Sequence[MeshMotion],
+        tools: typing.Sequence[RigidSurface],
+        in_velocity: typing.Sequence[bool],
+        theta: float,
+    ) -> None:
+        self._problem, self._motions, self._tools = problem, motions, tools
+        self._in_velocity, self._theta = in_velocity, theta
+        #: By how much the last solution misses what was expected of the step (length).
+        self.missed: list[Array] = []
+
+    def begin(
+        self,
+        dt: float,
+        start: Snapshot,
+        rates: list[Array],
+        tool_rates: typing.Sequence[ToolRate],
+    ) -> None:
+        """Pair where the rates of the last step lead to. Collective.
+
+        Args:
+            dt: Δt.
+            start: State at the start of the step.
+            rates: Velocities of the last step, length per time; those of bodies in velocities say
+                where their meshes are when they are solved for.
+            tool_rates: The same of tools.
+
+        Raises:
+            DistortedError: If a cell turns inside out on the way.
+        """
+        self._dt, self._start, self._known = dt, start, rates
+        self._rates = rates
+        for motion, flows, rate in zip(self._motions, self._in_velocity, rates, strict=True):
+            if not flows:
+                motion.u.x.array[:] += dt * rate
+        self._expected = [motion.u.x.array.copy() for motion in self._motions]
+        for tool, tool_rate in zip(self._tools, tool_rates, strict=True):
+            tool_rate.go_ahead(tool, self._part_of_step(tool, self._theta) * dt)
+        self._pair(self._places(rates, self._theta))
+
+    def learn_velocities(self) -> None:
+        """Pair, and put the meshes, where the velocities just found lead to. Collective.
+
+        Raises:
+            DistortedError: As :meth:`begin`.
+        """
+        self._known = [motion.u.x.array.copy() for motion in self._motions]
+        self.again()
+
+    def again(self) -> None:
+        """Pair where the solution leads to. Collective.
+
+        Raises:
+            DistortedError: As :meth:`begin`.
+        """
+        for tool in self._tools:
+            tool.go_ahead(*self._left(tool))
+        self._pair(self._now())
+
+    def have_slid(self) -> bool:
+        """Whether what is in contact is far from where it was paired. Collective."""
+        off = [now - at for now, at in zip(self._now(), self._paired, strict=True)]
+        for contact, (s, m) in self._sides():
+            tool = as_tool(contact.master)
+            flows = self._in_velocity[s] or (m is not None and self._in_velocity[m])
+            moved = off[s], None if m is None else off[m], None if tool is None else self._way(tool)
+            if slid(contact.model, *moved) > (FAR_FLOWING if flows else FAR):
+                return True
+        return False
+
+    def swing(self, missed_before: list[Array]) -> bool:
+        """Whether the step misses what was expected of it to the other side. Collective.
+
+        Args:
+            missed_before: What the last step has missed, length.
+        """
+        self.missed, moved = [], []
+        for i, motion in enumerate(self._motions):
+            u, flows = motion.u.x.array, self._in_velocity[i]
+            unit = self._dt if flows else 1.0
+            self.missed.append(unit * (u - (self._rates[i] if flows else self._expected[i])))
+            moved.append(unit * u if flows else u - self._start.unknowns[i])
+        return swings(self._motions, self.missed, missed_before, moved)
+
+    # --- Places
+
+    def _now(self) -> list[Array]:
+        """Where the solution leads to, see :meth:`_places`."""
+        return self._places([motion.u.x.array for motion in self._motions], self._theta or 1.0)
+
+    def _places(self, velocities: typing.Sequence[Array], part: float) -> list[Array]:
+        """Displacements of all unknowns from the references of the meshes to where they pair."""
+        return [
+            part * self._dt * velocities[i] if flows else motion.u.x.array.copy()
+            for i, (motion, flows) in enumerate(zip(self._motions, self._in_velocity, strict=True))
+        ]
+
+    def _part_of_step(self, tool: RigidSurface, part: float) -> float:
+        """After which contact pairs with a tool: where the body is that it touches."""
+        flows = [self._in_velocity[s] for c, (s, _) in self._sides() if c.master is tool]
+        return part if any(flows) else 1.0
+
+    def _left(self, tool: RigidSurface) -> tuple[Array, Array]:
+        """Displacement and rotation of a tool from where it is to where it should be paired."""
+        part = self._part_of_step(tool, self._theta or 1.0)
+        return left_until(tool, self._start.pose_of(tool), part)
+
+    def _way(self, tool: RigidSurface) -> Affine:
+        """The same as a displacement field."""
+        displacement, rotation = self._left(tool)
+        return rotation_about(rotation_matrix(rotation), tool.center, displacement)
+
+    def _sides(self) -> typing.Iterator[tuple[Contact, tuple[int, int | None]]]:
+        return zip(self._problem.contacts, self._problem.sides, strict=True)
+
+    def _pair(self, places: list[Array]) -> None:
+        """Pair with the surfaces at these places, and put the meshes for the solver."""
+        self._paired = places
+        offsets, starts = [], []
+        for i, (motion, moved) in enumerate(zip(self._motions, places, strict=True)):
+            motion.move(motion.values(moved))
+            if motion.quality() <= 0:
+                raise DistortedError(f"a cell of u[{i}] turns inside out on the way")
+            offsets.append(fem.Function(motion.u.function_space))
+            offsets[-1].x.array[:] = -motion.carried(moved)
+            starts.append(fem.Function(motion.u.function_space))
+            starts[-1].x.array[:] = 0.0 if self._in_velocity[i] else self._start.unknowns[i]
+        for contact, (s, m) in self._sides():
+            contact.update()
+            contact.set_offset(offsets[s], None if m is None else offsets[m])
+            tool = as_tool(contact.master)
+            moved_tool = None if tool is None else self._start.motion_since(tool)
+            set_start(contact.model, starts[s], None if m is None else starts[m], moved_tool)
+        for motion, flows, known in zip(self._motions, self._in_velocity, self._known, strict=True):
+            motion.move(motion.values(known * self._theta * self._dt) if flows else 0.0)
+        interrupt.look(self._problem.comm)

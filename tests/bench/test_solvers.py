@@ -1,0 +1,31 @@
+"""The benchmark of linear solvers: what it measures, and that the page has it."""
+
+import numpy as np
+import pytest
+import solvers
+
+from qsdolfinx.linear import presets
+
+
+def test_page_is_up_to_date():
+    text = solvers.PAGE.read_text(encoding="utf-8")
+    assert solvers.rewritten(text) == text
+
+
+@pytest.mark.parametrize("scene", ("linear", "flow"))
+def test_row(scene, monkeypatch):
+    """Of each solver a time, of "auto" what it picked, and its time over the best."""
+    monkeypatch.setitem(presets.LARGE, (3, True), 10)
+    (row,) = solvers.rows_of(solvers.Case(scene, 3, 1, 0.0), 40.0, [3])
+    named = solvers.SOLVERS[scene]
+    assert row["picked"] == ("amg" if scene == "linear" else "direct")
+    assert all(row[name] > 0 for name in (*named, "auto"))
+    assert np.isclose(row["ratio"], row["auto"] / min(row[name] for name in named))
+
+
+def test_slow_solvers_are_left_out():
+    """After one size that took too long; without any the sizes that follow are left out, too."""
+    case = solvers.Case("linear", 2, 1, 0.0)
+    rows = list(solvers.rows_of(case, 0.0, [2, 3, 4]))
+    assert [row["cells"] for row in rows] == [2]
+    assert len(list(solvers.rows_of(case, 1e9, [2, 3]))) == 2

@@ -1,0 +1,182 @@
+"""Energy that friction takes: of second order in Δt, with what slips and leaves within a step."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, clamp, elastic, plane, vector_space
+
+import ufl
+from dolfinx import fem, la
+
+import qsdolfinx as qs
+from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
+from qsdolfinx.friction.laws import Response, Rows
+
+H, RADIUS, DOWN, WAY = 0.1, 1.5, 0.05, 0.8
+
+
+def slide(facets, **options):
+    """A cylinder pressed on a block slides on it by that many facets a step.
+
+    Returns:
+        The tool's work, by the trapezoidal rule; what friction took; the energy left, all summed.
+    """
+    msh = box(WORLD, (30, 10), "quadrilateral", [0.0, -1.0], [3.0, 0.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.cylinder(WORLD, [1.1, RADIUS], None, RADIUS)
+    options |= {"quadrature": "overlay", "friction": qs.Coulomb(0.2)}
+    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 0.0)), tool, **options)
+    bcs = [clamp(V, plane(msh, 1, -1.0))]
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
+    strain = ufl.sym(ufl.grad(u))
+    energy = fem.form(0.5 * ufl.inner(qs.materials.linear_elastic(u, 1.0, 0.3), strain) * ufl.dx)
+    velocities = np.array([(0.0, -DOWN), (WAY, 0.0)])
+
+    def drive(t, dt):
+        tool.displacement = velocities[int(t > 1 + 1e-9)] * dt
+
+    steps = round(WAY / (facets * H))
+    stepper = qs.TimeStepper(problem, 1 / steps, drive, max_penetration=None)
+    work, before = 0.0, np.zeros(2)
+    for end in (1.0, 2.0):
+        for _ in stepper.run(end):
+            force = contact.force("slave")
+            work += 0.5 * (before + force) @ velocities[int(end > 1)] * stepper.last_dt
+            before = force
+    stored = WORLD.allreduce(fem.assemble_scalar(energy), op=MPI.SUM)
+    if not contact.model.augmented:
+        stored += contact.energy
+    return work, contact.dissipated_energy(), stored
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+def test_energy_balance_of_sliding(enforcement):
+    """The tool's work is stored or taken, also by nodes that leave: each is one of 3 to 6 steps."""
+    fine, coarse = (np.array(slide(facets, enforcement=enforcement)) for facets in (0.25, 1.0))
+    np.testing.assert_allclose(fine[1] + fine[2], fine[0], rtol=0.006)
+    np.testing.assert_allclose(coarse[1], fine[1], rtol=0.05)  # 0.07 without those that leave
+
+
+@pytest.mark.parametrize("law", (qs.Norton(0.3, 10.0, 0.4), qs.Tresca(2.0), qs.Coulomb(0.2)))
+def test_energy_of_flow_is_the_work_of_contact_forces(law):
+    """What a fluid does not take of the work at its held nodes, in each step of a pressed slide.
+
+    At the block's trailing end nodes leave, or lose the friction of a law that jumps.
+    """
+    msh = box(WORLD, (16, 8), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
+    V = vector_space(msh)
+    u, top = fem.Function(V), fem.Constant(msh, (0.0, 0.0))
+    held = fem.locate_dofs_topological(V, 1, plane(msh, 1, 1.0))
+    F = elastic(u, E=100.0)
+    form = fem.form(F)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+    surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
+    options = {"quadrature": "overlay", "enforcement": "augmented-lagrangian", "friction": law}
+    contact = qs.Contact(surface, tool, unknown="velocity", dt=0.25, **options)
+    problem = qs.ContactProblem([F], [u], [contact], [[fem.dirichletbc(top, held, V)]])
+
+    def drive(t, dt):
+        top.value[:] = (0.0, -0.05) if t < 1 + 1e-6 else (0.2, -0.02)
+
+    def solve(step):
+        problem.solve()
+        residual = fem.assemble_vector(form)
+        residual.scatter_reverse(la.InsertMode.add)
+        n = V.dofmap.index_map.size_local
+        free = np.ones(n, dtype=bool)
+        free[held[held < n]] = False
+        forces, v = (x[: 2 * n].reshape(n, 2)[free] for x in (residual.array, u.x.array))
+        power.append(-WORLD.allreduce(float(np.sum(forces * v)), op=MPI.SUM))
+
+    power: list[float] = []
+    stepper = qs.TimeStepper(problem, 0.25, drive, solve=solve, max_penetration=None)
+    for step in range(10):
+        dt = stepper.step((step + 1) * 0.25)
+        if stepper.t > 1.6:  # the normal forces work as well until gaps stay what they are
+            np.testing.assert_allclose(contact.step_dissipation(), dt * power[-1], rtol=1e-4)
+
+
+# --- Rows whose pressure changes
+
+
+def evaluated(law, pressed, pressure, slip, gap=0.0, share=1.0, means=False):
+    """One row in the plane that slips along x, as the law answers it, with rigid stick."""
+    one = np.ones(1)
+    rows = Rows(
+        np.array([[slip, 0.0]]),
+        np.array([[0.0, 0.0]]),
+        pressure * one,
+        np.array([pressure > 0]),
+        np.zeros(1, dtype=bool),
+        1e9 * one,
+        np.eye(2)[None],
+        one,
+        0.5,
+        1e-3,
+        {name: value * one for name, value in law.parameters.items()},
+        share * one,
+        pressed * one,
+    )
+    response = law.respond(rows)
+    assert isinstance(response, Response)
+    leaving = np.array([pressure == 0 and pressed > 0])
+    return Evaluated(rows, response, leaving, gap * one, 0.1, means)
+
+
+LAWS = {
+    "coulomb": (qs.Coulomb(0.3), lambda p: 0.3 * p),
+    "tresca": (qs.Tresca(0.4), lambda p: 0.4 + 0 * p),
+    "both": (qs.CoulombTresca(0.3, 1.0, 0.5), lambda p: np.minimum(0.3 * p, 0.5 / np.sqrt(3))),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("pressures", ((1.0, 2.0), (2.0, 0.5), (0.0, 1.0)))
+def test_pressure_that_changes(law, pressures):
+    """The mean of the limit along the way, the pressure changing at a constant rate."""
+    friction, limit = LAWS[law]
+    slip, energy = slip_and_energy(friction, evaluated(friction, *pressures, slip=0.2))
+    expected = 0.2 * np.mean(limit(np.linspace(*pressures, 100_001)))
+    np.testing.assert_allclose(slip, [[0.2, 0.0]], rtol=1e-6)
+    np.testing.assert_allclose(energy, expected, rtol=3e-3)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_row_that_leaves(law):
+    """λ_0 = 2 and a compliance of 0.1 are a gap of 0.2: the row leaves at 2/5 of the way to 0.3."""
+    friction, limit = LAWS[law]
+    step = evaluated(friction, 2.0, 0.0, slip=0.5, gap=-0.3)
+    slip, energy = slip_and_energy(friction, step)
+    expected = 0.4 * 0.5 * np.mean(limit(np.linspace(2.0, 0.0, 100_001)))
+    np.testing.assert_allclose(slip, [[0.2, 0.0]], rtol=1e-6)
+    np.testing.assert_allclose(energy, expected, rtol=3e-3)
+    friction = qs.Norton(0.3, 2.0, 0.5, v0=1e-6)  # at the rate of the time in contact
+    step = evaluated(friction, 2.0, 0.0, slip=0.5, gap=-0.3)
+    rate = 0.5 / 0.5
+    np.testing.assert_allclose(
+        slip_and_energy(friction, step)[1], 0.3 * 2.0 * rate**0.5 * 0.2, rtol=1e-6
+    )
+
+
+def test_means_over_a_step():
+    """A multiplier that is a mean over the step needs no other; of a part of it, that of the part.
+
+    The pressure at the start, a mean over the step before, tells nothing then.
+    """
+    friction = qs.Coulomb(0.3)
+    whole = slip_and_energy(friction, evaluated(friction, 1.0, 2.0, slip=0.2, means=True))
+    np.testing.assert_allclose(whole[1], 0.3 * 2.0 * 0.2, rtol=1e-6)
+    part = evaluated(friction, 0.0, 2.0, slip=0.2, share=0.25, means=True)
+    np.testing.assert_allclose(slip_and_energy(friction, part)[1], 4 * 0.3 * 2 * 0.2, rtol=1e-6)
+
+
+def test_nothing_before_the_first_solve():
+    """No energy, and no slip, before anything has been evaluated."""
+    msh = box(WORLD, (2, 2), "quadrilateral", [0.0, -1.0], [1.0, 0.0])
+    V = vector_space(msh)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, -1.0])
+    surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
+    contact = qs.Contact(surface, tool, friction=qs.Coulomb(0.2), search_radius=0.1)
+    assert contact.step_dissipation() == contact.dissipated_energy() == 0
