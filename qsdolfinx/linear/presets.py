@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import typing
 
-from qsdolfinx.linear.schur_options import SCHUR
-
 #: Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
 #: incompressible flow, need more; on several ranks how much also depends on timing.
 EXTRA_MEMORY = 100
 
-#: Relative tolerance of a linear solve outside of Newton's method.
-EXACT = 1e-8
+#: Relative tolerance of a linear solve outside of Newton's method, and the tightest of any.
+EXACT, TIGHTEST = 1e-8, 1e-12
 
 #: Aggregation with the rigid modes. Without smoothed prolongators its set-up costs a fifth; the
 #: W-cycle makes up for that, and for contact, which is stiff compared with the coarse levels.
@@ -68,6 +66,26 @@ KRYLOV: dict[str, typing.Any] = {
 #: Iterations after which GMRES restarts.
 GMRES_RESTART = 100
 
+#: Prefixes of the options of the velocities' multigrid and of the pressures, after the problem's.
+VELOCITY, PRESSURE = "velocity_", "pressure_"
+
+#: :class:`qsdolfinx.linear.schur.Schur`.
+_SCHUR: dict[str, typing.Any] = {
+    "ksp_type": "fgmres",
+    "ksp_rtol": EXACT,
+    "ksp_gmres_restart": GMRES_RESTART,
+    "ksp_max_it": 500,  # a step that asks for more is a wild one, and better damped
+    "pc_type": "python",
+    # A mass matrix, on which a few steps of Chebyshev's are exact enough.
+    "pressure_ksp_type": "chebyshev",
+    "pressure_ksp_max_it": 4,
+    "pressure_ksp_norm_type": "none",
+    "pressure_pc_type": "jacobi",
+}
+#: A cruder cycle than "amg"'s: the pressures decide the number of iterations.
+_VELOCITY = _TWO_LEVELS | {"mg_coarse_ksp_max_it": 1, "mg_coarse_mg_levels_ksp_max_it": 2}
+_SCHUR |= {VELOCITY + key: value for key, value in _VELOCITY.items()}
+
 PRESETS: dict[str, dict[str, typing.Any]] = {
     "direct": {
         "ksp_type": "preonly",
@@ -79,7 +97,7 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
     # One V-cycle for each body, one body after the other and back.
     "fieldsplit": KRYLOV
     | {"pc_type": "fieldsplit", "pc_fieldsplit_type": "symmetric_multiplicative"},
-    "schur": SCHUR,
+    "schur": _SCHUR,
 }
 
 #: Presets whose Krylov solver is prepared by :class:`qsdolfinx.linear.krylov.Krylov`.

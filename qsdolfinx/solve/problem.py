@@ -147,7 +147,7 @@ class ContactProblem:
         chosen = {*given, *PETSc.Options(prefix).getAll()}
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
         self.solver = _pick(solver, bodies, kind, chosen)
-        sums = self.solver == "amg" and "pc_type" not in chosen
+        sums = self.solver in ("amg", "schur") and "pc_type" not in chosen
         if self.solver == "fieldsplit" and len(bodies) == 1:
             kind = "mpi"  # there is nothing to split
         self._contacts = list(contacts)
@@ -222,7 +222,10 @@ class ContactProblem:
 
     @property
     def blocks(self) -> Blocks | None:
-        """The tangent as a MatNest, ``blocks.nest``; None before the first solve."""
+        """The tangent as a MatNest, ``blocks.nest``, without bulk unless ``kind="nest"``.
+
+        None before the first solve, and with ``"amg"`` and ``"schur"``, which never form it.
+        """
         return self.system.made.blocks if self.system.has_matrices else None
 
     @property
