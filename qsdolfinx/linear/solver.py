@@ -179,7 +179,9 @@ class LinearSolver:
         # A reset takes the options from the splits: start from scratch.
         pc.setType(PETSc.PC.Type.NONE)
         pc.setFromOptions()
-        index_sets = self._system.matrix.getNestISs()[0]
+        blocks = self._system.made.blocks
+        assert blocks is not None  # PCFIELDSPLIT is not for sums
+        index_sets = blocks.matrix.getNestISs()[0]
         pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
 
     def assemble(self) -> bool:
