@@ -79,7 +79,8 @@ void qsdolfinx::bind_gap(nb::module_& m)
                               copy(s.coefficient, {entries, width}));
           },
           "side"_a,
-          "Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where conditions "
+          "Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where "
+          "conditions "
           "hold, [entry][gdim]; coefficients, [entry][gdim], of a jump [entry][1].")
       .def_prop_ro("num_sides", &GapOperator::num_sides, "2, or 1 if the master is rigid.")
       .def(

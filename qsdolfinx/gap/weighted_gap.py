@@ -307,7 +307,7 @@ class WeightedGap:
         _cpp.insert_contact(self.operator, stiffness, handles, self.state.scale, pattern)
 
     def stiffness(self, slope: Array) -> Array:
-        """S diag(slope), force per length of ḡ: shape (rows,), or (rows, width) where it differs."""
+        """S diag(slope), force per length of ḡ, shape (rows,), or of components (rows, width)."""
         stiffness = self.weight * slope
         if self.extension is None or not self.law.jump:
             return stiffness

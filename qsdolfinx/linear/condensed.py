@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import typing
-
 from petsc4py import PETSc
 
 import numpy as np
@@ -59,8 +57,8 @@ class Condensed:
         self._x, self._w = self.A.createVecs()
         #: Rigid modes in the unknowns that remain.
         self.modes = [self.A.createVecRight() for _ in modes]
-        for vec, mode in zip(self.modes, modes, strict=True):
-            vec.array[:] = mode[self.vertices]
+        for vec, values in zip(self.modes, modes[:, self.vertices], strict=True):
+            vec.array[:] = values
         orthonormal(self.modes)
         self.update()
         if self._has_bubbles:

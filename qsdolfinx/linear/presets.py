@@ -82,8 +82,13 @@ _SCHUR: dict[str, typing.Any] = {
     "pressure_ksp_norm_type": "none",
     "pressure_pc_type": "jacobi",
 }
-#: A cruder cycle than "amg"'s: the pressures decide the number of iterations.
-_VELOCITY = _TWO_LEVELS | {"mg_coarse_ksp_max_it": 1, "mg_coarse_mg_levels_ksp_max_it": 2}
+#: Beside the pressures a cruder cycle below does, but viscosities that vary need more smoothing.
+_VELOCITY = _TWO_LEVELS | {
+    "mg_coarse_ksp_max_it": 1,
+    "mg_coarse_mg_levels_ksp_max_it": 2,
+    "mg_levels_ksp_max_it": 4,
+    f"{FIRST}pc_gamg_agg_nsmooths": 1,
+}
 _SCHUR |= {VELOCITY + key: value for key, value in _VELOCITY.items()}
 
 PRESETS: dict[str, dict[str, typing.Any]] = {
@@ -110,8 +115,8 @@ BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | AGGREGATION
 #: degree 1: see ``bench/solvers.py``.
 LARGE = {(2, True): 1_000_000, (2, False): 1_000_000, (3, True): 2_500, (3, False): 20_000}
 
-#: The same of velocity–pressure bodies, by dimension, and of "schur".
-LARGE_FLOW = {2: 1_000_000, 3: 60_000}
+#: The same of velocity–pressure bodies, by dimension, and of "schur"; without those inside cells.
+LARGE_FLOW = {2: 1_000_000, 3: 20_000}
 
 
 def pick(
@@ -120,7 +125,7 @@ def pick(
     """The preset for a problem, and why.
 
     Args:
-        unknowns: Number of unknowns, over all ranks.
+        unknowns: Number of unknowns, over all ranks; of flow without those inside cells.
         dim: Of space.
         degree: Of the bodies' elements, the highest.
         has_modes: Whether all bodies are in displacements or velocities alone.
@@ -131,7 +136,7 @@ def pick(
         if unknowns < LARGE_FLOW[dim]:
             reason = f"{unknowns} unknowns of flow in {dim}D are fewer than {LARGE_FLOW[dim]}"
             return "direct", reason
-        reason = f"{unknowns} unknowns of velocity and pressure in {dim}D are"
+        reason = f"{unknowns} unknowns of velocity and pressure in {dim}D, bubbles aside, are"
         return "schur", f"{reason} {LARGE_FLOW[dim]} or more"
     if not has_modes:
         return "direct", "a body has other unknowns than displacements"

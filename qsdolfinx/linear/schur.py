@@ -85,9 +85,7 @@ class Schur:
         forms: For each body a form instead of the automatic pressure mass matrix, or None.
     """
 
-    def __init__(
-        self, ksp: PETSc.KSP, bodies: typing.Sequence[Body], forms: Forms = None
-    ) -> None:
+    def __init__(self, ksp: PETSc.KSP, bodies: typing.Sequence[Body], forms: Forms = None) -> None:
         self._ksp, self._bodies = ksp, bodies
         self._comm = bodies[0].comm
         prefix = ksp.getOptionsPrefix() or ""
@@ -115,9 +113,7 @@ class Schur:
         none = np.zeros(0, np.int64)
         dofs = [none if one is None else one.mass.dofs for one in self.pressures]
         prefix = self._ksp.getOptionsPrefix() or ""
-        self._velocity = VelocityBlock(
-            self._bodies, tangent, dofs, scales, self._hierarchy, prefix
-        )
+        self._velocity = VelocityBlock(self._bodies, tangent, dofs, scales, self._hierarchy, prefix)
         pc.setPythonContext(self)
 
     def update(self) -> None:

@@ -205,9 +205,7 @@ class LinearSolver:
                 pc, modes = self.ksp.getPC(), system.made.rigid.modes
                 self._hierarchy.update(pc, system.made.tangent.sum, modes, states)
 
-    def prepare(
-        self, norms: typing.Sequence[float], until: float, changed: bool
-    ) -> None:
+    def prepare(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:
         """Get ready for the next linear solve of Newton's method. Collective.
 
         Args:

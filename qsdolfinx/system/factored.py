@@ -16,10 +16,10 @@ class Beside(typing.Protocol):
         """Local and global numbers of rows and columns, as PETSc has them."""
 
     def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y += C x. Collective."""
+        """Y += C x. Collective."""
 
     def add_transposed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y += Cᵀ x. Collective."""
+        """Y += Cᵀ x. Collective."""
 
     def diagonal(self) -> PETSc.Vec:
         """New vector. Collective."""
@@ -28,7 +28,7 @@ class Beside(typing.Protocol):
         """Pᵀ C P, which can follow C. Collective."""
 
     def restricted(self, places: PETSc.IS, scale: PETSc.Vec) -> Beside:
-        """Rows and columns at some places, rows times a scale; follow C by ``follow``. Collective."""
+        """Rows and columns at some places, rows times a scale. Collective."""
 
     def follow(self) -> None:
         """Take in what has changed in the matrix that this is restricted from. Collective."""
@@ -90,13 +90,13 @@ class Factored:
         return (self.left.getSizes()[1], self.right.getSizes()[1])
 
     def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y += C x. Collective."""
+        """Y += C x. Collective."""
         self.right.mult(x, self._gaps)
         self.weights.mult(self._gaps, self._forces)
         self.left.multTransposeAdd(self._forces, y, y)
 
     def add_transposed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y += Cᵀ x. Collective."""
+        """Y += Cᵀ x. Collective."""
         self.left.mult(x, self._gaps)
         self.weights.multTranspose(self._gaps, self._forces)
         self.right.multTransposeAdd(self._forces, y, y)
@@ -184,11 +184,11 @@ class Formed:
         return self.matrix.getSizes()
 
     def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y += C x. Collective."""
+        """Y += C x. Collective."""
         self.matrix.multAdd(x, y, y)
 
     def add_transposed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y += Cᵀ x. Collective."""
+        """Y += Cᵀ x. Collective."""
         self.matrix.multTransposeAdd(x, y, y)
 
     def diagonal(self) -> PETSc.Vec:

@@ -63,11 +63,10 @@ class ContactFactors:
         self._numbers = numbering(matrices)
         self._comm = matrices[0].comm
         sizes = [K.getLocalSize()[0] for K in matrices]
-        parts = [
-            _Part(contact, side, part, self._numbers)
-            for contact, side in zip(contacts, sides, strict=True)
-            for part in (*contact.gaps, *contact.slips)
-        ]
+        parts: list[_Part] = []
+        for contact, side in zip(contacts, sides, strict=True):
+            of_contact: list[WeightedGap | Slip] = [*contact.gaps, *contact.slips]
+            parts += [_Part(contact, side, part, self._numbers) for part in of_contact]
         #: First row of each part, and the number of rows of this rank.
         self._starts = np.cumsum([0, *(part.num_rows for part in parts)])
         self._parts = parts

@@ -97,9 +97,7 @@ class _Product:
         self._add_bodies(x, y, PETSc.Mat.multTranspose)
         self._contact.add_transposed(x, y)
 
-    def _add_bodies(
-        self, x: PETSc.Vec, y: PETSc.Vec, mult: typing.Callable[..., None]
-    ) -> None:
+    def _add_bodies(self, x: PETSc.Vec, y: PETSc.Vec, mult: typing.Callable[..., None]) -> None:
         there, here = x.array_r, y.array
         for K, part, xi, yi in self._bodies:
             xi.placeArray(there[part])

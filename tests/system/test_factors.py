@@ -1,11 +1,11 @@
 """Contact in factors, Lᵀ W R, against contact's blocks as they are inserted."""
 
+from petsc4py import PETSc
+
 import numpy as np
 import pytest
 from linear.test_schur import elastic_body, flow_body, problem_of
 from scenes import WORLD, Pair, drag_top, largest
-
-from petsc4py import PETSc
 
 import qsdolfinx as qs
 from qsdolfinx.contact import active_set, terms
