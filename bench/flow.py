@@ -5,8 +5,8 @@ makes its first steps. Beside it, in the same process, two elastic blocks on non
 pressed together: contact is made, and the problem set up and solved by "amg" with a penalty, from
 its bodies to closed gaps. "newton" and "krylov" are the flow's Newton iterations, over all steps
 and the continuation in m, and its linear solver's in each; "fixed" are Krylov iterations of a
-single solve to a residual of 1e-8 at the end. "ratio" is a Newton iteration, with all that steps take,
-over the whole elastic problem. Seconds are of the wall.
+single solve to a residual of 1e-8 at the end. "ratio" is a Newton iteration, with all that steps
+take, over the whole elastic problem. Seconds are of the wall.
 
     python3 bench/flow.py --cells 8 14 --json flow.json
     python3 bench/flow.py --cells 8 --m 0.3 --enforcement augmented-lagrangian --ranks 2

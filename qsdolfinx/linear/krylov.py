@@ -44,14 +44,16 @@ class Krylov:
     def choose_type(self, symmetric: bool) -> None:
         """Conjugate gradients, or GMRES for a tangent that is not symmetric."""
         kind = PETSc.KSP.Type.CG if symmetric else PETSc.KSP.Type.GMRES
-        if not self._chooses_type or self._ksp.getType() == PETSc.KSP.Type.FGMRES:
+        if not self._chooses_type:
             return
-        if self._ksp.getType() != kind:
+        is_flexible = self._ksp.getType() == PETSc.KSP.Type.FGMRES
+        if not is_flexible and self._ksp.getType() != kind:
             self._ksp.setType(kind)
             if not symmetric:
                 self._ksp.setGMRESRestart(GMRES_RESTART)
         # Also after a direct solver, which gives back types, has taken over from GMRES.
-        side = PETSc.PC.Side.LEFT if symmetric else PETSc.PC.Side.RIGHT
+        is_left = symmetric and not is_flexible
+        side = PETSc.PC.Side.LEFT if is_left else PETSc.PC.Side.RIGHT
         self._ksp.setPCSide(side)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # Newton's method ends by it
 

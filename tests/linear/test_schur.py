@@ -149,6 +149,40 @@ def test_later_solves():
     assert max(largest(a - b) / largest(a) for a, b in zip(*found, strict=True)) < 1e-7
 
 
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
+def test_another_time_step(friction):
+    """Δt changes what velocities close, though contact does not pair anew."""
+    found = []
+    for solver in ("direct", "schur"):
+        problem = problem_of(SCENES["elastic-tool"](), solver, friction)
+        problem.solve()
+        problem.contacts[0].set_dt(0.6 * DT)
+        problem.solve()
+        found.append([u.x.array.copy() for u in problem.u])
+        problem.destroy()
+    assert max(largest(a - b) / largest(a) for a, b in zip(*found, strict=True)) < 1e-7
+
+
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
+def test_after_a_rescue(friction):
+    """A direct solver takes over, and gives back to the Schur complement at the next pairing."""
+    found = []
+    for solver in ("direct", "schur"):
+        problem = problem_of(SCENES["elastic-tool"](), solver, friction)
+        problem.solve()
+        if solver == "schur":
+            assert problem.newton.hand_over("test")
+        kinds = []
+        for _ in range(2):
+            problem.contacts[0].update()
+            problem.solve()
+            kinds.append(problem.snes.getKSP().getPC().getType())
+        found.append([u.x.array.copy() for u in problem.u])
+        problem.destroy()
+    assert kinds == ["python", "python"]
+    assert max(largest(a - b) / largest(a) for a, b in zip(*found, strict=True)) < 1e-7
+
+
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
 def test_refinement(cell):
     """Krylov iterations do not grow with the mesh."""
