@@ -44,11 +44,12 @@ class Condensed:
         first = K.getOwnershipRange()[0]
         self._sets = [_index_set(K, first + dofs) for dofs in (self.vertices, self.bubbles)]
         self._has_bubbles = self._sets[1].getSize() > 0
-        self._is_whole = self._sets[0].getSize() == K.getSize()[0] and scale == 1
+        #: Whether A is the bulk block itself.
+        self.is_whole = self._sets[0].getSize() == K.getSize()[0] and scale == 1
         #: Whether A stays.
-        self.stays = body.linear and self._is_whole
+        self.stays = body.linear and self.is_whole
         self._parts: dict[str, PETSc.Mat] = {}
-        if self._is_whole:
+        if self.is_whole:
             self.A: PETSc.Mat = K
         else:
             is_v = self._sets[0]
@@ -66,7 +67,7 @@ class Condensed:
 
     def update(self) -> None:
         """Follow the bulk block. Collective."""
-        if self._is_whole:
+        if self.is_whole:
             return
         is_v, is_b = self._sets
         self._K.createSubMatrix(is_v, is_v, submat=self.A)
@@ -106,7 +107,7 @@ class Condensed:
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
         things = [*self._sets, self._x, self._w, *self.modes, *self._parts.values()]
-        if not self._is_whole:
+        if not self.is_whole:
             things.append(self.A)
         if self._has_bubbles:
             things += [self._y, self._z]

@@ -61,7 +61,9 @@ class VelocityBlock:
         rows = [np.full(p.vertices.size, s) for p, s in zip(self._parts, scales, strict=True)]
         self._scale.array[:] = np.concatenate(rows)
         self._contact = tangent.contact.restricted(self._set, self._scale)
-        self._sum = Sum([(part.A, part.stays) for part in self._parts], self._contact)
+        whole = zip(self._parts, tangent.symmetric, strict=True)
+        symmetric = [half if part.is_whole else None for part, half in whole]
+        self._sum = Sum([(part.A, part.stays) for part in self._parts], self._contact, symmetric)
         self._pc = PETSc.PC().create(comm)
         self._pc.setOptionsPrefix(prefix + VELOCITY)
         self._pc.setFromOptions()

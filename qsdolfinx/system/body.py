@@ -26,6 +26,9 @@ Array = npt.NDArray[np.float64]
 NEARLY = 1e-6
 
 
+_BLOCKS = PETSc.Mat.Type.BAIJ, PETSc.Mat.Type.SEQBAIJ, PETSc.Mat.Type.MPIBAIJ
+
+
 def contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
     """Whether a function space, DOLFINx's wrapper or C++ object, is V or one of its sub-spaces."""
     part = getattr(part, "_cpp_object", part)
@@ -79,6 +82,9 @@ class Body:
         self._residual_form = fem.form(F)
         self._tangent_form = fem.form(tangent)
         self._K: PETSc.Mat | None = None
+        # Its upper triangle, and the assembly that it is of.
+        self._half: PETSc.Mat | None = None
+        self._half_of = 0
         #: PETSc's type of the bulk block; "baij" takes less memory.
         self.matrix_type: str = PETSc.Mat.Type.AIJ
         #: Digest of everything that K depends on; empty if F is not linear.
@@ -213,14 +219,37 @@ class Body:
             self._assemble_matrix(self._K)
         return self._K
 
+    def symmetric_matrix(self) -> PETSc.Mat:
+        """The same in half as many entries, which PETSc multiplies with 2 or 3 times as fast.
+
+        What :meth:`matrix` was last has to be symmetric. If it is not in blocks, it is returned
+        itself. The object stays when its entries change. Collective.
+        """
+        K = self._K
+        assert K is not None
+        if K.getType() not in _BLOCKS:
+            return K
+        if self._half_of != self.num_assemblies:
+            K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+            self._half = K.convert(PETSc.Mat.Type.SBAIJ, self._half or PETSc.Mat())
+            self._half_of = self.num_assemblies
+        return self._half
+
     def free_matrix(self) -> None:
         """Free what :meth:`matrix` gave, unless it is still needed. Collective."""
         if not self.linear and self._K is not None:
             self._K.destroy()
             self._K = None
+            self._free_half()
+
+    def _free_half(self) -> None:
+        if self._half is not None:
+            self._half.destroy()
+        self._half, self._half_of = None, 0
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
+        self._free_half()
         for thing in (self._K, self.x, self.force, self._step, self._r):
             if thing is not None:
                 thing.destroy()

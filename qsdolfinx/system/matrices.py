@@ -54,13 +54,14 @@ class Matrices:
         self._bodies = bodies
         self._form = form
         #: Whether the bulk blocks are symmetric.
-        self.bulk_symmetric = all([is_symmetric(matrix) for matrix in bulk])
+        symmetric = [is_symmetric(matrix) for matrix in bulk]
+        self.bulk_symmetric = all(symmetric)
         #: Contact's blocks, with bulk in the MatNest alone; None of a sum.
         self.blocks: Blocks | None = None
         #: The tangent: what is assembled.
         self.tangent: Tangent
         if form is Form.SUM:
-            self.tangent = Additive(bodies, contacts, sides, bulk, scales, watch)
+            self.tangent = Additive(bodies, contacts, sides, bulk, scales, symmetric, watch)
         else:
             is_nest = form is Form.NEST
             self.blocks = Blocks(bodies, contacts, sides, bulk, bulk=is_nest)

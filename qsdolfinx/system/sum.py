@@ -20,16 +20,24 @@ class Sum:
     Args:
         bodies: Block of each body, and whether it stays.
         contact: What couples all bodies.
+        symmetric: For each body a matrix that has the same products, and is symmetric, or None.
     """
 
-    def __init__(self, bodies: typing.Sequence[tuple[PETSc.Mat, bool]], contact: Beside) -> None:
+    def __init__(
+        self,
+        bodies: typing.Sequence[tuple[PETSc.Mat, bool]],
+        contact: Beside,
+        symmetric: typing.Sequence[PETSc.Mat | None],
+    ) -> None:
         self.bodies = list(bodies)
         self.contact = contact
         sizes = [K.getLocalSize()[0] for K, _ in bodies]
         ends = np.cumsum(sizes)
         #: Where each body's unknowns are among those of this rank.
         self.parts = [slice(e - size, e) for e, size in zip(ends, sizes, strict=True)]
-        self._product = _Product([K for K, _ in bodies], self.parts, contact)
+        #: For each body a matrix that has the same products, and is symmetric, or None.
+        self.symmetric = list(symmetric)
+        self._product = _Product(self.bodies, self.parts, contact, self.symmetric)
         self.matrix: PETSc.Mat = PETSc.Mat().createPython(
             contact.getSizes(), self._product, contact.comm
         )
@@ -79,12 +87,17 @@ class _Product:
     """What PETSc calls for the sum of bodies and contact."""
 
     def __init__(
-        self, matrices: typing.Sequence[PETSc.Mat], parts: list[slice], contact: Beside
+        self,
+        bodies: typing.Sequence[tuple[PETSc.Mat, bool]],
+        parts: list[slice],
+        contact: Beside,
+        symmetric: typing.Sequence[PETSc.Mat | None],
     ) -> None:
         self._contact = contact
+        self._symmetric = symmetric
         self._bodies = [
             (K, part, K.createVecRight(), K.createVecLeft())
-            for K, part in zip(matrices, parts, strict=True)
+            for (K, _), part in zip(bodies, parts, strict=True)
         ]
         #: Owned values on top of the diagonal.
         self.shift: Array | None = None
@@ -99,10 +112,13 @@ class _Product:
 
     def _add_bodies(self, x: PETSc.Vec, y: PETSc.Vec, mult: typing.Callable[..., None]) -> None:
         there, here = x.array_r, y.array
-        for K, part, xi, yi in self._bodies:
+        for (K, part, xi, yi), half in zip(self._bodies, self._symmetric, strict=True):
             xi.placeArray(there[part])
             yi.placeArray(here[part])
-            mult(K, xi, yi)
+            if half is None:
+                mult(K, xi, yi)
+            else:
+                half.mult(xi, yi)
             xi.resetArray()
             yi.resetArray()
         if self.shift is not None:
