@@ -81,9 +81,7 @@ def ratios_of_flow():
     """A Newton iteration of the forging demo against a whole elastic contact problem."""
     import flow
 
-    options = types.SimpleNamespace(
-        m=0.15, enforcement="penalty", solver="schur", steps=2, ranks=1
-    )
+    options = types.SimpleNamespace(m=0.15, enforcement="penalty", solver="schur", steps=2, ranks=1)
     row = flow.start(options, 8)
     return {
         "flow: Newton iteration over elastic contact": row["ratio"],

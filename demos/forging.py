@@ -83,8 +83,7 @@ def build(comm, p):
 def assemble(p, h, work, dies):
     """The same of bodies that are there; h (mm) is what the penalty is for."""
     dt = p.reduction * HEIGHT / SPEED / p.num_steps
-    friction, contacts = Friction(p, work.mesh, K, p.m), []
-    turn = -1 if p.swap else 1
+    friction, contacts, turn = Friction(p, work.mesh, K, p.m), [], -1 if p.swap else 1
     for face, die in zip((work.lower, work.upper), dies, strict=True):
         contact = qs.Contact(
             *(face, die.surface)[::turn],
