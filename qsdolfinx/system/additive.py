@@ -24,9 +24,9 @@ Array = npt.NDArray[np.float64]
 class Additive:
     """Tangent of all bodies, see :class:`Sum`.
 
-    Bodies' matrices stay where they are. Products are those of their upper triangles, if they are
-    symmetric, in blocks: PETSc takes a third of the time of AIJ. Contact stays in factors, but for friction that follows
-    the pressure of points, whose gaps are weighted anew each time.
+    Bodies' matrices stay where they are. Products are those of their upper triangles in blocks, if
+    they are symmetric, for which PETSc takes half the time. Contact stays in factors, but for
+    friction that follows the pressure of points, whose gaps are weighted anew each time.
 
     Args:
         bodies: The bodies.
