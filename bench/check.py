@@ -2,9 +2,10 @@
 
 Every figure is a ratio of two measurements of this run, or a count, so that the machine matters
 little: contact against one body without it (seconds of the processor, memory, Krylov iterations,
-both to the same residual; bench/scaling.py),
-pairing against SciPy's k-d tree (bench/pairing.py), the overlay against nodal quadrature. The
-fastest of the repeats counts. Ends with 1 if a figure is more than 25 % worse than recorded.
+both to the same residual; bench/scaling.py), pairing against SciPy's k-d tree (bench/pairing.py), the
+overlay against nodal quadrature, a Newton iteration of flow against an elastic problem
+(bench/flow.py). The fastest of the repeats counts. Ends with 1 if a figure is more than 25 % worse
+than recorded.
 
     make bench-check
     python3 bench/check.py --record
@@ -77,6 +78,18 @@ def ratios_of_pairing():
     return out
 
 
+def ratios_of_flow():
+    """A Newton iteration of the forging demo against a whole elastic contact problem."""
+    import flow
+
+    options = types.SimpleNamespace(m=0.15, enforcement="penalty", solver="schur", steps=2, ranks=1)
+    row = flow.start(options, 8)
+    return {
+        "flow: Newton iteration over elastic contact": row["ratio"],
+        "flow: Krylov iterations of a Newton iteration": row["krylov"],
+    }
+
+
 def least(runs):
     """Of each figure."""
     return {name: min(run[name] for run in runs) for name in runs[0]}
@@ -91,6 +104,7 @@ def main():
     p = parser.parse_args()
     figures = ratios_of_solving(p.repeats)
     figures |= least([ratios_of_pairing() for _ in range(p.repeats)])
+    figures |= least([ratios_of_flow() for _ in range(p.repeats)])
     if p.record:
         RECORD.write_text(json.dumps(circumstances(1) | {"ratios": figures}, indent=1) + "\n")
     recorded = json.loads(RECORD.read_text())["ratios"]

@@ -59,6 +59,8 @@ class Parameters:
     size: str = option("coarse", choices=tuple(SIZES))
     num_steps: int = option(15, name="--steps")
     swap: bool = option(False, "the dies are the slaves")
+    m: float = option(M, "rate sensitivity")
+    solver: str = option("auto", "linear solver")
     friction: str = option("none", choices=FRICTIONS)
     mu: float = option(0.3, "Coulomb's coefficient")
     m_bar: float = option(0.3, "friction factor, of shear yield stress")
@@ -81,8 +83,7 @@ def build(comm, p):
 def assemble(p, h, work, dies):
     """The same of bodies that are there; h (mm) is what the penalty is for."""
     dt = p.reduction * HEIGHT / SPEED / p.num_steps
-    friction, contacts = Friction(p, work.mesh, K, M), []
-    turn = -1 if p.swap else 1
+    friction, contacts, turn = Friction(p, work.mesh, K, p.m), [], -1 if p.swap else 1
     for face, die in zip((work.lower, work.upper), dies, strict=True):
         contact = qs.Contact(
             *(face, die.surface)[::turn],
@@ -97,7 +98,8 @@ def assemble(p, h, work, dies):
         )
         contacts.append(contact)
     F, u = [work.F, *(die.F for die in dies)], [work.w, *(die.u for die in dies)]
-    problem = qs.ContactProblem(F, u, contacts, [body.bcs for body in (work, *dies)])
+    bcs = [body.bcs for body in (work, *dies)]
+    problem = qs.ContactProblem(F, u, contacts, bcs, solver=p.solver)
 
     def drive(t, dt):
         dies[1].height.value = -SPEED * t
@@ -107,7 +109,7 @@ def assemble(p, h, work, dies):
         if step > 0:
             with contextlib.suppress(qs.ConvergenceError):
                 return problem.solve()
-        return qs.solve_with_continuation(problem, work.m, M)
+        return qs.solve_with_continuation(problem, work.m, p.m)
 
     return work, dies, contacts, problem, qs.TimeStepper(problem, dt, drive, solve=solve)
 

@@ -42,6 +42,19 @@ class GapOperator:
     def slave_sum(self) -> numpy.typing.NDArray[numpy.float64]:
         """Sum of the slave's coefficients, [row][gdim], of a jump [row][1]."""
 
+    def entries(
+        self, side: int
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.float64],
+    ]:
+        """Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where conditions hold, [entry][gdim]; coefficients, [entry][gdim], of a jump [entry][1]."""
+
+    @property
+    def num_sides(self) -> int:
+        """2, or 1 if the master is rigid."""
+
     def apply(
         self, slave: int, master: int, scale: Sequence[float] = [1.0, 1.0]
     ) -> numpy.typing.NDArray[numpy.float64]:

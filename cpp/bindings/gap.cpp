@@ -3,6 +3,9 @@
 #include "bindings/module.h"
 
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/tuple.h>
+
+#include <tuple>
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -58,6 +61,28 @@ void qsdolfinx::bind_gap(nb::module_& m)
             return copy(g.slave_sum(), {g.num_rows(), width});
           },
           "Sum of the slave's coefficients, [row][gdim], of a jump [row][1].")
+      .def(
+          "entries",
+          [](const GapOperator& g, int side)
+          {
+            const GapOperator::Side& s = g.side(side);
+            const auto d = static_cast<std::size_t>(g.gdim());
+            std::vector<std::int64_t> unknowns;
+            unknowns.reserve(s.column.size() * d);
+            for (std::int32_t column : s.column)
+              for (std::size_t k = 0; k < d; ++k)
+                unknowns.push_back(s.free_dofs[column * d + k]);
+            const std::size_t entries = s.column.size();
+            const std::size_t width = g.kind() == GapKind::normal ? d : 1;
+            return std::tuple(copy(s.offset, {s.offset.size()}),
+                              copy(std::move(unknowns), {entries, d}),
+                              copy(s.coefficient, {entries, width}));
+          },
+          "side"_a,
+          "Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where "
+          "conditions "
+          "hold, [entry][gdim]; coefficients, [entry][gdim], of a jump [entry][1].")
+      .def_prop_ro("num_sides", &GapOperator::num_sides, "2, or 1 if the master is rigid.")
       .def(
           "apply",
           [](GapOperator& g, Handle slave, Handle master, std::array<double, 2> scale)

@@ -8,15 +8,19 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.gap.weighted_gap import handle_of
+from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
 
 #: Blocks ss, sm, ms, mm of the slave's and the master's body.
 BlocksOf = tuple[PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None]
+
+#: Stiffness of a pass' rows, or of a slip's and what couples them with the pass.
+Weights = npt.NDArray[np.float64] | tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 
 def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
@@ -79,6 +83,25 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
                 none = np.zeros(slip.gap.num_rows)
                 ordered = _ordered(model, slip.slave is model.slave, blocks)
                 slip.gap.add_stiffness(none, ordered, True)
+
+
+def has_factors(model: ContactModel) -> bool:
+    """Whether the tangent is Gᵀ W G with gaps G that stay while contact does not pair anew."""
+    return all(slip.is_at_rows for slip in model.slips)
+
+
+def gaps_and_slips(model: ContactModel) -> list[tuple[WeightedGap | Slip, Weights]]:
+    """All passes and slips, and the stiffness of their rows (force per length).
+
+    Of a pass an array of shape (rows,) or (rows, width), of a slip what its ``stiffness`` returns.
+    """
+    with model.watch.stage("insertion"):
+        out: list[tuple[WeightedGap | Slip, Weights]] = [
+            (gap, gap.stiffness(active_set.slope(model, gap))) for gap in model.gaps
+        ]
+        slips = model.slips
+        out += [(slip, slip.stiffness(active_set.slope(model, slip.of))) for slip in slips]
+    return out
 
 
 def _ordered(model: ContactModel, as_given: bool, blocks: BlocksOf) -> BlocksOf:

@@ -347,20 +347,41 @@ class Slip:
 
     def add_stiffness(self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
         """Add Jᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm)."""
-        careful = self.stick_slip.careful[:, None]
-        secant = self.state.response.secant[:, None, None] * self.projector
-        stiffness = np.where(careful[:, None], secant, self.state.response.stiffness)
-        stiffness = self.weight[:, None, None] * stiffness
+        stiffness, coupling = self._slopes()
         normal, weight = self._change_of_pressure(slope)
-        coupling = weight[:, None] * np.where(careful, 0.0, self.state.response.coupling)
         _cpp.insert_friction(
             self.operator,
             normal,
-            np.ascontiguousarray(stiffness),
-            np.ascontiguousarray(coupling),
+            stiffness,
+            np.ascontiguousarray(weight[:, None] * coupling),
             [handle_of(mat) for mat in blocks],
             self.gap.state.scale,
         )
+
+    @property
+    def is_at_rows(self) -> bool:
+        """Whether the pressure that friction follows, if any, is that of a row of the pass."""
+        return self.of is self.gap or self.friction.symmetric
+
+    def stiffness(self, slope: Array) -> tuple[Array, Array]:
+        """S D, shape (rows, gdim, gdim), and S ∂τ/∂λ ∂λ/∂ḡ of the row of the pass, (rows, gdim).
+
+        Only if ``is_at_rows``.
+
+        Args:
+            slope: ∂λ/∂ḡ at the rows of the pass.
+        """
+        stiffness, coupling = self._slopes()
+        weight = self._change_of_pressure(slope)[1]
+        return stiffness, weight[:, None] * coupling
+
+    def _slopes(self) -> tuple[Array, Array]:
+        """S D and ∂τ/∂λ."""
+        careful = self.stick_slip.careful[:, None]
+        secant = self.state.response.secant[:, None, None] * self.projector
+        stiffness = np.where(careful[:, None], secant, self.state.response.stiffness)
+        stiffness = np.ascontiguousarray(self.weight[:, None, None] * stiffness)
+        return stiffness, np.where(careful, 0.0, self.state.response.coupling)
 
     def _change_of_pressure(self, slope: Array) -> tuple[_cpp.GapOperator, Array]:
         """S_k ∂λ_k/∂u as an operator and what its rows are to be multiplied by. Collective.

@@ -303,7 +303,12 @@ class WeightedGap:
     ) -> None:
         """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
         handles = [handle_of(mat) for mat in blocks]
-        stiffness = self.weight * slope
-        if self.extension is not None and not pattern and self.law.jump:
-            stiffness = np.ascontiguousarray(stiffness[:, None] * ~self.extension.held)
+        stiffness = self.weight * slope if pattern else self.stiffness(slope)
         _cpp.insert_contact(self.operator, stiffness, handles, self.state.scale, pattern)
+
+    def stiffness(self, slope: Array) -> Array:
+        """S diag(slope), force per length of ḡ, shape (rows,), or of components (rows, width)."""
+        stiffness = self.weight * slope
+        if self.extension is None or not self.law.jump:
+            return stiffness
+        return np.ascontiguousarray(stiffness[:, None] * ~self.extension.held)

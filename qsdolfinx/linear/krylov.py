@@ -1,4 +1,4 @@
-"""The Krylov solvers of large problems: type, tolerance, and when multigrid's spaces are stale."""
+"""The Krylov solvers of large problems: type and tolerance."""
 
 from __future__ import annotations
 
@@ -6,11 +6,7 @@ import typing
 
 from petsc4py import PETSc
 
-import numpy as np
-
-from qsdolfinx.linear.multigrid import Multigrid
-from qsdolfinx.linear.presets import EXACT, GMRES_RESTART
-from qsdolfinx.system.additive import Additive
+from qsdolfinx.linear.presets import EXACT, GMRES_RESTART, TIGHTEST
 
 #: Relative tolerance of a linear solve after which the active set may still change.
 LOOSE = 1e-3
@@ -25,11 +21,8 @@ SAFETY_LINEAR = 0.9
 #: iterations more cost less than another tangent.
 NEAR = 1e-5
 
-#: Bounds of the relative tolerance of a linear solve.
-_TIGHTEST, _LOOSEST = 1e-12, 0.1
-
-#: A hierarchy is rebuilt when a linear solve takes this many times the iterations of its first.
-STALE = 1.5
+#: Upper bound of the relative tolerance of a linear solve.
+_LOOSEST = 0.1
 
 
 class Krylov:
@@ -47,65 +40,20 @@ class Krylov:
         self._chooses_type = "ksp_type" not in given
         #: Whether the user leaves the tolerance of linear solves to this class.
         self.chooses_tolerance = not {"ksp_rtol", "ksp_atol", "snes_ksp_ew"} & set(given)
-        self._multigrid: Multigrid | None = None
-        self.forget()
-
-    def forget(self) -> None:
-        """Free multigrid: there is, or will be, a new matrix. Collective."""
-        if self._multigrid is not None:
-            self._multigrid.destroy()
-        self._multigrid = None
-        self._hierarchy: list[bytes] | None = None
-        self._first_pace: float | None = None
-        self._solved = False
-
-    def needs_hierarchy(self, fingerprints: list[bytes]) -> bool:
-        """Whether multigrid's coarse spaces have to be built, or rebuilt.
-
-        Args:
-            fingerprints: What linear bodies' tangents depend on.
-        """
-        stale = False
-        if self._solved and not self._linear:
-            digits = -np.log10(max(self._ksp.getTolerances()[0], _TIGHTEST))
-            pace = self._ksp.getIterationNumber() / digits
-            if self._first_pace is None:
-                self._first_pace = pace
-            stale = pace > STALE * self._first_pace
-        return self._hierarchy != fingerprints or stale
-
-    def make_hierarchy(
-        self, tangent: Additive, modes: typing.Sequence[list[PETSc.Vec]], fingerprints: list[bytes]
-    ) -> None:
-        """Choose multigrid's coarse spaces for the bodies without contact. Collective.
-
-        They stay while contact's active set changes.
-
-        Args:
-            tangent: The tangent, of the bulk alone.
-            modes: Rigid modes of each body.
-            fingerprints: What linear bodies' tangents depend on.
-        """
-        self.forget()
-        self._multigrid = Multigrid(self._ksp.getPC(), tangent, modes)
-        self._hierarchy = fingerprints
-
-    def update(self) -> None:
-        """Follow a tangent that has changed. Collective."""
-        if self._multigrid is not None:
-            self._multigrid.update()
 
     def choose_type(self, symmetric: bool) -> None:
         """Conjugate gradients, or GMRES for a tangent that is not symmetric."""
         kind = PETSc.KSP.Type.CG if symmetric else PETSc.KSP.Type.GMRES
-        if not self._chooses_type or self._ksp.getType() == PETSc.KSP.Type.FGMRES:
+        if not self._chooses_type:
             return
-        if self._ksp.getType() != kind:
+        is_flexible = self._ksp.getType() == PETSc.KSP.Type.FGMRES
+        if not is_flexible and self._ksp.getType() != kind:
             self._ksp.setType(kind)
             if not symmetric:
                 self._ksp.setGMRESRestart(GMRES_RESTART)
         # Also after a direct solver, which gives back types, has taken over from GMRES.
-        side = PETSc.PC.Side.LEFT if symmetric else PETSc.PC.Side.RIGHT
+        is_left = symmetric and not is_flexible
+        side = PETSc.PC.Side.LEFT if is_left else PETSc.PC.Side.RIGHT
         self._ksp.setPCSide(side)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # Newton's method ends by it
 
@@ -121,7 +69,6 @@ class Krylov:
             until: Norm of the residual at which Newton's method ends.
             changed: Whether the tangent has changed since the last linear solve.
         """
-        self._solved = True
         if not self.chooses_tolerance or not norms or norms[-1] == 0:
             return
         last = SAFETY * until / norms[-1]
@@ -133,7 +80,7 @@ class Krylov:
             tolerance = LOOSE
         else:
             tolerance = max(last, min(LOOSE, (norms[-1] / norms[-2]) ** 2))
-        self._ksp.setTolerances(rtol=min(max(tolerance, _TIGHTEST), _LOOSEST))
+        self._ksp.setTolerances(rtol=min(max(tolerance, TIGHTEST), _LOOSEST))
 
     def set_exact(self) -> None:
         """The tolerance of a linear solve outside of Newton's method."""

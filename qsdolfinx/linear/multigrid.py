@@ -8,9 +8,8 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from qsdolfinx.linear.presets import FIRST
-from qsdolfinx.system.additive import Additive, diagonal_blocks
 from qsdolfinx.system.rigid_modes import orthonormal, set_near_nullspace
+from qsdolfinx.system.sum import Sum, diagonal_blocks
 
 #: Weight of contact's diagonal in Jacobi's method. By itself it is too small: contact couples
 #: many nodes with equal strength, its largest eigenvalue would be more than twice the bulk's, and
@@ -30,26 +29,24 @@ class Multigrid:
 
     Args:
         pc: PETSc's preconditioner, of type "mg".
-        tangent: The tangent, of the bulk alone.
+        tangent: The tangent.
+        spaces: First coarse space of each body; they remain the caller's.
         modes: Rigid modes of each body.
     """
 
     def __init__(
         self,
         pc: PETSc.PC,
-        tangent: Additive,
+        tangent: Sum,
+        spaces: list[Aggregates],
         modes: typing.Sequence[list[PETSc.Vec]],
     ) -> None:
-        self._pc, self._tangent = pc, tangent
-        prefix = (pc.getOptionsPrefix() or "") + FIRST
-        self._spaces = [
-            Aggregates(*K, m, prefix) for K, m in zip(tangent.bodies, modes, strict=True)
-        ]
+        self._pc, self._tangent, self._spaces = pc, tangent, spaces
         self._P = diagonal_blocks([space.P for space in self._spaces])
         self._bulk = diagonal_blocks([space.coarse for space in self._spaces])
-        self._contact: PETSc.Mat = tangent.contact.ptap(self._P)
+        self._contact = tangent.contact.coarse(self._P)
         # With room for contact already, so that GAMG may keep its spaces when that comes in.
-        self._coarse: PETSc.Mat = self._contact.copy()
+        self._coarse: PETSc.Mat = self._contact.matrix.copy()
         self._coarse.zeroEntries()
         self._coarse.axpy(1.0, self._bulk, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self._coarse.setBlockSize(self._spaces[0].coarse.getBlockSize())
@@ -75,9 +72,9 @@ class Multigrid:
         if not all([space.update() for space in self._spaces]):
             self._bulk.destroy()
             self._bulk = diagonal_blocks([space.coarse for space in self._spaces])
-        self._tangent.contact.ptap(self._P, self._contact)
+        self._contact.update()
         self._coarse.zeroEntries()
-        for part in (self._bulk, self._contact):
+        for part in (self._bulk, self._contact.matrix):
             self._coarse.axpy(1.0, part, structure=_SUBSET)
         self._add_shift()
         diagonal = self._tangent.weighted_diagonal(CONTACT_WEIGHT)
@@ -115,8 +112,6 @@ class Multigrid:
     def destroy(self) -> None:
         """Free the matrices. Collective."""
         self._pc.reset()
-        for space in self._spaces:
-            space.destroy()
         for mat in (self._P, self._bulk, self._contact, self._coarse, self._smoothed):
             mat.destroy()
 
@@ -153,6 +148,10 @@ class Aggregates:
             self.coarse = copy.ptap(self.P)
         self._copy = copy
         pc.destroy()
+
+    def follow(self, K: PETSc.Mat) -> None:
+        """Take another matrix of the same pattern, and of the same values if K stays."""
+        self._K = K
 
     def update(self) -> bool:
         """Follow K; whether it has stayed. Collective."""

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import typing
 
-from qsdolfinx.linear.schur_options import SCHUR
-
 #: Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
 #: incompressible flow, need more; on several ranks how much also depends on timing.
 EXTRA_MEMORY = 100
 
-#: Relative tolerance of a linear solve outside of Newton's method.
-EXACT = 1e-8
+#: Relative tolerance of a linear solve outside of Newton's method, and the tightest of any.
+EXACT, TIGHTEST = 1e-8, 1e-12
 
 #: Aggregation with the rigid modes. Without smoothed prolongators its set-up costs a fifth; the
 #: W-cycle makes up for that, and for contact, which is stiff compared with the coarse levels.
@@ -68,6 +66,31 @@ KRYLOV: dict[str, typing.Any] = {
 #: Iterations after which GMRES restarts.
 GMRES_RESTART = 100
 
+#: Prefixes of the options of the velocities' multigrid and of the pressures, after the problem's.
+VELOCITY, PRESSURE = "velocity_", "pressure_"
+
+#: :class:`qsdolfinx.linear.schur.Schur`.
+_SCHUR: dict[str, typing.Any] = {
+    "ksp_type": "fgmres",
+    "ksp_rtol": EXACT,
+    "ksp_gmres_restart": GMRES_RESTART,
+    "ksp_max_it": 500,  # a step that asks for more is a wild one, and better damped
+    "pc_type": "python",
+    # A mass matrix, on which a few steps of Chebyshev's are exact enough.
+    "pressure_ksp_type": "chebyshev",
+    "pressure_ksp_max_it": 4,
+    "pressure_ksp_norm_type": "none",
+    "pressure_pc_type": "jacobi",
+}
+#: Beside the pressures a cruder cycle below does, but viscosities that vary need more smoothing.
+_VELOCITY = _TWO_LEVELS | {
+    "mg_coarse_ksp_max_it": 1,
+    "mg_coarse_mg_levels_ksp_max_it": 2,
+    "mg_levels_ksp_max_it": 4,
+    f"{FIRST}pc_gamg_agg_nsmooths": 1,
+}
+_SCHUR |= {VELOCITY + key: value for key, value in _VELOCITY.items()}
+
 PRESETS: dict[str, dict[str, typing.Any]] = {
     "direct": {
         "ksp_type": "preonly",
@@ -79,7 +102,7 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
     # One V-cycle for each body, one body after the other and back.
     "fieldsplit": KRYLOV
     | {"pc_type": "fieldsplit", "pc_fieldsplit_type": "symmetric_multiplicative"},
-    "schur": SCHUR,
+    "schur": _SCHUR,
 }
 
 #: Presets whose Krylov solver is prepared by :class:`qsdolfinx.linear.krylov.Krylov`.
@@ -92,8 +115,8 @@ BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | AGGREGATION
 #: degree 1: see ``bench/solvers.py``.
 LARGE = {(2, True): 1_000_000, (2, False): 1_000_000, (3, True): 2_500, (3, False): 20_000}
 
-#: The same of velocity–pressure bodies, by dimension, and of "schur".
-LARGE_FLOW = {2: 1_000_000, 3: 60_000}
+#: The same of velocity–pressure bodies, by dimension, and of "schur"; without those inside cells.
+LARGE_FLOW = {2: 1_000_000, 3: 20_000}
 
 
 def pick(
@@ -102,7 +125,7 @@ def pick(
     """The preset for a problem, and why.
 
     Args:
-        unknowns: Number of unknowns, over all ranks.
+        unknowns: Number of unknowns, over all ranks; of flow without those inside cells.
         dim: Of space.
         degree: Of the bodies' elements, the highest.
         has_modes: Whether all bodies are in displacements or velocities alone.
@@ -113,7 +136,7 @@ def pick(
         if unknowns < LARGE_FLOW[dim]:
             reason = f"{unknowns} unknowns of flow in {dim}D are fewer than {LARGE_FLOW[dim]}"
             return "direct", reason
-        reason = f"{unknowns} unknowns of velocity and pressure in {dim}D are"
+        reason = f"{unknowns} unknowns of velocity and pressure in {dim}D, bubbles aside, are"
         return "schur", f"{reason} {LARGE_FLOW[dim]} or more"
     if not has_modes:
         return "direct", "a body has other unknowns than displacements"

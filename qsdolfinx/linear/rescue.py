@@ -66,7 +66,7 @@ class Rescue:
         """The tangent, as a new AIJ matrix unless it is one. Collective."""
         tangent, matrix = self._system.made.tangent, self._system.matrix
         if isinstance(tangent, Additive):
-            return tangent.formed()
+            return tangent.sum.formed()
         if matrix.getType() == PETSc.Mat.Type.NEST:
             return matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         return matrix

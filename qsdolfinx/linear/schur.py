@@ -1,9 +1,10 @@
 """Velocity–pressure bodies by a Schur complement: the linear solver ``"schur"``.
 
 The velocities of all bodies, with contact and with the displacements of bodies that have nothing
-else, are one block A; the pressures of all bodies are the other. PETSc's PCFIELDSPLIT eliminates
-the first, and its Schur complement S = C - B A⁻¹ Bᵀ is replaced by a mass matrix of the pressures,
-weighted by the inverse of the viscosity, which is of the same spectrum on any mesh.
+else, are one block A; the pressures of all bodies are the other. The first is eliminated, and its
+Schur complement S = C - B A⁻¹ Bᵀ is replaced by a mass matrix of the pressures, weighted by the
+inverse of the viscosity, which is of the same spectrum on any mesh (Elman, Silvester and Wathen,
+2014).
 """
 
 from __future__ import annotations
@@ -13,17 +14,21 @@ import typing
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 import ufl
 from dolfinx import fem
 
+from qsdolfinx.linear.hierarchy import Hierarchy
+from qsdolfinx.linear.presets import PRESSURE
 from qsdolfinx.linear.schur_pressure import PressureMass, layout
 from qsdolfinx.linear.schur_velocity import VelocityBlock
 from qsdolfinx.system.body import Body
+from qsdolfinx.system.sum import Sum
 
 Forms = typing.Sequence[ufl.Form | None] | None
 
-NAMES = "velocity", "pressure"
+Array = npt.NDArray[np.float64]
 
 
 def has_schur(u: typing.Sequence[fem.Function]) -> bool:
@@ -72,88 +77,72 @@ def _check_forms(u: typing.Sequence[fem.Function], forms: typing.Any) -> None:
 
 
 class Schur:
-    """Splits, near-nullspaces and the pressure's matrix of a problem's preconditioner.
+    """PETSc's PCPYTHON for a tangent: the pressures by S, then the velocities by A.
 
     Args:
+        ksp: The linear solver.
         bodies: The bodies.
         forms: For each body a form instead of the automatic pressure mass matrix, or None.
     """
 
-    def __init__(self, bodies: typing.Sequence[Body], forms: Forms = None) -> None:
-        self._bodies = bodies
+    def __init__(self, ksp: PETSc.KSP, bodies: typing.Sequence[Body], forms: Forms = None) -> None:
+        self._ksp, self._bodies = ksp, bodies
         self._comm = bodies[0].comm
-        #: Pressure mass matrix of each body, None for displacements.
-        self.masses = [
+        prefix = ksp.getOptionsPrefix() or ""
+        #: Of each body; None for displacements.
+        self.pressures = [
             None
             if layout(body.V)[1] is None
-            else PressureMass(body, None if forms is None else forms[i])
+            else Pressure(body, None if forms is None else forms[i], prefix)
             for i, body in enumerate(bodies)
         ]
-        self._matrix: PETSc.Mat | None = None
-        self._made = False
+        self._hierarchy = Hierarchy(ksp, all(body.linear for body in bodies))
+        self._velocity: VelocityBlock | None = None
+        self._tangent: Sum | None = None
 
-    def destroy(self) -> None:
-        """Free PETSc's objects. Collective."""
-        for mass in self.masses:
-            if mass is not None:
-                mass.matrix.destroy()
-        if self._matrix is not None:
-            self._matrix.destroy()
-        self._matrix = None
-
-    def split(self, pc: PETSc.PC, scales: typing.Sequence[float]) -> None:
-        """Hand the splits to a new PCFIELDSPLIT. Collective.
+    def set_up(self, pc: PETSc.PC, tangent: Sum, scales: typing.Sequence[float]) -> None:
+        """Follow a new tangent. Collective.
 
         Args:
-            pc: The preconditioner.
+            pc: The preconditioner, of type "python".
+            tangent: The tangent, not yet assembled.
             scales: Displacement per unknown of each body.
         """
-        self._made = False
-        start = _first(self._comm, sum(body.num_owned for body in self._bodies))
-        velocity, pressure, pressures = [], [], []
-        for body, mass in zip(self._bodies, self.masses, strict=True):
-            dofs = np.zeros(0, np.int64) if mass is None else mass.dofs
-            pressures.append(dofs)
-            pressure.append(start + dofs)
-            velocity.append(start + np.setdiff1d(np.arange(body.num_owned), dofs))
-            start += body.num_owned
-        self._velocity = VelocityBlock(self._bodies, pressures, scales)
-        for name, parts in zip(NAMES, (velocity, pressure), strict=True):
-            index_set = PETSc.IS().createGeneral(
-                np.concatenate(parts).astype(np.int32), comm=self._comm
-            )
-            pc.setFieldSplitIS((name, index_set))
-            index_set.destroy()
+        self.forget()
+        self._tangent = tangent
+        none = np.zeros(0, np.int64)
+        dofs = [none if one is None else one.mass.dofs for one in self.pressures]
+        prefix = self._ksp.getOptionsPrefix() or ""
+        self._velocity = VelocityBlock(self._bodies, tangent, dofs, scales, self._hierarchy, prefix)
+        pc.setPythonContext(self)
 
-    def update(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
-        """Compute the pressure's matrix for the present unknowns. Collective."""
-        if ksp.getPC().getType() != PETSc.PC.Type.FIELDSPLIT:
-            return  # the user's options say so
-        masses = [mass for mass in self.masses if mass is not None]
-        for body, mass in zip(self._bodies, self.masses, strict=True):
-            if mass is not None:
-                mass.assemble()
-                if not mass.has_sign:
-                    self._find_sign(body, mass, matrix)
-        if len(masses) == 1:
-            self._matrix = masses[0].matrix
-        else:
-            size = range(len(masses))
-            nest = PETSc.Mat().createNest(
-                [[masses[i].matrix if i == j else None for j in size] for i in size],
-                comm=self._comm,
-            )
-            out = self._matrix or PETSc.Mat()
-            self._matrix = nest.convert(PETSc.Mat.Type.AIJ, out)
-            nest.destroy()
-        if not self._made:
-            self._set_up(ksp, matrix)
-            self._made = True
+    def update(self) -> None:
+        """Follow the tangent, which has been assembled for the present unknowns. Collective."""
+        assert self._tangent is not None and self._velocity is not None
+        of_bodies = zip(self.pressures, self._tangent.bodies, self._tangent.parts, strict=True)
+        for pressure, (K, _), part in of_bodies:
+            if pressure is None:
+                continue
+            pressure.mass.assemble()
+            if not pressure.mass.has_sign:
+                self._find_sign(pressure.mass, part.start)
+            pressure.follow(K)
+        self._velocity.update()
 
-    def _find_sign(self, body: Body, mass: PressureMass, matrix: PETSc.Mat) -> None:
+    def apply(self, pc: PETSc.PC, r: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Approximate solution, as PETSc calls it. Collective."""
+        assert self._tangent is not None and self._velocity is not None
+        right, out = r.array_r.copy(), x.array
+        for pressure, part in zip(self.pressures, self._tangent.parts, strict=True):
+            if pressure is not None:
+                pressure.apply(right[part], out[part])
+        self._velocity.apply(right, out)
+
+    def _find_sign(self, mass: PressureMass, start: int) -> None:
         """Give a user's form the sign of C - B diag(A)⁻¹ Bᵀ. Collective."""
-        before = sum(b.num_owned for b in self._bodies[: self._bodies.index(body)])
-        places = before + np.setdiff1d(mass.dofs, body.owned_constrained)
+        assert self._tangent is not None
+        matrix, body = self._tangent.matrix, mass.body
+        places = start + np.setdiff1d(mass.dofs, body.owned_constrained)
         one, image = matrix.createVecs()
         diagonal = matrix.getDiagonal()
         one.array[places] = 1.0
@@ -172,17 +161,80 @@ class Schur:
         for vec in (one, image, diagonal, own):
             vec.destroy()
 
-    def _set_up(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
-        """Give the parts of a new preconditioner what options cannot. Collective."""
-        pc = ksp.getPC()
-        pc.setFieldSplitSchurPreType(PETSc.PC.FieldSplitSchurPreType.USER, self._matrix)
-        ksp.setOperators(matrix, matrix)
-        pc.setUp()
-        inner = pc.getFieldSplitSchurGetSubKSP()[0].getPC()
-        if inner.getType() == PETSc.PC.Type.PYTHON:
-            inner.setPythonContext(self._velocity)
+    def forget(self) -> None:
+        """Free what was made for the tangent, which is about to be freed. Collective."""
+        for pressure in self.pressures:
+            if pressure is not None:
+                pressure.forget()
+        if self._velocity is not None:
+            self._velocity.destroy()
+        self._velocity = self._tangent = None
+
+    def free(self) -> None:
+        """Free PETSc's objects. Collective."""
+        self.forget()
+        self._hierarchy.destroy()
+        for pressure in self.pressures:
+            if pressure is not None:
+                pressure.destroy()
 
 
-def _first(comm: typing.Any, count: int) -> int:
-    """Global number of this rank's first of its unknowns."""
-    return int(comm.exscan(count) or 0)
+class Pressure:
+    """The pressures of one body: a mass matrix, and Bᵀ.
+
+    Args:
+        body: A body with velocity and pressure.
+        form: Instead of the automatic mass matrix, or None.
+        prefix: Of the options.
+    """
+
+    def __init__(self, body: Body, form: ufl.Form | None, prefix: str) -> None:
+        self.mass = PressureMass(body, form)
+        self._ksp = PETSc.KSP().create(body.comm)
+        self._ksp.setOptionsPrefix(prefix + PRESSURE)
+        self._ksp.setOperators(self.mass.matrix)
+        self._ksp.setFromOptions()
+        self._r, self._x = self.mass.matrix.createVecs()
+        self._others = np.setdiff1d(np.arange(body.num_owned), self.mass.dofs)
+        self._Bt: PETSc.Mat | None = None
+        self._w: PETSc.Vec | None = None
+
+    def follow(self, K: PETSc.Mat) -> None:
+        """Take Bᵀ from the body's matrix. Collective."""
+        first = K.getOwnershipRange()[0]
+        sets = [
+            PETSc.IS().createGeneral((first + dofs).astype(np.int32), comm=K.comm)
+            for dofs in (self._others, self.mass.dofs)
+        ]
+        self._Bt = K.createSubMatrix(*sets, submat=self._Bt)
+        for one in sets:
+            one.destroy()
+        if self._w is None:
+            self._w = self._Bt.createVecLeft()
+        self._ksp.setOperators(self.mass.matrix)
+
+    def apply(self, r: Array, out: Array) -> None:
+        """Write the pressures to ``out``, and take what they do from the other rows. Collective.
+
+        Args:
+            r: Right-hand side, owned values of the body's unknowns.
+            out: Owned values of the body's unknowns.
+        """
+        assert self._Bt is not None and self._w is not None
+        self._r.array[:] = r[self.mass.dofs]
+        self._ksp.solve(self._r, self._x)
+        out[self.mass.dofs] = self._x.array_r
+        self._Bt.mult(self._x, self._w)
+        r[self._others] -= self._w.array_r
+
+    def forget(self) -> None:
+        """Free what belongs to the tangent. Collective."""
+        for thing in (self._Bt, self._w):
+            if thing is not None:
+                thing.destroy()
+        self._Bt = self._w = None
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        for thing in (self._ksp, self._r, self._x, self.mass.matrix):
+            thing.destroy()

@@ -58,7 +58,7 @@ class PressureMass:
     """
 
     def __init__(self, body: Body, given: ufl.Form | None) -> None:
-        self._body = body
+        self.body = body
         velocity, pressure = layout(body.V)
         assert velocity is not None and pressure is not None
         self._velocity_first = velocity < pressure
@@ -97,17 +97,17 @@ class PressureMass:
 
     def _create_probes(self) -> fem.Form:
         """Linear form in five piecewise constants: a, b₁, b₂, c and the volume."""
-        msh, gdim = self._body.V.mesh, self._gdim
+        msh, gdim = self.body.V.mesh, self._gdim
         x = ufl.SpatialCoordinate(msh)
         z = ufl.TestFunction(self._weight.function_space)
-        tangent = self._body.tangent_form
+        tangent = self.body.tangent_form
         cells = ufl.Form([i for i in tangent.integrals() if i.integral_type() == "cell"])
         test, trial = _test_and_trial(cells)
 
         def put(first: typing.Any, second: typing.Any, place: int) -> ufl.Form:
             return ufl.replace(cells, {test: z[place] * first, trial: second})
 
-        velocities = self._body.geometry.volume_preserving(x, gdim)
+        velocities = self.body.geometry.volume_preserving(x, gdim)
         fields = [self._join(velocity, 0.0) for velocity in velocities]
         along = self._join(ufl.as_vector([0.0] * (gdim - 1) + [x[gdim - 1]]), 0.0)
         one = self._pressure(1.0)
@@ -118,7 +118,7 @@ class PressureMass:
 
     def assemble(self) -> None:
         """Assemble for the present unknowns. Collective."""
-        with self._body.watch.stage("bulk assembly"):
+        with self.body.watch.stage("bulk assembly"):
             if self._probes is not None:
                 values = fem.assemble_vector(self._probes).array.reshape(-1, 5)
                 a, b1, b2, c, volume = values.T

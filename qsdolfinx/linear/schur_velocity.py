@@ -9,177 +9,98 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-import basix
-
-from qsdolfinx.compat import collapse
-from qsdolfinx.surface.geometry import Cartesian
-from qsdolfinx.surface.unknowns import owned_vertices
+from qsdolfinx.linear.condensed import Condensed
+from qsdolfinx.linear.hierarchy import Hierarchy
+from qsdolfinx.linear.presets import VELOCITY
 from qsdolfinx.system.body import Body
-from qsdolfinx.system.rigid_modes import displacement_space, set_modes
+from qsdolfinx.system.sum import Sum
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 
 class VelocityBlock:
-    """PETSc's PCPYTHON for the velocities and displacements of all bodies.
+    """Multigrid for the velocities and displacements of all bodies, with contact.
 
-    Bubbles, which see their own cell alone, are eliminated exactly. Multigrid is for what this
-    leaves at the vertices, with the rigid modes of all bodies in contact. Rows are multiplied by
-    the displacement per unknown: columns of bodies in velocities are, and with displacements in
-    contact with velocities multigrid would have neither symmetry nor a scale.
+    Contact is neither added to the bodies' blocks nor coarsened with them, see
+    :class:`qsdolfinx.linear.multigrid.Multigrid`.
 
     Args:
         bodies: The bodies.
+        tangent: The tangent of all unknowns.
         pressures: For each body its owned unknowns that are pressures.
         scales: Displacement per unknown of each body.
+        hierarchy: Multigrid's spaces.
+        prefix: Of the options.
     """
 
     def __init__(
         self,
         bodies: typing.Sequence[Body],
-        pressures: typing.Sequence[npt.NDArray[np.int64]],
+        tangent: Sum,
+        pressures: typing.Sequence[Indices],
         scales: typing.Sequence[float],
+        hierarchy: Hierarchy,
+        prefix: str,
     ) -> None:
-        self._comm = bodies[0].comm
-        self._gdim = bodies[0].V.mesh.geometry.dim
-        modes, vertices, rows = [], [], []
-        for body, dofs, scale in zip(bodies, pressures, scales, strict=True):
-            others = np.setdiff1d(np.arange(body.num_owned), dofs)
-            values, with_modes = velocity_modes(body)
-            modes.append(values[:, others] / scale)
-            vertices.append(with_modes[others])
-            rows.append(np.full(others.size, scale))
-        self._vertices = np.concatenate(vertices)
-        self._modes = np.hstack(modes)[:, self._vertices]
-        self._rows = np.concatenate(rows)[self._vertices]
-        self._has_bubbles = self._comm.allreduce(int((~self._vertices).sum())) > 0
-        self._made = False
-        self._S: PETSc.Mat | None = None
-        self._bv: PETSc.Mat | None = None
-        self._vb: PETSc.Mat | None = None
-        self._bb: PETSc.Mat | None = None
-        self._inverse: PETSc.Mat | None = None
-        self._half: PETSc.Mat | None = None
-        self._product: PETSc.Mat | None = None
-
-    def setUp(self, pc: PETSc.PC) -> None:
-        """Eliminate the bubbles of a new matrix. Collective."""
-        matrix = pc.getOperators()[1]
-        if not self._made:
-            self._create(pc, matrix)
-        S = self._S = matrix.createSubMatrix(*[self._is_v] * 2, submat=self._S)
-        if self._has_bubbles:
-            bv = self._bv = matrix.createSubMatrix(self._is_b, self._is_v, submat=self._bv)
-            vb = self._vb = matrix.createSubMatrix(self._is_v, self._is_b, submat=self._vb)
-            half = self._half = self._inverted(matrix).matMult(bv, self._half)
-            self._product = vb.matMult(half, self._product)
-            S.axpy(-1.0, self._product, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        S.diagonalScale(self._scale, None)
-        if not self._made:
-            S.setBlockSize(self._gdim)
-            set_modes(S, self._modes)
-            self._solver.setOperators(S, S)
-            self._made = True
-        self._solver.setUp()
-
-    def _create(self, pc: PETSc.PC, matrix: PETSc.Mat) -> None:
-        """Index sets, vectors and the solver of the vertices. Collective."""
-        first = matrix.getOwnershipRange()[0]
-        sets = [
-            PETSc.IS().createGeneral((first + np.flatnonzero(chosen)).astype(np.int32), self._comm)
-            for chosen in (self._vertices, ~self._vertices)
+        self._tangent, self._hierarchy = tangent, hierarchy
+        self._bodies = bodies
+        self._parts = [
+            Condensed(body, K, dofs, scale)
+            for body, (K, _), dofs, scale in zip(
+                bodies, tangent.bodies, pressures, scales, strict=True
+            )
         ]
-        self._is_v, self._is_b = sets
-        sizes = (int(self._vertices.sum()), PETSc.DETERMINE)
-        self._scale, self._r, self._x, self._w = (
-            PETSc.Vec().createMPI(sizes, comm=self._comm) for _ in range(4)
-        )
-        self._scale.array[:] = self._rows
-        sizes = (int((~self._vertices).sum()), PETSc.DETERMINE)
-        self._z, self._y = (PETSc.Vec().createMPI(sizes, comm=self._comm) for _ in range(2))
-        self._solver = PETSc.PC().create(self._comm)
-        self._solver.setOptionsPrefix((pc.getOptionsPrefix() or "") + "vertices_")
-        self._solver.setFromOptions()
+        ends = zip(tangent.parts, self._parts, strict=True)
+        #: Owned unknowns of all bodies that multigrid sees.
+        self._vertices = np.concatenate([part.start + body.vertices for part, body in ends])
+        first, comm = tangent.matrix.getOwnershipRange()[0], tangent.matrix.comm
+        self._set = PETSc.IS().createGeneral((first + self._vertices).astype(np.int32), comm=comm)
+        sizes = (self._vertices.size, PETSc.DETERMINE)
+        self._r, self._x, self._scale = (PETSc.Vec().createMPI(sizes, comm=comm) for _ in range(3))
+        rows = [np.full(p.vertices.size, s) for p, s in zip(self._parts, scales, strict=True)]
+        self._scale.array[:] = np.concatenate(rows)
+        self._contact = tangent.contact.restricted(self._set, self._scale)
+        whole = zip(self._parts, tangent.symmetric, strict=True)
+        symmetric = [half if part.is_whole else None for part, half in whole]
+        self._sum = Sum([(part.A, part.stays) for part in self._parts], self._contact, symmetric)
+        self._pc = PETSc.PC().create(comm)
+        self._pc.setOptionsPrefix(prefix + VELOCITY)
+        self._pc.setFromOptions()
 
-    def _inverted(self, matrix: PETSc.Mat) -> PETSc.Mat:
-        """Inverse of the bubbles' block, which is one of gdim rows for each cell. Collective."""
-        bb = self._bb = matrix.createSubMatrix(self._is_b, self._is_b, submat=self._bb)
-        first, last = bb.getOwnershipRange()
-        pointer, column, value = bb.getDiagonalBlock().getValuesCSR()
-        gdim, count = self._gdim, last - first
-        row = np.repeat(np.arange(count), np.diff(pointer))
-        inside = row // gdim == column // gdim
-        row, column, value = row[inside], column[inside], value[inside]
-        blocks = np.zeros((count // gdim, gdim, gdim))
-        blocks[row // gdim, row % gdim, column % gdim] = value
-        block = np.repeat(np.arange(count // gdim), gdim * gdim)
-        columns = first + gdim * block + np.tile(np.arange(gdim), count)
-        pointer = gdim * np.arange(count + 1)
-        csr = pointer.astype(np.int32), columns.astype(np.int32), np.linalg.inv(blocks).ravel()
-        if self._inverse is None:
-            size = (count, PETSc.DETERMINE)
-            self._inverse = PETSc.Mat().createAIJ((size, size), csr=csr, comm=self._comm)
-        else:
-            self._inverse.setValuesCSR(*csr)
-            self._inverse.assemble()
-        return self._inverse
+    def update(self) -> None:
+        """Follow the tangent. Collective."""
+        for part in self._parts:
+            part.update()
+        self._contact.follow()
+        shift = self._tangent.shift
+        self._sum.renew(None if shift is None else self._scale.array_r * shift[self._vertices])
+        modes = [part.modes for part in self._parts]
+        states = [body.num_assemblies if body.linear else 0 for body in self._bodies]
+        self._hierarchy.update(self._pc, self._sum, modes, states)
+        self._pc.setOperators(self._sum.matrix)  # a new hierarchy begins with a reset
+        self._pc.setUp()
 
-    def apply(self, pc: PETSc.PC, r: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Approximate solution. Collective."""
-        v = self._vertices
-        values = r.array_r
-        self._r.array[:] = values[v]
-        if self._inverse is not None and self._vb is not None:
-            self._y.array[:] = values[~v]
-            self._inverse.mult(self._y, self._z)
-            self._vb.mult(self._z, self._w)
-            self._r.axpy(-1.0, self._w)
-        self._r.pointwiseMult(self._r, self._scale)
-        self._solver.apply(self._r, self._x)
-        out = x.array
-        out[v] = self._x.array_r
-        if self._half is not None:
-            self._half.mult(self._x, self._y)
-            out[~v] = self._z.array_r - self._y.array_r
+    def apply(self, r: Array, out: Array) -> None:
+        """Approximate solution; the pressures of ``out`` stay. Collective.
 
-    def destroy(self, pc: PETSc.PC | None = None) -> None:
+        Args:
+            r: Right-hand side, owned values of all unknowns.
+            out: Owned values of the solution.
+        """
+        parts, vertices = self._tangent.parts, self._sum.parts
+        for body, part, place in zip(self._parts, parts, vertices, strict=True):
+            self._r.array[place] = body.reduce(r[part])
+        self._pc.apply(self._r, self._x)
+        for body, part, place in zip(self._parts, parts, vertices, strict=True):
+            body.expand(self._x.array_r[place], out[part])
+
+    def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
-        if not self._made:
-            return
-        for thing in (self._solver, self._is_v, self._is_b):
+        self._hierarchy.forget()
+        for body in self._parts:
+            body.destroy()
+        self._sum.destroy()
+        things = self._pc, self._set, self._contact, self._r, self._x, self._scale
+        for thing in things:
             thing.destroy()
-        for vec in (self._scale, self._r, self._x, self._w, self._y, self._z):
-            vec.destroy()
-        mats = self._S, self._bv, self._vb, self._bb, self._inverse, self._half, self._product
-        for mat in mats:
-            if mat is not None:
-                mat.destroy()
-        self._S = self._bv = self._vb = self._bb = None
-        self._inverse = self._half = self._product = None
-        self._made = False
-
-
-def velocity_modes(body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Translations and rotations, shape (modes, owned unknowns), and where they have values.
-
-    In axisymmetric bodies too: there they are rigid motions only locally, which is what multigrid
-    asks for.
-    """
-    V = body.V
-    dofs: npt.NDArray[np.int64] = np.arange(body.num_owned)
-    if V.dofmap.index_map_bs != V.mesh.geometry.dim:
-        parts = (V.sub(i) for i in range(V.num_sub_spaces))
-        V, dofs = collapse(next(part for part in parts if part.num_sub_spaces > 0))
-    gdim = V.mesh.geometry.dim
-    places: npt.NDArray[np.int32]
-    if V.element.basix_element.family == basix.ElementFamily.P:
-        x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
-        places = np.asarray(dofs[: x.shape[0] * gdim].reshape(-1, gdim), dtype=np.int32)
-    else:
-        space = displacement_space(body.V)
-        assert space is not None
-        places, x = owned_vertices(space)
-    fields = Cartesian().rigid_fields(x, gdim)
-    modes = np.zeros((len(fields), body.num_owned))
-    modes[:, places] = fields
-    return modes, np.isin(np.arange(body.num_owned), places)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.linear.hierarchy import Hierarchy
 from qsdolfinx.linear.krylov import Krylov
 from qsdolfinx.linear.presets import AGGREGATION, BLOCK, ITERATIVE, KRYLOV, PRESETS
 from qsdolfinx.linear.rescue import Rescue
@@ -17,6 +18,7 @@ from qsdolfinx.linear.saddle import SaddlePoint
 from qsdolfinx.linear.schur import Forms, Schur
 from qsdolfinx.linear.stop import Stop
 from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.matrices import Form
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
@@ -73,10 +75,16 @@ class LinearSolver:
     ) -> None:
         self.ksp = ksp
         self._system = system
-        #: Coarse spaces and tolerances of an iterative preset.
+        #: Type and tolerances of an iterative preset.
         self.krylov = Krylov(ksp, chosen, system.linear) if name in ITERATIVE else None
-        #: Preconditioner of the pressures for ``"schur"``.
-        self.schur = Schur(system.bodies, pressure_preconditioner) if name == "schur" else None
+        #: Multigrid of ``"amg"``.
+        self._hierarchy: Hierarchy | None = None
+        #: Preconditioner of ``"schur"``.
+        self.schur: Schur | None = None
+        if name == "amg" and system.form is Form.SUM:
+            self._hierarchy = Hierarchy(ksp, system.linear)
+        elif name == "schur" and system.form is Form.SUM:
+            self.schur = Schur(ksp, system.bodies, pressure_preconditioner)
         self._may_be_rescued = name in ITERATIVE and not {"ksp_type", "pc_type"} & set(chosen)
         self._may_avoid = name == "amg" and not is_named
         self._rescue: Rescue | None = None
@@ -140,8 +148,7 @@ class LinearSolver:
         return self._take_over()
 
     def _take_over(self) -> PETSc.Mat:
-        if self.krylov is not None:
-            self.krylov.forget()
+        self._forget_multigrid()
         with self.watch.stage("solve"):
             self._rescue = Rescue(self.ksp, self._system)
         return self._rescue.matrix
@@ -153,21 +160,28 @@ class LinearSolver:
             self._rescue = None
         else:
             self._failures = 0
-        if self.krylov is not None:
-            self.krylov.forget()
+        self._forget_multigrid()
+
+    def _forget_multigrid(self) -> None:
+        if self._hierarchy is not None:
+            self._hierarchy.forget()
+        if self.schur is not None:
+            self.schur.forget()
 
     def set_up(self) -> None:
-        """Hand new matrices' parts to PCFIELDSPLIT, if that is the preconditioner. Collective."""
-        pc = self.ksp.getPC()
+        """Hand new matrices' parts to the preconditioner, if it asks for them. Collective."""
+        pc, tangent = self.ksp.getPC(), self._system.made.tangent
+        if self.schur is not None:
+            assert isinstance(tangent, Additive)
+            self.schur.set_up(pc, tangent.sum, self._system.scales)
         if pc.getType() != PETSc.PC.Type.FIELDSPLIT:
             return
         # A reset takes the options from the splits: start from scratch.
         pc.setType(PETSc.PC.Type.NONE)
         pc.setFromOptions()
-        if self.schur is not None:
-            self.schur.split(pc, self._system.scales)
-            return
-        index_sets = self._system.made.blocks.matrix.getNestISs()[0]
+        blocks = self._system.made.blocks
+        assert blocks is not None  # PCFIELDSPLIT is not for sums
+        index_sets = blocks.matrix.getNestISs()[0]
         pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
 
     def assemble(self) -> bool:
@@ -179,38 +193,28 @@ class LinearSolver:
 
     def follow(self) -> None:
         """Let multigrid follow a tangent that has changed. Collective."""
+        system = self._system
         with self.watch.stage("solve"):
             if self._rescue is not None:
                 self._rescue.update()
-            elif self.krylov is not None:
-                self.krylov.update()
+            elif self.schur is not None:
+                self.schur.update()
+            elif self._hierarchy is not None:
+                assert isinstance(system.made.tangent, Additive)
+                states = [body.num_assemblies if body.linear else 0 for body in system.bodies]
+                pc, modes = self.ksp.getPC(), system.made.rigid.modes
+                self._hierarchy.update(pc, system.made.tangent.sum, modes, states)
 
-    def make_hierarchy(self) -> None:
-        """Choose multigrid's coarse spaces where there are none that fit. Collective."""
-        made = self._system.made
-        if self.krylov is None or self._rescue or not isinstance(made.tangent, Additive):
-            return
-        fingerprints = [body.fingerprint for body in self._system.bodies]
-        if self.krylov.needs_hierarchy(fingerprints):
-            self._system.assemble_bulk()
-            with self.watch.stage("solve"):
-                self.krylov.make_hierarchy(made.tangent, made.rigid.modes, fingerprints)
-
-    def prepare(
-        self, matrix: PETSc.Mat, norms: typing.Sequence[float], until: float, changed: bool
-    ) -> None:
+    def prepare(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:
         """Get ready for the next linear solve of Newton's method. Collective.
 
         Args:
-            matrix: The tangent, assembled.
             norms: Norm of the residual at each iteration so far.
             until: Norm of the residual at which Newton's method ends.
             changed: Whether the tangent has changed since the last linear solve.
         """
         if self._rescue is not None:
             return
-        if self.schur is not None:
-            self.schur.update(self.ksp, matrix)
         if self.krylov is not None:
             self.krylov.choose_type(self._system.symmetric)
             self.krylov.set_tolerance(norms, until, changed)
@@ -273,7 +277,7 @@ class LinearSolver:
         """
         system = self._system
         assert isinstance(system.made.tangent, Additive)
-        if system.made.tangent.shift is not None or self._rescue is not None:
+        if system.made.tangent.sum.shift is not None or self._rescue is not None:
             return None
         self.ksp.setOperators(system.matrix, system.matrix)
         pairs = zip(system.contacts, system.sides, strict=True)
@@ -288,4 +292,6 @@ class LinearSolver:
         """Free PETSc's objects. Collective."""
         self.forget()
         if self.schur is not None:
-            self.schur.destroy()
+            self.schur.free()
+        if self._hierarchy is not None:
+            self._hierarchy.destroy()

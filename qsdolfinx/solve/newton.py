@@ -140,10 +140,9 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     _evaluate(system, x)
     for slip in system.slips:
         slip.note()
-    linear.make_hierarchy()
     system.set_strict(snes.getIterationNumber() >= LENIENT)
     changed = linear.assemble()
-    linear.prepare(system.matrix, context.norms, context.until, changed)
+    linear.prepare(context.norms, context.until, changed)
 
 
 @_callback

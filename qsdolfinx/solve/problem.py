@@ -21,6 +21,7 @@ from qsdolfinx.base.checks import FLAG, check, either, instance, one_of, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.timing import Span
+from qsdolfinx.compat import num_entity_dofs
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.contact import Contact
@@ -147,7 +148,7 @@ class ContactProblem:
         chosen = {*given, *PETSc.Options(prefix).getAll()}
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
         self.solver = _pick(solver, bodies, kind, chosen)
-        sums = self.solver == "amg" and "pc_type" not in chosen
+        sums = self.solver in ("amg", "schur") and "pc_type" not in chosen
         if self.solver == "fieldsplit" and len(bodies) == 1:
             kind = "mpi"  # there is nothing to split
         self._contacts = list(contacts)
@@ -222,7 +223,10 @@ class ContactProblem:
 
     @property
     def blocks(self) -> Blocks | None:
-        """The tangent as a MatNest, ``blocks.nest``; None before the first solve."""
+        """The tangent as a MatNest, ``blocks.nest``, without bulk unless ``kind="nest"``.
+
+        None before the first solve, and with ``"amg"`` and ``"schur"``, which never form it.
+        """
         return self.system.made.blocks if self.system.has_matrices else None
 
     @property
@@ -492,6 +496,13 @@ class ContactProblem:
                 contact.problem = None
 
 
+def _num_inside_cells(V: fem.FunctionSpace) -> int:
+    """Unknowns that only their own cell has, over all ranks."""
+    dim = V.mesh.topology.dim
+    cells = int(V.mesh.topology.index_map(dim).size_global)
+    return cells * num_entity_dofs(V, dim) * int(V.dofmap.dof_layout.block_size)
+
+
 def _pick(
     solver: str, bodies: typing.Sequence[Body], kind: str, chosen: typing.Collection[str]
 ) -> str:
@@ -505,6 +516,8 @@ def _pick(
     size = sum(body.V.dofmap.index_map.size_global * body.V.dofmap.index_map_bs for body in bodies)
     degree = max(body.V.element.basix_element.degree for body in bodies) if has_modes else 0
     is_flow = has_schur([body.u for body in bodies])
+    if is_flow:  # bubbles are eliminated cell by cell, by any solver
+        size -= sum(_num_inside_cells(body.V) for body in bodies)
     name, reason = pick(size, gdim, degree, has_modes, kind, is_flow)
     if name != "direct":
         say(comm, f'solver="{name}": {reason}')

@@ -10,171 +10,125 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.timing import Stopwatch
-from qsdolfinx.system.blocks import Blocks
+from qsdolfinx.contact import terms
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.system.blocks import Blocks, Sides
 from qsdolfinx.system.body import Body
+from qsdolfinx.system.factored import Formed
+from qsdolfinx.system.factors import ContactFactors
+from qsdolfinx.system.sum import Sum
 
 Array = npt.NDArray[np.float64]
 
 
 class Additive:
-    """Matrix of all bodies that can be multiplied and has a diagonal, which is all "amg" asks for.
+    """Tangent of all bodies, see :class:`Sum`.
 
-    Bodies' matrices stay where they are and as they are, in blocks (BAIJ), with which PETSc
-    multiplies twice as fast as with AIJ. Contact is an AIJ matrix, most of whose rows are empty.
+    Bodies' matrices stay where they are. Products are those of their upper triangles in blocks, if
+    they are symmetric, for which PETSc takes half the time. Contact stays in factors, but for
+    friction that follows the pressure of points, whose gaps are weighted anew each time.
 
     Args:
         bodies: The bodies.
-        blocks: Contact's blocks, without bulk.
+        contacts: Contacts with the penalty already known.
+        sides: Bodies of each contact.
         matrices: Bulk block of each body.
+        scales: Displacement per unknown of each body.
+        symmetric: Whether the bulk blocks are symmetric.
         watch: Counts the time for the stage "conversion".
     """
 
     def __init__(
         self,
         bodies: typing.Sequence[Body],
-        blocks: Blocks,
+        contacts: typing.Sequence[ContactModel],
+        sides: Sides,
         matrices: typing.Sequence[PETSc.Mat],
+        scales: typing.Sequence[float],
+        symmetric: typing.Sequence[bool],
         watch: Stopwatch,
     ) -> None:
-        self._bodies, self._blocks, self._watch = bodies, blocks, watch
-        #: Bulk block of each body, and whether it stays.
-        self.bodies = [(K, body.linear) for K, body in zip(matrices, bodies, strict=True)]
-        with watch.stage("conversion"):
-            #: Contact alone.
-            self.contact: PETSc.Mat = blocks.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-        ends = np.cumsum([body.num_owned for body in bodies])
-        self._parts = [slice(e - b.num_owned, e) for e, b in zip(ends, bodies, strict=True)]
-        self._product = _Product(matrices, self._parts, self.contact)
-        sizes = self.contact.getSizes()
-        self.matrix: PETSc.Mat = PETSc.Mat().createPython(sizes, self._product, bodies[0].comm)
-        self.matrix.setUp()
+        self._bodies, self._watch = bodies, watch
+        self._are_symmetric = list(symmetric)
+        self._contact: ContactFactors | ContactFormed
+        if all(terms.has_factors(contact) for contact in contacts):
+            with watch.stage("conversion"):
+                self._contact = ContactFactors(contacts, sides, matrices, scales)
+        else:
+            self._contact = ContactFormed(bodies, contacts, sides, matrices, watch)
+        parts = [(K, body.linear) for K, body in zip(matrices, bodies, strict=True)]
+        #: Its terms.
+        self.sum = Sum(parts, self._contact.product, self._symmetric_matrices())
+        self.matrix = self.sum.matrix
 
-    def assemble(self, contact: bool = True) -> None:
-        """Update to the bodies' and the contacts' present state. Collective.
-
-        Args:
-            contact: False for the bulk alone.
-        """
+    def assemble(self) -> None:
+        """Update to the bodies' and the contacts' present state. Collective."""
         for body in self._bodies:
             body.matrix()
-        if contact:
-            self._blocks.assemble()
+        self._symmetric_matrices()
+        self._contact.update()
+        self.sum.renew()
+
+    def _symmetric_matrices(self) -> list[PETSc.Mat | None]:
+        """Those of the bodies that are symmetric, up to date. Collective."""
+        pairs = zip(self._bodies, self._are_symmetric, strict=True)
         with self._watch.stage("conversion"):
-            if contact:
-                self._blocks.matrix.convert(PETSc.Mat.Type.AIJ, self.contact)
-            else:
-                self.contact.zeroEntries()
-        self._product.shift = None
-        self.matrix.assemble()  # its state tells solvers that it is another
-
-    @property
-    def shift(self) -> Array | None:
-        """Owned values that were added to the diagonal, None for zeros."""
-        return self._product.shift
-
-    def weighted_diagonal(self, weight: float) -> PETSc.Vec:
-        """New vector, the diagonal with contact's part of it times a weight. Collective."""
-        diagonal, contact = self.matrix.getDiagonal(), self.contact.getDiagonal()
-        diagonal.axpy(weight - 1, contact)
-        contact.destroy()
-        return diagonal
-
-    def formed(self) -> PETSc.Mat:
-        """The sum as a new AIJ matrix, with the same pattern each time. Collective."""
-        mats = [K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()) for K, _ in self.bodies]
-        out = diagonal_blocks(mats)
-        out.axpy(1.0, self.contact, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        if self._product.shift is not None:
-            diagonal = out.getDiagonal()
-            diagonal.array[:] += self._product.shift
-            out.setDiagonal(diagonal)
-            diagonal.destroy()
-        for mat in mats:
-            mat.destroy()
-        return out
+            return [body.symmetric_matrix() if symmetric else None for body, symmetric in pairs]
 
     def diagonal(self, i: int) -> Array:
         """Diagonal of body i's block on this rank. Collective."""
         diagonal = self.matrix.getDiagonal()
-        out: Array = diagonal.array_r[self._parts[i]].copy()
+        out: Array = diagonal.array_r[self.sum.parts[i]].copy()
         diagonal.destroy()
         return out
 
     def set_diagonal(self, i: int, values: Array) -> None:
         """Replace the diagonal of body i's block. Collective."""
-        change = values - self.diagonal(i)
-        if self._product.shift is None:
-            self._product.shift = np.zeros(self._parts[-1].stop)
-        self._product.shift[self._parts[i]] += change
-        self.matrix.assemble()
+        parts, shift = self.sum.parts, self.sum.shift
+        out = np.zeros(parts[-1].stop) if shift is None else shift.copy()
+        out[parts[i]] += values - self.diagonal(i)
+        self.sum.renew(out)
 
     def renew(self) -> None:
         """Nothing is left from one assembly to the next."""
 
     def destroy(self) -> None:
         """Free the matrices but for the bodies'. Collective."""
-        self.matrix.destroy()
-        self.contact.destroy()
+        self.sum.destroy()
+        self._contact.destroy()
 
 
-class _Product:
-    """What PETSc calls for the sum of bodies and contact."""
+class ContactFormed:
+    """All contacts as one AIJ matrix.
+
+    Args:
+        bodies: The bodies.
+        contacts: Contacts with the penalty already known.
+        sides: Bodies of each contact.
+        matrices: Bulk block of each body, for its layout.
+        watch: Counts the time for the stage "conversion".
+    """
 
     def __init__(
-        self, matrices: typing.Sequence[PETSc.Mat], parts: list[slice], contact: PETSc.Mat
-    ) -> None:
-        self._contact = contact
-        self._bodies = [
-            (K, part, K.createVecRight(), K.createVecLeft())
-            for K, part in zip(matrices, parts, strict=True)
-        ]
-        #: Owned values on top of the diagonal.
-        self.shift: Array | None = None
-
-    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._sum(x, y, PETSc.Mat.mult, PETSc.Mat.multAdd)
-
-    def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._sum(x, y, PETSc.Mat.multTranspose, PETSc.Mat.multTransposeAdd)
-
-    def _sum(
         self,
-        x: PETSc.Vec,
-        y: PETSc.Vec,
-        mult: typing.Callable[..., None],
-        add: typing.Callable[..., None],
+        bodies: typing.Sequence[Body],
+        contacts: typing.Sequence[ContactModel],
+        sides: Sides,
+        matrices: typing.Sequence[PETSc.Mat],
+        watch: Stopwatch,
     ) -> None:
-        there, here = x.array_r, y.array
-        for K, part, xi, yi in self._bodies:
-            xi.placeArray(there[part])
-            yi.placeArray(here[part])
-            mult(K, xi, yi)
-            xi.resetArray()
-            yi.resetArray()
-        if self.shift is not None:
-            here += self.shift * there
-        del here, there
-        add(self._contact, x, y, y)
+        self._blocks, self._watch = Blocks(bodies, contacts, sides, matrices, bulk=False), watch
+        with watch.stage("conversion"):
+            #: The matrix.
+            self.product = Formed(self._blocks.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
 
-    def getDiagonal(self, _: PETSc.Mat, diagonal: PETSc.Vec) -> None:
-        self._contact.getDiagonal(diagonal)
-        for K, part, _x, yi in self._bodies:
-            K.getDiagonal(yi)
-            diagonal.array[part] += yi.array_r
-        if self.shift is not None:
-            diagonal.array[:] += self.shift
+    def update(self) -> None:
+        """Follow the contacts. Collective."""
+        self._blocks.assemble()
+        with self._watch.stage("conversion"):
+            self._blocks.matrix.convert(PETSc.Mat.Type.AIJ, self.product.matrix)
 
-    def destroy(self, _: PETSc.Mat) -> None:
-        """PETSc has freed the matrix."""
-        for _K, _part, xi, yi in self._bodies:
-            xi.destroy()
-            yi.destroy()
-
-
-def diagonal_blocks(blocks: list[PETSc.Mat]) -> PETSc.Mat:
-    """New AIJ matrix with these blocks on its diagonal. Collective."""
-    rows = [[b if i == j else None for j in range(len(blocks))] for i, b in enumerate(blocks)]
-    nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
-    out: PETSc.Mat = nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-    nest.destroy()
-    return out
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        self.product.destroy()
+        self._blocks.destroy()

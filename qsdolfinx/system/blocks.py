@@ -104,19 +104,14 @@ class Blocks:
         """Bodies of each block that there is."""
         return list(self._mats)
 
-    def assemble(self, contact: bool = True) -> None:
-        """Fill all blocks for the bodies' and the contacts' present state. Collective.
-
-        Args:
-            contact: False for the bulk alone.
-        """
+    def assemble(self) -> None:
+        """Fill all blocks for the bodies' and the contacts' present state. Collective."""
         for mat in self._mats.values():
             mat.zeroEntries()
         for i, body in enumerate(self._bodies):
             if self._bulk:
                 body.add_tangent(self._mats[i, i])
-        parts = zip(self._contacts, self._sides, strict=True) if contact else ()
-        for one, side in parts:
+        for one, side in zip(self._contacts, self._sides, strict=True):
             terms.add_tangent(one, self._of(*side))
         for mat in self._mats.values():
             mat.assemble()

@@ -22,6 +22,12 @@ from qsdolfinx.system.rows import groups
 
 Array = npt.NDArray[np.float64]
 
+#: How far off, relative to the largest unknown, constrained ones count as nearly at their values.
+NEARLY = 1e-6
+
+
+_BLOCKS = PETSc.Mat.Type.BAIJ, PETSc.Mat.Type.SEQBAIJ, PETSc.Mat.Type.MPIBAIJ
+
 
 def contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
     """Whether a function space, DOLFINx's wrapper or C++ object, is V or one of its sub-spaces."""
@@ -76,6 +82,9 @@ class Body:
         self._residual_form = fem.form(F)
         self._tangent_form = fem.form(tangent)
         self._K: PETSc.Mat | None = None
+        # Its upper triangle, and the assembly that it is of.
+        self._half: PETSc.Mat | None = None
+        self._half_of = 0
         #: PETSc's type of the bulk block; "baij" takes less memory.
         self.matrix_type: str = PETSc.Mat.Type.AIJ
         #: Digest of everything that K depends on; empty if F is not linear.
@@ -177,8 +186,7 @@ class Body:
             self._step.array[:] = x - self._x0
             self._K.mult(self._step, self._r)
             return np.asarray(self._r.array_r + self._r0)
-        lift = np.any(self.u.x.array[self.constrained] != self._g.array[self.constrained])
-        r = self._assemble_vector(lift=bool(lift))
+        r = self._assemble_with_conditions()
         self._reactions = r[owned]
         r[owned] = self.condition_stiffness * (x[owned] - self._g.array[owned])
         return r
@@ -211,14 +219,37 @@ class Body:
             self._assemble_matrix(self._K)
         return self._K
 
+    def symmetric_matrix(self) -> PETSc.Mat:
+        """The same in half as many entries, which PETSc multiplies with 2 or 3 times as fast.
+
+        What :meth:`matrix` was last has to be symmetric. If it is not in blocks, it is returned
+        itself. The object stays when its entries change. Collective.
+        """
+        K = self._K
+        assert K is not None
+        if K.getType() not in _BLOCKS:
+            return K
+        if self._half_of != self.num_assemblies:
+            K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+            self._half = K.convert(PETSc.Mat.Type.SBAIJ, self._half or PETSc.Mat())
+            self._half_of = self.num_assemblies
+        return self._half
+
     def free_matrix(self) -> None:
         """Free what :meth:`matrix` gave, unless it is still needed. Collective."""
         if not self.linear and self._K is not None:
             self._K.destroy()
             self._K = None
+            self._free_half()
+
+    def _free_half(self) -> None:
+        if self._half is not None:
+            self._half.destroy()
+        self._half, self._half_of = None, 0
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
+        self._free_half()
         for thing in (self._K, self.x, self.force, self._step, self._r):
             if thing is not None:
                 thing.destroy()
@@ -253,6 +284,21 @@ class Body:
             fem_petsc.assemble_matrix(matrix, form, self.bcs, stiffness)  # type: ignore[arg-type]
             matrix.assemble()
         self.num_assemblies += 1
+
+    def _assemble_with_conditions(self) -> Array:
+        """F as it will be when the constrained unknowns have their values. Collective.
+
+        Where they are off by what a linear solver leaves, at these values: lifting costs an
+        assembly of the tangent.
+        """
+        x, u, g = self.u.x.array, self.u.x.array[self.constrained], self._g.array[self.constrained]
+        off = np.abs(u - g).max(initial=0.0)
+        if off == 0 or off > NEARLY * np.abs(x).max():
+            return self._assemble_vector(lift=bool(off > 0))
+        x[self.constrained] = g
+        out = self._assemble_vector()
+        x[self.constrained] = u
+        return out
 
     def _assemble_vector(self, lift: bool = False) -> Array:
         """F at u on the owned unknowns; with lift, as if the constrained ones had their values."""

@@ -82,14 +82,13 @@ class Hold:
         values, vectors = np.linalg.eigh(stiffness)
         return np.asarray(self._motions @ vectors[:, values <= _NONE * np.trace(whole)])
 
-    def add_to(self, tangent: Tangent, contact: bool = True) -> None:
+    def add_to(self, tangent: Tangent) -> None:
         """Add to the diagonal blocks of the bodies that move in such a motion. Collective.
 
         Args:
             tangent: The tangent, assembled.
-            contact: Whether it has contact in it.
         """
-        free = self.free_motions() if contact else self._motions
+        free = self.free_motions()
         first = 0
         for i, body in enumerate(self._bodies):
             count = len(self._rigid.modes[i])

@@ -36,6 +36,7 @@ class Matrices:
         contacts: Contacts with the penalty already known.
         sides: Bodies of each contact.
         bulk: Bulk block of each body.
+        scales: Displacement per unknown of each body.
         form: What the linear solver sees.
         watch: Counts the time for the stage "conversion".
     """
@@ -46,22 +47,28 @@ class Matrices:
         contacts: typing.Sequence[ContactModel],
         sides: Sides,
         bulk: typing.Sequence[PETSc.Mat],
+        scales: typing.Sequence[float],
         form: Form,
         watch: Stopwatch,
     ) -> None:
         self._bodies = bodies
         self._form = form
         #: Whether the bulk blocks are symmetric.
-        self.bulk_symmetric = all([is_symmetric(matrix) for matrix in bulk])
-        self.blocks = Blocks(bodies, contacts, sides, bulk, bulk=form is Form.NEST)
+        symmetric = [is_symmetric(matrix) for matrix in bulk]
+        self.bulk_symmetric = all(symmetric)
+        #: Contact's blocks, with bulk in the MatNest alone; None of a sum.
+        self.blocks: Blocks | None = None
         #: The tangent: what is assembled.
-        self.tangent: Tangent = self.blocks
+        self.tangent: Tangent
+        if form is Form.SUM:
+            self.tangent = Additive(bodies, contacts, sides, bulk, scales, symmetric, watch)
+        else:
+            is_nest = form is Form.NEST
+            self.blocks = Blocks(bodies, contacts, sides, bulk, bulk=is_nest)
+            self.tangent = self.blocks if is_nest else Monolithic(bodies, self.blocks, bulk, watch)
         if form is Form.NEST:
             for body in bodies:
                 body.free_matrix()
-        else:
-            kind = Additive if form is Form.SUM else Monolithic
-            self.tangent = kind(bodies, self.blocks, bulk, watch)
         self.rigid = RigidMotion(bodies)
         self.hold = Hold(self.rigid, bodies, contacts, sides)
         self._set_near_nullspaces()
@@ -73,15 +80,15 @@ class Matrices:
 
     def destroy(self) -> None:
         """Free the matrices; in parallel petsc4py would keep them. Collective."""
-        if self.tangent is not self.blocks:
-            self.tangent.destroy()
-        self.blocks.destroy()
+        self.tangent.destroy()
+        if self.blocks is not None and self.blocks is not self.tangent:
+            self.blocks.destroy()
         self.rigid.destroy()
 
     def _set_near_nullspaces(self) -> None:
         """Rigid modes of each body on its block, and of all together on the AIJ matrix."""
         for i, modes in enumerate(self.rigid.modes):
-            block = self.blocks.block(i, i)
+            block = None if self.blocks is None else self.blocks.block(i, i)
             if modes and block is not None:
                 set_near_nullspace(block, modes)
         if self._form is not Form.MPI or not all(self.rigid.modes):

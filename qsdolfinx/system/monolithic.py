@@ -15,9 +15,9 @@ from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.gap.weighted_gap import handle_of
 from qsdolfinx.system.blocks import Blocks, forbid_allocation
 from qsdolfinx.system.body import Body
+from qsdolfinx.system.numbering import numbering
 
 Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 Rows = npt.NDArray[np.int32]
 #: Bodies of a block's rows and columns.
 Pair = tuple[int, int]
@@ -52,7 +52,7 @@ class Monolithic:
     ) -> None:
         self._bodies, self._blocks, self._watch = bodies, blocks, watch
         with watch.stage("conversion"):
-            self._numbers = _numbering(matrices)
+            self._numbers = numbering(matrices)
             self._all: list[Rows] = [np.arange(b.num_owned, dtype=np.int32) for b in bodies]
             counts = self._contact_counts()
             #: Rows of each block of contact, and of each body in any of them.
@@ -69,14 +69,9 @@ class Monolithic:
         # Assembly of each body whose bulk the matrix has.
         self._inserted: list[int | None] = [body.num_assemblies for body in bodies]
 
-    def assemble(self, contact: bool = True) -> None:
-        """Fill the matrix for the bodies' and the contacts' present state. Collective.
-
-        Args:
-            contact: False for the bulk alone.
-        """
-        if contact:
-            self._blocks.assemble()
+    def assemble(self) -> None:
+        """Fill the matrix for the bodies' and the contacts' present state. Collective."""
+        self._blocks.assemble()
         matrices = [body.matrix() for body in self._bodies]
         with self._watch.stage("conversion"):
             self._put_contact(Mode.ZERO)
@@ -85,8 +80,7 @@ class Monolithic:
                 self._put(matrix, (i, i), (self._touched if same else self._all)[i], Mode.INSERT)
                 self._inserted[i] = body.num_assemblies
             self.matrix.assemble(PETSc.Mat.AssemblyType.FLUSH)
-            if contact:
-                self._put_contact(Mode.ADD)
+            self._put_contact(Mode.ADD)
             self.matrix.assemble()
 
     def diagonal(self, i: int) -> Array:
@@ -160,12 +154,3 @@ class Monolithic:
 def _filled(counts: Rows) -> Rows:
     """Rows with any entries."""
     return np.flatnonzero(counts.sum(axis=0)).astype(np.int32)
-
-
-def _numbering(matrices: typing.Sequence[PETSc.Mat]) -> list[tuple[Indices, Indices]]:
-    """Each body's first number on every rank, and the shift to its numbers in the matrix."""
-    ranges = [matrix.getOwnershipRanges().astype(np.int64) for matrix in matrices]
-    sizes = np.array([np.diff(r) for r in ranges])
-    starts = np.append(0, np.cumsum(sizes.sum(axis=0)))[:-1]
-    first = starts + np.cumsum(sizes, axis=0) - sizes
-    return [(r, f - r[:-1]) for f, r in zip(first, ranges, strict=True)]

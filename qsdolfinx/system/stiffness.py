@@ -50,7 +50,7 @@ def measure(
             if surface is not None and i is not None
         ]
         stiffness, modulus = (tuple(values) for values in zip(*measured, strict=True))
-        together = form is Form.SUM and contact.law.linear
+        together = form is Form.SUM and contact.law.linear and all(body.linear for body in bodies)
         contact.penalty.follow(stiffness, modulus, together)
         soft_at_nodes.advise(contact)
         moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)

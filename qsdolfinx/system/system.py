@@ -71,6 +71,7 @@ class ContactSystem:
         self.is_destroyed = False
         self._paired: list[object] = []
         self._driven: list[bool] = []
+        self._scales: list[float] = []
         self._assembled: list[object] | None = None
         #: E of each contact (stress), when matrices were last made.
         self.moduli: list[float] = []
@@ -191,11 +192,12 @@ class ContactSystem:
         """Whether what the contacts have paired is what matrices were made for.
 
         With tools that move by themselves, or not, as then: where conditions hold both sides
-        depends on it.
+        depends on it. And with the same displacement per unknown.
         """
         paired = [contact.paired for contact in self.contacts]
         same = len(paired) == len(self._paired) and all(map(operator.is_, paired, self._paired))
-        return same and self._driven == list(map(_is_driven, self.contacts))
+        driven = self._driven == list(map(_is_driven, self.contacts))
+        return same and driven and self._scales == self.scales
 
     def make_stale(self) -> None:
         """Let matrices be built anew before they are used again."""
@@ -208,9 +210,10 @@ class ContactSystem:
         bulk = [body.matrix() for body in self.bodies]
         parts = self.bodies, self.contacts, self.sides
         self.moduli = stiffness.measure(*parts, self.scales, bulk, self.form)
-        self._made = Matrices(*parts, bulk, self.form, self.watch)
+        self._made = Matrices(*parts, bulk, self.scales, self.form, self.watch)
         self._paired = [c.paired for c in self.contacts]
         self._driven = list(map(_is_driven, self.contacts))
+        self._scales = self.scales
         self._assembled = None
 
     def destroy_matrices(self) -> None:
@@ -295,12 +298,6 @@ class ContactSystem:
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
         self._assembled = state
         return True
-
-    def assemble_bulk(self) -> None:
-        """The tangent without contact. Collective."""
-        self.made.tangent.assemble(contact=False)
-        self.made.hold.add_to(self.made.tangent, contact=False)
-        self._assembled = None
 
     @property
     def symmetric(self) -> bool:

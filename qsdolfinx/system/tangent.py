@@ -18,12 +18,8 @@ class Tangent(typing.Protocol):
     #: As the linear solver sees it.
     matrix: PETSc.Mat
 
-    def assemble(self, contact: bool = True) -> None:
-        """Fill the matrix for the bodies' and the contacts' present state. Collective.
-
-        Args:
-            contact: False for the bulk alone.
-        """
+    def assemble(self) -> None:
+        """Fill the matrix for the bodies' and the contacts' present state. Collective."""
 
     def diagonal(self, i: int) -> Array:
         """Diagonal of body i's block on this rank. Collective."""

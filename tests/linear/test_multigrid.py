@@ -5,6 +5,7 @@ import pytest
 from scenes import WORLD, Pair, box, drag_top, elastic, largest, plane, vector_space
 from solve.test_problem import hyperelastic
 
+import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
@@ -131,9 +132,31 @@ def test_shift_in_the_coarse_matrix():
     tools[1].displacement = [0, 0, -0.02]
     problem = qs.ContactProblem([elastic(u)], [u], contacts, solver="amg")
     problem.solve()
-    shifted = problem.system.made.tangent.shift is not None
+    shifted = problem.system.made.tangent.sum.shift is not None
     errors = galerkin_errors(problem)
     force = contacts[0].force("slave")
     problem.destroy()
     assert shifted and max(errors) < 1e-11
     assert np.isclose(abs(force[2]), 0.02 / (1 + 2 / 50.0), rtol=1e-6)  # E = 1
+
+
+def test_material_of_one_rank():
+    """A material that changes on one rank alone changes the spaces on all of them."""
+    found = []
+    for solver in ("direct", "amg"):
+        pair = Pair("hexahedron", n=(4, 3), wave=0.02)
+        E = fem.Function(fem.functionspace(pair.meshes[0], ("DG", 0)))
+        E.x.array[:] = 1.0
+        u, v = pair.u[0], ufl.TestFunction(pair.V[0])
+        stress = qs.materials.linear_elastic(u, E, 0.3)
+        pair.F[0] = ufl.inner(stress, ufl.grad(v)) * ufl.dx
+        problem = pair.problem(solver=solver)
+        problem.solve()
+        x = pair.meshes[0].geometry.x
+        corner = np.linalg.norm(x - np.array([0.0, 0.0, -1.0]), axis=1) < 1e-8
+        cells = np.any(corner[pair.meshes[0].geometry.dofmap], axis=1)
+        E.x.array[: cells.size][cells] = 50.0
+        problem.solve()
+        found.append([u.x.array.copy() for u in problem.u])
+        problem.destroy()
+    assert all(largest(a - b) < 1e-6 * largest(a) for a, b in zip(*found, strict=True))

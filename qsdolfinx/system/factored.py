@@ -1,0 +1,243 @@
+"""Matrices of contact beside those of bodies: a product of thin factors, or formed."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+
+class Beside(typing.Protocol):
+    """Matrix of contact on all unknowns, as :class:`Sum` and multigrid use it."""
+
+    comm: typing.Any
+
+    def getSizes(self) -> typing.Any:
+        """Local and global numbers of rows and columns, as PETSc has them."""
+
+    def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Y += C x. Collective."""
+
+    def add_transposed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Y += Cᵀ x. Collective."""
+
+    def diagonal(self) -> PETSc.Vec:
+        """New vector. Collective."""
+
+    def coarse(self, P: PETSc.Mat) -> Coarse:
+        """Pᵀ C P, which can follow C. Collective."""
+
+    def restricted(self, places: PETSc.IS, scale: PETSc.Vec) -> Beside:
+        """Rows and columns at some places, rows times a scale. Collective."""
+
+    def follow(self) -> None:
+        """Take in what has changed in the matrix that this is restricted from. Collective."""
+
+    def formed(self) -> PETSc.Mat:
+        """New AIJ matrix, with the same pattern each time. Collective."""
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+
+
+class Coarse(typing.Protocol):
+    """A matrix of contact in multigrid's first coarse space."""
+
+    #: Pᵀ C P.
+    matrix: PETSc.Mat
+
+    def update(self) -> None:
+        """Follow C. Collective."""
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+
+
+class Factored:
+    """C = Lᵀ W R: L has the gaps of all rows as functions of the unknowns, W their stiffness.
+
+    A slave node on a finer master couples all nodes under it with each other: the product has many
+    more entries than its factors.
+
+    Args:
+        left: L, rows of gaps by unknowns.
+        weights: W, of few entries in each row, which change.
+        right: R, L with its columns times the displacement per unknown.
+        squares: L and R multiplied entry by entry.
+        mixed: For rows of W with an entry beside the diagonal that others of C's diagonal come
+            from: L of the row and R of the entry's column, entry by entry.
+        beside: These entries of W, which change.
+    """
+
+    def __init__(
+        self,
+        left: PETSc.Mat,
+        weights: PETSc.Mat,
+        right: PETSc.Mat,
+        squares: PETSc.Mat,
+        mixed: PETSc.Mat,
+        beside: PETSc.Vec,
+    ) -> None:
+        self.comm = left.comm
+        self.left, self.weights, self.right = left, weights, right
+        self._squares, self._mixed, self._beside = squares, mixed, beside
+        self._gaps, self._forces = left.createVecLeft(), left.createVecLeft()
+        #: What is this one's own, and freed with it.
+        self.own: list[PETSc.Object] = []
+
+    def getSizes(self) -> typing.Any:
+        """Local and global numbers of rows and columns, as PETSc has them."""
+        return (self.left.getSizes()[1], self.right.getSizes()[1])
+
+    def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Y += C x. Collective."""
+        self.right.mult(x, self._gaps)
+        self.weights.mult(self._gaps, self._forces)
+        self.left.multTransposeAdd(self._forces, y, y)
+
+    def add_transposed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Y += Cᵀ x. Collective."""
+        self.left.mult(x, self._gaps)
+        self.weights.multTranspose(self._gaps, self._forces)
+        self.right.multTransposeAdd(self._forces, y, y)
+
+    def diagonal(self) -> PETSc.Vec:
+        """New vector. Collective."""
+        out = self.left.createVecRight()
+        self.weights.getDiagonal(self._gaps)
+        self._squares.multTranspose(self._gaps, out)
+        self._mixed.multTransposeAdd(self._beside, out, out)
+        return out
+
+    def coarse(self, P: PETSc.Mat) -> CoarseFactored:
+        """Pᵀ C P, which can follow C. Collective."""
+        return CoarseFactored(self, P)
+
+    def restricted(self, places: PETSc.IS, scale: PETSc.Vec) -> Factored:
+        """Rows and columns at some places, rows times a scale. Collective."""
+        first, last = self.left.getOwnershipRange()
+        rows = PETSc.IS().createStride(last - first, first, 1, comm=self.comm)
+        parts = (self.left, self.right, self._squares, self._mixed)
+        left, right, squares, mixed = (part.createSubMatrix(rows, places) for part in parts)
+        rows.destroy()
+        for part in (left, squares, mixed):
+            part.diagonalScale(None, scale)
+        out = Factored(left, self.weights, right, squares, mixed, self._beside)
+        out.own = [left, right, squares, mixed]
+        return out
+
+    def follow(self) -> None:
+        """W is that of the other."""
+
+    def formed(self) -> PETSc.Mat:
+        """New AIJ matrix, with the same pattern each time. Collective."""
+        half = self.weights.matMult(self.right)
+        out: PETSc.Mat = self.left.transposeMatMult(half)
+        half.destroy()
+        return out
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        for thing in (self._gaps, self._forces, *self.own):
+            thing.destroy()
+
+
+class CoarseFactored:
+    """Pᵀ C P = (L P)ᵀ W (R P).
+
+    Args:
+        fine: C.
+        P: From coarse unknowns to those of C.
+    """
+
+    def __init__(self, fine: Factored, P: PETSc.Mat) -> None:
+        self._weights = fine.weights
+        self._left = fine.left.matMult(P)
+        self._right = self._left if fine.right is fine.left else fine.right.matMult(P)
+        self._half = self._weights.matMult(self._right)
+        self.matrix: PETSc.Mat = self._left.transposeMatMult(self._half)
+
+    def update(self) -> None:
+        """Follow C. Collective."""
+        self._weights.matMult(self._right, self._half)
+        self._left.transposeMatMult(self._half, self.matrix)
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        for mat in {id(m): m for m in (self._left, self._right, self._half, self.matrix)}.values():
+            mat.destroy()
+
+
+class Formed:
+    """C as an AIJ matrix, most of whose rows are empty.
+
+    Args:
+        matrix: C.
+    """
+
+    def __init__(self, matrix: PETSc.Mat) -> None:
+        self.comm, self.matrix = matrix.comm, matrix
+        self._of: tuple[PETSc.Mat, PETSc.IS, PETSc.Vec] | None = None
+
+    def getSizes(self) -> typing.Any:
+        """Local and global numbers of rows and columns, as PETSc has them."""
+        return self.matrix.getSizes()
+
+    def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Y += C x. Collective."""
+        self.matrix.multAdd(x, y, y)
+
+    def add_transposed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Y += Cᵀ x. Collective."""
+        self.matrix.multTransposeAdd(x, y, y)
+
+    def diagonal(self) -> PETSc.Vec:
+        """New vector. Collective."""
+        return self.matrix.getDiagonal()
+
+    def coarse(self, P: PETSc.Mat) -> CoarseFormed:
+        """Pᵀ C P, which can follow C. Collective."""
+        return CoarseFormed(self.matrix, P)
+
+    def restricted(self, places: PETSc.IS, scale: PETSc.Vec) -> Formed:
+        """Rows and columns at some places, rows times a scale. Collective."""
+        out = Formed(self.matrix.createSubMatrix(places, places))
+        out._of = self.matrix, places, scale
+        out.matrix.diagonalScale(scale, None)
+        return out
+
+    def follow(self) -> None:
+        """Take in what has changed in the matrix that this is restricted from. Collective."""
+        if self._of is not None:
+            matrix, places, scale = self._of
+            matrix.createSubMatrix(places, places, submat=self.matrix)
+            self.matrix.diagonalScale(scale, None)
+
+    def formed(self) -> PETSc.Mat:
+        """New AIJ matrix, with the same pattern each time. Collective."""
+        return self.matrix.copy()
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        self.matrix.destroy()
+
+
+class CoarseFormed:
+    """Pᵀ C P of a matrix that is formed.
+
+    Args:
+        fine: C.
+        P: From coarse unknowns to those of C.
+    """
+
+    def __init__(self, fine: PETSc.Mat, P: PETSc.Mat) -> None:
+        self._fine, self._P = fine, P
+        self.matrix: PETSc.Mat = fine.ptap(P)
+
+    def update(self) -> None:
+        """Follow C. Collective."""
+        self._fine.ptap(self._P, self.matrix)
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        self.matrix.destroy()

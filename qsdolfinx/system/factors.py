@@ -1,0 +1,213 @@
+"""Contact's part of the tangent in factors: gaps of all rows, and their stiffness."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact import terms
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.system.blocks import Side, Sides
+from qsdolfinx.system.factored import Factored
+from qsdolfinx.system.numbering import Numbering, numbering
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class Entries(typing.NamedTuple):
+    """Entries of a matrix in rows of this rank; columns are numbers in all bodies' unknowns."""
+
+    row: Indices
+    column: Indices
+    value: Array
+
+    def matrix(self, num_rows: int, num_columns: int, comm: typing.Any) -> PETSc.Mat:
+        """AIJ matrix of these numbers of rows and columns on this rank. Collective."""
+        keep = self.column >= 0
+        row, column, value = self.row[keep], self.column[keep], self.value[keep]
+        order = np.lexsort((column, row))
+        pointer = np.append(0, np.cumsum(np.bincount(row, minlength=num_rows)))
+        csr = pointer.astype(np.int32), column[order].astype(np.int32), value[order]
+        sizes = (num_rows, PETSc.DETERMINE), (num_columns, PETSc.DETERMINE)
+        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+
+
+class ContactFactors:
+    """Lᵀ W R of all contacts: L stays while contact does not pair anew, W follows their state.
+
+    A pass has a row for each of its gaps, a slip one for each component of each of its jumps.
+
+    Args:
+        contacts: Contacts with the penalty already known, all with ``terms.has_factors``.
+        sides: Bodies of each contact.
+        matrices: Bulk block of each body, for its layout.
+        scales: Displacement per unknown of each body.
+    """
+
+    def __init__(
+        self,
+        contacts: typing.Sequence[ContactModel],
+        sides: Sides,
+        matrices: typing.Sequence[PETSc.Mat],
+        scales: typing.Sequence[float],
+    ) -> None:
+        self._contacts = list(contacts)
+        self._numbers = numbering(matrices)
+        self._comm = matrices[0].comm
+        sizes = [K.getLocalSize()[0] for K in matrices]
+        parts: list[_Part] = []
+        for contact, side in zip(contacts, sides, strict=True):
+            of_contact: list[WeightedGap | Slip] = [*contact.gaps, *contact.slips]
+            parts += [_Part(contact, side, part, self._numbers) for part in of_contact]
+        #: First row of each part, and the number of rows of this rank.
+        self._starts = np.cumsum([0, *(part.num_rows for part in parts)])
+        self._parts = parts
+        shape = int(self._starts[-1]), sum(sizes), self._comm
+        left = _stacked([part.entries for part in parts], self._starts).matrix(*shape)
+        squares = _stacked([part.squares for part in parts], self._starts).matrix(*shape)
+        mixed = _stacked([part.mixed for part in parts], self._starts).matrix(*shape)
+        right = left
+        if any(scale != 1 for scale in scales):
+            factor = left.createVecRight()
+            factor.array[:] = np.repeat(scales, sizes)
+            right = left.copy()
+            for mat in (right, squares, mixed):
+                mat.diagonalScale(None, factor)
+            factor.destroy()
+        self._beside = left.createVecLeft()
+        self._pointer, self._columns = self._pattern(left.getOwnershipRange()[0])
+        none = np.zeros(self._columns.size)
+        size = left.getSizes()[0]
+        csr = self._pointer, self._columns, none
+        self._weights: PETSc.Mat = PETSc.Mat().createAIJ((size, size), csr=csr, comm=self._comm)
+        #: The product.
+        self.product = Factored(left, self._weights, right, squares, mixed, self._beside)
+        own = {id(mat): mat for mat in (left, right, squares, mixed, self._weights)}
+        self.product.own = [*own.values(), self._beside]
+
+    def _pattern(self, first: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+        """Rows of W in compressed form: global columns, ascending."""
+        counts, columns = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)]
+        for part, start in zip(self._parts, self._starts, strict=False):
+            of_rows = np.arange(start, start + part.num_rows)[:, None]
+            if isinstance(part.of, Slip):
+                gdim = part.width
+                block = start + np.arange(part.num_rows).reshape(-1, 1, gdim)
+                of_rows = np.broadcast_to(block, (block.shape[0], gdim, gdim))
+                gap = self._pass_of(part.of)
+                if gap is not None:
+                    row = self._starts[gap] + np.arange(block.shape[0])
+                    beside = np.broadcast_to(row[:, None, None], (row.size, gdim, 1))
+                    of_rows = np.concatenate([beside, of_rows], axis=2)
+                of_rows = of_rows.reshape(part.num_rows, of_rows.shape[2])
+            counts.append(np.full(part.num_rows, of_rows.shape[1], dtype=np.int64))
+            columns.append(of_rows.ravel())
+        pointer = np.cumsum(np.concatenate(counts))
+        return pointer.astype(np.int32), (first + np.concatenate(columns)).astype(np.int32)
+
+    def _pass_of(self, slip: Slip) -> int | None:
+        """Part whose rows the pressure of a slip is at; None where it does not matter."""
+        if slip.of is not slip.gap:
+            return None
+        return next(i for i, part in enumerate(self._parts) if part.of is slip.gap)
+
+    def update(self) -> None:
+        """Follow the contacts. Collective."""
+        of_contacts = [terms.gaps_and_slips(contact) for contact in self._contacts]
+        values, beside = [np.zeros(0)], [np.zeros(0)]
+        for part, (of, stiffness) in zip(
+            self._parts, (pair for pairs in of_contacts for pair in pairs), strict=True
+        ):
+            assert part.of is of
+            coupling = np.zeros(part.num_rows)
+            if isinstance(stiffness, tuple):
+                block, change = stiffness
+                coupling = change.ravel()
+                if self._pass_of(typing.cast(Slip, of)) is not None:
+                    block = np.concatenate([change[:, :, None], block], axis=2)
+                values.append(block.ravel())
+            else:
+                stiffness = stiffness if stiffness.ndim == 2 else stiffness[:, None]
+                values.append(np.broadcast_to(stiffness, (part.num_gaps, part.width)).ravel())
+            beside.append(coupling)
+        self._weights.setValuesCSR(self._pointer, self._columns, np.concatenate(values))
+        self._weights.assemble()
+        self._beside.array[:] = np.concatenate(beside)
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        self.product.destroy()
+
+
+class _Part:
+    """Rows of a pass or of a slip.
+
+    Args:
+        contact: Its contact.
+        side: Bodies of the contact.
+        of: The pass or slip.
+        numbers: Numbers of the bodies' unknowns.
+    """
+
+    def __init__(
+        self,
+        contact: ContactModel,
+        side: Side,
+        of: WeightedGap | Slip,
+        numbers: typing.Sequence[Numbering],
+    ) -> None:
+        self.of = of
+        gap = of.gap if isinstance(of, Slip) else of
+        bodies = side if gap.slave is contact.slave else side[::-1]
+        sided = _sides(of.operator, bodies, numbers)
+        #: Components of each gap, number of gaps, and of rows.
+        self.width, self.num_gaps = of.operator.width, of.operator.num_rows
+        self.num_rows = self.width * self.num_gaps
+        #: Of L, and with their squares.
+        self.entries = _joined(sided)
+        self.squares = self.entries._replace(value=self.entries.value**2)
+        #: Products of the entries of a slip with those of its pass; none of a pass.
+        self.mixed = _joined([])
+        if isinstance(of, Slip):
+            normal = _sides(of.gap.operator, bodies, numbers)
+            pairs = zip(sided, normal, strict=True)
+            self.mixed = _joined([J._replace(value=J.value * G.value) for J, G in pairs])
+
+
+def _sides(
+    operator: _cpp.GapOperator,
+    bodies: typing.Sequence[int | None],
+    numbers: typing.Sequence[Numbering],
+) -> list[Entries]:
+    """Entries of both sides, of jumps with a row for each component."""
+    out = []
+    for k, body in enumerate(bodies[: operator.num_sides]):
+        assert body is not None
+        offset, unknowns, value = operator.entries(k)
+        gap = np.repeat(np.arange(operator.num_rows), np.diff(offset))[:, None]
+        row = gap * operator.width + np.arange(operator.width)
+        shape = unknowns.shape
+        every = (np.broadcast_to(a, shape).ravel() for a in (row, value))
+        row, value = every
+        out.append(Entries(row.astype(np.int64), numbers[body](unknowns.ravel()), value))
+    return out
+
+
+def _joined(parts: typing.Sequence[Entries]) -> Entries:
+    """All entries."""
+    none = Entries(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+    return Entries(*(np.concatenate(arrays) for arrays in zip(none, *parts, strict=True)))
+
+
+def _stacked(parts: typing.Sequence[Entries], starts: Indices) -> Entries:
+    """All entries, rows one part below the other."""
+    pairs = zip(parts, starts, strict=False)
+    return _joined([part._replace(row=part.row + start) for part, start in pairs])

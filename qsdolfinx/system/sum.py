@@ -1,0 +1,150 @@
+"""A matrix that is a sum and never formed: blocks of bodies on the diagonal, and contact."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.system.factored import Beside
+
+Array = npt.NDArray[np.float64]
+
+
+class Sum:
+    """Matrix that can be multiplied and has a diagonal, which is all multigrid asks for.
+
+    Args:
+        bodies: Block of each body, and whether it stays.
+        contact: What couples all bodies.
+        symmetric: For each body a matrix that has the same products, and is symmetric, or None.
+    """
+
+    def __init__(
+        self,
+        bodies: typing.Sequence[tuple[PETSc.Mat, bool]],
+        contact: Beside,
+        symmetric: typing.Sequence[PETSc.Mat | None],
+    ) -> None:
+        self.bodies = list(bodies)
+        self.contact = contact
+        sizes = [K.getLocalSize()[0] for K, _ in bodies]
+        ends = np.cumsum(sizes)
+        #: Where each body's unknowns are among those of this rank.
+        self.parts = [slice(e - size, e) for e, size in zip(ends, sizes, strict=True)]
+        #: For each body a matrix that has the same products, and is symmetric, or None.
+        self.symmetric = list(symmetric)
+        self._product = _Product(self.bodies, self.parts, contact, self.symmetric)
+        self.matrix: PETSc.Mat = PETSc.Mat().createPython(
+            contact.getSizes(), self._product, contact.comm
+        )
+        self.matrix.setUp()
+
+    @property
+    def shift(self) -> Array | None:
+        """Owned values on top of the diagonal, None for zeros."""
+        return self._product.shift
+
+    def renew(self, shift: Array | None = None) -> None:
+        """Say that the terms have changed. Collective.
+
+        Args:
+            shift: Owned values on top of the diagonal.
+        """
+        self._product.shift = shift
+        self.matrix.assemble()  # its state tells solvers that it is another
+
+    def weighted_diagonal(self, weight: float) -> PETSc.Vec:
+        """New vector, the diagonal with contact's part of it times a weight. Collective."""
+        diagonal, contact = self.matrix.getDiagonal(), self.contact.diagonal()
+        diagonal.axpy(weight - 1, contact)
+        contact.destroy()
+        return diagonal
+
+    def formed(self) -> PETSc.Mat:
+        """The sum as a new AIJ matrix, with the same pattern each time. Collective."""
+        mats = [K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()) for K, _ in self.bodies]
+        out, contact = diagonal_blocks(mats), self.contact.formed()
+        out.axpy(1.0, contact, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        if self.shift is not None:
+            diagonal = out.getDiagonal()
+            diagonal.array[:] += self.shift
+            out.setDiagonal(diagonal)
+            diagonal.destroy()
+        for mat in (*mats, contact):
+            mat.destroy()
+        return out
+
+    def destroy(self) -> None:
+        """Free the matrix, not its terms. Collective."""
+        self.matrix.destroy()
+
+
+class _Product:
+    """What PETSc calls for the sum of bodies and contact."""
+
+    def __init__(
+        self,
+        bodies: typing.Sequence[tuple[PETSc.Mat, bool]],
+        parts: list[slice],
+        contact: Beside,
+        symmetric: typing.Sequence[PETSc.Mat | None],
+    ) -> None:
+        self._contact = contact
+        self._symmetric = symmetric
+        self._bodies = [
+            (K, part, K.createVecRight(), K.createVecLeft())
+            for (K, _), part in zip(bodies, parts, strict=True)
+        ]
+        #: Owned values on top of the diagonal.
+        self.shift: Array | None = None
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._add_bodies(x, y, PETSc.Mat.mult)
+        self._contact.add_product(x, y)
+
+    def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._add_bodies(x, y, PETSc.Mat.multTranspose)
+        self._contact.add_transposed(x, y)
+
+    def _add_bodies(self, x: PETSc.Vec, y: PETSc.Vec, mult: typing.Callable[..., None]) -> None:
+        there, here = x.array_r, y.array
+        for (K, part, xi, yi), half in zip(self._bodies, self._symmetric, strict=True):
+            xi.placeArray(there[part])
+            yi.placeArray(here[part])
+            if half is None:
+                mult(K, xi, yi)
+            else:
+                half.mult(xi, yi)
+            xi.resetArray()
+            yi.resetArray()
+        if self.shift is not None:
+            here += self.shift * there
+
+    def getDiagonal(self, _: PETSc.Mat, diagonal: PETSc.Vec) -> None:
+        contact = self._contact.diagonal()
+        contact.copy(diagonal)
+        contact.destroy()
+        for K, part, _x, yi in self._bodies:
+            K.getDiagonal(yi)
+            diagonal.array[part] += yi.array_r
+        if self.shift is not None:
+            diagonal.array[:] += self.shift
+
+    def destroy(self, _: PETSc.Mat) -> None:
+        """PETSc has freed the matrix."""
+        for _K, _part, xi, yi in self._bodies:
+            xi.destroy()
+            yi.destroy()
+
+
+def diagonal_blocks(blocks: list[PETSc.Mat]) -> PETSc.Mat:
+    """New AIJ matrix with these blocks on its diagonal. Collective."""
+    rows = [[b if i == j else None for j in range(len(blocks))] for i, b in enumerate(blocks)]
+    nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
+    out: PETSc.Mat = nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    nest.destroy()
+    return out
