@@ -2,8 +2,8 @@
 
 Every figure is a ratio of two measurements of this run, or a count, so that the machine matters
 little: contact against one body without it (seconds of the processor, memory, Krylov iterations,
-both to the same residual; bench/scaling.py), pairing against SciPy's k-d tree (bench/pairing.py), the
-overlay against nodal quadrature, a Newton iteration of flow against an elastic problem
+both to the same residual; bench/scaling.py), pairing against SciPy's k-d tree (bench/pairing.py),
+the overlay against nodal quadrature, a Newton iteration of flow against an elastic problem
 (bench/flow.py). The fastest of the repeats counts. Ends with 1 if a figure is more than 25 % worse
 than recorded.
 
