@@ -12,7 +12,7 @@ import numpy.typing as npt
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.contact import terms
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.system.blocks import Blocks, Sides
+from qsdolfinx.system.blocks import Blocks, Sides, is_symmetric
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.factored import Formed
 from qsdolfinx.system.factors import ContactFactors
@@ -49,7 +49,8 @@ class Additive:
         watch: Stopwatch,
     ) -> None:
         self._bodies, self._watch = bodies, watch
-        self._are_symmetric = list(symmetric)
+        #: Whether each body's block is symmetric, as it is now.
+        self.are_symmetric = list(symmetric)
         self._contact: ContactFactors | ContactFormed
         if all(terms.has_factors(contact) for contact in contacts):
             with watch.stage("conversion"):
@@ -63,15 +64,17 @@ class Additive:
 
     def assemble(self) -> None:
         """Update to the bodies' and the contacts' present state. Collective."""
-        for body in self._bodies:
-            body.matrix()
-        self._symmetric_matrices()
+        for i, body in enumerate(self._bodies):
+            K = body.matrix()
+            if not body.linear:  # what convects is symmetric at rest alone
+                self.are_symmetric[i] = is_symmetric(K)
+        self.sum.symmetric[:] = self._symmetric_matrices()
         self._contact.update()
         self.sum.renew()
 
     def _symmetric_matrices(self) -> list[PETSc.Mat | None]:
         """Those of the bodies that are symmetric, up to date. Collective."""
-        pairs = zip(self._bodies, self._are_symmetric, strict=True)
+        pairs = zip(self._bodies, self.are_symmetric, strict=True)
         with self._watch.stage("conversion"):
             return [body.symmetric_matrix() if symmetric else None for body, symmetric in pairs]
 

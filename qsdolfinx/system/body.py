@@ -232,6 +232,8 @@ class Body:
         if self._half_of != self.num_assemblies:
             K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             self._half = K.convert(PETSc.Mat.Type.SBAIJ, self._half or PETSc.Mat())
+            if not self.linear:  # the next one may not be
+                K.setOption(PETSc.Mat.Option.SYMMETRIC, False)
             self._half_of = self.num_assemblies
         return self._half
 

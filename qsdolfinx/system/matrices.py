@@ -53,9 +53,8 @@ class Matrices:
     ) -> None:
         self._bodies = bodies
         self._form = form
-        #: Whether the bulk blocks are symmetric.
         symmetric = [is_symmetric(matrix) for matrix in bulk]
-        self.bulk_symmetric = all(symmetric)
+        self._bulk_symmetric = all(symmetric)
         #: Contact's blocks, with bulk in the MatNest alone; None of a sum.
         self.blocks: Blocks | None = None
         #: The tangent: what is assembled.
@@ -72,6 +71,13 @@ class Matrices:
         self.rigid = RigidMotion(bodies)
         self.hold = Hold(self.rigid, bodies, contacts, sides)
         self._set_near_nullspaces()
+
+    @property
+    def bulk_symmetric(self) -> bool:
+        """Whether the bulk blocks are symmetric: of a sum as they are now."""
+        if isinstance(self.tangent, Additive):
+            return all(self.tangent.are_symmetric)
+        return self._bulk_symmetric
 
     @property
     def matrix(self) -> PETSc.Mat:

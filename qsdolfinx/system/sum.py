@@ -35,7 +35,7 @@ class Sum:
         ends = np.cumsum(sizes)
         #: Where each body's unknowns are among those of this rank.
         self.parts = [slice(e - size, e) for e, size in zip(ends, sizes, strict=True)]
-        #: For each body a matrix that has the same products, and is symmetric, or None.
+        #: For each body a matrix that has the same products, and is symmetric, or None; may change.
         self.symmetric = list(symmetric)
         self._product = _Product(self.bodies, self.parts, contact, self.symmetric)
         self.matrix: PETSc.Mat = PETSc.Mat().createPython(

@@ -160,3 +160,21 @@ def test_material_of_one_rank():
         found.append([u.x.array.copy() for u in problem.u])
         problem.destroy()
     assert all(largest(a - b) < 1e-6 * largest(a) for a, b in zip(*found, strict=True))
+
+
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_symmetric_at_rest_alone(cell):
+    """A tangent that is no more symmetric once something moves, as with convection."""
+    found = []
+    for solver in ("direct", "amg"):
+        pair = Pair(cell, n=(6, 4), wave=0.02)
+        u, v = pair.u[1], ufl.TestFunction(pair.V[1])
+        pair.F[1] += ufl.inner(3.0 * ufl.grad(u) * u, v) * ufl.dx
+        drag_top(pair, 0.1)
+        problem = pair.problem(solver=solver)
+        problem.solve()
+        found.append([u.x.array.copy() for u in problem.u])
+        symmetric, restarts = problem.symmetric, problem.num_restarts
+        problem.destroy()
+    assert not symmetric and restarts == 0
+    assert all(largest(a - b) < 1e-6 * largest(a) for a, b in zip(*found, strict=True))
