@@ -173,7 +173,12 @@ def line_search(snes: PETSc.SNES, kind: str = LINE_SEARCH) -> typing.Iterator[No
 
     def choose(kind: str) -> None:
         database.setValue("snes_linesearch_type", kind)
+        # A direct solver may have taken over from the linear solver that the options name.
+        ksp = snes.getKSP()
+        prefix = ksp.getOptionsPrefix()
+        ksp.setOptionsPrefix(f"{prefix}as_it_is_")
         snes.setFromOptions()
+        ksp.setOptionsPrefix(prefix)
         snes.setTolerances(*tolerances)
 
     choose(kind)

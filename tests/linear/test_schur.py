@@ -11,6 +11,7 @@ from dolfinx import fem
 import qsdolfinx as qs
 from qsdolfinx import materials
 from qsdolfinx.linear import presets
+from qsdolfinx.solve.snes import line_search
 
 DT = 0.05
 
@@ -181,6 +182,19 @@ def test_after_a_rescue(friction):
         problem.destroy()
     assert kinds == ["python", "python"]
     assert max(largest(a - b) / largest(a) for a, b in zip(*found, strict=True)) < 1e-7
+
+
+def test_a_line_search_keeps_the_direct_solver():
+    """One that has taken over; the options of the search are read beside it."""
+    problem = problem_of(SCENES["elastic-tool"](), "schur")
+    problem.solve()
+    assert problem.newton.hand_over("test")
+    ksp, kinds = problem.snes.getKSP(), []
+    with line_search(problem.snes):
+        kinds.append((ksp.getType(), ksp.getPC().getType()))
+    kinds.append((ksp.getType(), ksp.getPC().getType()))
+    problem.destroy()
+    assert kinds == [("preonly", "lu")] * 2
 
 
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
