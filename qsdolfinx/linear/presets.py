@@ -111,23 +111,21 @@ ITERATIVE = ("amg", "fieldsplit", "schur")
 #: Options of each body's block with "fieldsplit", after "fieldsplit_I_".
 BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | AGGREGATION
 
-#: Unknowns from which on multigrid is taken, by dimension of space and whether all bodies are of
-#: degree 1: see ``bench/solvers.py``.
-LARGE = {(2, True): 1_000_000, (2, False): 1_000_000, (3, True): 2_500, (3, False): 20_000}
+#: Unknowns from which on multigrid is taken, by dimension of space: see ``bench/solvers.py``.
+LARGE = {2: 1_000_000, 3: 2_500}
 
 #: The same of velocity–pressure bodies, by dimension, and of "schur"; without those inside cells.
 LARGE_FLOW = {2: 1_000_000, 3: 20_000}
 
 
 def pick(
-    unknowns: int, dim: int, degree: int, has_modes: bool, kind: str, is_flow: bool = False
+    unknowns: int, dim: int, has_modes: bool, kind: str, is_flow: bool = False
 ) -> tuple[str, str]:
     """The preset for a problem, and why.
 
     Args:
         unknowns: Number of unknowns, over all ranks; of flow without those inside cells.
         dim: Of space.
-        degree: Of the bodies' elements, the highest.
         has_modes: Whether all bodies are in displacements or velocities alone.
         kind: ``"mpi"`` or ``"nest"``, the matrix that the solver sees.
         is_flow: Whether there are bodies in velocity and pressure, for ``"schur"``.
@@ -140,8 +138,7 @@ def pick(
         return "schur", f"{reason} {LARGE_FLOW[dim]} or more"
     if not has_modes:
         return "direct", "a body has other unknowns than displacements"
-    large = LARGE[dim, degree == 1]
-    what = f"{unknowns} unknowns of degree {degree} in {dim}D are"
-    if unknowns < large:
-        return "direct", f"{what} fewer than {large}"
-    return "amg" if kind == "mpi" else "fieldsplit", f"{what} {large} or more"
+    what = f"{unknowns} unknowns in {dim}D are"
+    if unknowns < LARGE[dim]:
+        return "direct", f"{what} fewer than {LARGE[dim]}"
+    return "amg" if kind == "mpi" else "fieldsplit", f"{what} {LARGE[dim]} or more"

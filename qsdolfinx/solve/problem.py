@@ -514,11 +514,10 @@ def _pick(
     gdim, comm = bodies[0].V.mesh.geometry.dim, bodies[0].comm
     has_modes = all(body.V.dofmap.index_map_bs == gdim for body in bodies)
     size = sum(body.V.dofmap.index_map.size_global * body.V.dofmap.index_map_bs for body in bodies)
-    degree = max(body.V.element.basix_element.degree for body in bodies) if has_modes else 0
     is_flow = has_schur([body.u for body in bodies])
     if is_flow:  # bubbles are eliminated cell by cell, by any solver
         size -= sum(_num_inside_cells(body.V) for body in bodies)
-    name, reason = pick(size, gdim, degree, has_modes, kind, is_flow)
+    name, reason = pick(size, gdim, has_modes, kind, is_flow)
     if name != "direct":
         say(comm, f'solver="{name}": {reason}')
     return name

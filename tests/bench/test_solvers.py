@@ -15,7 +15,7 @@ def test_page_is_up_to_date():
 @pytest.mark.parametrize("scene", ("linear", "flow"))
 def test_row(scene, monkeypatch):
     """Of each solver a time, of "auto" what it picked, and its time over the best."""
-    monkeypatch.setitem(presets.LARGE, (3, True), 10)
+    monkeypatch.setitem(presets.LARGE, 3, 10)
     (row,) = solvers.rows_of(solvers.Case(scene, 3, 1, 0.0), 40.0, [3])
     named = solvers.SOLVERS[scene]
     assert row["picked"] == ("amg" if scene == "linear" else "direct")

@@ -41,7 +41,7 @@ def test_pick(monkeypatch, caplog):
     """By size, said aloud when it is not the direct one; options have the last word."""
     names = []
     for limit in (10**6, 10):
-        monkeypatch.setitem(presets.LARGE, (3, True), limit)
+        monkeypatch.setitem(presets.LARGE, 3, limit)
         names.append(solution("hexahedron", "auto", enforcement="penalty")[1].solver)
     options = {"ksp_type": "gmres", "pc_type": "jacobi", "ksp_rtol": 1e-10}
     names.append(solution("hexahedron", "auto", options=options, enforcement="penalty")[1].solver)
@@ -49,10 +49,10 @@ def test_pick(monkeypatch, caplog):
     mixed = Pair("triangle", space=mini_space).problem().solver
     assert names == ["direct", "amg", "options"] and mixed == "direct"
     assert (printed.count("solver") == 1 and "10 or more" in printed) or WORLD.rank > 0
-    assert presets.pick(10**9, 3, 1, True, "nest")[0] == "fieldsplit"
-    by_degree = [presets.pick(10_000, 3, degree, True, "mpi")[0] for degree in (1, 2)]
-    assert by_degree == ["amg", "direct"]
-    reason = presets.pick(10**9, 3, 0, False, "mpi")
+    assert presets.pick(10**9, 3, True, "nest")[0] == "fieldsplit"
+    by_dimension = [presets.pick(10_000, dim, True, "mpi")[0] for dim in (2, 3)]
+    assert by_dimension == ["direct", "amg"]
+    reason = presets.pick(10**9, 3, False, "mpi")
     assert reason[0] == "direct" and "displacements" in reason[1]
 
 

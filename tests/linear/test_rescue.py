@@ -126,7 +126,7 @@ def test_points_keep_their_penalty():
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_stiff_penalties(penalty, is_direct, enforcement, monkeypatch):
     """Where a small problem has one, "auto" takes a direct solver; "amg" by name stays."""
-    monkeypatch.setitem(presets.LARGE, (3, True), 10)
+    monkeypatch.setitem(presets.LARGE, 3, 10)
     options = {"penalty": penalty, "enforcement": enforcement}
     problem, found = tied("auto", 1.0, **options)
     assert problem.solver == "amg" and problem.newton.linear.is_direct == is_direct
