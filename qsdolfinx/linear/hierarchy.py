@@ -10,6 +10,7 @@ import numpy as np
 
 from qsdolfinx.linear.multigrid import Aggregates, Multigrid
 from qsdolfinx.linear.presets import FIRST, TIGHTEST
+from qsdolfinx.system.body import Body
 from qsdolfinx.system.sum import Sum
 
 #: Spaces are chosen anew when a linear solve takes this many times the iterations of their first.
@@ -24,11 +25,11 @@ class Hierarchy:
 
     Args:
         ksp: The linear solver, whose pace tells whether the spaces still fit.
-        linear: Whether all bodies are linear: their spaces fit always.
+        bodies: The spaces of linear ones fit until their matrices change.
     """
 
-    def __init__(self, ksp: PETSc.KSP, linear: bool) -> None:
-        self._ksp, self._linear = ksp, linear
+    def __init__(self, ksp: PETSc.KSP, bodies: typing.Sequence[Body]) -> None:
+        self._ksp, self._bodies = ksp, bodies
         self._multigrid: Multigrid | None = None
         self._spaces: dict[int, Aggregates] = {}
         self._states: list[int] = []
@@ -50,7 +51,6 @@ class Hierarchy:
         pc: PETSc.PC,
         tangent: Sum,
         modes: typing.Sequence[list[PETSc.Vec]],
-        states: list[int],
     ) -> None:
         """Follow a tangent that has changed. Collective.
 
@@ -58,26 +58,34 @@ class Hierarchy:
             pc: PETSc's preconditioner, of type "mg".
             tangent: The tangent.
             modes: Rigid modes of each body.
-            states: A number for each body that changes when a linear one's matrix does.
         """
         if self._is_stale():
             self._forget_spaces()
             self.forget()
+        states = [body.num_assemblies if body.linear else 0 for body in self._bodies]
         if states != self._states:
             self.forget()
         if self._multigrid is None:
-            self._make(pc, tangent, modes, states)
-        assert self._multigrid is not None
+            self._follow_bodies((pc.getOptionsPrefix() or "") + FIRST, tangent, modes, states)
+            spaces = [self._spaces[i] for i in range(len(states))]
+            self._multigrid = Multigrid(pc, tangent, spaces, modes)
         self._multigrid.update()
 
-    def _make(
+    def _follow_bodies(
         self,
-        pc: PETSc.PC,
+        prefix: str,
         tangent: Sum,
         modes: typing.Sequence[list[PETSc.Vec]],
         states: list[int],
     ) -> None:
-        prefix = (pc.getOptionsPrefix() or "") + FIRST
+        """Spaces of each body, the old ones where its matrix is another of the same body.
+
+        Args:
+            prefix: Of the options of the first coarsening.
+            tangent: The tangent.
+            modes: Rigid modes of each body.
+            states: A number for each body that changes when a linear one's matrix does.
+        """
         for i, ((K, stays), state) in enumerate(zip(tangent.bodies, states, strict=True)):
             kept = self._spaces.get(i)
             if kept is not None and self._states[i] == state:
@@ -87,13 +95,12 @@ class Hierarchy:
                 kept.destroy()
             self._spaces[i] = Aggregates(K, stays, modes[i], prefix)
         self._states = states
-        spaces = [self._spaces[i] for i in range(len(states))]
-        self._multigrid = Multigrid(pc, tangent, spaces, modes)
 
     def _is_stale(self) -> bool:
         """Whether the last solve was slower than the first one with these spaces."""
         iterations = self._ksp.getIterationNumber()
-        if self._linear or self._multigrid is None or iterations == 0:
+        linear = all(body.linear for body in self._bodies)
+        if linear or self._multigrid is None or iterations == 0:
             return False
         digits = -np.log10(max(self._ksp.getTolerances()[0], TIGHTEST))
         pace = iterations / digits

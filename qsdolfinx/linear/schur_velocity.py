@@ -44,7 +44,6 @@ class VelocityBlock:
         prefix: str,
     ) -> None:
         self._tangent, self._hierarchy = tangent, hierarchy
-        self._bodies = bodies
         self._parts = [
             Condensed(body, K, dofs, scale)
             for body, (K, _), dofs, scale in zip(
@@ -81,8 +80,7 @@ class VelocityBlock:
         shift = self._tangent.shift
         self._sum.renew(None if shift is None else self._scale.array_r * shift[self._vertices])
         modes = [part.modes for part in self._parts]
-        states = [body.num_assemblies if body.linear else 0 for body in self._bodies]
-        self._hierarchy.update(self._pc, self._sum, modes, states)
+        self._hierarchy.update(self._pc, self._sum, modes)
         self._pc.setOperators(self._sum.matrix)  # a new hierarchy begins with a reset
         self._pc.setUp()
 

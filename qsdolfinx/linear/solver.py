@@ -82,7 +82,7 @@ class LinearSolver:
         #: Preconditioner of ``"schur"``.
         self.schur: Schur | None = None
         if name == "amg" and system.form is Form.SUM:
-            self._hierarchy = Hierarchy(ksp, system.linear)
+            self._hierarchy = Hierarchy(ksp, system.bodies)
         elif name == "schur" and system.form is Form.SUM:
             self.schur = Schur(ksp, system.bodies, pressure_preconditioner)
         self._may_be_rescued = name in ITERATIVE and not {"ksp_type", "pc_type"} & set(chosen)
@@ -201,9 +201,8 @@ class LinearSolver:
                 self.schur.update()
             elif self._hierarchy is not None:
                 assert isinstance(system.made.tangent, Additive)
-                states = [body.num_assemblies if body.linear else 0 for body in system.bodies]
                 pc, modes = self.ksp.getPC(), system.made.rigid.modes
-                self._hierarchy.update(pc, system.made.tangent.sum, modes, states)
+                self._hierarchy.update(pc, system.made.tangent.sum, modes)
 
     def prepare(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:
         """Get ready for the next linear solve of Newton's method. Collective.
