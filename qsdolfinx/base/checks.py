@@ -115,7 +115,8 @@ def check_array(
         array = np.asarray(value)
     except (TypeError, ValueError):
         array = np.array("ragged")
-    require(array.dtype.kind in "fiu", f"{name}: must be numbers, not {shown(value)}")
+    if array.dtype.kind not in "fiu":  # what is shown takes longer than the check
+        raise ValueError(f"{name}: must be numbers, not {shown(value)}")
     fits = len(shape) == array.ndim and all(
         n is None or n == m for n, m in zip(shape, array.shape, strict=True)
     )
@@ -130,7 +131,8 @@ def check_vector(name: str, value: typing.Any, size: int) -> npt.NDArray[np.floa
         ValueError: If it is not made of this many finite numbers.
     """
     vector = np.array(check_array(name, value, (size,)))
-    require(np.isfinite(vector).all(), f"{name}: must be finite, not {shown(value)}")
+    if not np.isfinite(vector).all():
+        raise ValueError(f"{name}: must be finite, not {shown(value)}")
     return vector
 
 

@@ -27,6 +27,10 @@ FAILED_LINEARLY = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
 #: Iterations in which nodes that are open by rounding alone count as closed.
 LENIENT = 4
 
+#: Part of its residual that an iteration with a tangent of before leaves, in units of what the last
+#: one has left. To first order 2 after one with a new tangent, and 1 after another.
+SLOWER = 2.0
+
 #: Solves with friction in a row in which nodes whose slip turns may be made to stick.
 MAX_ATTEMPTS = 3
 
@@ -97,6 +101,7 @@ class Context:
         forces: Of each group the largest at the beginning of any run of the solve: what acts, or
             is not balanced. None before the first.
         until: Norm of the residual at which a linear solve is exact enough.
+        fall: Part of its residual that the last iteration of the solve has left.
         failure: What a callback has raised: PETSc would make an error of its own of it.
     """
 
@@ -110,6 +115,7 @@ class Context:
     least: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     forces: Array | None = None
     until: float = 0.0
+    fall: float = np.inf
     failure: BaseException | None = None
 
 
@@ -141,8 +147,20 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     for slip in system.slips:
         slip.note()
     system.set_strict(snes.getIterationNumber() >= LENIENT)
+    if _is_near(context) and system.tangent_fits():
+        return
     changed = linear.assemble()
     linear.prepare(context.norms, context.until, changed)
+
+
+def _is_near(context: Context) -> bool:
+    """Whether two more iterations with the tangent that there is should be enough.
+
+    They spare the factors of a direct solver; beside other solvers tangents cost little.
+    """
+    if context.system.linear or not context.linear.is_direct:
+        return False
+    return context.norms[-1] * (SLOWER * context.fall) ** 2 <= context.until
 
 
 @_callback
@@ -180,6 +198,8 @@ def _has_converged(
         context.least = np.full_like(measures.residuals, np.inf)
         now = np.maximum(measures.sizes, measures.residuals)
         context.forces = now if context.forces is None else np.maximum(now, context.forces)
+    else:
+        context.fall = norm / context.norms[-1]
     context.norms.append(norm)
     limits = measures.limits(relative, accuracy.fall, context.first)
     rests = iteration > 0 and step <= RESTING * size
@@ -233,7 +253,7 @@ class Newton:
     def begin(self) -> None:
         """Begin a new record."""
         self.record = self._context.record = Record()
-        self._context.forces = None
+        self._context.forces, self._context.fall = None, np.inf
 
     def update_matrices(self) -> None:
         """Make matrices for the present pairing, if there are none. Collective."""
@@ -352,6 +372,7 @@ class Newton:
     def _start_again(self, first_guess: PETSc.Vec, may_stick: bool) -> None:
         """Go back to the first guess after a run that has failed. Collective."""
         self.record.restarts += 1
+        self._context.fall = np.inf
         first_guess.copy(self.system.x)
         forget_failure(self.snes)
         for slip in self.system.slips:

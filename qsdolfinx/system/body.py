@@ -95,6 +95,8 @@ class Body:
         self.watch = Stopwatch()
         #: Number of times that K was assembled.
         self.num_assemblies = 0
+        # Digest of what :meth:`matrix` last depended on.
+        self._assembled = b""
         #: Entry of K in the rows of Dirichlet conditions (force per length); 0 until it is known.
         self.condition_stiffness = 0.0
         #: Magnitude of the diagonal of K, owned rows, when it was last measured.
@@ -160,7 +162,7 @@ class Body:
         fingerprint = self._state_of_K()
         if self.comm.allreduce(fingerprint != self.fingerprint, op=MPI.LOR):
             if self._K is None:
-                self._K = fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
+                self._K = self._new_matrix()
             self._measure(self._K)
             self.fingerprint = fingerprint
         kept = self.u.x.array.copy()
@@ -212,11 +214,16 @@ class Body:
     def matrix(self) -> PETSc.Mat:
         """The bulk block alone, for the present u; do not modify. Collective."""
         if self._K is None:
-            self._K = fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
-        if not self.linear and self.condition_stiffness == 0:
-            self._measure(self._K)
-        elif not self.linear:
-            self._assemble_matrix(self._K)
+            self._K, self._assembled = self._new_matrix(), b""
+        if self.linear:
+            return self._K
+        state = self._state_of_K()
+        if self.comm.allreduce(state != self._assembled, op=MPI.LOR):
+            if self.condition_stiffness == 0:
+                self._measure(self._K)
+            else:
+                self._assemble_matrix(self._K)
+            self._assembled = state
         return self._K
 
     def symmetric_matrix(self) -> PETSc.Mat:
@@ -236,6 +243,9 @@ class Body:
                 K.setOption(PETSc.Mat.Option.SYMMETRIC, False)
             self._half_of = self.num_assemblies
         return self._half
+
+    def _new_matrix(self) -> PETSc.Mat:
+        return fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
 
     def free_matrix(self) -> None:
         """Free what :meth:`matrix` gave, unless it is still needed. Collective."""

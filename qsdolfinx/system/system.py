@@ -73,6 +73,7 @@ class ContactSystem:
         self._driven: list[bool] = []
         self._scales: list[float] = []
         self._assembled: list[object] | None = None
+        self._assembled_at: list[object] = []
         #: E of each contact (stress), when matrices were last made.
         self.moduli: list[float] = []
         #: Owned unknowns at the last evaluation.
@@ -286,18 +287,29 @@ class ContactSystem:
             Whether it has changed.
         """
         self.check_alive()
-        state: list[object] = [body.fingerprint for body in self.bodies]
-        state.append(self.anchors.state)
-        for contact in self.contacts:
-            state += [contact.eps, contact.kinematics.scale, active_set.tangent_state(contact)]
+        discrete = self._discrete_state()
+        state = discrete + [active_set.tangent_state(contact) for contact in self.contacts]
         if self.linear and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
             return False
         self.made.tangent.assemble()
         self.made.hold.add_to(self.made.tangent)
         self.anchors.add_to(self.made.tangent)
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
-        self._assembled = state
+        self._assembled, self._assembled_at = state, discrete
         return True
+
+    def tangent_fits(self) -> bool:
+        """Whether the tangent was assembled with the active set that there is now. Collective."""
+        same = self._assembled is not None and self._assembled_at == self._discrete_state()
+        return self.comm.allreduce(same, op=MPI.LAND)
+
+    def _discrete_state(self) -> list[object]:
+        """What the tangent depends on besides where the bodies are, and how fast they slip."""
+        state: list[object] = [body.fingerprint for body in self.bodies]
+        state.append(self.anchors.state)
+        for contact in self.contacts:
+            state += [contact.eps, contact.kinematics.scale, active_set.active_state(contact)]
+        return state
 
     @property
     def symmetric(self) -> bool:

@@ -1,0 +1,77 @@
+"""Tangents that do for more than one iteration, and those that are assembled but once."""
+
+import numpy as np
+import pytest
+from scenes import Pair, largest, plane
+
+import ufl
+from dolfinx import fem
+
+import qsdolfinx as qs
+from qsdolfinx.solve import newton
+
+
+class Rubber(Pair):
+    """Two neo-Hookean blocks, the lower one of a given shear modulus; the top is displaced."""
+
+    def __init__(self, cell, **options):
+        super().__init__(cell, n=(5, 4), wave=0.02, load=-0.02, **options)
+        self.mu = fem.Constant(self.meshes[0], 0.4)
+        self.top = fem.Constant(self.meshes[1], np.append(np.zeros(self.gdim - 1), -0.02))
+        facets = plane(self.meshes[1], self.gdim - 1, 1.0)
+        dofs = fem.locate_dofs_topological(self.V[1], self.gdim - 1, facets)
+        self.bcs[1] = [fem.dirichletbc(self.top, dofs, self.V[1])]
+        for i, u in enumerate(self.u):
+            stress = qs.materials.neo_hookean(u, (self.mu, 0.8)[i], 0.6)
+            dx = ufl.dx(degree=3)
+            self.F[i] = ufl.inner(stress, ufl.grad(ufl.TestFunction(u.function_space))) * dx
+
+
+OPTIONS = {
+    "penalty": {"enforcement": "penalty"},
+    "augmented": {"enforcement": "augmented-lagrangian"},
+    "friction": {"enforcement": "penalty", "friction": qs.Coulomb(0.3)},
+}
+
+
+def history(cell, options, exact, monkeypatch):
+    """Displacements after each of some loads, iterations, and tangents that were assembled."""
+    pair = Rubber(cell, contact_options=options)
+    problem, found, iterations = pair.problem(solver="direct"), [], 0
+    with monkeypatch.context() as patch:
+        if exact:
+            patch.setattr(newton, "SLOWER", np.inf)
+        for step in range(4):
+            pair.top.value[-1] = -0.02 - 0.001 * step
+            pair.top.value[0] = 0.002 * step
+            if step == 3:
+                pair.mu.value *= 1e3  # a tangent of before would be of no use
+            problem.solve()
+            found.append(np.concatenate([u.x.array for u in problem.u]))
+            iterations += problem.num_iterations
+    return found, iterations, problem.system.bodies[0].num_assemblies
+
+
+@pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
+@pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
+def test_tangents_that_do_again(cell, options, monkeypatch):
+    """Fewer tangents are assembled, and the result is the same."""
+    found, more_iterations, fewer = history(cell, options, False, monkeypatch)
+    expected, iterations, assemblies = history(cell, options, True, monkeypatch)
+    for a, b in zip(found, expected, strict=True):
+        assert largest(a - b) < 1e-8 * largest(b)
+    assert fewer < assemblies and more_iterations < 2 * iterations
+
+
+def test_each_tangent_once(monkeypatch):
+    """That at the start is for the matrices of a new pairing and for the first iteration."""
+    monkeypatch.setattr(newton, "SLOWER", np.inf)
+    pair = Rubber("quadrilateral", contact_options=OPTIONS["penalty"])
+    problem = pair.problem(solver="direct")
+    problem.solve()
+    assert problem.system.bodies[0].num_assemblies == problem.num_iterations
+    pair.top.value[:] = 0.01, -0.03
+    pair.contact.update()
+    before = problem.system.bodies[0].num_assemblies
+    problem.solve()
+    assert problem.system.bodies[0].num_assemblies == before + problem.num_iterations
