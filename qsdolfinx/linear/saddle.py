@@ -72,20 +72,21 @@ class SaddlePoint:
         penalties = [e[:, None] * w for e, w in zip(eps, widths, strict=True)]
         self._stiffness = self._weight * self._at_closed(penalties)
         self._x, self._y = self._A.createVecs()
-        #: Whether the last solve has converged, and its iterations.
-        self.converged, self.num_iterations = False, 0
+        #: Whether the last solve has converged, its iterations, and the part of b that is left.
+        self.converged, self.num_iterations, self.left = False, 0, np.inf
         #: Changes of the owned unknowns that it found.
         self.change: Array = np.zeros(0)
         #: λ̂ of each contact that it found, zero at open rows.
         self.multipliers: list[Array] = []
 
-    def solve(self, residual: Array, final: float, rounding: float) -> None:
+    def solve(self, residual: Array, final: float, rounding: float, part: float = 0.0) -> None:
         """Find ``change`` and ``multipliers``. Once; collective.
 
         Args:
             residual: R, owned values.
             final: Norm of the residual that a solution may have.
             rounding: Norm of the residual that cannot be got below.
+            part: What may be left of both residuals, relative to what they are.
         """
         comm = self._bodies[0].comm
         square = comm.allreduce(float(self._stiffness @ self._stiffness), op=MPI.SUM)
@@ -106,13 +107,14 @@ class SaddlePoint:
         ksp.setType(PETSc.KSP.Type.GMRES)
         ksp.setGMRESRestart(MAX_ITERATIONS)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
-        ksp.setTolerances(rtol=0.0, atol=tolerance, max_it=MAX_ITERATIONS)
+        ksp.setTolerances(rtol=part, atol=tolerance, max_it=MAX_ITERATIONS)
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(self)
         Stop(ksp, comm)
         ksp.solve(b, y)
         self.converged = ksp.getConvergedReason() > 0
         self.num_iterations = ksp.getIterationNumber()
+        self.left = ksp.getResidualNorm() / (b.norm() or 1.0)
         self.change, rows = (part.copy() for part in np.split(y.array_r, [self._ends[-1]]))
         self.multipliers = self._on_rows(known + rows)
         for thing in (ksp, matrix, b, y, self._x, self._y):

@@ -262,7 +262,7 @@ class LinearSolver:
         return self._system.linear and len(passes) == len(augmented) and at_nodes
 
     def solve_saddle_point(
-        self, residual: Array, final: float, rounding: float
+        self, residual: Array, final: float, rounding: float, part: float = 0.0
     ) -> SaddlePoint | None:
         """Solve for changes of unknowns and multipliers as if the active set stayed. Collective.
 
@@ -270,6 +270,7 @@ class LinearSolver:
             residual: At the last evaluation, owned values; the tangent is that of there.
             final: Norm of the residual that a solution may have.
             rounding: What rounding may leave of it.
+            part: What may be left of residual and gaps, relative to what they are.
 
         Returns:
             The system, solved or not; None where free motions are held by the tangent alone.
@@ -284,7 +285,7 @@ class LinearSolver:
         with self.watch.stage("solve"):
             self.ksp.setUp()
             saddle = SaddlePoint(system.bodies, contacts, sides, self.ksp)
-            saddle.solve(residual, final, rounding)
+            saddle.solve(residual, final, rounding, part)
         return saddle
 
     def destroy(self) -> None:

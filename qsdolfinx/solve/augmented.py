@@ -9,10 +9,11 @@ from mpi4py import MPI
 
 import numpy as np
 
-from qsdolfinx.contact import active_set, multipliers
+from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.solve.anderson import Augmentation
 from qsdolfinx.solve.equilibrium import Equilibrium
+from qsdolfinx.solve.primal_dual import PrimalDual
 from qsdolfinx.solve.snes import NOT_CLOSED
 
 #: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
@@ -30,8 +31,7 @@ MANY = 20.0
 #: made. With 1e-3 Anderson's combination of earlier updates can fail on the errors.
 INNER = 1e-4
 
-#: Times that unknowns and multipliers are solved for together. If the active set changes, Uzawa's
-#: method goes on: a primal-dual active set method can cycle at nodes without pressure.
+#: Times that unknowns and multipliers are solved for together, if gaps are open after the first.
 MAX_SADDLE_POINTS = 4
 
 #: Residual, relative to the first one, from which on that is tried.
@@ -59,6 +59,7 @@ class AugmentedLagrangian:
             and not self._system.slips
             and not equilibrium.balance.tools
         )
+        self._primal_dual = PrimalDual(self._newton, self._contacts)
         self._together = MAX_SADDLE_POINTS if self._is_loose and linear.has_saddle_point else 0
 
     def first_accuracy(self) -> contextlib.AbstractContextManager[None]:
@@ -94,7 +95,7 @@ class AugmentedLagrangian:
                 newton.fail(NOT_CLOSED)
             if together:
                 together -= 1
-                if not (stays and self._close_together() and together):
+                if not (self._primal_dual.close(stays) and together):
                     together = 0  # Uzawa's method starts from the solution for its multipliers
                     with newton.accuracy(loose=INNER * first):
                         self._equilibrium.find()
@@ -155,33 +156,3 @@ class AugmentedLagrangian:
         norm = INNER * system.norm(system.residual(system.x.array_r)) if loose else 0.0
         with self._newton.accuracy(loose=norm, fall=INNER):
             self._equilibrium.find()
-
-    def _close_together(self) -> bool:
-        """Solve for unknowns and multipliers as if the active set stayed.
-
-        Returns:
-            Whether it could be solved for, and the active set has stayed.
-        """
-        system, newton = self._system, self._newton
-        residual = system.residual(system.x.array_r)
-        newton.linear.assemble()
-        before = self._active_states()
-        measures, limits = newton.measure()
-        rounding = float(np.linalg.norm(measures.rounding))
-        saddle = newton.linear.solve_saddle_point(residual, float(limits.min()), rounding)
-        if saddle is None:
-            return False
-        newton.record.iterations += 1
-        newton.record.linear_iterations += saddle.num_iterations
-        if not saddle.converged:
-            return False
-        system.x.array[:] += saddle.change
-        for contact, multiplier in zip(self._contacts, saddle.multipliers, strict=True):
-            p = contact.gaps[0]
-            p.state.augmented = p.law.admissible(multiplier)
-        norm = system.norm(system.residual(system.x.array_r))
-        newton.record.add(norm, system.num_active_local())
-        return not system.comm.allreduce(before != self._active_states(), op=MPI.LOR)
-
-    def _active_states(self) -> list[bytes]:
-        return [active_set.active_state(contact) for contact in self._contacts]
