@@ -99,7 +99,8 @@ class Contact:
             direct solvers a penalty that takes too many updates is raised.) They are
             kept for the next solve, also when contact pairs anew; :meth:`reset` forgets them.
             ``"penalty"``, the default of double-pass contact: a gap of λ/ε is left.
-        gap_tolerance: That gap in units of the smallest facet.
+        gap_tolerance: That gap in units of the smallest facet, or less: where it is more than 1e-4
+            of λ/ε, as under small loads, that is the limit.
         unknown: What the unknowns of the bodies are: ``"displacement"`` or ``"velocity"``, (2) and
             (3), or one of them for the slave and the master, such as a forged workpiece and an
             elastic die, ``("velocity", "displacement")``.
@@ -303,7 +304,7 @@ class Contact:
 
     @property
     def allowed_gap(self) -> float:
-        """Gap (length) at which augmentation ends: ``gap_tolerance`` × the smallest facet."""
+        """``gap_tolerance`` × the smallest facet: the largest gap that augmentation leaves."""
         return self.model.allowed_gap
 
     @property

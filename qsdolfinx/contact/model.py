@@ -312,7 +312,7 @@ class ContactModel:
 
     @property
     def allowed_gap(self) -> float:
-        """Gap (length) at which augmentation ends."""
+        """Gap (length) at which augmentation ends, if not at less: see multipliers.allowed."""
         return self.settings.gap_tolerance * self.paired.facet_size
 
     @property

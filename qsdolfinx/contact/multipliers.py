@@ -14,6 +14,12 @@ from qsdolfinx.friction.slip import Slip
 
 Array = npt.NDArray[np.float64]
 
+#: Part of the penalty's own gap that augmentation may leave.
+OF_PENALTY = 1e-4
+
+#: What rounding leaves of gaps, in units of the coordinates.
+ROUNDING = 1e-14
+
 
 def violation(model: ContactModel) -> float:
     """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
@@ -21,6 +27,18 @@ def violation(model: ContactModel) -> float:
     gaps = [gap.violation(model.eps, touching) for gap in model.gaps]
     local = max(gaps + [slip.violation(model.tangential_eps) for slip in model.slips])
     return float(model.comm.allreduce(local, op=MPI.MAX))
+
+
+def allowed(model: ContactModel) -> float:
+    """Gap (length) at which augmentation ends. Collective.
+
+    That of the settings, or a part of what the penalty alone would leave, if that is less: small
+    loads leave small gaps.
+    """
+    left = max(gap.penetration(model.eps, model.paired.touching) for gap in model.gaps)
+    coordinates = np.abs(model.slave.mesh.geometry.x).max(initial=0.0)
+    local = max(OF_PENALTY * left, ROUNDING * float(coordinates))
+    return min(model.allowed_gap, float(model.comm.allreduce(local, op=MPI.MAX)))
 
 
 def known(model: ContactModel) -> list[Array]:

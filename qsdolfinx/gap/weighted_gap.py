@@ -248,10 +248,17 @@ class WeightedGap:
 
         Collective.
         """
-        change = self.image(penalty, touching) - self.state.augmented
+        return self._over(penalty, self.image(penalty, touching) - self.state.augmented)
+
+    def penetration(self, penalty: float, touching: float) -> float:
+        """Largest gap that the penalty alone would leave on this rank: |λ| / ε. Collective."""
+        return self._over(penalty, self.image(penalty, touching))
+
+    def _over(self, penalty: float, multiplier: Array) -> float:
+        """Largest |multiplier| / ε on this rank."""
         if self.rows.are_points:
-            return float(np.max(np.abs(change), initial=0.0)) / penalty
-        gaps = np.linalg.norm(change, axis=1) / (penalty * self.relative_penalty)
+            return float(np.max(np.abs(multiplier), initial=0.0)) / penalty
+        gaps = np.linalg.norm(multiplier, axis=1) / (penalty * self.relative_penalty)
         return float(np.max(gaps, initial=0.0))
 
     def _shifted(self, eps: Array) -> Array:

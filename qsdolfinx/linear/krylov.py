@@ -6,10 +6,13 @@ import typing
 
 from petsc4py import PETSc
 
+import numpy as np
+
 from qsdolfinx.linear.presets import EXACT, GMRES_RESTART, TIGHTEST
 
-#: Relative tolerance of a linear solve after which the active set may still change.
-LOOSE = 1e-3
+#: Relative tolerance of a linear solve after which the active set may still change; and with bodies
+#: in velocity and pressure, whose viscosities let Newton's method diverge from what 1e-4 leaves.
+LOOSE, LOOSE_OF_FLOW = 1e-3, 1e-6
 
 #: Norm that a linear solve leaves, relative to what Newton's method may end with.
 SAFETY = 0.3
@@ -20,6 +23,9 @@ SAFETY_LINEAR = 0.9
 #: Relative tolerance of a linear solve that is worth a try if it may be the last one: a few
 #: iterations more cost less than another tangent.
 NEAR = 1e-5
+
+#: Iterations that any solve is given.
+LEAST = 30
 
 #: Upper bound of the relative tolerance of a linear solve.
 _LOOSEST = 0.1
@@ -32,11 +38,22 @@ class Krylov:
         ksp: The linear solver.
         given: Names of the options that the user has given, without the prefix.
         linear: Whether all bodies are linear.
+        is_flow: Whether there are bodies in velocity and pressure.
+        patience: Iterations to EXACT after which a solve has failed; None for what options say.
     """
 
-    def __init__(self, ksp: PETSc.KSP, given: typing.Collection[str], linear: bool) -> None:
+    def __init__(
+        self,
+        ksp: PETSc.KSP,
+        given: typing.Collection[str],
+        linear: bool,
+        is_flow: bool = False,
+        patience: int | None = None,
+    ) -> None:
         self._ksp = ksp
         self._linear = linear
+        self._loose = LOOSE_OF_FLOW if is_flow and not linear else LOOSE
+        self._patience = patience
         self._chooses_type = "ksp_type" not in given
         #: Whether the user leaves the tolerance of linear solves to this class.
         self.chooses_tolerance = not {"ksp_rtol", "ksp_atol", "snes_ksp_ew"} & set(given)
@@ -77,12 +94,19 @@ class Krylov:
         elif last >= NEAR:
             tolerance = last
         elif self._linear or len(norms) < 2:
-            tolerance = LOOSE
+            tolerance = self._loose
         else:
-            tolerance = max(last, min(LOOSE, (norms[-1] / norms[-2]) ** 2))
-        self._ksp.setTolerances(rtol=min(max(tolerance, TIGHTEST), _LOOSEST))
+            tolerance = max(last, min(self._loose, (norms[-1] / norms[-2]) ** 2))
+        self._set(min(max(tolerance, TIGHTEST), _LOOSEST))
 
     def set_exact(self) -> None:
         """The tolerance of a linear solve outside of Newton's method."""
         if self.chooses_tolerance:
-            self._ksp.setTolerances(rtol=EXACT)
+            self._set(EXACT)
+
+    def _set(self, tolerance: float) -> None:
+        if self._patience is None:
+            self._ksp.setTolerances(rtol=tolerance)
+            return
+        share = np.log(tolerance) / np.log(EXACT)
+        self._ksp.setTolerances(rtol=tolerance, max_it=max(LEAST, round(share * self._patience)))

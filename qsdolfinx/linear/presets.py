@@ -63,6 +63,10 @@ KRYLOV: dict[str, typing.Any] = {
     "ksp_max_it": 1000,  # a direct solver takes over
 }
 
+#: Iterations to EXACT in the time of a direct solver, for this number of unknowns. There are more
+#: with its third root.
+PATIENCE, PATIENCE_AT = 100, 5_000
+
 #: Iterations after which GMRES restarts.
 GMRES_RESTART = 100
 
@@ -116,6 +120,11 @@ LARGE = {2: 1_000_000, 3: 2_500}
 
 #: The same of velocity–pressure bodies, by dimension, and of "schur"; without those inside cells.
 LARGE_FLOW = {2: 1_000_000, 3: 20_000}
+
+
+def patience(unknowns: int) -> int:
+    """Iterations after which a direct solver would have been faster, of those of "auto"."""
+    return round(PATIENCE * max(1.0, unknowns / PATIENCE_AT) ** (1 / 3))
 
 
 def pick(

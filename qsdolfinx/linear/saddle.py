@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base import interrupt
-from qsdolfinx.contact import active_set
+from qsdolfinx.contact import active_set, multipliers
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.linear.krylov import SAFETY_LINEAR
@@ -90,7 +90,7 @@ class SaddlePoint:
         """
         comm = self._bodies[0].comm
         square = comm.allreduce(float(self._stiffness @ self._stiffness), op=MPI.SUM)
-        allowed = min(contact.allowed_gap for contact in self._contacts)
+        allowed = min(multipliers.allowed(contact) for contact in self._contacts)
         tolerance = max(
             min(SAFETY_LINEAR * final, CLOSED * allowed * float(np.sqrt(square))), rounding
         )

@@ -19,6 +19,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from qsdolfinx.compat import num_entity_dofs
 from qsdolfinx.linear.hierarchy import Hierarchy
 from qsdolfinx.linear.presets import PRESSURE
 from qsdolfinx.linear.schur_pressure import PressureMass, layout
@@ -31,15 +32,22 @@ Forms = typing.Sequence[ufl.Form | None] | None
 Array = npt.NDArray[np.float64]
 
 
-def has_schur(u: typing.Sequence[fem.Function]) -> bool:
+def has_schur(F: typing.Sequence[ufl.Form], u: typing.Sequence[fem.Function]) -> bool:
     """Whether ``"schur"`` is for these bodies."""
     try:
-        return any(pressure is not None for pressure in _pressures(u))
+        has_pressure = any(pressure is not None for pressure in _pressures(u))
     except ValueError:
         return False
+    return has_pressure and _across_cells(F, u) is None
 
 
-def check_schur(u: typing.Sequence[fem.Function], solver: str, kind: str, forms: Forms) -> None:
+def check_schur(
+    F: typing.Sequence[ufl.Form],
+    u: typing.Sequence[fem.Function],
+    solver: str,
+    kind: str,
+    forms: Forms,
+) -> None:
     """Refuse what ``"schur"`` is not for: bodies without a pressure, forms that do not fit."""
     if solver not in ("schur", "auto") and forms is not None:
         raise ValueError(f'pressure_preconditioner: is for solver="schur", not {solver!r}')
@@ -51,8 +59,32 @@ def check_schur(u: typing.Sequence[fem.Function], solver: str, kind: str, forms:
                 'solver: "schur" needs a body in velocity and pressure, see materials.mini_space; '
                 'for displacements there is "amg"'
             )
+        i = _across_cells(F, u)
+        if i is not None:
+            raise ValueError(
+                f'solver: "schur" eliminates unknowns inside cells, and F[{i}] has integrals over '
+                'interior facets, which couple those of two cells: take "direct"'
+            )
     if forms is not None:
         _check_forms(u, forms)
+
+
+def num_inside_cells(V: fem.FunctionSpace) -> int:
+    """Unknowns that only their own cell has, over all ranks."""
+    dim = V.mesh.topology.dim
+    cells = int(V.mesh.topology.index_map(dim).size_global)
+    return cells * num_entity_dofs(V, dim) * int(V.dofmap.dof_layout.block_size)
+
+
+def _across_cells(F: typing.Sequence[ufl.Form], u: typing.Sequence[fem.Function]) -> int | None:
+    """The first body with unknowns inside cells and integrals over interior facets."""
+    for i, (form, function) in enumerate(zip(F, u, strict=True)):
+        kinds = {integral.integral_type() for integral in form.integrals()}
+        if any(k.startswith("interior") for k in kinds) and num_inside_cells(
+            function.function_space
+        ):
+            return i
+    return None
 
 
 def _pressures(u: typing.Sequence[fem.Function]) -> list[typing.Any]:

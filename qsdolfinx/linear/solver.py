@@ -12,7 +12,7 @@ import numpy.typing as npt
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.linear.hierarchy import Hierarchy
 from qsdolfinx.linear.krylov import Krylov
-from qsdolfinx.linear.presets import AGGREGATION, BLOCK, ITERATIVE, KRYLOV, PRESETS
+from qsdolfinx.linear.presets import AGGREGATION, BLOCK, ITERATIVE, KRYLOV, PRESETS, patience
 from qsdolfinx.linear.rescue import Rescue
 from qsdolfinx.linear.saddle import SaddlePoint
 from qsdolfinx.linear.schur import Forms, Schur
@@ -76,7 +76,11 @@ class LinearSolver:
         self.ksp = ksp
         self._system = system
         #: Type and tolerances of an iterative preset.
-        self.krylov = Krylov(ksp, chosen, system.linear) if name in ITERATIVE else None
+        self.krylov: Krylov | None = None
+        if name in ITERATIVE:
+            small = Rescue.is_small_enough(system) and not {"ksp_max_it"} & set(chosen)
+            wait = patience(system.x.getSize()) if small and not is_named else None
+            self.krylov = Krylov(ksp, chosen, system.linear, name == "schur", wait)
         #: Multigrid of ``"amg"``.
         self._hierarchy: Hierarchy | None = None
         #: Preconditioner of ``"schur"``.

@@ -64,7 +64,9 @@ class AugmentedLagrangian:
 
     def first_accuracy(self) -> contextlib.AbstractContextManager[None]:
         """Of the solve before the first update of multipliers."""
-        if self._is_loose:
+        if (
+            self._is_loose and self._newton.linear.schur is None
+        ):  # viscosities are not to be guessed
             return self._newton.accuracy(of_first=FIRST if self._together else INNER)
         return contextlib.nullcontext()
 
@@ -84,7 +86,8 @@ class AugmentedLagrangian:
         while True:
             gaps = [multipliers.violation(contact) for contact in contacts]
             newton.record.violations.append(max(gaps))
-            closed = all(g <= c.allowed_gap for g, c in zip(gaps, contacts, strict=True))
+            limits = [multipliers.allowed(contact) for contact in contacts]
+            closed = all(g <= limit for g, limit in zip(gaps, limits, strict=True))
             if closed and (not loose or self._is_balanced()):
                 return
             if closed and not together:
@@ -101,11 +104,13 @@ class AugmentedLagrangian:
                         self._equilibrium.find()
                 continue
             augmentation.update()
-            if self._raise_penalties(gaps):
+            if self._raise_penalties(gaps, limits):
                 augmentation = Augmentation(contacts)
             self._solve_again(loose)
 
-    def _raise_penalties(self, gaps: typing.Sequence[float]) -> bool:
+    def _raise_penalties(
+        self, gaps: typing.Sequence[float], limits: typing.Sequence[float]
+    ) -> bool:
         """Raise ε of what is not closed and closes slowly, if linear solvers bear it. Collective.
 
         The result does not depend on ε, but how many updates it takes does: many for soft ones,
@@ -118,14 +123,15 @@ class AugmentedLagrangian:
         if len(seen) - self._since <= PATIENCE:
             return False
         self._since = len(seen)
-        limit = min(c.allowed_gap for c in self._contacts)
+        limit = min(limits)
         if seen[-1] <= limit:
             return False
         factor = np.log(seen[-1] / seen[-1 - PATIENCE]) / PATIENCE
         left = np.log(limit / seen[-1]) / factor if factor < 0 else np.inf
         if left <= PATIENCE:
             return False
-        slow = [c for c, gap in zip(self._contacts, gaps, strict=True) if gap > c.allowed_gap]
+        of_contacts = zip(self._contacts, gaps, limits, strict=True)
+        slow = [contact for contact, gap, allowed in of_contacts if gap > allowed]
         soft = [c for c in slow if self._bears(c, not linear.is_direct)]
         if not soft and left > MANY and any(self._bears(c, False) for c in slow):
             self._newton.hand_over("gaps close slowly")

@@ -386,7 +386,8 @@ class Newton:
             newton_failed: Whether Newton's method has failed, not a linear solve alone.
         """
         linear = reason_name(PETSc.KSP.ConvergedReason, self.snes.getKSP().getConvergedReason())
-        reason = reason_name(PETSc.SNES.ConvergedReason, self._reason) if newton_failed else linear
+        newton = reason_name(PETSc.SNES.ConvergedReason, self._reason)
+        reason = f"Newton's method: {newton}" if newton_failed else f"linear solver: {linear}"
         return self.hand_over(reason, newton_failed)
 
     def hand_over(self, reason: str, always: bool = True) -> bool:
@@ -404,7 +405,7 @@ class Newton:
         matrix = self.linear.rescue(always)
         if matrix is None:
             return False
-        say(self.system.comm, f"linear solver: {reason}; a direct solver takes over")
+        say(self.system.comm, f"{reason}; a direct solver takes over")
         self.snes.setJacobian(tangent, self.system.matrix, matrix, (self._context,))
         return True
 

@@ -14,9 +14,11 @@ from qsdolfinx.solve.newton import Newton
 #: Solves after which Uzawa's method goes on.
 MAX_SOLVES = 12
 
-#: Residual, relative to the one before, with which the next active set is looked for; and that with
-#: which a solve that has taken too many iterations goes on in another.
+#: Residual, relative to the one before, with which the next active set is looked for.
 LOOSE = 0.1
+
+#: The same that a solve has to reach which takes too many iterations, to go on in another.
+SLOW = 0.01
 
 
 class PrimalDual:
@@ -45,13 +47,13 @@ class PrimalDual:
             Whether they were closed, and forces balanced. Otherwise unknowns and multipliers are
             those of the last system that could be solved.
         """
-        now, seen, exact = self._digest(), set(), stays
+        now, seen, exact = self.digest(), set(), stays
         for _ in range(MAX_SOLVES):
             seen.add(now)
             left = self._solve(exact)
             if left > LOOSE:
                 break
-            before, now = now, self._digest()
+            before, now = now, self.digest()
             if now == before and left == 0:
                 self._admit()
                 return True
@@ -80,7 +82,7 @@ class PrimalDual:
             return np.inf
         newton.record.iterations += 1
         newton.record.linear_iterations += saddle.num_iterations
-        if not (saddle.converged or saddle.left <= LOOSE):
+        if not (saddle.converged or saddle.left <= SLOW):
             return np.inf
         system.x.array[:] += saddle.change
         for contact, multiplier in zip(self._contacts, saddle.multipliers, strict=True):
@@ -98,7 +100,7 @@ class PrimalDual:
             p.state.augmented = p.law.admissible(p.state.augmented)
         self._system.residual(self._system.x.array_r)
 
-    def _digest(self) -> bytes:
+    def digest(self) -> bytes:
         """Of the active sets of all ranks. Collective."""
         local = b"".join(active_set.active_state(contact) for contact in self._contacts)
         parts = self._system.comm.allgather(hashlib.blake2b(local, digest_size=16).digest())

@@ -21,14 +21,13 @@ from qsdolfinx.base.checks import FLAG, check, either, instance, one_of, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.timing import Span
-from qsdolfinx.compat import num_entity_dofs
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import check_held
 from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.linear.presets import PRESETS, pick
-from qsdolfinx.linear.schur import Forms, check_schur, has_schur
+from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
 from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
 from qsdolfinx.solve.augmented import AugmentedLagrangian
@@ -79,8 +78,8 @@ class ContactProblem:
             moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
             the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with multigrid for
             velocities and displacements, and pressure mass matrices), or ``"auto"``: direct unless
-            the problem is large, which is then logged; none of these if there is any ``ksp_`` or
-            ``pc_`` option.
+            the problem is large, which is then logged; none of these if there is an option
+            ``ksp_type`` or ``pc_type``.
         pressure_preconditioner: For ``"schur"``: for each body None or a bilinear form on its space
             that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
             sign. By default it is found from the tangent, at the viscosity of each iterate. Not
@@ -125,7 +124,7 @@ class ContactProblem:
             require(fits, 'kind: solver="amg" needs kind="mpi"; use "fieldsplit"')
             check_bodies(F, u, contacts, bcs, J)
             same(u=len(u), bcs=[len(entry) for entry in bcs])
-            check_schur(u, solver, kind, pressure_preconditioner)
+            check_schur(F, u, solver, kind, pressure_preconditioner)
             same(either(instance(str, "a string"), None), petsc_options_prefix=petsc_options_prefix)
             same(either(OPTIONS, None), petsc_options=petsc_options)
             kind_of = instance(Stabilisation, "a Stabilisation")
@@ -147,7 +146,7 @@ class ContactProblem:
         given = petsc_options or {}
         chosen = {*given, *PETSc.Options(prefix).getAll()}
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
-        self.solver = _pick(solver, bodies, kind, chosen)
+        self.solver = _pick(solver, F, bodies, kind, chosen)
         sums = self.solver in ("amg", "schur") and "pc_type" not in chosen
         if self.solver == "fieldsplit" and len(bodies) == 1:
             kind = "mpi"  # there is nothing to split
@@ -496,27 +495,24 @@ class ContactProblem:
                 contact.problem = None
 
 
-def _num_inside_cells(V: fem.FunctionSpace) -> int:
-    """Unknowns that only their own cell has, over all ranks."""
-    dim = V.mesh.topology.dim
-    cells = int(V.mesh.topology.index_map(dim).size_global)
-    return cells * num_entity_dofs(V, dim) * int(V.dofmap.dof_layout.block_size)
-
-
 def _pick(
-    solver: str, bodies: typing.Sequence[Body], kind: str, chosen: typing.Collection[str]
+    solver: str,
+    F: typing.Sequence[ufl.Form],
+    bodies: typing.Sequence[Body],
+    kind: str,
+    chosen: typing.Collection[str],
 ) -> str:
     """The linear solver by name, if it is left to us. Collective."""
     if solver != "auto":
         return solver
-    if any(key.startswith(("ksp_", "pc_")) for key in chosen):
+    if {"ksp_type", "pc_type"} & set(chosen):
         return "options"
     gdim, comm = bodies[0].V.mesh.geometry.dim, bodies[0].comm
     has_modes = all(body.V.dofmap.index_map_bs == gdim for body in bodies)
     size = sum(body.V.dofmap.index_map.size_global * body.V.dofmap.index_map_bs for body in bodies)
-    is_flow = has_schur([body.u for body in bodies])
+    is_flow = has_schur(F, [body.u for body in bodies])
     if is_flow:  # bubbles are eliminated cell by cell, by any solver
-        size -= sum(_num_inside_cells(body.V) for body in bodies)
+        size -= sum(num_inside_cells(body.V) for body in bodies)
     name, reason = pick(size, gdim, has_modes, kind, is_flow)
     if name != "direct":
         say(comm, f'solver="{name}": {reason}')

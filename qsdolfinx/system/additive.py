@@ -51,6 +51,7 @@ class Additive:
         self._bodies, self._watch = bodies, watch
         #: Whether each body's block is symmetric, as it is now.
         self.are_symmetric = list(symmetric)
+        self._asked = [body.num_assemblies for body in bodies]
         self._contact: ContactFactors | ContactFormed
         if all(terms.has_factors(contact) for contact in contacts):
             with watch.stage("conversion"):
@@ -66,8 +67,9 @@ class Additive:
         """Update to the bodies' and the contacts' present state. Collective."""
         for i, body in enumerate(self._bodies):
             K = body.matrix()
-            if not body.linear:  # what convects is symmetric at rest alone
+            if body.num_assemblies != self._asked[i]:  # what convects is symmetric at rest alone
                 self.are_symmetric[i] = is_symmetric(K)
+                self._asked[i] = body.num_assemblies
         self.sum.symmetric[:] = self._symmetric_matrices()
         self._contact.update()
         self.sum.renew()

@@ -54,7 +54,8 @@ class Matrices:
         self._bodies = bodies
         self._form = form
         symmetric = [is_symmetric(matrix) for matrix in bulk]
-        self._bulk_symmetric = all(symmetric)
+        self._are_symmetric = symmetric
+        self._asked = [body.num_assemblies for body in bodies]
         #: Contact's blocks, with bulk in the MatNest alone; None of a sum.
         self.blocks: Blocks | None = None
         #: The tangent: what is assembled.
@@ -77,7 +78,15 @@ class Matrices:
         """Whether the bulk blocks are symmetric: of a sum as they are now."""
         if isinstance(self.tangent, Additive):
             return all(self.tangent.are_symmetric)
-        return self._bulk_symmetric
+        return all(self._are_symmetric)
+
+    def assemble(self) -> None:
+        """The tangent for the bodies' and the contacts' present state. Collective."""
+        for i, body in enumerate(self._bodies):
+            if body.linear and body.num_assemblies != self._asked[i]:  # a Constant is another one
+                self._are_symmetric[i] = is_symmetric(body.matrix())
+                self._asked[i] = body.num_assemblies
+        self.tangent.assemble()
 
     @property
     def matrix(self) -> PETSc.Mat:

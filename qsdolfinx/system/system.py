@@ -291,7 +291,7 @@ class ContactSystem:
         state = discrete + [active_set.tangent_state(contact) for contact in self.contacts]
         if self.linear and self.comm.allreduce(self._assembled == state, op=MPI.LAND):
             return False
-        self.made.tangent.assemble()
+        self.made.assemble()
         self.made.hold.add_to(self.made.tangent)
         self.anchors.add_to(self.made.tangent)
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)

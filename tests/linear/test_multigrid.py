@@ -162,6 +162,27 @@ def test_material_of_one_rank():
     assert all(largest(a - b) < 1e-6 * largest(a) for a, b in zip(*found, strict=True))
 
 
+@pytest.mark.parametrize("solver", ("amg", "fieldsplit", "direct"))
+def test_no_more_symmetric(solver):
+    """A Constant of a linear body that makes it convect after the first solve."""
+    found = []
+    for again in (False, True):
+        pair = Pair("hexahedron", n=(6, 5), wave=0.02)
+        c = fem.Constant(pair.meshes[1], 0.0 if again else 0.5)
+        u, v = pair.u[1], ufl.TestFunction(pair.V[1])
+        pair.F[1] += c * ufl.inner(ufl.grad(u) * ufl.as_vector([1.0, 0.5, 0.0]), v) * ufl.dx
+        problem = pair.problem(solver=solver)
+        problem.solve()
+        if again:
+            assert problem.symmetric
+            c.value = 0.5
+            problem.solve()
+        assert not problem.symmetric and problem.num_restarts == 0
+        found.append([u.x.array.copy() for u in problem.u])
+        problem.destroy()
+    assert all(largest(a - b) < 1e-6 * largest(a) for a, b in zip(*found, strict=True))
+
+
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_symmetric_at_rest_alone(cell):
     """A tangent that is no more symmetric once something moves, as with convection."""

@@ -7,6 +7,9 @@ from scenes import WORLD, Pair, drag_top, largest, mini_space
 import qsdolfinx as qs
 from qsdolfinx.linear import presets
 
+#: Options that name no solver.
+LOOKING = {"ksp_converged_reason": None, "ksp_monitor": "ascii:/dev/null", "ksp_rtol": 1e-9}
+
 
 def solution(cell, solver, friction=None, options=None, enforcement="augmented-lagrangian"):
     """Unknowns of two blocks, and their problem."""
@@ -47,6 +50,8 @@ def test_pick(monkeypatch, caplog):
     names.append(solution("hexahedron", "auto", options=options, enforcement="penalty")[1].solver)
     printed = caplog.text
     mixed = Pair("triangle", space=mini_space).problem().solver
+    problem = solution("hexahedron", "auto", options=LOOKING, enforcement="penalty")[1]
+    assert problem.solver == "amg" and problem.snes.getKSP().getTolerances()[0] == 1e-9
     assert names == ["direct", "amg", "options"] and mixed == "direct"
     assert (printed.count("solver") == 1 and "10 or more" in printed) or WORLD.rank > 0
     assert presets.pick(10**9, 3, True, "nest")[0] == "fieldsplit"

@@ -6,7 +6,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from scenes import WORLD, Pair, box, drag_top, largest, plane
+from scenes import WORLD, Pair, box, drag_top, elastic, largest, plane
 
 import ufl
 from dolfinx import fem
@@ -14,6 +14,7 @@ from dolfinx import fem
 import qsdolfinx as qs
 from qsdolfinx.contact.penalty import STIFFEST_FOR_MULTIGRID
 from qsdolfinx.linear import presets, solver
+from qsdolfinx.linear.solver import LinearSolver
 
 #: So few iterations that no iterative solver can do with them.
 HOPELESS = {"ksp_max_it": 2, "ksp_rtol": 1e-10}
@@ -92,8 +93,9 @@ def tied(name, stiffer, **options):
     return problem, x
 
 
-def test_gaps_that_close_slowly(caplog):
+def test_gaps_that_close_slowly(monkeypatch, caplog):
     """A penalty stiffer than multigrid bears closes gaps soon: a direct solver takes over."""
+    monkeypatch.setattr(LinearSolver, "has_saddle_point", property(lambda self: False))
     caplog.set_level(logging.INFO, "qsdolfinx")
     direct, expected = tied("direct", 500.0)
     iterative, found = tied("amg", 500.0)
@@ -101,6 +103,24 @@ def test_gaps_that_close_slowly(caplog):
     assert iterative.newton.linear.is_direct
     assert iterative.num_augmentations <= direct.num_augmentations + 15
     assert "gaps close slowly; a direct solver takes over" in caplog.text or WORLD.rank > 0
+
+
+def test_patience(monkeypatch, caplog):
+    """Of "auto": iterations that take longer than a direct solver are not waited for."""
+    monkeypatch.setitem(presets.LARGE, 3, 10)
+    caplog.set_level(logging.INFO, "qsdolfinx")
+    found = []
+    for name in ("direct", "auto", "amg"):
+        pair = Pair("hexahedron", n=(6, 5), wave=0.02, load=-0.05)
+        pair.F = [elastic(u, nu=0.4999) for u in pair.u]
+        problem = pair.problem(solver=name)
+        problem.solve()
+        found.append(np.concatenate([u.x.array for u in problem.u]))
+        assert problem.newton.linear.is_direct == (name != "amg")
+        if name == "auto":
+            assert problem.num_restarts == 1 and problem.num_linear_iterations < 250
+    assert largest(found[1] - found[0]) < 1e-6 * largest(found[0])
+    assert "linear solver: DIVERGED_MAX_IT; a direct" in caplog.text or WORLD.rank > 0
 
 
 def test_soft_penalties_are_raised():
@@ -134,7 +154,8 @@ def test_stiff_penalties(penalty, is_direct, enforcement, monkeypatch):
     assert not named.newton.linear.is_direct
     assert largest(found - expected) < 1e-6 * largest(expected)
     monkeypatch.setattr(solver, "LARGE_IF_STIFF", 10)
-    assert not tied("auto", 1.0, **options)[0].newton.linear.is_direct
+    late = tied("auto", 1.0, **options)[0]  # iterations tell
+    assert late.newton.linear.is_direct == is_direct == bool(late.num_restarts)
 
 
 def test_conjugate_gradients_after_gmres():

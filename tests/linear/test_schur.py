@@ -135,6 +135,36 @@ def test_small_rate_sensitivity():
     assert problem.num_linear_iterations < 100 * problem.num_iterations
 
 
+def test_straight_to_small_rate_sensitivities():
+    """Without continuation: viscosities from inexact velocities would make Newton's method diverge.
+
+    The augmented Lagrangian's first solve with them has to be exact, too.
+    """
+    found = []
+    for solver in ("direct", "schur"):
+        bodies = [flow_body("tetrahedron", 4, 0.0), flow_body("tetrahedron", 3, 1.0, m=0.15)]
+        surfaces = [body[3] for body in bodies]
+        contact = qs.Contact(*surfaces, unknown="velocity", dt=DT)
+        forms, u, bcs = ([body[i] for body in bodies] for i in range(3))
+        problem = qs.ContactProblem(forms, u, [contact], bcs, solver=solver)
+        problem.solve()
+        assert problem.num_restarts == 0
+        found.append([w.x.array.copy() for w in u])
+    assert all(largest(a - b) < 1e-6 * largest(a) for a, b in zip(*found, strict=True))
+
+
+def test_interior_facets(monkeypatch):
+    """Jumps of pressure gradients couple cells: bubbles cannot be eliminated one by one."""
+    monkeypatch.setitem(presets.LARGE_FLOW, 3, 10)
+    bodies = SCENES["3D"]()
+    w = bodies[0][1]
+    p, q = ufl.split(w)[1], ufl.TestFunctions(w.function_space)[1]
+    jumps = 1e-3 * ufl.inner(ufl.jump(ufl.grad(p)), ufl.jump(ufl.grad(q))) * ufl.dS
+    bodies[0] = (bodies[0][0] - jumps, *bodies[0][1:])
+    raises_everywhere(WORLD, ValueError, "interior facets", lambda: problem_of(bodies, "schur"))
+    assert problem_of(bodies, "auto").solver == "direct"
+
+
 def test_later_solves():
     """After contact has paired anew, and with another load and viscosity, as from scratch."""
     found = []

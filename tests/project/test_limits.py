@@ -55,6 +55,15 @@ def prisms():
     qs.Surface(vector_space(msh), facets=np.zeros(0, dtype=np.int32))
 
 
+def jumps_of_a_mini_body():
+    W = materials.mini_space(square())
+    w, q = fem.Function(W), ufl.TestFunctions(W)[1]
+    u, p = ufl.split(w)
+    F = materials.incompressible(w, materials.newtonian(u, 1.0))
+    F += ufl.jump(p) * ufl.jump(q) * ufl.dS
+    qs.ContactProblem([F], [w], [], solver="schur")
+
+
 def not_convex():
     msh = box(WORLD, [1, 1, 1], "hexahedron", [0, 0, 0], [1, 1, 1])
     x = msh.geometry.x
@@ -298,6 +307,9 @@ CASES = {
     ),
     'solver: "schur" needs a body in velocity and pressure': (
         lambda s, folder: s.pair.problem(solver="schur")
+    ),
+    'solver: "schur" eliminates unknowns inside cells, and F[0] has integrals': (
+        lambda s, folder: jumps_of_a_mini_body()
     ),
     "nu: must be above -1 and below 0.5, not 0.5": (
         lambda s, folder: materials.linear_elastic(s.pair.u[0], 1.0, 0.5)

@@ -30,6 +30,18 @@ def test_default(formulation):
 
 
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
+@pytest.mark.parametrize("solver", ("direct", "amg"))
+def test_small_loads(law, solver):
+    """Blocks that touch are as stiff under any load: gaps that stay become small as well."""
+    stiffness = []
+    for load in (-1e-2, -1e-5, -1e-8):
+        pair = Pair("hexahedron", law=law(), n=(5, 4), penalty="auto", load=load)
+        pair.problem(solver=solver).solve()
+        stiffness.append(pair.contact.force("slave")[2] / load)
+    np.testing.assert_allclose(stiffness, stiffness[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
 @pytest.mark.parametrize("cell", CELLS)
 def test_gap_is_closed_at_any_penalty(cell, law):
     forces, gaps = [], []

@@ -181,7 +181,8 @@ def test_a_limit_below_what_counts_as_closed():
     V = vector_space(msh)
     u = fem.Function(V)
     tool = qs.RigidSurface.plane(WORLD, [0.5, 1.0], [0.0, -1.0])
-    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 1.0)), tool, penalty=1e9)
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    contact = qs.Contact(surface, tool, penalty=1e9, enforcement="penalty")
     bcs = [clamp(V, plane(msh, 1, 0.0))]
     problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
 
