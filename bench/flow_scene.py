@@ -36,12 +36,20 @@ def hold(V, axis, at_axis, at, value=0.0):
     return fem.dirichletbc(value, dofs, V.sub(axis))
 
 
-def block(dim, n):
-    """Form, unknown, conditions, contact surface and rate sensitivity of the block."""
+def block(dim, n, m):
+    """Form, unknown, conditions, contact surface and rate sensitivity of the block.
+
+    With m None it is a Newtonian fluid, whose form is linear.
+    """
     msh = create(dim, n, [0.0] * dim, [1.0] * dim)
     W = qs.materials.mini_space(msh)
-    w, m, V = fem.Function(W), fem.Constant(msh, 1.0), W.sub(0)
-    stress = qs.materials.norton_hoff(ufl.split(w)[0], 1.0, m, 1e-3)
+    w, V = fem.Function(W), W.sub(0)
+    velocity = ufl.split(w)[0]
+    if m is None:
+        stress = qs.materials.newtonian(velocity, 1.0)
+    else:
+        m = fem.Constant(msh, m)
+        stress = qs.materials.norton_hoff(velocity, 1.0, m, 1e-3)
     bcs = [hold(V, axis, axis, 0.0) for axis in range(dim)]
     return (
         qs.materials.incompressible(w, stress),
@@ -63,9 +71,9 @@ def tool(dim, n):
     return F, u, bcs, qs.Surface(V, facets=facets(msh, dim - 1, 1.0))
 
 
-def flow(dim, n, solver, enforcement, mu=0.0):
-    """The problem, and the rate sensitivity of its block."""
-    lower, upper = block(dim, n), tool(dim, max(4 * n // 5, 1))
+def flow(dim, n, solver, enforcement, mu=0.0, m=1.0):
+    """The problem, and the rate sensitivity of its block; None is for a Newtonian fluid."""
+    lower, upper = block(dim, n, m), tool(dim, max(4 * n // 5, 1))
     contact = qs.Contact(
         lower[3],
         upper[3],

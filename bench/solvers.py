@@ -1,8 +1,8 @@
 """Time of each linear solver, and of the one that ``solver="auto"`` takes, scene by scene.
 
 Two elastic blocks on non-matching meshes, linear or neo-Hookean, of degree 1 or 2, or an elastic
-tool on a viscous block in velocity and pressure (MINI elements), are pressed together, with and
-without friction: from forms to closed gaps, contact as it is by default. Printed are CPU seconds of
+tool on a block in velocity and pressure (MINI elements), a Newtonian fluid or a Norton-Hoff body of
+m = 0.3, are pressed together, with and without friction: from forms to closed gaps, contact as it is by default. Printed are CPU seconds of
 all ranks with each solver, what "auto" has picked, and its time over the best one's. A solver is
 left out of larger problems when a smaller one of its scene took more than ``--longest`` seconds.
 
@@ -49,7 +49,9 @@ CELLS = {
     ("flow", 3): (6, 9, 13, 18, 24),
 }
 SOLVERS = {"linear": ("direct", "amg"), "hyperelastic": ("direct", "amg")}
-SOLVERS["flow"] = ("direct", "schur")
+SOLVERS["Newtonian"] = SOLVERS["Norton-Hoff"] = ("direct", "schur")
+#: Rate sensitivities of flow.
+RATES = {"Newtonian": None, "Norton-Hoff": 0.3}
 
 
 class Case(typing.NamedTuple):
@@ -61,12 +63,12 @@ class Case(typing.NamedTuple):
     mu: float
 
     def __str__(self):
-        kind = f"{self.scene} {self.dim}D" + (f" P{self.degree}" if self.scene != "flow" else "")
+        kind = f"{self.scene} {self.dim}D" + (f" P{self.degree}" if self.scene not in RATES else "")
         return kind + (", friction" if self.mu else "")
 
     def cells(self):
         """Cells along an edge."""
-        scene = "flow" if self.scene == "flow" else "linear"
+        scene = "flow" if self.scene in RATES else "linear"
         return [max(2, n // self.degree) for n in CELLS[scene, self.dim]]
 
 
@@ -94,8 +96,9 @@ def measure(case, n, solver):
     """CPU seconds of all ranks (None if it fails), unknowns, and the solver that was taken."""
     COMM.barrier()
     start = time.process_time()
-    if case.scene == "flow":
-        problem, _ = flow(case.dim, n, solver, "augmented-lagrangian", case.mu)
+    if case.scene in RATES:
+        m = RATES[case.scene]
+        problem, _ = flow(case.dim, n, solver, "augmented-lagrangian", case.mu, m)
     else:
         problem = elastic(case, n, solver)
     try:
@@ -195,7 +198,7 @@ def main():
     warm_up = Case("linear", 2, 1, 0.0)
     measure(warm_up, 4, "direct")
     for scene, dim, degree, mu in itertools.product(p.scenes, p.dim, p.degrees, p.mu):
-        if scene == "flow" and degree == 2:
+        if scene in RATES and degree == 2:
             continue
         case = Case(scene, dim, degree, mu)
         for name in SOLVERS[scene]:  # forms are compiled once

@@ -148,19 +148,20 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
         slip.note()
     system.set_strict(snes.getIterationNumber() >= LENIENT)
     if _is_near(context) and system.tangent_fits():
+        linear.prepare(context.norms, context.until, False)
         return
     changed = linear.assemble()
     linear.prepare(context.norms, context.until, changed)
 
 
 def _is_near(context: Context) -> bool:
-    """Whether two more iterations with the tangent that there is should be enough.
+    """Whether the tangent that there is should be good enough to end with.
 
-    They spare the factors of a direct solver; beside other solvers tangents cost little.
+    Two more iterations cost less than the factors of a direct solver; one more of an iterative
+    solver costs as much with a new tangent.
     """
-    if context.system.linear or not context.linear.is_direct:
-        return False
-    return context.norms[-1] * (SLOWER * context.fall) ** 2 <= context.until
+    more = 2 if context.linear.is_direct else 1
+    return context.norms[-1] * (SLOWER * context.fall) ** more <= context.until
 
 
 @_callback

@@ -146,7 +146,8 @@ class ContactProblem:
         given = petsc_options or {}
         chosen = {*given, *PETSc.Options(prefix).getAll()}
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
-        self.solver = _pick(solver, F, bodies, kind, chosen)
+        rubs = any(contact.friction is not None for contact in contacts)
+        self.solver = _pick(solver, F, bodies, kind, chosen, rubs)
         sums = self.solver in ("amg", "schur") and "pc_type" not in chosen
         if self.solver == "fieldsplit" and len(bodies) == 1:
             kind = "mpi"  # there is nothing to split
@@ -501,6 +502,7 @@ def _pick(
     bodies: typing.Sequence[Body],
     kind: str,
     chosen: typing.Collection[str],
+    has_friction: bool,
 ) -> str:
     """The linear solver by name, if it is left to us. Collective."""
     if solver != "auto":
@@ -513,7 +515,8 @@ def _pick(
     is_flow = has_schur(F, [body.u for body in bodies])
     if is_flow:  # bubbles are eliminated cell by cell, by any solver
         size -= sum(num_inside_cells(body.V) for body in bodies)
-    name, reason = pick(size, gdim, has_modes, kind, is_flow)
+    simple = all(b.linear and b.V.element.basix_element.degree == 1 for b in bodies if has_modes)
+    name, reason = pick(size, gdim, has_modes, kind, is_flow, has_friction and not simple)
     if name != "direct":
         say(comm, f'solver="{name}": {reason}')
     return name

@@ -57,6 +57,7 @@ def test_pick(monkeypatch, caplog):
     assert presets.pick(10**9, 3, True, "nest")[0] == "fieldsplit"
     by_dimension = [presets.pick(10_000, dim, True, "mpi")[0] for dim in (2, 3)]
     assert by_dimension == ["direct", "amg"]
+    assert presets.pick(10_000, 3, True, "mpi", has_friction=True)[0] == "direct"
     reason = presets.pick(10**9, 3, False, "mpi")
     assert reason[0] == "direct" and "displacements" in reason[1]
 
