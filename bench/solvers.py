@@ -2,9 +2,10 @@
 
 Two elastic blocks on non-matching meshes, linear or neo-Hookean, of degree 1 or 2, or an elastic
 tool on a block in velocity and pressure (MINI elements), a Newtonian fluid or a Norton-Hoff body of
-m = 0.3, are pressed together, with and without friction: from forms to closed gaps, contact as it is by default. Printed are CPU seconds of
-all ranks with each solver, what "auto" has picked, and its time over the best one's. A solver is
-left out of larger problems when a smaller one of its scene took more than ``--longest`` seconds.
+m = 0.3, are pressed together, with and without friction: from forms to closed gaps, contact as it
+is by default. Printed are CPU seconds of all ranks with each solver, what "auto" has picked, and
+its time over the best one's. A solver is left out of larger problems when a smaller one of its
+scene took more than ``--longest`` seconds.
 
     python3 bench/solvers.py [--dim 2 3] [--scenes linear …] [--cells 8 16 …] [--json FILE]
     mpirun -n 2 python3 bench/solvers.py
