@@ -34,10 +34,10 @@ OPTIONS = {
 }
 
 
-def history(cell, options, exact, monkeypatch):
+def history(cell, options, exact, monkeypatch, solver="direct"):
     """Displacements after each of some loads, iterations, and tangents that were assembled."""
     pair = Rubber(cell, contact_options=options)
-    problem, found, iterations = pair.problem(solver="direct"), [], 0
+    problem, found, iterations = pair.problem(solver=solver), [], 0
     with monkeypatch.context() as patch:
         if exact:
             patch.setattr(newton, "SLOWER", np.inf)
@@ -61,6 +61,16 @@ def test_tangents_that_do_again(cell, options, monkeypatch):
     for a, b in zip(found, expected, strict=True):
         assert largest(a - b) < 1e-8 * largest(b)
     assert fewer < assemblies and more_iterations < 2 * iterations
+
+
+@pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
+def test_iterative_solvers(options, monkeypatch):
+    """They keep tangents, too, where one more iteration is enough."""
+    found, _, fewer = history("tetrahedron", options, False, monkeypatch, "amg")
+    expected, _, assemblies = history("tetrahedron", options, True, monkeypatch, "amg")
+    for a, b in zip(found, expected, strict=True):
+        assert largest(a - b) < 1e-7 * largest(b)
+    assert fewer <= assemblies
 
 
 def test_each_tangent_once(monkeypatch):
