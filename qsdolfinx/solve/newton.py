@@ -102,6 +102,7 @@ class Context:
             is not balanced. None before the first.
         until: Norm of the residual at which a linear solve is exact enough.
         fall: Part of its residual that the last iteration of the solve has left.
+        is_running: Whether SNES solves; others who ask for a tangent want that of where they are.
         failure: What a callback has raised: PETSc would make an error of its own of it.
     """
 
@@ -116,6 +117,7 @@ class Context:
     forces: Array | None = None
     until: float = 0.0
     fall: float = np.inf
+    is_running: bool = False
     failure: BaseException | None = None
 
 
@@ -160,6 +162,8 @@ def _is_near(context: Context) -> bool:
     Two more iterations cost less than the factors of a direct solver; one more of an iterative
     solver costs as much with a new tangent.
     """
+    if not (context.is_running and context.norms):
+        return False
     more = 2 if context.linear.is_direct else 1
     return context.norms[-1] * (SLOWER * context.fall) ** more <= context.until
 
@@ -442,6 +446,7 @@ class Newton:
 
     def _call_snes(self) -> None:
         """Let SNES solve; what a callback raises is raised as it is."""
+        self._context.norms, self._context.is_running = [], True
         try:
             self.snes.solve(None, self.system.x)
         except PETSc.Error:
@@ -451,4 +456,6 @@ class Newton:
                 self.linear.look()
                 raise
             raise failure from None
+        finally:
+            self._context.is_running = False
         self.linear.look()
