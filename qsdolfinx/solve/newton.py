@@ -203,7 +203,7 @@ def _has_converged(
         context.least = np.full_like(measures.residuals, np.inf)
         now = np.maximum(measures.sizes, measures.residuals)
         context.forces = now if context.forces is None else np.maximum(now, context.forces)
-    else:
+    elif context.norms and context.norms[-1] > 0:
         context.fall = norm / context.norms[-1]
     context.norms.append(norm)
     limits = measures.limits(relative, accuracy.fall, context.first)
