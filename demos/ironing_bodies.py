@@ -11,7 +11,7 @@ import qsdolfinx as qs
 
 from common.bodies import Reaction, facets_at, integral
 
-#: 2 × 2 points in each cell; what UFL estimates for the logarithm takes 8 × 8.
+#: 2 × 2 points in each cell; UFL would take many more for the logarithm.
 DX = ufl.dx(degree=3)
 
 E_SLAB, E_INDENTER, NU = 1.0, 10.0, 0.3

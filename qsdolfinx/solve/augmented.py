@@ -63,10 +63,8 @@ class AugmentedLagrangian:
         self._together = MAX_SADDLE_POINTS if self._is_loose and linear.has_saddle_point else 0
 
     def first_accuracy(self) -> contextlib.AbstractContextManager[None]:
-        """Of the solve before the first update of multipliers."""
-        if (
-            self._is_loose and self._newton.linear.schur is None
-        ):  # viscosities are not to be guessed
+        """Of the solve before the first update of multipliers: of viscosities an exact one."""
+        if self._is_loose and self._newton.linear.schur is None:
             return self._newton.accuracy(of_first=FIRST if self._together else INNER)
         return contextlib.nullcontext()
 

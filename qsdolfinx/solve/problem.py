@@ -515,8 +515,10 @@ def _pick(
     is_flow = has_schur(F, [body.u for body in bodies])
     if is_flow:  # bubbles are eliminated cell by cell, by any solver
         size -= sum(num_inside_cells(body.V) for body in bodies)
-    simple = all(b.linear and b.V.element.basix_element.degree == 1 for b in bodies if has_modes)
-    name, reason = pick(size, gdim, has_modes, kind, is_flow, has_friction and not simple)
+    if has_friction and has_modes:
+        degrees = [body.V.element.basix_element.degree for body in bodies]
+        has_friction = max(degrees) > 1 or not all(body.linear for body in bodies)
+    name, reason = pick(size, gdim, has_modes, kind, is_flow, has_friction)
     if name != "direct":
         say(comm, f'solver="{name}": {reason}')
     return name

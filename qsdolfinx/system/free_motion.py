@@ -93,6 +93,7 @@ class Hold:
         for i, body in enumerate(self._bodies):
             count = len(self._rigid.modes[i])
             if free.shape[1] and np.abs(free[first : first + count]).max(initial=0.0) > 1e-8:
+                tangent.renew()
                 _shift(body, tangent, i)
             first += count
 

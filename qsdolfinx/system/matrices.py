@@ -82,7 +82,8 @@ class Matrices:
 
     def assemble(self) -> None:
         """The tangent for the bodies' and the contacts' present state. Collective."""
-        for i, body in enumerate(self._bodies):
+        bodies = () if isinstance(self.tangent, Additive) else self._bodies  # a sum asks itself
+        for i, body in enumerate(bodies):
             if body.linear and body.num_assemblies != self._asked[i]:  # a Constant is another one
                 self._are_symmetric[i] = is_symmetric(body.matrix())
                 self._asked[i] = body.num_assemblies

@@ -85,3 +85,19 @@ def test_each_tangent_once(monkeypatch):
     before = problem.system.bodies[0].num_assemblies
     problem.solve()
     assert problem.system.bodies[0].num_assemblies == before + problem.num_iterations
+
+
+def test_what_holds_a_free_body_is_not_left():
+    """A body that nothing holds yet has a shift on its diagonal, which does not add up."""
+    pair = Rubber("quadrilateral", contact_options=OPTIONS["penalty"], gap=0.1)
+    pair.bcs[1] = []
+    problem = pair.problem(solver="direct")
+    problem.set_up()
+    system, found = problem.system, []
+    x = system.x.array_r.copy()
+    for _ in range(3):
+        system.tangent(x)
+        found.append(system.made.tangent.diagonal(1))
+    assert largest(found[1] - found[0]) == largest(found[2] - found[0]) == 0
+    bulk = system.bodies[1].matrix().getDiagonal().array_r
+    assert largest(found[0] - bulk) > 0
