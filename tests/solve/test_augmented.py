@@ -33,12 +33,13 @@ def test_default(formulation):
 @pytest.mark.parametrize("solver", ("direct", "amg"))
 def test_small_loads(law, solver):
     """Blocks that touch are as stiff under any load: gaps that stay become small as well."""
-    stiffness = []
-    for load in (-1e-2, -1e-5, -1e-8):
+    loads, stiffness = np.array([-1e-2, -1e-5, -1e-8]), []
+    for load in loads:
         pair = Pair("hexahedron", law=law(), n=(5, 4), penalty="auto", load=load)
         pair.problem(solver=solver).solve()
         stiffness.append(pair.contact.force("slave")[2] / load)
-    np.testing.assert_allclose(stiffness, stiffness[0], rtol=1e-6)
+    rounding = 1e-14 / abs(loads)  # gaps of 1e-14 of the coordinates count as closed
+    assert np.all(abs(np.array(stiffness) / stiffness[0] - 1) < 1e-6 + 3 * rounding)
 
 
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
