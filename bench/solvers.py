@@ -17,7 +17,6 @@ bench/results/solvers_*.json.
 import argparse
 import itertools
 import json
-import math
 import pathlib
 import sys
 import time
@@ -112,7 +111,7 @@ def measure(case, n, solver):
     return out
 
 
-def rows_of(case, longest, cells):
+def rows_of(case, longest, cells, repeats=1):
     """A row for each size: unknowns, seconds of each solver and of "auto", and what that took."""
     names = [*SOLVERS[case.scene], "auto"]
     left = set(names)
@@ -120,18 +119,20 @@ def rows_of(case, longest, cells):
         if left == {"auto"}:
             return
         row = {"case": str(case), "cells": n}
-        for name in names:
-            if name not in left:
-                continue
+        for name in [name for name in names if name in left] * repeats:
             seconds, row["unknowns"], taken = measure(case, n, name)
-            row[name] = seconds
+            row[name] = fewest(seconds, row.get(name))
             if name == "auto":
                 row["picked"] = taken
-            if name != "auto" and (seconds is None or seconds > longest):
-                left.discard(name)
-        best = min((row[s] for s in SOLVERS[case.scene] if row.get(s)), default=math.nan)
-        row["ratio"] = (row["auto"] or math.nan) / best
+        left -= {s for s in left - {"auto"} if row[s] is None or row[s] > longest}
+        best = fewest(*(row.get(s) for s in SOLVERS[case.scene]))
+        row["ratio"] = row["auto"] / best if row["auto"] and best else None
         yield row
+
+
+def fewest(*seconds):
+    """The fewest seconds of runs that ended, None if none has."""
+    return min((t for t in seconds if t is not None), default=None)
 
 
 def cells_of(row):
@@ -141,7 +142,7 @@ def cells_of(row):
     return [
         *("–" if t is None else f"{t:.2f}" for t in times),
         row["picked"],
-        f"{row['ratio']:.2f}",
+        "–" if row["ratio"] is None else f"{row['ratio']:.2f}",
     ]
 
 
@@ -165,7 +166,7 @@ def page(results):
             case = row["case"] if row["case"] != last else ""
             last = row["case"]
             yield f"| {case} | {row['unknowns']:,} | {' | '.join(cells_of(row))} |"
-        ratios = [row["ratio"] for row in rows]
+        ratios = [row["ratio"] for row in rows if row["ratio"]]
         yield f"\nAuto over the best: at most {max(ratios):.2f}, median {np.median(ratios):.2f}."
 
 
@@ -186,6 +187,7 @@ def main():
     parser.add_argument("--mu", type=float, nargs="+", default=(0.0, MU))
     parser.add_argument("--cells", type=int, nargs="+", help="along an edge, for all scenes")
     parser.add_argument("--longest", type=float, default=40.0, help="CPU seconds")
+    parser.add_argument("--repeats", type=int, default=1, help="runs, of which the fastest counts")
     parser.add_argument("--json", type=pathlib.Path, help="file for all rows")
     parser.add_argument("--page", action="store_true", help="write the tables of the page")
     p = parser.parse_args()
@@ -204,14 +206,14 @@ def main():
         case = Case(scene, dim, degree, mu)
         for name in SOLVERS[scene]:  # forms are compiled once
             measure(case, 2, name)
-        for row in rows_of(case, p.longest, p.cells):
+        for row in rows_of(case, p.longest, p.cells, p.repeats):
             rows.append(row)
+            if p.json and COMM.rank == 0:  # each time, so that a run cut short leaves its rows
+                write(p.json, {**circumstances(COMM.size), "rows": rows}, digits=3)
             shown = " | ".join(cells_of(row))
             say(f"| {row['case']} | {row['unknowns']:,} | {shown} |", flush=True)
-    if p.json and COMM.rank == 0:
-        write(p.json, {**circumstances(COMM.size), "rows": rows}, digits=3)
-    ratios = np.array([row["ratio"] for row in rows])
-    say(f"\nauto / best: at most {np.nanmax(ratios):.2f}, median {np.nanmedian(ratios):.2f}")
+    ratios = [row["ratio"] for row in rows if row["ratio"]]
+    say(f"\nauto / best: at most {max(ratios):.2f}, median {np.median(ratios):.2f}")
 
 
 if __name__ == "__main__":

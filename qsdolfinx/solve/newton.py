@@ -31,6 +31,12 @@ LENIENT = 4
 #: one has left. To first order 2 after one with a new tangent, and 1 after another.
 SLOWER = 2.0
 
+#: Part of its residual that an iteration leaves, at most, where Newton's method is about to end.
+QUADRATIC = 0.1
+
+#: Iterations that it is given then beyond those that it may take by default.
+MORE = 5
+
 #: Solves with friction in a row in which nodes whose slip turns may be made to stick.
 MAX_ATTEMPTS = 3
 
@@ -234,14 +240,20 @@ class Newton:
         system: The system.
         snes: PETSc's nonlinear solver, with its options set.
         linear: The linear solver.
-        full_steps: Whether the line search is our default: one that fails is followed by another.
+        defaults: Names of PETSc's options that are ours and not the user's: a default line search
+            that fails is followed by another.
     """
 
     def __init__(
-        self, system: ContactSystem, snes: PETSc.SNES, linear: LinearSolver, full_steps: bool
+        self,
+        system: ContactSystem,
+        snes: PETSc.SNES,
+        linear: LinearSolver,
+        defaults: typing.Container[str],
     ) -> None:
         self.system, self._snes, self.linear = system, snes, linear
-        self.has_full_steps = full_steps
+        self.has_full_steps = "snes_linesearch_type" in defaults
+        self._may_go_on = "snes_max_it" in defaults
         #: Why the last run has ended.
         self._reason = 0
         self.record = Record()
@@ -415,7 +427,18 @@ class Newton:
         return True
 
     def _run(self) -> None:
-        """One run of SNES."""
+        """One run of SNES, a little longer than it may last where it is about to end. Collective."""
+        self._run_once()
+        norms, longest = self._context.norms, self.snes.getTolerances()[3]
+        is_late = self._reason < 0 and self.snes.getIterationNumber() == longest
+        if self._may_go_on and is_late and norms[-1] <= QUADRATIC * norms[-2]:
+            self.snes.setTolerances(max_it=min(MORE, longest))
+            try:
+                self._run_once()
+            finally:
+                self.snes.setTolerances(max_it=longest)
+
+    def _run_once(self) -> None:
         try:
             with self.system.watch.stage("solve"):
                 self._call_snes()

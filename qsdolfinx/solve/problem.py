@@ -156,7 +156,7 @@ class ContactProblem:
         #: Residual and tangent of the problem.
         self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
         options = preset_options(self.solver, len(bodies), chosen)
-        full_steps = set_options(prefix, given, options)
+        defaults = set_options(prefix, given, options)
         snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
         snes.setOptionsPrefix(prefix)
         try:
@@ -171,7 +171,7 @@ class ContactProblem:
             ksp, self.solver, self.system, chosen, pressure_preconditioner, solver != "auto"
         )
         #: Newton's method for the system.
-        self.newton = Newton(self.system, snes, linear, full_steps)
+        self.newton = Newton(self.system, snes, linear, defaults)
         #: Closed rows of each contact at each iteration of the last solve, over all ranks.
         self.active_history: list[list[int]] = []
 

@@ -114,7 +114,9 @@ def forget_failure(snes: PETSc.SNES) -> None:
 _put: dict[str, dict[str, str]] = {}
 
 
-def set_options(prefix: str, given: dict[str, typing.Any], linear: dict[str, typing.Any]) -> bool:
+def set_options(
+    prefix: str, given: dict[str, typing.Any], linear: dict[str, typing.Any]
+) -> frozenset[str]:
     """Put a problem's options into PETSc's database.
 
     They stay there, because preconditioners look up some of theirs late; those of an earlier
@@ -126,7 +128,7 @@ def set_options(prefix: str, given: dict[str, typing.Any], linear: dict[str, typ
         linear: Defaults of the linear solver.
 
     Returns:
-        Whether the full steps are our default and not the user's choice.
+        Names of those that are our defaults and not the user's choice.
     """
     database = PETSc.Options(prefix)
     defaults = SNES_OPTIONS | linear
@@ -134,7 +136,7 @@ def set_options(prefix: str, given: dict[str, typing.Any], linear: dict[str, typ
     for key, value in put.items():
         database.setValue(key, value)
     _put[prefix] = {key: database.getString(key, "") for key in put}
-    return "snes_linesearch_type" in put and "snes_linesearch_type" not in given
+    return frozenset(put) - frozenset(given)
 
 
 def read_options(snes: PETSc.SNES) -> None:

@@ -170,6 +170,28 @@ def test_steps_are_halved():
     assert counts[0] == 4 < counts[1], counts
 
 
+@pytest.mark.parametrize("named", (False, True))
+def test_a_late_end(named):
+    """Fast convergence is not cut off by the default number of iterations; by a named one it is."""
+    options = {"snes_linesearch_type": "bt"} | ({"snes_max_it": 50} if named else {})
+    billet = Billet("plane", 6, sticking=True, options=options)
+    problem = billet.problem
+    billet.press(1.0)
+    billet.m.value = 0.5
+    problem.solve()
+    force, norms = billet.force(), problem.residual_history
+    assert problem.num_iterations >= 4 and norms[-2] < 0.1 * norms[-3], norms
+    problem.newton.snes.setTolerances(max_it=problem.num_iterations - 1)
+    billet.w.x.array[:] = 0.0
+    if named:
+        raises_everywhere(WORLD, qs.ConvergenceError, "MAX_IT", problem.solve)
+    else:
+        problem.solve()
+        assert problem.num_restarts == 0 and np.isclose(billet.force(), force, rtol=1e-8)
+        assert problem.newton.snes.getTolerances()[3] == problem.num_iterations - 1
+    problem.destroy()
+
+
 def test_line_search():
     """Damped by default, by the user's choice otherwise; full steps are put back."""
     searches = []
