@@ -155,7 +155,8 @@ def page(results):
     for result in results:
         ranks, rows = result["ranks"], result["rows"]
         dims = sorted({word for row in rows for word in ("2D", "3D") if word in row["case"]})
-        yield f"\n## {' and '.join(dims)}, {ranks} rank{'s' * (ranks > 1)}\n"
+        scenes = ", ".join(dict.fromkeys(row["case"].split()[0] for row in rows))
+        yield f"\n## {' and '.join(dims)}, {ranks} rank{'s' * (ranks > 1)}: {scenes}\n"
         versions = result["versions"]
         yield f"`{result['command']}`, {result['date']}, {result['machine']['cpu']}, PETSc"
         yield f"{versions['petsc']}, dolfinx {versions['dolfinx']}\n"

@@ -518,7 +518,7 @@ def _pick(
     if has_friction and has_modes:
         degrees = [body.V.element.basix_element.degree for body in bodies]
         has_friction = max(degrees) > 1 or not all(body.linear for body in bodies)
-    name, reason = pick(size, gdim, has_modes, kind, is_flow, has_friction)
+    name, reason = pick(size, gdim, has_modes, kind, is_flow, has_friction, comm.size)
     if name != "direct":
         say(comm, f'solver="{name}": {reason}')
     return name
