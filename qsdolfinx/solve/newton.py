@@ -17,7 +17,13 @@ from qsdolfinx.base import interrupt
 from qsdolfinx.base.messages import say
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.solve.convergence import RESTING, Convergence, Measures
-from qsdolfinx.solve.snes import ConvergenceError, forget_failure, line_search, reason_name
+from qsdolfinx.solve.snes import (
+    SNES_OPTIONS,
+    ConvergenceError,
+    forget_failure,
+    line_search,
+    reason_name,
+)
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
@@ -431,7 +437,8 @@ class Newton:
         self._run_once()
         norms, longest = self._context.norms, self.snes.getTolerances()[3]
         is_late = self._reason < 0 and self.snes.getIterationNumber() == longest
-        if self._may_go_on and is_late and norms[-1] <= QUADRATIC * norms[-2]:
+        is_ours = self._may_go_on and longest == SNES_OPTIONS["snes_max_it"]
+        if is_ours and is_late and norms[-1] <= QUADRATIC * norms[-2]:
             self.snes.setTolerances(max_it=min(MORE, longest))
             try:
                 self._run_once()
