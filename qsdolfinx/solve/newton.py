@@ -436,10 +436,10 @@ class Newton:
         """One run of SNES, a little longer than it may last where it is about to end. Collective."""
         self._run_once()
         norms, longest = self._context.norms, self.snes.getTolerances()[3]
-        is_late = self._reason < 0 and self.snes.getIterationNumber() == longest
+        is_late = self._reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
         is_ours = self._may_go_on and longest == SNES_OPTIONS["snes_max_it"]
-        if is_ours and is_late and norms[-1] <= QUADRATIC * norms[-2]:
-            self.snes.setTolerances(max_it=min(MORE, longest))
+        if is_ours and is_late and len(norms) > longest and norms[-1] <= QUADRATIC * norms[-2]:
+            self.snes.setTolerances(max_it=MORE)
             try:
                 self._run_once()
             finally:
