@@ -433,7 +433,7 @@ class Newton:
         return True
 
     def _run(self) -> None:
-        """One run of SNES, a little longer than it may last where it is about to end. Collective."""
+        """One run of SNES, longer than it may last where it is about to end. Collective."""
         self._run_once()
         norms, longest = self._context.norms, self.snes.getTolerances()[3]
         is_late = self._reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT

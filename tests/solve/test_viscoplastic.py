@@ -173,7 +173,7 @@ def test_steps_are_halved():
 
 @pytest.mark.parametrize("chosen", ("", "option", "tolerance"))
 def test_a_late_end(chosen, monkeypatch):
-    """Fast convergence is not cut off by the default number of iterations; by a chosen one it is."""
+    """Fast convergence is not ended by the default number of iterations, by a chosen one it is."""
     late, force = None, []
     for _ in range(2):
         options = {"snes_linesearch_type": "bt"}
