@@ -10,9 +10,10 @@ import numpy as np
 
 from qsdolfinx.linear.presets import EXACT, GMRES_RESTART, TIGHTEST
 
-#: Relative tolerance of a linear solve after which the active set may still change; and with bodies
-#: in velocity and pressure, whose viscosities let Newton's method diverge from what 1e-4 leaves.
-LOOSE, LOOSE_OF_FLOW = 1e-3, 1e-6
+#: Relative tolerance of a linear solve after which the active set may still change; where nothing
+#: else does: neither bodies nor slip; and with bodies in velocity and pressure, whose viscosities let
+#: Newton's method diverge from what 1e-4 leaves.
+LOOSE, LOOSE_OF_LINEAR, LOOSE_OF_FLOW = 1e-3, 3e-2, 1e-6
 
 #: Norm that a linear solve leaves, relative to what Newton's method may end with.
 SAFETY = 0.3
@@ -38,6 +39,7 @@ class Krylov:
         ksp: The linear solver.
         given: Names of the options that the user has given, without the prefix.
         linear: Whether all bodies are linear.
+        slips: Whether there is friction.
         is_flow: Whether there are bodies in velocity and pressure.
         patience: Iterations to EXACT after which a solve has failed; None for what options say.
     """
@@ -47,12 +49,17 @@ class Krylov:
         ksp: PETSc.KSP,
         given: typing.Collection[str],
         linear: bool,
+        slips: bool,
         is_flow: bool = False,
         patience: int | None = None,
     ) -> None:
         self._ksp = ksp
         self._linear = linear
-        self._loose = LOOSE_OF_FLOW if is_flow and not linear else LOOSE
+        self._loose = LOOSE
+        if is_flow and not linear:
+            self._loose = LOOSE_OF_FLOW
+        elif linear and not slips:
+            self._loose = LOOSE_OF_LINEAR
         self._patience = patience
         self._chooses_type = "ksp_type" not in given
         #: Whether the user leaves the tolerance of linear solves to this class.

@@ -80,7 +80,8 @@ class LinearSolver:
         if name in ITERATIVE:
             small = Rescue.is_small_enough(system) and not {"ksp_max_it"} & set(chosen)
             wait = patience(system.x.getSize()) if small and not is_named else None
-            self.krylov = Krylov(ksp, chosen, system.linear, name == "schur", wait)
+            slips, is_flow = bool(system.slips), name == "schur"
+            self.krylov = Krylov(ksp, chosen, system.linear, slips, is_flow, wait)
         #: Multigrid of ``"amg"``.
         self._hierarchy: Hierarchy | None = None
         #: Preconditioner of ``"schur"``.
