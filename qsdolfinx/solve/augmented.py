@@ -28,8 +28,9 @@ PATIENCE, RAISE = 5, 10.0
 MANY = 20.0
 
 #: Residual after an update of the multipliers, relative to that before, with which the next may be
-#: made. With 1e-3 Anderson's combination of earlier updates can fail on the errors.
-INNER = 1e-4
+#: made. With 1e-3 Anderson's combination of earlier updates can fail on the errors. With friction
+#: more can be left: nodes that come to slip or stick do away with earlier updates.
+INNER, INNER_WITH_FRICTION = 1e-4, 1e-2
 
 #: Times that unknowns and multipliers are solved for together, if gaps are open after the first.
 MAX_SADDLE_POINTS = 4
@@ -52,20 +53,23 @@ class AugmentedLagrangian:
         self._contacts = [c for c in self._system.contacts if c.augmented]
         self._since = 0
         linear = self._newton.linear
-        #: Whether solves between updates of the multipliers need not be exact.
+        slips = bool(self._system.slips)
+        self._inner = INNER_WITH_FRICTION if slips else INNER
+        #: Whether solves between updates of the multipliers need not be exact: where that saves
+        #: iterations, of Newton's method with friction, of a Krylov solver.
         self._is_loose = bool(
-            linear.chooses_tolerance
+            (linear.chooses_tolerance or (slips and linear.is_direct))
             and self._contacts
-            and not self._system.slips
             and not equilibrium.balance.tools
         )
         self._primal_dual = PrimalDual(self._newton, self._contacts)
-        self._together = MAX_SADDLE_POINTS if self._is_loose and linear.has_saddle_point else 0
+        together = self._is_loose and not slips and linear.has_saddle_point
+        self._together = MAX_SADDLE_POINTS if together else 0
 
     def first_accuracy(self) -> contextlib.AbstractContextManager[None]:
         """Of the solve before the first update of multipliers: of viscosities an exact one."""
         if self._is_loose and self._newton.linear.schur is None:
-            return self._newton.accuracy(of_first=FIRST if self._together else INNER)
+            return self._newton.accuracy(of_first=FIRST if self._together else self._inner)
         return contextlib.nullcontext()
 
     def close_gaps(self) -> None:
@@ -98,7 +102,7 @@ class AugmentedLagrangian:
                 together -= 1
                 if not (self._primal_dual.close(stays) and together):
                     together = 0  # Uzawa's method starts from the solution for its multipliers
-                    with newton.accuracy(loose=INNER * first):
+                    with newton.accuracy(loose=self._inner * first):
                         self._equilibrium.find()
                 continue
             augmentation.update()
@@ -157,6 +161,7 @@ class AugmentedLagrangian:
     def _solve_again(self, loose: bool) -> None:
         """Solve after an update; what it adds is to be solved for, however small it is."""
         system = self._system
-        norm = INNER * system.norm(system.residual(system.x.array_r)) if loose else 0.0
-        with self._newton.accuracy(loose=norm, fall=INNER):
+        fall = self._inner if loose else INNER
+        norm = fall * system.norm(system.residual(system.x.array_r)) if loose else 0.0
+        with self._newton.accuracy(loose=norm, fall=fall):
             self._equilibrium.find()

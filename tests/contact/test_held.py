@@ -318,7 +318,7 @@ def test_friction_of_half_a_disc(enforcement, constraints):
         qs.ContactProblem([elastic(u)], [u], [contact], [bcs]).solve()
         forces.append(contact.force("slave")[1] * (2 if half else 1))
         tau, x = contact.tangential_multiplier()[:, 0], contact.slave.node_x[:, 0]
-        assert largest(tau[np.abs(x) < 1e-9]) < 1e-9 * abs(forces[0])
+        assert largest(tau[np.abs(x) < 1e-9]) < 1e-7 * abs(forces[0])
         assert largest(tau) > 1e-3 * abs(forces[0])
     # When points close is known as far as the motion of the nodes tells, here of half of a patch.
     rtol = 1e-7 if constraints == "nodes" else 1e-3

@@ -15,6 +15,9 @@ from qsdolfinx.solve.snes import line_search
 
 DT = 0.05
 
+#: Difference of two solutions with friction, which end with slips of up to 1e-4 of the penalty's.
+OF_FRICTION = 1e-6
+
 
 def flow_body(cell, n, low, m=1.0, axisymmetric=False, space=materials.mini_space):
     """Form, unknown, contact surface and velocity space of a block in velocity and pressure."""
@@ -114,17 +117,17 @@ def test_friction(scene):
     """Tangents that are not symmetric."""
     error, problem = compare(SCENES[scene], qs.Coulomb(0.2))
     assert not problem.symmetric
-    check(error, problem)
+    check(error, problem, OF_FRICTION)
 
 
-def check(error, problem):
+def check(error, problem, most=1e-7):
     """Assert that the solver is the one asked for, in contact, exact and in few iterations."""
     ksp = problem.snes.getKSP()
     kinds = ksp.getType(), ksp.getPC().getType()
     per_step = problem.num_linear_iterations / problem.num_iterations
     active = sum(problem.active_history[-1])
     assert kinds == ("fgmres", "python") and active > 0
-    assert error < 1e-7
+    assert error < most
     assert 1 < per_step < 100
 
 
@@ -192,7 +195,8 @@ def test_another_time_step(friction):
         problem.solve()
         found.append([u.x.array.copy() for u in problem.u])
         problem.destroy()
-    assert max(largest(a - b) / largest(a) for a, b in zip(*found, strict=True)) < 1e-7
+    most = OF_FRICTION if friction else 1e-7
+    assert max(largest(a - b) / largest(a) for a, b in zip(*found, strict=True)) < most
 
 
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
