@@ -77,7 +77,9 @@ def main():
     )
     add = parser.add_argument
     add("--sizes", nargs="+", default=["20,16", "40,32"], help="cells along an edge, LOWER,UPPER")
-    add("--enforcement", choices=("penalty", "augmented-lagrangian"), default="augmented-lagrangian")
+    add(
+        "--enforcement", choices=("penalty", "augmented-lagrangian"), default="augmented-lagrangian"
+    )
     add("--constraints", choices=("nodes", "points"), default="nodes")
     add("--solver", default="auto")
     add("--repeats", type=int, default=2)

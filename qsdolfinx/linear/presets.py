@@ -118,10 +118,6 @@ BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | AGGREGATION
 #: Unknowns from which on multigrid is taken, by dimension of space: see ``bench/solvers.py``.
 LARGE = {2: 1_000_000, 3: 2_500}
 
-#: The same in 3D with friction of bodies that are nonlinear or of degree 2, for which multigrid
-#: takes more iterations, and a direct solver keeps its factors over some of Newton's.
-LARGE_WITH_FRICTION = 30_000
-
 #: The same of velocity–pressure bodies, by dimension, and of "schur"; without those inside cells.
 #: In 3D half of it on several ranks, which share factors less well than products.
 LARGE_FLOW = {2: 1_000_000, 3: 20_000}
@@ -138,7 +134,6 @@ def pick(
     has_modes: bool,
     kind: str,
     is_flow: bool = False,
-    has_friction: bool = False,
     ranks: int = 1,
 ) -> tuple[str, str]:
     """The preset for a problem, and why.
@@ -149,7 +144,6 @@ def pick(
         has_modes: Whether all bodies are in displacements or velocities alone.
         kind: ``"mpi"`` or ``"nest"``, the matrix that the solver sees.
         is_flow: Whether there are bodies in velocity and pressure, for ``"schur"``.
-        has_friction: Whether bodies that are nonlinear or of degree 2 have friction.
         ranks: Number of ranks.
     """
     if is_flow and kind == "mpi":
@@ -160,8 +154,7 @@ def pick(
         return "schur", f"{reason} {large} or more"
     if not has_modes:
         return "direct", "a body has other unknowns than displacements"
-    large = max(LARGE[dim], LARGE_WITH_FRICTION) if has_friction else LARGE[dim]
-    what = f"{unknowns} unknowns in {dim}D are"
+    what, large = f"{unknowns} unknowns in {dim}D are", LARGE[dim]
     if unknowns < large:
         return "direct", f"{what} fewer than {large}"
     return "amg" if kind == "mpi" else "fieldsplit", f"{what} {large} or more"

@@ -146,8 +146,7 @@ class ContactProblem:
         given = petsc_options or {}
         chosen = {*given, *PETSc.Options(prefix).getAll()}
         #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
-        rubs = any(contact.friction is not None for contact in contacts)
-        self.solver = _pick(solver, F, bodies, kind, chosen, rubs)
+        self.solver = _pick(solver, F, bodies, kind, chosen)
         sums = self.solver in ("amg", "schur") and "pc_type" not in chosen
         if self.solver == "fieldsplit" and len(bodies) == 1:
             kind = "mpi"  # there is nothing to split
@@ -502,7 +501,6 @@ def _pick(
     bodies: typing.Sequence[Body],
     kind: str,
     chosen: typing.Collection[str],
-    has_friction: bool,
 ) -> str:
     """The linear solver by name, if it is left to us. Collective."""
     if solver != "auto":
@@ -515,10 +513,7 @@ def _pick(
     is_flow = has_schur(F, [body.u for body in bodies])
     if is_flow:  # bubbles are eliminated cell by cell, by any solver
         size -= sum(num_inside_cells(body.V) for body in bodies)
-    if has_friction and has_modes:
-        degrees = [body.V.element.basix_element.degree for body in bodies]
-        has_friction = max(degrees) > 1 or not all(body.linear for body in bodies)
-    name, reason = pick(size, gdim, has_modes, kind, is_flow, has_friction, comm.size)
+    name, reason = pick(size, gdim, has_modes, kind, is_flow, comm.size)
     if name != "direct":
         say(comm, f'solver="{name}": {reason}')
     return name

@@ -20,8 +20,7 @@ def iterative():
     """Multigrid for displacements, and Schur complements for flow, whatever the size."""
     always = dict.fromkeys(presets.LARGE, 0)
     of_flow = dict.fromkeys(presets.LARGE_FLOW, 0)
-    patch = {"LARGE": always, "LARGE_FLOW": of_flow, "LARGE_WITH_FRICTION": 0}
-    with mock.patch.multiple(presets, **patch):
+    with mock.patch.multiple(presets, LARGE=always, LARGE_FLOW=of_flow):
         yield
 
 

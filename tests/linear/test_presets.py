@@ -57,7 +57,6 @@ def test_pick(monkeypatch, caplog):
     assert presets.pick(10**9, 3, True, "nest")[0] == "fieldsplit"
     by_dimension = [presets.pick(10_000, dim, True, "mpi")[0] for dim in (2, 3)]
     assert by_dimension == ["direct", "amg"]
-    assert presets.pick(10_000, 3, True, "mpi", has_friction=True)[0] == "direct"
     of_flow = [presets.pick(15_000, 3, False, "mpi", True, ranks=n)[0] for n in (1, 2)]
     assert of_flow == ["direct", "schur"]
     reason = presets.pick(10**9, 3, False, "mpi")
