@@ -21,6 +21,16 @@ COMM = MPI.COMM_WORLD
 E = 1e4
 
 
+#: Directions to cut across; None for DOLFINx's own partition.
+CUTS = {"graph": None, "across": np.eye(3)[:2], "along": np.eye(3)[2:]}
+
+
+def create(p, n, low, high):
+    """Mesh of a box, on the ranks that --partition says."""
+    msh, directions = box(p.cell, n, low, high), CUTS[p.partition]
+    return msh if directions is None else qs.repartition(msh, directions)[0]
+
+
 def bonded_cells(unknowns):
     """Cells along x of the matching body that has about as many unknowns."""
     return min(range(2, 400), key=lambda m: abs(3 * (m + 1) ** 2 * (2 * m + 1) - unknowns))
@@ -63,7 +73,7 @@ def bonded(n, p, tolerance=None):
         p: Options.
         tolerance: Norm of the residual; None for a part of the right-hand side's.
     """
-    msh = box(p.cell, n, 0.0, 2.0)
+    msh = create(p, n, 0.0, 2.0)
     COMM.barrier()
     start, busy = time.perf_counter(), time.process_time()
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
@@ -147,7 +157,7 @@ def solver(A):
 
 def contact(model, n, p):
     """Two bodies."""
-    meshes = [box(p.cell, count, float(i), i + 1.0) for i, count in enumerate(n)]
+    meshes = [create(p, count, float(i), i + 1.0) for i, count in enumerate(n)]
     COMM.barrier()
     start, busy = time.perf_counter(), time.process_time()
     forms, u, bcs, surfaces = two_bodies(meshes, (E, E))
