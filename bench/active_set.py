@@ -13,8 +13,8 @@ import pathlib
 import sys
 import time
 
-here = pathlib.Path(__file__).resolve().parent
-sys.path[:0] = [str(here), str(here / "peers")]
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "peers"))
 
 import ours
 import sphere

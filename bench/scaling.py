@@ -11,7 +11,8 @@ the slowest rank, from the meshes in hand to the solution, forms compiled before
 over ranks of the largest resident set. "ratio" divides seconds and memory by the bonded body's.
 "its" are Krylov iterations of all Newton steps; "fixed" is the most that one of them takes to 1e-8,
 from a run of its own with that tolerance. "contact" is the share of pairing, gap, insertion and
-conversion in the seconds.
+conversion in the seconds. --partition: cells are on ranks as DOLFINx's partitioner of their graph
+puts them; cut across the contact by qs.repartition; or cut along it, all contact on one rank.
 
     python3 bench/scaling.py --cells 13 26 40 60 --ranks 1 2 --json bench/results/scaling.json
 """
@@ -31,6 +32,7 @@ MODELS = ("bonded", "tied", "unilateral")
 CONTACT = ("pairing", "gap", "insertion", "conversion")
 #: Stages of the work, in the order of the table.
 STAGES = (*CONTACT, "bulk assembly", "solve")
+PARTITIONS = ("graph", "across", "along")
 
 
 def run(model, options):
@@ -48,6 +50,7 @@ def start(model, cells, ranks, p, exact=False):
     """Row of a new process, or None where it fails."""
     command = [sys.executable, __file__, "--run", model, "--cells", str(cells), "--cell", p.cell]
     command += ["--quadrature", p.quadrature, "--enforcement", p.enforcement]
+    command += ["--partition", p.partition]
     if exact:
         command.append("--exact")
     if ranks > 1:
@@ -119,6 +122,7 @@ def main():
     add("--quadrature", choices=("nodal", "overlay"), default="overlay")
     enforcements = "penalty", "augmented-lagrangian"
     add("--enforcement", choices=enforcements, default="augmented-lagrangian")
+    add("--partition", choices=PARTITIONS, default="graph")
     add("--no-fixed", action="store_true", help="leave out the runs with a fixed tolerance")
     add("--json", metavar="FILE")
     add("--run", choices=MODELS, help=argparse.SUPPRESS)
@@ -137,6 +141,7 @@ def main():
         speed_up(rows, cells, p)
     if p.json:
         given = {"cell": p.cell, "quadrature": p.quadrature, "enforcement": p.enforcement}
+        given["partition"] = p.partition
         write(p.json, circumstances(p.ranks) | given | {"rows": rows})
 
 

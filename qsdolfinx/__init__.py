@@ -23,6 +23,7 @@ from qsdolfinx.solve.stabilisation import Stabilisation
 from qsdolfinx.steps.restart import load_run, save_run
 from qsdolfinx.steps.step_row import step_row
 from qsdolfinx.steps.stepper import StepError, TimeStepper
+from qsdolfinx.surface.repartition import repartition
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import smooth
 from qsdolfinx.tools.rigid_surface import RigidSurface
@@ -58,6 +59,7 @@ __all__ = [
     "compat",
     "load_run",
     "materials",
+    "repartition",
     "save_run",
     "smooth",
     "solve_with_continuation",

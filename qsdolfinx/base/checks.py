@@ -68,6 +68,7 @@ CALLABLE = Kind("a function", callable, TypeError)
 MAPPING = instance(typing.Mapping, "a dictionary")
 FUNCTION = instance(fem.Function, "a dolfinx.fem.Function")
 MESH = instance(mesh.Mesh, "a dolfinx.mesh.Mesh")
+TAGS = instance(mesh.MeshTags, "a dolfinx.mesh.MeshTags")
 PATH = instance((str, os.PathLike), "a path")
 
 

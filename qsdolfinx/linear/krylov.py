@@ -11,8 +11,8 @@ import numpy as np
 from qsdolfinx.linear.presets import EXACT, GMRES_RESTART, TIGHTEST
 
 #: Relative tolerance of a linear solve after which the active set may still change; where nothing
-#: else does: neither bodies nor slip; and with bodies in velocity and pressure, whose viscosities let
-#: Newton's method diverge from what 1e-4 leaves.
+#: else does, neither bodies nor slip; and with bodies in velocity and pressure, whose viscosities
+#: let Newton's method diverge from what 1e-4 leaves.
 LOOSE, LOOSE_OF_LINEAR, LOOSE_OF_FLOW = 1e-3, 3e-2, 1e-6
 
 #: Norm that a linear solve leaves, relative to what Newton's method may end with.

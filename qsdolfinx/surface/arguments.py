@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from dolfinx import fem, la, mesh
 
-from qsdolfinx.base.checks import Kind, check, instance, require
+from qsdolfinx.base.checks import TAGS, Kind, check, require
 from qsdolfinx.compat import coordinate_element, num_entity_dofs
 
 #: Vertices of a facet of each type of cell.
@@ -81,9 +81,9 @@ def given_facets(
     require(one, "give either facet_tags with tag, or facets", TypeError)
     fdim = msh.topology.dim - 1
     if facet_tags is not None:
-        check(instance(mesh.MeshTags, "a dolfinx.mesh.MeshTags"), facet_tags=facet_tags)
+        check(TAGS, facet_tags=facet_tags)
         check(TAG, tag=tag)
-        dim, ours = facet_tags.dim, _cpp_of(facet_tags.topology) is _cpp_of(msh.topology)
+        dim, ours = facet_tags.dim, is_of(facet_tags, msh)
         require(dim == fdim, f"facet_tags: must be of dimension {fdim}, not {dim}")
         require(ours, "facet_tags: must be tags of the mesh of V")
         return np.asarray(facet_tags.find(tag), dtype=np.int32)
@@ -95,6 +95,11 @@ def given_facets(
     fits = found.ndim == 1 and np.all((found >= 0) & (found < count))
     require(fits, f"facets: must be a 1D array of local facet indices below {count}")
     return np.unique(found).astype(np.int32)
+
+
+def is_of(tags: mesh.MeshTags, msh: mesh.Mesh) -> bool:
+    """Whether tags are those of a mesh."""
+    return _cpp_of(tags.topology) is _cpp_of(msh.topology)
 
 
 def _cpp_of(wrapper: typing.Any) -> typing.Any:

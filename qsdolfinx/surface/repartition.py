@@ -1,0 +1,166 @@
+"""The cells of a mesh on other ranks, so that contact's work is shared."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+import ufl
+from dolfinx import graph, io, mesh
+
+from qsdolfinx import compat
+from qsdolfinx.base.checks import MESH, TAGS, check, check_array, require
+from qsdolfinx.base.collective import checked
+from qsdolfinx.base.crash import check_alone
+from qsdolfinx.surface.arguments import is_of
+
+Array = npt.NDArray[np.float64]
+
+#: Halvings of an interval in which a cut is looked for.
+_HALVINGS = 60
+
+#: Cells in a layer are told apart by this part of their coordinates.
+_SKEW = 1e-6 / np.pi ** np.arange(3)
+
+
+def repartition(
+    msh: mesh.Mesh, directions: npt.ArrayLike, *tags: mesh.MeshTags
+) -> tuple[typing.Any, ...]:
+    """The same mesh on other ranks: cut by planes across some directions. Collective.
+
+    Cells are halved where they extend farthest, and the halves again, until there is a part for
+    each rank (recursive coordinate bisection: Berger & Bokhari, 1987); parts differ by a cell. Cut
+    across directions that lie in the contact surface, each rank has its part of that surface and
+    of what faces it. A partition of the graph of cells may cut a body along the surface, and leave
+    all of it to some ranks.
+
+    Args:
+        msh: Mesh of one type of cells.
+        directions: Vectors to cut across, shape (n, gdim).
+        tags: Of cells, facets, edges or vertices of the mesh.
+
+    Returns:
+        The mesh without ghost cells, and the tags on it, with the names they had.
+
+    Raises:
+        ValueError: If there is no direction, or one is zero or of another dimension, or tags are
+            those of another mesh.
+        TypeError: If it is no mesh, or tags are something else.
+    """
+    check_alone(MESH, msh=msh)
+    with checked(msh.comm) as same:
+        towards = _checked(msh, directions, tags)
+        same(directions=towards)
+    count = msh.topology.index_map(msh.topology.dim).size_local
+    nodes = compat.cell_nodes(msh)[:count]
+    gdim, owned = msh.geometry.dim, msh.geometry.index_map().size_local
+    middles = msh.geometry.x[nodes][:, :, :gdim].mean(axis=1)
+    ranks = _halve(msh.comm, middles, towards)
+
+    def partition(comm: MPI.Comm, size: int, *_: typing.Any) -> typing.Any:
+        lists = graph.adjacencylist(ranks, np.arange(count + 1, dtype=np.int32))
+        return getattr(lists, "_cpp_object", lists)
+
+    new = mesh.create_mesh(
+        msh.comm,
+        cells=_global(msh, nodes),
+        x=msh.geometry.x[:owned, :gdim].copy(),
+        e=ufl.Mesh(msh.ufl_domain().ufl_coordinate_element()),
+        partitioner=partition,
+    )
+    new.name = msh.name
+    return new, *(_moved(msh, new, tag) for tag in tags)
+
+
+def _checked(
+    msh: mesh.Mesh, directions: npt.ArrayLike, tags: typing.Sequence[mesh.MeshTags]
+) -> Array:
+    """The directions, as unit vectors."""
+    for tag in tags:
+        check(TAGS, tags=tag)
+        require(is_of(tag, msh), "tags: must be tags of msh")
+    vectors = check_array("directions", directions, (None, msh.geometry.dim))
+    lengths = np.linalg.norm(vectors, axis=1)
+    fits = len(vectors) > 0 and np.isfinite(lengths).all() and (lengths > 0).all()
+    require(fits, "directions: must be finite vectors other than zero, one at least")
+    return np.asarray(vectors / lengths[:, None])
+
+
+def _global(msh: mesh.Mesh, nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+    """Global numbers of nodes of the mesh's geometry."""
+    numbers = msh.geometry.index_map().local_to_global(nodes.ravel())
+    return np.asarray(numbers, dtype=np.int64).reshape(nodes.shape)
+
+
+def _halve(comm: MPI.Comm, x: Array, directions: Array) -> npt.NDArray[np.int32]:
+    """A rank for each point x, of groups as large as each other. Collective.
+
+    A group is known by the first of its ranks [first, end).
+    """
+    along = x @ directions.T
+    skew = x @ _SKEW[: x.shape[1]]
+    first = np.zeros(len(x), dtype=np.int32)
+    ends = np.zeros(comm.size, dtype=np.int32)
+    ends[0] = comm.size
+    while np.any(ends - np.arange(comm.size) > 1):
+        middles = (np.arange(comm.size) + ends) // 2
+        low, high = (np.full((comm.size, len(directions)), s) for s in (np.inf, -np.inf))
+        np.minimum.at(low, first, along)
+        np.maximum.at(high, first, along)
+        comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+        comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+        axis = np.argmax(high - low, axis=1)[first]
+        value = along[np.arange(len(x)), axis] + skew
+        upper = value > _cuts(comm, value, first, middles, ends)[first]
+        first = np.where(upper, middles[first], first).astype(np.int32)
+        split = np.flatnonzero(ends - np.arange(comm.size) > 1)
+        ends[middles[split]] = ends[split]
+        ends[split] = middles[split]
+    return first
+
+
+def _cuts(
+    comm: MPI.Comm,
+    value: Array,
+    first: npt.NDArray[np.int32],
+    middles: npt.NDArray[np.int32],
+    ends: npt.NDArray[np.int32],
+) -> Array:
+    """Values at which each group has the share of its points below that the ranks below take."""
+    size = comm.size
+    total = comm.allreduce(np.bincount(first, minlength=size), op=MPI.SUM)
+    ranks = np.maximum(ends - np.arange(size), 1)
+    wanted = total * np.maximum(middles - np.arange(size), 0) / ranks
+    low = np.full(size, comm.allreduce(value.min(initial=np.inf), op=MPI.MIN))
+    high = np.full(size, comm.allreduce(value.max(initial=-np.inf), op=MPI.MAX))
+    for _ in range(_HALVINGS):
+        cut = (low + high) / 2
+        local = np.bincount(first[value <= cut[first]], minlength=size)
+        below = comm.allreduce(local, op=MPI.SUM) >= wanted
+        low, high = np.where(below, low, cut), np.where(below, cut, high)
+    return high
+
+
+def _moved(msh: mesh.Mesh, new: mesh.Mesh, tag: mesh.MeshTags) -> mesh.MeshTags:
+    """The tags of a mesh on the same mesh with other ranks. Collective."""
+    dim, tdim = tag.dim, msh.topology.dim
+    for other in (0, tdim):
+        for made in (msh, new):
+            made.topology.create_connectivity(dim, other)
+            made.topology.create_connectivity(other, dim)
+    layout = compat.coordinate_element(msh).create_dof_layout()
+    nodes = np.empty((0, len(layout.entity_closure_dofs(dim, 0))), dtype=np.int32)
+    if len(tag.indices) > 0:  # DOLFINx divides by their number
+        nodes = mesh.entities_to_geometry(msh, dim, tag.indices)
+    # Ranks that share an entity may all have sent it.
+    entities, values = io.utils.distribute_entity_data(new, dim, _global(msh, nodes), tag.values)
+    lists = graph.adjacencylist(entities)
+    twice = mesh.meshtags_from_entities(new, dim, lists, values)
+    indices, places = np.unique(twice.indices, return_index=True)
+    moved = mesh.meshtags(new, dim, indices, twice.values[places])
+    moved.name = tag.name
+    return moved
