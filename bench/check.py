@@ -4,7 +4,7 @@ Every figure is a ratio of two measurements of this run, or a count, so that the
 little: contact against one body without it (seconds of the processor, memory, Krylov iterations,
 both to the same residual; bench/scaling.py), pairing against SciPy's k-d tree (bench/pairing.py),
 the overlay against nodal quadrature, a Newton iteration of flow against an elastic problem
-(bench/flow.py). The fastest of the repeats counts. Ends with 1 if a figure is more than 25 % worse
+(bench/flow.py), contact that is looked for against a tie (bench/active_set.py). The fastest of the repeats counts. Ends with 1 if a figure is more than 25 % worse
 than recorded.
 
     make bench-check
@@ -31,7 +31,11 @@ CELLS = 20
 def scene(quadrature, enforcement):
     """Options of bench/scaling.py."""
     return types.SimpleNamespace(
-        cell="hexahedron", quadrature=quadrature, enforcement=enforcement, no_fixed=True
+        cell="hexahedron",
+        quadrature=quadrature,
+        enforcement=enforcement,
+        partition="graph",
+        no_fixed=True,
     )
 
 
@@ -90,6 +94,20 @@ def ratios_of_flow():
     }
 
 
+def ratios_of_active_sets():
+    """Unilateral Hertz contact against a tie of the same meshes."""
+    from active_set import rows_of
+
+    out = {}
+    for enforcement in ("penalty", "augmented-lagrangian"):
+        options = types.SimpleNamespace(
+            enforcement=enforcement, constraints="nodes", solver="amg", repeats=1
+        )
+        row = next(r for r in rows_of((20, 16), options) if r["law"] == "unilateral")
+        out[f"Hertz, {enforcement}: seconds over tied"] = row["ratio"]
+    return out
+
+
 def least(runs):
     """Of each figure."""
     return {name: min(run[name] for run in runs) for name in runs[0]}
@@ -105,6 +123,7 @@ def main():
     figures = ratios_of_solving(p.repeats)
     figures |= least([ratios_of_pairing() for _ in range(p.repeats)])
     figures |= least([ratios_of_flow() for _ in range(p.repeats)])
+    figures |= least([ratios_of_active_sets() for _ in range(p.repeats)])
     if p.record:
         RECORD.write_text(json.dumps(circumstances(1) | {"ratios": figures}, indent=1) + "\n")
     recorded = json.loads(RECORD.read_text())["ratios"]

@@ -119,8 +119,7 @@ BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | AGGREGATION
 LARGE = {2: 1_000_000, 3: 2_500}
 
 #: The same of velocity–pressure bodies, by dimension, and of "schur"; without those inside cells.
-#: In 3D half of it on several ranks, which share factors less well than products.
-LARGE_FLOW = {2: 1_000_000, 3: 20_000}
+LARGE_FLOW = {2: 1_000_000, 3: 10_000}
 
 
 def patience(unknowns: int) -> int:
@@ -134,7 +133,6 @@ def pick(
     has_modes: bool,
     kind: str,
     is_flow: bool = False,
-    ranks: int = 1,
 ) -> tuple[str, str]:
     """The preset for a problem, and why.
 
@@ -144,10 +142,9 @@ def pick(
         has_modes: Whether all bodies are in displacements or velocities alone.
         kind: ``"mpi"`` or ``"nest"``, the matrix that the solver sees.
         is_flow: Whether there are bodies in velocity and pressure, for ``"schur"``.
-        ranks: Number of ranks.
     """
     if is_flow and kind == "mpi":
-        large = LARGE_FLOW[dim] // (2 if dim == 3 and ranks > 1 else 1)
+        large = LARGE_FLOW[dim]
         if unknowns < large:
             return "direct", f"{unknowns} unknowns of flow in {dim}D are fewer than {large}"
         reason = f"{unknowns} unknowns of velocity and pressure in {dim}D, bubbles aside, are"

@@ -513,7 +513,7 @@ def _pick(
     is_flow = has_schur(F, [body.u for body in bodies])
     if is_flow:  # bubbles are eliminated cell by cell, by any solver
         size -= sum(num_inside_cells(body.V) for body in bodies)
-    name, reason = pick(size, gdim, has_modes, kind, is_flow, comm.size)
+    name, reason = pick(size, gdim, has_modes, kind, is_flow)
     if name != "direct":
         say(comm, f'solver="{name}": {reason}')
     return name
