@@ -86,9 +86,8 @@ _SCHUR: dict[str, typing.Any] = {
     "pressure_ksp_norm_type": "none",
     "pressure_pc_type": "jacobi",
 }
-#: Beside the pressures a cruder cycle below does, but viscosities that vary need more smoothing.
+#: Beside the pressures fewer sweeps below do, but viscosities that vary need more smoothing.
 _VELOCITY = _TWO_LEVELS | {
-    "mg_coarse_ksp_max_it": 1,
     "mg_coarse_mg_levels_ksp_max_it": 2,
     "mg_levels_ksp_max_it": 4,
     f"{FIRST}pc_gamg_agg_nsmooths": 1,
