@@ -4,8 +4,8 @@ Every figure is a ratio of two measurements of this run, or a count, so that the
 little: contact against one body without it (seconds of the processor, memory, Krylov iterations,
 both to the same residual; bench/scaling.py), pairing against SciPy's k-d tree (bench/pairing.py),
 the overlay against nodal quadrature, a Newton iteration of flow against an elastic problem
-(bench/flow.py), contact that is looked for against a tie (bench/active_set.py). The fastest of the repeats counts. Ends with 1 if a figure is more than 25 % worse
-than recorded.
+(bench/flow.py), contact that is looked for against a tie (bench/active_set.py). The fastest of the
+repeats counts. Ends with 1 if a figure is more than 25 % worse than recorded.
 
     make bench-check
     python3 bench/check.py --record
