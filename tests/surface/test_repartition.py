@@ -76,6 +76,30 @@ def test_other_tags():
     assert WORLD.allreduce(np.count_nonzero(owned)) == 3 and np.all(lines.values == 7)
 
 
+@pytest.mark.parametrize("ghosts", ("none", "shared_facet"))
+def test_ranks_without_cells(ghosts):
+    """Every facet keeps its tag where there are fewer cells than ranks, and ghosts had tags, too."""
+    msh = mesh.create_unit_square(
+        WORLD, 2, 1, mesh.CellType.quadrilateral, ghost_mode=mesh.GhostMode[ghosts]
+    )
+    msh.topology.create_entities(1)
+    count = msh.topology.index_map(1)
+    facets = np.arange(count.size_local + count.num_ghosts, dtype=np.int32)
+    tags = mesh.meshtags(msh, 1, facets, place(msh, facets))
+    none = mesh.meshtags(msh, 0, facets[:0], facets[:0])
+    new, moved, empty = qs.repartition(msh, [[1.0, 0.0]], tags, none)
+    count = new.topology.index_map(1)
+    assert len(moved.indices) == count.size_local + count.num_ghosts and len(empty.indices) == 0
+    np.testing.assert_array_equal(moved.values, place(new, moved.indices))
+
+
+def place(msh, facets):
+    """Numbers that tell facets apart by where they are."""
+    msh.topology.create_connectivity(1, 2)
+    middles = mesh.compute_midpoints(msh, 1, facets) if len(facets) else np.zeros((0, 3))
+    return np.rint(100 * middles @ [1.0, 7.0, 0.0]).astype(np.int32)
+
+
 def test_contact_is_shared():
     """The same forces as before, from points of all ranks."""
     forces = []
