@@ -78,7 +78,7 @@ def test_other_tags():
 
 @pytest.mark.parametrize("ghosts", ("none", "shared_facet"))
 def test_ranks_without_cells(ghosts):
-    """Every facet keeps its tag where there are fewer cells than ranks, and ghosts had tags, too."""
+    """Every facet keeps its tag with fewer cells than ranks, also where ghosts had tags."""
     msh = mesh.create_unit_square(
         WORLD, 2, 1, mesh.CellType.quadrilateral, ghost_mode=mesh.GhostMode[ghosts]
     )
