@@ -19,6 +19,7 @@ from qsdolfinx.base.crash import check_alone
 from qsdolfinx.surface.arguments import is_of
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
 
 #: Halvings of an interval in which a cut is looked for.
 _HALVINGS = 60
@@ -90,20 +91,20 @@ def _checked(
     return np.asarray(vectors / lengths[:, None])
 
 
-def _global(msh: mesh.Mesh, nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+def _global(msh: mesh.Mesh, nodes: Indices) -> npt.NDArray[np.int64]:
     """Global numbers of nodes of the mesh's geometry."""
     numbers = msh.geometry.index_map().local_to_global(nodes.ravel())
     return np.asarray(numbers, dtype=np.int64).reshape(nodes.shape)
 
 
-def _halve(comm: MPI.Comm, x: Array, directions: Array) -> npt.NDArray[np.int32]:
+def _halve(comm: MPI.Comm, x: Array, directions: Array) -> Indices:
     """A rank for each point x, of groups as large as each other. Collective.
 
     A group is known by the first of its ranks [first, end).
     """
     along = x @ directions.T
     skew = x @ _SKEW[: x.shape[1]]
-    first = np.zeros(len(x), dtype=np.int32)
+    first: Indices = np.zeros(len(x), dtype=np.int32)
     ends = np.zeros(comm.size, dtype=np.int32)
     ends[0] = comm.size
     while np.any(ends - np.arange(comm.size) > 1):
@@ -126,17 +127,17 @@ def _halve(comm: MPI.Comm, x: Array, directions: Array) -> npt.NDArray[np.int32]
 def _cuts(
     comm: MPI.Comm,
     value: Array,
-    first: npt.NDArray[np.int32],
-    middles: npt.NDArray[np.int32],
-    ends: npt.NDArray[np.int32],
+    first: Indices,
+    middles: Indices,
+    ends: Indices,
 ) -> Array:
     """Values at which each group has the share of its points below that the ranks below take."""
     size = comm.size
     total = comm.allreduce(np.bincount(first, minlength=size), op=MPI.SUM)
     ranks = np.maximum(ends - np.arange(size), 1)
     wanted = total * np.maximum(middles - np.arange(size), 0) / ranks
-    low = np.full(size, comm.allreduce(value.min(initial=np.inf), op=MPI.MIN))
-    high = np.full(size, comm.allreduce(value.max(initial=-np.inf), op=MPI.MAX))
+    low: Array = np.full(size, comm.allreduce(value.min(initial=np.inf), op=MPI.MIN))
+    high: Array = np.full(size, comm.allreduce(value.max(initial=-np.inf), op=MPI.MAX))
     for _ in range(_HALVINGS):
         cut = (low + high) / 2
         local = np.bincount(first[value <= cut[first]], minlength=size)
@@ -153,7 +154,7 @@ def _moved(msh: mesh.Mesh, new: mesh.Mesh, tag: mesh.MeshTags) -> mesh.MeshTags:
             made.topology.create_connectivity(dim, other)
             made.topology.create_connectivity(other, dim)
     layout = compat.coordinate_element(msh).create_dof_layout()
-    nodes = np.empty((0, len(layout.entity_closure_dofs(dim, 0))), dtype=np.int32)
+    nodes: Indices = np.empty((0, len(layout.entity_closure_dofs(dim, 0))), dtype=np.int32)
     if len(tag.indices) > 0:  # DOLFINx divides by their number
         nodes = mesh.entities_to_geometry(msh, dim, tag.indices)
     # Ranks that share an entity may all have sent it.
