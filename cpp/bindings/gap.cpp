@@ -1,4 +1,5 @@
 #include "gap/gap.h"
+#include "gap/piece_rows.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 
@@ -21,6 +22,24 @@ std::array<Vec, 2> vecs(Handle slave, Handle master)
 
 void qsdolfinx::bind_gap(nb::module_& m)
 {
+  nb::class_<PieceRows>(m, "PieceRows", "Weighted gaps of pieces; see gap/piece_rows.h.")
+      .def(nb::init<const Surface&, Pieces&>(), "slave"_a, "pieces"_a, "Collective.")
+      .def_ro("num_missed", &PieceRows::num_missed, "Pieces with a ray that meets no point.")
+      .def(
+          "cover",
+          [](const PieceRows& r, std::size_t nodes)
+          { return copy(r.on_nodes(r.cover, nodes, 1), {nodes}); },
+          "num_nodes"_a, "What the points cover of the owned nodes' areas, [node].")
+      .def(
+          "gap",
+          [](const PieceRows& r, std::size_t nodes)
+          { return copy(r.on_nodes(r.gap, nodes, 1), {nodes}); },
+          "num_nodes"_a, "G_k, positive in penetration, [node].")
+      .def(
+          "jump",
+          [](const PieceRows& r, std::size_t nodes)
+          { return copy(r.on_nodes(r.jump, nodes, 3), {nodes, 3}); },
+          "num_nodes"_a, "Weighted sums of x_slave - x_master, [node][3].");
   nb::class_<GapOperator>(m, "GapOperator",
                           "Weighted gaps of the slave nodes of this rank; see gap/gap.h.")
       .def(
@@ -33,6 +52,18 @@ void qsdolfinx::bind_gap(nb::module_& m)
           },
           "slave"_a, "master"_a.none(), "points"_a, "jump"_a, "rows"_a,
           "Rows are nodes (0), nodes with what is covered of them (1), or points (2); collective.")
+      .def(
+          "__init__",
+          [](GapOperator* self, const Surface& slave, const Surface* master, const PieceRows& rows,
+             In<double> area, bool jump)
+          {
+            new (self) GapOperator(slave, master, rows, area.view(),
+                                   jump ? GapKind::jump : GapKind::normal);
+          },
+          "slave"_a, "master"_a.none(), "pieces"_a, "area"_a, "jump"_a,
+          "Derivative of gaps that follow the bodies, a row for each owned node; collective.")
+      .def("covers", &GapOperator::covers, "other"_a,
+           "Whether rows of another operator have no columns but those of this one's.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
       .def_prop_ro("width", &GapOperator::width, "Values per row: 1, or gdim of a jump.")
       .def_prop_ro(

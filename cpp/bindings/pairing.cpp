@@ -122,6 +122,23 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "edge_x"_a, "edge_w"_a, "slave_lift"_a, "slave_known"_a, "slave_heights"_a, "master_lift"_a,
       "master_known"_a, "master_heights"_a,
       "Pairing points on the overlay; the last arguments are a Relief each; collective.");
+  nb::class_<Pieces>(m, "Pieces", "Pieces of the overlay; see pairing/pieces.h.")
+      .def_prop_ro("size", &Pieces::size)
+      .def_prop_ro("num_points", [](const Pieces& p) { return p.points.size(); });
+  m.def(
+      "overlay_pieces",
+      [](const Surface& slave, const Surface& master, const Surface& slave_measured,
+         const Surface& master_measured, bool both, const SearchRadius& radius, In<double> piece_x,
+         In<double> piece_w, In<double> edge_x, In<double> edge_w)
+      {
+        const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
+        return overlay_pieces(slave, master, slave_measured, master_measured, both, radius, rules);
+      },
+      "slave"_a, "master"_a, "slave_measured"_a, "master_measured"_a, "both"_a, "radius"_a,
+      "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
+      "Pieces of surfaces that follow their bodies; collective.");
+  m.def("nearby_pieces", &nearby_pieces, "slave"_a, "master"_a, "both"_a, "margin"_a,
+        "Pairs of facets that pieces may be cut from, without points; collective.");
   m.def(
       "conforming_points",
       [](const Surface& slave, const Surface& master, const SearchRadius& radius,

@@ -27,6 +27,11 @@ void qsdolfinx::bind_surface(nb::module_& m)
           "move",
           [](Surface& s, In<double> x, In<double> inside) { s.move(x.view(), inside.view()); },
           "x"_a, "inside"_a, "Let the facets have other coordinates; collective.")
+      .def(
+          "follow", [](Surface& s, In<double> trace_x) { s.follow(trace_x.view()); }, "trace_x"_a,
+          "Let the nodes of the trace have other coordinates, [facet][node][3]; local.")
+      .def("measure_nodes", &Surface::measure_nodes,
+           "Areas and normals of the nodes after `follow`; collective.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range,
                    "Smallest and largest facet size; collective.")
       .def_prop_ro(

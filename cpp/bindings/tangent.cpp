@@ -1,5 +1,6 @@
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "tangent/curvature.h"
 #include "tangent/friction.h"
 #include "tangent/insertion.h"
 #include "tangent/rows.h"
@@ -42,6 +43,19 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       },
       "jump"_a, "normal"_a, "stiffness"_a, "coupling"_a, "blocks"_a, "scale"_a,
       "Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm).");
+  m.def(
+      "insert_curvature",
+      [](const Surface* master, const Pieces& pieces, Handle multiplier,
+         std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
+      {
+        insert_curvature(
+            master, pieces, reinterpret_cast<Vec>(multiplier),
+            {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
+            contact_blocks(blocks), scale);
+      },
+      "master"_a.none(), "pieces"_a, "multiplier"_a, "markers"_a, "blocks"_a, "scale"_a,
+      "Add the sum of multipliers times second derivatives of gaps to the blocks (ss, sm, ms, mm); "
+      "collective.");
   m.def(
       "put_rows",
       [](Handle block, Handle matrix, In<std::int32_t> rows,

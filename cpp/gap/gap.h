@@ -26,6 +26,7 @@ enum class GapRows
   points         ///< the pairing points, w_p taking the place of S_k: nothing is averaged
 };
 
+struct PieceRows;
 struct Slots;
 
 /// Weighted gaps of the slave nodes that this rank owns, one row per node with at least one pairing
@@ -51,6 +52,12 @@ public:
   /// @param points pairing points, anywhere on the communicator
   GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,
               GapKind kind, GapRows rows);
+  /// Derivative of the gaps G_k/D_k of pieces that follow the bodies, at where they are: a row for
+  /// each owned node of the slave, empty of those that no piece reaches. `initial_gap` is −G_k/D_k.
+  /// Of a jump the mean of x_slave − x_master with places on the facets that stay. Collective.
+  /// @param area D_k, [node]
+  GapOperator(const Surface& slave, const Surface* master, const PieceRows& rows,
+              std::span<const double> area, GapKind kind);
   ~GapOperator();
   GapOperator(const GapOperator&) = delete;
   GapOperator& operator=(const GapOperator&) = delete;
@@ -79,6 +86,9 @@ public:
   int num_sides() const { return num_sides_; }
   /// 0: slave, 1: master.
   const Side& side(int i) const { return sides_[i]; }
+
+  /// Whether each row of another operator has no columns but those of this one's. Local.
+  bool covers(const GapOperator& other) const;
 
   /// Linear part G_s u_s + G_m u_m, [row][width]. Collective.
   /// @param x vectors of the two bodies; a rigid one's is ignored

@@ -24,6 +24,7 @@ struct NearbyFacets : FacetCopies
   std::vector<std::uint8_t> side; ///< smooth sides, [facet][vertex]
   std::vector<double> curvature;  ///< [facet][6], if asked for
   std::vector<double> heights;    ///< [facet][node of degree 2], if they are known
+  std::vector<double> trace_x;    ///< [facet][trace][3], of surfaces that follow their bodies
 
   Curvature curvature_of(std::size_t facet) const
   {
@@ -57,7 +58,7 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
   std::vector<int> dest, owner;
   std::vector<std::size_t> facets;
   facets_in_boxes(from, boxes, dest, facets);
-  std::vector<double> x, orientation, curvature, heights;
+  std::vector<double> x, orientation, curvature, heights, trace_x;
   const int nh = trace_size(from.type(), 2);
   const bool known = curved && curved->relief.known;
   std::vector<std::int64_t> dofs;
@@ -73,6 +74,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
       append_record(curvature, curved->curvature[f], 0, 6);
     if (known)
       append_record(heights, curved->relief.heights, f, nh);
+    if (from.follows())
+      append_record(trace_x, from.facets().trace_x, f, nt * 3);
   }
   const Exchange exchange(from.comm(), dest);
   return {
@@ -84,7 +87,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
       exchange.forward<int>(owner, nt),
       exchange.forward<std::uint8_t>(side, nv),
       with_curvature ? exchange.forward<double>(curvature, 6) : std::vector<double>{},
-      known ? exchange.forward<double>(heights, nh) : std::vector<double>{}};
+      known ? exchange.forward<double>(heights, nh) : std::vector<double>{},
+      from.follows() ? exchange.forward<double>(trace_x, nt * 3) : std::vector<double>{}};
 }
 
 /// Whether two bodies are curved the same way along the line between two vertices of a facet where
@@ -125,6 +129,52 @@ struct Curved
   CurvedSide cut, other;
   bool with_curvature;                           ///< whether curvatures are known
   std::vector<ConformingPoint>* found = nullptr; ///< filled if it is not null
+};
+
+/// Where pieces are noted down, and the areas of their points.
+struct Record
+{
+  Pieces& pieces;
+  const Surface& measured; ///< facets of the surface that is cut where areas are measured
+
+  /// Append a piece without points yet.
+  void append(const Surface& cut, std::size_t f, const NearbyFacets& nearby, std::size_t g,
+              bool cut_is_slave)
+  {
+    PieceSide& here = cut_is_slave ? pieces.slave : pieces.master;
+    PieceSide& there = cut_is_slave ? pieces.master : pieces.slave;
+    const Facets& own = cut.facets();
+    append_side(here, own.trace_x, own.orientation, own.dofs, own.owner, f);
+    append_side(there, nearby.trace_x, nearby.orientation, nearby.dofs, nearby.owner, g);
+    pieces.cut_is_slave.push_back(cut_is_slave);
+    pieces.end.push_back(pieces.points.size());
+  }
+
+  void append_point(const RayPoint& point)
+  {
+    pieces.points.push_back(point);
+    pieces.end.back() = pieces.points.size();
+  }
+
+  /// Area at ξ on facet f, over that of the reference facet.
+  double stretch(std::size_t f, std::array<double, 2> xi) const
+  {
+    const auto v = measured.facet_x(f);
+    return norm(area_vector(measured.type(), v, xi))
+           * measured.area_factor(facet_point(measured.type(), v, xi));
+  }
+
+private:
+  void append_side(PieceSide& side, const std::vector<double>& x,
+                   const std::vector<double>& orientation, const std::vector<std::int64_t>& dofs,
+                   const std::vector<int>& owner, std::size_t f) const
+  {
+    const auto nodes = static_cast<std::size_t>(side.num_nodes);
+    append_record(side.x, x, f, nodes * 3);
+    append_record(side.orientation, orientation, f, 1);
+    append_record(side.dofs, dofs, f, nodes * pieces.gdim);
+    append_record(side.owner, owner, f, nodes);
+  }
 };
 
 /// Part of a facet that one facet of the other surface covers.
@@ -225,8 +275,8 @@ class Overlay
 public:
   Overlay(PairingPoints& points, const Surface& cut, const Surface& other, bool cut_is_slave,
           double share, const SearchRadius& radius, Normals normals, const OverlayRules& rules,
-          const Curved* curved)
-      : points_(points), cut_(cut), curved_(curved),
+          const Curved* curved, Record* record = nullptr)
+      : points_(points), cut_(cut), curved_(curved), record_(record),
         nearby_(fetch_nearby(other, cut, radius.largest, curved ? &curved->other : nullptr,
                              curved && curved->with_curvature)),
         tree_(facet_boxes(nearby_.type, nearby_.x)),
@@ -432,6 +482,7 @@ private:
     there_.compute(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
     const ShapeValues &here = here_, &there = there_;
     const double reach = reach_.of(cut_.facets().size[f], std::sqrt(squared_size(nearby_.type, z)));
+    bool is_recorded = false;
     for (std::size_t p = 0; p < q_.size(); ++p)
     {
       const Vec3 x = facet_point(cut_.type(), v, here.xi[p]);
@@ -442,6 +493,16 @@ private:
       double gap = dot(y - x, outward);
       if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y) || has_shorter_way_out(f, x, y))
         continue;
+      if (record_)
+      {
+        if (!is_recorded)
+          record_->append(cut_, f, nearby_, piece.other, cut_is_slave_);
+        is_recorded = true;
+        record_->append_point({here.xi[p], there.xi[p],
+                               share_ * w_[p] / planar.jacobian(here.xi[p])
+                                   * record_->stretch(f, here.xi[p])});
+        continue;
+      }
       // A curved quadrilateral has more area than its projection.
       const double stretch
           = norm(area_vector(cut_.type(), v, here.xi[p])) / planar.jacobian(here.xi[p]);
@@ -543,6 +604,7 @@ private:
   PairingPoints& points_;
   const Surface& cut_;
   const Curved* curved_; // null if facets are taken as they are
+  Record* record_;       // null if only points are wanted
   NearbyFacets nearby_;  // of the other surface
   BoxTree tree_;
   NearbyFacets own_; // of the surface that is cut
@@ -596,6 +658,67 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
   if (both)
     cut(master, slave);
   return points;
+}
+
+namespace
+{
+/// No pieces yet, of facets of these surfaces.
+Pieces no_pieces(const Surface& slave, const Surface& master)
+{
+  const auto side = [](const Surface& s)
+  { return PieceSide{s.type(), s.degree(), s.num_trace(), {}, {}, {}, {}}; };
+  Pieces out;
+  out.gdim = slave.gdim();
+  out.num_multipliers = slave.num_vertices();
+  out.slave = side(slave);
+  out.master = side(master);
+  return out;
+}
+} // namespace
+
+Pieces qsdolfinx::overlay_pieces(const Surface& slave, const Surface& master,
+                                 const Surface& slave_measured, const Surface& master_measured,
+                                 bool both, const SearchRadius& radius, const OverlayRules& rules)
+{
+  Pieces out = no_pieces(slave, master);
+  PairingPoints none(slave, &master);
+  const double share = both ? 0.5 : 1.0;
+  const auto cut = [&](const Surface& surface, const Surface& other, const Surface& measured)
+  {
+    Record record{out, measured};
+    Overlay(none, surface, other, &surface == &slave, share, radius, Normals::facet, rules, nullptr,
+            &record)
+        .run();
+  };
+  cut(slave, master, slave_measured);
+  if (both)
+    cut(master, slave, master_measured);
+  return out;
+}
+
+Pieces qsdolfinx::nearby_pieces(const Surface& slave, const Surface& master, bool both,
+                                double margin)
+{
+  Pieces out = no_pieces(slave, master);
+  const auto cut = [&](const Surface& surface, const Surface& other)
+  {
+    const NearbyFacets nearby = fetch_nearby(other, surface, margin);
+    const BoxTree tree(facet_boxes(nearby.type, nearby.x));
+    std::vector<std::size_t> found;
+    Record record{out, surface};
+    for (std::size_t f = 0; f < surface.num_facets(); ++f)
+    {
+      tree.near(box_of(surface.facet_x(f)), margin, found);
+      std::ranges::sort(found);
+      for (std::size_t g : found)
+        if (dot(nearby.outward(g), surface.normal(f, facet_centre(surface.type()))) < 0)
+          record.append(surface, f, nearby, g, &surface == &slave);
+    }
+  };
+  cut(slave, master);
+  if (both)
+    cut(master, slave);
+  return out;
 }
 
 std::vector<ConformingPoint>

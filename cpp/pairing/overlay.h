@@ -3,6 +3,7 @@
 
 #include "geometry/planar.h"
 #include "pairing/pairing.h"
+#include "pairing/pieces.h"
 #include "surface/relief.h"
 
 namespace qsdolfinx
@@ -42,6 +43,18 @@ PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool
                                const SearchRadius& radius, Normals normals,
                                const OverlayRules& rules, const Relief& slave_relief,
                                const Relief& master_relief);
+
+/// The same pieces with the facets they were cut from, gaps being along the normals of these.
+/// Collective.
+/// @param slave, master surfaces that follow their bodies, see Surface::follow
+/// @param slave_measured, master_measured the same facets where areas are measured
+Pieces overlay_pieces(const Surface& slave, const Surface& master, const Surface& slave_measured,
+                      const Surface& master_measured, bool both, const SearchRadius& radius,
+                      const OverlayRules& rules);
+
+/// Pairs of facets that pieces may be cut from before either has moved by the margin: no points.
+/// Collective. @param both whether also those of the master are cut
+Pieces nearby_pieces(const Surface& slave, const Surface& master, bool both, double margin);
 
 /// Where surfaces are curved the same way, at a point of the overlay.
 struct ConformingPoint

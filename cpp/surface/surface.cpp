@@ -100,6 +100,21 @@ void Surface::move(std::span<const double> x, std::span<const double> inside)
   measure_nodes();
 }
 
+void Surface::follow(std::span<const double> trace_x)
+{
+  const auto nv = static_cast<std::size_t>(num_vertices()), nt = static_cast<std::size_t>(num_trace());
+  if (trace_x.size() != num_facets() * nt * 3)
+    throw std::invalid_argument("Surface::follow: other facets than before");
+  follows_ = true;
+  facets_.trace_x.assign(trace_x.begin(), trace_x.end());
+  for (std::size_t f = 0; f < num_facets(); ++f)
+  {
+    std::copy_n(trace_x.begin() + f * nt * 3, nv * 3, facets_.x.begin() + f * nv * 3);
+    facets_.size[f] = std::sqrt(squared_size(type_, facet_x(f)));
+  }
+  tree_follows_ = false;
+}
+
 Surface::~Surface()
 {
   to_owner_.reset();

@@ -32,6 +32,8 @@ struct Facets
   /// Smooth side of the surface at the vertex that the facet belongs to, below gdim; all 0 where
   /// there is no crease. As the surface was at first. [facet][vertex]
   std::vector<std::uint8_t> vertex_side;
+  /// Coordinates of all nodes of the trace, [facet][node][3]: of surfaces that follow their body.
+  std::vector<double> trace_x;
 };
 
 /// Nodes of a contact surface whose unknowns this rank owns, in ascending order of `dofs`. This
@@ -85,6 +87,13 @@ public:
   ~Surface();
   /// Let the facets have other coordinates; collective. @param x, inside as above
   void move(std::span<const double> x, std::span<const double> inside);
+  /// Let the nodes of the trace have other coordinates, without a look at areas and normals of
+  /// nodes; which way facets look stays. Local. @param trace_x [facet][node][3]
+  void follow(std::span<const double> trace_x);
+  /// Areas and normals of the nodes, where facets have followed their body to. Collective.
+  void measure_nodes();
+  /// Whether it has ever followed its body.
+  bool follows() const { return follows_; }
   Surface(const Surface&) = delete;
   Surface& operator=(const Surface&) = delete;
 
@@ -134,7 +143,6 @@ public:
 private:
   void orient_and_measure(std::span<const double> inside);
   void number_nodes();
-  void measure_nodes();
   void mark_boundary();
   void find_sides();
 
@@ -144,7 +152,7 @@ private:
   int degree_;
   bool axisymmetric_;
   std::int64_t local_size_;
-  bool has_creases_ = false;
+  bool has_creases_ = false, follows_ = false;
   Facets facets_;
   Nodes nodes_;
   mutable std::unique_ptr<BoxTree> tree_;   ///< null until asked for

@@ -45,6 +45,7 @@ from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 
+SLIDING = ("small", "finite")
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
 ENFORCEMENTS = ("penalty", "augmented-lagrangian")
 
@@ -165,6 +166,7 @@ class Contact:
         initial_overclosure: str = "resolve",
         constraints: str = "nodes",
         smoothing: Side | tuple[Side, Side] = "none",
+        sliding: str = "small",
     ) -> None:
         law = Unilateral() if law is None else law
         check_alone(SLAVE, slave=slave)
@@ -184,6 +186,9 @@ class Contact:
             # Before what follows from them: of several arguments that differ the first is named.
             same(law=type(law).__name__, friction=friction)
             same(unknown=unknowns_of(unknown, rigid))
+            same(one_of(SLIDING), sliding=sliding)
+            if normals is None and sliding == "finite":
+                normals = "facet"
             if normals is None:
                 averaging = quadrature == "overlay" or friction is not None
                 normals = "bisector" if averaging else "facet"
@@ -216,6 +221,7 @@ class Contact:
             constraints,
             augmented,
             float(gap_tolerance),
+            sliding,
         )
         self._smoothing = smoothing
         #: The parts, for the problem and for those who extend the library.

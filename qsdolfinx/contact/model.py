@@ -17,6 +17,7 @@ from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.following import Following
 from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.overclosure import Overclosure
@@ -51,6 +52,7 @@ class Settings:
         constraints: Whether the law is asked at ``"nodes"``, or at the pairing ``"points"``.
         augmented: Whether the multiplier is augmented until the gap is closed.
         gap_tolerance: Gap at which augmentation ends, in units of the smallest facet.
+        sliding: ``"small"`` or ``"finite"``: whether contact's geometry follows the bodies.
     """
 
     slave: Surface
@@ -62,6 +64,7 @@ class Settings:
     constraints: str
     augmented: bool
     gap_tolerance: float
+    sliding: str = "small"
 
     @property
     def rows(self) -> str:
@@ -168,11 +171,23 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
             1 / len(roles),
             rows=settings.rows,
             augmented=settings.augmented,
+            following=_following(settings, first, second, radius),
         )
         for (first, second), found in zip(roles, points, strict=True)
     )
     slips = () if friction is None else friction.slips_of(gaps)
     return Paired(gaps, slips, radius, low, master.version)
+
+
+def _following(
+    settings: Settings, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius
+) -> Following | None:
+    """What makes gaps of a pass follow the bodies; None where they are linear. Collective."""
+    if settings.sliding == "small" or settings.law.jump:
+        return None
+    both = settings.formulation == "quasi-symmetric"
+    assert isinstance(master, Surface)
+    return Following(slave, master, both, radius, settings.sampling.degree)
 
 
 def _radius(settings: Settings) -> _cpp.SearchRadius:
@@ -246,6 +261,8 @@ class ContactModel:
         self.soft_warned = False
         #: Whether a gap that is open by rounding alone counts as open.
         self.strict = False
+        #: Whether the tangent has the second derivatives of gaps that follow the bodies.
+        self.with_curvature = True
         #: Wall time that this rank has spent in pairing, gaps and insertion.
         self.watch = Stopwatch()
 
@@ -314,6 +331,11 @@ class ContactModel:
     def allowed_gap(self) -> float:
         """Gap (length) at which augmentation ends, if not at less: see multipliers.allowed."""
         return self.settings.gap_tolerance * self.paired.facet_size
+
+    @property
+    def follows(self) -> bool:
+        """Whether gaps are no linear functions of the unknowns."""
+        return any(gap.following is not None for gap in self.gaps)
 
     @property
     def symmetric(self) -> bool:

@@ -16,7 +16,6 @@ from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import multipliers, overclosed, terms
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.contact.placement import Placement
-from qsdolfinx.gap.weighted_gap import handle_of
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
 from qsdolfinx.surface.surface import update_surfaces
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
@@ -159,8 +158,7 @@ def set_motion(model: ContactModel) -> None:
     for gap in model.gaps:
         gap.state.scale = model.ordered(gap, model.kinematics.scale)
         if model.offset is not None:
-            u = model.ordered(gap, model.offset)
-            gap.state.offset = gap.operator.apply(handle_of(u[0]), handle_of(u[1]))
+            gap.set_offset(model.ordered(gap, model.offset))
     for slip in model.slips:
         slip.gap.state.scale = slip.of.state.scale
 

@@ -14,7 +14,7 @@ from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
+from qsdolfinx.gap.weighted_gap import WeightedGap
 
 #: Blocks ss, sm, ms, mm of the slave's and the master's body.
 BlocksOf = tuple[PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None]
@@ -66,7 +66,10 @@ def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
     with model.watch.stage("insertion"):
         for gap in model.gaps:
             slope = active_set.slope(model, gap)
-            gap.add_stiffness(slope, _ordered(model, gap.slave is model.slave, blocks), False)
+            ordered = _ordered(model, gap.slave is model.slave, blocks)
+            gap.add_stiffness(slope, ordered, False)
+            if model.with_curvature:
+                gap.add_curvature(gap.multiplier(model.eps), ordered)
         for slip in model.slips:
             slope = active_set.slope(model, slip.of)
             slip.add_stiffness(slope, _ordered(model, slip.slave is model.slave, blocks))
@@ -87,7 +90,7 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
 
 def has_factors(model: ContactModel) -> bool:
     """Whether the tangent is Gᵀ W G with gaps G that stay while contact does not pair anew."""
-    return all(slip.is_at_rows for slip in model.slips)
+    return not model.follows and all(slip.is_at_rows for slip in model.slips)
 
 
 def gaps_and_slips(model: ContactModel) -> list[tuple[WeightedGap | Slip, Weights]]:
@@ -112,5 +115,4 @@ def constrain(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -
     """Mark the unknowns with Dirichlet conditions by nonzero entries."""
     for part in model.parts:
         gap = part.gap if isinstance(part, Slip) else part
-        first, second = model.ordered(gap, (slave, master))
-        part.operator.constrain(handle_of(first), handle_of(second))
+        part.constrain(*model.ordered(gap, (slave, master)))

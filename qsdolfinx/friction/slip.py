@@ -239,6 +239,10 @@ class Slip:
         seen = rows, state.response, leaving, gap / self.cover, compliance, means
         state.evaluated = Evaluated(*seen)
 
+    def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+        """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
+        self.operator.constrain(handle_of(slave), handle_of(master))
+
     def begin_at(self, u: Vecs, in_displacement: tuple[bool, bool]) -> None:
         """Let the step begin at these unknowns, unless its start is known. Collective."""
         state = self.state

@@ -13,9 +13,11 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.following import Cut, Following, Measure, Places
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
-from qsdolfinx.gap.tie import Places, Tie
+from qsdolfinx.gap.tie import Places as TiePlaces
+from qsdolfinx.gap.tie import Tie
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface
@@ -49,6 +51,8 @@ class GapState:
         scale: Displacement per unknown of the slave's and of the master's body.
         carried: Jump (length) that meshes and a tool have made since they were tied, likewise.
         places: Where meshes had moved tied surfaces by then; None where they were tied.
+        base: Where facets that follow their bodies are with unknowns 0.
+        measure: Their areas.
     """
 
     values: Array
@@ -58,7 +62,9 @@ class GapState:
     allowance: Array
     scale: tuple[float, float] = (1.0, 1.0)
     carried: Array | float = 0.0
-    places: Places | None = None
+    places: TiePlaces | None = None
+    base: Places | None = None
+    measure: Measure | None = None
 
 
 class WeightedGap:
@@ -95,6 +101,8 @@ class WeightedGap:
         rows: What rows are: ``"area"``, nodes, whose gap is divided by S_k; ``"cover"``, by what is
             covered of it; or ``"points"``.
         augmented: Whether λ̂ is going to be updated.
+        following: Cuts the facets anew at each evaluation; None for gaps that are linear in u. The
+            operator is then the derivative at the last evaluation, with a row for each owned node.
     """
 
     def __init__(
@@ -106,13 +114,22 @@ class WeightedGap:
         share: float,
         rows: str,
         augmented: bool,
+        following: Following | None = None,
     ) -> None:
         self.slave = slave
         self.master = master
         self.points = points
         self.law = law
         self._kind, self._share, self._is_augmented = KINDS.index(rows), share, augmented
-        self.operator = self._operator(law.jump)
+        self.following = following
+        #: The last evaluation of gaps that follow the bodies.
+        self.cut: Cut | None = None
+        base = measure = None
+        if following is not None:
+            base = following.as_paired()
+            measure = following.measure(base)
+            self.cut = following.cut(base, measure)
+        self.operator = self._operator(law.jump) if self.cut is None else self.cut.operator
         #: Area in the energy of each row: what its gap is divided by, times the share.
         self.weight: Array = share * self.operator.row_area
         #: ε of each row in units of the contact's.
@@ -130,19 +147,21 @@ class WeightedGap:
             self.rows = NodeRows(self.operator, slave, points.by_sides)
             self.multiplier_weight = self.weight[:, None] * np.ones(self.operator.width)
             if augmented and rows == "cover":
-                cover = self.operator.row_area / slave.node_area[self.operator.row_node]
+                whole = slave.node_area if measure is None else measure.node_area
+                cover = self.operator.row_area / whole[self.operator.row_node]
                 self.relative_penalty = 1 / cover
         #: Components of λ̂ that conditions hold on both sides; None if there are none anywhere.
         self.extension: Extension | None = None
         #: What changes while the pairing stays.
         self.state = GapState(zero, multipliers, zero, zero, zero[:, 0])
+        self.state.base, self.state.measure = base, measure
         #: How ties count what has moved since they were made; None of other laws.
         self.tie = Tie(slave, master) if law.jump else None
         #: Rows that are open, whatever their gap: to see where bodies would be without them.
         self.released: npt.NDArray[np.bool_] | None = None
         self._at_rows: tuple[Array, Array] = multipliers, zero
         if not law.jump:
-            self.state.values = -self.operator.initial_gap[:, None]
+            self.state.values = self._values_of_cut()
 
     def by_node(self) -> WeightedGap:
         """The same with a row for each node: itself, unless rows are points. Collective."""
@@ -176,6 +195,8 @@ class WeightedGap:
 
     def jump_operator(self) -> _cpp.GapOperator:
         """The operator of the whole jump vector, at the same rows. Collective."""
+        if self.following is not None and self.cut is not None:
+            return self.following.jump_operator(self.cut)
         return self.operator if self.law.jump else self._operator(True)
 
     def change_of(self, u: Vecs) -> Array:
@@ -185,12 +206,60 @@ class WeightedGap:
     def evaluate(self, u: Vecs) -> None:
         """Compute the weighted gaps for unknowns u. Collective."""
         state = self.state
+        if self.following is not None:
+            self._cut_at(u)
+            self._augmented_at_rows()
+            return
         state.values = self.change_of(u) + state.offset + state.shift + state.carried
         if not self.law.jump:
             state.values -= (self.operator.initial_gap + state.allowance)[:, None]
         elif self.extension is not None:
             state.values = np.where(self.extension.held, 0.0, state.values)
         self._augmented_at_rows()
+
+    def _cut_at(self, u: Vecs) -> None:
+        """Cut the facets anew where the unknowns put them. Collective."""
+        state = self.state
+        assert self.following is not None
+        assert state.base is not None and state.measure is not None
+        places = self.following.places(state.base, u, state.scale)
+        self.cut = self.following.cut(places, state.measure)
+        self.operator = self.cut.operator
+        self.rows.covered_nodes = self.cut.covered
+        state.values = self._values_of_cut() - state.allowance[:, None]
+
+    def _values_of_cut(self) -> Array:
+        """ḡ of the operator alone; −∞ of nodes that nothing is opposite to."""
+        values = -self.operator.initial_gap[:, None]
+        return values if self.cut is None else np.where(self.cut.covered[:, None], values, -np.inf)
+
+    def set_offset(self, u: Vecs) -> None:
+        """Set displacements on top of those of the unknowns. Collective."""
+        if self.following is not None:
+            base = self.following.as_paired()
+            self.state.base = self.following.places(base, u)
+            return
+        self.state.offset = self.operator.apply(handle_of(u[0]), handle_of(u[1]))
+
+    def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+        """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
+        self.operator.constrain(handle_of(slave), handle_of(master))
+        if self.following is not None:
+            assert master is not None
+            self.following.constrain(slave, master)
+
+    def add_curvature(
+        self, multiplier: Array, blocks: typing.Sequence[PETSc.Mat | None]
+    ) -> None:
+        """Add Σ_k λ_k ∂²G_k to the blocks (ss, sm, ms, mm), of gaps that follow. Collective."""
+        if self.following is not None and self.cut is not None:
+            handles = [handle_of(mat) for mat in blocks]
+            force = self._share * multiplier[:, 0]
+            self.following.add_curvature(self.cut, force, handles, self.state.scale)
+
+    def fits_pattern(self) -> bool:
+        """Whether the tangent has room for the last evaluation, on this rank."""
+        return self.following is None or self.cut is None or self.following.fits(self.cut)
 
     def allow(self, allowance: Array) -> None:
         """Set the gaps (length) of the rows that count as none."""
@@ -311,7 +380,10 @@ class WeightedGap:
         """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
         handles = [handle_of(mat) for mat in blocks]
         stiffness = self.weight * slope if pattern else self.stiffness(slope)
-        _cpp.insert_contact(self.operator, stiffness, handles, self.state.scale, pattern)
+        operator = self.operator
+        if pattern and self.following is not None and self.cut is not None:
+            operator = self.following.make_pattern(self.cut)
+        _cpp.insert_contact(operator, stiffness, handles, self.state.scale, pattern)
 
     def stiffness(self, slope: Array) -> Array:
         """S diag(slope), force per length of ḡ, shape (rows,), or of components (rows, width)."""

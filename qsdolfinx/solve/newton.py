@@ -43,6 +43,13 @@ QUADRATIC = 0.1
 #: Iterations that it is given then beyond those that it may take by default.
 MORE = 5
 
+#: Part of its largest residual in a solve below which second derivatives of gaps count: far from
+#: the solution they make the tangent indefinite.
+WITH_CURVATURE = 1e-2
+
+#: Times that the tangent may outgrow its pattern in a run.
+MAX_GROWTHS = 20
+
 #: Solves with friction in a row in which nodes whose slip turns may be made to stick.
 MAX_ATTEMPTS = 3
 
@@ -114,6 +121,7 @@ class Context:
             is not balanced. None before the first.
         until: Norm of the residual at which a linear solve is exact enough.
         fall: Part of its residual that the last iteration of the solve has left.
+        outgrown: Whether the run has ended since the tangent has no room for where contact is.
         is_running: Whether SNES solves; others who ask for a tangent want that of where they are.
         failure: What a callback has raised: PETSc would make an error of its own of it.
     """
@@ -130,6 +138,7 @@ class Context:
     until: float = 0.0
     fall: float = np.inf
     is_running: bool = False
+    outgrown: bool = False
     failure: BaseException | None = None
 
 
@@ -161,6 +170,8 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     for slip in system.slips:
         slip.note()
     system.set_strict(snes.getIterationNumber() >= LENIENT)
+    most = max(context.record.residuals, default=np.inf)
+    system.set_curvature(not context.is_running or context.norms[-1] <= WITH_CURVATURE * most)
     if _is_near(context) and system.tangent_fits():
         linear.prepare(context.norms, context.until, False)
         return
@@ -229,7 +240,12 @@ def _has_converged(
     context.until = max(loose, float(targets.min(initial=np.inf)))
     if not np.any(exceeded):
         return int(reasons.CONVERGED_FNORM_RELATIVE)
-    return int(reasons.CONVERGED_FNORM_ABS) if norm <= loose else 0
+    if norm <= loose:
+        return int(reasons.CONVERGED_FNORM_ABS)
+    if context.is_running and not context.system.fits_pattern():
+        context.outgrown = True
+        return int(reasons.DIVERGED_FUNCTION_COUNT)  # it goes on with other matrices
+    return 0
 
 
 def _evaluate(system: ContactSystem, x: PETSc.Vec) -> None:
@@ -435,6 +451,12 @@ class Newton:
     def _run(self) -> None:
         """One run of SNES, longer than it may last where it is about to end. Collective."""
         self._run_once()
+        for _ in range(MAX_GROWTHS):
+            if not self._context.outgrown:
+                break
+            self.system.make_stale()
+            self.update_matrices()
+            self._run_once()
         norms, longest = self._context.norms, self.snes.getTolerances()[3]
         is_late = self._reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
         is_ours = self._may_go_on and longest == SNES_OPTIONS["snes_max_it"]
@@ -477,6 +499,7 @@ class Newton:
     def _call_snes(self) -> None:
         """Let SNES solve; what a callback raises is raised as it is."""
         self._context.norms, self._context.is_running = [], True
+        self._context.outgrown = False
         try:
             self.snes.solve(None, self.system.x)
         except PETSc.Error:

@@ -91,21 +91,8 @@ class Surface:
         with collective_errors(comm):
             self._layout = FacetLayout.of(V, self.facets)
             self._coordinates = self._layout.checked_coordinates(V.mesh)
-        x, inside, _ = self._coordinates
-        index_map = V.dofmap.index_map
         #: The extension's surface.
-        self.cpp_object: _cpp.Surface = _cpp.Surface(
-            comm=comm.py2f(),
-            gdim=self.gdim,
-            num_vertices=self.num_facet_vertices,
-            x=x,
-            degree=self.degree,
-            dofs=self._layout.dofs,
-            owner=self._layout.owner,
-            inside=inside,
-            local_size=index_map.size_local * V.dofmap.index_map_bs,
-            axisymmetric=self.axisymmetric,
-        )
+        self.cpp_object: _cpp.Surface = self.twin()
         self._read_heights()
 
     @property
@@ -122,6 +109,23 @@ class Surface:
         self._coordinates = value
         self._linear = None
         self._read_heights()
+
+    def twin(self) -> _cpp.Surface:
+        """New object of the extension with the same facets, to be moved by itself. Collective."""
+        x, inside, _ = self._coordinates
+        index_map = self.V.dofmap.index_map
+        return _cpp.Surface(
+            comm=self.comm.py2f(),
+            gdim=self.gdim,
+            num_vertices=self.num_facet_vertices,
+            x=x,
+            degree=self.degree,
+            dofs=self._layout.dofs,
+            owner=self._layout.owner,
+            inside=inside,
+            local_size=index_map.size_local * self.V.dofmap.index_map_bs,
+            axisymmetric=self.axisymmetric,
+        )
 
     def _read_heights(self) -> None:
         """How far curved facets are out of the flat ones through their vertices. Collective."""

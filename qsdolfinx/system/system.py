@@ -137,8 +137,22 @@ class ContactSystem:
 
     @property
     def linear(self) -> bool:
-        """Whether all bodies are linear."""
-        return all(body.linear for body in self.bodies)
+        """Whether all bodies are linear, and gaps as long as the active set stays."""
+        bodies = all(body.linear for body in self.bodies)
+        return bodies and not any(contact.follows for contact in self.contacts)
+
+    def set_curvature(self, counts: bool) -> None:
+        """Say whether tangents have the second derivatives of gaps that follow the bodies."""
+        for contact in self.contacts:
+            contact.with_curvature = counts
+
+    def fits_pattern(self) -> bool:
+        """Whether matrices have room for contact where the bodies are now. Collective."""
+        following = [gap for c in self.contacts if c.follows for gap in c.gaps]
+        if not following:
+            return True
+        fits = all([gap.fits_pattern() for gap in following])
+        return bool(self.comm.allreduce(fits, op=MPI.LAND))
 
     def num_active_local(self) -> list[int]:
         """Closed rows of each contact on this rank at the last evaluation."""

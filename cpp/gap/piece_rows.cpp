@@ -1,0 +1,138 @@
+#include "gap/piece_rows.h"
+#include "geometry/ray.h"
+#include "parallel/exchange.h"
+#include "parallel/records.h"
+
+using namespace qsdolfinx;
+
+namespace
+{
+/// Facet of one side of a piece.
+RayFacet facet_of(const PieceSide& side, std::size_t piece)
+{
+  return {side.type, side.degree, side.x_of(piece), side.orientation[piece]};
+}
+
+/// Sums over the points of a piece, for all multipliers.
+struct PieceSums
+{
+  std::vector<double> cover, gap, jump, gradient, mass;
+
+  PieceSums(std::size_t multipliers, std::size_t columns)
+      : cover(multipliers), gap(multipliers), jump(multipliers * 3),
+        gradient(multipliers * columns * 3), mass(multipliers * columns)
+  {
+  }
+
+  /// Whether all rays meet the other facet.
+  bool compute(const Pieces& pieces, std::size_t piece, std::span<RayPoint> points)
+  {
+    for (auto* values : {&cover, &gap, &jump, &gradient, &mass})
+      std::ranges::fill(*values, 0.0);
+    const bool is_slave = pieces.cut_is_slave[piece];
+    const RayFacet slave = facet_of(pieces.slave, piece), master = facet_of(pieces.master, piece);
+    const RayPair pair{is_slave ? slave : master, is_slave ? master : slave, is_slave};
+    if (!solve_rays(pair, points))
+      return false;
+    add_gap(pair, points, {cover, gap, jump, gradient});
+    for (const RayPoint& point : points)
+      add_mass(slave, master, is_slave ? point.xi : point.zeta, is_slave ? point.zeta : point.xi,
+               point.weight);
+    return true;
+  }
+
+private:
+  void add_mass(const RayFacet& slave, const RayFacet& master, std::array<double, 2> on_slave,
+                std::array<double, 2> on_master, double weight)
+  {
+    const auto N = shape_functions(slave.type, on_slave);
+    const auto T = trace_functions(slave.type, slave.degree, on_slave);
+    const auto M = trace_functions(master.type, master.degree, on_master);
+    const std::size_t ns = slave.x.size() / 3, nm = master.x.size() / 3;
+    for (std::size_t k = 0; k < cover.size(); ++k)
+    {
+      double* row = &mass[k * (ns + nm)];
+      for (std::size_t j = 0; j < ns; ++j)
+        row[j] += weight * N[k] * T[j];
+      for (std::size_t j = 0; j < nm; ++j)
+        row[ns + j] -= weight * N[k] * M[j];
+    }
+  }
+};
+
+/// Records of rows, as they are sent: cover, gap, jump, gradient, mass.
+void append_row(std::vector<double>& out, const PieceSums& sums, std::size_t k, std::size_t columns)
+{
+  append_record(out, sums.cover, k, 1);
+  append_record(out, sums.gap, k, 1);
+  append_record(out, sums.jump, k, 3);
+  append_record(out, sums.gradient, k, columns * 3);
+  append_record(out, sums.mass, k, columns);
+}
+} // namespace
+
+PieceRows::PieceRows(const Surface& slave, Pieces& pieces)
+    : gdim(pieces.gdim), num_slave(pieces.slave.num_nodes), num_master(pieces.master.num_nodes)
+{
+  const auto nk = static_cast<std::size_t>(pieces.num_multipliers),
+             columns = static_cast<std::size_t>(num_columns());
+  PieceSums sums(nk, columns);
+  std::vector<int> dest;
+  std::vector<double> doubles;
+  std::vector<std::int64_t> integers;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    if (!sums.compute(pieces, i, pieces.points_of(i)))
+    {
+      ++num_missed;
+      continue;
+    }
+    for (std::size_t k = 0; k < nk; ++k)
+    {
+      dest.push_back(pieces.slave.owner[i * num_slave + k]);
+      append_row(doubles, sums, k, columns);
+      integers.push_back(pieces.slave.dofs[(i * num_slave + k) * gdim]);
+      append_record(integers, pieces.slave.dofs, i, static_cast<std::size_t>(num_slave) * gdim);
+      append_record(integers, pieces.master.dofs, i, static_cast<std::size_t>(num_master) * gdim);
+    }
+  }
+  append_received(slave, dest, doubles, integers);
+}
+
+void PieceRows::append_received(const Surface& slave, std::span<const int> dest,
+                                const std::vector<double>& doubles,
+                                const std::vector<std::int64_t>& integers)
+{
+  const auto columns = static_cast<std::size_t>(num_columns());
+  const int num_doubles = 5 + 4 * num_columns(), num_integers = 1 + num_columns() * gdim;
+  const Exchange exchange(slave.comm(), dest);
+  const auto values = exchange.forward<double>(doubles, num_doubles);
+  const auto numbers = exchange.forward<std::int64_t>(integers, num_integers);
+  for (std::size_t r = 0; r < exchange.num_received(); ++r)
+  {
+    const double* v = values.data() + r * num_doubles;
+    const auto take = [&v](std::vector<double>& to, std::size_t n)
+    {
+      to.insert(to.end(), v, v + n);
+      v += n;
+    };
+    take(cover, 1);
+    take(gap, 1);
+    take(jump, 3);
+    take(gradient, columns * 3);
+    take(mass, columns);
+    const std::int64_t* i = numbers.data() + r * num_integers;
+    node.push_back(slave.node_index(i[0]));
+    dofs.insert(dofs.end(), i + 1, i + num_integers);
+  }
+}
+
+std::vector<double> PieceRows::on_nodes(const std::vector<double>& values, std::size_t num_nodes,
+                                        std::size_t width) const
+{
+  std::vector<double> out(num_nodes * width, 0.0);
+  for (std::size_t r = 0; r < size(); ++r)
+    for (std::size_t i = 0; i < width; ++i)
+      out[node[r] * width + i] += values[r * width + i];
+  return out;
+}

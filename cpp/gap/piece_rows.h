@@ -1,0 +1,41 @@
+// Weighted gaps of slave nodes and their derivatives, from pieces that follow the bodies.
+#pragma once
+
+#include "pairing/pieces.h"
+#include "surface/surface.h"
+
+namespace qsdolfinx
+{
+
+/// What pieces give to the multipliers of this rank, one row for each piece and multiplier:
+/// G_k = Σ_p w_p N_k g_p, its derivative by the nodes of both facets, and what belongs to friction.
+/// Columns are the nodes of the slave's facet, then those of the master's.
+struct PieceRows
+{
+  /// Solves for where the rays of all points meet the other facets; these places are updated.
+  /// Collective.
+  PieceRows(const Surface& slave, Pieces& pieces);
+
+  int gdim, num_slave, num_master;    ///< columns of either side
+  std::int64_t num_missed = 0;        ///< pieces left out, since a ray meets no point
+  std::vector<std::size_t> node;      ///< owned node of the slave, [row]
+  std::vector<double> cover;          ///< Σ_p w_p N_k, [row]
+  std::vector<double> gap;            ///< G_k, positive in penetration, [row]
+  std::vector<double> jump;           ///< Σ_p w_p N_k (x_slave − x_master), [row][3]
+  std::vector<double> gradient;       ///< of G_k, [row][column][3]
+  std::vector<double> mass;           ///< Σ_p w_p N_k T_j, negative for the master, [row][column]
+  std::vector<std::int64_t> dofs;     ///< [row][column][gdim]
+
+  std::size_t size() const { return node.size(); }
+  int num_columns() const { return num_slave + num_master; }
+  /// Sums over the rows of each owned node, [node][width]. @param values [row][width]
+  std::vector<double> on_nodes(const std::vector<double>& values, std::size_t num_nodes,
+                               std::size_t width) const;
+
+private:
+  void append_received(const Surface& slave, std::span<const int> dest,
+                       const std::vector<double>& doubles,
+                       const std::vector<std::int64_t>& integers);
+};
+
+} // namespace qsdolfinx

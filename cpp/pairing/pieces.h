@@ -1,0 +1,52 @@
+// Pieces of the overlay with the facets they were cut from: what gaps that follow the bodies need.
+#pragma once
+
+#include "geometry/ray.h"
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace qsdolfinx
+{
+
+/// Facets of one side, one for each piece, by all nodes of the trace.
+struct PieceSide
+{
+  FacetType type = FacetType::interval;
+  int degree = 1, num_nodes = 0;
+  std::vector<double> x;           ///< where the nodes are, [piece][node][3]
+  std::vector<double> orientation; ///< as Facets::orientation, [piece]
+  std::vector<std::int64_t> dofs;  ///< unknowns, [piece][node][gdim]
+  std::vector<int> owner;          ///< their owners, [piece][node]
+
+  std::span<const double> x_of(std::size_t piece) const
+  {
+    const std::size_t width = static_cast<std::size_t>(num_nodes) * 3;
+    return std::span(x).subspan(piece * width, width);
+  }
+};
+
+/// Pieces on the ranks that own the facets that were cut.
+struct Pieces
+{
+  int gdim = 0, num_multipliers = 0;
+  PieceSide slave, master;
+  std::vector<std::uint8_t> cut_is_slave; ///< whether the slave's facet was cut, [piece]
+  std::vector<std::size_t> end;           ///< points of a piece: [end[piece - 1], end[piece])
+  std::vector<RayPoint> points;           ///< ξ of the facet that was cut, ζ of the other, area
+
+  std::size_t size() const { return end.size(); }
+  std::span<const RayPoint> points_of(std::size_t piece) const
+  {
+    const std::size_t first = piece > 0 ? end[piece - 1] : 0;
+    return std::span(points).subspan(first, end[piece] - first);
+  }
+  std::span<RayPoint> points_of(std::size_t piece)
+  {
+    const std::size_t first = piece > 0 ? end[piece - 1] : 0;
+    return std::span(points).subspan(first, end[piece] - first);
+  }
+};
+
+} // namespace qsdolfinx

@@ -1,0 +1,104 @@
+#include "tangent/curvature.h"
+#include "geometry/ray.h"
+#include "parallel/petsc.h"
+
+#include <algorithm>
+
+using namespace qsdolfinx;
+
+namespace
+{
+/// Values of a distributed vector at some unknowns, in their order. Collective.
+std::vector<double> values_at(Vec x, std::span<const std::int64_t> dofs)
+{
+  std::vector<PetscInt> wanted(dofs.begin(), dofs.end());
+  Vec local;
+  IS is;
+  VecScatter scatter;
+  const auto n = static_cast<PetscInt>(wanted.size());
+  check(VecCreateSeq(PETSC_COMM_SELF, n, &local));
+  check(ISCreateGeneral(PETSC_COMM_SELF, n, wanted.data(), PETSC_USE_POINTER, &is));
+  check(VecScatterCreate(x, is, local, nullptr, &scatter));
+  check(VecScatterBegin(scatter, x, local, INSERT_VALUES, SCATTER_FORWARD));
+  check(VecScatterEnd(scatter, x, local, INSERT_VALUES, SCATTER_FORWARD));
+  const PetscScalar* values;
+  check(VecGetArrayRead(local, &values));
+  std::vector<double> out(values, values + n);
+  check(VecRestoreArrayRead(local, &values));
+  check(VecScatterDestroy(&scatter));
+  check(ISDestroy(&is));
+  check(VecDestroy(&local));
+  return out;
+}
+
+/// Unknowns of one side, -1 where a Dirichlet condition holds, [piece][node][gdim].
+std::vector<PetscInt> free_dofs(const PieceSide& side, Vec markers)
+{
+  const std::vector<double> marked = values_at(markers, side.dofs);
+  std::vector<PetscInt> out(side.dofs.begin(), side.dofs.end());
+  for (std::size_t i = 0; i < out.size(); ++i)
+    if (marked[i] != 0)
+      out[i] = -1;
+  return out;
+}
+
+/// First unknowns of the nodes with multipliers, [piece][multiplier].
+std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces)
+{
+  std::vector<std::int64_t> out;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+    for (int k = 0; k < pieces.num_multipliers; ++k)
+      out.push_back(pieces.slave.dofs[(i * pieces.slave.num_nodes + k) * pieces.gdim]);
+  return out;
+}
+
+RayFacet facet_of(const PieceSide& side, std::size_t piece)
+{
+  return {side.type, side.degree, side.x_of(piece), side.orientation[piece]};
+}
+} // namespace
+
+void qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Vec lambda,
+                                 std::array<Vec, 2> markers, ContactBlocks blocks,
+                                 std::array<double, 2> scale)
+{
+  const std::vector<double> multipliers = values_at(lambda, multiplier_dofs(pieces));
+  const std::array<const PieceSide*, 2> sides{&pieces.slave, &pieces.master};
+  const int num_sides = master ? 2 : 1;
+  std::array<std::vector<PetscInt>, 2> dofs;
+  for (int s = 0; s < num_sides; ++s)
+    dofs[s] = free_dofs(*sides[s], markers[s]);
+
+  const auto d = static_cast<std::size_t>(pieces.gdim), nk = static_cast<std::size_t>(pieces.num_multipliers);
+  const std::array<std::size_t, 2> nodes{static_cast<std::size_t>(pieces.slave.num_nodes),
+                                         static_cast<std::size_t>(pieces.master.num_nodes)};
+  const std::size_t n = 3 * (nodes[0] + nodes[1]);
+  std::vector<double> H(n * n);
+  std::vector<PetscScalar> block;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const auto of_piece = std::span(multipliers).subspan(i * nk, nk);
+    if (std::ranges::all_of(of_piece, [](double value) { return value == 0; }))
+      continue;
+    std::ranges::fill(H, 0.0);
+    const bool is_slave = pieces.cut_is_slave[i];
+    const RayFacet first = facet_of(pieces.slave, i), second = facet_of(pieces.master, i);
+    add_curvature({is_slave ? first : second, is_slave ? second : first, is_slave},
+                  pieces.points_of(i), of_piece, H);
+    for (int a = 0; a < num_sides; ++a)
+      for (int b = 0; b < num_sides; ++b)
+      {
+        const std::size_t rows = nodes[a] * d, columns = nodes[b] * d, row0 = a * nodes[0],
+                          column0 = b * nodes[0];
+        block.resize(rows * columns);
+        for (std::size_t r = 0; r < rows; ++r)
+          for (std::size_t c = 0; c < columns; ++c)
+            block[r * columns + c] = scale[b]
+                                     * H[(3 * (row0 + r / d) + r % d) * n
+                                         + 3 * (column0 + c / d) + c % d];
+        check(MatSetValues(blocks[2 * a + b], static_cast<PetscInt>(rows), &dofs[a][i * rows],
+                           static_cast<PetscInt>(columns), &dofs[b][i * columns], block.data(),
+                           ADD_VALUES));
+      }
+  }
+}

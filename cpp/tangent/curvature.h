@@ -1,0 +1,21 @@
+// The part of the tangent that comes from gaps being no linear functions of the unknowns.
+#pragma once
+
+#include "pairing/pieces.h"
+#include "surface/surface.h"
+#include "tangent/insertion.h"
+
+namespace qsdolfinx
+{
+
+/// Add Σ_k λ_k ∂²G_k, at fixed points, to the blocks (ss, sm, ms, mm). Collective.
+/// @param pieces where rays have been solved for
+/// @param master null for a rigid tool
+/// @param lambda λ_k at the first unknown of each node, a vector of the slave's body
+/// @param markers vectors of the bodies, nonzero at unknowns with Dirichlet conditions
+/// @param scale displacement per unknown of each body
+void insert_curvature(const Surface* master, const Pieces& pieces, Vec lambda,
+                      std::array<Vec, 2> markers, ContactBlocks blocks,
+                      std::array<double, 2> scale);
+
+} // namespace qsdolfinx

@@ -1,0 +1,37 @@
+"""Values of a body's vectors at the nodes of a surface's facets."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.surface.surface import Surface
+
+Array = npt.NDArray[np.float64]
+
+
+class TraceValues:
+    """Reads vectors of a body at its trace on the facets of this rank.
+
+    Args:
+        surface: The surface.
+    """
+
+    def __init__(self, surface: Surface) -> None:
+        dofs = surface.trace_dofs[0]
+        self._shape, self._gdim = dofs.shape, surface.gdim
+        wanted = PETSc.IS().createGeneral(dofs.ravel().astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+        self._local = PETSc.Vec().createSeq(dofs.size, comm=PETSc.COMM_SELF)
+        layout = surface.create_vec()
+        self._scatter = PETSc.Scatter().create(layout, wanted, self._local, None)
+        for thing in (wanted, layout):
+            thing.destroy()
+
+    def __call__(self, vec: PETSc.Vec) -> Array:
+        """Values with zeros in the third component in 2D, shape (facets, nodes, 3). Collective."""
+        self._scatter.scatter(vec, self._local)
+        out = np.zeros((*self._shape[:2], 3))
+        out[..., : self._gdim] = self._local.array_r.reshape(self._shape)
+        return out
