@@ -125,6 +125,37 @@ class PairingPoints:
     def in_corner(self) -> numpy.typing.NDArray[numpy.uint8]:
         """Which owned nodes do, [node]; empty if not by_sides."""
 
+class RayFacet:
+    """A facet at its present place; see sliding/ray.h."""
+
+    def __init__(
+        self,
+        num_vertices: int,
+        degree: int,
+        x: numpy.typing.NDArray[numpy.float64],
+        orientation: float = 1.0,
+    ) -> None:
+        """From its trace nodes, [node][3]."""
+
+class RayPoints:
+    """Where rays begin and end."""
+
+    def __init__(
+        self,
+        xi: numpy.typing.NDArray[numpy.float64],
+        zeta: numpy.typing.NDArray[numpy.float64],
+        weight: numpy.typing.NDArray[numpy.float64],
+    ) -> None:
+        """From places on the facet that is cut, guesses on the other one, both [point][2], and areas."""
+
+    @property
+    def zeta(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Places on the other facet, [point][2]."""
+
+    @property
+    def t(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Lengths of the rays, negative in penetration, [point]."""
+
 class SearchRadius:
     """How far from each other points may be that are paired: one distance, or the size of the larger facet there, if that is less."""
 
@@ -330,6 +361,30 @@ def put_rows(
 ) -> None:
     """Put rows of one body's block into the matrix of all bodies."""
 
+def ray_curvature(
+    cut: RayFacet,
+    other: RayFacet,
+    cut_is_slave: bool,
+    points: RayPoints,
+    multipliers: numpy.typing.NDArray[numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]:
+    """Second derivatives of the sum of multipliers times gaps."""
+
+def ray_gap(
+    cut: RayFacet, other: RayFacet, cut_is_slave: bool, points: RayPoints
+) -> tuple[
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.float64],
+]:
+    """Of each vertex of the slave's facet: area, weighted gap and jump, and the gap's gradient, [vertex][node][3], the slave's nodes first."""
+
+def ray_slip(
+    cut: RayFacet, other: RayFacet, cut_is_slave: bool, points: RayPoints
+) -> numpy.typing.NDArray[numpy.float64]:
+    """The objective slip of each vertex of the slave's facet, [vertex][node][slip][component]."""
+
 def relief_nodes(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
     """Nodes of degree 2 on the flat facets, [facet][node][3]."""
 
@@ -346,3 +401,6 @@ def sample_nodes(slave: Surface) -> PairingPoints:
 
 def share_out_hardly_covered(points: PairingPoints, slave: Surface, least: float) -> int:
     """Let neighbours carry the multipliers of nodes that are hardly covered; collective."""
+
+def solve_rays(cut: RayFacet, other: RayFacet, points: RayPoints) -> bool:
+    """Find the ends of the rays, if all have one."""

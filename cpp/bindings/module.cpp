@@ -10,5 +10,6 @@ NB_MODULE(_cpp, m)
   qsdolfinx::bind_search(m);
   qsdolfinx::bind_pairing(m);
   qsdolfinx::bind_gap(m);
+  qsdolfinx::bind_sliding(m);
   qsdolfinx::bind_tangent(m);
 }

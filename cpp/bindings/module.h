@@ -9,5 +9,6 @@ void bind_surface(nanobind::module_& m);
 void bind_search(nanobind::module_& m);
 void bind_pairing(nanobind::module_& m);
 void bind_gap(nanobind::module_& m);
+void bind_sliding(nanobind::module_& m);
 void bind_tangent(nanobind::module_& m);
 } // namespace qsdolfinx

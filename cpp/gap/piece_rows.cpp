@@ -1,5 +1,5 @@
 #include "gap/piece_rows.h"
-#include "geometry/ray.h"
+#include "sliding/ray.h"
 #include "parallel/exchange.h"
 #include "parallel/records.h"
 

@@ -4,6 +4,38 @@
 
 using namespace qsdolfinx;
 
+namespace
+{
+/// Functions of one variable, or their derivatives: those of the two ends, and of the middle.
+using Line = std::array<double, 3>;
+
+Line line(double s) { return {(1 - s) * (1 - 2 * s), s * (2 * s - 1), 4 * s * (1 - s)}; }
+Line line_slopes(double s) { return {4 * s - 3, 4 * s - 1, 4 - 8 * s}; }
+constexpr Line line_curvatures{4, 4, -8};
+
+/// Products f(ξ) g(η) in the order of a quadrilateral's nodes.
+std::array<double, max_trace> products(const Line& f, const Line& g)
+{
+  return {f[0] * g[0], f[1] * g[0], f[0] * g[1], f[1] * g[1], f[2] * g[0],
+          f[0] * g[2], f[1] * g[2], f[2] * g[1], f[2] * g[2]};
+}
+
+/// Gradients of the shape functions.
+std::array<std::array<double, 2>, 4> shape_gradients(FacetType type, std::array<double, 2> xi)
+{
+  const auto [s, t] = xi;
+  switch (type)
+  {
+  case FacetType::interval:
+    return {{{-1, 0}, {1, 0}}};
+  case FacetType::triangle:
+    return {{{-1, -1}, {1, 0}, {0, 1}}};
+  default:
+    return {{{t - 1, s - 1}, {1 - t, -s}, {-t, 1 - s}, {t, s}}};
+  }
+}
+} // namespace
+
 int qsdolfinx::trace_size(FacetType type, int degree)
 {
   if (degree == 1)
@@ -48,11 +80,76 @@ std::array<double, max_trace> qsdolfinx::trace_functions(FacetType type, int deg
       out[next++] = 4 * N[a] * N[b];
     return out;
   }
-  const auto line = [](double s)
-  { return std::array{(1 - s) * (1 - 2 * s), s * (2 * s - 1), 4 * s * (1 - s)}; };
-  const auto f = line(xi[0]), g = line(xi[1]);
-  return {f[0] * g[0], f[1] * g[0], f[0] * g[1], f[1] * g[1], f[2] * g[0],
-          f[0] * g[2], f[1] * g[2], f[2] * g[1], f[2] * g[2]};
+  return products(line(xi[0]), line(xi[1]));
+}
+
+std::array<std::array<double, 2>, max_trace> qsdolfinx::trace_gradients(FacetType type, int degree,
+                                                                        std::array<double, 2> xi)
+{
+  std::array<std::array<double, 2>, max_trace> out{};
+  if (degree == 2 && type == FacetType::quadrilateral)
+  {
+    const auto s = products(line_slopes(xi[0]), line(xi[1]));
+    const auto t = products(line(xi[0]), line_slopes(xi[1]));
+    for (int i = 0; i < max_trace; ++i)
+      out[i] = {s[i], t[i]};
+    return out;
+  }
+  const auto dN = shape_gradients(type, xi);
+  if (degree == 1)
+  {
+    std::copy(dN.begin(), dN.end(), out.begin());
+    return out;
+  }
+  const auto N = shape_functions(type, xi);
+  int next = static_cast<int>(type);
+  for (int i = 0; i < next; ++i)
+    for (int d = 0; d < 2; ++d)
+      out[i][d] = (4 * N[i] - 1) * dN[i][d];
+  for (const auto& [a, b] : facet_edges(type))
+  {
+    for (int d = 0; d < 2; ++d)
+      out[next][d] = 4 * (N[a] * dN[b][d] + N[b] * dN[a][d]);
+    ++next;
+  }
+  return out;
+}
+
+std::array<std::array<double, 3>, max_trace> qsdolfinx::trace_curvatures(FacetType type, int degree,
+                                                                         std::array<double, 2> xi)
+{
+  std::array<std::array<double, 3>, max_trace> out{};
+  if (degree == 1)
+  {
+    if (type == FacetType::quadrilateral)
+      for (int i = 0; i < 4; ++i)
+        out[i][1] = i == 0 || i == 3 ? 1 : -1;
+    return out;
+  }
+  if (type == FacetType::quadrilateral)
+  {
+    const auto ss = products(line_curvatures, line(xi[1]));
+    const auto st = products(line_slopes(xi[0]), line_slopes(xi[1]));
+    const auto tt = products(line(xi[0]), line_curvatures);
+    for (int i = 0; i < max_trace; ++i)
+      out[i] = {ss[i], st[i], tt[i]};
+    return out;
+  }
+  const auto dN = shape_gradients(type, xi);
+  const auto product = [&](int a, int b) -> std::array<double, 3>
+  {
+    return {4 * dN[a][0] * dN[b][0], 2 * (dN[a][0] * dN[b][1] + dN[a][1] * dN[b][0]),
+            4 * dN[a][1] * dN[b][1]};
+  };
+  int next = static_cast<int>(type);
+  for (int i = 0; i < next; ++i)
+    out[i] = product(i, i);
+  for (const auto& [a, b] : facet_edges(type))
+  {
+    const auto half = product(a, b);
+    out[next++] = {2 * half[0], 2 * half[1], 2 * half[2]};
+  }
+  return out;
 }
 
 double qsdolfinx::squared_size(FacetType type, std::span<const double> v)

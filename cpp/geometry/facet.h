@@ -99,6 +99,14 @@ int trace_size(FacetType type, int degree);
 /// degree 2, the edges in the order of `facet_edges`, and the interior of a quadrilateral.
 std::array<double, max_trace> trace_functions(FacetType type, int degree, std::array<double, 2> xi);
 
+/// Their first derivatives, [function][∂ξ, ∂η]. Those of degree 1 are the shape functions'.
+std::array<std::array<double, 2>, max_trace> trace_gradients(FacetType type, int degree,
+                                                             std::array<double, 2> xi);
+
+/// Their second derivatives, [function][∂ξ∂ξ, ∂ξ∂η, ∂η∂η].
+std::array<std::array<double, 3>, max_trace> trace_curvatures(FacetType type, int degree,
+                                                              std::array<double, 2> xi);
+
 /// Local vertices of the edges of a triangle or quadrilateral; the one edge of an interval.
 std::span<const std::array<int, 2>> facet_edges(FacetType type);
 

@@ -1,7 +1,7 @@
 // Pieces of the overlay with the facets they were cut from: what gaps that follow the bodies need.
 #pragma once
 
-#include "geometry/ray.h"
+#include "sliding/ray.h"
 
 #include <cstdint>
 #include <span>

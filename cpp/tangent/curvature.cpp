@@ -1,5 +1,5 @@
 #include "tangent/curvature.h"
-#include "geometry/ray.h"
+#include "sliding/ray.h"
 #include "parallel/petsc.h"
 
 #include <algorithm>

@@ -6,7 +6,17 @@ import re
 ROOT = pathlib.Path(__file__).resolve().parents[2] / "cpp"
 
 #: What a folder may include of those before it.
-FLOORS = "parallel", "geometry", "surface", "search", "pairing", "gap", "tangent", "bindings"
+FLOORS = (
+    "parallel",
+    "geometry",
+    "surface",
+    "search",
+    "sliding",
+    "pairing",
+    "gap",
+    "tangent",
+    "bindings",
+)
 
 INCLUDES = [
     (path.relative_to(ROOT), pathlib.PurePath(name))

@@ -1,0 +1,155 @@
+#include "bindings/arrays.h"
+#include "bindings/module.h"
+#include "sliding/ray.h"
+
+#include <nanobind/stl/tuple.h>
+
+#include <array>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace qsdolfinx;
+
+namespace
+{
+/// A facet with nodes of its own.
+struct Facet
+{
+  FacetType type;
+  int degree;
+  std::vector<double> x;
+  double orientation;
+
+  RayFacet view() const { return {type, degree, x, orientation}; }
+};
+
+/// @throws nb::value_error if there are too few coordinates or too many
+Facet make_facet(int num_vertices, int degree, const In<double>& x, double orientation)
+{
+  const FacetType type = facet_type(num_vertices);
+  const auto view = x.view();
+  if (degree != 1 && degree != 2)
+    throw nb::value_error("a facet is of degree 1 or 2");
+  if (view.size() != 3 * static_cast<std::size_t>(trace_size(type, degree)))
+    throw nb::value_error("a facet has 3 coordinates a node");
+  return {type, degree, {view.begin(), view.end()}, orientation};
+}
+
+/// @throws nb::value_error if only one of the facets is in 2D
+RayPair make_pair(const Facet& cut, const Facet& other, bool cut_is_slave)
+{
+  if ((cut.type == FacetType::interval) != (other.type == FacetType::interval))
+    throw nb::value_error("both facets are in 2D, or both in 3D");
+  return {cut.view(), other.view(), cut_is_slave};
+}
+
+struct RayPoints
+{
+  std::vector<RayPoint> points;
+};
+
+/// @throws nb::value_error if arrays differ in length
+RayPoints make_points(const In<double>& xi, const In<double>& zeta, const In<double>& weight)
+{
+  const auto x = xi.view(), z = zeta.view(), w = weight.view();
+  if (x.size() != 2 * w.size() || z.size() != 2 * w.size())
+    throw nb::value_error("two coordinates for each weight");
+  RayPoints out;
+  for (std::size_t p = 0; p < w.size(); ++p)
+    out.points.push_back({{x[2 * p], x[2 * p + 1]}, {z[2 * p], z[2 * p + 1]}, w[p]});
+  return out;
+}
+
+/// Sizes of the sums: multiplier functions, and nodes of both facets.
+std::array<std::size_t, 2> sizes(const RayPair& pair)
+{
+  return {static_cast<std::size_t>(pair.slave().num_vertices()),
+          static_cast<std::size_t>(pair.num_nodes())};
+}
+} // namespace
+
+void qsdolfinx::bind_sliding(nb::module_& m)
+{
+  nb::class_<Facet>(m, "RayFacet", "A facet at its present place; see sliding/ray.h.")
+      .def(
+          "__init__",
+          [](Facet* self, int num_vertices, int degree, In<double> x, double orientation)
+          { new (self) Facet(make_facet(num_vertices, degree, x, orientation)); }, "num_vertices"_a,
+          "degree"_a, "x"_a, "orientation"_a = 1.0, "From its trace nodes, [node][3].");
+  nb::class_<RayPoints>(m, "RayPoints", "Where rays begin and end.")
+      .def(
+          "__init__", [](RayPoints* self, In<double> xi, In<double> zeta, In<double> weight)
+          { new (self) RayPoints(make_points(xi, zeta, weight)); }, "xi"_a, "zeta"_a, "weight"_a,
+          "From places on the facet that is cut, guesses on the other one, both [point][2], and "
+          "areas.")
+      .def_prop_ro(
+          "zeta",
+          [](const RayPoints& p)
+          {
+            std::vector<double> out;
+            for (const RayPoint& point : p.points)
+              out.insert(out.end(), point.zeta.begin(), point.zeta.end());
+            return copy(std::move(out), {p.points.size(), 2});
+          },
+          "Places on the other facet, [point][2].")
+      .def_prop_ro(
+          "t",
+          [](const RayPoints& p)
+          {
+            std::vector<double> out;
+            for (const RayPoint& point : p.points)
+              out.push_back(point.t);
+            return copy(std::move(out), {p.points.size()});
+          },
+          "Lengths of the rays, negative in penetration, [point].");
+
+  m.def(
+      "solve_rays", [](const Facet& cut, const Facet& other, RayPoints& points)
+      { return solve_rays(make_pair(cut, other, true), points.points); }, "cut"_a, "other"_a,
+      "points"_a, "Find the ends of the rays, if all have one.");
+  m.def(
+      "ray_gap",
+      [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points)
+      {
+        const RayPair pair = make_pair(cut, other, cut_is_slave);
+        const auto [nk, nodes] = sizes(pair);
+        std::vector<double> cover(nk), gap(nk), jump(3 * nk), gradient(3 * nk * nodes);
+        add_gap(pair, points.points, {cover, gap, jump, gradient});
+        return std::tuple(copy(std::move(cover), {nk}), copy(std::move(gap), {nk}),
+                          copy(std::move(jump), {nk, 3}),
+                          copy(std::move(gradient), {nk, nodes, 3}));
+      },
+      "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a,
+      "Of each vertex of the slave's facet: area, weighted gap and jump, and the gap's gradient, "
+      "[vertex][node][3], the slave's nodes first.");
+  m.def(
+      "ray_curvature",
+      [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points,
+         In<double> multipliers)
+      {
+        const RayPair pair = make_pair(cut, other, cut_is_slave);
+        const auto [nk, nodes] = sizes(pair);
+        if (multipliers.view().size() != nk)
+          throw nb::value_error("one multiplier for each vertex of the slave's facet");
+        std::vector<double> hessian(9 * nodes * nodes);
+        add_curvature(pair, points.points, multipliers.view(), hessian);
+        return copy(std::move(hessian), {3 * nodes, 3 * nodes});
+      },
+      "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "multipliers"_a,
+      "Second derivatives of the sum of multipliers times gaps.");
+  m.def(
+      "ray_slip",
+      [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points)
+      {
+        const RayPair pair = make_pair(cut, other, cut_is_slave);
+        const auto [nk, nodes] = sizes(pair);
+        std::vector<double> slip(9 * nk * nodes);
+        add_slip(pair, points.points, slip);
+        return copy(std::move(slip), {nk, nodes, 3, 3});
+      },
+      "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a,
+      "The objective slip of each vertex of the slave's facet, [vertex][node][slip][component].");
+}

@@ -1,0 +1,450 @@
+#include "sliding/ray.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+using namespace qsdolfinx;
+
+// With p = x_y(ξ) on the facet y that is cut, and z the other one, a ray is x_z(ζ) = p + t n. Its
+// variation is J (δt, δζ) = v with J = [−n, a₁, a₂], a_α = ∂x_z/∂ζ_α, and
+//
+//   v = Σ T_i δy_i + t δn − Σ M_j δz_j,
+//
+// which vanishes for rigid motions. All first variations are linear forms c·v of v.
+
+namespace
+{
+using Vec2 = std::array<double, 2>;
+
+constexpr int max_columns = 2 * 3 * max_trace;
+
+/// A linear form in the components of all nodes.
+using Row = std::array<double, max_columns>;
+
+void add(double* to, double s, const Vec3& a)
+{
+  for (int i = 0; i < 3; ++i)
+    to[i] += s * a[i];
+}
+
+/// Where the columns of both facets are.
+struct Columns
+{
+  explicit Columns(const RayPair& pair)
+      : num_cut(pair.cut.num_nodes()), num_other(pair.other.num_nodes()),
+        cut(pair.cut_is_slave ? 0 : num_other), other(pair.cut_is_slave ? num_cut : 0)
+  {
+  }
+  int size() const { return 3 * (num_cut + num_other); }
+
+  int num_cut, num_other; ///< nodes
+  int cut, other;         ///< the first node of each
+};
+
+/// Unit normal n = s/|s| of a facet, s = f d₁ × d₂, where d₁ and d₂ are sums of its vertices. In 2D
+/// d₂ is the third axis.
+class Normal
+{
+public:
+  explicit Normal(const RayFacet& facet) : num_vertices_(facet.num_vertices())
+  {
+    const auto vertex = [&](int i) { return facet_vertex(facet.x, i); };
+    const auto difference = [&](std::array<double, 4>& signs, int a, int b)
+    {
+      signs[a] = -1;
+      signs[b] = 1;
+      return vertex(b) - vertex(a);
+    };
+    const bool quadrilateral = facet.type == FacetType::quadrilateral;
+    factor_ = quadrilateral ? 0.5 * facet.orientation : facet.orientation;
+    d1_ = difference(signs1_, 0, quadrilateral ? 3 : 1);
+    if (facet.type != FacetType::interval)
+      d2_ = difference(signs2_, quadrilateral ? 1 : 0, 2);
+    const Vec3 s = factor_ * cross(d1_, d2_);
+    length_ = norm(s);
+    n_ = 1 / length_ * s;
+  }
+
+  int num_vertices() const { return num_vertices_; }
+  double length() const { return length_; }
+  const Vec3& n() const { return n_; }
+
+  /// (c − n (n·c)) / |s|: c·δn is its product with δs.
+  Vec3 across(const Vec3& c) const { return 1 / length_ * (c - dot(n_, c) * n_); }
+
+  /// Add the gradient of k·s for a constant k. @param to first vertex @param stride to the next one
+  void add_area(const Vec3& k, double* to, int stride = 3) const
+  {
+    const Vec3 first = factor_ * cross(d2_, k), second = factor_ * cross(k, d1_);
+    for (int i = 0; i < num_vertices_; ++i)
+    {
+      add(to + i * stride, signs1_[i], first);
+      add(to + i * stride, signs2_[i], second);
+    }
+  }
+
+  /// Add the gradient of c·n for a constant c.
+  void add_to(const Vec3& c, double* to, int stride = 3) const { add_area(across(c), to, stride); }
+
+  /// Add a matrix whose sum with its transpose is that of k·∂²s. @param to first vertex, first
+  /// column @param size length of a row
+  void add_half_curvature(const Vec3& k, double* to, int size) const
+  {
+    const Vec3 scaled = factor_ * k;
+    const auto [x, y, z] = scaled;
+    const std::array<Vec3, 3> K{{{0, z, -y}, {-z, 0, x}, {y, -x, 0}}};
+    for (int i = 0; i < num_vertices_; ++i)
+      for (int j = 0; j < num_vertices_; ++j)
+        for (int r = 0; r < 3; ++r)
+          add(to + (3 * i + r) * size + 3 * j, signs1_[i] * signs2_[j], K[r]);
+  }
+
+private:
+  int num_vertices_;
+  double factor_, length_;
+  std::array<double, 4> signs1_{}, signs2_{};
+  Vec3 d1_, d2_{0, 0, 1}, n_;
+};
+
+/// Rows of J⁻¹. In 2D nothing moves along the third axis: its ζ is left out.
+struct Inverse
+{
+  Inverse(const Vec3& n, const std::array<Vec3, 2>& a, bool plane)
+  {
+    const Vec3 area = cross(a[0], a[1]);
+    const double scale = -1 / dot(n, area);
+    t = scale * area;
+    zeta[0] = scale * cross(n, a[1]);
+    if (!plane)
+      zeta[1] = scale * cross(a[0], n);
+  }
+
+  Vec3 t;
+  std::array<Vec3, 2> zeta{};
+};
+
+/// Tangents of a facet, in 2D the second one along the third axis.
+std::array<Vec3, 2> tangents(const RayFacet& facet, const Vec3& origin,
+                             const std::array<Vec2, max_trace>& gradients)
+{
+  std::array<Vec3, 2> a{};
+  for (int j = 0; j < facet.num_nodes(); ++j)
+  {
+    const Vec3 x = facet_vertex(facet.x, j) - origin;
+    for (int d = 0; d < 2; ++d)
+      add(a[d].data(), gradients[j][d], x);
+  }
+  if (facet.type == FacetType::interval)
+    a[1] = {0, 0, 1};
+  return a;
+}
+
+Vec3 point_of(const RayFacet& facet, const Vec3& origin, const Vec2& xi)
+{
+  const auto N = trace_functions(facet.type, facet.degree, xi);
+  Vec3 x{};
+  for (int i = 0; i < facet.num_nodes(); ++i)
+    add(x.data(), N[i], facet_vertex(facet.x, i) - origin);
+  return x;
+}
+
+/// Newton's method; one step where the other facet is flat and straight. The last step leaves its
+/// square behind.
+bool solve(const RayPair& pair, const Vec3& n, RayPoint& point)
+{
+  constexpr int most = 20;
+  constexpr double last = 1e-9;
+  const RayFacet& z = pair.other;
+  const bool plane = z.type == FacetType::interval;
+  const bool affine = z.degree == 1 && z.type != FacetType::quadrilateral;
+  const Vec3 origin = facet_vertex(pair.cut.x, 0);
+  const Vec3 p = point_of(pair.cut, origin, point.xi);
+  Vec2 zeta = point.zeta;
+  for (int i = 0; i < most; ++i)
+  {
+    const Inverse A(n, tangents(z, origin, trace_gradients(z.type, z.degree, zeta)), plane);
+    const Vec3 v = p - point_of(z, origin, zeta);
+    const double t = dot(A.t, v);
+    const Vec2 step{dot(A.zeta[0], v), dot(A.zeta[1], v)};
+    zeta = {zeta[0] + step[0], zeta[1] + step[1]};
+    const double length = std::hypot(step[0], step[1]);
+    if (!std::isfinite(length + t))
+      break;
+    if (affine || length < last)
+    {
+      point.zeta = zeta;
+      point.t = t;
+      return true;
+    }
+  }
+  point.t = std::numeric_limits<double>::quiet_NaN();
+  return false;
+}
+
+/// What is needed at a ray that has been found.
+struct Ray
+{
+  Ray(const RayPair& pair, const Normal& normal, const RayPoint& point)
+      : T(trace_functions(pair.cut.type, pair.cut.degree, point.xi)),
+        M(trace_functions(pair.other.type, pair.other.degree, point.zeta)),
+        dM(trace_gradients(pair.other.type, pair.other.degree, point.zeta)),
+        a(tangents(pair.other, facet_vertex(pair.other.x, 0), dM)),
+        A(normal.n(), a, pair.other.type == FacetType::interval), t(point.t), weight(point.weight)
+  {
+  }
+
+  /// Add the form c·v but for the turning of the normal, which adds t c·δn.
+  void add_to(const Columns& columns, const Vec3& c, double* row, int stride = 3) const
+  {
+    for (int i = 0; i < columns.num_cut; ++i)
+      add(row + (columns.cut + i) * stride, T[i], c);
+    for (int j = 0; j < columns.num_other; ++j)
+      add(row + (columns.other + j) * stride, -M[j], c);
+  }
+
+  std::array<double, max_trace> T, M;
+  std::array<Vec2, max_trace> dM;
+  std::array<Vec3, 2> a;
+  Inverse A;
+  double t, weight;
+};
+
+/// The slave's vertex functions at a ray and their derivatives by ζ: none if the slave is cut.
+struct Multipliers
+{
+  Multipliers(const RayPair& pair, const RayPoint& point)
+      : N(shape_functions(pair.slave().type, pair.cut_is_slave ? point.xi : point.zeta))
+  {
+    if (!pair.cut_is_slave)
+      dN = trace_gradients(pair.other.type, 1, point.zeta);
+  }
+
+  std::array<double, 4> N;
+  std::array<Vec2, max_trace> dN{};
+};
+
+/// w Σ_k λ_k N_k at a ray with its derivatives by ζ.
+struct Pressure
+{
+  Pressure(const RayPair& pair, const RayPoint& point, std::span<const double> lambda)
+  {
+    const Multipliers k(pair, point);
+    const bool bilinear = !pair.cut_is_slave && pair.other.type == FacetType::quadrilateral;
+    if (bilinear)
+      mixed = point.weight * (lambda[0] - lambda[1] - lambda[2] + lambda[3]);
+    for (int i = 0; i < pair.slave().num_vertices(); ++i)
+    {
+      value += point.weight * lambda[i] * k.N[i];
+      for (int d = 0; d < 2; ++d)
+        gradient[d] += point.weight * lambda[i] * k.dN[i][d];
+    }
+  }
+
+  double value = 0;
+  Vec2 gradient{};
+  double mixed = 0;
+};
+
+/// c·∂²x_z/∂ζ², [∂₁∂₁, ∂₁∂₂, ∂₂∂₂].
+Vec3 bending(const RayFacet& z, const Vec2& zeta, const Vec3& c)
+{
+  Vec3 out{};
+  if (z.degree == 1 && z.type != FacetType::quadrilateral)
+    return out;
+  const Vec3 origin = facet_vertex(z.x, 0);
+  const auto ddM = trace_curvatures(z.type, z.degree, zeta);
+  for (int j = 0; j < z.num_nodes(); ++j)
+    add(out.data(), dot(c, facet_vertex(z.x, j) - origin), ddM[j]);
+  return out;
+}
+
+/// Second derivatives are gathered as a matrix whose sum with its transpose they are.
+class HalfHessian
+{
+public:
+  explicit HalfHessian(const RayPair& pair)
+      : pair_(pair), normal_(pair.cut), columns_(pair), n_(columns_.size()),
+        dim_(pair.other.type == FacetType::interval ? 1 : 2)
+  {
+    std::fill_n(half_.begin(), n_ * n_, 0.0);
+  }
+
+  /// The terms with δζ, and the sums that those with δn need.
+  void add_point(const RayPoint& point, std::span<const double> lambda)
+  {
+    const Ray ray(pair_, normal_, point);
+    const Pressure L(pair_, point, lambda);
+    const double g = -ray.t;
+    Vec3 c = -L.value * ray.A.t; // (t₂, ζ₂) = A [..] enters as c·[..]
+    for (int d = 0; d < dim_; ++d)
+      c = c + (g * L.gradient[d]) * ray.A.zeta[d];
+
+    const Row dt = form(ray, ray.A.t);
+    const Row first = form(ray, ray.A.zeta[0]);
+    const Row second = dim_ == 2 ? form(ray, ray.A.zeta[1]) : Row{};
+    const auto [h11, h12, h22] = bending(pair_.other, point.zeta, c);
+    const double mixed = g * L.mixed - h12;
+    Row with_first, with_second;
+    for (int b = 0; b < n_; ++b)
+    {
+      with_first[b] = mixed * second[b] - 0.5 * h11 * first[b] - L.gradient[0] * dt[b];
+      with_second[b] = -0.5 * h22 * second[b] - L.gradient[1] * dt[b];
+    }
+    for (int j = 0; j < columns_.num_other; ++j)
+    {
+      const int b = 3 * (columns_.other + j);
+      add(&with_first[b], -ray.dM[j][0], c);
+      add(&with_second[b], -ray.dM[j][1], c);
+    }
+    add_product(first, with_first);
+    if (dim_ == 2)
+      add_product(second, with_second);
+
+    lever_ = lever_ + ray.t * c;
+    for (int r = 0; r < 3; ++r)
+      for (int b = 0; b < n_; ++b)
+        with_normal_[r][b] += c[r] * dt[b];
+  }
+
+  /// The terms with δn and ∂²n, which all points share: with C = Σ t c,
+  /// C·∂²n = (C − n (n·C))·∂²s/|s| − ((C·δn)(n·Δs) + (C·Δn)(n·δs))/|s| − (C·n) δn·Δn.
+  void add_normal()
+  {
+    const int first = 3 * columns_.cut, count = 3 * normal_.num_vertices();
+    Row area{};
+    normal_.add_area(normal_.n(), &area[first]);
+    for (int r = 0; r < 3; ++r)
+    {
+      Row dn{};
+      Vec3 axis{};
+      axis[r] = 1;
+      normal_.add_to(axis, &dn[first]);
+      const double turn = 0.5 * dot(lever_, normal_.n()), stretch = lever_[r] / normal_.length();
+      for (int b = first; b < first + count; ++b)
+        with_normal_[r][b] -= turn * dn[b] + stretch * area[b];
+      for (int a = first; a < first + count; ++a)
+        for (int b = 0; b < n_; ++b)
+          half_[a * n_ + b] += dn[a] * with_normal_[r][b];
+    }
+    normal_.add_half_curvature(normal_.across(lever_), &half_[first * n_ + first], n_);
+  }
+
+  void add_to(std::span<double> hessian) const
+  {
+    for (int a = 0; a < n_; ++a)
+      for (int b = 0; b < n_; ++b)
+        hessian[a * n_ + b] += half_[a * n_ + b] + half_[b * n_ + a];
+  }
+
+private:
+  Row form(const Ray& ray, const Vec3& c) const
+  {
+    Row row{};
+    ray.add_to(columns_, c, row.data());
+    normal_.add_to(ray.t * c, &row[3 * columns_.cut]);
+    return row;
+  }
+
+  void add_product(const Row& left, const Row& right)
+  {
+    for (int a = 0; a < n_; ++a)
+      for (int b = 0; b < n_; ++b)
+        half_[a * n_ + b] += left[a] * right[b];
+  }
+
+  const RayPair& pair_;
+  Normal normal_;
+  Columns columns_;
+  int n_, dim_;
+  Vec3 lever_{};
+  std::array<Row, 3> with_normal_{};
+  std::array<double, max_columns * max_columns> half_;
+};
+} // namespace
+
+bool qsdolfinx::solve_rays(const RayPair& pair, std::span<RayPoint> points)
+{
+  const Vec3 n = Normal(pair.cut).n();
+  bool found = true;
+  for (RayPoint& point : points)
+    found = solve(pair, n, point) && found;
+  return found;
+}
+
+void qsdolfinx::add_gap(const RayPair& pair, std::span<const RayPoint> points, const RaySums& sums)
+{
+  const Normal normal(pair.cut);
+  const Columns columns(pair);
+  const int nk = pair.slave().num_vertices();
+  std::array<Vec3, 4> lever{};
+  for (const RayPoint& point : points)
+  {
+    const Multipliers multipliers(pair, point);
+    for (int k = 0; k < nk; ++k)
+    {
+      const double w = point.weight * multipliers.N[k];
+      if (!sums.cover.empty())
+        sums.cover[k] += w;
+      if (!sums.gap.empty())
+        sums.gap[k] -= w * point.t;
+      if (!sums.jump.empty())
+        add(&sums.jump[3 * k], pair.cut_is_slave ? -w * point.t : w * point.t, normal.n());
+    }
+    if (sums.gradient.empty())
+      continue;
+    const Ray ray(pair, normal, point);
+    for (int k = 0; k < nk; ++k)
+    {
+      const auto& [dN0, dN1] = multipliers.dN[k];
+      const Vec3 moved = dN0 * ray.A.zeta[0] + dN1 * ray.A.zeta[1];
+      const Vec3 c = -ray.weight * (ray.t * moved + multipliers.N[k] * ray.A.t);
+      ray.add_to(columns, c, &sums.gradient[k * columns.size()]);
+      lever[k] = lever[k] + ray.t * c;
+    }
+  }
+  for (int k = 0; k < nk && !sums.gradient.empty(); ++k)
+    normal.add_to(lever[k], &sums.gradient[k * columns.size() + 3 * columns.cut]);
+}
+
+void qsdolfinx::add_curvature(const RayPair& pair, std::span<const RayPoint> points,
+                              std::span<const double> lambda, std::span<double> hessian)
+{
+  HalfHessian half(pair);
+  for (const RayPoint& point : points)
+    half.add_point(point, lambda);
+  half.add_normal();
+  half.add_to(hessian);
+}
+
+void qsdolfinx::add_slip(const RayPair& pair, std::span<const RayPoint> points,
+                         std::span<double> slip)
+{
+  const Normal normal(pair.cut);
+  const Columns columns(pair);
+  const int nk = pair.slave().num_vertices(), size = 3 * columns.size();
+  const double sign = pair.cut_is_slave ? 1 : -1;
+  std::array<std::array<Vec3, 3>, 4> lever{};
+  for (const RayPoint& point : points)
+  {
+    const Multipliers multipliers(pair, point);
+    const Ray ray(pair, normal, point);
+    std::array<Vec3, 3> slid; // Σ a_α ⊗ A_α
+    for (int r = 0; r < 3; ++r)
+      slid[r] = ray.a[0][r] * ray.A.zeta[0] + ray.a[1][r] * ray.A.zeta[1];
+    for (int k = 0; k < nk; ++k)
+    {
+      const auto& [dN0, dN1] = multipliers.dN[k];
+      const Vec3 moved = ray.t * (dN0 * ray.A.zeta[0] + dN1 * ray.A.zeta[1]);
+      for (int r = 0; r < 3; ++r)
+      {
+        const Vec3 c = sign * ray.weight * (multipliers.N[k] * slid[r] + normal.n()[r] * moved);
+        ray.add_to(columns, c, &slip[k * size + 3 * r], 9);
+        lever[k][r] = lever[k][r] + ray.t * c;
+      }
+    }
+  }
+  for (int k = 0; k < nk; ++k)
+    for (int r = 0; r < 3; ++r)
+      normal.add_to(lever[k][r], &slip[k * size + 9 * columns.cut + 3 * r], 9);
+}

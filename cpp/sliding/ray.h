@@ -1,0 +1,72 @@
+// Gaps along rays from fixed points of one facet to another, and their derivatives by the nodes of
+// both. No MPI.
+#pragma once
+
+#include "geometry/facet.h"
+
+#include <array>
+#include <span>
+
+namespace qsdolfinx
+{
+
+/// A facet at its present place.
+struct RayFacet
+{
+  FacetType type;
+  int degree;                ///< of its trace functions, 1 or 2
+  std::span<const double> x; ///< its trace nodes, [node][3]; in 2D z = 0
+  double orientation;        ///< 1 or −1: the area vector times it points out of the body
+
+  int num_vertices() const { return static_cast<int>(type); }
+  int num_nodes() const { return trace_size(type, degree); }
+};
+
+/// Two facets. Rays leave the one that is cut, along its normal n, and end on the other one. n is
+/// constant on the facet, that of its vertices at its centre.
+struct RayPair
+{
+  RayFacet cut, other;
+  bool cut_is_slave;
+
+  const RayFacet& slave() const { return cut_is_slave ? cut : other; }
+  /// Number of nodes of both. The slave's come first.
+  int num_nodes() const { return cut.num_nodes() + other.num_nodes(); }
+};
+
+/// Where a ray begins and ends.
+struct RayPoint
+{
+  std::array<double, 2> xi;   ///< on the facet that is cut; fixed
+  std::array<double, 2> zeta; ///< on the other one
+  double weight;              ///< area; fixed
+  double t = 0;               ///< length along n: the gap is g = −t, positive in penetration
+};
+
+/// Find the ends: ζ and t, from the ζ that is given. The gap's functions need them.
+/// @return whether all are found; t is not a number where one is not
+bool solve_rays(const RayPair& pair, std::span<RayPoint> points);
+
+/// Sums over points with the vertex functions N_k of the slave's facet, taken where the ray meets
+/// it. Only the sums that have room are added to.
+struct RaySums
+{
+  std::span<double> cover;    ///< Σ w N_k, [k]
+  std::span<double> gap;      ///< G_k = Σ w N_k g, [k]
+  std::span<double> jump;     ///< V_k = Σ w N_k (x_slave − x_master), [k][3]
+  std::span<double> gradient; ///< ∂G_k by the nodes of both, ξ and w fixed, [k][node][3]
+};
+void add_gap(const RayPair& pair, std::span<const RayPoint> points, const RaySums& sums);
+
+/// Add Σ_k λ_k ∂²G_k, ξ and w fixed. What is added is symmetric to the last bit.
+/// @param lambda [k]
+/// @param hessian [node][3][node][3]
+void add_curvature(const RayPair& pair, std::span<const RayPoint> points,
+                   std::span<const double> lambda, std::span<double> hessian);
+
+/// Add the objective slip of a variation: D δx_slave − M δx_master − δV, with D and M those of the
+/// points. Rigid motions have none.
+/// @param slip [k][node][3][3]; rows are components of the slip, columns those of the node
+void add_slip(const RayPair& pair, std::span<const RayPoint> points, std::span<double> slip);
+
+} // namespace qsdolfinx

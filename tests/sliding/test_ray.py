@@ -1,0 +1,299 @@
+"""Gaps along rays from fixed points of one facet to another, and their derivatives."""
+
+import functools
+import itertools
+
+import numpy as np
+import pytest
+
+import qsdolfinx._cpp as _cpp
+
+CORNERS = {
+    2: np.array([[0, 0], [1, 0]]),
+    3: np.array([[0, 0], [1, 0], [0, 1]]),
+    4: np.array([[0, 0], [1, 0], [0, 1], [1, 1]]),
+}
+EDGES = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
+
+#: Vertices and degree of the facet that is cut and of the other one, and whether the slave is cut.
+KINDS = [
+    (cut, other, cut_is_slave)
+    for cut, other in itertools.product(itertools.product((2, 3, 4), (1, 2)), repeat=2)
+    if (cut[0] == 2) == (other[0] == 2)
+    for cut_is_slave in (True, False)
+]
+kinds = pytest.mark.parametrize("kind", KINDS, ids=str)
+
+
+def places(num_vertices, degree):
+    """The nodes of a reference facet."""
+    corners = CORNERS[num_vertices].astype(float)
+    if degree == 1:
+        return corners
+    middles = [corners[list(edge)].mean(axis=0) for edge in EDGES[num_vertices]]
+    centre = [corners.mean(axis=0)] if num_vertices == 4 else []
+    return np.array([*corners, *middles, *centre])
+
+
+def monomials(num_vertices, degree, xi):
+    s, t = np.asarray(xi).T
+    powers = range(degree + 1)
+    return np.array(
+        [
+            s**i * t**j
+            for i, j in itertools.product(powers, powers)
+            if (num_vertices != 2 or j == 0) and (num_vertices != 3 or i + j <= degree)
+        ]
+    ).T
+
+
+@functools.cache
+def coefficients(num_vertices, degree):
+    return np.linalg.inv(monomials(num_vertices, degree, places(num_vertices, degree)))
+
+
+def functions(num_vertices, degree, xi):
+    """Those that are 1 at one node of a facet and 0 at the others, [point][node]."""
+    return monomials(num_vertices, degree, xi) @ coefficients(num_vertices, degree)
+
+
+def ray_points(xi, zeta, weight):
+    return _cpp.RayPoints(*(np.asarray(a, dtype=float) for a in (xi, zeta, weight)))
+
+
+class Pair:
+    """Two facets with points and weights; ``x`` are the slave's nodes, then the master's."""
+
+    def __init__(self, kind, seed=3, num_points=4):
+        self.cut_kind, self.other_kind, self.cut_is_slave = kind
+        rng = np.random.default_rng(seed)
+        self.dim = 2 if self.cut_kind[0] == 2 else 3
+
+        def facet(kind, height):
+            x = np.zeros((len(places(*kind)), 3))
+            x[:, :2] = places(*kind)
+            if self.dim == 2:
+                x[:, 1] = height
+            else:
+                x[:, 2] = height
+            x[:, : self.dim] += rng.uniform(-0.08, 0.08, (len(x), self.dim))
+            return x
+
+        cut, other = facet(self.cut_kind, 0.0), facet(self.other_kind, 0.2)
+        turn, _ = np.linalg.qr(rng.normal(size=(self.dim, self.dim)))
+        x = np.vstack((cut, other) if self.cut_is_slave else (other, cut))
+        x[:, : self.dim] = x[:, : self.dim] @ turn.T
+        self.x, self.num_cut, self.num_other = x, len(cut), len(other)
+        self.orientation = rng.choice((-1.0, 1.0))
+        self.xi = rng.uniform(0.15, 0.4, (num_points, 2))
+        self.zeta = rng.uniform(0.2, 0.4, (num_points, 2))
+        self.weight = rng.uniform(0.5, 1.5, num_points)
+        self.multipliers = rng.uniform(-1, 1, self.slave_kind[0])
+
+    @property
+    def slave_kind(self):
+        return self.cut_kind if self.cut_is_slave else self.other_kind
+
+    def nodes(self, x):
+        """Of the facet that is cut, and of the other one."""
+        if self.cut_is_slave:
+            return x[: self.num_cut], x[self.num_cut :]
+        return x[self.num_other :], x[: self.num_other]
+
+    def rays(self, x):
+        """The facets with the nodes at ``x``, and the rays between them."""
+        y, z = self.nodes(x)
+        cut = _cpp.RayFacet(*self.cut_kind, y, self.orientation)
+        other = _cpp.RayFacet(*self.other_kind, z)
+        points = ray_points(self.xi, self.zeta, self.weight)
+        assert _cpp.solve_rays(cut, other, points)
+        return cut, other, points
+
+    def gap(self, x):
+        """Cover, gap, jump, gradient."""
+        cut, other, points = self.rays(x)
+        return _cpp.ray_gap(cut, other, self.cut_is_slave, points)
+
+    def hessian(self, x):
+        cut, other, points = self.rays(x)
+        return _cpp.ray_curvature(cut, other, self.cut_is_slave, points, self.multipliers)
+
+    def slip(self, x):
+        cut, other, points = self.rays(x)
+        return _cpp.ray_slip(cut, other, self.cut_is_slave, points)
+
+    def normal(self, x):
+        y = self.nodes(x)[0]
+        if self.cut_kind[0] == 2:
+            n = np.cross(y[1] - y[0], [0, 0, 1])
+        elif self.cut_kind[0] == 3:
+            n = np.cross(y[1] - y[0], y[2] - y[0])
+        else:
+            n = np.cross(y[3] - y[0], y[2] - y[1])
+        return self.orientation * n / np.linalg.norm(n)
+
+    def samples(self, x):
+        """Functions of the cut facet's nodes, of the other's, and N_k, [point][function]."""
+        zeta = self.rays(x)[2].zeta
+        slave = self.xi if self.cut_is_slave else zeta
+        return (
+            functions(*self.cut_kind, self.xi),
+            functions(*self.other_kind, zeta),
+            functions(self.slave_kind[0], 1, slave),
+        )
+
+    def operators(self, x):
+        """D and −M at the present points side by side, [k][node]."""
+        cut, other, N = self.samples(x)
+        left, right = (cut, -other) if self.cut_is_slave else (other, -cut)
+        return (N * self.weight[:, None]).T @ np.hstack((left, right))
+
+    def directions(self):
+        """All nodes one after the other in each direction, [direction][node][3]."""
+        for node, component in itertools.product(range(len(self.x)), range(self.dim)):
+            direction = np.zeros_like(self.x)
+            direction[node, component] = 1
+            yield direction
+
+    def differences(self, values, step):
+        """Central ones of values [..], as [..][node][3]; 0 across the plane."""
+        found = [(values(self.x + step * d) - values(self.x - step * d)) / (2 * step)
+                 for d in self.directions()]  # fmt: skip
+        out = np.zeros((*found[0].shape, len(self.x), 3))
+        out[..., : self.dim] = np.moveaxis(found, 0, -1).reshape(*found[0].shape, -1, self.dim)
+        return out
+
+    def rigid_motions(self):
+        """Translations, then infinitesimal rotations about the origin, [motion][node][3]."""
+        axes = np.eye(3)
+        turns = axes[2:] if self.dim == 2 else axes
+        return (
+            np.array([np.broadcast_to(a, self.x.shape) for a in axes[: self.dim]]),
+            np.array([np.cross(a, self.x) for a in turns]),
+        )
+
+
+@kinds
+def test_ends(kind):
+    """Rays end on the other facet; sums are those of their points."""
+    pair = Pair(kind)
+    y, z = pair.nodes(pair.x)
+    points = pair.rays(pair.x)[2]
+    T, M, N = pair.samples(pair.x)
+    ends = T @ y + np.outer(points.t, pair.normal(pair.x))
+    assert np.abs(M @ z - ends).max() < 1e-14
+    cover, gap, jump, _ = pair.gap(pair.x)
+    weighted = (N * pair.weight[:, None]).T
+    assert np.abs(cover - weighted.sum(axis=1)).max() < 1e-14
+    assert np.abs(gap + weighted @ points.t).max() < 1e-14
+    assert np.abs(jump - pair.operators(pair.x) @ pair.x).max() < 1e-14
+
+
+@kinds
+def test_gradient(kind):
+    pair = Pair(kind)
+    gradient = pair.gap(pair.x)[3]
+    expected = pair.differences(lambda x: pair.gap(x)[1], 1e-5)
+    assert np.abs(gradient - expected).max() < 1e-8 * np.abs(gradient).max()
+
+
+@kinds
+def test_hessian(kind):
+    pair = Pair(kind)
+    hessian = pair.hessian(pair.x)
+    expected = pair.differences(
+        lambda x: np.tensordot(pair.multipliers, pair.gap(x)[3], axes=1), 1e-5
+    ).reshape(hessian.shape)
+    assert np.abs(hessian).max() > 0.1
+    assert np.abs(hessian - expected).max() < 1e-7 * np.abs(hessian).max()
+    assert np.array_equal(hessian, hessian.T)
+
+
+@kinds
+def test_slip(kind):
+    """D δx_slave − M δx_master − δV with D and M held."""
+    pair = Pair(kind)
+    slip = pair.slip(pair.x)
+    held = pair.operators(pair.x)
+    expected = pair.differences(lambda x: held @ x - pair.gap(x)[2], 1e-5)
+    expected = np.moveaxis(expected, 2, 1)
+    assert np.abs(slip).max() > 0.1
+    assert np.abs(slip - expected).max() < 1e-8 * np.abs(slip).max()
+
+
+@kinds
+def test_rigid_motions(kind):
+    """Each point conserves momentum and moment: neither gaps nor slips change."""
+    pair = Pair(kind)
+    gradient, slip = pair.gap(pair.x)[3], pair.slip(pair.x)
+    for motion in np.vstack(pair.rigid_motions()):
+        assert np.abs(np.einsum("kjc,jc->k", gradient, motion)).max() < 1e-13
+        assert np.abs(np.einsum("kjrc,jc->kr", slip, motion)).max() < 1e-13
+
+
+@kinds
+def test_forces_turn_with_the_bodies(kind):
+    """H times a translation is 0, and times an infinitesimal rotation it turns the forces."""
+    pair = Pair(kind)
+    forces = np.tensordot(pair.multipliers, pair.gap(pair.x)[3], axes=1)
+    hessian = pair.hessian(pair.x)
+    translations, rotations = pair.rigid_motions()
+    for motion in translations:
+        assert np.abs(hessian @ motion.ravel()).max() < 1e-12
+    axes = np.eye(3)[2:] if pair.dim == 2 else np.eye(3)
+    for axis, motion in zip(axes, rotations, strict=True):
+        turned = np.cross(axis, forces).ravel()
+        assert np.abs(hessian @ motion.ravel() - turned).max() < 1e-12
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k[0][0] == 2], ids=str)
+def test_plane(kind):
+    """In 2D nothing has a third component."""
+    pair = Pair(kind)
+    hessian = pair.hessian(pair.x).reshape(len(pair.x), 3, len(pair.x), 3)
+    slip = pair.slip(pair.x)
+    assert not pair.gap(pair.x)[3][..., 2].any()
+    assert not hessian[:, 2].any() and not hessian[..., 2].any()
+    assert not slip[:, :, 2].any() and not slip[..., 2].any()
+
+
+@pytest.mark.parametrize("cut_is_slave", (True, False))
+def test_known_gap(cut_is_slave):
+    """Parallel facets 0.1 apart and in each other, wherever they are."""
+    flat = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=float)
+    for place, depth in itertools.product((0, 1000), (-0.1, 0.1)):
+        points = ray_points([[0.25, 0.5]], [[0.3, 0.3]], [2.0])
+        cut = _cpp.RayFacet(3, 1, flat + place)
+        other = _cpp.RayFacet(3, 1, flat + place - [0, 0, depth], -1)
+        assert _cpp.solve_rays(cut, other, points)
+        cover, gap, _, _ = _cpp.ray_gap(cut, other, cut_is_slave, points)
+        assert np.abs(points.zeta - [[0.25, 0.5]]).max() < 1e-12
+        assert np.abs(cover - [0.5, 0.5, 1.0]).max() < 1e-12
+        assert np.abs(gap - depth * cover).max() < 1e-12
+
+
+@pytest.mark.parametrize("degree", (1, 2))
+@pytest.mark.parametrize("num_vertices", (2, 3, 4))
+def test_no_end(num_vertices, degree):
+    """A ray along the other facet has none."""
+    dim = 2 if num_vertices == 2 else 3
+    x = np.zeros((len(places(num_vertices, degree)), 3))
+    x[:, :2] = places(num_vertices, degree)
+    across = x[:, [1, 0, 2] if dim == 2 else [2, 0, 1]] + [1, 0, 0]
+    points = ray_points([[0.3, 0.3]], [[0.3, 0.3]], [1.0])
+    cut, other = (_cpp.RayFacet(num_vertices, degree, nodes) for nodes in (x, across))
+    assert not _cpp.solve_rays(cut, other, points)
+    assert np.isnan(points.t).all()
+
+
+def test_refused():
+    x = np.zeros((3, 3))
+    with pytest.raises(ValueError, match="degree 1 or 2"):
+        _cpp.RayFacet(3, 3, x)
+    with pytest.raises(ValueError, match="3 coordinates a node"):
+        _cpp.RayFacet(3, 2, x)
+    with pytest.raises(ValueError, match="two coordinates"):
+        _cpp.RayPoints(np.zeros((2, 2)), np.zeros((1, 2)), np.ones(2))
+    facets = _cpp.RayFacet(2, 1, x[:2]), _cpp.RayFacet(3, 1, x)
+    with pytest.raises(ValueError, match="both facets"):
+        _cpp.solve_rays(*facets, _cpp.RayPoints(x[:1, :2], x[:1, :2], np.ones(1)))
