@@ -33,6 +33,9 @@ T = typing.TypeVar("T")
 #: Gaps smaller than this part of the smallest facet count as closed.
 TOUCHING = 1e-12
 
+#: Largest facets that bodies may be within each other where contact follows them.
+FOLLOWING_REACH = 4.0
+
 #: A part with multipliers: the gap of a pass, or its slip.
 Part = WeightedGap | Slip
 
@@ -194,7 +197,8 @@ def _radius(settings: Settings) -> _cpp.SearchRadius:
     """How far from each other points may be that are paired. Collective.
 
     By default the largest facet, as bodies that are pressed come closer to each other all over what
-    is going to touch. A tool's triangles may be as large as it is flat: they do not count.
+    is going to touch. A tool's triangles may be as large as it is flat: they do not count. Where
+    gaps follow the bodies, iterates of Newton's method must not lose each other: they reach further.
     """
     if isinstance(settings.search_radius, float):
         return _cpp.SearchRadius(settings.search_radius)
@@ -202,6 +206,8 @@ def _radius(settings: Settings) -> _cpp.SearchRadius:
     largest = slave.facet_size_range[1]
     if as_tool(master) is None:
         largest = max(largest, master.facet_size_range[1])
+    if settings.sliding == "finite":
+        largest *= FOLLOWING_REACH
     local = settings.search_radius == "local" and not master.is_analytic
     return _cpp.SearchRadius(largest, by_size=local)
 

@@ -10,6 +10,10 @@ from qsdolfinx.system.system import ContactSystem
 #: No guess is made if contact at the start leaves less than this part of the loads unbalanced.
 BALANCED = 0.5
 
+#: Parts of the way that are tried where contact that follows the bodies would lose more than a half
+#: of its nodes on it.
+PARTS, KEPT = (1.0, 0.5, 0.25, 0.125), 0.5
+
 
 def guess(system: ContactSystem) -> None:
     """Move ``system.x`` to where rigid bodies would rest on springs, and evaluate. Collective.
@@ -36,7 +40,13 @@ def guess(system: ContactSystem) -> None:
     coefficients = Foundation(springs, loads).settle()
     if coefficients is None:
         return
-    for i, scale in enumerate(system.scales):
-        displacement = rigid.displacement(motions @ coefficients, i)
-        system.part(system.x.array, i)[:] += displacement / scale
-    system.residual(system.x.array_r)
+    start, paired = system.x.array.copy(), system.num_paired()
+    for part in PARTS:
+        for i, scale in enumerate(system.scales):
+            displacement = part * rigid.displacement(motions @ coefficients, i)
+            system.part(system.x.array, i)[:] = system.part(start, i) + displacement / scale
+        system.residual(system.x.array_r)
+        if system.num_paired() >= KEPT * paired:
+            return
+    system.x.array[:] = start
+    system.residual(start)

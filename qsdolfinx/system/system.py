@@ -158,6 +158,17 @@ class ContactSystem:
         """Closed rows of each contact on this rank at the last evaluation."""
         return [active_set.num_closed(contact) for contact in self.contacts]
 
+    def num_paired(self) -> int:
+        """Nodes, over all ranks, that anything is opposite to at the last evaluation. Collective.
+
+        Of contacts that follow the bodies.
+        """
+        gaps = [gap for contact in self.contacts if contact.follows for gap in contact.gaps]
+        if not gaps:
+            return 0
+        found = sum(int(np.count_nonzero(np.isfinite(gap.state.values))) for gap in gaps)
+        return int(self.comm.allreduce(found, op=MPI.SUM))
+
     def set_strict(self, strict: bool) -> None:
         """Say whether gaps that are open by rounding alone count as open, without friction.
 
