@@ -1,4 +1,5 @@
 #include "gap/gap.h"
+#include "gap/piece_forces.h"
 #include "gap/piece_rows.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
@@ -40,6 +41,12 @@ void qsdolfinx::bind_gap(nb::module_& m)
           [](const PieceRows& r, std::size_t nodes)
           { return copy(r.on_nodes(r.jump, nodes, 3), {nodes, 3}); },
           "num_nodes"_a, "Weighted sums of x_slave - x_master, [node][3].");
+  m.def(
+      "add_slip_forces",
+      [](const Pieces& pieces, Handle traction, Handle slave, Handle master)
+      { add_slip_forces(pieces, reinterpret_cast<Vec>(traction), vecs(slave, master)); },
+      "pieces"_a, "traction"_a, "slave"_a, "master"_a,
+      "Add the forces of friction on slip that rigid motions do not have; collective.");
   nb::class_<GapOperator>(m, "GapOperator",
                           "Weighted gaps of the slave nodes of this rank; see gap/gap.h.")
       .def(

@@ -1,5 +1,5 @@
 #include "gap/piece_rows.h"
-#include "sliding/ray.h"
+#include "gap/piece_forces.h"
 #include "parallel/exchange.h"
 #include "parallel/records.h"
 
@@ -7,12 +7,6 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Facet of one side of a piece.
-RayFacet facet_of(const PieceSide& side, std::size_t piece)
-{
-  return {side.type, side.degree, side.x_of(piece), side.orientation[piece]};
-}
-
 /// Sums over the points of a piece, for all multipliers.
 struct PieceSums
 {
@@ -29,15 +23,13 @@ struct PieceSums
   {
     for (auto* values : {&cover, &gap, &jump, &gradient, &mass})
       std::ranges::fill(*values, 0.0);
-    const bool is_slave = pieces.cut_is_slave[piece];
-    const RayFacet slave = facet_of(pieces.slave, piece), master = facet_of(pieces.master, piece);
-    const RayPair pair{is_slave ? slave : master, is_slave ? master : slave, is_slave};
+    const RayPair pair = pair_of(pieces, piece);
     if (!solve_rays(pair, points))
       return false;
     add_gap(pair, points, {cover, gap, jump, gradient});
     for (const RayPoint& point : points)
-      add_mass(slave, master, is_slave ? point.xi : point.zeta, is_slave ? point.zeta : point.xi,
-               point.weight);
+      pair.cut_is_slave ? add_mass(pair.cut, pair.other, point.xi, point.zeta, point.weight)
+                        : add_mass(pair.other, pair.cut, point.zeta, point.xi, point.weight);
     return true;
   }
 

@@ -1,5 +1,5 @@
 #include "tangent/curvature.h"
-#include "sliding/ray.h"
+#include "gap/piece_forces.h"
 #include "parallel/petsc.h"
 
 #include <algorithm>
@@ -8,29 +8,6 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Values of a distributed vector at some unknowns, in their order. Collective.
-std::vector<double> values_at(Vec x, std::span<const std::int64_t> dofs)
-{
-  std::vector<PetscInt> wanted(dofs.begin(), dofs.end());
-  Vec local;
-  IS is;
-  VecScatter scatter;
-  const auto n = static_cast<PetscInt>(wanted.size());
-  check(VecCreateSeq(PETSC_COMM_SELF, n, &local));
-  check(ISCreateGeneral(PETSC_COMM_SELF, n, wanted.data(), PETSC_USE_POINTER, &is));
-  check(VecScatterCreate(x, is, local, nullptr, &scatter));
-  check(VecScatterBegin(scatter, x, local, INSERT_VALUES, SCATTER_FORWARD));
-  check(VecScatterEnd(scatter, x, local, INSERT_VALUES, SCATTER_FORWARD));
-  const PetscScalar* values;
-  check(VecGetArrayRead(local, &values));
-  std::vector<double> out(values, values + n);
-  check(VecRestoreArrayRead(local, &values));
-  check(VecScatterDestroy(&scatter));
-  check(ISDestroy(&is));
-  check(VecDestroy(&local));
-  return out;
-}
-
 /// Unknowns of one side, -1 where a Dirichlet condition holds, [piece][node][gdim].
 std::vector<PetscInt> free_dofs(const PieceSide& side, Vec markers)
 {
@@ -50,11 +27,6 @@ std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces)
     for (int k = 0; k < pieces.num_multipliers; ++k)
       out.push_back(pieces.slave.dofs[(i * pieces.slave.num_nodes + k) * pieces.gdim]);
   return out;
-}
-
-RayFacet facet_of(const PieceSide& side, std::size_t piece)
-{
-  return {side.type, side.degree, side.x_of(piece), side.orientation[piece]};
 }
 } // namespace
 
@@ -81,10 +53,7 @@ void qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Ve
     if (std::ranges::all_of(of_piece, [](double value) { return value == 0; }))
       continue;
     std::ranges::fill(H, 0.0);
-    const bool is_slave = pieces.cut_is_slave[i];
-    const RayFacet first = facet_of(pieces.slave, i), second = facet_of(pieces.master, i);
-    add_curvature({is_slave ? first : second, is_slave ? second : first, is_slave},
-                  pieces.points_of(i), of_piece, H);
+    add_curvature(pair_of(pieces, i), pieces.points_of(i), of_piece, H);
     for (int a = 0; a < num_sides; ++a)
       for (int b = 0; b < num_sides; ++b)
       {

@@ -202,6 +202,8 @@ def set_start(
         return
     at_start = _vecs(model, slave, master)
     for slip in model.slips:
+        if model.follows:  # its pairs are those at the end of the last step
+            break
         slip.state.start = slip.jump_of(model.ordered(slip.gap, at_start))
         slip.state.starts_there = False
         if moved is not None:

@@ -27,6 +27,19 @@ Array = npt.NDArray[np.float64]
 NO_PRESSURE = 1e-6
 
 
+@dataclasses.dataclass(frozen=True)
+class PairsAtStart:
+    """What was opposite to what when a step began, of gaps that follow the bodies.
+
+    Attributes:
+        operator: Of the jump with places on the facets as then.
+        gap: ḡ then, shape (rows,).
+    """
+
+    operator: _cpp.GapOperator
+    gap: Array
+
+
 @dataclasses.dataclass
 class SlipState:
     """What changes at the rows of a slip, while its pairing stays.
@@ -52,6 +65,8 @@ class SlipState:
         stuck: Rows that were made to stick there.
         ended: Whether the step of the last evaluation has been ended.
         response: What the law answered at the last evaluation.
+        pairs: What was opposite to what at the start of the step, where gaps follow the bodies:
+            the jump is then that of these pairs less that of the present ones, and its start is 0.
     """
 
     jump: Array
@@ -70,6 +85,7 @@ class SlipState:
     starts_there: bool = False
     ended: bool = True
     evaluated: Evaluated | None = None
+    pairs: PairsAtStart | None = None
 
     @classmethod
     def at_rest(cls, rows: int, gdim: int) -> SlipState:
@@ -105,9 +121,10 @@ class Slip:
         gdim = gap.slave.gdim
         #: P_k, shape (rows, gdim, gdim).
         self.projector: Array
+        self._held: npt.NDArray[np.bool_] | None = None
         self.hold(None)
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
-        self.cover: Array = self.operator.slave_sum[:, 0]
+        self.cover: Array = self._cover()
         #: Components of τ̂ that conditions hold on both sides; None if there are none anywhere.
         self.extension: Extension | None = None
         #: What changes while the pairing stays.
@@ -143,6 +160,7 @@ class Slip:
 
         On a plane of symmetry what is beyond it slips the other way: the mean of the whole is zero.
         """
+        self._held = held
         normal = self.gap.operator.slave_sum
         free = np.ones_like(normal) if held is None else np.where(held, 0.0, 1.0)
         normal = free * normal
@@ -150,6 +168,11 @@ class Slip:
         normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
         within = free[:, :, None] * np.eye(normal.shape[1])
         self.projector = within - normal[:, :, None] * normal[:, None, :]
+
+    def _cover(self) -> Array:
+        """See ``cover``; 1 of rows that nothing is opposite to."""
+        cover = self.operator.slave_sum[:, 0]
+        return np.where(cover > 0, cover, 1.0)
 
     def tangential(self, vectors: Array) -> Array:
         """Tangential parts of vectors at the rows."""
@@ -206,8 +229,14 @@ class Slip:
             compliance: Gap (length) that a pressure closes, over it.
         """
         state = self.state
-        state.jump = self.jump_of(u)
+        if self.gap.following is not None:
+            self._follow(u)
+            state.augmented = self.turned(state.augmented)
+        else:
+            state.jump = self.jump_of(u)
         state.carried = state.jump if all(in_displacement) else self._carried(u, in_displacement)
+        if self.gap.following is not None:
+            state.starts_there, state.carried = False, np.zeros_like(state.jump)
         if state.starts_there:
             state.start, state.starts_there = state.start + state.carried, False
         state.jump = state.jump + state.shift
@@ -246,9 +275,35 @@ class Slip:
     def begin_at(self, u: Vecs, in_displacement: tuple[bool, bool]) -> None:
         """Let the step begin at these unknowns, unless its start is known. Collective."""
         state = self.state
-        if state.starts_there:
+        if not state.starts_there:
+            return
+        if self.gap.following is not None:
+            self.gap.evaluate_kept(u, in_displacement)
+            state.pairs = self._pairs_of_cut()
+        else:
             state.start = state.start + self._carried(u, in_displacement)
-            state.starts_there = False
+        state.starts_there = False
+
+    # --- Gaps that follow the bodies
+
+    def _pairs_of_cut(self) -> PairsAtStart:
+        """The present pairs as those that a step begins with. Collective."""
+        return PairsAtStart(self.gap.jump_operator(), self.gap.state.values[:, 0])
+
+    def _follow(self, u: Vecs) -> None:
+        """Operator, normals and jump at the last cut. Collective.
+
+        The slip is objective: D_old x_s − M_old x_m, with the pairs at the start of the step where
+        the bodies are now, less the same of the present pairs. A rigid motion of both has none.
+        """
+        state = self.state
+        if state.pairs is None:
+            state.pairs = self._pairs_of_cut()
+        self.operator = self.gap.jump_operator()
+        self.hold(self._held)
+        self.cover = self._cover()
+        state.jump = self.gap.jump_of_positions(state.pairs.operator, u) - self.gap.present_jump()
+        state.start = np.zeros_like(state.jump)
 
     def _carried(self, u: Vecs, in_displacement: tuple[bool, bool]) -> Array:
         """Jump of the bodies that have total displacements. Collective."""
@@ -291,6 +346,8 @@ class Slip:
 
         At points as far as the motion of the nodes tells.
         """
+        if self.state.pairs is not None:
+            return self.state.pairs.gap
         moved = np.sum(self.gap.operator.slave_sum * (self.state.jump - self.state.start), axis=1)
         moved = moved / self.cover
         if self.of is not self.gap:
@@ -345,6 +402,9 @@ class Slip:
 
     def add_forces(self, b: Vecs) -> None:
         """Add Jᵀ S τ to b. Collective."""
+        if self.gap.following is not None:
+            self.gap.add_slip_forces(self.state.response.traction, b)
+            return
         force = np.ascontiguousarray(self.weight[:, None] * self.state.response.traction)
         handles = handle_of(b[0]), handle_of(b[1])
         self.operator.add_transpose(force, *handles)
@@ -443,6 +503,8 @@ class Slip:
         """Let the next step begin where this one ended."""
         self.state.augmented = self.state.response.traction
         self.state.start = self.state.carried
+        if self.gap.following is not None:
+            self.state.pairs = self._pairs_of_cut()
         self.state.pressed = self.state.pressure
         self.state.slipped = self.state.response.slipping.astype(np.float64)
         self.count_whole_step()

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.pairing.pair import overlay_rules
-from qsdolfinx.surface.affine import trace_positions
+from qsdolfinx.surface.affine import trace_positions, trace_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
 
@@ -98,6 +98,8 @@ class Following:
         self._paired_at = trace_positions(slave).copy(), trace_positions(master).copy()
         self._measured_at: Places | None = None
         self._last: Cut | None = None
+        self._jump: tuple[Cut, _cpp.GapOperator] | None = None
+        self._of_base: tuple[_cpp.GapOperator, int, Array] | None = None
         self._marked: tuple[PETSc.Vec, PETSc.Vec] | None = None
         #: Columns of each row that the tangent has room for; None before there is one.
         self.pattern: _cpp.GapOperator | None = None
@@ -114,6 +116,11 @@ class Following:
             for x, vec, s, values in zip(base, u, scale, self._values, strict=True)
         )
         return first, second
+
+    @property
+    def radius(self) -> float:
+        """Distance beyond which nothing is opposite."""
+        return self._radius.largest
 
     def as_paired(self) -> Places:
         """Where they were when they were paired."""
@@ -168,8 +175,11 @@ class Following:
             for vec in self._marked:
                 vec.destroy()
         self._marked = slave.copy(), master.copy()
-        if self._last is not None:
-            self._last.operator.constrain(slave.handle, master.handle)
+        operators = [] if self._last is None else [self._last.operator]
+        if self._jump is not None:
+            operators.append(self._jump[1])
+        for operator in operators:
+            operator.constrain(slave.handle, master.handle)
 
     # --- Tangent
 
@@ -187,10 +197,35 @@ class Following:
     def jump_operator(self, last: Cut) -> _cpp.GapOperator:
         """The mean of x_slave − x_master with places on the facets that stay. Collective."""
         slave, master = (surface.cpp_object for surface in self._surfaces)
-        out = _cpp.GapOperator(slave, master, last.rows, last.measure.area, jump=True)
-        if self._marked is not None:
-            out.constrain(*(vec.handle for vec in self._marked))
-        return out
+        if self._jump is None or self._jump[0] is not last:
+            out = _cpp.GapOperator(slave, master, last.rows, last.measure.area, jump=True)
+            if self._marked is not None:
+                out.constrain(*(vec.handle for vec in self._marked))
+            self._jump = last, out
+        return self._jump[1]
+
+    def jump_of_places(self, operator: _cpp.GapOperator, places: Places) -> Array:
+        """What an operator of jumps gives for places of the facets' nodes. Collective."""
+        if self._of_base is None or self._of_base[:2] != (operator, id(places)):
+            vecs = [
+                trace_vec(surface, x[..., : surface.gdim])
+                for surface, x in zip(self._surfaces, places, strict=True)
+            ]
+            self._of_base = operator, id(places), operator.apply(*(vec.handle for vec in vecs))
+            for vec in vecs:
+                vec.destroy()
+        return self._of_base[2]
+
+    def add_slip_forces(
+        self, last: Cut, traction: Array, b: tuple[PETSc.Vec, PETSc.Vec | None]
+    ) -> None:
+        """Add the forces of friction τ_k of the owned nodes, (nodes, gdim). Collective."""
+        slave = self._surfaces[0]
+        vec = slave.create_vec()
+        vec.array[slave.node_dofs - vec.owner_range[0]] = traction
+        handles = [0 if side is None else side.handle for side in b]
+        _cpp.add_slip_forces(last.pieces, vec.handle, *handles)
+        vec.destroy()
 
     def fits(self, last: Cut) -> bool:
         """Whether the pattern has room for these pieces, on this rank."""

@@ -229,9 +229,36 @@ class WeightedGap:
         state.values = self._values_of_cut() - state.allowance[:, None]
 
     def _values_of_cut(self) -> Array:
-        """ḡ of the operator alone; −∞ of nodes that nothing is opposite to."""
+        """ḡ of the operator alone; that of the search radius where nothing is opposite."""
         values = -self.operator.initial_gap[:, None]
-        return values if self.cut is None else np.where(self.cut.covered[:, None], values, -np.inf)
+        if self.cut is None or self.following is None:
+            return values
+        return np.where(self.cut.covered[:, None], values, -self.following.radius)
+
+    def evaluate_kept(self, u: Vecs, kept: tuple[bool, bool]) -> None:
+        """Evaluate for those unknowns alone that are kept from step to step. Collective."""
+        state = self.state
+        scale, state.scale = state.scale, (state.scale[0] * kept[0], state.scale[1] * kept[1])
+        self._cut_at(u)
+        state.scale = scale
+
+    def jump_of_positions(self, operator: _cpp.GapOperator, u: Vecs) -> Array:
+        """Mean of x_slave − x_master, (rows, gdim), by the pairs of an operator. Collective."""
+        assert self.following is not None and self.state.base is not None
+        handles = handle_of(u[0]), handle_of(u[1])
+        base = self.following.jump_of_places(operator, self.state.base)
+        return np.asarray(base + operator.apply(*handles, self.state.scale))
+
+    def present_jump(self) -> Array:
+        """The same of the pairs of the last evaluation where they were then. Collective."""
+        assert self.cut is not None
+        area = self.cut.measure.area
+        return np.asarray(self.cut.rows.jump(len(area))[:, : self.slave.gdim] / area[:, None])
+
+    def add_slip_forces(self, traction: Array, b: Vecs) -> None:
+        """Add forces of friction τ, (rows, gdim), on slip at the last evaluation. Collective."""
+        assert self.following is not None and self.cut is not None
+        self.following.add_slip_forces(self.cut, self._share * traction, b)
 
     def set_offset(self, u: Vecs) -> None:
         """Set displacements on top of those of the unknowns. Collective."""

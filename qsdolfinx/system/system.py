@@ -166,7 +166,7 @@ class ContactSystem:
         gaps = [gap for contact in self.contacts if contact.follows for gap in contact.gaps]
         if not gaps:
             return 0
-        found = sum(int(np.count_nonzero(np.isfinite(gap.state.values))) for gap in gaps)
+        found = sum(len(gap.rows.reached) for gap in gaps)
         return int(self.comm.allreduce(found, op=MPI.SUM))
 
     def set_strict(self, strict: bool) -> None:

@@ -1,0 +1,108 @@
+#include "gap/piece_forces.h"
+#include "parallel/petsc.h"
+
+#include <algorithm>
+
+using namespace qsdolfinx;
+
+namespace
+{
+RayFacet facet_of(const PieceSide& side, std::size_t piece)
+{
+  return {side.type, side.degree, side.x_of(piece), side.orientation[piece]};
+}
+
+/// Unknowns of the nodes with multipliers, [piece][multiplier][gdim].
+std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces)
+{
+  const auto d = static_cast<std::size_t>(pieces.gdim);
+  std::vector<std::int64_t> out;
+  out.reserve(pieces.size() * pieces.num_multipliers * d);
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const auto first = pieces.slave.dofs.begin()
+                       + static_cast<std::ptrdiff_t>(i * pieces.slave.num_nodes * d);
+    out.insert(out.end(), first, first + static_cast<std::ptrdiff_t>(pieces.num_multipliers * d));
+  }
+  return out;
+}
+
+/// Forces on the nodes of one piece, [node][gdim], from its slips [k][node][3][3].
+void contract(std::span<const double> slip, std::span<const double> traction, std::size_t nodes,
+              std::size_t d, std::vector<double>& forces)
+{
+  std::ranges::fill(forces, 0.0);
+  for (std::size_t k = 0; k < traction.size() / d; ++k)
+    for (std::size_t j = 0; j < nodes; ++j)
+      for (std::size_t a = 0; a < d; ++a)
+        for (std::size_t b = 0; b < d; ++b)
+          forces[j * d + b] += traction[k * d + a] * slip[((k * nodes + j) * 3 + a) * 3 + b];
+}
+} // namespace
+
+std::vector<double> qsdolfinx::values_at(Vec x, std::span<const std::int64_t> dofs)
+{
+  const std::vector<PetscInt> wanted(dofs.begin(), dofs.end());
+  Vec local;
+  IS is;
+  VecScatter scatter;
+  const auto n = static_cast<PetscInt>(wanted.size());
+  check(VecCreateSeq(PETSC_COMM_SELF, n, &local));
+  check(ISCreateGeneral(PETSC_COMM_SELF, n, wanted.data(), PETSC_USE_POINTER, &is));
+  check(VecScatterCreate(x, is, local, nullptr, &scatter));
+  check(VecScatterBegin(scatter, x, local, INSERT_VALUES, SCATTER_FORWARD));
+  check(VecScatterEnd(scatter, x, local, INSERT_VALUES, SCATTER_FORWARD));
+  const PetscScalar* values;
+  check(VecGetArrayRead(local, &values));
+  std::vector<double> out(values, values + n);
+  check(VecRestoreArrayRead(local, &values));
+  check(VecScatterDestroy(&scatter));
+  check(ISDestroy(&is));
+  check(VecDestroy(&local));
+  return out;
+}
+
+RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
+{
+  const bool is_slave = pieces.cut_is_slave[piece];
+  const RayFacet slave = facet_of(pieces.slave, piece), master = facet_of(pieces.master, piece);
+  return {is_slave ? slave : master, is_slave ? master : slave, is_slave};
+}
+
+void qsdolfinx::add_slip_forces(const Pieces& pieces, Vec traction, std::array<Vec, 2> b)
+{
+  const std::vector<double> tau = values_at(traction, multiplier_dofs(pieces));
+  const auto d = static_cast<std::size_t>(pieces.gdim);
+  const std::array<std::size_t, 2> count{static_cast<std::size_t>(pieces.slave.num_nodes) * d,
+                                         static_cast<std::size_t>(pieces.master.num_nodes) * d};
+  const std::size_t width = static_cast<std::size_t>(pieces.num_multipliers) * d,
+                    nodes = (count[0] + count[1]) / d;
+  const std::array<const PieceSide*, 2> sides{&pieces.slave, &pieces.master};
+  std::vector<double> slip(static_cast<std::size_t>(pieces.num_multipliers) * nodes * 9),
+      forces(nodes * d);
+  std::vector<PetscInt> dofs;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const auto of_piece = std::span(tau).subspan(i * width, width);
+    if (std::ranges::all_of(of_piece, [](double value) { return value == 0; }))
+      continue;
+    std::ranges::fill(slip, 0.0);
+    add_slip(pair_of(pieces, i), pieces.points_of(i), slip);
+    contract(slip, of_piece, nodes, d, forces);
+    for (std::size_t s = 0; s < 2; ++s)
+    {
+      if (!b[s])
+        continue;
+      const auto first = sides[s]->dofs.begin() + static_cast<std::ptrdiff_t>(i * count[s]);
+      dofs.assign(first, first + static_cast<std::ptrdiff_t>(count[s]));
+      check(VecSetValues(b[s], static_cast<PetscInt>(count[s]), dofs.data(),
+                         forces.data() + s * count[0], ADD_VALUES));
+    }
+  }
+  for (Vec side : b)
+    if (side)
+    {
+      check(VecAssemblyBegin(side));
+      check(VecAssemblyEnd(side));
+    }
+}
