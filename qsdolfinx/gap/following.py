@@ -99,7 +99,7 @@ class Following:
         self._measured_at: Places | None = None
         self._last: Cut | None = None
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
-        self._of_base: tuple[_cpp.GapOperator, int, Array] | None = None
+        self._of_base: tuple[_cpp.GapOperator, Places, Array] | None = None
         self._marked: tuple[PETSc.Vec, PETSc.Vec] | None = None
         #: Columns of each row that the tangent has room for; None before there is one.
         self.pattern: _cpp.GapOperator | None = None
@@ -206,15 +206,17 @@ class Following:
 
     def jump_of_places(self, operator: _cpp.GapOperator, places: Places) -> Array:
         """What an operator of jumps gives for places of the facets' nodes. Collective."""
-        if self._of_base is None or self._of_base[:2] != (operator, id(places)):
+        known = self._of_base
+        if known is None or known[0] is not operator or known[1] is not places:
             vecs = [
                 trace_vec(surface, x[..., : surface.gdim])
                 for surface, x in zip(self._surfaces, places, strict=True)
             ]
-            self._of_base = operator, id(places), operator.apply(*(vec.handle for vec in vecs))
+            known = operator, places, operator.apply(*(vec.handle for vec in vecs))
             for vec in vecs:
                 vec.destroy()
-        return self._of_base[2]
+            self._of_base = known
+        return known[2]
 
     def add_slip_forces(
         self, last: Cut, traction: Array, b: tuple[PETSc.Vec, PETSc.Vec | None]
