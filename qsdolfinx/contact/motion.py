@@ -153,6 +153,28 @@ def _turn_in_place(model: ContactModel, tool: RigidSurface) -> None:
         gap.state.shift = gap.state.shift + (odd - whole)
 
 
+def follow_meshes(model: ContactModel) -> None:
+    """Let gaps that follow the bodies count from where meshes are now. Collective."""
+    surfaces = map(deformable, (model.slave, model.master))
+    update_surfaces(*(s for s in surfaces if s is not None))
+    for gap in model.gaps:
+        gap.rebase()
+    model.placement = Placement.at_pairing(model.slave, model.master)
+
+
+def measure_anew(model: ContactModel, slave: fem.Function, master: fem.Function | None) -> None:
+    """Measure areas of gaps that follow the bodies where these unknowns put them. Collective."""
+    if not model.follows:
+        return
+    vecs = _vecs(model, slave, master)
+    for gap in model.gaps:
+        kept = model.ordered(gap, model.kinematics.in_displacement)
+        gap.measure_anew(model.ordered(gap, vecs), kept)
+    for vec in vecs:
+        if vec is not None:
+            vec.destroy()
+
+
 def set_motion(model: ContactModel) -> None:
     """Hand scales and offsets to the passes. Collective."""
     for gap in model.gaps:
@@ -202,8 +224,10 @@ def set_start(
         return
     at_start = _vecs(model, slave, master)
     for slip in model.slips:
-        if model.follows:  # its pairs are those at the end of the last step
-            break
+        if model.follows:  # its pairs are those at the end of the last step, if there was one
+            kept = model.ordered(slip.gap, model.kinematics.in_displacement)
+            slip.begin_at(model.ordered(slip.gap, at_start), kept)
+            continue
         slip.state.start = slip.jump_of(model.ordered(slip.gap, at_start))
         slip.state.starts_there = False
         if moved is not None:

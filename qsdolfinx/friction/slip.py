@@ -33,10 +33,12 @@ class PairsAtStart:
 
     Attributes:
         operator: Of the jump with places on the facets as then.
+        area: What its rows are divided by, shape (rows,).
         gap: ḡ then, shape (rows,).
     """
 
     operator: _cpp.GapOperator
+    area: Array
     gap: Array
 
 
@@ -288,7 +290,8 @@ class Slip:
 
     def _pairs_of_cut(self) -> PairsAtStart:
         """The present pairs as those that a step begins with. Collective."""
-        return PairsAtStart(self.gap.jump_operator(), self.gap.state.values[:, 0])
+        operator = self.gap.jump_operator()
+        return PairsAtStart(operator, operator.row_area, self.gap.state.values[:, 0])
 
     def _follow(self, u: Vecs) -> None:
         """Operator, normals and jump at the last cut. Collective.
@@ -302,7 +305,9 @@ class Slip:
         self.operator = self.gap.jump_operator()
         self.hold(self._held)
         self.cover = self._cover()
-        state.jump = self.gap.jump_of_positions(state.pairs.operator, u) - self.gap.present_jump()
+        pairs, area = state.pairs, self.operator.row_area
+        before = self.gap.jump_of_positions(pairs.operator, u) * (pairs.area / area)[:, None]
+        state.jump = before - self.gap.present_jump()
         state.start = np.zeros_like(state.jump)
 
     def _carried(self, u: Vecs, in_displacement: tuple[bool, bool]) -> Array:

@@ -95,7 +95,7 @@ class Following:
         self._values = TraceValues(slave), TraceValues(master)
         self._moving = slave.twin(), master.twin()
         self._measured = slave.twin(), master.twin()
-        self._paired_at = trace_positions(slave).copy(), trace_positions(master).copy()
+        self._paired_at = self.pair()
         self._measured_at: Places | None = None
         self._last: Cut | None = None
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
@@ -121,6 +121,12 @@ class Following:
     def radius(self) -> float:
         """Distance beyond which nothing is opposite."""
         return self._radius.largest
+
+    def pair(self) -> Places:
+        """Take the places where the surfaces were read last."""
+        slave, master = self._surfaces
+        self._paired_at = trace_positions(slave).copy(), trace_positions(master).copy()
+        return self._paired_at
 
     def as_paired(self) -> Places:
         """Where they were when they were paired."""

@@ -130,10 +130,6 @@ class WeightedGap:
             measure = following.measure(base)
             self.cut = following.cut(base, measure)
         self.operator = self._operator(law.jump) if self.cut is None else self.cut.operator
-        #: Area in the energy of each row: what its gap is divided by, times the share.
-        self.weight: Array = share * self.operator.row_area
-        #: ε of each row in units of the contact's.
-        self.relative_penalty: Array = np.ones(self.num_rows)
         zero = np.zeros((self.num_rows, self.operator.width))
         multipliers: Array = zero
         #: How values go between the rows and the slave's nodes.
@@ -141,15 +137,8 @@ class WeightedGap:
         if rows == "points":
             self.rows = point_rows = PointRows(self.operator, slave)
             multipliers = np.zeros_like(point_rows.cover_of_sides)
-            #: Area of each multiplier, of the shape of λ̂.
-            self.multiplier_weight: Array = share * point_rows.cover_of_sides
         else:
             self.rows = NodeRows(self.operator, slave, points.by_sides)
-            self.multiplier_weight = self.weight[:, None] * np.ones(self.operator.width)
-            if augmented and rows == "cover":
-                whole = slave.node_area if measure is None else measure.node_area
-                cover = self.operator.row_area / whole[self.operator.row_node]
-                self.relative_penalty = 1 / cover
         #: Components of λ̂ that conditions hold on both sides; None if there are none anywhere.
         self.extension: Extension | None = None
         #: What changes while the pairing stays.
@@ -162,6 +151,33 @@ class WeightedGap:
         self._at_rows: tuple[Array, Array] = multipliers, zero
         if not law.jump:
             self.state.values = self._values_of_cut()
+
+    @property
+    def _area(self) -> Array:
+        """What each row's gap is divided by."""
+        measure = self.state.measure
+        return self.operator.row_area if measure is None else measure.area
+
+    @property
+    def weight(self) -> Array:
+        """Area in the energy of each row: what its gap is divided by, times the share."""
+        return np.asarray(self._share * self._area)
+
+    @property
+    def multiplier_weight(self) -> Array:
+        """Area of each multiplier, of the shape of λ̂."""
+        if isinstance(self.rows, PointRows):
+            return np.asarray(self._share * self.rows.cover_of_sides)
+        return self.weight[:, None] * np.ones(self.operator.width)
+
+    @property
+    def relative_penalty(self) -> Array:
+        """ε of each row in units of the contact's."""
+        if not (self._is_augmented and KINDS[self._kind] == "cover"):
+            return np.ones(self.num_rows)
+        measure = self.state.measure
+        whole = self.slave.node_area if measure is None else measure.node_area
+        return np.asarray(whole[self.operator.row_node] / self._area)
 
     def by_node(self) -> WeightedGap:
         """The same with a row for each node: itself, unless rows are points. Collective."""
@@ -234,6 +250,18 @@ class WeightedGap:
         if self.cut is None or self.following is None:
             return values
         return np.where(self.cut.covered[:, None], values, -self.following.radius)
+
+    def rebase(self) -> None:
+        """Let displacements count from where the surfaces were read last. Collective."""
+        assert self.following is not None
+        self.state.base = self.following.pair()
+
+    def measure_anew(self, u: Vecs, kept: tuple[bool, bool]) -> None:
+        """Measure areas where those unknowns alone put the facets that are kept. Collective."""
+        state = self.state
+        assert self.following is not None and state.base is not None
+        scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
+        state.measure = self.following.measure(self.following.places(state.base, u, scale))
 
     def evaluate_kept(self, u: Vecs, kept: tuple[bool, bool]) -> None:
         """Evaluate for those unknowns alone that are kept from step to step. Collective."""

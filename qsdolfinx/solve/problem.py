@@ -330,6 +330,7 @@ class ContactProblem:
             if contact.friction is not None:
                 contact.friction.read_parameters(contact.slips)
         for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
+            motion.measure_anew(contact, self.u[s], None if m is None else self.u[m])
             motion.begin_slip(contact, self.u[s], None if m is None else self.u[m])
 
     def _claim_contacts(self) -> None:

@@ -11,7 +11,7 @@ from dolfinx import fem
 
 from qsdolfinx.base import interrupt
 from qsdolfinx.contact.contact import Contact
-from qsdolfinx.contact.motion import set_start
+from qsdolfinx.contact.motion import follow_meshes, set_start
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.steps.mesh_motion import MeshMotion
 from qsdolfinx.steps.sliding import slid
@@ -112,6 +112,8 @@ class Pairings:
         """Whether what is in contact is far from where it was paired. Collective."""
         off = [now - at for now, at in zip(self._now(), self._paired, strict=True)]
         for contact, (s, m) in self._sides():
+            if contact.model.follows:
+                continue
             tool = as_tool(contact.master)
             flows = self._in_velocity[s] or (m is not None and self._in_velocity[m])
             moved = off[s], None if m is None else off[m], None if tool is None else self._way(tool)
@@ -167,6 +169,7 @@ class Pairings:
     def _pair(self, places: list[Array]) -> None:
         """Pair with the surfaces at these places, and put the meshes for the solver."""
         self._paired = places
+        self._follow()
         offsets, starts = [], []
         for i, (motion, moved) in enumerate(zip(self._motions, places, strict=True)):
             motion.move(motion.values(moved))
@@ -174,9 +177,10 @@ class Pairings:
                 raise DistortedError(f"a cell of u[{i}] turns inside out on the way")
             offsets.append(fem.Function(motion.u.function_space))
             offsets[-1].x.array[:] = -motion.carried(moved)
-            starts.append(fem.Function(motion.u.function_space))
-            starts[-1].x.array[:] = 0.0 if self._in_velocity[i] else self._start.unknowns[i]
+            starts.append(self._start_of(i))
         for contact, (s, m) in self._sides():
+            if contact.model.follows:
+                continue
             contact.update()
             contact.set_offset(offsets[s], None if m is None else offsets[m])
             tool = as_tool(contact.master)
@@ -185,3 +189,22 @@ class Pairings:
         for motion, flows, known in zip(self._motions, self._in_velocity, self._known, strict=True):
             motion.move(motion.values(known * self._theta * self._dt) if flows else 0.0)
         interrupt.look(self._problem.comm)
+
+    def _follow(self) -> None:
+        """Let contacts that follow the bodies count from where the step starts."""
+        following = [(c.model, sides) for c, sides in self._sides() if c.model.follows]
+        if not following:
+            return
+        if any(self._in_velocity):
+            for motion in self._motions:
+                motion.move()
+        for model, (s, m) in following:
+            if any(self._in_velocity[i] for i in (s, m) if i is not None):
+                follow_meshes(model)
+            set_start(model, self._start_of(s), None if m is None else self._start_of(m))
+
+    def _start_of(self, i: int) -> fem.Function:
+        """Unknowns of body i at the start of the step, total displacements."""
+        out = fem.Function(self._motions[i].u.function_space)
+        out.x.array[:] = 0.0 if self._in_velocity[i] else self._start.unknowns[i]
+        return out

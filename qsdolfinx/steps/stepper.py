@@ -337,13 +337,18 @@ class TimeStepper:
             pairings.learn_velocities()
             self._run_solver()
         made = 1
-        while made < self.num_pairings or (
-            made < self.num_pairings + MORE_PAIRINGS and pairings.have_slid()
+        while not self._all_follow and (made < self.num_pairings or (
+            made < self.num_pairings + MORE_PAIRINGS and pairings.have_slid())
         ):
             made += 1
             self._pair_again(dt, start)
-        if pairings.swing(self.missed):
+        if pairings.swing(self.missed) and not self._all_follow:
             self._pair_again(dt, start)
+
+    @property
+    def _all_follow(self) -> bool:
+        """Whether all contacts follow the bodies, and need not pair again."""
+        return all(contact.model.follows for contact in self.problem.contacts)
 
     def _pair_again(self, dt: float, start: Snapshot) -> None:
         """Pair where the solution leads to, and solve again."""
