@@ -54,7 +54,8 @@ class Parameters:
     ratio: float = option(1.37, "facets of the indenter in h")
     depth: float = option(0.06)
     steps: int = option(119, "in all, pressing and run-in included")
-    facets: int = 12  # of the plateau
+    facets: int = option(12, "facets of the slab that the plateau is long")
+    sliding: str = option("small", "finite: contact's geometry follows the bodies in a step")
     swap: bool = option(False, "the slab is the slave")
     output: str | None = option(None, "fields and history.csv", metavar="FOLDER")
     verbose: bool = False
@@ -68,9 +69,9 @@ class Parameters:
         """Steps of the run-in and of the plateau."""
         sliding = self.steps - PRESSING
         plateau = sliding * self.facets // (self.facets + RUN_IN)
-        while math.gcd(plateau, self.facets) > 1:
+        while plateau > 2 and math.gcd(plateau, self.facets) > 1:
             plateau -= 1
-        if plateau < 2 * self.facets:
+        if plateau < (2 * self.facets if self.sliding == "small" else 2):
             raise ValueError(f"steps: {self.steps} are less than two per facet of the slide")
         return sliding - plateau, plateau
 
@@ -87,6 +88,7 @@ def build(comm, p):
         enforcement=p.enforcement,
         gap_tolerance=1e-6,
         friction=qs.Coulomb(p.mu),
+        sliding=p.sliding,
     )
     problem = qs.ContactProblem(
         [b.F for b in bodies], [b.u for b in bodies], [contact], [b.bcs for b in bodies]

@@ -16,6 +16,7 @@ CHOICES = {
     "quadrature": ("nodal", "overlay"),
     "enforcement": ("penalty", "augmented-lagrangian"),
     "normals": ("facet", "bisector"),
+    "sliding": ("small", "finite"),
     "constraints": ("nodes", "points"),
 }
 

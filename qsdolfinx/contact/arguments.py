@@ -72,6 +72,23 @@ def check_smoothing(sides: tuple[Side, Side], quadrature: str) -> None:
     )
 
 
+def check_sliding(
+    sliding: str, quadrature: str, normals: str, constraints: str, sides: tuple[Side, Side]
+) -> None:
+    """Refuse what is not defined where contact follows the bodies."""
+    if sliding == "small":
+        return
+    of = 'sliding: "finite" '
+    require(
+        quadrature == "overlay",
+        of + "cuts facets along each other: at nodes a closest point that moves would make forces "
+        'jump from facet to facet; use quadrature="overlay"',
+    )
+    require(normals == "facet", of + 'measures gaps along normals of facets; leave out "normals"')
+    require(constraints == "nodes", of + 'has constraints at "nodes"')
+    require(sides == (None, None), of + "measures gaps between facets; leave out smoothing")
+
+
 def check_friction(friction: typing.Any, slave: Surface) -> None:
     """Refuse friction of another type, or with parameters of another mesh."""
     check(either(instance(Friction, "such as qs.Coulomb(0.2)"), None), friction=friction)

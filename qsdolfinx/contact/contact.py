@@ -24,6 +24,7 @@ from qsdolfinx.contact.arguments import (
     check_formulation,
     check_friction,
     check_friction_use,
+    check_sliding,
     check_smoothing,
     check_surfaces,
     default_enforcement,
@@ -133,6 +134,11 @@ class Contact:
             nothing to smooth, chord errors are not part of the gap then. A tie leaves any gap as it
             is.
 
+        sliding: ``"small"``: pairs, normals and areas are those of the pairing, while a solve lasts.
+            ``"finite"``: the geometry of contact follows the bodies within the solve, however far
+            they slide or turn; facets are cut anew at each iteration. It needs the overlay, with
+            normals of the facets. Areas are those at the start of the solve.
+
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, the two
             surfaces share facets or differ in dimension or communicator, or vertices are not on the
@@ -196,6 +202,7 @@ class Contact:
             sides = sides_of(smoothing, master)
             same(smoothing=sides)
             check_smoothing(sides, quadrature)
+            check_sliding(sliding, quadrature, normals, constraints, sides)
             same(either(POSITIVE, "auto"), penalty=penalty)
             same(either(either(POSITIVE, "local"), None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
