@@ -202,12 +202,12 @@ class Contact:
             sides = sides_of(smoothing, master)
             same(smoothing=sides)
             check_smoothing(sides, quadrature)
-            check_sliding(sliding, quadrature, normals, constraints, sides)
             same(either(POSITIVE, "auto"), penalty=penalty)
             same(either(either(POSITIVE, "local"), None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
             same(one_of(CONSTRAINTS), constraints=constraints)
+            check_sliding(sliding, quadrature, normals, constraints, sides)
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.
