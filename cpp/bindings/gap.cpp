@@ -25,6 +25,16 @@ void qsdolfinx::bind_gap(nb::module_& m)
 {
   nb::class_<PieceRows>(m, "PieceRows", "Weighted gaps of pieces; see gap/piece_rows.h.")
       .def(nb::init<const Surface&, Pieces&>(), "slave"_a, "pieces"_a, "Collective.")
+      .def(
+          "__init__",
+          [](PieceRows* self, const Surface& slave, In<std::uint8_t> marked, In<double> cover,
+             In<double> gap, In<double> jump, In<double> gradient, In<double> mass)
+          {
+            new (self) PieceRows(slave, marked.view(), cover.view(), gap.view(), jump.view(),
+                                 gradient.view(), mass.view());
+          },
+          "slave"_a, "marked"_a, "cover"_a, "gap"_a, "jump"_a, "gradient"_a, "mass"_a,
+          "Of facets before a rigid tool; see gap/piece_rows.h; collective.")
       .def_ro("num_missed", &PieceRows::num_missed, "Pieces with a ray that meets no point.")
       .def(
           "cover",

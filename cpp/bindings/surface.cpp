@@ -124,6 +124,43 @@ void qsdolfinx::bind_surface(nb::module_& m)
       },
       "x"_a, "rows"_a, "Means of points x [point][3], one of each row of their numbers, [row][3].");
   m.def(
+      "trace_values",
+      [](int num_vertices, int degree, In<double> xi)
+      {
+        const FacetType type = facet_type(num_vertices);
+        const std::size_t n = xi.array.shape(0), dim = xi.array.shape(1);
+        const auto nodes = static_cast<std::size_t>(trace_size(type, degree));
+        const auto points = xi.view();
+        std::vector<double> out;
+        for (std::size_t i = 0; i < n; ++i)
+        {
+          const auto T = trace_functions(
+              type, degree, {points[i * dim], dim > 1 ? points[i * dim + 1] : 0.0});
+          out.insert(out.end(), T.begin(), T.begin() + static_cast<std::ptrdiff_t>(nodes));
+        }
+        return copy(std::move(out), {n, nodes});
+      },
+      "num_vertices"_a, "degree"_a, "xi"_a, "Trace functions at points of a facet, [point][node].");
+  m.def(
+      "trace_gradients",
+      [](int num_vertices, int degree, In<double> xi)
+      {
+        const FacetType type = facet_type(num_vertices);
+        const std::size_t n = xi.array.shape(0), dim = xi.array.shape(1);
+        const auto nodes = static_cast<std::size_t>(trace_size(type, degree));
+        const auto points = xi.view();
+        std::vector<double> out;
+        for (std::size_t i = 0; i < n; ++i)
+        {
+          const auto T = trace_gradients(
+              type, degree, {points[i * dim], dim > 1 ? points[i * dim + 1] : 0.0});
+          for (std::size_t j = 0; j < nodes; ++j)
+            out.insert(out.end(), T[j].begin(), T[j].end());
+        }
+        return copy(std::move(out), {n, nodes, 2});
+      },
+      "num_vertices"_a, "degree"_a, "xi"_a, "Their derivatives, [point][node][2].");
+  m.def(
       "count_degenerate", [](int num_vertices, In<double> x)
       { return count_degenerate(facet_type(num_vertices), x.view()); }, "num_vertices"_a, "x"_a,
       "Number of facets x [facet][vertex][3] without area, or not convex.");

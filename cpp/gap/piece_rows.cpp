@@ -91,6 +91,34 @@ PieceRows::PieceRows(const Surface& slave, Pieces& pieces)
   append_received(slave, dest, doubles, integers);
 }
 
+PieceRows::PieceRows(const Surface& slave, std::span<const std::uint8_t> marked,
+                     std::span<const double> of_cover, std::span<const double> of_gap,
+                     std::span<const double> of_jump, std::span<const double> of_gradient,
+                     std::span<const double> of_mass)
+    : gdim(slave.gdim()), num_slave(slave.num_trace()), num_master(0)
+{
+  const auto nk = static_cast<std::size_t>(slave.num_vertices()),
+             columns = static_cast<std::size_t>(num_slave);
+  const Facets& facets = slave.facets();
+  std::vector<int> dest;
+  std::vector<double> doubles;
+  std::vector<std::int64_t> integers;
+  for (std::size_t f = 0; f < slave.num_facets(); ++f)
+    for (std::size_t k = 0; marked[f] && k < nk; ++k)
+    {
+      const std::size_t row = f * nk + k;
+      dest.push_back(facets.vertex_owner[row]);
+      append_record(doubles, of_cover, row, 1);
+      append_record(doubles, of_gap, row, 1);
+      append_record(doubles, of_jump, row, 3);
+      append_record(doubles, of_gradient, row, columns * 3);
+      append_record(doubles, of_mass, row, columns);
+      integers.push_back(facets.vertex_dofs[row * gdim]);
+      append_record(integers, facets.dofs, f, columns * gdim);
+    }
+  append_received(slave, dest, doubles, integers);
+}
+
 void PieceRows::append_received(const Surface& slave, std::span<const int> dest,
                                 const std::vector<double>& doubles,
                                 const std::vector<std::int64_t>& integers)

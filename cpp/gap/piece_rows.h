@@ -16,6 +16,14 @@ struct PieceRows
   /// Collective.
   PieceRows(const Surface& slave, Pieces& pieces);
 
+  /// Sums over points of the slave's facets, before a rigid tool: rows of the marked facets of this
+  /// rank. Collective. @param marked [facet] @param cover, gap [facet][k] @param jump [facet][k][3]
+  /// @param gradient [facet][k][node][3] @param mass [facet][k][node]
+  PieceRows(const Surface& slave, std::span<const std::uint8_t> marked,
+            std::span<const double> cover, std::span<const double> gap,
+            std::span<const double> jump, std::span<const double> gradient,
+            std::span<const double> mass);
+
   int gdim, num_slave, num_master;    ///< columns of either side
   std::int64_t num_missed = 0;        ///< pieces left out, since a ray meets no point
   std::vector<std::size_t> node;      ///< owned node of the slave, [row]

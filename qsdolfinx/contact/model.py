@@ -17,10 +17,12 @@ from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.gap.following import Following
+from qsdolfinx.gap.facet_cutter import FacetCutter
+from qsdolfinx.gap.following import Cutter, Following
 from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.overclosure import Overclosure
+from qsdolfinx.gap.shape_points import ShapePoints
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
 from qsdolfinx.pairing.relief import check_curved
@@ -188,9 +190,14 @@ def _following(
     """What makes gaps of a pass follow the bodies; None where they are linear. Collective."""
     if settings.sliding == "small" or settings.law.jump:
         return None
-    both = settings.formulation == "quasi-symmetric"
-    assert isinstance(master, Surface)
-    return Following(slave, master, both, radius, settings.sampling.degree)
+    tool, degree = as_tool(master), settings.sampling.degree
+    cutter: Cutter
+    if tool is not None and tool.is_analytic:
+        cutter = ShapePoints(slave, tool, radius.largest, degree)
+    else:
+        both = settings.formulation == "quasi-symmetric"
+        cutter = FacetCutter(slave, master, both, radius, degree)
+    return Following(slave, master, radius.largest, cutter)
 
 
 def _radius(settings: Settings) -> _cpp.SearchRadius:

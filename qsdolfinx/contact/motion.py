@@ -18,6 +18,7 @@ from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
 from qsdolfinx.surface.surface import update_surfaces
+from qsdolfinx.tools.pose import Pose
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
 
 Vecs = tuple[PETSc.Vec | None, PETSc.Vec | None]
@@ -115,6 +116,9 @@ def move_tool(model: ContactModel) -> None:
         ValueError: If it is not finite or differs between ranks.
         RuntimeError: If the tool has another position than when contact was last paired.
     """
+    if model.follows:
+        _move_followed_tool(model)
+        return
     if model.paired.tool_version != model.master.version:
         if not model.law.jump:
             raise RuntimeError("the tool has been moved for good: call contact.update()")
@@ -131,6 +135,18 @@ def move_tool(model: ContactModel) -> None:
         if tool is not None and alone and not model.law.jump and tool.rotation.any():
             _turn_in_place(model, tool)
     model.tool_motion = model.master.motion
+
+
+def _move_followed_tool(model: ContactModel) -> None:
+    """Put the tool that gaps follow where its motion leads. Collective."""
+    tool = as_tool(model.master)
+    model.master.check_state()
+    if tool is None:
+        return
+    position = Pose.from_matrix(tool.position, tool.gdim).moved(tool.motion)
+    for gap in model.gaps:
+        gap.move_tool(position)
+    model.tool_motion = tool.motion
 
 
 def _turn_in_place(model: ContactModel, tool: RigidSurface) -> None:
@@ -159,6 +175,7 @@ def follow_meshes(model: ContactModel) -> None:
     update_surfaces(*(s for s in surfaces if s is not None))
     for gap in model.gaps:
         gap.rebase()
+    model.paired = dataclasses.replace(model.paired, tool_version=model.master.version)
     model.placement = Placement.at_pairing(model.slave, model.master)
 
 

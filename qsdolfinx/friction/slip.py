@@ -35,11 +35,25 @@ class PairsAtStart:
         operator: Of the jump with places on the facets as then.
         area: What its rows are divided by, shape (rows,).
         gap: ḡ then, shape (rows,).
+        cover: Part of these areas that was covered, (rows,).
+        on_tool: Mean place of the points of a rigid tool, (rows, gdim), times that part; and where
+            the tool was, see ``RigidSurface.position``. None without.
     """
 
     operator: _cpp.GapOperator
     area: Array
     gap: Array
+    cover: Array
+    on_tool: tuple[Array, Array] | None
+
+    def moved_tool(self, position: Array) -> Array:
+        """Where the tool's points are when it is there, times the part that was covered."""
+        assert self.on_tool is not None
+        points, before = self.on_tool
+        gdim = points.shape[1]
+        turn = position[:, :gdim] @ before[:, :gdim].T
+        shift = position[:, gdim] - turn @ before[:, gdim]
+        return np.asarray(points @ turn.T + self.cover[:, None] * shift)
 
 
 @dataclasses.dataclass
@@ -241,8 +255,9 @@ class Slip:
             state.starts_there, state.carried = False, np.zeros_like(state.jump)
         if state.starts_there:
             state.start, state.starts_there = state.start + state.carried, False
-        state.jump = state.jump + state.shift
-        if in_displacement[0]:
+        if self.gap.following is None:
+            state.jump = state.jump + state.shift
+        if in_displacement[0] and self.gap.following is None:
             state.carried = state.carried + state.shift
         state.closed, state.pressure, state.ended = closed, pressure, False
         rows = Rows(
@@ -290,8 +305,12 @@ class Slip:
 
     def _pairs_of_cut(self) -> PairsAtStart:
         """The present pairs as those that a step begins with. Collective."""
-        operator = self.gap.jump_operator()
-        return PairsAtStart(operator, operator.row_area, self.gap.state.values[:, 0])
+        operator, gap, on_tool = self.gap.jump_operator(), self.gap, None
+        assert gap.following is not None and gap.cut is not None
+        if gap.following.tool is not None:
+            on_tool = gap.present_places_of_tool(), gap.cut.places[1]
+        cover = operator.slave_sum[:, 0]
+        return PairsAtStart(operator, operator.row_area, gap.state.values[:, 0], cover, on_tool)
 
     def _follow(self, u: Vecs) -> None:
         """Operator, normals and jump at the last cut. Collective.
@@ -306,8 +325,11 @@ class Slip:
         self.hold(self._held)
         self.cover = self._cover()
         pairs, area = state.pairs, self.operator.row_area
-        before = self.gap.jump_of_positions(pairs.operator, u) * (pairs.area / area)[:, None]
-        state.jump = before - self.gap.present_jump()
+        before = self.gap.jump_of_positions(pairs.operator, u)
+        if pairs.on_tool is not None:
+            assert self.gap.cut is not None
+            before = before - pairs.moved_tool(self.gap.cut.places[1])
+        state.jump = before * (pairs.area / area)[:, None] - self.gap.present_jump()
         state.start = np.zeros_like(state.jump)
 
     def _carried(self, u: Vecs, in_displacement: tuple[bool, bool]) -> Array:

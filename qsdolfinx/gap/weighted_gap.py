@@ -126,7 +126,7 @@ class WeightedGap:
         self.cut: Cut | None = None
         base = measure = None
         if following is not None:
-            base = following.as_paired()
+            base = following.paired_at
             measure = following.measure(base)
             self.cut = following.cut(base, measure)
         self.operator = self._operator(law.jump) if self.cut is None else self.cut.operator
@@ -280,8 +280,21 @@ class WeightedGap:
     def present_jump(self) -> Array:
         """The same of the pairs of the last evaluation where they were then. Collective."""
         assert self.cut is not None
-        area = self.cut.measure.area
-        return np.asarray(self.cut.rows.jump(len(area))[:, : self.slave.gdim] / area[:, None])
+        return self.cut.jump[:, : self.slave.gdim]
+
+    def present_places_of_tool(self) -> Array:
+        """Mean of x_master of a tool by the pairs of the last evaluation, (rows, gdim). Collective.
+
+        Sums over what is covered of D_k.
+        """
+        assert self.following is not None and self.cut is not None
+        operator = self.following.jump_operator(self.cut)
+        return self.following.jump_of_places(operator, self.cut.places) - self.present_jump()
+
+    def move_tool(self, position: Array) -> None:
+        """Put a rigid tool that gaps follow there, see ``RigidSurface.position``."""
+        assert self.following is not None and self.state.base is not None
+        self.state.base = self.state.base[0], position
 
     def add_slip_forces(self, traction: Array, b: Vecs) -> None:
         """Add forces of friction τ, (rows, gdim), on slip at the last evaluation. Collective."""
@@ -291,7 +304,8 @@ class WeightedGap:
     def set_offset(self, u: Vecs) -> None:
         """Set displacements on top of those of the unknowns. Collective."""
         if self.following is not None:
-            base = self.following.as_paired()
+            at, there = self.following.paired_at, self.state.base
+            base = at if self.following.tool is None or there is None else (at[0], there[1])
             self.state.base = self.following.places(base, u)
             return
         self.state.offset = self.operator.apply(handle_of(u[0]), handle_of(u[1]))
@@ -300,7 +314,6 @@ class WeightedGap:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
         self.operator.constrain(handle_of(slave), handle_of(master))
         if self.following is not None:
-            assert master is not None
             self.following.constrain(slave, master)
 
     def add_curvature(
@@ -308,9 +321,8 @@ class WeightedGap:
     ) -> None:
         """Add Σ_k λ_k ∂²G_k to the blocks (ss, sm, ms, mm), of gaps that follow. Collective."""
         if self.following is not None and self.cut is not None:
-            handles = [handle_of(mat) for mat in blocks]
             force = self._share * multiplier[:, 0]
-            self.following.add_curvature(self.cut, force, handles, self.state.scale)
+            self.following.add_curvature(self.cut, force, blocks, self.state.scale)
 
     def fits_pattern(self) -> bool:
         """Whether the tangent has room for the last evaluation, on this rank."""

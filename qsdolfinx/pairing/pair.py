@@ -201,7 +201,7 @@ def find_conforming(
     return Conforming(found[:, :2], found[:, 2], part)
 
 
-def _facet_rule(slave: Surface, degree: int) -> tuple[Array, Array]:
+def facet_rule(slave: Surface, degree: int) -> tuple[Array, Array]:
     """Points and weights on the slave's reference facet."""
     kinds = basix.CellType.interval, basix.CellType.triangle, basix.CellType.quadrilateral
     x, w = basix.make_quadrature(kinds[slave.num_facet_vertices - 2], degree)
@@ -212,7 +212,7 @@ def _face_shape(
     slave: Surface, tool: RigidSurface, sampling: Sampling, radius: _cpp.SearchRadius
 ) -> _cpp.PairingPoints:
     """Points of the slave at their exact distance from a tool, along the tool's normals."""
-    rule = None if sampling.quadrature == "nodal" else _facet_rule(slave, sampling.degree)
+    rule = None if sampling.quadrature == "nodal" else facet_rule(slave, sampling.degree)
     if rule is None:
         points, group = _cpp.sample_nodes(slave.cpp_object), 1
     else:
@@ -273,7 +273,7 @@ def _conforming_to_shape(
     slave: Surface, tool: RigidSurface, sampling: Sampling, radius: float
 ) -> Conforming:
     """Where a slave is curved as an analytic tool is, which has no chords. Collective."""
-    rule = _facet_rule(slave, max(sampling.degree, 4))  # with points where facets bulge most
+    rule = facet_rule(slave, max(sampling.degree, 4))  # with points where facets bulge most
     points = _cpp.sample_facets(slave.cpp_object, *rule)
     distance, normal = tool.distance(points.slave["x"])
     near = (np.abs(distance) <= radius) & (np.sum(normal * points.normal, axis=1) < 0)

@@ -110,8 +110,12 @@ class Surface:
         self._linear = None
         self._read_heights()
 
-    def twin(self) -> _cpp.Surface:
-        """New object of the extension with the same facets, to be moved by itself. Collective."""
+    def twin(self, axisymmetric: bool | None = None) -> _cpp.Surface:
+        """New object of the extension with the same facets, to be moved by itself. Collective.
+
+        Args:
+            axisymmetric: Not used: see ``RigidSurface.twin``.
+        """
         x, inside, _ = self._coordinates
         index_map = self.V.dofmap.index_map
         return _cpp.Surface(

@@ -333,6 +333,14 @@ class RigidSurface:
         distance, normal = self._shape.distance((points - t) @ R)
         return distance, normal @ R.T
 
+    def curvature(self, x: npt.ArrayLike, position: npt.ArrayLike | None = None) -> Array:
+        """Derivatives of its normals by the points, shape (n, 3, 3), as :meth:`distance`."""
+        if not isinstance(self._shape, Shape):
+            raise ValueError("curvature: is known in closed form for analytic shapes only")
+        R, t = self._pose_of(position).embedded
+        points = check_array("x", x, (None, 3))
+        return np.asarray(R @ self._shape.curvature((points - t) @ R) @ R.T)
+
     def facets(self, axisymmetric: bool = False) -> _cpp.Surface:
         """The extension's surface where it is now. Collective after a change of position.
 
@@ -348,6 +356,27 @@ class RigidSurface:
             surface = self._facets.surface(self.comm, self.gdim, R, t, axisymmetric)
             self._surface = state, surface
         return self._surface[1]
+
+    def twin(self, axisymmetric: bool) -> _cpp.Surface:
+        """New object of the extension with the tool's facets, to be moved by itself. Collective.
+
+        Args:
+            axisymmetric: Whether facets stand for rings.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        R, t = self._pose.embedded
+        return self._facets.surface(self.comm, self.gdim, R, t, axisymmetric)
+
+    def facet_positions(self, position: npt.ArrayLike) -> Array:
+        """Where the vertices of this rank's facets are, (facets, vertices, 3), if the tool is there.
+
+        Args:
+            position: As :attr:`position`.
+        """
+        R, t = self._pose_of(position).embedded
+        return np.asarray(self._facets.x @ R.T + t)
 
     def facets_at(self, position: npt.ArrayLike) -> _cpp.Surface:
         """The extension's surface with the tool elsewhere, as :attr:`position`. Collective.

@@ -25,6 +25,10 @@ class Shape(abc.ABC):
             Arrays of the shapes (n,) and (n, 3).
         """
 
+    @abc.abstractmethod
+    def curvature(self, x: Array) -> Array:
+        """Derivatives of these normals by the points, shape (n, 3, 3), symmetric."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Plane(Shape):
@@ -41,6 +45,10 @@ class Plane(Shape):
     def distance(self, x: Array) -> tuple[Array, Array]:
         """See :meth:`Shape.distance`."""
         return (x - self.point) @ self.normal, np.tile(self.normal, (len(x), 1))
+
+    def curvature(self, x: Array) -> Array:
+        """See :meth:`Shape.curvature`."""
+        return np.zeros((len(x), 3, 3))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,13 +69,26 @@ class Round(Shape):
 
     def distance(self, x: Array) -> tuple[Array, Array]:
         """See :meth:`Shape.distance`. In the very centre any normal would do."""
+        length, out = self._out(x)
+        sign = -1.0 if self.inside else 1.0
+        return sign * (length - self.radius), sign * out
+
+    def curvature(self, x: Array) -> Array:
+        """See :meth:`Shape.curvature`. A circle is that of a plane: what is along z is no use."""
+        length, out = self._out(x)
+        across = np.eye(3) - out[:, :, None] * out[:, None, :]
+        if self.axis is not None:
+            across = across - np.outer(self.axis, self.axis)
+        sign = -1.0 if self.inside else 1.0
+        return np.asarray(sign * across / np.maximum(length, 1e-300)[:, None, None])
+
+    def _out(self, x: Array) -> tuple[Array, Array]:
+        """Distances from the middle, and unit vectors away from it."""
         ray = x - self.center
         if self.axis is not None:
             ray = ray - np.outer(ray @ self.axis, self.axis)
         length = np.linalg.norm(ray, axis=1)
-        normal = ray / np.maximum(length, 1e-300)[:, None]
-        sign = -1.0 if self.inside else 1.0
-        return sign * (length - self.radius), sign * normal
+        return length, ray / np.maximum(length, 1e-300)[:, None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,11 +109,27 @@ class Torus(Shape):
 
     def distance(self, x: Array) -> tuple[Array, Array]:
         """See :meth:`Shape.distance`."""
+        length, _, part, across = self._out(x)
+        return length - self.tube, part[:, :1] * across + part[:, 1:] * self.axis
+
+    def curvature(self, x: Array) -> Array:
+        """See :meth:`Shape.curvature`."""
+        length, away, part, across = self._out(x)
+        along_tube = part[:, :1] * self.axis - part[:, 1:] * across
+        around_axis = np.cross(self.axis, across)
+        of_tube = _squares(along_tube) / np.maximum(length, 1e-300)[:, None, None]
+        return of_tube + _squares(around_axis) * (part[:, 0] / away)[:, None, None]
+
+    def _out(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        """Distances from the tube's middle and from the axis; unit vectors, see :func:`around`.
+
+        The first ones away from the tube's middle, in components away from and along the axis.
+        """
         across, away, along = around(x - self.center, self.axis)
         out = away - self.radius
         length = np.hypot(out, along)
         part = np.column_stack([out, along]) / np.maximum(length, 1e-300)[:, None]
-        return length - self.tube, part[:, :1] * across + part[:, 1:] * self.axis
+        return length, np.maximum(away, 1e-300), part, across
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,6 +151,17 @@ class Cone(Shape):
         across, away, along = around(x - self.apex, self.axis)
         c, s = np.cos(self.half_angle), np.sin(self.half_angle)
         return c * away - s * along, c * across - s * self.axis
+
+    def curvature(self, x: Array) -> Array:
+        """See :meth:`Shape.curvature`."""
+        across, away, _ = around(x - self.apex, self.axis)
+        bent = np.cos(self.half_angle) / np.maximum(away, 1e-300)
+        return _squares(np.cross(self.axis, across)) * bent[:, None, None]
+
+
+def _squares(vectors: Array) -> Array:
+    """v vᵀ of each, shape (n, 3, 3)."""
+    return vectors[:, :, None] * vectors[:, None, :]
 
 
 def around(ray: Array, axis: Array) -> tuple[Array, Array, Array]:

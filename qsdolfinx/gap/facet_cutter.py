@@ -1,0 +1,107 @@
+"""Facets cut along each other wherever they are, for gaps that follow the bodies."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.gap.following import Found, Places, Vecs
+from qsdolfinx.pairing.pair import overlay_rules
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
+
+Array = npt.NDArray[np.float64]
+
+#: Way, in units of the largest facet, that facets may go before the pattern of the tangent has to
+#: grow.
+MARGIN = 0.5
+
+
+class FacetCutter:
+    """Cuts the facets of two surfaces along each other.
+
+    Half of the integral is over each surface: facet y of the one is cut along facet z of the other,
+    which is projected along y's normal n. At a point of y that keeps its place ξ on the facet the
+    gap is −t with x_z(ζ) = x_y(ξ) + t n, and
+
+        G_k = ½ Σ_slave w N_k(ξ) g + ½ Σ_master w N_k(ζ) g.
+
+    Args:
+        slave: Surface that carries the multiplier.
+        master: The other surface, or a tool made of facets.
+        both: Whether facets of both are cut, each with half the weight.
+        radius: Beyond which points are not paired.
+        degree: Degree of the rule on the pieces.
+    """
+
+    def __init__(
+        self, slave: Surface, master: AnySurface, both: bool, radius: _cpp.SearchRadius, degree: int
+    ) -> None:
+        self._slave, self._master = slave.cpp_object, master.cpp_object
+        self._both, self._radius = both, radius
+        self._rules = overlay_rules(slave.gdim, degree)
+        self._tool = as_tool(master)
+        self._moving = slave.twin(), master.twin(slave.axisymmetric)
+        self._measured = slave.twin(), master.twin(slave.axisymmetric)
+        self._measured_at: Places | None = None
+
+    def node_area(self, places: Places) -> Array:
+        """See :class:`Cutter`."""
+        self._measure_at(places)
+        self._measured[0].measure_nodes()
+        return np.asarray(self._measured[0].node_area)
+
+    def find(self, places: Places, measured: Places) -> Found:
+        """See :class:`Cutter`."""
+        self._measure_at(measured)
+        self._put(self._moving, places)
+        pieces = _cpp.overlay_pieces(
+            *self._moving, *self._measured, self._both, self._radius, *self._rules
+        )
+        return Found(_cpp.PieceRows(self._slave, pieces), pieces)
+
+    def find_nearby(self, places: Places) -> _cpp.PieceRows:
+        """See :class:`Cutter`."""
+        self._put(self._moving, places)
+        surfaces = self._moving[: 1 if self._tool is not None else 2]
+        margin = MARGIN * max(surface.facet_size_range[1] for surface in surfaces)
+        pieces = _cpp.nearby_pieces(
+            *self._moving, self._both, max(margin, self._radius.largest)
+        )
+        return _cpp.PieceRows(self._slave, pieces)
+
+    def add_curvature(
+        self,
+        found: Found,
+        multiplier: PETSc.Vec,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """See :class:`Cutter`."""
+        handles = [0 if mat is None else mat.handle for mat in blocks]
+        marked = [0 if vec is None else vec.handle for vec in markers]
+        _cpp.insert_curvature(
+            self._master, found.of_cutter, multiplier.handle, marked, handles, scale
+        )
+
+    def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
+        """See :class:`Cutter`."""
+        handles = [0 if vec is None else vec.handle for vec in b]
+        _cpp.add_slip_forces(found.of_cutter, traction.handle, *handles)
+        return True
+
+    def _put(self, surfaces: tuple[_cpp.Surface, _cpp.Surface], places: Places) -> None:
+        there = places[1] if self._tool is None else self._tool.facet_positions(places[1])
+        for surface, x in zip(surfaces, (places[0], there), strict=True):
+            surface.follow(np.ascontiguousarray(x))
+
+    def _measure_at(self, places: Places) -> None:
+        if self._measured_at is not places:
+            self._put(self._measured, places)
+            self._measured_at = places

@@ -1,0 +1,148 @@
+"""Points of a slave before a tool whose shape is known, wherever both are."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.gap.following import Found, Places, Vecs
+from qsdolfinx.pairing.pair import facet_rule
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.trace import TraceValues
+from qsdolfinx.tools.rigid_surface import RigidSurface
+
+Array = npt.NDArray[np.float64]
+
+
+class Points(typing.NamedTuple):
+    """Points that are opposite to the tool.
+
+    Attributes:
+        x: Where all points are, shape (facets, points, 3).
+        weight: Areas, 0 of those that are opposite to nothing, (facets, points).
+        position: Of the tool.
+    """
+
+    x: Array
+    weight: Array
+    position: Array
+
+
+class ShapePoints:
+    """Fixed points of the slave's facets at their exact distance from a tool, along its normals.
+
+    G_k = −Σ_p w_p N_k(ξ_p) d(x_p), with ∂d = n and ∂²d the curvature of the shape.
+
+    Args:
+        slave: Surface that carries the multiplier.
+        tool: The tool.
+        radius: Distance (length) beyond which points are not paired.
+        degree: Degree of the rule on the facets.
+    """
+
+    def __init__(self, slave: Surface, tool: RigidSurface, radius: float, degree: int) -> None:
+        self._slave, self._tool, self._radius = slave, tool, radius
+        x, w = facet_rule(slave, degree)
+        self._w = w
+        kind = slave.num_facet_vertices
+        #: Functions of the vertices and of the trace at the points, (points, functions).
+        self._N = np.asarray(_cpp.trace_values(kind, 1, x))
+        self._T = np.asarray(_cpp.trace_values(kind, slave.degree, x))
+        #: Derivatives of the vertices' ones, (points, functions, 2).
+        self._dN = np.asarray(_cpp.trace_gradients(kind, 1, x))
+        self._measured = slave.twin()
+        self._sign = self._orientation()
+        self._values = TraceValues(slave)
+
+    def _orientation(self) -> Array:
+        """1 or −1 of each facet: times its area vector points out of the body."""
+        x, inside, _ = self._slave.coordinates
+        out = x.mean(axis=1) - inside
+        area = self._area_vectors(x).sum(axis=1)
+        return np.asarray(np.where(np.sum(area * out, axis=1) > 0, 1.0, -1.0))
+
+    def _area_vectors(self, x: Array) -> Array:
+        """∂x/∂ξ × ∂x/∂η of facets through their vertices, (facets, points, 3)."""
+        nv = self._slave.num_facet_vertices
+        tangents = np.einsum("pvi,fvd->fpid", self._dN, x[:, :nv])
+        a = tangents[:, :, 0]
+        if self._slave.gdim == 2:
+            return np.stack([a[..., 1], -a[..., 0], 0 * a[..., 0]], axis=-1)
+        return np.cross(a, tangents[:, :, 1])
+
+    def _areas(self, x: Array) -> Array:
+        """Areas that the points stand for, (facets, points)."""
+        out = self._w * np.linalg.norm(self._area_vectors(x), axis=2)
+        if self._slave.axisymmetric:
+            nv = self._slave.num_facet_vertices
+            out = out * 2 * np.pi * np.einsum("pv,fv->fp", self._N, x[:, :nv, 0])
+        return np.asarray(out)
+
+    def node_area(self, places: Places) -> Array:
+        """See :class:`Cutter`."""
+        self._measured.follow(np.ascontiguousarray(places[0]))
+        self._measured.measure_nodes()
+        return np.asarray(self._measured.node_area)
+
+    def find(self, places: Places, measured: Places) -> Found:
+        """See :class:`Cutter`."""
+        N, T, (nodes, position) = self._N, self._T, places
+        x = np.einsum("pj,fjd->fpd", T, nodes)
+        distance, normal = (
+            values.reshape(*x.shape[:2], *values.shape[1:])
+            for values in self._tool.distance(x.reshape(-1, 3), position)
+        )
+        outward = self._sign[:, None, None] * self._area_vectors(nodes)
+        opposite = (np.abs(distance) <= self._radius) & (np.sum(outward * normal, axis=2) < 0)
+        weight = np.where(opposite, self._areas(measured[0]), 0.0)
+        wN = weight[:, :, None] * N
+        rows = _cpp.PieceRows(
+            self._slave.cpp_object,
+            opposite.any(axis=1).astype(np.uint8),
+            wN.sum(axis=1),
+            -np.einsum("fpk,fp->fk", wN, distance),
+            np.einsum("fpk,fp,fpd->fkd", wN, distance, normal),
+            -np.einsum("fpk,pj,fpd->fkjd", wN, T, normal),
+            np.einsum("fpk,pj->fkj", wN, T),
+        )
+        return Found(rows, Points(x, weight, position))
+
+    def find_nearby(self, places: Places) -> _cpp.PieceRows:
+        """See :class:`Cutter`: the nodes of all facets."""
+        facets, nv, nt = len(places[0]), self._N.shape[1], self._T.shape[1]
+        shapes = (nv,), (nv,), (nv, 3), (nv, nt, 3), (nv, nt)
+        zeros = [np.zeros((facets, *shape)) for shape in shapes]
+        return _cpp.PieceRows(self._slave.cpp_object, np.ones(facets, dtype=np.uint8), *zeros)
+
+    def add_curvature(
+        self,
+        found: Found,
+        multiplier: PETSc.Vec,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """See :class:`Cutter`."""
+        points, gdim, block = found.of_cutter, self._slave.gdim, blocks[0]
+        assert isinstance(points, Points) and block is not None
+        pressure = self._values(multiplier)[:, : self._N.shape[1], 0]
+        force = points.weight * np.einsum("fk,pk->fp", pressure, self._N)
+        held = self._values(markers[0])[..., :gdim] != 0
+        dofs = np.where(held, -1, self._slave.trace_dofs[0]).astype(PETSc.IntType)
+        some = np.flatnonzero(np.any(force != 0, axis=1))
+        bent = self._tool.curvature(points.x[some].reshape(-1, 3), points.position)
+        bent = bent.reshape(len(some), -1, 3, 3)[..., :gdim, :gdim]
+        H = np.einsum("fp,pi,pj,fpab->fiajb", -force[some], self._T, self._T, bent) * scale[0]
+        width = dofs[0].size if len(dofs) else 0
+        for f, of_facet in zip(some, H, strict=True):
+            at = dofs[f].ravel()
+            block.setValues(at, at, of_facet.reshape(width, width), PETSc.InsertMode.ADD_VALUES)
+
+    def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
+        """See :class:`Cutter`: the tool has no unknowns, forces act on the slave alone."""
+        return False
