@@ -136,7 +136,7 @@ class ShapePoints:
         dofs = np.where(held, -1, self._slave.trace_dofs[0]).astype(PETSc.IntType)
         some = np.flatnonzero(np.any(force != 0, axis=1))
         bent = self._tool.curvature(points.x[some].reshape(-1, 3), points.position)
-        bent = bent.reshape(len(some), -1, 3, 3)[..., :gdim, :gdim]
+        bent = bent.reshape(len(some), len(self._w), 3, 3)[..., :gdim, :gdim]
         H = np.einsum("fp,pi,pj,fpab->fiajb", -force[some], self._T, self._T, bent) * scale[0]
         width = dofs[0].size if len(dofs) else 0
         for f, of_facet in zip(some, H, strict=True):

@@ -199,6 +199,7 @@ class Pairings:
             for motion in self._motions:
                 motion.move()
         for model, (s, m) in following:
+            model.catch_up = None  # nothing is to be paired anew
             if any(self._in_velocity[i] for i in (s, m) if i is not None):
                 follow_meshes(model)
             set_start(model, self._start_of(s), None if m is None else self._start_of(m))
