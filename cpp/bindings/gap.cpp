@@ -24,7 +24,11 @@ std::array<Vec, 2> vecs(Handle slave, Handle master)
 void qsdolfinx::bind_gap(nb::module_& m)
 {
   nb::class_<PieceRows>(m, "PieceRows", "Weighted gaps of pieces; see gap/piece_rows.h.")
-      .def(nb::init<const Surface&, Pieces&>(), "slave"_a, "pieces"_a, "Collective.")
+      .def(
+          "__init__",
+          [](PieceRows* self, const Surface& slave, Pieces& pieces, Handle cover)
+          { new (self) PieceRows(slave, pieces, reinterpret_cast<Vec>(cover)); },
+          "slave"_a, "pieces"_a, "cover"_a = 0, "Collective; `cover` is a vector or 0, see Shares.")
       .def(
           "__init__",
           [](PieceRows* self, const Surface& slave, In<std::uint8_t> marked, In<double> cover,
@@ -53,9 +57,12 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "num_nodes"_a, "Weighted sums of x_slave - x_master, [node][3].");
   m.def(
       "add_slip_forces",
-      [](const Pieces& pieces, Handle traction, Handle slave, Handle master)
-      { add_slip_forces(pieces, reinterpret_cast<Vec>(traction), vecs(slave, master)); },
-      "pieces"_a, "traction"_a, "slave"_a, "master"_a,
+      [](const Pieces& pieces, Handle cover, Handle traction, Handle slave, Handle master)
+      {
+        add_slip_forces(pieces, reinterpret_cast<Vec>(cover), reinterpret_cast<Vec>(traction),
+                        vecs(slave, master));
+      },
+      "pieces"_a, "cover"_a, "traction"_a, "slave"_a, "master"_a,
       "Add the forces of friction on slip that rigid motions do not have; collective.");
   nb::class_<GapOperator>(m, "GapOperator",
                           "Weighted gaps of the slave nodes of this rank; see gap/gap.h.")

@@ -2,6 +2,7 @@
 #include "parallel/petsc.h"
 
 #include <algorithm>
+#include <utility>
 
 using namespace qsdolfinx;
 
@@ -69,9 +70,70 @@ RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
   return {is_slave ? slave : master, is_slave ? master : slave, is_slave};
 }
 
-void qsdolfinx::add_slip_forces(const Pieces& pieces, Vec traction, std::array<Vec, 2> b)
+namespace
 {
-  const std::vector<double> tau = values_at(traction, multiplier_dofs(pieces));
+/// Part of a node's area that is covered, below which its neighbours carry its multiplier.
+constexpr double least_cover = 0.1;
+
+std::vector<std::int64_t> first_dofs(const Pieces& pieces)
+{
+  std::vector<std::int64_t> out;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+    for (int k = 0; k < pieces.num_multipliers; ++k)
+      out.push_back(pieces.slave.dofs[(i * pieces.slave.num_nodes + k) * pieces.gdim]);
+  return out;
+}
+} // namespace
+
+Shares::Shares(const Pieces& pieces, Vec cover)
+    : num_multipliers_(static_cast<std::size_t>(pieces.num_multipliers))
+{
+  if (cover)
+    cover_ = values_at(cover, first_dofs(pieces));
+}
+
+void Shares::share_out(std::size_t piece, std::span<double> rows) const
+{
+  if (cover_.empty())
+    return;
+  const auto c = std::span(cover_).subspan(piece * num_multipliers_, num_multipliers_);
+  const double needed = std::min(least_cover, *std::ranges::max_element(c));
+  const auto well = std::ranges::count_if(c, [needed](double value) { return value >= needed; });
+  const std::size_t width = rows.size() / num_multipliers_;
+  for (std::size_t k = 0; k < num_multipliers_; ++k)
+    for (std::size_t i = 0; c[k] < needed && i < width; ++i)
+    {
+      const double shared = std::exchange(rows[k * width + i], 0.0) / static_cast<double>(well);
+      for (std::size_t l = 0; l < num_multipliers_; ++l)
+        if (c[l] >= needed)
+          rows[l * width + i] += shared;
+    }
+}
+
+void Shares::gather(std::size_t piece, std::span<double> values) const
+{
+  if (cover_.empty())
+    return;
+  const auto c = std::span(cover_).subspan(piece * num_multipliers_, num_multipliers_);
+  const double needed = std::min(least_cover, *std::ranges::max_element(c));
+  const auto well = std::ranges::count_if(c, [needed](double value) { return value >= needed; });
+  const std::size_t width = values.size() / num_multipliers_;
+  for (std::size_t k = 0; k < num_multipliers_; ++k)
+    for (std::size_t i = 0; c[k] < needed && i < width; ++i)
+    {
+      double sum = 0;
+      for (std::size_t l = 0; l < num_multipliers_; ++l)
+        if (c[l] >= needed)
+          sum += values[l * width + i];
+      values[k * width + i] = sum / static_cast<double>(well);
+    }
+}
+
+void qsdolfinx::add_slip_forces(const Pieces& pieces, Vec cover, Vec traction,
+                                std::array<Vec, 2> b)
+{
+  const Shares shares(pieces, cover);
+  std::vector<double> tau = values_at(traction, multiplier_dofs(pieces));
   const auto d = static_cast<std::size_t>(pieces.gdim);
   const std::array<std::size_t, 2> count{static_cast<std::size_t>(pieces.slave.num_nodes) * d,
                                          static_cast<std::size_t>(pieces.master.num_nodes) * d};
@@ -84,6 +146,7 @@ void qsdolfinx::add_slip_forces(const Pieces& pieces, Vec traction, std::array<V
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     const auto of_piece = std::span(tau).subspan(i * width, width);
+    shares.gather(i, of_piece);
     if (std::ranges::all_of(of_piece, [](double value) { return value == 0; }))
       continue;
     std::ranges::fill(slip, 0.0);

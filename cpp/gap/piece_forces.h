@@ -14,11 +14,31 @@ std::vector<double> values_at(Vec x, std::span<const std::int64_t> dofs);
 /// The two facets of a piece.
 RayPair pair_of(const Pieces& pieces, std::size_t piece);
 
+/// Which multipliers of a slave's facet carry those of its hardly covered vertices, as beyond the
+/// rim of the master: two that are to close nearly the same gap would grow against each other.
+class Shares
+{
+public:
+  /// Collective. @param cover at the first unknown of each node of the slave the part of its area
+  /// that is covered, 1 of those that keep their multipliers in any case; null if all do
+  Shares(const Pieces& pieces, Vec cover);
+
+  /// Rows of the multipliers of a piece, [k][width], are shared out: N_k are.
+  void share_out(std::size_t piece, std::span<double> rows) const;
+  /// The opposite for values of multipliers, [k][width]: what the functions see.
+  void gather(std::size_t piece, std::span<double> values) const;
+
+private:
+  std::size_t num_multipliers_;
+  std::vector<double> cover_; ///< [piece][k], empty if all keep theirs
+};
+
 /// Add Σ_k τ_k·(D δx_slave − M δx_master − δV)_k: the work of friction on slip that no rigid motion
 /// has, so that each point conserves momentum and moment. Collective.
 /// @param pieces where rays have been solved for
+/// @param cover see Shares
 /// @param traction τ_k at the unknowns of each node, a vector of the slave's body
 /// @param b vectors of both bodies; of a rigid master null
-void add_slip_forces(const Pieces& pieces, Vec traction, std::array<Vec, 2> b);
+void add_slip_forces(const Pieces& pieces, Vec cover, Vec traction, std::array<Vec, 2> b);
 
 } // namespace qsdolfinx

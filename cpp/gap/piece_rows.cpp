@@ -63,12 +63,13 @@ void append_row(std::vector<double>& out, const PieceSums& sums, std::size_t k, 
 }
 } // namespace
 
-PieceRows::PieceRows(const Surface& slave, Pieces& pieces)
+PieceRows::PieceRows(const Surface& slave, Pieces& pieces, Vec covered)
     : gdim(pieces.gdim), num_slave(pieces.slave.num_nodes), num_master(pieces.master.num_nodes)
 {
   const auto nk = static_cast<std::size_t>(pieces.num_multipliers),
              columns = static_cast<std::size_t>(num_columns());
   PieceSums sums(nk, columns);
+  const Shares shares(pieces, covered);
   std::vector<int> dest;
   std::vector<double> doubles;
   std::vector<std::int64_t> integers;
@@ -79,6 +80,8 @@ PieceRows::PieceRows(const Surface& slave, Pieces& pieces)
       ++num_missed;
       continue;
     }
+    for (auto* values : {&sums.cover, &sums.gap, &sums.jump, &sums.gradient, &sums.mass})
+      shares.share_out(i, *values);
     for (std::size_t k = 0; k < nk; ++k)
     {
       dest.push_back(pieces.slave.owner[i * num_slave + k]);

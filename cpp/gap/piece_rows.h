@@ -4,6 +4,8 @@
 #include "pairing/pieces.h"
 #include "surface/surface.h"
 
+#include <petscvec.h>
+
 namespace qsdolfinx
 {
 
@@ -13,8 +15,8 @@ namespace qsdolfinx
 struct PieceRows
 {
   /// Solves for where the rays of all points meet the other facets; these places are updated.
-  /// Collective.
-  PieceRows(const Surface& slave, Pieces& pieces);
+  /// Collective. @param cover see Shares
+  PieceRows(const Surface& slave, Pieces& pieces, Vec cover);
 
   /// Sums over points of the slave's facets, before a rigid tool: rows of the marked facets of this
   /// rank. Collective. @param marked [facet] @param cover, gap [facet][k] @param jump [facet][k][3]

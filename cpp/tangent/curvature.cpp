@@ -30,11 +30,12 @@ std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces)
 }
 } // namespace
 
-void qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Vec lambda,
+void qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Vec cover, Vec lambda,
                                  std::array<Vec, 2> markers, ContactBlocks blocks,
                                  std::array<double, 2> scale)
 {
-  const std::vector<double> multipliers = values_at(lambda, multiplier_dofs(pieces));
+  const Shares shares(pieces, cover);
+  std::vector<double> multipliers = values_at(lambda, multiplier_dofs(pieces));
   const std::array<const PieceSide*, 2> sides{&pieces.slave, &pieces.master};
   const int num_sides = master ? 2 : 1;
   std::array<std::vector<PetscInt>, 2> dofs;
@@ -50,6 +51,7 @@ void qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Ve
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     const auto of_piece = std::span(multipliers).subspan(i * nk, nk);
+    shares.gather(i, of_piece);
     if (std::ranges::all_of(of_piece, [](double value) { return value == 0; }))
       continue;
     std::ranges::fill(H, 0.0);

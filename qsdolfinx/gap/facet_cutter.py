@@ -56,14 +56,15 @@ class FacetCutter:
         self._measured[0].measure_nodes()
         return np.asarray(self._measured[0].node_area)
 
-    def find(self, places: Places, measured: Places) -> Found:
+    def find(self, places: Places, measured: Places, cover: PETSc.Vec | None) -> Found:
         """See :class:`Cutter`."""
         self._measure_at(measured)
         self._put(self._moving, places)
         pieces = _cpp.overlay_pieces(
             *self._moving, *self._measured, self._both, self._radius, *self._rules
         )
-        return Found(_cpp.PieceRows(self._slave, pieces), pieces)
+        rows = _cpp.PieceRows(self._slave, pieces, _handle(cover))
+        return Found(cover, rows, pieces)
 
     def find_nearby(self, places: Places) -> _cpp.PieceRows:
         """See :class:`Cutter`."""
@@ -84,16 +85,20 @@ class FacetCutter:
         scale: tuple[float, float],
     ) -> None:
         """See :class:`Cutter`."""
-        handles = [0 if mat is None else mat.handle for mat in blocks]
-        marked = [0 if vec is None else vec.handle for vec in markers]
         _cpp.insert_curvature(
-            self._master, found.of_cutter, multiplier.handle, marked, handles, scale
+            self._master,
+            found.of_cutter,
+            _handle(found.cover),
+            multiplier.handle,
+            [_handle(vec) for vec in markers],
+            [_handle(mat) for mat in blocks],
+            scale,
         )
 
     def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
         """See :class:`Cutter`."""
-        handles = [0 if vec is None else vec.handle for vec in b]
-        _cpp.add_slip_forces(found.of_cutter, traction.handle, *handles)
+        handles = [_handle(vec) for vec in (found.cover, traction, *b)]
+        _cpp.add_slip_forces(found.of_cutter, *handles)
         return True
 
     def _put(self, surfaces: tuple[_cpp.Surface, _cpp.Surface], places: Places) -> None:
@@ -105,3 +110,7 @@ class FacetCutter:
         if self._measured_at is not places:
             self._put(self._measured, places)
             self._measured_at = places
+
+
+def _handle(thing: PETSc.Vec | PETSc.Mat | None) -> int:
+    return 0 if thing is None else int(thing.handle)

@@ -27,6 +27,9 @@ Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 #: Part of a node's area below which what its points cover does not count: D_k is at least that.
 LEAST_COVER = 0.01
 
+#: Part below which neighbours carry its multiplier; as in cpp/gap/piece_forces.cpp.
+HARDLY_COVERED = 0.1
+
 
 @dataclasses.dataclass(frozen=True)
 class Measure:
@@ -36,21 +39,26 @@ class Measure:
         places: Where the facets were.
         area: D_k, what points cover of each owned node's area, and LEAST_COVER of it at least.
         node_area: S_k.
+        cover: Part of S_k that is covered, 1 of nodes that nothing is opposite to; None if no node,
+            on any rank, is so hardly covered that its neighbours carry its multiplier.
     """
 
     places: Places
     area: Array
     node_area: Array
+    cover: Array | None
 
 
 class Found(typing.NamedTuple):
     """What is opposite to each other somewhere.
 
     Attributes:
+        cover: As given.
         rows: What it gives to the nodes of the slave.
         of_cutter: What else the cutter wants to know of it.
     """
 
+    cover: PETSc.Vec | None
     rows: _cpp.PieceRows
     of_cutter: typing.Any
 
@@ -61,8 +69,14 @@ class Cutter(typing.Protocol):
     def node_area(self, places: Places) -> Array:
         """S_k of the slave there. Collective."""
 
-    def find(self, places: Places, measured: Places) -> Found:
-        """What is opposite to what at these places, with the areas of others. Collective."""
+    def find(self, places: Places, measured: Places, cover: PETSc.Vec | None) -> Found:
+        """What is opposite to what at these places, with the areas of others. Collective.
+
+        Args:
+            places: The places.
+            measured: Those where areas are measured.
+            cover: ``Measure.cover`` at the first unknown of each node.
+        """
 
     def find_nearby(self, places: Places) -> _cpp.PieceRows:
         """Columns of all rows that there may be, before anything moves by a margin. Collective."""
@@ -131,6 +145,7 @@ class Following:
         self._last: Cut | None = None
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
         self._of_base: tuple[_cpp.GapOperator, Array, Array | None, Array] | None = None
+        self._cover: tuple[Array, PETSc.Vec] | None = None
         self._marked: Vecs | None = None
         #: Columns of each row that the tangent has room for; None before there is one.
         self.pattern: _cpp.GapOperator | None = None
@@ -164,9 +179,28 @@ class Following:
     def measure(self, places: Places) -> Measure:
         """Measure areas where the facets are. Collective."""
         node_area = self._cutter.node_area(places)
-        rows = self._cutter.find(places, places).rows
-        area = np.maximum(rows.cover(len(node_area)), LEAST_COVER * node_area)
-        return Measure(places, area, node_area)
+        covered = self._cutter.find(places, places, None).rows.cover(len(node_area))
+        cover: Array | None = np.where(covered > 0, covered / node_area, 1.0)
+        hardly = bool(np.any(cover < HARDLY_COVERED))
+        if not self._slave.comm.allreduce(hardly, op=MPI.LOR):
+            cover = None
+        else:
+            found = self._cutter.find(places, places, self._cover_vec(cover))
+            covered = found.rows.cover(len(node_area))
+        area = np.maximum(covered, LEAST_COVER * node_area)
+        return Measure(places, area, node_area, cover)
+
+    def _cover_vec(self, cover: Array | None) -> PETSc.Vec | None:
+        """``Measure.cover`` as a vector of the slave's body; the same for the same. Collective."""
+        if cover is None:
+            return None
+        if self._cover is None or self._cover[0] is not cover:
+            if self._cover is not None:
+                self._cover[1].destroy()
+            vec = self._slave.create_vec()
+            vec.array[self._slave.node_dofs[:, 0] - vec.owner_range[0]] = cover
+            self._cover = cover, vec
+        return self._cover[1]
 
     def cut(self, places: Places, measure: Measure) -> Cut:
         """Gaps and their derivative with the facets at these places. Collective.
@@ -182,7 +216,7 @@ class Following:
         with collective_errors(comm):
             if not all(np.isfinite(x).all() for x in places):
                 raise ValueError("displacements of contact facets are not finite (NaN, infinity)")
-        found = self._cutter.find(places, measure.places)
+        found = self._cutter.find(places, measure.places, self._cover_vec(measure.cover))
         with collective_errors(comm):
             if found.rows.num_missed:
                 raise ValueError(

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.gap.following import Found, Places, Vecs
+from qsdolfinx.gap.following import HARDLY_COVERED, Found, Places, Vecs
 from qsdolfinx.pairing.pair import facet_rule
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
@@ -26,11 +26,13 @@ class Points(typing.NamedTuple):
         x: Where all points are, shape (facets, points, 3).
         weight: Areas, 0 of those that are opposite to nothing, (facets, points).
         position: Of the tool.
+        N: Functions of the multipliers, (facets, points, vertices).
     """
 
     x: Array
     weight: Array
     position: Array
+    N: Array
 
 
 class ShapePoints:
@@ -89,9 +91,21 @@ class ShapePoints:
         self._measured.measure_nodes()
         return np.asarray(self._measured.node_area)
 
-    def find(self, places: Places, measured: Places) -> Found:
+    def _functions(self, cover: PETSc.Vec | None) -> Array:
+        """Functions of the multipliers, those of hardly covered nodes shared out. Collective."""
+        out = np.broadcast_to(self._N, (len(self._sign), *self._N.shape))
+        if cover is None:
+            return out
+        of_vertices = self._values(cover)[:, : self._N.shape[1], 0]
+        needed = np.minimum(HARDLY_COVERED, of_vertices.max(axis=1, initial=0.0))[:, None]
+        well = of_vertices >= needed
+        shared = np.sum(np.where(well[:, None], 0.0, out), axis=2, keepdims=True)
+        parts = (well / well.sum(axis=1, keepdims=True))[:, None]
+        return np.where(well[:, None], out + shared * parts, 0.0)
+
+    def find(self, places: Places, measured: Places, cover: PETSc.Vec | None) -> Found:
         """See :class:`Cutter`."""
-        N, T, (nodes, position) = self._N, self._T, places
+        N, T, (nodes, position) = self._functions(cover), self._T, places
         x = np.einsum("pj,fjd->fpd", T, nodes)
         distance, normal = (
             values.reshape(*x.shape[:2], *values.shape[1:])
@@ -110,7 +124,7 @@ class ShapePoints:
             -np.einsum("fpk,pj,fpd->fkjd", wN, T, normal),
             np.einsum("fpk,pj->fkj", wN, T),
         )
-        return Found(rows, Points(x, weight, position))
+        return Found(cover, rows, Points(x, weight, position, N))
 
     def find_nearby(self, places: Places) -> _cpp.PieceRows:
         """See :class:`Cutter`: the nodes of all facets."""
@@ -131,7 +145,7 @@ class ShapePoints:
         points, gdim, block = found.of_cutter, self._slave.gdim, blocks[0]
         assert isinstance(points, Points) and block is not None
         pressure = self._values(multiplier)[:, : self._N.shape[1], 0]
-        force = points.weight * np.einsum("fk,pk->fp", pressure, self._N)
+        force = points.weight * np.einsum("fk,fpk->fp", pressure, points.N)
         held = self._values(markers[0])[..., :gdim] != 0
         dofs = np.where(held, -1, self._slave.trace_dofs[0]).astype(PETSc.IntType)
         some = np.flatnonzero(np.any(force != 0, axis=1))

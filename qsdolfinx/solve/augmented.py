@@ -54,11 +54,13 @@ class AugmentedLagrangian:
         self._since = 0
         linear = self._newton.linear
         slips = bool(self._system.slips)
-        self._inner = INNER_WITH_FRICTION if slips else INNER
+        #: Whether Newton's method takes several iterations for each update.
+        several = slips or any(contact.follows for contact in self._contacts)
+        self._inner = INNER_WITH_FRICTION if several else INNER
         #: Whether solves between updates of the multipliers need not be exact: where that saves
         #: iterations, of Newton's method with friction, of a Krylov solver.
         self._is_loose = bool(
-            (linear.chooses_tolerance or (slips and linear.is_direct))
+            (linear.chooses_tolerance or (several and linear.is_direct))
             and self._contacts
             and not equilibrium.balance.tools
         )
