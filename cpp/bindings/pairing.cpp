@@ -137,7 +137,7 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "slave"_a, "master"_a, "slave_measured"_a, "master_measured"_a, "both"_a, "radius"_a,
       "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
       "Pieces of surfaces that follow their bodies; collective.");
-  m.def("nearby_pieces", &nearby_pieces, "slave"_a, "master"_a, "both"_a, "margin"_a,
+  m.def("nearby_pieces", &nearby_pieces, "slave"_a, "master"_a, "both"_a, "radius"_a, "margin"_a,
         "Pairs of facets that pieces may be cut from, without points; collective.");
   m.def(
       "conforming_points",

@@ -52,9 +52,11 @@ Pieces overlay_pieces(const Surface& slave, const Surface& master, const Surface
                       const Surface& master_measured, bool both, const SearchRadius& radius,
                       const OverlayRules& rules);
 
-/// Pairs of facets that pieces may be cut from before either has moved by the margin: no points.
-/// Collective. @param both whether also those of the master are cut
-Pieces nearby_pieces(const Surface& slave, const Surface& master, bool both, double margin);
+/// Pairs of facets that pieces may be cut from before either has moved by the margin along the
+/// surface: no points. Collective. @param both whether also those of the master are cut
+/// @param radius how far from each other they may be
+Pieces nearby_pieces(const Surface& slave, const Surface& master, bool both, double radius,
+                     double margin);
 
 /// Where surfaces are curved the same way, at a point of the overlay.
 struct ConformingPoint

@@ -71,9 +71,7 @@ class FacetCutter:
         self._put(self._moving, places)
         surfaces = self._moving[: 1 if self._tool is not None else 2]
         margin = MARGIN * max(surface.facet_size_range[1] for surface in surfaces)
-        pieces = _cpp.nearby_pieces(
-            *self._moving, self._both, max(margin, self._radius.largest)
-        )
+        pieces = _cpp.nearby_pieces(*self._moving, self._both, self._radius.largest, margin)
         return _cpp.PieceRows(self._slave, pieces)
 
     def add_curvature(
