@@ -1,0 +1,107 @@
+"""Contact that follows the bodies beside contact that stays as it was paired.
+
+A neo-Hookean cube is pressed on a larger one and pushed along it by --slide facets in one solve, of
+hexahedra, on one rank. A row for each enforcement and kind of sliding: Newton and Krylov iterations
+of the solve, updates of multipliers, seconds, and the share of contact in them (gap and insertion,
+what is cut anew at each evaluation included), and time of contact for a Newton iteration and
+a pair of facets that are cut.
+
+    python3 bench/sliding.py --cells 16 --json sliding.json
+    python3 bench/sliding.py --cells 40 --enforcement penalty
+"""
+
+import argparse
+import pathlib
+import sys
+import time
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from machine import circumstances, write
+from mpi4py import MPI
+
+import numpy as np
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+COLUMNS = "unknowns", "newton", "krylov", "updates", "seconds", "share", "us_per_pair"
+
+
+def cube(corners, n, E, fixed, touching):
+    """Unknown, form, condition on the face z = fixed and its value, contact surface."""
+    msh = mesh.create_box(MPI.COMM_WORLD, corners, [n, n, n], mesh.CellType.hexahedron)
+    V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
+    u, lame = fem.Function(V), (E / 2.6, E * 0.3 / (1.3 * 0.4))
+    stress = qs.materials.neo_hookean(u, *lame)
+    F = ufl.inner(stress, ufl.grad(ufl.TestFunction(V))) * ufl.dx(degree=2)
+    at = lambda z: mesh.locate_entities_boundary(msh, 2, lambda x: np.isclose(x[2], z))
+    moved = fem.Constant(msh, np.zeros(3))
+    bc = fem.dirichletbc(moved, fem.locate_dofs_topological(V, 2, at(fixed)), V)
+    return F, u, bc, moved, qs.Surface(V, facets=at(touching))
+
+
+def solve(p, sliding, enforcement):
+    """One solve as a row."""
+    size = 0.8 / p.cells
+    lower = cube([(0, 0, 0), (1.2, 1.2, 1)], round(1.25 * p.cells), 1e3, 0, 1)
+    upper = cube([(0.1, 0.1, 1), (0.9, 0.9, 1.8)], p.cells, 5e2, 1.8, 1)
+    contact = qs.Contact(upper[4], lower[4], sliding=sliding, enforcement=enforcement)
+    bodies = lower, upper
+    problem = qs.ContactProblem(
+        [b[0] for b in bodies], [b[1] for b in bodies], [contact], [[b[2]] for b in bodies],
+        solver=p.solver,
+    )
+    upper[3].value[:] = p.slide * size, 0.0, -0.03
+    start = time.perf_counter()
+    problem.solve()
+    seconds = time.perf_counter() - start
+    spent = {name: span.max for name, span in problem.timings.items()}
+    of_contact = spent["gap"] + spent["insertion"] + spent["conversion"]
+    cut = contact.model.gaps[0].cut
+    pairs = 1 if cut is None else cut.found.of_cutter.size
+    row = {
+        "sliding": sliding,
+        "enforcement": enforcement,
+        "unknowns": problem.system.x.getSize(),
+        "newton": problem.num_iterations,
+        "krylov": problem.num_linear_iterations,
+        "updates": problem.num_augmentations,
+        "seconds": seconds,
+        "share": of_contact / seconds,
+        "us_per_pair": 1e6 * of_contact / problem.num_iterations / pairs if cut else 0.0,
+        "stages": spent,
+    }
+    problem.destroy()
+    return row
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("--cells", nargs="+", type=int, default=[16], help="of the upper cube along an edge")
+    add("--slide", type=float, default=1.0, help="facets of the upper cube")
+    enforcements = ["penalty", "augmented-lagrangian"]
+    add("--enforcement", nargs="+", choices=enforcements, default=enforcements)
+    add("--solver", default="amg")
+    add("--json", metavar="FILE")
+    p = parser.parse_args()
+    cells, rows = p.cells, []
+    print(f"{'sliding':9}{'enforcement':22}" + "".join(f"{name:>12}" for name in COLUMNS))
+    for p.cells in cells:
+        for enforcement in p.enforcement:
+            for sliding in ("small", "finite"):
+                row = solve(p, sliding, enforcement)
+                rows.append(row)
+                text = f"{sliding:9}{enforcement:22}"
+                print(text + "".join(f"{row[name]:12.4g}" for name in COLUMNS), flush=True)
+    if p.json:
+        write(p.json, circumstances(1) | {"slide": p.slide, "rows": rows})
+
+
+if __name__ == "__main__":
+    main()
