@@ -296,6 +296,11 @@ class Contact:
         return self.model.settings.sampling.normals
 
     @property
+    def sliding(self) -> str:
+        """``"small"``, or ``"finite"``: contact's geometry follows the bodies."""
+        return self.model.settings.sliding
+
+    @property
     def smoothing(self) -> Side | tuple[Side, Side]:
         """What the gap is measured between, as given."""
         return self._smoothing

@@ -212,7 +212,7 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
     place, out = model.placement.place(side), []
     assert isinstance(place, Place)
     # Of two bodies they balance where they are paired; a tool's is minus that of the slave anyway.
-    at_end = model.offset is not None and as_tool(model.master) is not None
+    at_end = model.follows or (model.offset is not None and as_tool(model.master) is not None)
     x = place.positions() if at_end else None
     with _force_vec(model, side) as vec:
         for axis in np.eye(1 if len(about) == 2 else 3):
@@ -226,7 +226,8 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
 def _center(model: ContactModel) -> Array:
     """Of a tool, after what is left of its motion in a time step; else the origin."""
     tool = as_tool(model.master)
-    ahead = 0.0 if tool is None or model.offset is None else tool.displacement
+    stays = model.offset is None and not model.follows
+    ahead = 0.0 if tool is None or stays else tool.displacement
     return np.asarray(model.master.center + ahead)
 
 
@@ -241,7 +242,19 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
             "side: a rigid tool has no traction; what acts on it is minus that of the slave"
         )
     with _force_vec(model, side, part) as vec:
-        return recover(surface, vec)
+        return recover(surface, vec, _areas_now(model, side) if model.follows else None)
+
+
+def _areas_now(model: ContactModel, side: str) -> Array:
+    """Areas of the vertices of one side where its facets are. Collective."""
+    place = model.placement.place(side)
+    assert isinstance(place, Place)
+    linear = place.surface.linear
+    facets = linear.twin()
+    vertices = place.positions()[:, : linear.num_facet_vertices]
+    facets.follow(np.ascontiguousarray(vertices))
+    facets.measure_nodes()
+    return np.asarray(facets.node_area)
 
 
 @contextlib.contextmanager

@@ -51,12 +51,14 @@ def _at_nodes(surface: Surface, vec: PETSc.Vec) -> Array:
     return np.asarray(values, dtype=np.float64).reshape(-1, surface.gdim)
 
 
-def recover(surface: Surface, force: PETSc.Vec) -> fem.Function:
+def recover(surface: Surface, force: PETSc.Vec, area: Array | None = None) -> fem.Function:
     """Traction t_k = f_k / S_k of given contact forces, see Contact.traction. Collective.
 
     Args:
         surface: The surface.
         force: Forces on the unknowns of its body.
+        area: S_k of the nodes of ``surface.linear``; by default where the surface was read last.
     """
     f, linear = nodal_forces(surface, force), surface.linear
-    return linear.function(f / linear.node_area[:, None])
+    area = linear.node_area if area is None else area
+    return linear.function(f / area[:, None])
