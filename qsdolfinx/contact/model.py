@@ -177,6 +177,7 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
             rows=settings.rows,
             augmented=settings.augmented,
             following=_following(settings, first, second, radius),
+            turns=settings.sliding == "finite" and settings.law.jump,
         )
         for (first, second), found in zip(roles, points, strict=True)
     )
@@ -347,8 +348,13 @@ class ContactModel:
 
     @property
     def follows(self) -> bool:
-        """Whether gaps are no linear functions of the unknowns."""
+        """Whether gaps are found anew at each evaluation."""
         return any(gap.following is not None for gap in self.gaps)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether gaps are linear functions of the unknowns."""
+        return not any(gap.following or gap.turning for gap in self.gaps)
 
     @property
     def symmetric(self) -> bool:

@@ -18,6 +18,7 @@ from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
 from qsdolfinx.gap.tie import Places as TiePlaces
 from qsdolfinx.gap.tie import Tie
+from qsdolfinx.gap.turning import Turning
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface
@@ -103,6 +104,7 @@ class WeightedGap:
         augmented: Whether λ̂ is going to be updated.
         following: Cuts the facets anew at each evaluation; None for gaps that are linear in u. The
             operator is then the derivative at the last evaluation, with a row for each owned node.
+        turns: Whether what is between tied surfaces turns with the slave.
     """
 
     def __init__(
@@ -115,6 +117,7 @@ class WeightedGap:
         rows: str,
         augmented: bool,
         following: Following | None = None,
+        turns: bool = False,
     ) -> None:
         self.slave = slave
         self.master = master
@@ -146,6 +149,8 @@ class WeightedGap:
         self.state.base, self.state.measure = base, measure
         #: How ties count what has moved since they were made; None of other laws.
         self.tie = Tie(slave, master) if law.jump else None
+        #: How gaps between tied surfaces turn; None where they stay as they were.
+        self.turning = Turning(slave, master, self.operator) if turns else None
         #: Rows that are open, whatever their gap: to see where bodies would be without them.
         self.released: npt.NDArray[np.bool_] | None = None
         self._at_rows: tuple[Array, Array] = multipliers, zero
@@ -227,6 +232,8 @@ class WeightedGap:
             self._augmented_at_rows()
             return
         state.values = self.change_of(u) + state.offset + state.shift + state.carried
+        if self.turning is not None:
+            state.values = state.values + self.turning.change(u[0], state.scale[0])
         if not self.law.jump:
             state.values -= (self.operator.initial_gap + state.allowance)[:, None]
         elif self.extension is not None:
@@ -309,6 +316,8 @@ class WeightedGap:
             self.state.base = self.following.places(base, u)
             return
         self.state.offset = self.operator.apply(handle_of(u[0]), handle_of(u[1]))
+        if self.turning is not None:
+            self.turning.set_offset(u[0])
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""

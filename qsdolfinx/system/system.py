@@ -139,7 +139,7 @@ class ContactSystem:
     def linear(self) -> bool:
         """Whether all bodies are linear, and gaps as long as the active set stays."""
         bodies = all(body.linear for body in self.bodies)
-        return bodies and not any(contact.follows for contact in self.contacts)
+        return bodies and all(contact.is_linear for contact in self.contacts)
 
     def set_curvature(self, counts: bool) -> None:
         """Say whether tangents have the second derivatives of gaps that follow the bodies."""
