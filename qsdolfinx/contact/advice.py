@@ -237,6 +237,8 @@ def chords(model: ContactModel) -> str:
     cure = 'smoothing="shared-curvature"'
     if sampling.quadrature != "overlay":
         cure += ' with quadrature="overlay"'
+    if model.settings.sliding == "finite":
+        finer, cure = finer.removesuffix(", or "), "" if finer else "finer facets"
     beside = "; there is no clearance or interference beside it"
     if gap > STRAIGHT * error:
         beside = f", {error / gap:.2g} of the clearance or interference ({gap:.3g})"
