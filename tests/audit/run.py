@@ -165,6 +165,21 @@ def run(numbers, units=False, report=None, verbose=False, draw=random_scene):
     return counts
 
 
+def following(draw):
+    """The same scenes or histories with contact that follows the bodies."""
+
+    def drawn(number, units):
+        scene = draw(number, units)
+        left_out = ("constraints", "normals", "quadrature", "quadrature_degree", "smoothing")
+        options = {k: v for k, v in scene.options.items() if k not in left_out}
+        options |= {"quadrature": "overlay", "sliding": "finite"}
+        if options.get("search_radius") == "local":
+            del options["search_radius"]
+        return dataclasses.replace(scene, options=options)
+
+    return drawn
+
+
 def numbers_of(text):
     """``first:last`` or numbers with commas."""
     if ":" in text:
@@ -178,12 +193,15 @@ def main():
     parser.add_argument("--scenes", type=numbers_of, default=range(100), help="first:last, or 3,7")
     parser.add_argument("--histories", type=numbers_of, help="the same, of time steps")
     parser.add_argument("--units", action="store_true", help="odd units of force and length")
+    parser.add_argument("--finite", action="store_true", help="contact that follows the bodies")
     parser.add_argument("--verbose", action="store_true", help="those without faults as well")
     args = parser.parse_args()
     start = time.perf_counter()
     numbers, draw, what = args.scenes, random_scene, "scenes"
     if args.histories is not None:
         numbers, draw, what = args.histories, random_history, "histories"
+    if args.finite:
+        draw = following(draw)
     counts = run(numbers, args.units, lambda text: print(text, flush=True), args.verbose, draw)
     seconds = time.perf_counter() - start
     if COMM.rank == 0:
