@@ -82,6 +82,8 @@ class Joint:
         nodal: Whether gaps are taken at nodes.
         at_points: Whether the pressure is at points, and friction at nodes: around the edge of
             contact it reaches a facet further, so that nodes together have to keep to μ N.
+        follows: Whether contact follows the bodies: then normals, gaps and moments are those of where
+            they are now.
         reported: Function that returns the forces which the library says to act on the slave.
     """
 
@@ -96,6 +98,7 @@ class Joint:
     formulation: str = "quasi-symmetric"
     nodal: bool = False
     at_points: bool = False
+    follows: bool = False
     reported: typing.Callable | None = None
 
     @property
@@ -154,7 +157,7 @@ class Auditor:
             sides = self.sides(number, states)
             faults += joint_faults(joint, sides, tolerance, self.length)
             now = friction.read_memory(sides)
-            if joint.rubs:
+            if joint.rubs and not joint.follows:  # slip is not counted from the bodies at rest
                 faults += [
                     Fault(*fault)
                     for fault in friction.faults(joint, sides, self.before[number], now, tolerance)
@@ -175,12 +178,17 @@ class Auditor:
         """The meshed sides of a contact, slave first."""
         joint, surfaces = self.joints[number], self.surfaces[number]
         ends = [end for end in (joint.slave, joint.master) if not isinstance(end, Tool)]
+        if joint.follows:
+            states = [dataclasses.replace(s, x=s.x + s.u, u=0 * s.u) for s in states]
         meshed = [
             Meshed(states[end[0]], surface) for end, surface in zip(ends, surfaces, strict=True)
         ]
         opponents = meshed[::-1] if len(meshed) == 2 else [joint.master]
         alone = joint.node_by_node and isinstance(joint.master, Tool)
-        return [read_side(*pair, alone) for pair in zip(meshed, opponents, strict=True)]
+        sides = [read_side(*pair, alone) for pair in zip(meshed, opponents, strict=True)]
+        if joint.follows:
+            sides = [dataclasses.replace(side, rest=side.now) for side in sides]
+        return sides
 
     def force_tolerance(self, states):
         """Forces that count as none."""
@@ -290,6 +298,12 @@ def directions(name, joint, side: Side, tolerance):
         size = near @ size
     # Tilts are those of facets; what presses has one between those of its neighbours.
     slack = side.hat_count * tolerance + (1.1 * side.tilt_at_rest + ROUNDING) * size
+    if joint.follows:  # N_k moves along with where rays end, by gaps between nodes
+        pushed = side.vertices_now[-side.pull > slack]
+        close = np.linalg.norm(side.points_now[:, None] - pushed, axis=2) <= 1.1 * side.size
+        beside = side.now.facing & np.any(close, axis=1)
+        between = np.max(np.abs(side.now.distance[beside]), initial=0.0)
+        slack = slack + between / side.size * size
     free = side.normal_free
     out = compare("tension", side.pull[free], slack[free], f"{name} is pulled")
     sideways = np.linalg.norm(np.where(side.held, 0.0, side.tangential), axis=1)

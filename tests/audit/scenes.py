@@ -270,6 +270,7 @@ class Stage:
             formulation=scene.options["formulation"],
             nodal=scene.options["quadrature"] == "nodal",
             at_points=scene.options.get("constraints") == "points",
+            follows=scene.options.get("sliding") == "finite" and not scene.tied,
             reported=lambda: self.contact.force("slave"),
         )
         self.audited = [AuditedBody(b.F, b.u, b.bcs, large=scene.large) for b in self.bodies]
