@@ -1,10 +1,14 @@
 """Installs the other programs into a folder of their own; the system is left alone.
 
-Kratos and NGSolve come from the Python package index, into a virtual environment; CalculiX from
-Debian, its package and all it depends on unpacked, and started by the C library that came with it;
-asimov-contact from its repository, compiled with the DOLFINx of the Python that runs this.
+Kratos and NGSolve come from the Python package index, into a virtual environment; CalculiX and
+GetFEM from Debian, their packages and all they depend on unpacked, and started by the C library
+that came with them; asimov-contact from its repository, compiled with the DOLFINx of the Python
+that runs this. What is needed by hand:
+
+    python3 bench/peers/install.py getfem --install FOLDER
 """
 
+import argparse
 import os
 import pathlib
 import re
@@ -28,7 +32,7 @@ MODULES = {
 #: Source of asimov-contact, for DOLFINx 0.9.
 ASIMOV = "https://github.com/Wells-Group/asimov-contact", "v0.9.0"
 
-#: Debian's releases; the newest that has calculix-ccx is taken, but first that of the system.
+#: Debian's releases; the newest that has the package is taken, but first that of the system.
 SUITES = "trixie", "bookworm", "bullseye"
 OTHER_NAMES = "stable", "testing", "unstable", "sid", "forky"
 
@@ -97,25 +101,52 @@ def python_peer(name, folder, python):
 
 def calculix(folder):
     """Command that starts ccx: unpacked into the folder if that is given, or else as on PATH."""
+    script = from_debian(folder, "calculix", "ccx", "calculix-ccx", write_script)
+    check_ccx(script)
+    return str(script)
+
+
+def getfem(folder, python):
+    """Interpreter that can import GetFEM: Debian's, unpacked into the folder if that is given.
+
+    Args:
+        folder: Where to unpack it if it is not there, or None.
+        python: Interpreter to use as it is without a folder.
+    """
+    script = python
+    if folder:
+        script = from_debian(folder, "getfem", "python", "python3-getfem", write_python)
+    run(script, "-c", "import getfem", env=environment())
+    return str(script)
+
+
+def from_debian(folder, name, command, package, write):
+    """Script that starts a program of Debian; unpacked into the folder where it is not there yet.
+
+    Args:
+        folder: Where programs are installed to, or None for the command as on PATH.
+        name: Folder of the program in it.
+        command: Name of the script.
+        package: Debian's package.
+        write: Called with the script's path to write it.
+    """
     if not folder:
-        check_ccx("ccx")
-        return "ccx"
-    script = pathlib.Path(folder, "calculix", "ccx")
+        return command
+    script = pathlib.Path(folder, name, command)
     if not script.exists():
         reasons = []
         keys = [k for k in KEYRINGS if pathlib.Path(k).exists()]
         signed = f"[signed-by={keys[0]}] " if keys else ""
         for suite, uri in sources():
             try:
-                unpack(script.parent, f"deb {signed}{uri} {suite} main\n")
+                unpack(script.parent, f"deb {signed}{uri} {suite} main\n", package)
                 break
             except Missing as reason:
                 reasons.append(f"{suite}: {reason}")
         else:
             raise Missing("; ".join(reasons) or "no Debian package source in apt's settings")
-        write_script(script)
-    check_ccx(script)
-    return str(script)
+        write(script)
+    return script
 
 
 def check_ccx(command):
@@ -138,8 +169,8 @@ def sources():
     ]
 
 
-def unpack(folder, source):
-    """Download and unpack calculix-ccx with all it depends on; with an apt state of its own."""
+def unpack(folder, source, package):
+    """Download and unpack a package with all it depends on; with an apt state of its own."""
     apt = folder.absolute() / "apt"
     for name in ("lists/partial", "archives/partial", "parts"):
         (apt / name).mkdir(parents=True, exist_ok=True)
@@ -157,23 +188,42 @@ def unpack(folder, source):
     }
     options = [item for key, value in settings.items() for item in ("-o", f"{key}={value}")]
     run("apt-get", *options, "update")
-    wanted = "--download-only", "--no-install-recommends", "install", "calculix-ccx"
+    wanted = "--download-only", "--no-install-recommends", "install", package
     run("apt-get", *options, "--yes", *wanted)
-    for package in sorted((apt / "archives").glob("*.deb")):
-        run("dpkg-deb", "--extract", package, folder / "root")
+    for archive in sorted((apt / "archives").glob("*.deb")):
+        run("dpkg-deb", "--extract", archive, folder / "root")
 
 
 def write_script(script):
     """A script that starts ccx with the libraries that were unpacked beside it."""
+    write_start(script, "usr/bin/ccx*")
+
+
+def write_python(script):
+    """The same for Python, which is told where its own modules are."""
+    home = script.parent.absolute() / "root" / "usr"
+    write_start(
+        script, "usr/bin/python3.[0-9][0-9]", f'export PYTHONHOME="{home}" PYTHONNOUSERSITE=1\n'
+    )
+
+
+def write_start(script, pattern, before=""):
+    """A script that starts an unpacked program by the C library that came with it.
+
+    Args:
+        script: Its path; the packages are in the folder ``root`` beside it.
+        pattern: What the program's path matches.
+        before: Lines of the script before that.
+    """
     root = script.parent.absolute() / "root"
     loaders = [p for p in root.glob("**/ld-linux*.so.*") if p.is_file() and not p.is_symlink()]
-    binaries = list(root.glob("usr/bin/ccx*"))
+    binaries = list(root.glob(pattern))
     if not loaders or not binaries:
-        raise Missing("the packages have no C library or no ccx")
+        raise Missing(f"the packages have no C library or no {pattern}")
     folders = {p.parent for p in root.glob("**/lib*.so.*")}
     path = ":".join(str(p) for p in sorted(folders, key=lambda p: len(p.parts)))
     script.write_text(
-        f'#!/bin/sh\nexec "{loaders[0]}" --library-path "{path}" "{binaries[0]}" "$@"\n'
+        f'#!/bin/sh\n{before}exec "{loaders[0]}" --library-path "{path}" "{binaries[0]}" "$@"\n'
     )
     script.chmod(0o755)
 
@@ -248,6 +298,8 @@ def prepare(names, folder, python, say, source=None):
         try:
             if name == "calculix":
                 found[name] = calculix(folder)
+            elif name == "getfem":
+                found[name] = getfem(folder, python)
             elif name == "asimov":
                 found[name] = asimov(folder, source)
             else:
@@ -255,3 +307,20 @@ def prepare(names, folder, python, say, source=None):
         except Missing as reason:
             found[name] = reason
     return found
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    names = *PACKAGES, "calculix", "getfem", "asimov"
+    parser.add_argument("names", nargs="+", choices=names, metavar="NAME", help=", ".join(names))
+    parser.add_argument("--install", metavar="FOLDER", help="install here what is missing")
+    parser.add_argument("--python", help="interpreter for Kratos and NGSolve")
+    p = parser.parse_args()
+    for name, how in prepare(p.names, p.install, p.python, print).items():
+        print(f"{name}: {f'missing: {how}' if isinstance(how, Missing) else how}")
+
+
+if __name__ == "__main__":
+    main()

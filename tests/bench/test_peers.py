@@ -18,6 +18,7 @@ import cubes
 import hertz_error
 import install
 import ours
+import ring
 import sphere
 
 
@@ -40,6 +41,26 @@ def test_cube(bottom):
         assert np.allclose(normal, [0, 0, up / n**2]) and np.allclose(x[:, :, 2], z)
         side = body.cells[cells, :4] if up < 0 else body.cells[cells, 4:]
         assert np.array_equal(np.sort(side, axis=1), np.sort(quads, axis=1))
+
+
+@pytest.mark.parametrize("refine", [1, 2])
+def test_ring(refine):
+    """Cells are turned the same way, edges that may touch have the body on their left."""
+    areas = {"ring": np.pi / 2 * (ring.OUTER**2 - ring.INNER**2), "block": ring.WIDTH * ring.HEIGHT}
+    for name, body in ring.bodies(refine).items():
+        a, b, c, d = body.x[body.cells].transpose(1, 0, 2)
+        diagonals = np.stack([c - a, d - b], axis=1)
+        area = np.linalg.det(diagonals) / 2
+        assert area.min() > 0 and np.isclose(area.sum(), areas[name], rtol=1e-3)
+        sides = {(i, j) for k in range(4) for i, j in np.roll(body.cells, k, axis=1)[:, :2]}
+        for i, j in body.touching:
+            assert (i, j) in sides and (j, i) not in sides
+        mirrored = body.x * [-1, 1]
+        assert np.array_equal(np.unique(mirrored + 0.0, axis=0), np.unique(body.x + 0.0, axis=0))
+    x, block = ring.ring(refine), ring.block(refine)
+    assert np.array_equal(x.x[x.tracked["ring_outside"]], [0, 0])
+    assert np.allclose(block.x[block.tracked["block_left"]], [-0.5, 0])
+    assert ring.path()[-1] == (ring.ALONG, -ring.DOWN)
 
 
 def test_calculix_input(tmp_path):
