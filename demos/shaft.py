@@ -66,6 +66,8 @@ class Parameters:
             raise ValueError("--interference: must be positive and below 0.2")
         if self.facets < 8:
             raise ValueError("--facets: must be at least 8")
+        if abs(self.turn) > 90 * self.steps:
+            raise ValueError("--steps: must be at least one for each 90° of --turn")
         if abs(self.turn) <= self.run_in():
             raise ValueError(f"--turn: must be more than the {self.run_in():.3g}° of the run-in")
 

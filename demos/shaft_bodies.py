@@ -54,7 +54,7 @@ class Load(typing.NamedTuple):
     force: np.ndarray
     moment: float  # about the origin
     outwards: float  # sum of the radial forces
-    radius: float  # mean of the nodes'
+    radius: float  # mean of the nodes
 
 
 class Body:
@@ -63,7 +63,7 @@ class Body:
     Args:
         comm: Communicator.
         E: Young's modulus.
-        touching: Radius.
+        touching: Radius, mean of the facets.
         held: Radius.
         n: Cells around.
         cell: Name of their kind.
@@ -71,6 +71,10 @@ class Body:
     """
 
     def __init__(self, comm, E, touching, held, n, cell, start):
+        #: Mean radius of facets over that of their ends.
+        self.chord = 1 - (np.pi / n) ** 2 / 3
+        self.start = start
+        touching /= self.chord
         inner, outer = sorted((touching, held))
         layers = max(2, round(n * (outer - inner) / (2 * np.pi * R)))
         msh = self.mesh = create_ring(comm, inner, outer, layers, n, cell, start)

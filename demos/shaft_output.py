@@ -16,7 +16,7 @@ class Row:
     net_moment: float
     net_force: float
     normal: float  # sum of the normal forces on the shaft
-    radius: float  # of its nodes in contact, the mean
+    radius: float  # of its facets in contact, the mean
     elastic: float
     dissipated: float
     iterations: int
@@ -32,7 +32,7 @@ def measure(angle, shaft, bore, contact, problem):
         net_moment=abs(held.moment + opposite.moment),
         net_force=np.linalg.norm(held.force + opposite.force),
         normal=-touching.outwards,
-        radius=touching.radius,
+        radius=touching.radius * shaft.chord,
         elastic=shaft.energy() + bore.energy(),
         dissipated=contact.dissipated_energy(),
         iterations=problem.num_iterations,
