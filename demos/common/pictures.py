@@ -368,7 +368,7 @@ def shaft(filename, p, turn):
 
     def keep(row, scene):
         if row.angle in (0, p.turn):
-            states.append((row, *pressed(*scene[:3])))
+            states.append((row, pressed(*scene[:3])))
 
     for mu in (0.0, with_friction.mu):
         for steps in (4 * p.steps, p.steps):
@@ -380,8 +380,8 @@ def shaft(filename, p, turn):
     figure = pyplot().figure(figsize=(12, 4.1), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(2, 1))
     axes = left.subplots(1, 2, sharey=True)
-    largest = max(np.percentile(state[1][1], 98) for state in states)
-    for axis, (row, *drawn) in zip(axes, (states[0], states[-1]), strict=True):
+    largest = max(np.percentile(drawn[0][1], 98) for _, drawn in states)
+    for axis, (row, drawn) in zip(axes, (states[0], states[-1]), strict=True):
         colours = draw_pressed(axis, largest, *drawn)
         axis.set_xlabel("x / radius (-)")
         axis.set_title(f"turned by {row.angle:.0f}°; arrows: traction")
@@ -394,24 +394,25 @@ def shaft(filename, p, turn):
 
 def pressed(inner, outer, contact):
     """Cells with their radial stress and a spoke of each body, and traction, on rank 0."""
-    corners, values, spokes = [], [], []
+    bodies = []
     for body in (inner, outer):
         F = ufl.Identity(2) + ufl.grad(body.u)
         x = ufl.SpatialCoordinate(body.mesh) + body.u
         radial = ufl.dot(x, body.stress * F.T / ufl.det(F) * x) / ufl.dot(x, x)
         now = cells(body.mesh, node_values(body.u), -radial)
-        before = cells(body.mesh)
-        if now is not None:
-            corners.append(now[0])
-            values.append(now[1])
-            x = before[0].reshape(-1, 2)
-            on = np.abs(np.arctan2(*x.T[::-1]) - body.start) < 1e-6
-            order = np.argsort(np.hypot(*x[on].T))
-            spokes.append(now[0].reshape(-1, 2)[on][order])
+        bodies.append((body.start, cells(body.mesh), now))
     own = inner.touching[inner.touching < inner.V.dofmap.index_map.size_local]
     t = contact.traction("slave").x.array.reshape(-1, 2)
     arrows = gather(contact.comm, inner.positions()[own], t[own])
-    return corners and (np.concatenate(corners), np.concatenate(values)), spokes, arrows
+    if arrows is None:
+        return None
+    spokes = []
+    for start, (corners, _), (moved, _) in bodies:
+        x, y = corners.reshape(-1, 2).T
+        on = np.abs(np.arctan2(y, x) - start) < 1e-6
+        spokes.append(moved.reshape(-1, 2)[on][np.argsort(np.hypot(x, y)[on])])
+    both = [np.concatenate(parts) for parts in zip(*(now for *_, now in bodies), strict=True)]
+    return both, spokes, arrows
 
 
 def draw_pressed(axis, largest, drawn, spokes, arrows):
