@@ -352,6 +352,100 @@ def draw_meshes(axis, bodies):
     axis.figure.colorbar(drawn, ax=axis, label=label, extend="both", pad=0.01)
 
 
+# --- Shaft
+
+
+def shaft(filename, p, turn):
+    """Deformed meshes and traction before and after the turn, and torque over angle.
+
+    Args:
+        filename: Of the picture.
+        p: Parameters; without friction the shaft is also turned with a coefficient of 0.2.
+        turn: Called with parameters and ``on_step(row, scene)``; returns rows as second.
+    """
+    with_friction = p if p.mu else dataclasses.replace(p, mu=0.2)
+    states, lines = [], []
+
+    def keep(row, scene):
+        if row.angle in (0, p.turn):
+            states.append((row, pressed(*scene[:3])))
+
+    for mu in (0.0, with_friction.mu):
+        for steps in (4 * p.steps, p.steps):
+            states.clear()
+            case = dataclasses.replace(p, mu=mu, steps=steps)
+            lines.append((mu, steps, turn(case, on_step=keep)[1]))
+    if states[0][1] is None:
+        return
+    figure = pyplot().figure(figsize=(12, 4.1), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(2, 1))
+    axes = left.subplots(1, 2, sharey=True)
+    largest = max(np.percentile(drawn[0][1], 98) for _, drawn in states)
+    for axis, (row, drawn) in zip(axes, (states[0], states[-1]), strict=True):
+        colours = draw_pressed(axis, largest, *drawn)
+        axis.set_xlabel("x / radius (-)")
+        axis.set_title(f"turned by {row.angle:.0f}°; arrows: traction")
+    axes[0].set_ylabel("y / radius (-)")
+    label = "radial stress, compression / E of the bore (-)"
+    left.colorbar(colours, ax=axes, label=label, extend="max", pad=0.01, shrink=0.82)
+    draw_torque(right.subplots(), lines)
+    save(figure, filename)
+
+
+def pressed(inner, outer, contact):
+    """Cells with their radial stress and a spoke of each body, and traction, on rank 0."""
+    bodies = []
+    for body in (inner, outer):
+        F = ufl.Identity(2) + ufl.grad(body.u)
+        x = ufl.SpatialCoordinate(body.mesh) + body.u
+        radial = ufl.dot(x, body.stress * F.T / ufl.det(F) * x) / ufl.dot(x, x)
+        now = cells(body.mesh, node_values(body.u), -radial)
+        bodies.append((body.start, cells(body.mesh), now))
+    own = inner.touching[inner.touching < inner.V.dofmap.index_map.size_local]
+    t = contact.traction("slave").x.array.reshape(-1, 2)
+    arrows = gather(contact.comm, inner.positions()[own], t[own])
+    if arrows is None:
+        return None
+    spokes = []
+    for start, (corners, _), (moved, _) in bodies:
+        x, y = corners.reshape(-1, 2).T
+        on = np.abs(np.arctan2(y, x) - start) < 1e-6
+        spokes.append(moved.reshape(-1, 2)[on][np.argsort(np.hypot(x, y)[on])])
+    both = [np.concatenate(parts) for parts in zip(*(now for *_, now in bodies), strict=True)]
+    return both, spokes, arrows
+
+
+def draw_pressed(axis, largest, drawn, spokes, arrows):
+    """Both bodies, the traction on the shaft, and where a spoke of each has come to."""
+    colours = draw_cells(axis, *drawn, cmap="Oranges", clim=(0, 1.25 * largest), linewidth=0.25)
+    for spoke, colour in zip(spokes, ("tab:blue", "black"), strict=True):
+        axis.plot(*spoke.T, color=colour, lw=3, solid_capstyle="butt")
+    x, t = arrows
+    some = np.argsort(np.arctan2(*x.T))[:: max(1, len(x) // 16)]
+    size = np.linalg.norm(t, axis=1).max()
+    options = {"angles": "xy", "pivot": "tip", "width": 0.007, "zorder": 3}
+    axis.quiver(*x[some].T, *(t[some] / size).T, scale_units="xy", scale=2.6, **options)
+    axis.set(xlim=(-1.6, 1.6), ylim=(-1.6, 1.6))
+    return colours
+
+
+def draw_torque(axis, lines):
+    """Torque over angle, and the closed form."""
+    few = min(steps for _, steps, _ in lines)
+    for mu, steps, rows in lines:
+        angle, torque = ([getattr(row, name) for row in rows] for name in ("angle", "torque"))
+        colour = "tab:blue" if mu else "tab:green"
+        style = {"marker": "o", "ls": ""} if steps == few else {"lw": 1.5}
+        axis.plot(angle, torque, color=colour, label=f"μ = {mu:g}, {steps} steps", **style)
+    end = rows[-1]
+    closed = np.copysign(mu * end.normal * end.radius, end.torque)
+    axis.axhline(closed, color="black", ls="--", lw=1, label="μ N r", zorder=0)
+    axis.set_title("torque on the shaft")
+    axis.set(xlabel="angle (degrees)", ylabel="torque / (radius² E of the bore) (-)")
+    axis.grid()
+    axis.legend(loc="center right")
+
+
 # --- Ring compression
 
 

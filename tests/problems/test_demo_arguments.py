@@ -14,6 +14,7 @@ DEMOS = (
     "ironing",
     "patch_test",
     "ring_compression",
+    "shaft",
     "sliding_wedge",
     "upset_cylinder",
     "upsetting_convergence",

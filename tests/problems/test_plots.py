@@ -29,6 +29,7 @@ SMALL = {
     "ironing": ["--h", "0.3", "--steps", "42"],
     "patch_test": ["--master", "2", "--slave", "2"],
     "ring_compression": ["--cells", "3", "--steps", "1", "--reduction", "0.05"],
+    "shaft": ["--facets", "24", "--interference", "0.03", "--steps", "1"],
     "sliding_wedge": ["--mu", "0.1"],
     "upset_cylinder": ["--steps", "2", "--reduction", "0.1"],
     "upset_cylinder --dim 3": ["--steps", "1", "--reduction", "0.05"],
