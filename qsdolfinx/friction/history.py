@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import typing
+import warnings
 
 from mpi4py import MPI
 
@@ -14,6 +15,7 @@ import ufl
 from dolfinx import fem, la
 
 from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.messages import ContactWarning
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -184,7 +186,20 @@ class FrictionHistory:
     # --- Steps
 
     def end_step(self, slips: typing.Sequence[Slip]) -> None:
-        """Let the next step begin where this one ended."""
+        """Let the next step begin where this one ended. Collective.
+
+        Warns:
+            ContactWarning: If a surface in contact has turned by more than 90°: its slip, a chord,
+                may point backwards.
+        """
+        turned = any([slip.has_turned for slip in slips])
+        if self._slave.comm.allreduce(turned, op=MPI.LOR):
+            warnings.warn(
+                "sliding: a surface in contact has turned by more than 90° in a step, so that which "
+                "way friction acts is not known: take smaller steps",
+                ContactWarning,
+                stacklevel=2,
+            )
         for i, slip in enumerate(slips):
             if slip.state.ended:
                 continue

@@ -36,6 +36,7 @@ class PairsAtStart:
         area: What its rows are divided by, shape (rows,).
         gap: ḡ then, shape (rows,).
         cover: Part of these areas that was covered, (rows,).
+        normal: Sum of the slave's normals, (rows, gdim).
         on_tool: Mean place of the points of a rigid tool, (rows, gdim), times that part; and where
             the tool was, see ``RigidSurface.position``. None without.
     """
@@ -44,6 +45,7 @@ class PairsAtStart:
     area: Array
     gap: Array
     cover: Array
+    normal: Array
     on_tool: tuple[Array, Array] | None
 
     def moved_tool(self, position: Array) -> Array:
@@ -309,8 +311,9 @@ class Slip:
         assert gap.following is not None and gap.cut is not None
         if gap.following.tool is not None:
             on_tool = gap.present_places_of_tool(), gap.cut.places[1]
-        cover = operator.slave_sum[:, 0]
-        return PairsAtStart(operator, operator.row_area, gap.state.values[:, 0], cover, on_tool)
+        cover, normal = operator.slave_sum[:, 0], gap.operator.slave_sum
+        gaps = gap.state.values[:, 0]
+        return PairsAtStart(operator, operator.row_area, gaps, cover, normal, on_tool)
 
     def _follow(self, u: Vecs) -> None:
         """Operator, normals and jump at the last cut. Collective.
@@ -331,6 +334,15 @@ class Slip:
             before = before - pairs.moved_tool(self.gap.cut.places[1])
         state.jump = before * (pairs.area / area)[:, None] - self.gap.present_jump()
         state.start = np.zeros_like(state.jump)
+
+    @property
+    def has_turned(self) -> bool:
+        """Whether a row of this rank that slips has turned by more than 90° in the step."""
+        pairs, slips = self.state.pairs, self.slipping
+        if pairs is None or self.state.ended:
+            return False
+        turned = np.sum(pairs.normal * self.gap.operator.slave_sum, axis=1) < 0
+        return bool(np.any(turned & slips))
 
     def _carried(self, u: Vecs, in_displacement: tuple[bool, bool]) -> Array:
         """Jump of the bodies that have total displacements. Collective."""

@@ -282,7 +282,7 @@ class Closings:
                 break
             if system.made.hold.free_motions().shape[1]:
                 return None
-            linear.assemble()
+            self._newton.assemble()
             change, reason = linear.solve(-residual)
             if reason < 0:
                 break

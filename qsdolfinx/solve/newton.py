@@ -344,11 +344,18 @@ class Newton:
             attempt += 1
             self._iterate(attempt)
 
+    def assemble(self) -> None:
+        """The tangent at the last evaluation, outside of SNES. Collective."""
+        if not self.system.fits_pattern():
+            self.system.make_stale()
+            self.update_matrices()
+        self.linear.assemble()
+
     def respond(self, load: Array) -> Array:
         """Change of the owned unknowns under a small load, by the tangent at the solution."""
         for slip in self.system.slips:
             slip.stick_slip.begin_iterations(False)  # the exact tangent
-        self.linear.assemble()
+        self.assemble()
         change, reason = self.linear.solve(load)
         if reason < 0:
             self.fail(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)

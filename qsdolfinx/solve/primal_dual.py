@@ -73,7 +73,7 @@ class PrimalDual:
         """
         system, newton = self._system, self._newton
         residual = system.residual(system.x.array_r)
-        newton.linear.assemble()
+        newton.assemble()
         measures, limits = newton.measure()
         rounding = float(np.linalg.norm(measures.rounding))
         until, part = float(limits.min()), 0.0 if exact else LOOSE
