@@ -17,10 +17,10 @@ import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from machine import circumstances, write
 from mpi4py import MPI
 
 import numpy as np
+from machine import circumstances, write
 
 import ufl
 from dolfinx import fem, mesh
@@ -37,7 +37,10 @@ def cube(corners, n, E, fixed, touching):
     u, lame = fem.Function(V), (E / 2.6, E * 0.3 / (1.3 * 0.4))
     stress = qs.materials.neo_hookean(u, *lame)
     F = ufl.inner(stress, ufl.grad(ufl.TestFunction(V))) * ufl.dx(degree=2)
-    at = lambda z: mesh.locate_entities_boundary(msh, 2, lambda x: np.isclose(x[2], z))
+
+    def at(z):
+        return mesh.locate_entities_boundary(msh, 2, lambda x: np.isclose(x[2], z))
+
     moved = fem.Constant(msh, np.zeros(3))
     bc = fem.dirichletbc(moved, fem.locate_dofs_topological(V, 2, at(fixed)), V)
     return F, u, bc, moved, qs.Surface(V, facets=at(touching))
@@ -51,7 +54,10 @@ def solve(p, sliding, enforcement):
     contact = qs.Contact(upper[4], lower[4], sliding=sliding, enforcement=enforcement)
     bodies = lower, upper
     problem = qs.ContactProblem(
-        [b[0] for b in bodies], [b[1] for b in bodies], [contact], [[b[2]] for b in bodies],
+        [b[0] for b in bodies],
+        [b[1] for b in bodies],
+        [contact],
+        [[b[2]] for b in bodies],
         solver=p.solver,
     )
     upper[3].value[:] = p.slide * size, 0.0, -0.03

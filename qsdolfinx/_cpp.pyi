@@ -1,5 +1,5 @@
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, overload
 
 import numpy
 import numpy.typing
@@ -7,10 +7,25 @@ import numpy.typing
 class GapOperator:
     """Weighted gaps of the slave nodes of this rank; see gap/gap.h."""
 
+    @overload
     def __init__(
         self, slave: Surface, master: Surface | None, points: PairingPoints, jump: bool, rows: int
     ) -> None:
         """Rows are nodes (0), nodes with what is covered of them (1), or points (2); collective."""
+
+    @overload
+    def __init__(
+        self,
+        slave: Surface,
+        master: Surface | None,
+        pieces: PieceRows,
+        area: numpy.typing.NDArray[numpy.float64],
+        jump: bool,
+    ) -> None:
+        """Derivative of gaps that follow the bodies, a row for each owned node; collective."""
+
+    def covers(self, other: GapOperator) -> bool:
+        """Whether rows of another operator have no columns but those of this one's."""
 
     @property
     def num_rows(self) -> int: ...
@@ -125,6 +140,47 @@ class PairingPoints:
     def in_corner(self) -> numpy.typing.NDArray[numpy.uint8]:
         """Which owned nodes do, [node]; empty if not by_sides."""
 
+class PieceRows:
+    """Weighted gaps of pieces; see gap/piece_rows.h."""
+
+    @overload
+    def __init__(self, slave: Surface, pieces: Pieces, cover: int = 0) -> None:
+        """Collective; `cover` is a vector or 0, see Shares."""
+
+    @overload
+    def __init__(
+        self,
+        slave: Surface,
+        marked: numpy.typing.NDArray[numpy.uint8],
+        cover: numpy.typing.NDArray[numpy.float64],
+        gap: numpy.typing.NDArray[numpy.float64],
+        jump: numpy.typing.NDArray[numpy.float64],
+        gradient: numpy.typing.NDArray[numpy.float64],
+        mass: numpy.typing.NDArray[numpy.float64],
+    ) -> None:
+        """Of facets before a rigid tool; see gap/piece_rows.h; collective."""
+
+    @property
+    def num_missed(self) -> int:
+        """Pieces with a ray that meets no point."""
+
+    def cover(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
+        """What the points cover of the owned nodes' areas, [node]."""
+
+    def gap(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
+        """G_k, positive in penetration, [node]."""
+
+    def jump(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
+        """Weighted sums of x_slave - x_master, [node][3]."""
+
+class Pieces:
+    """Pieces of the overlay; see pairing/pieces.h."""
+
+    @property
+    def size(self) -> int: ...
+    @property
+    def num_points(self) -> int: ...
+
 class RayFacet:
     """A facet at its present place; see sliding/ray.h."""
 
@@ -187,6 +243,12 @@ class Surface:
     ) -> None:
         """Let the facets have other coordinates; collective."""
 
+    def follow(self, trace_x: numpy.typing.NDArray[numpy.float64]) -> None:
+        """Let the nodes of the trace have other coordinates, [facet][node][3]; local."""
+
+    def measure_nodes(self) -> None:
+        """Areas and normals of the nodes after `follow`; collective."""
+
     @property
     def facet_size_range(self) -> list[float]:
         """Smallest and largest facet size; collective."""
@@ -227,6 +289,9 @@ class Surface:
     @property
     def node_normal(self) -> numpy.typing.NDArray[numpy.float64]:
         """Their averaged outward unit normals, [node][3]."""
+
+def add_slip_forces(pieces: Pieces, cover: int, traction: int, slave: int, master: int) -> None:
+    """Add the forces of friction on slip that rigid motions do not have; collective."""
 
 def closest_facets(
     nodes: Surface, surface: Surface, radius: SearchRadius
@@ -307,6 +372,17 @@ def insert_contact(
 ) -> None:
     """Add Gᵀ D G to the blocks (ss, sm, ms, mm)."""
 
+def insert_curvature(
+    master: Surface | None,
+    pieces: Pieces,
+    cover: int,
+    multiplier: int,
+    markers: Sequence[int],
+    blocks: Sequence[int],
+    scale: Sequence[float],
+) -> None:
+    """Add the sum of multipliers times second derivatives of gaps to the blocks (ss, sm, ms, mm); collective."""
+
 def insert_friction(
     jump: GapOperator,
     normal: GapOperator,
@@ -321,6 +397,25 @@ def mean_of_rows(
     x: numpy.typing.NDArray[numpy.float64], rows: numpy.typing.NDArray[numpy.int32]
 ) -> numpy.typing.NDArray[numpy.float64]:
     """Means of points x [point][3], one of each row of their numbers, [row][3]."""
+
+def nearby_pieces(
+    slave: Surface, master: Surface, both: bool, radius: float, margin: float
+) -> Pieces:
+    """Pairs of facets that pieces may be cut from, without points; collective."""
+
+def overlay_pieces(
+    slave: Surface,
+    master: Surface,
+    slave_measured: Surface,
+    master_measured: Surface,
+    both: bool,
+    radius: SearchRadius,
+    piece_x: numpy.typing.NDArray[numpy.float64],
+    piece_w: numpy.typing.NDArray[numpy.float64],
+    edge_x: numpy.typing.NDArray[numpy.float64],
+    edge_w: numpy.typing.NDArray[numpy.float64],
+) -> Pieces:
+    """Pieces of surfaces that follow their bodies; collective."""
 
 def overlay_surfaces(
     slave: Surface,
@@ -404,3 +499,13 @@ def share_out_hardly_covered(points: PairingPoints, slave: Surface, least: float
 
 def solve_rays(cut: RayFacet, other: RayFacet, points: RayPoints) -> bool:
     """Find the ends of the rays, if all have one."""
+
+def trace_gradients(
+    num_vertices: int, degree: int, xi: numpy.typing.NDArray[numpy.float64]
+) -> numpy.typing.NDArray[numpy.float64]:
+    """Their derivatives, [point][node][2]."""
+
+def trace_values(
+    num_vertices: int, degree: int, xi: numpy.typing.NDArray[numpy.float64]
+) -> numpy.typing.NDArray[numpy.float64]:
+    """Trace functions at points of a facet, [point][node]."""

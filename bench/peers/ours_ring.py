@@ -14,10 +14,10 @@ import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-import ring
 from mpi4py import MPI
 
 import numpy as np
+import ring
 
 import basix.ufl
 import ufl

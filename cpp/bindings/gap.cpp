@@ -1,8 +1,8 @@
 #include "gap/gap.h"
-#include "gap/piece_forces.h"
-#include "gap/piece_rows.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "gap/piece_forces.h"
+#include "gap/piece_rows.h"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
@@ -25,10 +25,9 @@ void qsdolfinx::bind_gap(nb::module_& m)
 {
   nb::class_<PieceRows>(m, "PieceRows", "Weighted gaps of pieces; see gap/piece_rows.h.")
       .def(
-          "__init__",
-          [](PieceRows* self, const Surface& slave, Pieces& pieces, Handle cover)
-          { new (self) PieceRows(slave, pieces, reinterpret_cast<Vec>(cover)); },
-          "slave"_a, "pieces"_a, "cover"_a = 0, "Collective; `cover` is a vector or 0, see Shares.")
+          "__init__", [](PieceRows* self, const Surface& slave, Pieces& pieces, Handle cover)
+          { new (self) PieceRows(slave, pieces, reinterpret_cast<Vec>(cover)); }, "slave"_a,
+          "pieces"_a, "cover"_a = 0, "Collective; `cover` is a vector or 0, see Shares.")
       .def(
           "__init__",
           [](PieceRows* self, const Surface& slave, In<std::uint8_t> marked, In<double> cover,
@@ -41,20 +40,17 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "Of facets before a rigid tool; see gap/piece_rows.h; collective.")
       .def_ro("num_missed", &PieceRows::num_missed, "Pieces with a ray that meets no point.")
       .def(
-          "cover",
-          [](const PieceRows& r, std::size_t nodes)
-          { return copy(r.on_nodes(r.cover, nodes, 1), {nodes}); },
-          "num_nodes"_a, "What the points cover of the owned nodes' areas, [node].")
+          "cover", [](const PieceRows& r, std::size_t nodes)
+          { return copy(r.on_nodes(r.cover, nodes, 1), {nodes}); }, "num_nodes"_a,
+          "What the points cover of the owned nodes' areas, [node].")
       .def(
-          "gap",
-          [](const PieceRows& r, std::size_t nodes)
-          { return copy(r.on_nodes(r.gap, nodes, 1), {nodes}); },
-          "num_nodes"_a, "G_k, positive in penetration, [node].")
+          "gap", [](const PieceRows& r, std::size_t nodes)
+          { return copy(r.on_nodes(r.gap, nodes, 1), {nodes}); }, "num_nodes"_a,
+          "G_k, positive in penetration, [node].")
       .def(
-          "jump",
-          [](const PieceRows& r, std::size_t nodes)
-          { return copy(r.on_nodes(r.jump, nodes, 3), {nodes, 3}); },
-          "num_nodes"_a, "Weighted sums of x_slave - x_master, [node][3].");
+          "jump", [](const PieceRows& r, std::size_t nodes)
+          { return copy(r.on_nodes(r.jump, nodes, 3), {nodes, 3}); }, "num_nodes"_a,
+          "Weighted sums of x_slave - x_master, [node][3].");
   m.def(
       "add_slip_forces",
       [](const Pieces& pieces, Handle cover, Handle traction, Handle slave, Handle master)

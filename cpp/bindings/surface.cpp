@@ -134,8 +134,8 @@ void qsdolfinx::bind_surface(nb::module_& m)
         std::vector<double> out;
         for (std::size_t i = 0; i < n; ++i)
         {
-          const auto T = trace_functions(
-              type, degree, {points[i * dim], dim > 1 ? points[i * dim + 1] : 0.0});
+          const auto T = trace_functions(type, degree,
+                                         {points[i * dim], dim > 1 ? points[i * dim + 1] : 0.0});
           out.insert(out.end(), T.begin(), T.begin() + static_cast<std::ptrdiff_t>(nodes));
         }
         return copy(std::move(out), {n, nodes});
@@ -152,8 +152,8 @@ void qsdolfinx::bind_surface(nb::module_& m)
         std::vector<double> out;
         for (std::size_t i = 0; i < n; ++i)
         {
-          const auto T = trace_gradients(
-              type, degree, {points[i * dim], dim > 1 ? points[i * dim + 1] : 0.0});
+          const auto T = trace_gradients(type, degree,
+                                         {points[i * dim], dim > 1 ? points[i * dim + 1] : 0.0});
           for (std::size_t j = 0; j < nodes; ++j)
             out.insert(out.end(), T[j].begin(), T[j].end());
         }

@@ -21,8 +21,8 @@ std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces)
   out.reserve(pieces.size() * pieces.num_multipliers * d);
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
-    const auto first = pieces.slave.dofs.begin()
-                       + static_cast<std::ptrdiff_t>(i * pieces.slave.num_nodes * d);
+    const auto first
+        = pieces.slave.dofs.begin() + static_cast<std::ptrdiff_t>(i * pieces.slave.num_nodes * d);
     out.insert(out.end(), first, first + static_cast<std::ptrdiff_t>(pieces.num_multipliers * d));
   }
   return out;
@@ -129,8 +129,7 @@ void Shares::gather(std::size_t piece, std::span<double> values) const
     }
 }
 
-void qsdolfinx::add_slip_forces(const Pieces& pieces, Vec cover, Vec traction,
-                                std::array<Vec, 2> b)
+void qsdolfinx::add_slip_forces(const Pieces& pieces, Vec cover, Vec traction, std::array<Vec, 2> b)
 {
   const Shares shares(pieces, cover);
   std::vector<double> tau = values_at(traction, multiplier_dofs(pieces));

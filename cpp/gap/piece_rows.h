@@ -26,15 +26,15 @@ struct PieceRows
             std::span<const double> jump, std::span<const double> gradient,
             std::span<const double> mass);
 
-  int gdim, num_slave, num_master;    ///< columns of either side
-  std::int64_t num_missed = 0;        ///< pieces left out, since a ray meets no point
-  std::vector<std::size_t> node;      ///< owned node of the slave, [row]
-  std::vector<double> cover;          ///< Σ_p w_p N_k, [row]
-  std::vector<double> gap;            ///< G_k, positive in penetration, [row]
-  std::vector<double> jump;           ///< Σ_p w_p N_k (x_slave − x_master), [row][3]
-  std::vector<double> gradient;       ///< of G_k, [row][column][3]
-  std::vector<double> mass;           ///< Σ_p w_p N_k T_j, negative for the master, [row][column]
-  std::vector<std::int64_t> dofs;     ///< [row][column][gdim]
+  int gdim, num_slave, num_master; ///< columns of either side
+  std::int64_t num_missed = 0;     ///< pieces left out, since a ray meets no point
+  std::vector<std::size_t> node;   ///< owned node of the slave, [row]
+  std::vector<double> cover;       ///< Σ_p w_p N_k, [row]
+  std::vector<double> gap;         ///< G_k, positive in penetration, [row]
+  std::vector<double> jump;        ///< Σ_p w_p N_k (x_slave − x_master), [row][3]
+  std::vector<double> gradient;    ///< of G_k, [row][column][3]
+  std::vector<double> mass;        ///< Σ_p w_p N_k T_j, negative for the master, [row][column]
+  std::vector<std::int64_t> dofs;  ///< [row][column][gdim]
 
   std::size_t size() const { return node.size(); }
   int num_columns() const { return num_slave + num_master; }

@@ -498,9 +498,9 @@ private:
         if (!is_recorded)
           record_->append(cut_, f, nearby_, piece.other, cut_is_slave_);
         is_recorded = true;
-        record_->append_point({here.xi[p], there.xi[p],
-                               share_ * w_[p] / planar.jacobian(here.xi[p])
-                                   * record_->stretch(f, here.xi[p])});
+        record_->append_point(
+            {here.xi[p], there.xi[p],
+             share_ * w_[p] / planar.jacobian(here.xi[p]) * record_->stretch(f, here.xi[p])});
         continue;
       }
       // A curved quadrilateral has more area than its projection.

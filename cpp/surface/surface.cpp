@@ -102,7 +102,8 @@ void Surface::move(std::span<const double> x, std::span<const double> inside)
 
 void Surface::follow(std::span<const double> trace_x)
 {
-  const auto nv = static_cast<std::size_t>(num_vertices()), nt = static_cast<std::size_t>(num_trace());
+  const auto nv = static_cast<std::size_t>(num_vertices()),
+             nt = static_cast<std::size_t>(num_trace());
   if (trace_x.size() != num_facets() * nt * 3)
     throw std::invalid_argument("Surface::follow: other facets than before");
   follows_ = true;

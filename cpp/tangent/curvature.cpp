@@ -42,7 +42,8 @@ void qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Ve
   for (int s = 0; s < num_sides; ++s)
     dofs[s] = free_dofs(*sides[s], markers[s]);
 
-  const auto d = static_cast<std::size_t>(pieces.gdim), nk = static_cast<std::size_t>(pieces.num_multipliers);
+  const auto d = static_cast<std::size_t>(pieces.gdim),
+             nk = static_cast<std::size_t>(pieces.num_multipliers);
   const std::array<std::size_t, 2> nodes{static_cast<std::size_t>(pieces.slave.num_nodes),
                                          static_cast<std::size_t>(pieces.master.num_nodes)};
   const std::size_t n = 3 * (nodes[0] + nodes[1]);
@@ -64,9 +65,8 @@ void qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Ve
         block.resize(rows * columns);
         for (std::size_t r = 0; r < rows; ++r)
           for (std::size_t c = 0; c < columns; ++c)
-            block[r * columns + c] = scale[b]
-                                     * H[(3 * (row0 + r / d) + r % d) * n
-                                         + 3 * (column0 + c / d) + c % d];
+            block[r * columns + c]
+                = scale[b] * H[(3 * (row0 + r / d) + r % d) * n + 3 * (column0 + c / d) + c % d];
         check(MatSetValues(blocks[2 * a + b], static_cast<PetscInt>(rows), &dofs[a][i * rows],
                            static_cast<PetscInt>(columns), &dofs[b][i * columns], block.data(),
                            ADD_VALUES));

@@ -134,7 +134,7 @@ class Contact:
             nothing to smooth, chord errors are not part of the gap then. A tie leaves any gap as it
             is.
 
-        sliding: ``"small"``: pairs, normals and areas are those of the pairing, while a solve lasts.
+        sliding: ``"small"``: pairs, normals and areas stay as they were paired while a solve lasts.
             ``"finite"``: the geometry of contact follows the bodies within the solve, however far
             they slide or turn; facets are cut anew at each iteration. It needs the overlay, with
             normals of the facets. Areas are those at the start of the solve.

@@ -206,7 +206,7 @@ def _radius(settings: Settings) -> _cpp.SearchRadius:
 
     By default the largest facet, as bodies that are pressed come closer to each other all over what
     is going to touch. A tool's triangles may be as large as it is flat: they do not count. Where
-    gaps follow the bodies, iterates of Newton's method must not lose each other: they reach further.
+    gaps follow the bodies, iterates of Newton's method must not lose each other: it is more.
     """
     if isinstance(settings.search_radius, float):
         return _cpp.SearchRadius(settings.search_radius)

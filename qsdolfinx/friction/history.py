@@ -195,8 +195,8 @@ class FrictionHistory:
         turned = any([slip.has_turned for slip in slips])
         if self._slave.comm.allreduce(turned, op=MPI.LOR):
             warnings.warn(
-                "sliding: a surface in contact has turned by more than 90° in a step, so that which "
-                "way friction acts is not known: take smaller steps",
+                "sliding: a surface that slips has turned by more than 90° in a step: it is "
+                "not known which way friction acts; take smaller steps",
                 ContactWarning,
                 stacklevel=2,
             )

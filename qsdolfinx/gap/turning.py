@@ -42,7 +42,7 @@ class Turning:
         self._gap = self._between(master, operator)
 
     def _between(self, master: AnySurface, operator: _cpp.GapOperator) -> Array:
-        """d of each row, (rows, 3)."""
+        """D of each row, (rows, 3)."""
         gdim, out = self._slave.gdim, np.zeros((len(self._node), 3))
         vecs = [trace_vec(self._slave, self._at[..., :gdim])]
         if isinstance(master, Surface):

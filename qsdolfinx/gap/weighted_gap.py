@@ -325,9 +325,7 @@ class WeightedGap:
         if self.following is not None:
             self.following.constrain(slave, master)
 
-    def add_curvature(
-        self, multiplier: Array, blocks: typing.Sequence[PETSc.Mat | None]
-    ) -> None:
+    def add_curvature(self, multiplier: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
         """Add Σ_k λ_k ∂²G_k to the blocks (ss, sm, ms, mm), of gaps that follow. Collective."""
         if self.following is not None and self.cut is not None:
             force = self._share * multiplier[:, 0]

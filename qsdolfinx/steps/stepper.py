@@ -337,8 +337,9 @@ class TimeStepper:
             pairings.learn_velocities()
             self._run_solver()
         made = 1
-        while not self._all_follow and (made < self.num_pairings or (
-            made < self.num_pairings + MORE_PAIRINGS and pairings.have_slid())
+        while not self._all_follow and (
+            made < self.num_pairings
+            or (made < self.num_pairings + MORE_PAIRINGS and pairings.have_slid())
         ):
             made += 1
             self._pair_again(dt, start)

@@ -370,7 +370,7 @@ class RigidSurface:
         return self._facets.surface(self.comm, self.gdim, R, t, axisymmetric)
 
     def facet_positions(self, position: npt.ArrayLike) -> Array:
-        """Where the vertices of this rank's facets are, (facets, vertices, 3), if the tool is there.
+        """Vertices of this rank's facets with the tool elsewhere, shape (facets, vertices, 3).
 
         Args:
             position: As :attr:`position`.

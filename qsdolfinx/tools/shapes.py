@@ -160,7 +160,7 @@ class Cone(Shape):
 
 
 def _squares(vectors: Array) -> Array:
-    """v vᵀ of each, shape (n, 3, 3)."""
+    """V vᵀ of each, shape (n, 3, 3)."""
     return vectors[:, :, None] * vectors[:, None, :]
 
 

@@ -82,8 +82,8 @@ class Joint:
         nodal: Whether gaps are taken at nodes.
         at_points: Whether the pressure is at points, and friction at nodes: around the edge of
             contact it reaches a facet further, so that nodes together have to keep to μ N.
-        follows: Whether contact follows the bodies: then normals, gaps and moments are those of where
-            they are now.
+        follows: Whether contact follows the bodies: normals, gaps and moments are those of where
+            they are now, then.
         reported: Function that returns the forces which the library says to act on the slave.
     """
 
