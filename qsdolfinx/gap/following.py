@@ -180,11 +180,11 @@ class Following:
         """Measure areas where the facets are. Collective."""
         node_area = self._cutter.node_area(places)
         covered = self._cutter.find(places, places, None).rows.cover(len(node_area))
-        cover: Array | None = np.where(covered > 0, covered / node_area, 1.0)
-        hardly = bool(np.any(cover < HARDLY_COVERED))
-        if not self._slave.comm.allreduce(hardly, op=MPI.LOR):
-            cover = None
-        else:
+        share = np.where(covered > 0, covered / node_area, 1.0)
+        hardly = bool(np.any(share < HARDLY_COVERED))
+        cover: Array | None = None
+        if self._slave.comm.allreduce(hardly, op=MPI.LOR):
+            cover = share
             found = self._cutter.find(places, places, self._cover_vec(cover))
             covered = found.rows.cover(len(node_area))
         area = np.maximum(covered, LEAST_COVER * node_area)

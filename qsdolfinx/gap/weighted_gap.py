@@ -248,6 +248,7 @@ class WeightedGap:
         places = self.following.places(state.base, u, state.scale)
         self.cut = self.following.cut(places, state.measure)
         self.operator = self.cut.operator
+        assert isinstance(self.rows, NodeRows)
         self.rows.covered_nodes = self.cut.covered
         state.values = self._values_of_cut() - state.allowance[:, None]
 

@@ -116,7 +116,7 @@ class Torus(Shape):
         """See :meth:`Shape.curvature`."""
         length, away, part, across = self._out(x)
         along_tube = part[:, :1] * self.axis - part[:, 1:] * across
-        around_axis = np.cross(self.axis, across)
+        around_axis: Array = np.asarray(np.cross(self.axis, across), dtype=np.float64)
         of_tube = _squares(along_tube) / np.maximum(length, 1e-300)[:, None, None]
         return of_tube + _squares(around_axis) * (part[:, 0] / away)[:, None, None]
 
@@ -156,7 +156,8 @@ class Cone(Shape):
         """See :meth:`Shape.curvature`."""
         across, away, _ = around(x - self.apex, self.axis)
         bent = np.cos(self.half_angle) / np.maximum(away, 1e-300)
-        return _squares(np.cross(self.axis, across)) * bent[:, None, None]
+        around_axis = np.asarray(np.cross(self.axis, across), dtype=np.float64)
+        return _squares(around_axis) * bent[:, None, None]
 
 
 def _squares(vectors: Array) -> Array:
