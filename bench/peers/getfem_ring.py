@@ -14,8 +14,12 @@ import pathlib
 import sys
 import time
 
-import getfem as gf
 import numpy as np
+
+try:
+    import getfem as gf
+except ModuleNotFoundError:  # --help needs none
+    gf = None
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
@@ -231,6 +235,8 @@ def main():
     add("--output", metavar="NPZ", help="displacements of all nodes and steps")
     add("--verbose", action="store_true", help="GetFEM's own account of Newton's method")
     p = parser.parse_args()
+    if gf is None:
+        parser.error("needs the package getfem: see the head of this file")
     gf.util_trace_level(1)
     start = time.perf_counter()
     scene = Scene(p)
