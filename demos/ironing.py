@@ -69,8 +69,11 @@ class Parameters:
         """Steps of the run-in and of the plateau."""
         sliding = self.steps - PRESSING
         plateau = sliding * self.facets // (self.facets + RUN_IN)
-        while plateau > 2 and math.gcd(plateau, self.facets) > 1:
-            plateau -= 1
+        if self.sliding == "finite":  # steps may be of several facets
+            plateau = min(max(plateau, 2), sliding - 1)
+        else:
+            while math.gcd(plateau, self.facets) > 1:
+                plateau -= 1
         if plateau < (2 * self.facets if self.sliding == "small" else 2):
             raise ValueError(f"steps: {self.steps} are less than two per facet of the slide")
         return sliding - plateau, plateau
