@@ -227,7 +227,7 @@ class Nested:
             for body, r in zip(self.bodies, (0.6, 1.4), strict=True)
         ]
         self.motion = [b.clamp(f) for b, f in zip(self.bodies, self.far, strict=True)]
-        self.contact = qs.Contact(self.slave, self.master, sliding="finite", **contact)
+        self.contact = qs.Contact(self.slave, self.master, **({"sliding": "finite"} | contact))
 
     def problem(self, **options):
         return problem_of(self.bodies, [self.contact], **options)
