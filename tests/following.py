@@ -256,6 +256,7 @@ class Boxes:
         axisymmetric=False,
         radius=0.0,
         skew=0.0,
+        comm=WORLD,
     ):
         self.gdim = gdim = 2 if cell in ("triangle", "quadrilateral") else 3
         axis = gdim - 1
@@ -267,7 +268,7 @@ class Boxes:
         for low, high, count, modulus, name in zip(
             self.lows, self.highs, n, moduli, ("forward", "backward"), strict=True
         ):
-            msh = box(WORLD, count, cell, low, high, name)
+            msh = box(comm, count, cell, low, high, name)
             x = msh.geometry.x
             bubble = np.prod((x[:, :gdim] - low) * (high - x[:, :gdim]), axis=1)
             x[:, 0] += skew * bubble * np.sin(7 * x[:, 0] + 3 * x[:, axis])
