@@ -1,9 +1,10 @@
 """Energies and forces of polygons and polyhedra in each other, against those of another program."""
 
-import numpy as np
-import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
+
+import numpy as np
+import pytest
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.pair import overlay_rules
@@ -145,11 +146,7 @@ def icosahedron():
         [j for j in range(12) if j != i and np.linalg.norm(x[i] - x[j]) < 1.2] for i in range(12)
     ]
     corners = [
-        (i, j, k)
-        for i in range(12)
-        for j in near[i]
-        for k in near[j]
-        if i < j < k and k in near[i]
+        (i, j, k) for i in range(12) for j in near[i] for k in near[j] if i < j < k and k in near[i]
     ]
     middles, facets = {}, []
 
