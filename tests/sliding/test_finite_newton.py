@@ -134,7 +134,7 @@ def test_no_warning_beyond_the_end():
             marks=pytest.mark.xfail(
                 strict=True,
                 raises=qs.ConvergenceError,
-                reason="a node that nothing is opposite to when areas are measured has next to none",
+                reason="a node that nothing is opposite to at the start has next to no area",
             ),
         ),
     ],

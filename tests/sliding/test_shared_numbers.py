@@ -95,6 +95,10 @@ class Pass:
         return np.abs(f.sum(axis=0)).max(), np.abs(turn).max()
 
 
+#: By which bodies are shifted after they have been turned.
+SHIFT = np.array([0.01, -0.005, 0.0])
+
+
 def polygon(radius, angle):
     return radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
 
@@ -189,7 +193,7 @@ SHAFT = {
 @pytest.mark.parametrize("both", (True, False))
 def test_shaft_in_a_hole(both):
     scene = shaft(both)
-    x = turned(scene.sides[0].x, 0.1) + [0.01, -0.005, 0]
+    x = turned(scene.sides[0].x, 0.1) + SHIFT
     scene.evaluate(x, scene.sides[1].x)
     energy, force, first, norm = SHAFT[both]
     hessian = scene.hessian()
@@ -245,7 +249,7 @@ def test_sides_may_be_mirrored():
     for side in other.sides:
         side.facets = side.facets[:, ::-1].copy()
     other = Pass(*other.sides, True)
-    x = turned(scene.sides[0].x, 0.1) + [0.01, -0.005, 0]
+    x = turned(scene.sides[0].x, 0.1) + SHIFT
     places = x, scene.sides[1].x
     scene.evaluate(*places)
     other.evaluate(*places)
@@ -313,7 +317,7 @@ def test_turning_everything(make, both):
     turn = spun([0, 0, 1.3]) if scene.gdim == 2 else spun([0.7, -1.1, 0.4])
     shift = np.array([3.0, -2.0, 0.0 if scene.gdim == 2 else 1.0])
     x, z = (side.x for side in scene.sides)
-    x = x + [0.01, 0.005, 0]
+    x = x + SHIFT
     before = scene.evaluate(x, z)
     energy, forces = before.energy, before.forces
     scene.evaluate(x @ turn.T + shift, z @ turn.T + shift)

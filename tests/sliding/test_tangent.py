@@ -73,7 +73,7 @@ def test_forces_are_the_gradient(cell, formulation):
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
 def test_second_degree(cell):
     """Facets bend: cuts are those of the chords, and the tangent is nearly right."""
-    nested, problem, x, d = scene(cell, 2, "quasi-symmetric")
+    _, problem, x, d = scene(cell, 2, "quasi-symmetric")
     problem.system.set_curvature(True)
     full = tangent_errors(problem, x, d, 1e-6)
     problem.system.set_curvature(False)
