@@ -151,8 +151,8 @@ def test_again():
     force = scene.force
     scene.slide([0.0])
     assert scene.problem.num_iterations == 0
-    assert largest(scene.force - force) < 1e-13
-    assert scene.contact.step_dissipation() < 1e-13
+    assert largest(scene.force - force) < 1e-10
+    assert scene.contact.step_dissipation() < 1e-12
 
 
 def test_pair_turns_without_slip():
