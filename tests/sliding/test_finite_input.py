@@ -1,0 +1,76 @@
+"""What contact that follows the bodies refuses, by the name of the argument."""
+
+import numpy as np
+import pytest
+from following import Boxes
+from scenes import WORLD, raises_everywhere
+
+import qsdolfinx as qs
+
+REFUSED = {
+    "name": ({"sliding": "large"}, "sliding"),
+    "type": ({"sliding": True}, "sliding"),
+    "none": ({"sliding": None}, "sliding"),
+    "nodal": ({"quadrature": "nodal"}, "sliding"),
+    "bisector": ({"normals": "bisector"}, "sliding"),
+    "points": ({"constraints": "points"}, "sliding"),
+    "smoothing": ({"smoothing": "shared-curvature"}, "sliding"),
+    "formulation": ({"formulation": "symmetric"}, "formulation"),
+    "penalty": ({"penalty": -1.0}, "penalty"),
+    "radius": ({"search_radius": 0.0}, "search_radius"),
+    "degree": ({"quadrature_degree": -1}, "quadrature_degree"),
+    "tolerance": ({"gap_tolerance": 0.0}, "gap_tolerance"),
+    "unknown": ({"unknown": "speed"}, "unknown"),
+    "no dt": ({"unknown": "velocity"}, "dt"),
+    "friction": ({"friction": 0.3}, "friction"),
+}
+
+
+def scene():
+    return Boxes("quadrilateral", ((4, 1), (3, 1)), ((1.2, 0.5), (1.0, 0.5)), start=0.1)
+
+
+@pytest.mark.parametrize(("options", "name"), REFUSED.values(), ids=REFUSED)
+def test_refused(options, name):
+    bodies = scene()
+
+    def make():
+        qs.Contact(bodies.above, bodies.below, **({"sliding": "finite"} | options))
+
+    found = None
+    try:
+        make()
+    except (ValueError, TypeError) as error:
+        found = error
+    assert found is not None
+    raises_everywhere(WORLD, type(found), name, make)
+
+
+@pytest.mark.parametrize("value", (np.nan, np.inf))
+def test_unknowns_that_are_not_finite(value):
+    """The solve says so on all ranks."""
+    bodies = scene()
+    bodies.clamp_far()
+    contact = qs.Contact(bodies.above, bodies.below, sliding="finite")
+    problem = bodies.problem(contact)
+    bodies.upper.u.x.array[:] = value
+    with pytest.raises((ValueError, qs.ConvergenceError)):
+        problem.solve()
+    bodies.upper.u.x.array[:] = 0.0
+    problem.solve()
+    assert problem.num_iterations <= 1
+
+
+def test_tie_stays_a_tie():
+    """Tied contact has no geometry that could follow: it is the same with either."""
+    out = []
+    for sliding in ("small", "finite"):
+        bodies = scene()
+        top = bodies.clamp_far()
+        top.value[:] = 0.01, 0.02
+        contact = qs.Contact(
+            bodies.above, bodies.below, law=qs.Tied(), normals="facet", sliding=sliding
+        )
+        bodies.problem(contact).solve()
+        out.append(contact.force("slave"))
+    assert np.abs(out[0] - out[1]).max() < 1e-12 * np.abs(out[0]).max()

@@ -1,0 +1,150 @@
+"""Newton's method where contact follows the bodies: deep presses, long slides, bodies that part."""
+
+import warnings
+
+import numpy as np
+import pytest
+from following import Boxes, total
+from scenes import largest
+
+import qsdolfinx as qs
+
+KINDS = {
+    "augmented": {},
+    "penalty": {"enforcement": "penalty"},
+    "master-slave": {"formulation": "master-slave"},
+    "soft": {"enforcement": "penalty", "penalty": 300.0},
+}
+kinds = pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
+
+
+def press(depth, across=0.0, gap=0.0, cell="quadrilateral", swap=False, first=True, **options):
+    """Press a block into a wider one, and drag it; all at once unless it is pressed first."""
+    scene = Boxes(cell, ((12, 4), (5, 4)), ((2.4, 1.0), (1.0, 1.0)), start=0.7, gap=gap)
+    top = scene.clamp_far()
+    surfaces = scene.above, scene.below
+    contact = qs.Contact(*(surfaces[::-1] if swap else surfaces), sliding="finite", **options)
+    problem = scene.problem(contact)
+    top.value[-1] = -depth
+    if first and across:
+        problem.solve()
+    top.value[0] = across
+    problem.solve()
+    return scene, contact, problem
+
+
+@kinds
+@pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
+def test_press_by_a_third_of_a_facet(cell, options):
+    _, contact, problem = press(0.06, cell=cell, **options)
+    runs = problem.num_augmentations + 1
+    assert problem.num_iterations <= 8 + 2 * runs
+    assert contact.force("slave")[1] > 3
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        *(KINDS[key] for key in ("augmented", "penalty", "soft")),
+        pytest.param(
+            KINDS["master-slave"],
+            marks=pytest.mark.xfail(strict=True, reason="Newton's method does not converge"),
+        ),
+    ],
+)
+def test_press_by_a_third_of_the_body(options):
+    _, contact, problem = press(0.3, **options)
+    assert problem.num_iterations <= 40
+    assert 15 < contact.force("slave")[1] < 26
+
+
+@kinds
+@pytest.mark.parametrize("facets", (1, 3))
+def test_slide(facets, options):
+    """Without friction only the ends of the block make a force across."""
+    _, contact, problem = press(0.03, 0.2 * facets, **options)
+    runs = problem.num_augmentations + 1
+    assert problem.num_iterations <= 12 + 2 * runs
+    force = contact.force("slave")
+    assert abs(force[0]) < 1e-2 * force[1]
+
+
+@pytest.mark.parametrize("facets", (6,))
+def test_slide_far(facets):
+    """By six facets in a solve, with a penalty, in few iterations."""
+    scene = Boxes("quadrilateral", ((30, 4), (5, 4)), ((6.0, 1.0), (1.0, 1.0)), start=1.03)
+    top = scene.clamp_far()
+    contact = qs.Contact(scene.above, scene.below, sliding="finite", enforcement="penalty")
+    problem = scene.problem(contact)
+    top.value[1] = -0.05
+    problem.solve()
+    for _ in range(2):
+        top.value[0] += 0.2 * facets
+        problem.solve()
+        assert problem.num_iterations <= 12
+
+
+@pytest.mark.parametrize("options", [KINDS["penalty"], KINDS["augmented"]])
+@pytest.mark.parametrize("gap", (0.1, 0.5))
+def test_gap_that_closes(gap, options):
+    """Bodies that start apart meet; forces are as if they had started in touch."""
+    _, contact, _ = press(gap + 0.03, gap=gap, **options)
+    _, touching, _ = press(0.03, **options)
+    force, expected = contact.force("slave"), touching.force("slave")
+    assert largest(force - expected) < 1e-6 * largest(expected)
+
+
+@pytest.mark.parametrize("options", [KINDS["penalty"], KINDS["augmented"]])
+@pytest.mark.parametrize("gap", (1.0, 3.0))
+def test_bodies_never_pass_silently(gap, options):
+    """From further than contact looks: a force, an error or a warning."""
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        try:
+            _, contact, _ = press(gap + 0.03, gap=gap, **options)
+        except qs.ConvergenceError:
+            return
+    warned = any(issubclass(entry.category, qs.ContactWarning) for entry in seen)
+    assert warned or contact.force("slave")[1] > 1
+
+
+@kinds
+def test_slide_off_the_end(options):
+    """Nothing acts once a block has left the other."""
+    scene, contact, _ = press(0.03, 1.8, **options)
+    assert largest(contact.force("slave")) < 1e-9
+    assert largest(*(np.abs(total(b.internal_forces())) for b in scene.bodies)) < 1e-6
+
+
+@pytest.mark.xfail(
+    strict=True, reason="points beyond the end of the other surface are said to be deep in it"
+)
+def test_no_warning_beyond_the_end():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", qs.ContactWarning)
+        press(0.03, 1.8, enforcement="penalty")
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        0.73,
+        pytest.param(
+            0.6,
+            marks=pytest.mark.xfail(
+                strict=True,
+                raises=qs.ConvergenceError,
+                reason="a node that nothing is opposite to at the start has next to no area",
+            ),
+        ),
+    ],
+)
+def test_ends_at_nodes(start):
+    """The block, the master, ends between nodes of the slave, or at them to begin with."""
+    scene = Boxes("quadrilateral", ((12, 4), (5, 4)), ((2.4, 1.0), (1.0, 1.0)), start=start)
+    top = scene.clamp_far()
+    contact = qs.Contact(scene.below, scene.above, sliding="finite")
+    problem = scene.problem(contact)
+    top.value[-1] = -0.01
+    problem.solve()
+    assert problem.num_iterations <= 30

@@ -1,0 +1,326 @@
+"""Energies and forces of polygons and polyhedra in each other, against those of another program."""
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.pairing.pair import overlay_rules
+
+
+class Side:
+    """Facets of one side, by the places of vertices; outside is where ``outward`` points."""
+
+    def __init__(self, x, facets, outward):
+        self.x, self.facets, self.outward = x, facets, outward
+
+    def surface(self):
+        gdim, corners = (2 if self.facets.shape[1] == 2 else 3), self.x[self.facets]
+        dofs = self.facets[:, :, None] * gdim + np.arange(gdim)
+        return _cpp.Surface(
+            comm=MPI.COMM_SELF.py2f(),
+            gdim=gdim,
+            num_vertices=self.facets.shape[1],
+            x=corners,
+            degree=1,
+            dofs=np.ascontiguousarray(dofs, dtype=np.int64),
+            owner=np.zeros(self.facets.shape, dtype=np.int32),
+            inside=corners.mean(axis=1) - self.outward(corners.mean(axis=1)),
+            local_size=len(self.x) * gdim,
+            axisymmetric=False,
+        )
+
+
+class Pass:
+    """½ Σ_k G_k²/S_k of a slave and a master, areas and S_k of where they are given."""
+
+    def __init__(self, slave, master, both):
+        self.sides, self.both = (slave, master), both
+        self.gdim = 2 if slave.facets.shape[1] == 2 else 3
+        self.still = [side.surface() for side in self.sides]
+        self.moving = [side.surface() for side in self.sides]
+        self.node_area = np.asarray(self.still[0].node_area)
+
+    def evaluate(self, *places):
+        """Keep energy, forces (nodes, gdim), and both places, with vertices there."""
+        for surface, side, x in zip(self.moving, self.sides, places, strict=True):
+            surface.follow(np.ascontiguousarray(x[side.facets]))
+        self.pieces = _cpp.overlay_pieces(
+            *self.moving, *self.still, self.both, _cpp.SearchRadius(10.0),
+            *overlay_rules(self.gdim, 4)
+        )  # fmt: skip
+        rows = _cpp.PieceRows(self.still[0], self.pieces)
+        self.operator = _cpp.GapOperator(*self.still, rows, self.node_area, jump=False)
+        gap = np.asarray(rows.gap(len(self.node_area)))
+        self.multiplier = gap / self.node_area
+        self.energy = gap @ self.multiplier / 2
+        self.sizes = [len(x) * self.gdim for x in places]
+        vecs = [PETSc.Vec().createSeq(n) for n in self.sizes]
+        self.operator.add_transpose(gap[:, None].copy(), *(v.handle for v in vecs))
+        self.forces = np.concatenate([v.array for v in vecs]).reshape(-1, self.gdim)
+        self.places = np.concatenate(places)[:, : self.gdim]
+        return self
+
+    def hessian(self):
+        mats = [
+            PETSc.Mat().createDense((a, b), comm=MPI.COMM_SELF)
+            for a in self.sizes
+            for b in self.sizes
+        ]
+        for mat in mats:
+            mat.setUp()
+        handles = [mat.handle for mat in mats]
+        _cpp.insert_contact(self.operator, self.node_area, handles, (1.0, 1.0), False)
+        multiplier = PETSc.Vec().createSeq(self.sizes[0])
+        multiplier.array[:: self.gdim] = self.multiplier
+        none = [PETSc.Vec().createSeq(n) for n in self.sizes]
+        _cpp.insert_curvature(
+            self.still[1], self.pieces, 0, multiplier.handle, [v.handle for v in none], handles,
+            (1.0, 1.0)
+        )  # fmt: skip
+        for mat in mats:
+            mat.assemble()
+        ss, sm, ms, mm = (mat.getDenseArray() for mat in mats)
+        return np.block([[ss, sm], [ms, mm]])
+
+    def balance(self):
+        """Net force and net moment, largest components."""
+        x, f = self.places, self.forces
+        if self.gdim == 2:
+            turn = np.sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0])
+        else:
+            turn = np.sum(np.cross(x, f), axis=0)
+        return np.abs(f.sum(axis=0)).max(), np.abs(turn).max()
+
+
+#: By which bodies are shifted after they have been turned.
+SHIFT = np.array([0.01, -0.005, 0.0])
+
+
+def polygon(radius, angle):
+    return radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+
+
+def turned(x, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return x @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+
+
+def shaft(both):
+    """A: a polygon of 11 sides in one of 17."""
+    i, j = np.arange(11), np.arange(17)
+    x = polygon(1.0, 2 * np.pi * (i + 0.2 * np.sin(1.7 * i)) / 11)
+    z = polygon(1.01, 2 * np.pi * (j + 0.25 * np.cos(2.3 * j)) / 17)
+    slave = Side(x, np.stack([i, (i + 1) % 11], axis=1), lambda c: 0.1 * c)
+    master = Side(z, np.stack([(j + 1) % 17, j], axis=1), lambda c: -0.1 * c)
+    return Pass(slave, master, both)
+
+
+def polyhedra(both):
+    """D: an icosahedron, refined once, in another."""
+    x, facets = icosahedron()
+    z = 1.03 * x @ spun([0.3, 0.2, 0.5]).T
+    slave = Side(x, facets, lambda c: 0.1 * c)
+    master = Side(z, facets[:, ::-1].copy(), lambda c: -0.1 * c)
+    return Pass(slave, master, both)
+
+
+def spun(vector):
+    """Matrix of a rotation vector."""
+    vector = np.asarray(vector, dtype=float)
+    angle = np.linalg.norm(vector)
+    a = vector / angle
+    cross = np.cross(np.eye(3), a)
+    return np.cos(angle) * np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * np.outer(a, a)
+
+
+def icosahedron():
+    """Its facets cut in four, with all vertices on the unit sphere."""
+    golden = (1 + 5**0.5) / 2
+    x = [
+        v
+        for a in (-1.0, 1.0)
+        for b in (-golden, golden)
+        for v in ((a, b, 0.0), (0.0, a, b), (b, 0.0, a))
+    ]
+    x = [np.array(v) / np.linalg.norm(v) for v in x]
+    near = [
+        [j for j in range(12) if j != i and np.linalg.norm(x[i] - x[j]) < 1.2] for i in range(12)
+    ]
+    corners = [
+        (i, j, k) for i in range(12) for j in near[i] for k in near[j] if i < j < k and k in near[i]
+    ]
+    middles, facets = {}, []
+
+    def middle(a, b):
+        key = min(a, b), max(a, b)
+        if key not in middles:
+            mean = x[a] + x[b]
+            middles[key] = len(x)
+            x.append(mean / np.linalg.norm(mean))
+        return middles[key]
+
+    for a, b, c in corners:
+        if np.dot(np.cross(x[b] - x[a], x[c] - x[a]), x[a]) < 0:
+            b, c = c, b
+        ab, bc, ca = middle(a, b), middle(b, c), middle(c, a)
+        facets += [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+    return np.array(x), np.array(facets)
+
+
+def near(value, expected, digits):
+    return np.all(np.abs(np.asarray(value) / np.asarray(expected) - 1) < 10.0**-digits)
+
+
+SHAFT = {
+    True: (
+        2.483848408851e-3,
+        6.743432602e-2,
+        (-1.5179894070e-2, -1.9792135104e-3),
+        1.9242968848,
+    ),
+    False: (
+        2.382747867461e-3,
+        6.545743899e-2,
+        (-1.4863658387e-2, -1.7761668267e-3),
+        1.8739597761,
+    ),
+}
+
+
+@pytest.mark.parametrize("both", (True, False))
+def test_shaft_in_a_hole(both):
+    scene = shaft(both)
+    x = turned(scene.sides[0].x, 0.1) + SHIFT
+    scene.evaluate(x, scene.sides[1].x)
+    energy, force, first, norm = SHAFT[both]
+    hessian = scene.hessian()
+    assert near(scene.energy, energy, 12)
+    assert near(np.linalg.norm(scene.forces), force, 9)
+    assert near(scene.forces[0], first, 9)
+    assert near(np.linalg.norm(hessian), norm, 10)
+    assert np.abs(hessian - hessian.T).max() < 1e-14
+    assert max(scene.balance()) < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("both", "energy", "force"),
+    [(False, 1.7903288287e-4, 1.4758184434e-2), (True, 1.7901946183e-4, 1.4757387654e-2)],
+)
+def test_flat_with_open_ends(both, energy, force):
+    x, z = np.array([0, 0.1, 0.35, 0.5, 0.9, 1.2]), np.array([-0.3, 0.17, 0.45, 0.8, 1.5])
+    up = np.array([0.0, 0.1, 0.0])
+    slave, master = (
+        Side(
+            np.stack([a, height, 0 * a], axis=1),
+            np.stack([np.arange(len(a) - 1), np.arange(1, len(a))], axis=1),
+            lambda c, outward=outward: outward + 0 * c,
+        )
+        for a, height, outward in (
+            (x, -0.01 - 0.02 * x + 0.01 * x * x, up),
+            (z, 0 * z, -up),
+        )
+    )
+    scene = Pass(slave, master, both)
+    scene.evaluate(slave.x, master.x)
+    assert near(scene.energy, energy, 10)
+    assert near(np.linalg.norm(scene.forces), force, 10)
+    assert max(scene.balance()) < 1e-16
+
+
+@pytest.mark.parametrize(
+    ("both", "energy", "force"),
+    [(True, 5.6197185836e-3, 7.9200356167e-2), (False, 5.0293804004e-3, 7.2367066813e-2)],
+)
+def test_polyhedra(both, energy, force):
+    scene = polyhedra(both)
+    x = scene.sides[0].x @ spun([0.03, -0.05, 0.08]).T + [0.01, -0.005, 0.004]
+    scene.evaluate(x, scene.sides[1].x)
+    assert near(scene.energy, energy, 10)
+    assert near(np.linalg.norm(scene.forces), force, 10)
+    assert max(scene.balance()) < 1e-14
+
+
+def test_sides_may_be_mirrored():
+    """Facets that are numbered the other way round are the same facets."""
+    scene, other = shaft(True), shaft(True)
+    for side in other.sides:
+        side.facets = side.facets[:, ::-1].copy()
+    other = Pass(*other.sides, True)
+    x = turned(scene.sides[0].x, 0.1) + SHIFT
+    places = x, scene.sides[1].x
+    scene.evaluate(*places)
+    other.evaluate(*places)
+    assert np.abs(scene.forces - other.forces).max() < 1e-15
+
+
+@pytest.mark.parametrize("both", (True, False))
+def test_forces_do_not_jump(both):
+    """A polygon turns in another until vertices pass each other: forces are continuous there."""
+    scene, tiny = shaft(both), 1e-14
+    x, z = (side.x for side in scene.sides)
+    angles = [np.arctan2(a[:, 1], a[:, 0]) for a in (x, z)]
+    passing = np.mod(np.subtract.outer(angles[1], angles[0]).ravel() + np.pi, 2 * np.pi) - np.pi
+    for angle in passing[::5]:
+        before, there, after = (
+            scene.evaluate(turned(x, angle + side * tiny), z).forces for side in (-1, 0, 1)
+        )
+        largest = np.abs(there).max()
+        assert np.abs(before - there).max() < 1e-12 * largest
+        assert np.abs(after - there).max() < 1e-12 * largest
+
+
+@pytest.mark.parametrize("both", (True, False))
+def test_forces_of_polyhedra_do_not_jump(both):
+    """Vertices pass edges and vertices as a polyhedron turns back to where it fits the other."""
+    scene, tiny = polyhedra(both), 1e-14
+    x, _ = icosahedron()
+    fits = x @ spun([0.3, 0.2, 0.5]).T  # vertices on rays through those of the other
+    axis = np.array([0.2, 0.5, -0.3])
+    forces = [
+        scene.evaluate(fits @ spun(side * tiny * axis).T if side else fits, 1.03 * fits).forces
+        for side in (-1, 0, 1)
+    ]
+    largest = np.abs(forces[1]).max()
+    assert np.abs(forces[0] - forces[1]).max() < 1e-12 * largest
+    assert np.abs(forces[2] - forces[1]).max() < 1e-12 * largest
+
+
+@pytest.mark.parametrize("both", (True, False))
+@pytest.mark.parametrize("make", (shaft, polyhedra))
+def test_forces_are_the_gradient(make, both):
+    """On closed surfaces, where each covers all of the other, clipping included."""
+    scene = make(both)
+    rng = np.random.default_rng(5)
+    x, z = (side.x for side in scene.sides)
+    moves = [rng.normal(size=a.shape) for a in (x, z)]
+    if scene.gdim == 2:
+        for move in moves:
+            move[:, 2] = 0
+    x = x + 0.004 * moves[0]
+    step = 1e-6
+    ends = [
+        scene.evaluate(x + s * step * moves[0], z + s * step * moves[1]).energy for s in (1, -1)
+    ]
+    forces = scene.evaluate(x, z).forces
+    power = np.sum(forces * np.concatenate(moves)[:, : scene.gdim])
+    assert abs((ends[0] - ends[1]) / (2 * step) - power) < 1e-7 * abs(power)
+
+
+@pytest.mark.parametrize("both", (True, False))
+@pytest.mark.parametrize("make", (shaft, polyhedra))
+def test_turning_everything(make, both):
+    """Energy stays and forces turn along."""
+    scene = make(both)
+    turn = spun([0, 0, 1.3]) if scene.gdim == 2 else spun([0.7, -1.1, 0.4])
+    shift = np.array([3.0, -2.0, 0.0 if scene.gdim == 2 else 1.0])
+    x, z = (side.x for side in scene.sides)
+    x = x + SHIFT
+    before = scene.evaluate(x, z)
+    energy, forces = before.energy, before.forces
+    scene.evaluate(x @ turn.T + shift, z @ turn.T + shift)
+    expected = forces @ turn[: scene.gdim, : scene.gdim].T
+    assert abs(scene.energy / energy - 1) < 1e-12
+    assert np.abs(scene.forces - expected).max() < 1e-13 * np.abs(forces).max() + 1e-16
