@@ -124,7 +124,38 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "Pairing points on the overlay; the last arguments are a Relief each; collective.");
   nb::class_<Pieces>(m, "Pieces", "Pieces of the overlay; see pairing/pieces.h.")
       .def_prop_ro("size", &Pieces::size)
-      .def_prop_ro("num_points", [](const Pieces& p) { return p.points.size(); });
+      .def_prop_ro("num_points", [](const Pieces& p) { return p.points.size(); })
+      .def(
+          "gaps",
+          [](const Pieces& p)
+          {
+            std::vector<double> out;
+            for (const RayPoint& point : p.points)
+              out.push_back(point.t);
+            return copy(std::move(out), {p.points.size()});
+          },
+          "Distances along the rays, positive when open, [point].")
+      .def(
+          "x",
+          [](const Pieces& p)
+          {
+            std::vector<double> out;
+            for (std::size_t i = 0; i < p.size(); ++i)
+            {
+              const PieceSide& cut = p.cut_is_slave[i] ? p.slave : p.master;
+              const auto nodes = cut.x_of(i);
+              for (const RayPoint& point : p.points_of(i))
+              {
+                const auto T = trace_functions(cut.type, cut.degree, point.xi);
+                Vec3 x{0, 0, 0};
+                for (int j = 0; j < cut.num_nodes; ++j)
+                  x = x + T[j] * facet_vertex(nodes, j);
+                out.insert(out.end(), x.begin(), x.end());
+              }
+            }
+            return copy(std::move(out), {p.points.size(), 3});
+          },
+          "Where the points are, [point][3].");
   m.def(
       "overlay_pieces",
       [](const Surface& slave, const Surface& master, const Surface& slave_measured,

@@ -107,6 +107,26 @@ Frame::Frame(FacetType type, std::span<const double> v)
 
 Vec2 Frame::project(const Vec3& x) const { return {dot(e0, x - origin), dot(e1, x - origin)}; }
 
+void qsdolfinx::append_points_from_middle(const Polygon& p, const Rule& rule, std::vector<Vec2>& x,
+                                          std::vector<double>& w)
+{
+  if (is_interval(p))
+    return append_points(p, rule, x, w);
+  Vec2 middle{0, 0}; // of the area: corners that coincide come and go
+  double area = 0;
+  for (std::size_t k = 1; k + 1 < p.size(); ++k)
+  {
+    const double part = 0.5 * cross(p[k] - p[0], p[k + 1] - p[0]);
+    middle = middle + (part / 3) * (p[0] + p[k] + p[k + 1]);
+    area += part;
+  }
+  if (area <= 0)
+    return;
+  middle = (1 / area) * middle;
+  for (std::size_t k = 0; k < p.size(); ++k)
+    append_points(Polygon{middle, p[k], p[(k + 1) % p.size()]}, rule, x, w);
+}
+
 void qsdolfinx::append_points(const Polygon& p, const Rule& rule, std::vector<Vec2>& x,
                               std::vector<double>& w)
 {

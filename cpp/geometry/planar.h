@@ -85,6 +85,10 @@ struct Rule
 void append_points(const Polygon& polygon, const Rule& rule, std::vector<Vec2>& x,
                    std::vector<double>& w);
 
+/// The same with the fan around the centroid, which no turn of the plane changes.
+void append_points_from_middle(const Polygon& polygon, const Rule& rule, std::vector<Vec2>& x,
+                               std::vector<double>& w);
+
 /// A facet projected into a plane.
 class PlanarFacet
 {

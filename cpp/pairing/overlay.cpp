@@ -477,7 +477,11 @@ private:
     const auto v = cut_.facet_x(f), z = nearby_.facet_x(piece.other);
     q_.clear();
     w_.clear();
-    append_points(piece.polygon, rules_.piece, q_, w_);
+    // Shape functions of quadrilaterals are not integrated exactly: turned surfaces are to be alike.
+    if (record_ && !(planar.affine() && piece.planar.affine()))
+      append_points_from_middle(piece.polygon, rules_.piece, q_, w_);
+    else
+      append_points(piece.polygon, rules_.piece, q_, w_);
     here_.compute(cut_.type(), planar, piece.polygon, q_, w_, rules_.edge);
     there_.compute(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
     const ShapeValues &here = here_, &there = there_;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import typing
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -16,6 +17,8 @@ from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.stick_slip import StickSlip
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.following import Places
+from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows
 from qsdolfinx.gap.weighted_gap import KINDS, Vecs, WeightedGap, handle_of
 from qsdolfinx.surface.affine import Affine, affine_vec
@@ -25,6 +28,9 @@ Array = npt.NDArray[np.float64]
 
 #: Pressure at the start of a step, relative to that at its end, that is none but for rounding.
 NO_PRESSURE = 1e-6
+
+#: Change of what is covered of a node's area, over the whole, that is none.
+SAME_COVER = 1e-2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +42,7 @@ class PairsAtStart:
         area: What its rows are divided by, shape (rows,).
         gap: ḡ then, shape (rows,).
         cover: Part of these areas that was covered, (rows,).
+        places: Where everything was, see ``Following``.
         normal: Sum of the slave's normals, (rows, gdim).
         on_tool: Mean place of the points of a rigid tool, (rows, gdim), times that part; and where
             the tool was, see ``RigidSurface.position``. None without.
@@ -45,6 +52,7 @@ class PairsAtStart:
     area: Array
     gap: Array
     cover: Array
+    places: Places
     normal: Array
     on_tool: tuple[Array, Array] | None
 
@@ -83,6 +91,8 @@ class SlipState:
         stuck: Rows that were made to stick there.
         ended: Whether the step of the last evaluation has been ended.
         response: What the law answered at the last evaluation.
+        frames: Frames of the rows in which τ̂ is known, (rows, gdim, gdim); None as long as nobody
+            has asked.
         pairs: What was opposite to what at the start of the step, where gaps follow the bodies:
             the jump is then that of these pairs less that of the present ones, and its start is 0.
     """
@@ -104,6 +114,7 @@ class SlipState:
     ended: bool = True
     evaluated: Evaluated | None = None
     pairs: PairsAtStart | None = None
+    frames: Array | None = None
 
     @classmethod
     def at_rest(cls, rows: int, gdim: int) -> SlipState:
@@ -140,6 +151,7 @@ class Slip:
         #: P_k, shape (rows, gdim, gdim).
         self.projector: Array
         self._held: npt.NDArray[np.bool_] | None = None
+        self._frames: Frames | None = None
         self.hold(None)
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self._cover()
@@ -249,7 +261,6 @@ class Slip:
         state = self.state
         if self.gap.following is not None:
             self._follow(u)
-            state.augmented = self.turned(state.augmented)
         else:
             state.jump = self.jump_of(u)
         state.carried = state.jump if all(in_displacement) else self._carried(u, in_displacement)
@@ -313,27 +324,70 @@ class Slip:
             on_tool = gap.present_places_of_tool(), gap.cut.places[1]
         cover, normal = operator.slave_sum[:, 0], gap.operator.slave_sum
         gaps = gap.state.values[:, 0]
-        return PairsAtStart(operator, operator.row_area, gaps, cover, normal, on_tool)
+        places = gap.cut.places
+        return PairsAtStart(operator, operator.row_area, gaps, cover, places, normal, on_tool)
 
     def _follow(self, u: Vecs) -> None:
-        """Operator, normals and jump at the last cut. Collective.
-
-        The slip is objective: D_old x_s − M_old x_m, with the pairs at the start of the step where
-        the bodies are now, less the same of the present pairs. A rigid motion of both has none.
-        """
-        state = self.state
+        """Operator, normals, jump and τ̂ at the last cut. Collective."""
+        state, gap = self.state, self.gap
         if state.pairs is None:
             state.pairs = self._pairs_of_cut()
-        self.operator = self.gap.jump_operator()
+        self.operator = gap.jump_operator()
         self.hold(self._held)
         self.cover = self._cover()
-        pairs, area = state.pairs, self.operator.row_area
-        before = self.gap.jump_of_positions(pairs.operator, u)
-        if pairs.on_tool is not None:
-            assert self.gap.cut is not None
-            before = before - pairs.moved_tool(self.gap.cut.places[1])
-        state.jump = before * (pairs.area / area)[:, None] - self.gap.present_jump()
+        state.jump = self._objective_slip(state.pairs, u)
         state.start = np.zeros_like(state.jump)
+        self._turn_augmented()
+
+    def _objective_slip(self, pairs: PairsAtStart, u: Vecs) -> Array:
+        """Slip since the step began, of which rigid motions have none, (rows, gdim). Collective.
+
+        D₀ x_s − M₀ x_m, by the pairs at the start of the step where the bodies are now, less the
+        same by the present pairs. Where a node has come into contact since, there are none at the
+        start: the present pairs tell from where the bodies were then.
+        """
+        gap, area = self.gap, self.operator.row_area
+        assert gap.cut is not None
+        before = gap.jump_of_positions(pairs.operator, u)
+        if pairs.on_tool is not None:
+            before = before - pairs.moved_tool(gap.cut.places[1])
+        known = pairs.cover * pairs.area / area
+        now = np.where(self.operator.slave_sum[:, 0] > 0, self.cover, 0.0)
+        some = known > 0
+        mean = np.divide(
+            before * (pairs.area / area)[:, None],
+            known[:, None],
+            out=np.zeros_like(before),
+            where=some[:, None],
+        )
+        slip = now[:, None] * mean - gap.present_jump()
+        part = np.divide(np.minimum(known, now), now, out=np.zeros_like(now), where=now > 0)
+        part[part > 1 - SAME_COVER] = 1.0
+        if not self.slave.comm.allreduce(bool(np.any(part < 1)), op=MPI.LOR):
+            return np.asarray(slip)
+        came = -self._jump_at_start(pairs)
+        return np.asarray(part[:, None] * slip + (1 - part[:, None]) * came)
+
+    def _jump_at_start(self, pairs: PairsAtStart) -> Array:
+        """Mean of x_slave − x_master by the present pairs where the bodies were. Collective."""
+        gap = self.gap
+        assert gap.following is not None and gap.cut is not None
+        out = gap.following.jump_of_places(self.operator, pairs.places)
+        if pairs.on_tool is not None:
+            present = self._pairs_of_cut()
+            out = out - present.moved_tool(pairs.places[1])
+        return out
+
+    def _turn_augmented(self) -> None:
+        """Let τ̂ turn with the slave. Collective."""
+        state, gap = self.state, self.gap
+        assert gap.cut is not None
+        if self._frames is None:
+            self._frames = Frames(self.slave)
+        now = self._frames.at(gap.cut.places[0])[self.row_node]
+        if state.frames is not None:
+            state.augmented = turned(state.augmented, state.frames, now)
+        state.augmented, state.frames = self.turned(state.augmented), now
 
     @property
     def has_turned(self) -> bool:

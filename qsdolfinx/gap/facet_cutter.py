@@ -66,6 +66,10 @@ class FacetCutter:
         rows = _cpp.PieceRows(self._slave, pieces, _handle(cover))
         return Found(cover, rows, pieces)
 
+    def points(self, found: Found) -> tuple[Array, Array]:
+        """See :class:`Cutter`."""
+        return np.asarray(found.of_cutter.x()), np.asarray(found.of_cutter.gaps())
+
     def find_nearby(self, places: Places) -> _cpp.PieceRows:
         """See :class:`Cutter`."""
         self._put(self._moving, places)

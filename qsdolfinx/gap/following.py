@@ -37,10 +37,11 @@ class Measure:
 
     Attributes:
         places: Where the facets were.
-        area: D_k, what points cover of each owned node's area, and LEAST_COVER of it at least.
+        area: D_k, what points cover of each owned node's area, and LEAST_COVER of it at least; S_k
+            of nodes that nothing is opposite to, which may come into contact.
         node_area: S_k.
-        cover: Part of S_k that is covered, 1 of nodes that nothing is opposite to; None if no node,
-            on any rank, is so hardly covered that its neighbours carry its multiplier.
+        cover: Part of S_k that is covered; None if no node, on any rank, is so hardly covered that
+            its neighbours carry its multiplier, as those do that are covered of a facet's nodes.
     """
 
     places: Places
@@ -77,6 +78,9 @@ class Cutter(typing.Protocol):
             measured: Those where areas are measured.
             cover: ``Measure.cover`` at the first unknown of each node.
         """
+
+    def points(self, found: Found) -> tuple[Array, Array]:
+        """Points on this rank, (points, 3), and their gaps along the rays, positive when open."""
 
     def find_nearby(self, places: Places) -> _cpp.PieceRows:
         """Columns of all rows that there may be, before anything moves by a margin. Collective."""
@@ -176,19 +180,26 @@ class Following:
                 out[i] = out[i] + scale[i] * values(vec)
         return out[0], out[1]
 
-    def measure(self, places: Places) -> Measure:
-        """Measure areas where the facets are. Collective."""
+    def measure(self, places: Places, kept: Measure | None = None) -> Measure:
+        """Measure areas where the facets are. Collective.
+
+        Args:
+            places: Where they are.
+            kept: With which nodes neighbours go on to carry multipliers; None to choose them anew.
+        """
         node_area = self._cutter.node_area(places)
-        covered = self._cutter.find(places, places, None).rows.cover(len(node_area))
-        share = np.where(covered > 0, covered / node_area, 1.0)
-        hardly = bool(np.any(share < HARDLY_COVERED))
-        cover: Array | None = None
-        if self._slave.comm.allreduce(hardly, op=MPI.LOR):
-            cover = share
-            found = self._cutter.find(places, places, self._cover_vec(cover))
-            covered = found.rows.cover(len(node_area))
-        area = np.maximum(covered, LEAST_COVER * node_area)
+        cover = self._hardly_covered(places, node_area) if kept is None else kept.cover
+        found = self._cutter.find(places, places, self._cover_vec(cover))
+        covered = found.rows.cover(len(node_area))
+        area = np.where(covered > 0, np.maximum(covered, LEAST_COVER * node_area), node_area)
         return Measure(places, area, node_area, cover)
+
+    def _hardly_covered(self, places: Places, node_area: Array) -> Array | None:
+        """``Measure.cover``. Collective."""
+        covered = self._cutter.find(places, places, None).rows.cover(len(node_area))
+        share = np.asarray(covered / node_area)
+        hardly = bool(np.any(share < HARDLY_COVERED))
+        return share if self._slave.comm.allreduce(hardly, op=MPI.LOR) else None
 
     def _cover_vec(self, cover: Array | None) -> PETSc.Vec | None:
         """``Measure.cover`` as a vector of the slave's body; the same for the same. Collective."""
@@ -272,6 +283,10 @@ class Following:
             for vec in vecs:
                 vec.destroy()
         return known[3]
+
+    def points(self, last: Cut) -> tuple[Array, Array]:
+        """Points on this rank, (points, 3), and their gaps, positive when open."""
+        return self._cutter.points(last.found)
 
     def add_slip_forces(self, last: Cut, traction: Array, b: Vecs) -> None:
         """Add the forces of friction τ_k of the owned nodes, (nodes, gdim). Collective."""

@@ -24,12 +24,14 @@ class Points(typing.NamedTuple):
 
     Attributes:
         x: Where all points are, shape (facets, points, 3).
+        distance: From the tool, (facets, points).
         weight: Areas, 0 of those that are opposite to nothing, (facets, points).
         position: Of the tool.
         N: Functions of the multipliers, (facets, points, vertices).
     """
 
     x: Array
+    distance: Array
     weight: Array
     position: Array
     N: Array
@@ -124,7 +126,12 @@ class ShapePoints:
             -np.einsum("fpk,pj,fpd->fkjd", wN, T, normal),
             np.einsum("fpk,pj->fkj", wN, T),
         )
-        return Found(cover, rows, Points(x, weight, position, N))
+        return Found(cover, rows, Points(x, distance, weight, position, N))
+
+    def points(self, found: Found) -> tuple[Array, Array]:
+        """See :class:`Cutter`."""
+        kept = found.of_cutter.weight > 0
+        return found.of_cutter.x[kept], found.of_cutter.distance[kept]
 
     def find_nearby(self, places: Places) -> _cpp.PieceRows:
         """See :class:`Cutter`: the nodes of all facets."""

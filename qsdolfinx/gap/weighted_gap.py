@@ -271,6 +271,11 @@ class WeightedGap:
         scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
         state.measure = self.following.measure(self.following.places(state.base, u, scale))
 
+    def measure_now(self) -> None:
+        """Measure areas where the facets are at the last evaluation. Collective."""
+        if self.following is not None and self.cut is not None:
+            self.state.measure = self.following.measure(self.cut.places, self.state.measure)
+
     def evaluate_kept(self, u: Vecs, kept: tuple[bool, bool]) -> None:
         """Evaluate for those unknowns alone that are kept from step to step. Collective."""
         state = self.state

@@ -108,9 +108,16 @@ class AugmentedLagrangian:
                         self._equilibrium.find()
                 continue
             augmentation.update()
+            self._measure_anew()
             if self._raise_penalties(gaps, limits):
                 augmentation = Augmentation(contacts)
             self._solve_again(loose)
+
+    def _measure_anew(self) -> None:
+        """Let gaps that follow the bodies take their areas from where these are now. Collective."""
+        for contact in self._contacts:
+            for gap in contact.gaps:
+                gap.measure_now()
 
     def _raise_penalties(
         self, gaps: typing.Sequence[float], limits: typing.Sequence[float]

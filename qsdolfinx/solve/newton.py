@@ -30,6 +30,9 @@ Array = npt.NDArray[np.float64]
 
 FAILED_LINEARLY = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
 
+#: PETSc's error of a library that it calls.
+OF_A_LIBRARY = 76
+
 #: Iterations in which nodes that are open by rounding alone count as closed.
 LENIENT = 4
 
@@ -509,11 +512,13 @@ class Newton:
         self._context.outgrown = False
         try:
             self.snes.solve(None, self.system.x)
-        except PETSc.Error:
+        except PETSc.Error as error:
             self.system.replace_vectors()
             failure, self._context.failure = self._context.failure, None
             if failure is None:
                 self.linear.look()
+                if error.ierr == OF_A_LIBRARY:  # such as factors that a direct solver cannot make
+                    self.fail(FAILED_LINEARLY)
                 raise
             raise failure from None
         finally:
