@@ -8,6 +8,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.system.rigid_modes import RigidMotion
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
@@ -52,16 +53,8 @@ class SoftMotions:
         system, free = self._system, self._system.made.hold.held
         if free.shape[1] == 0:
             return
-        rigid, scales = system.made.rigid, system.scales
-        motions = np.array(
-            [
-                np.concatenate([rigid.displacement(c, i) / s for i, s in enumerate(scales)])
-                for c in free.T
-            ]
-        )
-        constrained = [body.owned_constrained for body in system.bodies]
-        for rows, part in zip(constrained, system.parts(np.arange(motions.shape[1])), strict=True):
-            motions[:, part[rows]] = 0.0  # but for rounding they are
+        rigid = system.made.rigid
+        motions = np.array([self._values(rigid, c) for c in free.T])
         diagonal = system.matrix.getDiagonal()
         products = np.array([self._product(m) for m in motions])
         scaled = diagonal.array_r * motions
@@ -72,6 +65,15 @@ class SoftMotions:
         soft = vectors[:, values <= SOFT**2 * np.trace(whole) / len(whole)].T
         stiffness = system.comm.allreduce((soft @ motions) @ (soft @ products).T, op=MPI.SUM)
         self._motions, self._inverse = soft @ motions, np.linalg.pinv(stiffness)
+
+    def _values(self, rigid: RigidMotion, coefficients: Array) -> Array:
+        """Owned unknowns in a motion, given by coefficients of all modes."""
+        system, parts = self._system, []
+        for i, (body, scale) in enumerate(zip(system.bodies, system.scales, strict=True)):
+            part = rigid.displacement(coefficients, i) / scale
+            part[body.owned_constrained] = 0.0  # but for rounding they are
+            parts.append(part)
+        return np.concatenate(parts)
 
     def _product(self, values: Array) -> Array:
         """The tangent times owned values. Collective."""

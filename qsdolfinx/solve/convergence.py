@@ -147,7 +147,7 @@ class Convergence:
             left.append(np.where(forces, bound, np.maximum(bound, share[of_body] * sizes)))
         nothing = np.where(forces, eps * sizes[forces].max(), 0.0)
         flags = largest[1] <= UNDEFORMED, largest[1] > FLOWN
-        return Measures(norms[0], sizes, *left, nothing, *flags)
+        return Measures(norms[0], sizes, left[0], left[1], nothing, *flags)
 
     def _rounding(self, i: int, x: Array) -> tuple[Array, Array]:
         """Terms of body i's owned rows of which rounding takes its part: of any, of a settled set.

@@ -34,7 +34,10 @@ def pressed(solver):
     tags = mesh.meshtags(upper, 2, np.sort(top), np.ones(len(top), np.int32))
     load = fem.Constant(upper, np.zeros(3))
     F = elastic(v) - ufl.inner(load, ufl.TestFunction(W)) * ufl.ds(upper, subdomain_data=tags)(1)
-    surfaces = qs.Surface(W, facets=plane(upper, 2, 0.0)), qs.Surface(V, facets=plane(lower, 2, 0.0))
+    surfaces = (
+        qs.Surface(W, facets=plane(upper, 2, 0.0)),
+        qs.Surface(V, facets=plane(lower, 2, 0.0)),
+    )
     contact = qs.Contact(*surfaces)
     bcs = [[], [clamp(V, plane(lower, 2, -1.0))]]
     problem = qs.ContactProblem([F, elastic(u)], [v, u], [contact], bcs, solver=solver)
@@ -43,7 +46,9 @@ def pressed(solver):
         load.value[2] = -0.01 * factor
         problem.solve()
         forces.append(contact.force("slave"))
-        places.append([WORLD.allreduce(fem.assemble_scalar(fem.form(v[i] * ufl.dx))) for i in (0, 1)])
+        places.append(
+            [WORLD.allreduce(fem.assemble_scalar(fem.form(v[i] * ufl.dx))) for i in (0, 1)]
+        )
     problem.destroy()
     return np.array(forces), np.array(places)
 

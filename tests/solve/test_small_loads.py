@@ -24,7 +24,10 @@ def test_residual(size, friction, solver):
     load = fem.Constant(upper, np.array([0.0, -size]))
     F = elastic(v, E=40.0)
     F -= ufl.inner(load, ufl.TestFunction(W)) * ufl.ds(upper, subdomain_data=tags)(1)
-    surfaces = qs.Surface(W, facets=plane(upper, 1, 0.0)), qs.Surface(V, facets=plane(lower, 1, 0.0))
+    surfaces = (
+        qs.Surface(W, facets=plane(upper, 1, 0.0)),
+        qs.Surface(V, facets=plane(lower, 1, 0.0)),
+    )
     contact = qs.Contact(*surfaces, friction=friction)
     bcs = [[], [clamp(V, plane(lower, 1, -1.0))]]
     problem = qs.ContactProblem([F, elastic(u)], [v, u], [contact], bcs, solver=solver)
