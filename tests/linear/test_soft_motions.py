@@ -53,9 +53,10 @@ def pressed(solver):
     return np.array(forces), np.array(places)
 
 
-def test_blocks():
+@pytest.mark.parametrize("solver", ["amg", "fieldsplit"])
+def test_blocks(solver):
     """They went away by many times their size."""
-    (direct, there), (forces, here) = pressed("direct"), pressed("amg")
+    (direct, there), (forces, here) = pressed("direct"), pressed(solver)
     assert largest(forces - direct) < 1e-7 * largest(direct)
     assert largest(there) < 1e-3 and largest(here) < 1e-3
 
