@@ -56,7 +56,7 @@ class SoftMotions:
         rigid = system.made.rigid
         motions = np.array([self._values(rigid, c) for c in free.T])
         diagonal = system.matrix.getDiagonal()
-        products = np.array([self._product(m) for m in motions])
+        products = np.array([self.product(m) for m in motions])
         scaled = diagonal.array_r * motions
         diagonal.destroy()
         local = np.array([products @ products.T, scaled @ scaled.T])
@@ -75,7 +75,7 @@ class SoftMotions:
             parts.append(part)
         return np.concatenate(parts)
 
-    def _product(self, values: Array) -> Array:
+    def product(self, values: Array) -> Array:
         """The tangent times owned values. Collective."""
         x, y = self._system.matrix.createVecs()
         x.array[:] = values
@@ -89,6 +89,6 @@ class SoftMotions:
         """Correct a solution: called by PETSc at the end of a linear solve. Collective."""
         if self.count == 0 or ksp.getConvergedReason() < 0:
             return
-        local = self._motions @ (b.array_r - self._product(x.array_r))
+        local = self._motions @ (b.array_r - self.product(x.array_r))
         left = self._system.comm.allreduce(local, op=MPI.SUM)
         x.array[:] += (self._inverse @ left) @ self._motions

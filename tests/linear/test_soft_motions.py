@@ -91,9 +91,9 @@ def test_flow():
 @pytest.mark.parametrize("held", [True, False])
 def test_only_where_they_are_free(monkeypatch, held):
     """Products with the tangent are spent where there is such a motion alone."""
-    made, product = [], SoftMotions._product
+    made, multiply = [], SoftMotions.product
     monkeypatch.setattr(
-        SoftMotions, "_product", lambda self, values: made.append(1) or product(self, values)
+        SoftMotions, "product", lambda self, values: made.append(1) or multiply(self, values)
     )
     msh = box(WORLD, (3, 3), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
