@@ -79,7 +79,7 @@ def deepest_crossing(
         unpaired: The same at slave nodes that no pairing point reaches.
 
     Raises:
-        ValueError: If a facet has no area.
+        DegenerateFacetsError: If a facet has no area.
     """
     # What is further from the other surface cannot have come from outside.
     radius = model.paired.search_radius + (1 + PATH) * moved

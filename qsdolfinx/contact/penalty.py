@@ -93,8 +93,14 @@ def automatic_penalty(
         at_points: Whether constraints are at points.
 
     Raises:
-        ValueError: If neither gives a positive number.
+        ValueError: If neither gives a positive number, or one gives NaN.
     """
+    for side, value in zip(("slave", "master"), stiffness, strict=False):
+        if math.isnan(value):
+            raise ValueError(
+                f"F: the stiffness of the {side}'s body is not finite (NaN) at its surface: "
+                "look at the coefficients of F and at the values of u"
+            )
     if augmented:
         sizes, factor = _sizes(stiffness, modulus), _factor(together, at_points)
         size = sizes[0] if at_points and sizes[0] < math.inf else min(sizes)

@@ -56,7 +56,7 @@ class Place:
         """The surface there. Collective.
 
         Raises:
-            ValueError: If a facet has no area.
+            DegenerateFacetsError: If a facet has no area.
         """
         return deformed_surface(self.surface, self.coordinates, self.displacement)
 

@@ -9,6 +9,7 @@ import numpy as np
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.crossing import deepest_crossing, motion_since
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.surface.deformed import DegenerateFacetsError
 
 #: Depth, in units of the smallest facet, of nodes without a partner that counts.
 NOTICED = 0.01
@@ -22,7 +23,7 @@ def check_reach(model: ContactModel) -> None:
     """Warn of points that were outside when they were paired, and are inside, unseen. Collective.
 
     Those are slave nodes without a partner, and any points that are deeper than the search radius.
-    Once for each contact.
+    Once for each contact. Facets without an area have no distances: then it warns of that.
 
     Args:
         model: The contact, solved.
@@ -34,7 +35,15 @@ def check_reach(model: ContactModel) -> None:
     if moved <= reach(model):
         return  # nothing can have come from beyond what was paired
     radius = model.paired.search_radius
-    found = deepest_crossing(model, before, moved, radius, NOTICED * model.paired.facet_size)
+    try:
+        found = deepest_crossing(model, before, moved, radius, NOTICED * model.paired.facet_size)
+    except DegenerateFacetsError as error:
+        warn(
+            f"{error}: whether surfaces have passed through each other is not known; the solution "
+            "is that of the equations, but hardly of what is meant",
+            ContactWarning,
+        )
+        return
     if found is not None:
         warn(
             f"surfaces have passed through each other, {found}, where contact had not looked when "

@@ -16,6 +16,7 @@ from qsdolfinx.linear.presets import AGGREGATION, BLOCK, ITERATIVE, KRYLOV, PRES
 from qsdolfinx.linear.rescue import Rescue
 from qsdolfinx.linear.saddle import SaddlePoint
 from qsdolfinx.linear.schur import Forms, Schur
+from qsdolfinx.linear.soft_motions import SoftMotions
 from qsdolfinx.linear.stop import Stop
 from qsdolfinx.system.additive import Additive
 from qsdolfinx.system.matrices import Form
@@ -96,6 +97,10 @@ class LinearSolver:
         # Failures that have not been followed by a success, and pairings with a direct solver left.
         self._failures = self._waits = 0
         self._stop = Stop(ksp, system.comm)
+        #: Motions that the tangent hardly resists.
+        self.soft = SoftMotions(system)
+        if not self.is_direct:
+            ksp.setPostSolve(self.soft.solve)
 
     @property
     def watch(self) -> Stopwatch:
@@ -168,6 +173,7 @@ class LinearSolver:
         self._forget_multigrid()
 
     def _forget_multigrid(self) -> None:
+        self.soft.forget()
         if self._hierarchy is not None:
             self._hierarchy.forget()
         if self.schur is not None:
@@ -200,6 +206,10 @@ class LinearSolver:
         """Let multigrid follow a tangent that has changed. Collective."""
         system = self._system
         with self.watch.stage("solve"):
+            if self.is_direct:
+                self.soft.forget()
+            else:
+                self.soft.find()
             if self._rescue is not None:
                 self._rescue.update()
             elif self.schur is not None:

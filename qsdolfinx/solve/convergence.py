@@ -40,7 +40,9 @@ class Measures:
         residuals: Of the residual.
         sizes: Of what acts in these rows: contact forces and reactions; in those of a constraint,
             such as incompressibility, of the terms that cancel.
-        rounding: Of what rounding may leave.
+        rounding: Of what rounding may leave, of gaps beside coordinates too: a bound, which matters
+            where an iteration no longer helps.
+        settled: Of the same while the active set stays: gaps are changed as displacements are.
         nothing: Of a residual that is none beside the largest forces on any body.
         undeformed: Whether the body's displacements are a small part of its cells.
         flown: Whether they are by far larger.
@@ -49,6 +51,7 @@ class Measures:
     residuals: Array
     sizes: Array
     rounding: Array
+    settled: Array
     nothing: Array
     undeformed: npt.NDArray[np.bool_]
     flown: npt.NDArray[np.bool_]
@@ -117,7 +120,7 @@ class Convergence:
         for i, body in enumerate(bodies):
             x = np.abs(self._system.part(self._system.evaluated, i))
             residual, acting = self._system.residuals[i], body.force.array_r.copy()
-            left = self._rounding(i, x)
+            bound, settled = self._rounding(i, x)
             known = reactions or not body.linear
             # Contact forces on held unknowns may be anything, without balance.
             acting[body.owned_constrained] = body.reactions() if known else 0.0
@@ -125,7 +128,7 @@ class Convergence:
             displacement = x[body.groups[0]].max(initial=0.0)
             for k, group in enumerate(body.groups):
                 moved.append(displacement / cell if displacement > 0 else 0.0)
-                parts = residual, body.terms if k else acting, left
+                parts = residual, body.terms if k else acting, bound, settled
                 rows.append([float(part[group] @ part[group]) for part in parts])
                 most.append(x[body.groups[0]].max(initial=0.0) if k else 1.0)
         squares, largest = np.array(rows).T.copy(), np.array([most, moved])
@@ -135,17 +138,19 @@ class Convergence:
         eps = np.finfo(np.float64).eps
         forces = np.concatenate([np.arange(len(body.groups)) == 0 for body in bodies])
         sizes = norms[1] * largest[0]
-        left = ROUNDING * eps * np.where(forces, norms[2], sizes)
-        # Velocities that rounding of the forces leaves to a body at rest meet no constraint.
-        share = np.divide(left, sizes, out=np.ones(len(left)), where=sizes > left)[forces]
-        of_body = np.cumsum(forces) - 1
-        left = np.where(forces, left, np.maximum(left, share[of_body] * sizes))
+        left = []
+        for of_forces in norms[2:]:
+            bound = ROUNDING * eps * np.where(forces, of_forces, sizes)
+            # Velocities that rounding of the forces leaves to a body at rest meet no constraint.
+            share = np.divide(bound, sizes, out=np.ones(len(bound)), where=sizes > bound)[forces]
+            of_body = np.cumsum(forces) - 1
+            left.append(np.where(forces, bound, np.maximum(bound, share[of_body] * sizes)))
         nothing = np.where(forces, eps * sizes[forces].max(), 0.0)
         flags = largest[1] <= UNDEFORMED, largest[1] > FLOWN
-        return Measures(norms[0], sizes, left, nothing, *flags)
+        return Measures(norms[0], sizes, left[0], left[1], nothing, *flags)
 
-    def _rounding(self, i: int, x: Array) -> Array:
-        """Terms of body i's owned rows of which rounding takes its part.
+    def _rounding(self, i: int, x: Array) -> tuple[Array, Array]:
+        """Terms of body i's owned rows of which rounding takes its part: of any, of a settled set.
 
         Those of a linear form are K (x - x0); strains of others round beside 1, which counts as a
         displacement of a cell's size; gaps round beside coordinates, also where rounding opens
@@ -159,4 +164,5 @@ class Convergence:
         place = np.abs(body.V.mesh.geometry.x).max(initial=0.0) / scale
         beside = body.reference if body.linear else self._cells[i] / scale
         both = np.maximum(self._system.made.tangent.diagonal(i), body.diagonal)
-        return np.asarray(body.diagonal * (x + beside) + (both - body.diagonal) * (x + place))
+        settled = body.diagonal * beside + both * x
+        return np.asarray(settled + (both - body.diagonal) * place), np.asarray(settled)

@@ -239,7 +239,7 @@ def _has_converged(
     context.least = np.minimum(context.least, measures.residuals)
     loose = max(absolute, accuracy.loose, accuracy.of_first * context.norms[0])
     exceeded = ~(measures.residuals <= limits)
-    targets = np.maximum(limits, measures.rounding)[exceeded]
+    targets = np.maximum(limits, measures.settled)[exceeded]
     context.until = max(loose, float(targets.min(initial=np.inf)))
     if not np.any(exceeded):
         return int(reasons.CONVERGED_FNORM_RELATIVE)
@@ -328,7 +328,7 @@ class Newton:
         assert self._context.convergence is not None, "no solve has been made"
         measures = self._context.convergence.measure()
         relative = self.snes.getTolerances()[0]
-        return measures, np.maximum(relative * measures.sizes, measures.rounding)
+        return measures, np.maximum(relative * measures.sizes, measures.settled)
 
     # --- Solving
 

@@ -75,7 +75,7 @@ class PrimalDual:
         residual = system.residual(system.x.array_r)
         newton.assemble()
         measures, limits = newton.measure()
-        rounding = float(np.linalg.norm(measures.rounding))
+        rounding = float(np.linalg.norm(measures.settled))
         until, part = float(limits.min()), 0.0 if exact else LOOSE
         saddle = newton.linear.solve_saddle_point(residual, until, rounding, part)
         if saddle is None:

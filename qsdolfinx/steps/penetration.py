@@ -10,6 +10,7 @@ from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.crossing import deepest_crossing, motion_since
 from qsdolfinx.contact.placement import Placement, ToolPlace
 from qsdolfinx.contact.reach import NOTICED, reach
+from qsdolfinx.surface.deformed import DegenerateFacetsError
 from qsdolfinx.tools.rigid_surface import as_tool, deformable
 
 #: Depth, in units of the largest facet, above which a step is refused by default.
@@ -55,7 +56,11 @@ class Penetration:
         for i, (contact, start) in enumerate(zip(self._contacts, starts, strict=True)):
             if self.limit == "auto" and contact.law.jump:
                 continue
-            if (text := self._fault(i, contact, start)) is not None:
+            try:
+                text = self._fault(i, contact, start)
+            except DegenerateFacetsError as error:  # too large a step for these facets
+                text = str(error)
+            if text is not None:
                 return text if len(self._contacts) == 1 else f"contact {i}: {text}"
         return None
 

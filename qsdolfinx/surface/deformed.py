@@ -32,6 +32,10 @@ _PIECES = {
 }
 
 
+class DegenerateFacetsError(ValueError):
+    """Displacements have left a facet without an area, or are not finite: it has no distances."""
+
+
 def trace_values(surface: Surface, vec: PETSc.Vec) -> Array:
     """Values of a vector of the body at the trace's unknowns that this rank owns: a copy."""
     return np.asarray(vec.array_r[surface.own_trace], dtype=np.float64)
@@ -50,7 +54,7 @@ def deformed_surface(
         displacement: Of the trace (length), as :func:`trace_values`; None for none.
 
     Raises:
-        ValueError: If a facet is not finite, or has no area.
+        DegenerateFacetsError: If a facet is not finite, or has no area.
     """
     inside = coordinates[1]
     pieces = np.array(_PIECES[surface.num_facet_vertices, surface.degree])
@@ -60,8 +64,11 @@ def deformed_surface(
     sign = np.sign(np.sum(area_vectors(meshed) * outwards, axis=1))
     dofs, owner = surface.trace_dofs
     moved = _cut(deformed_positions(surface, coordinates, displacement), pieces)
-    with collective_errors(surface.comm):
-        _check(moved, meshed)
+    try:
+        with collective_errors(surface.comm):
+            _check(moved, meshed)
+    except ValueError as error:
+        raise DegenerateFacetsError(str(error)) from error
     return _cpp.Surface(
         comm=surface.comm.py2f(),
         gdim=surface.gdim,

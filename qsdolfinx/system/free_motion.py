@@ -52,6 +52,8 @@ class Hold:
     ) -> None:
         self._bodies, self._contacts, self._rigid = bodies, contacts, rigid
         self._motions = rigid.free_motions
+        #: Those motions for which something was added last, (modes of all bodies, motions).
+        self.held: Array = self._motions[:, :0]
         #: How the motions change the gaps of each pass.
         self._changes: list[list[Array]] = []
         if self._motions.shape[1] == 0:
@@ -88,7 +90,7 @@ class Hold:
         Args:
             tangent: The tangent, assembled.
         """
-        free = self.free_motions()
+        free = self.held = self.free_motions()
         first = 0
         for i, body in enumerate(self._bodies):
             count = len(self._rigid.modes[i])

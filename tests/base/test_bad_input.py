@@ -8,6 +8,7 @@ from scenes import (
     WORLD,
     Pair,
     box,
+    elastic,
     plane,
     raises_everywhere,
     vector_space,
@@ -89,6 +90,19 @@ def test_exceptions_that_cannot_travel():
 def test_penalty_that_is_not_known_yet():
     pair = Pair("triangle", penalty="auto")
     raises_everywhere(WORLD, RuntimeError, "first solve", lambda: pair.contact.energy)
+
+
+def test_stiffness_that_is_not_finite():
+    """Said to be that, not to be missing: a coefficient or an unknown is NaN."""
+    for solver in ("direct", "amg"):
+        pair = Pair("triangle", penalty="auto")
+        coefficient = fem.Constant(pair.V[1].mesh, np.nan)
+        pair.F[1] = elastic(pair.u[1], E=coefficient)
+        problem = pair.problem(solver=solver)
+        for _ in range(2):
+            raises_everywhere(WORLD, ValueError, "slave's body is not finite", problem.solve)
+        coefficient.value = 1.0
+        problem.solve()
 
 
 def test_conditions_of_one_rank_alone():

@@ -2,9 +2,11 @@
 
 import warnings
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
-from scenes import WORLD, box, clamp, elastic, plane, vector_space
+from scenes import WORLD, box, clamp, elastic, plane, raises_everywhere, vector_space
 
 from dolfinx import fem
 
@@ -140,3 +142,44 @@ def test_two_bodies(moves, expected):
     warned_here = any(issubclass(w.category, qs.ReachWarning) for w in found)
     assert WORLD.allgather(warned_here) == [expected] * WORLD.size
     assert np.isfinite(u[0].x.array).all()
+
+
+def collapsing(t):
+    """A problem whose contact facets conditions shrink, to nothing at t = 1, and t."""
+    msh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u, value = fem.Function(V), fem.Function(V)
+    top = plane(msh, 1, 1.0)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0 + GAP], [0.0, -1.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        contact = qs.Contact(qs.Surface(V, facets=top), tool, penalty=1.0, search_radius=RADIUS)
+    dofs = fem.locate_dofs_topological(V, 1, top)
+    bcs = [clamp(V, plane(msh, 1, 0.0)), fem.dirichletbc(value, dofs)]
+
+    def set_to(t):
+        value.interpolate(lambda x: np.stack([-t * x[0], 0 * x[1]]))
+
+    set_to(t)
+    return qs.ContactProblem([elastic(u)], [u], [contact], [bcs]), contact, set_to
+
+
+def test_facets_without_area():
+    """No distances to them: the solution stays, with a warning."""
+    problem, contact, _ = collapsing(1.0)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        (u,) = problem.solve()
+    texts = [str(w.message) for w in found if issubclass(w.category, qs.ContactWarning)]
+    assert ["degenerate" in text for text in texts] == [True]
+    assert np.isclose(WORLD.allreduce(-u.x.array.min(initial=0.0), op=MPI.MAX), 1.0)
+    raises_everywhere(WORLD, ValueError, "degenerate", contact.gap)
+
+
+def test_facets_without_area_in_a_step():
+    """A smaller step may do."""
+    problem, _, set_to = collapsing(0.0)
+    drive = lambda t, dt: set_to(1.0 if dt > 0.3 else 0.9)  # noqa: E731
+    stepper = qs.TimeStepper(problem, 1.0, drive, min_quality=1e-12)
+    stepper.step()
+    assert stepper.num_cutbacks > 0 and stepper.t <= 0.3

@@ -1,0 +1,94 @@
+"""Motions that a tangent hardly resists: what iterative solvers leave along them is taken away."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.system.rigid_modes import RigidMotion
+from qsdolfinx.system.system import ContactSystem
+
+Array = npt.NDArray[np.float64]
+
+#: Resistance of a motion m that counts as next to none: |A m| over |diag(A) m|.
+SOFT = 1e-6
+
+
+class SoftMotions:
+    """Rigid motions that next to nothing resists, solved for exactly after each linear solve.
+
+    Conditions and closed contacts leave them open, and what is added to the diagonal of the tangent
+    for them is tiny, see :class:`Hold`: a residual that is none beside the forces moves bodies by
+    many times their size. So the part x of a solution along these motions M is replaced by that for
+    which Mᵀ (b - A x) = 0, as factors of the tangent would give it.
+
+    It must not refer to the linear solver: PETSc keeps it where Python's garbage collector does not
+    look.
+
+    Args:
+        system: The system.
+    """
+
+    def __init__(self, system: ContactSystem) -> None:
+        self._system = system
+        #: Owned values of the motions, shape (motions, unknowns), and the inverse of Mᵀ A M.
+        self._motions: Array = np.zeros((0, 0))
+        self._inverse: Array = np.zeros((0, 0))
+
+    @property
+    def count(self) -> int:
+        """Number of the motions that the present tangent leaves."""
+        return len(self._motions)
+
+    def forget(self) -> None:
+        """There is no tangent, or one for a direct solver."""
+        self._motions = np.zeros((0, 0))
+
+    def find(self) -> None:
+        """Find them for the tangent that has been assembled. Collective."""
+        self.forget()
+        system, free = self._system, self._system.made.hold.held
+        if free.shape[1] == 0:
+            return
+        rigid = system.made.rigid
+        motions = np.array([self._values(rigid, c) for c in free.T])
+        diagonal = system.matrix.getDiagonal()
+        products = np.array([self.product(m) for m in motions])
+        scaled = diagonal.array_r * motions
+        diagonal.destroy()
+        local = np.array([products @ products.T, scaled @ scaled.T])
+        resisted, whole = system.comm.allreduce(local, op=MPI.SUM)
+        values, vectors = np.linalg.eigh(resisted)
+        soft = vectors[:, values <= SOFT**2 * np.trace(whole) / len(whole)].T
+        stiffness = system.comm.allreduce((soft @ motions) @ (soft @ products).T, op=MPI.SUM)
+        self._motions, self._inverse = soft @ motions, np.linalg.pinv(stiffness)
+
+    def _values(self, rigid: RigidMotion, coefficients: Array) -> Array:
+        """Owned unknowns in a motion, given by coefficients of all modes."""
+        system, parts = self._system, []
+        for i, (body, scale) in enumerate(zip(system.bodies, system.scales, strict=True)):
+            part = rigid.displacement(coefficients, i) / scale
+            part[body.owned_constrained] = 0.0  # but for rounding they are
+            parts.append(part)
+        return np.concatenate(parts)
+
+    def product(self, values: Array) -> Array:
+        """The tangent times owned values. Collective."""
+        x, y = self._system.matrix.createVecs()
+        x.array[:] = values
+        self._system.matrix.mult(x, y)
+        out: Array = y.array_r.copy()
+        x.destroy()
+        y.destroy()
+        return out
+
+    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Correct a solution: called by PETSc at the end of a linear solve. Collective."""
+        if self.count == 0 or ksp.getConvergedReason() < 0:
+            return
+        local = self._motions @ (b.array_r - self.product(x.array_r))
+        left = self._system.comm.allreduce(local, op=MPI.SUM)
+        x.array[:] += (self._inverse @ left) @ self._motions

@@ -1,0 +1,40 @@
+"""Light loads: the residual ends where it does under others, relative to the forces."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, clamp, elastic, plane, vector_space
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+
+@pytest.mark.parametrize("solver", ["direct", "amg", "fieldsplit"])
+@pytest.mark.parametrize("friction", [None, qs.Coulomb(0.1)])
+@pytest.mark.parametrize("size", [1e-2, 1e-8, 1e-10, 1e-12])
+def test_residual(size, friction, solver):
+    """It was left at what rounding of coordinates might do to gaps, which are changed by less."""
+    lower = box(WORLD, (5, 4), "triangle", [-0.8, -1.0], [0.8, 0.0])
+    upper = box(WORLD, (3, 7), "quadrilateral", [-0.5, 0.0], [0.5, 1.0])
+    V, W = vector_space(lower), vector_space(upper)
+    u, v = fem.Function(V), fem.Function(W)
+    top = plane(upper, 1, 1.0)
+    tags = mesh.meshtags(upper, 1, np.sort(top), np.ones(len(top), np.int32))
+    load = fem.Constant(upper, np.array([0.0, -size]))
+    F = elastic(v, E=40.0)
+    F -= ufl.inner(load, ufl.TestFunction(W)) * ufl.ds(upper, subdomain_data=tags)(1)
+    surfaces = (
+        qs.Surface(W, facets=plane(upper, 1, 0.0)),
+        qs.Surface(V, facets=plane(lower, 1, 0.0)),
+    )
+    contact = qs.Contact(*surfaces, friction=friction)
+    bcs = [[], [clamp(V, plane(lower, 1, -1.0))]]
+    problem = qs.ContactProblem([F, elastic(u)], [v, u], [contact], bcs, solver=solver)
+    problem.solve()
+    system = problem.system
+    residual = system.norm(system.residual(system.x.array_r))
+    assert residual < 2e-9 * size
+    assert problem.num_iterations <= 15 and problem.num_linear_iterations <= 100
+    np.testing.assert_allclose(contact.force("slave"), [0.0, size], rtol=1e-8, atol=1e-8 * size)
+    problem.destroy()
