@@ -124,7 +124,7 @@ def _held_on_both_sides(
     held, found = np.zeros((2, len(linear.node_area), linear.gdim), dtype=bool)
     with _linear(gap, (slave, master)) as of_vertices:
         at = at_nodes.operator.row_node
-        held[at] = _read(linear, of_vertices[0])[at] != 0
+        held[at] = np.abs(_read(linear, of_vertices[0])[at]) > _NONE  # rounding marks none
         if tool is None:
             held[at] &= _part_of_master(at_nodes, of_vertices[1]) > MOST
         found[at] = True
@@ -136,6 +136,7 @@ def _held_on_both_sides(
         least = np.where(_in_corner(by_node), MOST, _NONE)[:, None]
         beside &= _part_of_master(by_node, master) > least
     is_held, is_found = (_of_vertices(gap.slave, flags)[row_node] for flags in (held, found))
+    is_held &= own[row_node]  # also of nodes between held ones
     return np.where(is_found & ~_in_corner(by_node)[:, None], is_held, beside)
 
 
@@ -191,9 +192,12 @@ def _linear(
 
 
 def _of_vertices(surface: Surface, flags: Flags) -> Flags:
-    """Flags at the nodes of ``surface.linear`` as flags at those of the surface. Collective."""
+    """Flags at the nodes of ``surface.linear`` as flags at those of the surface. Collective.
+
+    Nodes between others have the flags that all of these have.
+    """
     vec = surface.nodal_vec(flags.astype(np.float64))
-    out = _read(surface, vec) > 0.5
+    out = _read(surface, vec) > 1 - _NONE
     vec.destroy()
     return np.asarray(out)
 
