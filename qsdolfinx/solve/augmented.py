@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.solve.anderson import Augmentation
@@ -31,6 +32,9 @@ MANY = 20.0
 #: made. With 1e-3 Anderson's combination of earlier updates can fail on the errors. With friction
 #: more can be left: nodes that come to slip or stick do away with earlier updates.
 INNER, INNER_WITH_FRICTION = 1e-4, 1e-2
+
+#: Gap over the one that a much stiffer body asks for which is told of.
+WARN = 10.0
 
 #: Times that unknowns and multipliers are solved for together, if gaps are open after the first.
 MAX_SADDLE_POINTS = 4
@@ -97,7 +101,13 @@ class AugmentedLagrangian:
                 self._equilibrium.find()
                 continue
             if len(newton.record.violations) > MAX_AUGMENTATIONS:
-                newton.fail(NOT_CLOSED)
+                enough = [multipliers.allowed(contact, False) for contact in contacts]
+                if not all(g <= limit for g, limit in zip(gaps, enough, strict=True)):
+                    newton.fail(NOT_CLOSED)
+                if loose:
+                    self._equilibrium.find()
+                self._warn_of_stiffer(gaps, limits)
+                return
             if together:
                 together -= 1
                 if not (self._primal_dual.close(stays) and together):
@@ -146,6 +156,21 @@ class AugmentedLagrangian:
     def _bears(contact: ContactModel, multigrid: bool) -> bool:
         """Whether the ε of a contact may be raised."""
         return contact.penalty.bears(RAISE, contact.friction is not None, multigrid)
+
+    def _warn_of_stiffer(
+        self, gaps: typing.Sequence[float], limits: typing.Sequence[float]
+    ) -> None:
+        """Say which contacts may have wrong forces though their gaps are closed."""
+        for contact, gap, limit in zip(self._contacts, gaps, limits, strict=True):
+            if gap > WARN * limit:
+                warn(
+                    "bcs: Dirichlet conditions hold nodes of the softer body where it is tied or "
+                    f"sticks to a much stiffer one; a gap of {gap:.1e} is left there, which would "
+                    f"have to be less than {limit:.1e} for exact forces along the surface; give "
+                    "the stiffer body the same conditions, or leave these nodes out of the contact "
+                    "surface",
+                    ContactWarning,
+                )
 
     def _is_balanced(self) -> bool:
         """Whether the residual is small enough for a solution. Collective."""

@@ -152,9 +152,7 @@ def test_no_node_beside_a_plane_of_symmetry_is_held(cell, master, law, element):
     contact = qs.Contact(
         surfaces[1], surfaces[0] if master == "deformable" else floor, law=law(), friction=friction
     )
-    bcs = [
-        [slide(s, axis, plane(s.mesh, axis, 0.0)) for axis in range(gdim - 1)] for s in V[parts]
-    ]
+    bcs = [[slide(s, axis, plane(s.mesh, axis, 0.0)) for axis in range(gdim - 1)] for s in V[parts]]
     qs.ContactProblem(F[parts], u[parts], [contact], bcs, solver="direct").set_up()
     for part in (*contact.model.gaps, *contact.model.slips):
         if part.extension is None:  # nothing is held along the normal
