@@ -18,8 +18,8 @@ Array = npt.NDArray[np.float64]
 #: Part of the penalty's own gap that augmentation may leave.
 OF_PENALTY = 1e-4
 
-#: What a gap may stand for in a stiffer body, in units of the largest multiplier, and stiffness over
-#: that of the softer one from which on that is asked for.
+#: What a gap may stand for in a stiffer body, in units of the largest multiplier, and stiffness
+#: over that of the softer one from which on that is asked for.
 OF_STIFFER, STIFFER = 1e-5, 10.0
 
 #: What rounding leaves of gaps, in units of the coordinates.

@@ -8,6 +8,7 @@ import typing
 from mpi4py import MPI
 
 import numpy as np
+import numpy.typing as npt
 
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import multipliers
@@ -16,6 +17,8 @@ from qsdolfinx.solve.anderson import Augmentation
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.primal_dual import PrimalDual
 from qsdolfinx.solve.snes import NOT_CLOSED
+
+Array = npt.NDArray[np.float64]
 
 #: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
 MAX_AUGMENTATIONS = 100
@@ -58,7 +61,8 @@ class AugmentedLagrangian:
         self._since = 0
         linear = self._newton.linear
         slips = bool(self._system.slips)
-        self._inner = INNER_WITH_FRICTION if slips else INNER
+        exact = linear.schur is not None  # Newton's steps with others leave far less than asked for
+        self._inner = INNER_WITH_FRICTION if slips and not exact else INNER
         #: Whether solves between updates of the multipliers need not be exact: where that saves
         #: iterations, of Newton's method with friction, of a Krylov solver.
         self._is_loose = bool(
@@ -110,8 +114,11 @@ class AugmentedLagrangian:
                 return
             if together:
                 together -= 1
+                before = self._system.x.array.copy(), [multipliers.known(c) for c in contacts]
                 if not (self._primal_dual.close(stays) and together):
                     together = 0  # Uzawa's method starts from the solution for its multipliers
+                    if self._primal_dual.crawls and newton.hand_over("linear solver: crawls"):
+                        self._go_back(*before)
                     with newton.accuracy(loose=self._inner * first):
                         self._equilibrium.find()
                 continue
@@ -156,6 +163,12 @@ class AugmentedLagrangian:
     def _bears(contact: ContactModel, multigrid: bool) -> bool:
         """Whether the ε of a contact may be raised."""
         return contact.penalty.bears(RAISE, contact.friction is not None, multigrid)
+
+    def _go_back(self, x: Array, known: typing.Sequence[list[Array]]) -> None:
+        """Put back unknowns and multipliers, which inexact solves have taken elsewhere."""
+        self._system.x.array[:] = x
+        for contact, values in zip(self._contacts, known, strict=True):
+            multipliers.set_known(contact, values)
 
     def _warn_of_stiffer(
         self, gaps: typing.Sequence[float], limits: typing.Sequence[float]
