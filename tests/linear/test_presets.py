@@ -43,7 +43,7 @@ def test_same_solution(cell, solver, friction):
 
 def test_pick(monkeypatch, caplog):
     """By size, said aloud when it is not the direct one; options have the last word."""
-    monkeypatch.setattr(problem, "_told", set())
+    monkeypatch.setattr(problem, "told", set())
     names = []
     for limit in (10**6, 10, 10):
         monkeypatch.setitem(presets.LARGE, 3, limit)
