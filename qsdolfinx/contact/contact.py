@@ -102,7 +102,8 @@ class Contact:
             kept for the next solve, also when contact pairs anew; :meth:`reset` forgets them.
             ``"penalty"``, the default of double-pass contact: a gap of λ/ε is left.
         gap_tolerance: That gap in units of the smallest facet, or less: where it is more than 1e-4
-            of λ/ε, as under small loads, that is the limit.
+            of λ/ε, as under small loads, that is the limit; and where a body with held nodes is
+            tied to a much stiffer one, what stands for 1e-5 of the largest λ in that.
         unknown: What the unknowns of the bodies are: ``"displacement"`` or ``"velocity"``, (2) and
             (3), or one of them for the slave and the master, such as a forged workpiece and an
             elastic die, ``("velocity", "displacement")``.

@@ -50,17 +50,22 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         slave: Nonzero at the unknowns of the slave's body that have Dirichlet conditions.
         master: The same of the master's.
     """
-    model.held_nodes = []
+    model.held_nodes, alone = [], [False, False]
     for i, gap in enumerate(model.gaps):
         gap.extension, slip = None, model.slips[i] if model.slips else None
         if slip is not None:
             slip.extension = None
             slip.hold(None)
-        vecs = model.ordered(gap, (slave, master))
-        if not model.comm.allreduce(bool(np.any(_read(gap.slave, vecs[0]) != 0)), op=MPI.LOR):
+        vecs, sides = model.ordered(gap, (slave, master)), model.ordered(gap, (0, 1))
+        of_slave = np.any(_read(gap.slave, vecs[0]) != 0, axis=0)
+        model.comm.Allreduce(MPI.IN_PLACE, of_slave, op=MPI.LOR)
+        alone[sides[1]] |= _is_held(gap, vecs[1], ~of_slave)
+        if not of_slave.any():
             continue
         by_node = gap.by_node() if slip is None else slip.gap
         held = _held_on_both_sides(model, gap, by_node, *vecs)
+        own = _read(gap.slave, vecs[0])[by_node.operator.row_node] != 0
+        alone[sides[0]] |= bool(np.any(own & ~held))
         pressed = _along_normal(by_node, held)
         clamped = held & pressed
         of_gap = (held, clamped) if gap.law.jump else (pressed, pressed)
@@ -68,6 +73,7 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         if slip is not None:
             slip.extension = _extension(model, by_node, by_node, held, clamped)
             slip.hold(held & ~clamped)
+    model.held_alone = tuple(model.comm.allreduce(flag, op=MPI.LOR) for flag in alone)
 
 
 def _extension(
@@ -124,7 +130,7 @@ def _held_on_both_sides(
     held, found = np.zeros((2, len(linear.node_area), linear.gdim), dtype=bool)
     with _linear(gap, (slave, master)) as of_vertices:
         at = at_nodes.operator.row_node
-        held[at] = _read(linear, of_vertices[0])[at] != 0
+        held[at] = np.abs(_read(linear, of_vertices[0])[at]) > _NONE  # rounding marks none
         if tool is None:
             held[at] &= _part_of_master(at_nodes, of_vertices[1]) > MOST
         found[at] = True
@@ -136,6 +142,7 @@ def _held_on_both_sides(
         least = np.where(_in_corner(by_node), MOST, _NONE)[:, None]
         beside &= _part_of_master(by_node, master) > least
     is_held, is_found = (_of_vertices(gap.slave, flags)[row_node] for flags in (held, found))
+    is_held &= own[row_node]  # also of nodes between held ones
     return np.where(is_found & ~_in_corner(by_node)[:, None], is_held, beside)
 
 
@@ -160,6 +167,13 @@ def _part_of_master(gap: WeightedGap, marker: PETSc.Vec | None) -> Array:
     out = -gap.jump_operator().apply(none.handle, handle_of(marker))
     none.destroy()
     return np.asarray(out)
+
+
+def _is_held(gap: WeightedGap, marker: PETSc.Vec | None, components: Flags) -> bool:
+    """Whether these components of a deformable master are held at a row here. Collective."""
+    if deformable(gap.master) is None or not components.any():
+        return False
+    return bool(np.any(np.abs(_part_of_master(gap, marker)[:, components]) > _NONE))
 
 
 @contextlib.contextmanager
@@ -191,9 +205,12 @@ def _linear(
 
 
 def _of_vertices(surface: Surface, flags: Flags) -> Flags:
-    """Flags at the nodes of ``surface.linear`` as flags at those of the surface. Collective."""
+    """Flags at the nodes of ``surface.linear`` as flags at those of the surface. Collective.
+
+    Nodes between others have the flags that all of these have.
+    """
     vec = surface.nodal_vec(flags.astype(np.float64))
-    out = _read(surface, vec) > 0.5
+    out = _read(surface, vec) > 1 - _NONE
     vec.destroy()
     return np.asarray(out)
 

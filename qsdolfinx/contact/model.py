@@ -271,6 +271,8 @@ class ContactModel:
         self.held_nodes: list[HeldNodes] = []
         #: Whether a warning of these has been given.
         self.held_warned = False
+        #: Whether conditions hold the slave, and the master, where they leave the other side free.
+        self.held_alone = (False, False)
         #: Whether a warning of a soft penalty at the nodes of a finer slave has been given.
         self.soft_warned = False
         #: Whether a gap that is open by rounding alone counts as open.

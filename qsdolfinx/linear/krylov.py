@@ -28,6 +28,9 @@ NEAR = 1e-5
 #: Iterations that any solve is given.
 LEAST = 30
 
+#: The same of one together with multipliers, of which the first digit takes 3 or 4 as a rule.
+LEAST_TOGETHER = 20
+
 #: Upper bound of the relative tolerance of a linear solve.
 _LOOSEST = 0.1
 
@@ -111,9 +114,12 @@ class Krylov:
         if self.chooses_tolerance:
             self._set(EXACT)
 
-    def _set(self, tolerance: float) -> None:
+    def longest(self, tolerance: float, least: int = LEAST) -> int | None:
+        """Iterations to this relative tolerance at most; None for what options say."""
         if self._patience is None:
-            self._ksp.setTolerances(rtol=tolerance)
-            return
-        share = np.log(tolerance) / np.log(EXACT)
-        self._ksp.setTolerances(rtol=tolerance, max_it=max(LEAST, round(share * self._patience)))
+            return None
+        return max(least, round(np.log(tolerance) / np.log(EXACT) * self._patience))
+
+    def _set(self, tolerance: float) -> None:
+        longest = self.longest(tolerance)
+        self._ksp.setTolerances(rtol=tolerance, **({} if longest is None else {"max_it": longest}))

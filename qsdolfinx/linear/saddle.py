@@ -74,12 +74,21 @@ class SaddlePoint:
         self._x, self._y = self._A.createVecs()
         #: Whether the last solve has converged, its iterations, and the part of b that is left.
         self.converged, self.num_iterations, self.left = False, 0, np.inf
+        #: Whether a direct solver would have been faster, of "auto".
+        self.crawls = False
         #: Changes of the owned unknowns that it found.
         self.change: Array = np.zeros(0)
         #: λ̂ of each contact that it found, zero at open rows.
         self.multipliers: list[Array] = []
 
-    def solve(self, residual: Array, final: float, rounding: float, part: float = 0.0) -> None:
+    def solve(
+        self,
+        residual: Array,
+        final: float,
+        rounding: float,
+        part: float = 0.0,
+        longest: int = MAX_ITERATIONS,
+    ) -> None:
         """Find ``change`` and ``multipliers``. Once; collective.
 
         Args:
@@ -87,6 +96,7 @@ class SaddlePoint:
             final: Norm of the residual that a solution may have.
             rounding: Norm of the residual that cannot be got below.
             part: What may be left of both residuals, relative to what they are.
+            longest: Iterations after which it is given up.
         """
         comm = self._bodies[0].comm
         square = comm.allreduce(float(self._stiffness @ self._stiffness), op=MPI.SUM)
@@ -107,7 +117,7 @@ class SaddlePoint:
         ksp.setType(PETSc.KSP.Type.GMRES)
         ksp.setGMRESRestart(MAX_ITERATIONS)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
-        ksp.setTolerances(rtol=part, atol=tolerance, max_it=MAX_ITERATIONS)
+        ksp.setTolerances(rtol=part, atol=tolerance, max_it=min(longest, MAX_ITERATIONS))
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(self)
         Stop(ksp, comm)

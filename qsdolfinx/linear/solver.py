@@ -11,10 +11,18 @@ import numpy.typing as npt
 
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.linear.hierarchy import Hierarchy
-from qsdolfinx.linear.krylov import Krylov
-from qsdolfinx.linear.presets import AGGREGATION, BLOCK, ITERATIVE, KRYLOV, PRESETS, patience
+from qsdolfinx.linear.krylov import LEAST_TOGETHER, Krylov
+from qsdolfinx.linear.presets import (
+    AGGREGATION,
+    BLOCK,
+    EXACT,
+    ITERATIVE,
+    KRYLOV,
+    PRESETS,
+    patience,
+)
 from qsdolfinx.linear.rescue import Rescue
-from qsdolfinx.linear.saddle import SaddlePoint
+from qsdolfinx.linear.saddle import MAX_ITERATIONS, SaddlePoint
 from qsdolfinx.linear.schur import Forms, Schur
 from qsdolfinx.linear.soft_motions import SoftMotions
 from qsdolfinx.linear.stop import Stop
@@ -111,6 +119,11 @@ class LinearSolver:
     def is_direct(self) -> bool:
         """Whether a linear solve is one with factors, whatever the condition of the matrix."""
         return str(self.ksp.getType()) == PETSc.KSP.Type.PREONLY
+
+    @property
+    def is_rescued(self) -> bool:
+        """Whether a direct solver stands in for an iterative one."""
+        return self._rescue is not None
 
     @property
     def chooses_tolerance(self) -> bool:
@@ -300,7 +313,9 @@ class LinearSolver:
         with self.watch.stage("solve"):
             self.ksp.setUp()
             saddle = SaddlePoint(system.bodies, contacts, sides, self.ksp)
-            saddle.solve(residual, final, rounding, part)
+            longest = self.krylov and self.krylov.longest(part or EXACT, LEAST_TOGETHER)
+            saddle.solve(residual, final, rounding, part, longest or MAX_ITERATIONS)
+            saddle.crawls = longest is not None and not saddle.converged
         return saddle
 
     def destroy(self) -> None:

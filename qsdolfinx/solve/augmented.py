@@ -8,13 +8,17 @@ import typing
 from mpi4py import MPI
 
 import numpy as np
+import numpy.typing as npt
 
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.solve.anderson import Augmentation
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.primal_dual import PrimalDual
 from qsdolfinx.solve.snes import NOT_CLOSED
+
+Array = npt.NDArray[np.float64]
 
 #: Updates of the multipliers after which a solve with an augmented Lagrangian is given up.
 MAX_AUGMENTATIONS = 100
@@ -31,6 +35,9 @@ MANY = 20.0
 #: made. With 1e-3 Anderson's combination of earlier updates can fail on the errors. With friction
 #: more can be left: nodes that come to slip or stick do away with earlier updates.
 INNER, INNER_WITH_FRICTION = 1e-4, 1e-2
+
+#: Gap over the one that a much stiffer body asks for which is told of.
+WARN = 10.0
 
 #: Times that unknowns and multipliers are solved for together, if gaps are open after the first.
 MAX_SADDLE_POINTS = 4
@@ -56,7 +63,8 @@ class AugmentedLagrangian:
         slips = bool(self._system.slips)
         #: Whether Newton's method takes several iterations for each update.
         several = slips or any(contact.follows for contact in self._contacts)
-        self._inner = INNER_WITH_FRICTION if several else INNER
+        exact = linear.schur is not None  # Newton's steps with others leave far less than asked for
+        self._inner = INNER_WITH_FRICTION if several and not exact else INNER
         #: Whether solves between updates of the multipliers need not be exact: where that saves
         #: iterations, of Newton's method with friction, of a Krylov solver.
         self._is_loose = bool(
@@ -99,11 +107,20 @@ class AugmentedLagrangian:
                 self._equilibrium.find()
                 continue
             if len(newton.record.violations) > MAX_AUGMENTATIONS:
-                newton.fail(NOT_CLOSED)
+                enough = [multipliers.allowed(contact, False) for contact in contacts]
+                if not all(g <= limit for g, limit in zip(gaps, enough, strict=True)):
+                    newton.fail(NOT_CLOSED)
+                if loose:
+                    self._equilibrium.find()
+                self._warn_of_stiffer(gaps, limits)
+                return
             if together:
                 together -= 1
+                before = self._system.x.array.copy(), [multipliers.known(c) for c in contacts]
                 if not (self._primal_dual.close(stays) and together):
                     together = 0  # Uzawa's method starts from the solution for its multipliers
+                    if self._primal_dual.crawls and newton.hand_over("linear solver: crawls"):
+                        self._go_back(*before)
                     with newton.accuracy(loose=self._inner * first):
                         self._equilibrium.find()
                 continue
@@ -155,6 +172,27 @@ class AugmentedLagrangian:
     def _bears(contact: ContactModel, multigrid: bool) -> bool:
         """Whether the ε of a contact may be raised."""
         return contact.penalty.bears(RAISE, contact.friction is not None, multigrid)
+
+    def _go_back(self, x: Array, known: typing.Sequence[list[Array]]) -> None:
+        """Put back unknowns and multipliers, which inexact solves have taken elsewhere."""
+        self._system.x.array[:] = x
+        for contact, values in zip(self._contacts, known, strict=True):
+            multipliers.set_known(contact, values)
+
+    def _warn_of_stiffer(
+        self, gaps: typing.Sequence[float], limits: typing.Sequence[float]
+    ) -> None:
+        """Say which contacts may have wrong forces though their gaps are closed."""
+        for contact, gap, limit in zip(self._contacts, gaps, limits, strict=True):
+            if gap > WARN * limit:
+                warn(
+                    "bcs: Dirichlet conditions hold nodes of the softer body where it is tied or "
+                    f"sticks to a much stiffer one; a gap of {gap:.1e} is left there, which would "
+                    f"have to be less than {limit:.1e} for exact forces along the surface; give "
+                    "the stiffer body the same conditions, or leave these nodes out of the contact "
+                    "surface",
+                    ContactWarning,
+                )
 
     def _is_balanced(self) -> bool:
         """Whether the residual is small enough for a solution. Collective."""

@@ -36,6 +36,8 @@ class PrimalDual:
     def __init__(self, newton: Newton, contacts: typing.Sequence[ContactModel]) -> None:
         self._newton, self._system = newton, newton.system
         self._contacts = contacts
+        #: Whether the last solve was given up since a direct solver would have been faster.
+        self.crawls = False
 
     def close(self, stays: bool) -> bool:
         """Close the gaps, from the last evaluation on. Collective.
@@ -47,6 +49,7 @@ class PrimalDual:
             Whether they were closed, and forces balanced. Otherwise unknowns and multipliers are
             those of the last system that could be solved.
         """
+        self.crawls = False
         now, seen, exact = self.digest(), set(), stays
         for _ in range(MAX_SOLVES):
             seen.add(now)
@@ -80,6 +83,7 @@ class PrimalDual:
         saddle = newton.linear.solve_saddle_point(residual, until, rounding, part)
         if saddle is None:
             return np.inf
+        self.crawls = saddle.crawls
         newton.record.iterations += 1
         newton.record.linear_iterations += saddle.num_iterations
         if not (saddle.converged or saddle.left <= SLOW):

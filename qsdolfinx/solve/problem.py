@@ -48,6 +48,9 @@ from qsdolfinx.system.system import ContactSystem
 Array = npt.NDArray[np.float64]
 _counter = itertools.count()
 
+#: Linear solvers that ``"auto"`` has taken in this process, and that were told of.
+told: set[str] = set()
+
 
 #: Times that a step is solved again since bodies slip at other rates than friction has assumed, or
 #: from other places.
@@ -78,8 +81,8 @@ class ContactProblem:
             moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
             the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with multigrid for
             velocities and displacements, and pressure mass matrices), or ``"auto"``: direct unless
-            the problem is large, which is then logged; none of these if there is an option
-            ``ksp_type`` or ``pc_type``.
+            the problem is large, which is logged once a process; none of these if there is an
+            option ``ksp_type`` or ``pc_type``.
         pressure_preconditioner: For ``"schur"``: for each body None or a bilinear form on its space
             that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
             sign. By default it is found from the tangent, at the viscosity of each iterate. Not
@@ -145,7 +148,8 @@ class ContactProblem:
         remove_options(prefix)
         given = petsc_options or {}
         chosen = {*given, *PETSc.Options(prefix).getAll()}
-        #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone.
+        #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone. It
+        #: stays while a direct solver stands in: see :attr:`solver_in_use`.
         self.solver = _pick(solver, F, bodies, kind, chosen)
         sums = self.solver in ("amg", "schur") and "pc_type" not in chosen
         if self.solver == "fieldsplit" and len(bodies) == 1:
@@ -227,6 +231,11 @@ class ContactProblem:
         None before the first solve, and with ``"amg"`` and ``"schur"``, which never form it.
         """
         return self.system.made.blocks if self.system.has_matrices else None
+
+    @property
+    def solver_in_use(self) -> str:
+        """What :attr:`solver` is, or ``"direct"`` as long as a direct solver stands in for it."""
+        return "direct" if self.newton.linear.is_rescued else self.solver
 
     @property
     def has_full_steps(self) -> bool:
@@ -515,6 +524,7 @@ def _pick(
     if is_flow:  # bubbles are eliminated cell by cell, by any solver
         size -= sum(num_inside_cells(body.V) for body in bodies)
     name, reason = pick(size, gdim, has_modes, kind, is_flow)
-    if name != "direct":
+    if name != "direct" and name not in told:
+        told.add(name)
         say(comm, f'solver="{name}": {reason}')
     return name

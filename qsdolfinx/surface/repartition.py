@@ -45,7 +45,8 @@ def repartition(
         tags: Of cells, facets, edges or vertices of the mesh.
 
     Returns:
-        The mesh without ghost cells, and the tags on it, with the names they had.
+        The mesh without ghost cells, and the tags on it, with the names they had: always a tuple,
+        ``(msh,)`` without tags.
 
     Raises:
         ValueError: If there is no direction, or one is zero or of another dimension, or tags are

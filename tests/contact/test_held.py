@@ -4,8 +4,19 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, clamp, elastic, largest, plane, slide, vector_space
+from scenes import (
+    WORLD,
+    box,
+    clamp,
+    elastic,
+    elastic_form,
+    largest,
+    plane,
+    slide,
+    vector_space,
+)
 
+import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
@@ -113,6 +124,66 @@ def test_friction_in_a_quarter(n):
     (whole, updates), (quarter, of_quarter) = found
     assert abs(quarter - whole) < 0.1 * abs(whole)
     assert of_quarter <= updates + 2
+
+
+# --- Degree 2: nodes beside what conditions hold
+
+
+@pytest.mark.parametrize("element", ("P2", "Taylor-Hood"))
+@pytest.mark.parametrize("law", (qs.Unilateral, qs.Tied))
+@pytest.mark.parametrize("master", ("rigid", "deformable"))
+@pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
+def test_no_node_beside_a_plane_of_symmetry_is_held(cell, master, law, element):
+    """Cells that touch the plane with a vertex alone as well: rounding of theirs marks nothing."""
+    n = (3, 4) if cell in ("triangle", "quadrilateral") else (2, 3)
+    V, u, F = bodies(cell, n, degree=2)
+    gdim = V[0].mesh.geometry.dim
+    if element == "Taylor-Hood":
+        P2 = basix.ufl.element("Lagrange", cell, 2, shape=(gdim,))
+        mixed = basix.ufl.mixed_element([P2, basix.ufl.element("Lagrange", cell, 1)])
+        W = fem.functionspace(V[1].mesh, mixed)
+        V[1], u[1] = W.sub(0), fem.Function(W)
+        F[1] = elastic_form(ufl.split(u[1])[0], ufl.TestFunctions(W)[0])
+    surfaces = [qs.Surface(s, facets=plane(s.mesh, gdim - 1, 0.0)) for s in V]
+    normal = np.eye(gdim)[-1]
+    floor = qs.RigidSurface.plane(WORLD, 0 * normal, normal)
+    parts = slice(0, 2) if master == "deformable" else slice(1, 2)
+    friction = None if law is qs.Tied else qs.Sticking()
+    contact = qs.Contact(
+        surfaces[1], surfaces[0] if master == "deformable" else floor, law=law(), friction=friction
+    )
+    bcs = [[slide(s, axis, plane(s.mesh, axis, 0.0)) for axis in range(gdim - 1)] for s in V[parts]]
+    qs.ContactProblem(F[parts], u[parts], [contact], bcs, solver="direct").set_up()
+    for part in (*contact.model.gaps, *contact.model.slips):
+        if part.extension is None:  # nothing is held along the normal
+            assert part in contact.model.gaps and law is qs.Unilateral
+            continue
+        gap = getattr(part, "gap", part)
+        x = contact.slave.node_x[gap.operator.row_node, :gdim]
+        on_planes = np.isclose(x, 0.0)
+        on_planes[:, -1] = False
+        np.testing.assert_array_equal(part.extension.held, on_planes)
+
+
+@pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
+def test_friction_of_degree_2_beside_a_plane_of_symmetry(cell):
+    """What slips has the whole friction at every node but those of the planes."""
+    n = [4, 4] if cell == "triangle" else [3, 3, 2]
+    gdim = len(n)
+    V = fem.functionspace(
+        box(WORLD, n, cell, [0.0] * gdim, [1.0] * gdim, "scattered"), ("Lagrange", 2, (gdim,))
+    )
+    u, normal = fem.Function(V), np.eye(gdim)[-1]
+    bcs = [slide(V, axis, plane(V.mesh, axis, 0.0)) for axis in range(gdim - 1)]
+    bcs.append(slide(V, gdim - 1, plane(V.mesh, gdim - 1, 1.0), -0.05))
+    floor = qs.RigidSurface.plane(WORLD, 0 * normal, normal)
+    slave = qs.Surface(V, facets=plane(V.mesh, gdim - 1, 0.0))
+    contact = qs.Contact(slave, floor, friction=qs.Coulomb(0.02))
+    qs.ContactProblem([elastic(u)], [u], [contact], [bcs]).solve()
+    limit = 0.02 * contact.multiplier()
+    along = np.linalg.norm(contact.tangential_multiplier(), axis=1)
+    free = ~np.isclose(slave.node_x[:, : gdim - 1], 0.0).any(axis=1)
+    np.testing.assert_allclose(along[free], limit[free], rtol=1e-6)
 
 
 # --- Clamped edges

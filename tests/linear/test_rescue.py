@@ -109,18 +109,21 @@ def test_patience(monkeypatch, caplog):
     """Of "auto": iterations that take longer than a direct solver are not waited for."""
     monkeypatch.setitem(presets.LARGE, 3, 10)
     caplog.set_level(logging.INFO, "qsdolfinx")
-    found = []
+    found, iterations = [], []
     for name in ("direct", "auto", "amg"):
-        pair = Pair("hexahedron", n=(6, 5), wave=0.02, load=-0.05)
+        pair = Pair("hexahedron", n=(8, 6), wave=0.02, load=-0.05)
         pair.F = [elastic(u, nu=0.4999) for u in pair.u]
         problem = pair.problem(solver=name)
         problem.solve()
         found.append(np.concatenate([u.x.array for u in problem.u]))
         assert problem.newton.linear.is_direct == (name != "amg")
+        assert problem.solver_in_use == ("amg" if name == "amg" else "direct")
+        iterations.append(problem.num_iterations)
         if name == "auto":
-            assert problem.num_restarts == 1 and problem.num_linear_iterations < 250
+            assert problem.solver == "amg" and problem.num_linear_iterations < 120
     assert largest(found[1] - found[0]) < 1e-6 * largest(found[0])
-    assert "linear solver: DIVERGED_MAX_IT; a direct" in caplog.text or WORLD.rank > 0
+    assert iterations[1] <= iterations[0] + 4  # from before what multigrid has made of it
+    assert "linear solver: crawls; a direct" in caplog.text or WORLD.rank > 0
 
 
 def test_soft_penalties_are_raised():

@@ -2,9 +2,26 @@
 
 import numpy as np
 import pytest
-from scenes import CELLS, FORMULATIONS, WORLD, Pair, drag_top, largest, raises_everywhere
+from scenes import (
+    CELLS,
+    FORMULATIONS,
+    WORLD,
+    Pair,
+    box,
+    clamp,
+    drag_top,
+    elastic,
+    largest,
+    plane,
+    raises_everywhere,
+    slide,
+    vector_space,
+)
+
+from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.contact import multipliers
 
 OPTIONS = {"enforcement": "augmented-lagrangian", "quadrature": "overlay"}
 GIVEN = {"contact_options": OPTIONS}
@@ -40,6 +57,52 @@ def test_small_loads(law, solver):
         stiffness.append(pair.contact.force("slave")[2] / load)
     rounding = 1e-14 / abs(loads)  # gaps of 1e-14 of the coordinates count as closed
     assert np.all(abs(np.array(stiffness) / stiffness[0] - 1) < 1e-6 + 3 * rounding)
+
+
+def quarter_on_plate(ratio, swap=False, held=True, solver="direct", **options):
+    """A tied quarter of a block, its planes of symmetry held, that is pressed on a stiffer plate.
+
+    Returns:
+        The contact, the problem, solved.
+    """
+    F, u, bcs, surfaces = [], [], [], []
+    boxes = ((6, [0.0] * 3, [1.0] * 3, 1.0, ratio), (4, [0.1, 0.1, 1.0], [0.87, 0.87, 2.0], 2.0, 1))
+    for n, low, high, end, E in boxes:
+        V = vector_space(box(WORLD, (n, n, n), "tetrahedron", low, high, "scattered"))
+        u.append(fem.Function(V))
+        F.append(elastic(u[-1], E=E))
+        bottom, top = clamp(V, plane(V.mesh, 2, 0.0)), slide(V, 2, plane(V.mesh, 2, 2.0), -0.04)
+        bcs.append([bottom if end == 1 else top])
+        if end == 2 and held:
+            bcs[-1] += [slide(V, axis, plane(V.mesh, axis, 0.1)) for axis in (0, 1)]
+        elif end == 2:
+            bcs[-1] = [clamp(V, plane(V.mesh, 2, end), [0.0, 0.0, -0.04])]
+        surfaces.append(qs.Surface(V, facets=plane(V.mesh, 2, 1.0)))
+    master, slave = surfaces[::-1] if swap else surfaces
+    contact = qs.Contact(slave, master, law=qs.Tied(), **options)
+    problem = qs.ContactProblem(F, u, [contact], bcs, solver=solver)
+    problem.solve()
+    return contact, problem
+
+
+@pytest.mark.parametrize("solver", ("direct", "amg"))
+@pytest.mark.parametrize("swap", (False, True))
+@pytest.mark.parametrize("ratio", (1e3, 1e6))
+def test_ties_of_held_nodes_to_a_stiff_body(ratio, swap, solver):
+    """Only the stiff one gives way where conditions hold the other, to large forces."""
+    exact = quarter_on_plate(1e3, swap, gap_tolerance=1e-12)[0].force("slave")
+    contact, problem = quarter_on_plate(ratio, swap, solver=solver)
+    assert abs(exact[0]) > 0.01 * abs(exact[2])
+    np.testing.assert_allclose(contact.force("slave"), exact, rtol=5e-3)  # of the ratios alone
+    exact = quarter_on_plate(ratio, swap, gap_tolerance=1e-13)[0].force("slave")
+    np.testing.assert_allclose(contact.force("slave"), exact, rtol=1e-4)
+    assert problem.num_augmentations <= 70
+
+
+def test_stiffer_bodies_cost_nothing_where_no_node_is_held():
+    (contact, _), (other, _) = (quarter_on_plate(r, held=h) for r, h in ((1e3, False), (1, True)))
+    for c in (contact, other):
+        assert multipliers.allowed(c.model) == multipliers.allowed(c.model, stiffer=False)
 
 
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
