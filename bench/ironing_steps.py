@@ -19,18 +19,21 @@ import ironing
 from machine import circumstances, write
 
 #: Facets a step of the slide, by kind of sliding.
-WAYS = {"small": (0.14, 0.25, 0.5), "finite": (0.14, 0.5, 1.0, 3.0, 6.0)}
+WAYS = {"small": (0.14, 0.25, 0.45), "finite": (0.14, 0.5, 1.0, 3.0, 6.0)}
 
 
 def run(sliding, way, facets):
     """One ironing as a row, and the force over the slide in its plateau."""
     steps = ironing.PRESSING + round((facets + ironing.RUN_IN) / way)
     p = ironing.Parameters(sliding=sliding, steps=steps, facets=facets)
-    start = time.perf_counter()
-    result, rows, scene = ironing.run(p)
+    start, iterations = time.perf_counter(), []
+
+    def note(row, scene):
+        iterations.append(scene[-1].num_iterations)
+
+    result, rows, _ = ironing.run(p, on_step=note)
     seconds = time.perf_counter() - start
     slide, _ = ironing.on_plateau(p, rows)
-    iterations = [row.iterations for row in rows]
     return {
         "sliding": sliding,
         "facets_per_step": facets / p.plan()[1],

@@ -180,6 +180,11 @@ class Pieces:
     def size(self) -> int: ...
     @property
     def num_points(self) -> int: ...
+    def gaps(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Distances along the rays, positive when open, [point]."""
+
+    def x(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Where the points are, [point][3]."""
 
 class RayFacet:
     """A facet at its present place; see sliding/ray.h."""

@@ -477,7 +477,8 @@ private:
     const auto v = cut_.facet_x(f), z = nearby_.facet_x(piece.other);
     q_.clear();
     w_.clear();
-    // Shape functions of quadrilaterals are not integrated exactly: turned surfaces are to be alike.
+    // Shape functions of quadrilaterals are not integrated exactly: turned surfaces are to be
+    // alike.
     if (record_ && !(planar.affine() && piece.planar.affine()))
       append_points_from_middle(piece.polygon, rules_.piece, q_, w_);
     else

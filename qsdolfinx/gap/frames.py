@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from petsc4py import PETSc
-
 import numpy as np
 import numpy.typing as npt
 

@@ -116,9 +116,6 @@ def test_slide_off_the_end(options):
     assert largest(*(np.abs(total(b.internal_forces())) for b in scene.bodies)) < 1e-6
 
 
-@pytest.mark.xfail(
-    strict=True, reason="points beyond the end of the other surface are said to be deep in it"
-)
 def test_no_warning_beyond_the_end():
     with warnings.catch_warnings():
         warnings.simplefilter("error", qs.ContactWarning)
@@ -129,14 +126,7 @@ def test_no_warning_beyond_the_end():
     "start",
     [
         0.73,
-        pytest.param(
-            0.6,
-            marks=pytest.mark.xfail(
-                strict=True,
-                raises=qs.ConvergenceError,
-                reason="a node that nothing is opposite to at the start has next to no area",
-            ),
-        ),
+        0.6,
     ],
 )
 def test_ends_at_nodes(start):

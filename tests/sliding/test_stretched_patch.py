@@ -59,7 +59,8 @@ def stretched(cell, degree, axisymmetric, options):
     scene.lower.hold(gdim - 1, gdim - 1, -1.0)
     scene.upper.press(gdim - 1, 1.0, PRESSURE)
     contact = qs.Contact(scene.above, scene.below, sliding="finite", **options)
-    scene.problem(contact, solver="direct").solve()
+    tight = {"snes_rtol": 1e-13}
+    scene.problem(contact, solver="direct", petsc_options=tight).solve()
     stress, stretch = uniaxial(2 if axisymmetric or gdim == 3 else 1)
     errors, spread = [], []
     for body in scene.bodies:
@@ -94,28 +95,28 @@ def test_closed_form():
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
 def test_plane_strain(cell, degree, options):
     error, deviation = stretched(cell, degree, False, options)
-    assert error < 1e-9
-    assert deviation < 1e-11
+    assert error < 3e-9
+    assert deviation < 1e-10
 
 
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 @pytest.mark.parametrize(("cell", "degree"), [("triangle", 1), ("quadrilateral", 2)])
 def test_axisymmetric(cell, degree, options):
     error, deviation = stretched(cell, degree, True, options)
-    assert error < 1e-9
-    assert deviation < 1e-11
+    assert error < 3e-9
+    assert deviation < 1e-10
 
 
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 @pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
 def test_three_dimensions(cell, options):
     error, deviation = stretched(cell, 1, False, options)
-    assert error < 1e-9
-    assert deviation < 1e-11
+    assert error < 3e-9
+    assert deviation < 1e-10
 
 
 @pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
 def test_second_degree_in_three_dimensions(cell):
     error, deviation = stretched(cell, 2, False, {})
-    assert error < 1e-9
-    assert deviation < 1e-11
+    assert error < 3e-9
+    assert deviation < 1e-10
