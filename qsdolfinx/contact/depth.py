@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact.model import TOUCHING, ContactModel
 from qsdolfinx.contact.placement import Place, Placement, is_analytic
-from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap, handle_of
+from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
 from qsdolfinx.pairing.distance import (
     Distances,
     from_shape,

@@ -13,11 +13,12 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel, HeldNodes
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.rows import NodeRows, PointRows
-from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
+from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import as_tool, deformable

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import typing
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -13,14 +12,15 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.laws import Friction, Response, Rows
+from qsdolfinx.friction.objective import PairsAtStart, objective_slip
 from qsdolfinx.friction.stick_slip import StickSlip
 from qsdolfinx.gap.extension import Extension
-from qsdolfinx.gap.following import Places
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows
-from qsdolfinx.gap.weighted_gap import KINDS, Vecs, WeightedGap, handle_of
+from qsdolfinx.gap.weighted_gap import KINDS, Vecs, WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 
@@ -28,42 +28,6 @@ Array = npt.NDArray[np.float64]
 
 #: Pressure at the start of a step, relative to that at its end, that is none but for rounding.
 NO_PRESSURE = 1e-6
-
-#: Change of what is covered of a node's area, over the whole, that is none.
-SAME_COVER = 1e-2
-
-
-@dataclasses.dataclass(frozen=True)
-class PairsAtStart:
-    """What was opposite to what when a step began, of gaps that follow the bodies.
-
-    Attributes:
-        operator: Of the jump with places on the facets as then.
-        area: What its rows are divided by, shape (rows,).
-        gap: ḡ then, shape (rows,).
-        cover: Part of these areas that was covered, (rows,).
-        places: Where everything was, see ``Following``.
-        normal: Sum of the slave's normals, (rows, gdim).
-        on_tool: Mean place of the points of a rigid tool, (rows, gdim), times that part; and where
-            the tool was, see ``RigidSurface.position``. None without.
-    """
-
-    operator: _cpp.GapOperator
-    area: Array
-    gap: Array
-    cover: Array
-    places: Places
-    normal: Array
-    on_tool: tuple[Array, Array] | None
-
-    def moved_tool(self, position: Array) -> Array:
-        """Where the tool's points are when it is there, times the part that was covered."""
-        assert self.on_tool is not None
-        points, before = self.on_tool
-        gdim = points.shape[1]
-        turn = position[:, :gdim] @ before[:, :gdim].T
-        shift = position[:, gdim] - turn @ before[:, gdim]
-        return np.asarray(points @ turn.T + self.cover[:, None] * shift)
 
 
 @dataclasses.dataclass
@@ -309,74 +273,24 @@ class Slip:
             return
         if self.gap.following is not None:
             self.gap.evaluate_kept(u, in_displacement)
-            state.pairs = self._pairs_of_cut()
+            state.pairs = PairsAtStart.of(self.gap)
         else:
             state.start = state.start + self._carried(u, in_displacement)
         state.starts_there = False
 
     # --- Gaps that follow the bodies
 
-    def _pairs_of_cut(self) -> PairsAtStart:
-        """The present pairs as those that a step begins with. Collective."""
-        operator, gap, on_tool = self.gap.jump_operator(), self.gap, None
-        assert gap.following is not None and gap.cut is not None
-        if gap.following.tool is not None:
-            on_tool = gap.present_places_of_tool(), gap.cut.places[1]
-        cover, normal = operator.slave_sum[:, 0], gap.operator.slave_sum
-        gaps = gap.state.values[:, 0]
-        places = gap.cut.places
-        return PairsAtStart(operator, operator.row_area, gaps, cover, places, normal, on_tool)
-
     def _follow(self, u: Vecs) -> None:
         """Operator, normals, jump and τ̂ at the last cut. Collective."""
         state, gap = self.state, self.gap
         if state.pairs is None:
-            state.pairs = self._pairs_of_cut()
+            state.pairs = PairsAtStart.of(self.gap)
         self.operator = gap.jump_operator()
         self.hold(self._held)
         self.cover = self._cover()
-        state.jump = self._objective_slip(state.pairs, u)
+        state.jump = objective_slip(self.gap, state.pairs, u)
         state.start = np.zeros_like(state.jump)
         self._turn_augmented()
-
-    def _objective_slip(self, pairs: PairsAtStart, u: Vecs) -> Array:
-        """Slip since the step began, of which rigid motions have none, (rows, gdim). Collective.
-
-        D₀ x_s − M₀ x_m, by the pairs at the start of the step where the bodies are now, less the
-        same by the present pairs. Where a node has come into contact since, there are none at the
-        start: the present pairs tell from where the bodies were then.
-        """
-        gap, area = self.gap, self.operator.row_area
-        assert gap.cut is not None
-        before = gap.jump_of_positions(pairs.operator, u)
-        if pairs.on_tool is not None:
-            before = before - pairs.moved_tool(gap.cut.places[1])
-        known = pairs.cover * pairs.area / area
-        now = np.where(self.operator.slave_sum[:, 0] > 0, self.cover, 0.0)
-        some = known > 0
-        mean = np.divide(
-            before * (pairs.area / area)[:, None],
-            known[:, None],
-            out=np.zeros_like(before),
-            where=some[:, None],
-        )
-        slip = now[:, None] * mean - gap.present_jump()
-        part = np.divide(np.minimum(known, now), now, out=np.zeros_like(now), where=now > 0)
-        part[part > 1 - SAME_COVER] = 1.0
-        if not self.slave.comm.allreduce(bool(np.any(part < 1)), op=MPI.LOR):
-            return np.asarray(slip)
-        came = -self._jump_at_start(pairs)
-        return np.asarray(part[:, None] * slip + (1 - part[:, None]) * came)
-
-    def _jump_at_start(self, pairs: PairsAtStart) -> Array:
-        """Mean of x_slave − x_master by the present pairs where the bodies were. Collective."""
-        gap = self.gap
-        assert gap.following is not None and gap.cut is not None
-        out = gap.following.jump_of_places(self.operator, pairs.places)
-        if pairs.on_tool is not None:
-            present = self._pairs_of_cut()
-            out = out - present.moved_tool(pairs.places[1])
-        return out
 
     def _turn_augmented(self) -> None:
         """Let τ̂ turn with the slave. Collective."""
@@ -597,7 +511,7 @@ class Slip:
         self.state.augmented = self.state.response.traction
         self.state.start = self.state.carried
         if self.gap.following is not None:
-            self.state.pairs = self._pairs_of_cut()
+            self.state.pairs = PairsAtStart.of(self.gap)
         self.state.pressed = self.state.pressure
         self.state.slipped = self.state.response.slipping.astype(np.float64)
         self.count_whole_step()

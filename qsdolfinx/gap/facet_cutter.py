@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.following import Found, Places, Vecs
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.surface.surface import Surface
@@ -63,7 +64,7 @@ class FacetCutter:
         pieces = _cpp.overlay_pieces(
             *self._moving, *self._measured, self._both, self._radius, *self._rules
         )
-        rows = _cpp.PieceRows(self._slave, pieces, _handle(cover))
+        rows = _cpp.PieceRows(self._slave, pieces, handle_of(cover))
         return Found(cover, rows, pieces)
 
     def points(self, found: Found) -> tuple[Array, Array]:
@@ -90,16 +91,16 @@ class FacetCutter:
         _cpp.insert_curvature(
             self._master,
             found.of_cutter,
-            _handle(found.cover),
+            handle_of(found.cover),
             multiplier.handle,
-            [_handle(vec) for vec in markers],
-            [_handle(mat) for mat in blocks],
+            [handle_of(vec) for vec in markers],
+            [handle_of(mat) for mat in blocks],
             scale,
         )
 
     def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
         """See :class:`Cutter`."""
-        handles = [_handle(vec) for vec in (found.cover, traction, *b)]
+        handles = [handle_of(vec) for vec in (found.cover, traction, *b)]
         _cpp.add_slip_forces(found.of_cutter, *handles)
         return True
 
@@ -112,7 +113,3 @@ class FacetCutter:
         if self._measured_at is not places:
             self._put(self._measured, places)
             self._measured_at = places
-
-
-def _handle(thing: PETSc.Vec | PETSc.Mat | None) -> int:
-    return 0 if thing is None else int(thing.handle)

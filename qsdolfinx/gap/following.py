@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.surface.affine import trace_positions, trace_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
@@ -253,7 +254,7 @@ class Following:
 
     def _constrain(self, operator: _cpp.GapOperator) -> None:
         if self._marked is not None:
-            operator.constrain(*map(_handle, self._marked))
+            operator.constrain(*map(handle_of, self._marked))
 
     # --- Jumps
 
@@ -294,7 +295,7 @@ class Following:
         vec.array[self._slave.node_dofs - vec.owner_range[0]] = traction
         if not self._cutter.add_slip_forces(last.found, vec, b):
             force = np.ascontiguousarray(last.measure.area[:, None] * traction)
-            self.jump_operator(last).add_transpose(force, *map(_handle, b))
+            self.jump_operator(last).add_transpose(force, *map(handle_of, b))
         vec.destroy()
 
     # --- Tangent
@@ -333,7 +334,3 @@ class Following:
 
 def _equal(a: Places, b: Places) -> bool:
     return all(x is y or np.array_equal(x, y) for x, y in zip(a, b, strict=True))
-
-
-def _handle(thing: PETSc.Vec | None) -> int:
-    return 0 if thing is None else int(thing.handle)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import Cut, Following, Measure, Places
 from qsdolfinx.gap.laws import Law
@@ -29,11 +30,6 @@ Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 
 #: What rows are, in the order of GapRows in cpp/gap/gap.h.
 KINDS = ("area", "cover", "points")
-
-
-def handle_of(thing: PETSc.Vec | PETSc.Mat | None) -> int:
-    """Handle for the kernels, 0 where there is nothing."""
-    return 0 if thing is None else int(thing.handle)
 
 
 @dataclasses.dataclass

@@ -9,12 +9,12 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.crossing import displacements_since
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place, Placement
-from qsdolfinx.gap.weighted_gap import handle_of
 from qsdolfinx.surface.affine import trace_vec
 from qsdolfinx.tools.rigid_surface import RigidSurface, deformable
 

@@ -7,9 +7,10 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
+from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec
 
 Array = npt.NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.timing import Stopwatch
-from qsdolfinx.gap.weighted_gap import handle_of
 from qsdolfinx.system.blocks import Blocks, forbid_allocation
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.numbering import numbering

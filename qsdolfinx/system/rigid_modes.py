@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.gap.weighted_gap import WeightedGap, handle_of
+from qsdolfinx.base.handles import handle_of
+from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.unknowns import is_vertex_vector
 from qsdolfinx.system.body import Body
 
