@@ -303,7 +303,11 @@ def directions(name, joint, side: Side, tolerance):
         close = np.linalg.norm(side.points_now[:, None] - pushed, axis=2) <= 1.1 * side.size
         beside = side.now.facing & np.any(close, axis=1)
         between = np.max(np.abs(side.now.distance[beside]), initial=0.0)
-        slack = slack + 3 * between / side.size * size  # steeper than 1 over the longest edge
+        facets = [side.size]
+        if isinstance(side.opponent, Meshed):
+            corners = side.opponent.deformed
+            facets.append(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).max())
+        slack = slack + 12 * between / min(facets) * size  # N_k is steeper on small facets
     free = side.normal_free
     out = compare("tension", side.pull[free], slack[free], f"{name} is pulled")
     sideways = np.linalg.norm(np.where(side.held, 0.0, side.tangential), axis=1)

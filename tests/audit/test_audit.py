@@ -4,7 +4,7 @@ from mpi4py import MPI
 
 import pytest
 from audit.histories import random_history
-from audit.run import run
+from audit.run import following, run
 from audit.scenes import random_scene
 
 SIZE = MPI.COMM_WORLD.size
@@ -25,6 +25,17 @@ def test_some():
 
 def test_some_histories():
     check(range(50 * (SIZE - 1), 50 * (SIZE - 1) + HISTORIES), draw=random_history)
+
+
+def test_some_that_follow():
+    """With contact that follows the bodies."""
+    numbers = range(100 * (SIZE - 1), 100 * (SIZE - 1) + SCENES // 2)
+    check(numbers, draw=following(random_scene))
+
+
+@pytest.mark.long
+def test_many_that_follow():
+    check(range(500), draw=following(random_scene))
 
 
 @pytest.mark.long
