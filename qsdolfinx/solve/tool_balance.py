@@ -40,19 +40,49 @@ class Pressed(typing.NamedTuple):
         contact: The contact.
         body: Index of the slave's body.
         gap: The pass.
-        change: ∂ḡ/∂s, s being the tool's displacement along its direction.
+        field: Displacement of the tool with s, its displacement along its direction.
         modulus: E of the slave, stress.
         slip: The pass's slip, None without friction.
-        slip_change: ∂g/∂s.
+        known: ∂ḡ/∂s and ∂g/∂s; None where gaps follow the bodies, whose derivatives change.
     """
 
     contact: ContactModel
     body: int
     gap: WeightedGap
-    change: Array
+    field: Affine
     modulus: float
     slip: Slip | None
-    slip_change: Array
+    known: tuple[Array, Array] | None
+
+    @classmethod
+    def of(
+        cls,
+        contact: ContactModel,
+        body: int,
+        gap: WeightedGap,
+        field: Affine,
+        modulus: float,
+        slip: Slip | None,
+    ) -> Pressed:
+        """With what stays of it. Collective."""
+        out = cls(contact, body, gap, field, modulus, slip, None)
+        if gap.following is not None:
+            return out
+        return out._replace(known=(out.change, out.slip_change))
+
+    @property
+    def change(self) -> Array:
+        """∂ḡ/∂s. Collective."""
+        return self.gap.change(self.field) if self.known is None else self.known[0]
+
+    @property
+    def slip_change(self) -> Array:
+        """∂g/∂s. Collective."""
+        if self.known is not None:
+            return self.known[1]
+        if self.slip is None:
+            return np.zeros((self.gap.num_rows, len(self.field.b)))
+        return self.slip.tangential(self.slip.change(self.field))
 
     def held(self) -> float:
         """This rank's part of the force that the tool is held with, at the last evaluation."""
@@ -114,11 +144,7 @@ class ToolBalance:
             i = next(i for i, known in enumerate(self.tools) if known is tool)
             for j, p in enumerate(contact.gaps):
                 slip = contact.slips[j] if contact.slips else None
-                none = np.zeros((p.num_rows, tool.gdim))
-                slip_change = none if slip is None else slip.tangential(slip.change(field))
-                self._pressed[i].append(
-                    Pressed(contact, side[0], p, p.change(field), modulus, slip, slip_change)
-                )
+                self._pressed[i].append(Pressed.of(contact, side[0], p, field, modulus, slip))
         self._force = np.array(forces)
         for force, pressed in zip(forces, self._pressed, strict=True):
             holds = [p.contact.law.linear or p.slip is not None for p in pressed]

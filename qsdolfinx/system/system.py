@@ -212,7 +212,8 @@ class ContactSystem:
     @property
     def is_stale(self) -> bool:
         """Whether matrices have to be built, or rebuilt."""
-        return self._made is None or not self._is_paired()
+        forgotten = any(contact.penalty.value is None for contact in self.contacts)
+        return self._made is None or forgotten or not self._is_paired()
 
     def _is_paired(self) -> bool:
         """Whether what the contacts have paired is what matrices were made for.
