@@ -99,7 +99,9 @@ class FacetCutter:
         )
 
     def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
-        """See :class:`Cutter`."""
+        """See :class:`Cutter`; a tool is held with what acts on the slave."""
+        if self._tool is not None:
+            return False
         handles = [handle_of(vec) for vec in (found.cover, traction, *b)]
         _cpp.add_slip_forces(found.of_cutter, *handles)
         return True

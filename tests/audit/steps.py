@@ -104,6 +104,7 @@ class StepAuditor:
             formulation=history.options["formulation"],
             nodal=history.options["quadrature"] == "nodal",
             at_points=history.options.get("constraints") == "points",
+            follows=history.options.get("sliding") == "finite" and not history.tied,
             reported=lambda: play.contact.force("slave"),
         )
 
@@ -328,6 +329,8 @@ class StepAuditor:
 
     def sides(self, bodies, tool, start="paired"):
         """The sides of the contact."""
+        if self.joint.follows and start == "paired":
+            start, tool = "now", None if tool is None else (tool[1], tool[1])
         pairs = self.opponents(bodies, tool, start)
         alone = self.joint.node_by_node and not isinstance(pairs[0][1], Meshed)
         return [read_side(*pair, alone) for pair in pairs]
@@ -346,7 +349,7 @@ class StepAuditor:
                 faults += directions(name, joint, side, tolerance)
                 faults += complementarity(name, joint, sides, side, tolerance, reach, length)
             faults += penetration(name, joint, sides, side, reach, length)
-        if joint.rubs:
+        if joint.rubs and not joint.follows:  # slip is not counted from where it was paired
             faults += self.slip(bodies, tool, sides, tolerance)
         return faults
 
@@ -358,10 +361,12 @@ class StepAuditor:
         if not self.history.has_tool:
             # An initial gap stays as it is, and does not turn.
             carried = self.play.carry(self.play.stepper.t)
+        # With finite sliding it turns with the slave.
+        turns = 0.2 if self.history.options.get("sliding") == "finite" else 0.0
         joint = dataclasses.replace(
             self.joint,
             allowed_gap=self.joint.allowed_gap
-            + np.linalg.norm(carried.vector()) * max(s.initial_gap.max(initial=0) for s in sides),
+            + (np.linalg.norm(carried.vector()) + turns) * max(s.initial_gap.max(initial=0) for s in sides),
         )
         return tied_gaps(joint, sides, reach, self.length)
 
