@@ -237,9 +237,12 @@ class Slip:
         if in_displacement[0] and self.gap.following is None:
             state.carried = state.carried + state.shift
         state.closed, state.pressure, state.ended = closed, pressure, False
+        augmented = state.augmented
+        if self.gap.following is not None:  # kept as it is: to come back is to change nothing
+            augmented = self.turned(augmented)
         rows = Rows(
             self.values,
-            self.state.augmented,
+            augmented,
             pressure,
             closed & ~self.stick_slip.without_friction,
             np.zeros_like(closed),
@@ -301,7 +304,7 @@ class Slip:
         now = self._frames.at(gap.cut.places[0])[self.row_node]
         if state.frames is not None:
             state.augmented = turned(state.augmented, state.frames, now)
-        state.augmented, state.frames = self.turned(state.augmented), now
+        state.frames = now
 
     @property
     def has_turned(self) -> bool:
