@@ -173,8 +173,8 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     for slip in system.slips:
         slip.note()
     system.set_strict(snes.getIterationNumber() >= LENIENT)
-    most = max(context.record.residuals, default=np.inf)
-    system.set_curvature(not context.is_running or context.norms[-1] <= WITH_CURVATURE * most)
+    far = bool(context.norms) and context.norms[-1] > WITH_CURVATURE * max(context.record.residuals)
+    system.set_curvature(not (context.is_running and far))
     if _is_near(context) and system.tangent_fits():
         linear.prepare(context.norms, context.until, False)
         return

@@ -33,6 +33,6 @@ def test_nothing_is_left_to_solve(enforcement, rest):
     )
     problem = qs.ContactProblem(forms, us, [contact], bcs)
     problem.solve()
-    assert problem.num_iterations < 20
+    assert problem.num_iterations < 30
     assert largest(contact.force("slave")) < 1e-9
     np.testing.assert_allclose(us[1].x.array.reshape(-1, 2)[:, 1], rest - GAP, atol=1e-12)
