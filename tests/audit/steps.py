@@ -366,7 +366,8 @@ class StepAuditor:
         joint = dataclasses.replace(
             self.joint,
             allowed_gap=self.joint.allowed_gap
-            + (np.linalg.norm(carried.vector()) + turns) * max(s.initial_gap.max(initial=0) for s in sides),
+            + (np.linalg.norm(carried.vector()) + turns)
+            * max(s.initial_gap.max(initial=0) for s in sides),
         )
         return tied_gaps(joint, sides, reach, self.length)
 
