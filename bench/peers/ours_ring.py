@@ -33,7 +33,7 @@ class Body:
         self.given = given
         element = basix.ufl.element("Lagrange", "quadrilateral", 1, shape=(2,))
         cells = given.cells[:, [0, 1, 3, 2]].astype(np.int64)
-        msh = mesh.create_mesh(MPI.COMM_WORLD, cells, given.x, element)
+        msh = mesh.create_mesh(MPI.COMM_WORLD, cells=cells, x=given.x, e=ufl.Mesh(element))
         V = self.V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
         self.u, v = fem.Function(V), ufl.TestFunction(V)
         stress = qs.materials.neo_hookean(self.u, *ring.moduli(name))
