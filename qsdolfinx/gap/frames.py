@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from petsc4py import PETSc
+
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.surface.affine import trace_vec
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
@@ -14,8 +15,9 @@ Array = npt.NDArray[np.float64]
 class Frames:
     """Orthonormal frames at the owned nodes: the normal, and what turns with the facets around it.
 
-    In 3D a second direction is the sum over the facets at a node of an edge of each, times a number
-    that belongs to the facet: a direction of the material, which no symmetry of the mesh cancels.
+    In 3D a second direction is the sum over the facets at a node of the ways to their middles, each
+    times a number that belongs to the facet, whatever the partition: a direction of the material,
+    which no symmetry of the mesh cancels.
 
     Args:
         surface: The surface.
@@ -23,10 +25,12 @@ class Frames:
 
     def __init__(self, surface: Surface) -> None:
         self._surface, self._twin = surface, surface.twin()
-        dofs = surface.trace_dofs[0][:, :, 0]
-        least = dofs[:, : surface.num_facet_vertices].min(axis=1, initial=2**62)
-        #: Numbers of the facets, the same on any rank that has them.
-        self._number: Array = 1.5 + np.sin(1.0 + 1.7 * (least % 9973))
+        nv = surface.num_facet_vertices
+        middle = surface.coordinates[0].mean(axis=1) / surface.facet_size_range[1]
+        #: Numbers of the facets, and unknowns of their vertices.
+        self._number: Array = 1.5 + np.sin(middle @ np.array([3.1, 4.7, 6.3]))
+        dofs = surface.trace_dofs[0][:, :nv]
+        self._dofs = np.ascontiguousarray(dofs.ravel().astype(PETSc.IntType))
 
     def at(self, x: Array) -> Array:
         """Frames with the trace's nodes at these places, columns, (nodes, gdim, gdim). Collective.
@@ -41,8 +45,11 @@ class Frames:
         if gdim == 2:
             along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
             return np.stack([normal[:, :2], along], axis=2)
-        edge = (x[:, 1] - x[:, 0]) * self._number[:, None]
-        vec = trace_vec(surface, np.repeat(edge[:, None], x.shape[1], axis=1))
+        vertices = x[:, : surface.num_facet_vertices]
+        ways = (vertices.mean(axis=1, keepdims=True) - vertices) * self._number[:, None, None]
+        vec = surface.create_vec()
+        vec.setValues(self._dofs, ways.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        vec.assemble()
         direction = vec.array_r[surface.node_dofs - vec.owner_range[0]].copy()
         vec.destroy()
         direction -= np.sum(direction * normal, axis=1, keepdims=True) * normal
