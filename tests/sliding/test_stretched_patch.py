@@ -59,7 +59,7 @@ def stretched(cell, degree, axisymmetric, options):
     scene.lower.hold(gdim - 1, gdim - 1, -1.0)
     scene.upper.press(gdim - 1, 1.0, PRESSURE)
     contact = qs.Contact(scene.above, scene.below, sliding="finite", **options)
-    # Rounding decides on which side of its kink the cover of ends that coincide is (docs/limits.md).
+    # Where ends coincide rounding decides on which side of its kink the cover is (limits.md).
     known = degree == 2 and options.get("formulation") == "master-slave"
     tight = {"snes_rtol": 1e-10 if known else 1e-13}
     scene.problem(contact, solver="direct", petsc_options=tight).solve()
