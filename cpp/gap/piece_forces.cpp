@@ -70,12 +70,7 @@ RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
   return {is_slave ? slave : master, is_slave ? master : slave, is_slave};
 }
 
-namespace
-{
-/// Part of a node's area that is covered, below which its neighbours carry its multiplier.
-constexpr double least_cover = 0.1;
-
-std::vector<std::int64_t> first_dofs(const Pieces& pieces)
+std::vector<std::int64_t> qsdolfinx::first_dofs(const Pieces& pieces)
 {
   std::vector<std::int64_t> out;
   for (std::size_t i = 0; i < pieces.size(); ++i)
@@ -83,6 +78,11 @@ std::vector<std::int64_t> first_dofs(const Pieces& pieces)
       out.push_back(pieces.slave.dofs[(i * pieces.slave.num_nodes + k) * pieces.gdim]);
   return out;
 }
+
+namespace
+{
+/// Part of a node's area that is covered, below which its neighbours carry its multiplier.
+constexpr double least_cover = 0.1;
 } // namespace
 
 Shares::Shares(const Pieces& pieces, Vec cover)

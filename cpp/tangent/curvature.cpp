@@ -18,16 +18,6 @@ std::vector<PetscInt> free_dofs(const PieceSide& side, Vec markers)
       out[i] = -1;
   return out;
 }
-
-/// First unknowns of the nodes with multipliers, [piece][multiplier].
-std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces)
-{
-  std::vector<std::int64_t> out;
-  for (std::size_t i = 0; i < pieces.size(); ++i)
-    for (int k = 0; k < pieces.num_multipliers; ++k)
-      out.push_back(pieces.slave.dofs[(i * pieces.slave.num_nodes + k) * pieces.gdim]);
-  return out;
-}
 } // namespace
 
 void qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Vec cover, Vec lambda,
@@ -35,7 +25,7 @@ void qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Ve
                                  std::array<double, 2> scale)
 {
   const Shares shares(pieces, cover);
-  std::vector<double> multipliers = values_at(lambda, multiplier_dofs(pieces));
+  std::vector<double> multipliers = values_at(lambda, first_dofs(pieces));
   const std::array<const PieceSide*, 2> sides{&pieces.slave, &pieces.master};
   const int num_sides = master ? 2 : 1;
   std::array<std::vector<PetscInt>, 2> dofs;
