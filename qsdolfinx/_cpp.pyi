@@ -385,8 +385,8 @@ def insert_curvature(
     markers: Sequence[int],
     blocks: Sequence[int],
     scale: Sequence[float],
-) -> None:
-    """Add the sum of multipliers times second derivatives of gaps to the blocks (ss, sm, ms, mm); collective."""
+) -> bool:
+    """Add the sum of multipliers times second derivatives of gaps to the blocks (ss, sm, ms, mm); whether that is symmetric but for the scale. Collective."""
 
 def insert_friction(
     jump: GapOperator,

@@ -48,14 +48,14 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       [](const Surface* master, const Pieces& pieces, Handle cover, Handle multiplier,
          std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
       {
-        insert_curvature(master, pieces, reinterpret_cast<Vec>(cover),
-                         reinterpret_cast<Vec>(multiplier),
-                         {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
-                         contact_blocks(blocks), scale);
+        return insert_curvature(
+            master, pieces, reinterpret_cast<Vec>(cover), reinterpret_cast<Vec>(multiplier),
+            {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
+            contact_blocks(blocks), scale);
       },
       "master"_a.none(), "pieces"_a, "cover"_a, "multiplier"_a, "markers"_a, "blocks"_a, "scale"_a,
       "Add the sum of multipliers times second derivatives of gaps to the blocks (ss, sm, ms, mm); "
-      "collective.");
+      "whether that is symmetric but for the scale. Collective.");
   m.def(
       "put_rows",
       [](Handle block, Handle matrix, In<std::int32_t> rows,

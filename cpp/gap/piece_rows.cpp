@@ -3,6 +3,8 @@
 #include "parallel/exchange.h"
 #include "parallel/records.h"
 
+#include <algorithm>
+
 using namespace qsdolfinx;
 
 namespace
@@ -52,6 +54,14 @@ private:
   }
 };
 
+/// Whether all rays of the rim of a piece meet the other facet.
+bool solve_rim(Pieces& pieces, std::size_t piece)
+{
+  const RayPair pair = pair_of(pieces, piece);
+  return std::ranges::all_of(pieces.rim_of(piece), [&pair](RimPoint& rim)
+                             { return solve_rays(pair, std::span(&rim.point, 1)); });
+}
+
 /// Records of rows, as they are sent: cover, gap, jump, gradient, mass.
 void append_row(std::vector<double>& out, const PieceSums& sums, std::size_t k, std::size_t columns)
 {
@@ -75,7 +85,7 @@ PieceRows::PieceRows(const Surface& slave, Pieces& pieces, Vec covered)
   std::vector<std::int64_t> integers;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
-    if (!sums.compute(pieces, i, pieces.points_of(i)))
+    if (!sums.compute(pieces, i, pieces.points_of(i)) || !solve_rim(pieces, i))
     {
       ++num_missed;
       continue;

@@ -148,6 +148,13 @@ struct Record
     append_side(there, nearby.trace_x, nearby.orientation, nearby.dofs, nearby.owner, g);
     pieces.cut_is_slave.push_back(cut_is_slave);
     pieces.end.push_back(pieces.points.size());
+    pieces.rim_end.push_back(pieces.rim.size());
+  }
+
+  void append_rim(const RimPoint& point)
+  {
+    pieces.rim.push_back(point);
+    pieces.rim_end.back() = pieces.rim.size();
   }
 
   void append_point(const RayPoint& point)
@@ -269,6 +276,39 @@ struct ShapeValues
   }
 };
 
+/// Distance from each other, over the size of a facet, of edges that coincide.
+constexpr double rim_tolerance = 1e-10;
+
+/// Whether a line from a to b lies on one side of a polygon, or a point a = b at an interval's end.
+bool runs_along(const Polygon& polygon, const Vec2& a, const Vec2& b, double tolerance)
+{
+  if (polygon.size() == 2)
+    return std::min(std::abs(a[0] - polygon[0][0]), std::abs(a[0] - polygon[1][0])) <= tolerance;
+  for (std::size_t i = 0; i < polygon.size(); ++i)
+  {
+    const Vec2 &p = polygon[i], t = polygon[(i + 1) % polygon.size()] - p;
+    const double within = tolerance * std::hypot(t[0], t[1]);
+    if (std::abs(cross(t, a - p)) <= within && std::abs(cross(t, b - p)) <= within)
+      return true;
+  }
+  return false;
+}
+
+/// Gauss's rules on the interval.
+const Rule& rim_rule_2()
+{
+  static const double x = 0.5 / std::sqrt(3.0);
+  static const Rule rule{{{0.5 - x, 0}, {0.5 + x, 0}}, {0.5, 0.5}};
+  return rule;
+}
+
+const Rule& rim_rule_3()
+{
+  static const double x = 0.5 * std::sqrt(0.6);
+  static const Rule rule{{{0.5 - x, 0}, {0.5, 0}, {0.5 + x, 0}}, {5.0 / 18, 8.0 / 18, 5.0 / 18}};
+  return rule;
+}
+
 /// Cuts the facets of one surface along those of another.
 class Overlay
 {
@@ -297,7 +337,7 @@ public:
       find_own_screens(f, frame, planar);
       for (const Piece& piece : pieces_)
         if (piece.faces)
-          append(f, planar, piece);
+          append(f, frame, planar, piece);
       if (points_.size() == before)
         ++points_.num_unpaired;
     }
@@ -472,7 +512,7 @@ private:
     return (1 / norm(sum)) * sum;
   }
 
-  void append(std::size_t f, const PlanarFacet& planar, const Piece& piece)
+  void append(std::size_t f, const Frame& frame, const PlanarFacet& planar, const Piece& piece)
   {
     const auto v = cut_.facet_x(f), z = nearby_.facet_x(piece.other);
     q_.clear();
@@ -487,7 +527,7 @@ private:
     there_.compute(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
     const ShapeValues &here = here_, &there = there_;
     const double reach = reach_.of(cut_.facets().size[f], std::sqrt(squared_size(nearby_.type, z)));
-    bool is_recorded = false;
+    std::size_t num_recorded = 0;
     for (std::size_t p = 0; p < q_.size(); ++p)
     {
       const Vec3 x = facet_point(cut_.type(), v, here.xi[p]);
@@ -500,9 +540,8 @@ private:
         continue;
       if (record_)
       {
-        if (!is_recorded)
+        if (num_recorded++ == 0)
           record_->append(cut_, f, nearby_, piece.other, cut_is_slave_);
-        is_recorded = true;
         record_->append_point(
             {here.xi[p], there.xi[p],
              share_ * w_[p] / planar.jacobian(here.xi[p]) * record_->stretch(f, here.xi[p])});
@@ -526,6 +565,48 @@ private:
                     cut_is_slave_ ? cut_.facets().vertex_side : nearby_.side,
                     cut_is_slave_ ? f : piece.other, points_.num_multipliers);
     }
+    if (num_recorded > 0 && num_recorded == q_.size()) // else parts are hidden or too far away
+      append_rim(f, frame, planar, piece);
+  }
+
+  /// Note down the rim of a piece where it is not the facet's own. Where both facets end it counts
+  /// as the slave's own.
+  void append_rim(std::size_t f, const Frame& frame, const PlanarFacet& planar, const Piece& piece)
+  {
+    const Polygon& rim = piece.polygon;
+    const double tolerance = rim_tolerance * cut_.facets().size[f];
+    const auto moves = [&](const Vec2& a, const Vec2& b)
+    {
+      return !runs_along(planar.polygon(), a, b, tolerance)
+             || (!cut_is_slave_ && runs_along(piece.planar.polygon(), a, b, tolerance));
+    };
+    if (cut_.type() == FacetType::interval)
+    {
+      for (int i = 0; i < 2; ++i)
+        if (moves(rim[i], rim[i]))
+          append_rim_point(f, planar, piece, rim[i], 1, (i == 0 ? -1.0 : 1.0) * frame.e0);
+      return;
+    }
+    const Rule& rule = cut_.degree() > 1 || nearby_.degree > 1 ? rim_rule_3() : rim_rule_2();
+    for (std::size_t i = 0; i < rim.size(); ++i)
+    {
+      const Vec2 &a = rim[i], &b = rim[(i + 1) % rim.size()], t = b - a;
+      const double length = std::hypot(t[0], t[1]);
+      if (length <= tolerance || !moves(a, b))
+        continue;
+      const Vec3 outward = (t[1] / length) * frame.e0 - (t[0] / length) * frame.e1;
+      for (std::size_t p = 0; p < rule.w.size(); ++p)
+        append_rim_point(f, planar, piece, a + rule.x[p][0] * t, rule.w[p] * length, outward);
+    }
+  }
+
+  /// @param length of the rim that the point stands for; 1 in 2D
+  void append_rim_point(std::size_t f, const PlanarFacet& planar, const Piece& piece, const Vec2& q,
+                        double length, const Vec3& outward)
+  {
+    const Vec2 xi = planar.invert(q);
+    const double density = record_->stretch(f, xi) / planar.jacobian(xi);
+    record_->append_rim({{xi, piece.planar.invert(q), share_ * density * length}, outward});
   }
 
   /// Gap and normal between the surfaces that the facets stand for, in place of the facets' own.

@@ -35,17 +35,31 @@ struct Pieces
   std::vector<std::uint8_t> cut_is_slave; ///< whether the slave's facet was cut, [piece]
   std::vector<std::size_t> end;           ///< points of a piece: [end[piece - 1], end[piece])
   std::vector<RayPoint> points;           ///< ξ of the facet that was cut, ζ of the other, area
+  std::vector<std::size_t> rim_end;       ///< the same of the rim's points
+  std::vector<RimPoint> rim;              ///< as points
 
   std::size_t size() const { return end.size(); }
   std::span<const RayPoint> points_of(std::size_t piece) const
   {
-    const std::size_t first = piece > 0 ? end[piece - 1] : 0;
-    return std::span(points).subspan(first, end[piece] - first);
+    return part_of(std::span(points), end, piece);
   }
   std::span<RayPoint> points_of(std::size_t piece)
   {
+    return part_of(std::span(points), end, piece);
+  }
+  std::span<const RimPoint> rim_of(std::size_t piece) const
+  {
+    return part_of(std::span(rim), rim_end, piece);
+  }
+  std::span<RimPoint> rim_of(std::size_t piece) { return part_of(std::span(rim), rim_end, piece); }
+
+private:
+  template <typename T>
+  static std::span<T> part_of(std::span<T> all, const std::vector<std::size_t>& end,
+                              std::size_t piece)
+  {
     const std::size_t first = piece > 0 ? end[piece - 1] : 0;
-    return std::span(points).subspan(first, end[piece] - first);
+    return all.subspan(first, end[piece] - first);
   }
 };
 

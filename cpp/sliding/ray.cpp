@@ -194,6 +194,12 @@ struct Ray
   {
   }
 
+  /// The c of Σ_k λ_k w ∂(N_k g) = c·v, with w Σ_k λ_k N_k and its gradient.
+  Vec3 of_gap(double pressure, const Vec2& gradient) const
+  {
+    return (-t * gradient[0]) * A.zeta[0] + (-t * gradient[1]) * A.zeta[1] - pressure * A.t;
+  }
+
   /// Add the form c·v but for the turning of the normal, which adds t c·δn.
   void add_to(const Columns& columns, const Vec3& c, double* row, int stride = 3) const
   {
@@ -201,6 +207,15 @@ struct Ray
       add(row + (columns.cut + i) * stride, T[i], c);
     for (int j = 0; j < columns.num_other; ++j)
       add(row + (columns.other + j) * stride, -M[j], c);
+  }
+
+  /// The form c·v.
+  Row form(const Columns& columns, const Normal& normal, const Vec3& c) const
+  {
+    Row row{};
+    add_to(columns, c, row.data());
+    normal.add_to(t * c, &row[3 * columns.cut]);
+    return row;
   }
 
   std::array<double, max_trace> T, M;
@@ -276,9 +291,7 @@ public:
     const Ray ray(pair_, normal_, point);
     const Pressure L(pair_, point, lambda);
     const double g = -ray.t;
-    Vec3 c = -L.value * ray.A.t; // (t₂, ζ₂) = A [..] enters as c·[..]
-    for (int d = 0; d < dim_; ++d)
-      c = c + (g * L.gradient[d]) * ray.A.zeta[d];
+    const Vec3 c = ray.of_gap(L.value, L.gradient); // (t₂, ζ₂) = A [..] enters as c·[..]
 
     const Row dt = form(ray, ray.A.t);
     const Row first = form(ray, ray.A.zeta[0]);
@@ -338,13 +351,7 @@ public:
   }
 
 private:
-  Row form(const Ray& ray, const Vec3& c) const
-  {
-    Row row{};
-    ray.add_to(columns_, c, row.data());
-    normal_.add_to(ray.t * c, &row[3 * columns_.cut]);
-    return row;
-  }
+  Row form(const Ray& ray, const Vec3& c) const { return ray.form(columns_, normal_, c); }
 
   void add_product(const Row& left, const Row& right)
   {
@@ -361,6 +368,16 @@ private:
   std::array<Row, 3> with_normal_{};
   std::array<double, max_columns * max_columns> half_;
 };
+} // namespace
+
+namespace
+{
+/// The facet of degree 1 with the same vertices.
+RayFacet chord_of(const RayFacet& facet)
+{
+  const auto size = 3 * static_cast<std::size_t>(facet.num_vertices());
+  return {facet.type, 1, facet.x.first(size), facet.orientation};
+}
 } // namespace
 
 bool qsdolfinx::solve_rays(const RayPair& pair, std::span<RayPoint> points)
@@ -415,6 +432,28 @@ void qsdolfinx::add_curvature(const RayPair& pair, std::span<const RayPoint> poi
     half.add_point(point, lambda);
   half.add_normal();
   half.add_to(hessian);
+}
+
+void qsdolfinx::add_rim(const RayPair& pair, std::span<const RimPoint> rim,
+                        std::span<const double> lambda, std::span<double> hessian)
+{
+  const Normal normal(pair.cut);
+  const Columns columns(pair);
+  const RayPair chords{chord_of(pair.cut), chord_of(pair.other), pair.cut_is_slave};
+  const int n = columns.size();
+  for (const auto& [point, outward] : rim)
+  {
+    const Ray ray(pair, normal, point);
+    const Pressure L(pair, point, lambda);
+    const Row force = ray.form(columns, normal, ray.of_gap(L.value, L.gradient));
+    RayPoint on_chord = point; // facets are cut as their vertices have it
+    if (!solve(chords, normal.n(), on_chord))
+      continue;
+    const Row motion = Ray(chords, normal, on_chord).form(columns, normal, -1 * outward);
+    for (int a = 0; a < n; ++a)
+      for (int b = 0; b < n; ++b)
+        hessian[a * n + b] += force[a] * motion[b];
+  }
 }
 
 void qsdolfinx::add_slip(const RayPair& pair, std::span<const RayPoint> points,

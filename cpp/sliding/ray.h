@@ -43,6 +43,14 @@ struct RayPoint
   double t = 0;               ///< length along n: the gap is g = −t, positive in penetration
 };
 
+/// A point on the rim of what is covered of the facet that is cut, where an edge of the other one
+/// is projected to: it moves with that. Its weight is area over length.
+struct RimPoint
+{
+  RayPoint point;
+  Vec3 outward; ///< of unit length, in the plane of the facet across the rim
+};
+
 /// Find the ends: ζ and t, from the ζ that is given. The gap's functions need them.
 /// @return whether all are found; t is not a number where one is not
 bool solve_rays(const RayPair& pair, std::span<RayPoint> points);
@@ -63,6 +71,13 @@ void add_gap(const RayPair& pair, std::span<const RayPoint> points, const RaySum
 /// @param hessian [node][3][node][3]
 void add_curvature(const RayPair& pair, std::span<const RayPoint> points,
                    std::span<const double> lambda, std::span<double> hessian);
+
+/// Add what the motion of the rim across the facet adds to the derivative of Σ_k λ_k ∂G_k: the
+/// integral along the rim of Σ_k λ_k ∂(N_k g) times that motion. Where another piece begins all of
+/// it is symmetric together, and nothing where facets are flat; at open ends it is neither.
+/// @param hessian [node][3][node][3], rows are those of ∂G_k
+void add_rim(const RayPair& pair, std::span<const RimPoint> rim, std::span<const double> lambda,
+             std::span<double> hessian);
 
 /// Add the objective slip of a variation: D δx_slave − M δx_master − δV, with D and M those of the
 /// points. Rigid motions have none.

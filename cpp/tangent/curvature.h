@@ -8,14 +8,16 @@
 namespace qsdolfinx
 {
 
-/// Add Σ_k λ_k ∂²G_k, at fixed points, to the blocks (ss, sm, ms, mm). Collective.
+/// Add Σ_k λ_k ∂²G_k, at fixed points, and what the rims of pieces add by moving across the facets,
+/// to the blocks (ss, sm, ms, mm). Collective.
 /// @param pieces where rays have been solved for
 /// @param master null for a rigid tool
 /// @param cover see Shares
 /// @param lambda λ_k at the first unknown of each node, a vector of the slave's body
 /// @param markers vectors of the bodies, nonzero at unknowns with Dirichlet conditions
 /// @param scale displacement per unknown of each body
-void insert_curvature(const Surface* master, const Pieces& pieces, Vec cover, Vec lambda,
+/// @return whether it is symmetric but for the scale: no rim with a pressure is an open end
+bool insert_curvature(const Surface* master, const Pieces& pieces, Vec cover, Vec lambda,
                       std::array<Vec, 2> markers, ContactBlocks blocks,
                       std::array<double, 2> scale);
 

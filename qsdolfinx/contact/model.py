@@ -279,6 +279,8 @@ class ContactModel:
         self.strict = False
         #: Whether the tangent has the second derivatives of gaps that follow the bodies.
         self.with_curvature = True
+        #: Whether they were symmetric the last time: not where covered parts have open ends.
+        self.curvature_is_symmetric = True
         #: Wall time that this rank has spent in pairing, gaps and insertion.
         self.watch = Stopwatch()
 
@@ -362,7 +364,8 @@ class ContactModel:
     def symmetric(self) -> bool:
         """Whether what contact adds to the tangent is symmetric."""
         first, second = self.kinematics.scale
-        return first == second and (self.friction is None or self.friction.law.symmetric)
+        equal = first == second and self.curvature_is_symmetric
+        return equal and (self.friction is None or self.friction.law.symmetric)
 
     def ordered(self, gap: WeightedGap, of_bodies: tuple[T, T]) -> tuple[T, T]:
         """Things of the slave's and the master's body in the order of a pass."""

@@ -64,12 +64,13 @@ def add_residual(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None
 def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
     """Add the residual's derivative to the blocks; not assembled here."""
     with model.watch.stage("insertion"):
+        model.curvature_is_symmetric = True
         for gap in model.gaps:
             slope = active_set.slope(model, gap)
             ordered = _ordered(model, gap.slave is model.slave, blocks)
             gap.add_stiffness(slope, ordered, False)
-            if model.with_curvature:
-                gap.add_curvature(gap.multiplier(model.eps), ordered)
+            if model.with_curvature and not gap.add_curvature(gap.multiplier(model.eps), ordered):
+                model.curvature_is_symmetric = False
         for slip in model.slips:
             slope = active_set.slope(model, slip.of)
             slip.add_stiffness(slope, _ordered(model, slip.slave is model.slave, blocks))

@@ -86,9 +86,9 @@ class FacetCutter:
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
-    ) -> None:
-        """See :class:`Cutter`."""
-        _cpp.insert_curvature(
+    ) -> bool:
+        """See :class:`Cutter`; what parts are covered depends on where facets are, too."""
+        return _cpp.insert_curvature(
             self._master,
             found.of_cutter,
             handle_of(found.cover),

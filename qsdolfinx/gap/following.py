@@ -93,8 +93,8 @@ class Cutter(typing.Protocol):
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
-    ) -> None:
-        """Add Σ_k λ_k ∂²G_k to the blocks (ss, sm, ms, mm). Collective."""
+    ) -> bool:
+        """Add Σ_k λ_k ∂²G_k to the blocks (ss, sm, ms, mm); whether it is symmetric. Collective."""
 
     def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
         """Add forces of friction on objective slip; False if a jump's will do. Collective."""
@@ -316,7 +316,7 @@ class Following:
         multiplier: Array,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
-    ) -> None:
+    ) -> bool:
         """Add Σ_k λ_k ∂²G_k to the blocks (ss, sm, ms, mm). Collective.
 
         Args:
@@ -324,12 +324,16 @@ class Following:
             multiplier: λ_k of the owned nodes, force over area.
             blocks: The matrices.
             scale: Displacement per unknown of both bodies.
+
+        Returns:
+            Whether it is symmetric but for the scale.
         """
         assert self._marked is not None
         vec = self._slave.create_vec()
         vec.array[self._slave.node_dofs[:, 0] - vec.owner_range[0]] = multiplier
-        self._cutter.add_curvature(last.found, vec, self._marked, blocks, scale)
+        symmetric = self._cutter.add_curvature(last.found, vec, self._marked, blocks, scale)
         vec.destroy()
+        return symmetric
 
 
 def _equal(a: Places, b: Places) -> bool:

@@ -147,7 +147,7 @@ class ShapePoints:
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
-    ) -> None:
+    ) -> bool:
         """See :class:`Cutter`."""
         points, gdim, block = found.of_cutter, self._slave.gdim, blocks[0]
         assert isinstance(points, Points) and block is not None
@@ -163,6 +163,7 @@ class ShapePoints:
         for f, of_facet in zip(some, H, strict=True):
             at = dofs[f].ravel()
             block.setValues(at, at, of_facet.reshape(width, width), PETSc.InsertMode.ADD_VALUES)
+        return True
 
     def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
         """See :class:`Cutter`: the tool has no unknowns, forces act on the slave alone."""

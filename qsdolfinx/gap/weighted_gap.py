@@ -327,11 +327,16 @@ class WeightedGap:
         if self.following is not None:
             self.following.constrain(slave, master)
 
-    def add_curvature(self, multiplier: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
-        """Add Σ_k λ_k ∂²G_k to the blocks (ss, sm, ms, mm), of gaps that follow. Collective."""
-        if self.following is not None and self.cut is not None:
-            force = self._share * multiplier[:, 0]
-            self.following.add_curvature(self.cut, force, blocks, self.state.scale)
+    def add_curvature(self, multiplier: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> bool:
+        """Add Σ_k λ_k ∂²G_k to the blocks (ss, sm, ms, mm), of gaps that follow. Collective.
+
+        Returns:
+            Whether it is symmetric but for the scale: not where covered parts have open ends.
+        """
+        if self.following is None or self.cut is None:
+            return True
+        force = self._share * multiplier[:, 0]
+        return self.following.add_curvature(self.cut, force, blocks, self.state.scale)
 
     def fits_pattern(self) -> bool:
         """Whether the tangent has room for the last evaluation, on this rank."""

@@ -109,10 +109,10 @@ class Krylov:
             tolerance = max(last, min(self._loose, (norms[-1] / norms[-2]) ** 2))
         self._set(min(max(tolerance, TIGHTEST), _LOOSEST))
 
-    def set_exact(self) -> None:
-        """The tolerance of a linear solve outside of Newton's method."""
+    def set(self, tolerance: float) -> None:
+        """The relative tolerance of a linear solve outside of Newton's method."""
         if self.chooses_tolerance:
-            self._set(EXACT)
+            self._set(min(max(tolerance, TIGHTEST), _LOOSEST))
 
     def longest(self, tolerance: float, least: int = LEAST) -> int | None:
         """Iterations to this relative tolerance at most; None for what options say."""

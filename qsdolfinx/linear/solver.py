@@ -246,11 +246,12 @@ class LinearSolver:
             self.krylov.choose_type(self._system.symmetric)
             self.krylov.set_tolerance(norms, until, changed)
 
-    def solve(self, load: Array) -> tuple[Array, int]:
+    def solve(self, load: Array, tolerance: float = EXACT) -> tuple[Array, int]:
         """Solve with the tangent as it is, outside of Newton's method. Collective.
 
         Args:
             load: Right-hand side, owned values.
+            tolerance: Norm of the residual that may be left, over the load's.
 
         Returns:
             Owned values of the solution, and PETSc's KSPConvergedReason, negative on failure.
@@ -262,7 +263,7 @@ class LinearSolver:
         if self.krylov is not None:
             if self._rescue is None:
                 self.krylov.choose_type(self._system.symmetric)
-            self.krylov.set_exact()
+            self.krylov.set(tolerance)
         with self.watch.stage("solve"):
             self.ksp.solve(b, y)
         out = y.array_r.copy()

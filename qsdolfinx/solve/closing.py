@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import NO_PRESSURE, Slip
-from qsdolfinx.solve.newton import Newton
+from qsdolfinx.linear.krylov import LOOSE, SAFETY
+from qsdolfinx.solve.newton import WITH_CURVATURE, Newton
 from qsdolfinx.system.blocks import Side
 
 Array = npt.NDArray[np.float64]
@@ -31,7 +32,10 @@ LEAST_SHARE = 1e-2
 
 #: Iterations to where the bodies would be without the rows that close, and part of the first
 #: residual at which they end.
-MAX_ITERATIONS, FREE = 6, 1e-6
+MAX_ITERATIONS, FREE = 8, 1e-8
+
+#: Relative tolerance of a linear solve that is worth a try if it may be the last one.
+NEAR = 1e-4
 
 #: Straight parts of a way at most, by how much more rows are closed at the end of each at least,
 #: and how many times of closing are told apart.
@@ -156,6 +160,7 @@ class Closings:
     def __init__(self, newton: Newton) -> None:
         self._newton, self._system = newton, newton.system
         self._left = MAX_CORRECTIONS if self._system.slips else 0
+        self._ends: dict[int, Array] = {}  # of the parts of the last way
 
     def have_changed(self) -> bool:
         """Whether slip is to be counted from other places than in the last solve. Collective."""
@@ -194,8 +199,8 @@ class Closings:
         now, closed = 0.0, self._sum(way.num_closed_at_start() for way in ways)
         rows = self._sum(np.count_nonzero(way.open) for way in ways)
         more = max(MORE, (1 + rows / max(closed, 1)) ** (1 / MAX_PARTS))
-        for _ in range(MAX_PARTS):
-            change = self._without(ways, solution)
+        for part in range(MAX_PARTS):
+            change = self._without(ways, solution, part)
             if change is None:
                 break
             with self._bodies(change) as bodies:
@@ -248,7 +253,7 @@ class Closings:
         moved, length = (self._system.comm.allreduce(x, op=MPI.MAX) for x in local)
         return bool(moved > SAME * length)
 
-    def _without(self, ways: typing.Sequence[Way], solution: Array) -> Array | None:
+    def _without(self, ways: typing.Sequence[Way], solution: Array, part: int) -> Array | None:
         """How owned unknowns change if the rows that are open on their ways open. Collective.
 
         Returns:
@@ -256,41 +261,60 @@ class Closings:
         """
         try:
             with _released(ways):
-                return self._free_motion(solution)
+                end = self._free_motion(solution, self._ends.pop(part, None))
+                if end is None:
+                    return None
+                self._ends[part] = end
+                return np.asarray(end - solution)
         finally:
             for slip in self._system.slips:
                 slip.stick_slip.end_iterations()
 
-    def _free_motion(self, solution: Array) -> Array | None:
-        """Newton's method with the rows open. Collective.
+    def _free_motion(self, solution: Array, guess: Array | None) -> Array | None:
+        """Where Newton's method ends with the rows open. Collective.
 
         What sticks and what slips at the end of the step may be another state than the one which
         the way leads to: it is from stick that closed rows set out.
+
+        Args:
+            solution: With the rows as they are.
+            guess: Where it ended the last time, if there was one: taken where it is nearer.
         """
         system, linear = self._system, self._newton.linear
-        x, best, first = solution.copy(), None, 0.0
-        norm = np.inf
+        x, first = solution.copy(), system.norm(self._residual(solution, from_stick=True))
+        from_guess = guess is not None and system.norm(self._residual(guess)) < first
+        if from_guess and guess is not None:
+            x = guess.copy()
+        best, norm = None, np.inf
         for i in range(MAX_ITERATIONS):
-            for slip in system.slips:  # the exact tangent
-                slip.stick_slip.begin_iterations(False, from_stick=i == 0)
-            residual = system.residual(x)
+            residual = self._residual(x, from_stick=i == 0 and not from_guess)
             last, norm = norm, system.norm(residual)
             if i > 1 and not norm < last:
                 break
             best, first = x.copy(), max(first, norm)
-            if i > 0 and norm <= FREE * first:
+            if norm <= FREE * first and (i > 0 or from_guess):
                 break
             if system.made.hold.free_motions().shape[1]:
                 return None
+            system.set_curvature(norm <= WITH_CURVATURE * first)
             self._newton.assemble()
-            change, reason = linear.solve(-residual)
+            change, reason = linear.solve(-residual, _tolerance(norm, FREE * first))
             if reason < 0:
                 break
             x = x + change
         moved = best is not None and not np.array_equal(best, solution)
-        if best is None or not self._any([np.array([moved])]):  # on all ranks
-            return None
-        return np.asarray(best - solution)
+        return best if self._any([np.array([moved])]) else None  # on all ranks
+
+    def _residual(self, x: Array, from_stick: bool = False) -> Array:
+        for slip in self._system.slips:  # the exact tangent
+            slip.stick_slip.begin_iterations(False, from_stick=from_stick)
+        return self._system.residual(x)
+
+
+def _tolerance(norm: float, until: float) -> float:
+    """Of a linear solve: the last one if that takes few iterations, else one that tells rows."""
+    last = SAFETY * until / norm if norm > 0 else 1.0
+    return last if last >= NEAR else LOOSE
 
 
 def _largest(vectors: Array) -> float:

@@ -358,6 +358,7 @@ class Newton:
         """Change of the owned unknowns under a small load, by the tangent at the solution."""
         for slip in self.system.slips:
             slip.stick_slip.begin_iterations(False)  # the exact tangent
+        self.system.set_curvature(True)
         self.assemble()
         change, reason = self.linear.solve(load)
         if reason < 0:

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
-from following import Nested
+from following import Boxes, Nested
 from scenes import CELLS, FORMULATIONS, WORLD
 from tangents import direction, near_solution, tangent_errors
+
+import qsdolfinx as qs
 
 #: Facets of the inner and of the outer one around.
 SIZES = {
@@ -13,8 +15,8 @@ SIZES = {
     "tetrahedron": (3, 4),
     "hexahedron": (3, 4),
 }
-#: Largest error of the tangent, which does not differentiate where facets are clipped.
-KINKS = {2: 0.12, 3: 0.12}
+#: Largest error of the tangent; rules are not exact on warped facets.
+ERRORS = {"triangle": 1e-8, "quadrilateral": 1e-8, "tetrahedron": 1e-8, "hexahedron": 1e-3}
 
 
 def scene(cell, degree, formulation):
@@ -38,7 +40,7 @@ def scene(cell, degree, formulation):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_tangent(cell, formulation):
-    """It is that at points with fixed places, and much worse without second derivatives."""
+    """It is the derivative through where facets are clipped, and no symmetry is lost by that."""
     nested, problem, x, d = scene(cell, 1, formulation)
     errors = []
     for with_curvature in (True, False):
@@ -48,8 +50,8 @@ def test_tangent(cell, formulation):
     full, without = errors
     assert full.asymmetry < 1e-14
     assert without.asymmetry < 1e-14
-    assert full.difference < KINKS[nested.gdim]
-    assert without.difference > 1.5 * full.difference
+    assert full.difference < ERRORS[cell]
+    assert without.difference > 0.1
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -72,12 +74,44 @@ def test_forces_are_the_gradient(cell, formulation):
 
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
 def test_second_degree(cell):
-    """Facets bend: cuts are those of the chords, and the tangent is nearly right."""
-    _, problem, x, d = scene(cell, 2, "quasi-symmetric")
+    """Facets bend: cuts are those of the chords, and forces no gradient where gaps jump there."""
+    nested, problem, x, d = scene(cell, 2, "quasi-symmetric")
     problem.system.set_curvature(True)
     full = tangent_errors(problem, x, d, 1e-6)
+    assert not nested.contact.symmetric
     problem.system.set_curvature(False)
     without = tangent_errors(problem, x, d, 1e-6)
-    assert full.asymmetry < 1e-14
-    assert full.difference < 0.1
-    assert without.difference > 1.5 * full.difference
+    assert nested.contact.symmetric
+    assert full.difference < 3e-3
+    assert without.difference > 0.1
+
+
+#: Of the upper body, the slave, over the lower one.
+WIDTHS = (0.95, 1.05)
+#: Largest error of the tangent, with a penalty and without: G_k of open ends moves, too.
+OPEN = {"penalty": 0.03, "augmented-lagrangian": 2e-3}
+
+
+@pytest.mark.parametrize("enforcement", OPEN)
+@pytest.mark.parametrize("formulation", ("quasi-symmetric", "master-slave"))
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("cell", CELLS)
+def test_open_ends(cell, width, formulation, enforcement):
+    """What is covered moves with the ends of the other body, and the force with it."""
+    gdim = 2 if cell in ("triangle", "quadrilateral") else 3
+    n = ((3, 3), (4, 4)) if gdim == 2 else ((2, 2, 2), (3, 3, 3))
+    sizes = (1.0,) * gdim, (width,) * (gdim - 1) + (1.0,)
+    boxes = Boxes(cell, n, sizes, start=(1 - width) / 2, skew=0.3)
+    boxes.clamp_far().value[-1] = -0.1
+    options = {"sliding": "finite", "enforcement": enforcement}
+    contact = qs.Contact(boxes.above, boxes.below, formulation, **options)
+    problem = boxes.problem(contact, solver="direct")
+    problem.solve()
+    rng = np.random.default_rng(3)
+    x, d = near_solution(problem, rng, 1e-4), direction(problem, rng)
+    problem.system.set_curvature(True)
+    errors = tangent_errors(problem, x, d, 1e-6)
+    ends = formulation == "quasi-symmetric" or width > 1  # the slave is cut where the master ends
+    assert errors.difference < (OPEN[enforcement] if ends else 1e-7)
+    assert contact.symmetric == (not ends)
+    assert (errors.asymmetry < 1e-14) == (not ends)
