@@ -148,6 +148,10 @@ class PieceRows:
         """Collective; `cover` is a vector or 0, see Shares."""
 
     @overload
+    def __init__(self, slave: Surface, pieces: Pieces, cover: int, axis: int) -> None:
+        """The objective slip along one axis in the gradient's place; collective."""
+
+    @overload
     def __init__(
         self,
         slave: Surface,
@@ -178,6 +182,8 @@ class Pieces:
 
     @property
     def size(self) -> int: ...
+    @property
+    def gdim(self) -> int: ...
     @property
     def num_points(self) -> int: ...
     def gaps(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -389,6 +395,7 @@ def insert_curvature(
     """Add the sum of multipliers times second derivatives of gaps to the blocks (ss, sm, ms, mm); whether that is symmetric but for the scale. Collective."""
 
 def insert_friction(
+    slip: Sequence[GapOperator],
     jump: GapOperator,
     normal: GapOperator,
     stiffness: numpy.typing.NDArray[numpy.float64],
@@ -396,7 +403,18 @@ def insert_friction(
     blocks: Sequence[int],
     scale: Sequence[float],
 ) -> None:
-    """Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm)."""
+    """Add Lᵀ (D J + c G) to the blocks (ss, sm, ms, mm), L being the slip along each axis, or J if none are given."""
+
+def insert_slip_curvature(
+    master: Surface | None,
+    pieces: Pieces,
+    cover: int,
+    traction: int,
+    markers: Sequence[int],
+    blocks: Sequence[int],
+    scale: Sequence[float],
+) -> None:
+    """Add how the forces of given tractions on objective slip change to the blocks (ss, sm, ms, mm). Collective."""
 
 def mean_of_rows(
     x: numpy.typing.NDArray[numpy.float64], rows: numpy.typing.NDArray[numpy.int32]
@@ -484,6 +502,15 @@ def ray_slip(
     cut: RayFacet, other: RayFacet, cut_is_slave: bool, points: RayPoints
 ) -> numpy.typing.NDArray[numpy.float64]:
     """The objective slip of each vertex of the slave's facet, [vertex][node][slip][component]."""
+
+def ray_slip_curvature(
+    cut: RayFacet,
+    other: RayFacet,
+    cut_is_slave: bool,
+    points: RayPoints,
+    tractions: numpy.typing.NDArray[numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]:
+    """The derivative of the work of tractions on objective slip."""
 
 def relief_nodes(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
     """Nodes of degree 2 on the flat facets, [facet][node][3]."""

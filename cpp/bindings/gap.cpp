@@ -30,6 +30,12 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "pieces"_a, "cover"_a = 0, "Collective; `cover` is a vector or 0, see Shares.")
       .def(
           "__init__",
+          [](PieceRows* self, const Surface& slave, const Pieces& pieces, Handle cover, int axis)
+          { new (self) PieceRows(slave, pieces, reinterpret_cast<Vec>(cover), axis); }, "slave"_a,
+          "pieces"_a, "cover"_a, "axis"_a,
+          "The objective slip along one axis in the gradient's place; collective.")
+      .def(
+          "__init__",
           [](PieceRows* self, const Surface& slave, In<std::uint8_t> marked, In<double> cover,
              In<double> gap, In<double> jump, In<double> gradient, In<double> mass)
           {

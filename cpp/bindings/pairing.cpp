@@ -124,6 +124,7 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "Pairing points on the overlay; the last arguments are a Relief each; collective.");
   nb::class_<Pieces>(m, "Pieces", "Pieces of the overlay; see pairing/pieces.h.")
       .def_prop_ro("size", &Pieces::size)
+      .def_ro("gdim", &Pieces::gdim)
       .def_prop_ro("num_points", [](const Pieces& p) { return p.points.size(); })
       .def(
           "gaps",

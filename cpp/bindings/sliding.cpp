@@ -152,4 +152,19 @@ void qsdolfinx::bind_sliding(nb::module_& m)
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a,
       "The objective slip of each vertex of the slave's facet, [vertex][node][slip][component].");
+  m.def(
+      "ray_slip_curvature",
+      [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points,
+         In<double> tractions)
+      {
+        const RayPair pair = make_pair(cut, other, cut_is_slave);
+        const auto [nk, nodes] = sizes(pair);
+        if (tractions.view().size() != 3 * nk)
+          throw nb::value_error("one traction for each vertex of the slave's facet");
+        std::vector<double> hessian(9 * nodes * nodes);
+        add_slip_curvature(pair, points.points, {}, tractions.view(), hessian);
+        return copy(std::move(hessian), {3 * nodes, 3 * nodes});
+      },
+      "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "tractions"_a,
+      "The derivative of the work of tractions on objective slip.");
 }

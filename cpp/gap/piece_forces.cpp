@@ -13,21 +13,6 @@ RayFacet facet_of(const PieceSide& side, std::size_t piece)
   return {side.type, side.degree, side.x_of(piece), side.orientation[piece]};
 }
 
-/// Unknowns of the nodes with multipliers, [piece][multiplier][gdim].
-std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces)
-{
-  const auto d = static_cast<std::size_t>(pieces.gdim);
-  std::vector<std::int64_t> out;
-  out.reserve(pieces.size() * pieces.num_multipliers * d);
-  for (std::size_t i = 0; i < pieces.size(); ++i)
-  {
-    const auto first
-        = pieces.slave.dofs.begin() + static_cast<std::ptrdiff_t>(i * pieces.slave.num_nodes * d);
-    out.insert(out.end(), first, first + static_cast<std::ptrdiff_t>(pieces.num_multipliers * d));
-  }
-  return out;
-}
-
 /// Forces on the nodes of one piece, [node][gdim], from its slips [k][node][3][3].
 void contract(std::span<const double> slip, std::span<const double> traction, std::size_t nodes,
               std::size_t d, std::vector<double>& forces)
@@ -76,6 +61,20 @@ std::vector<std::int64_t> qsdolfinx::first_dofs(const Pieces& pieces)
   for (std::size_t i = 0; i < pieces.size(); ++i)
     for (int k = 0; k < pieces.num_multipliers; ++k)
       out.push_back(pieces.slave.dofs[(i * pieces.slave.num_nodes + k) * pieces.gdim]);
+  return out;
+}
+
+std::vector<std::int64_t> qsdolfinx::multiplier_dofs(const Pieces& pieces)
+{
+  const auto d = static_cast<std::size_t>(pieces.gdim);
+  std::vector<std::int64_t> out;
+  out.reserve(pieces.size() * pieces.num_multipliers * d);
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const auto first
+        = pieces.slave.dofs.begin() + static_cast<std::ptrdiff_t>(i * pieces.slave.num_nodes * d);
+    out.insert(out.end(), first, first + static_cast<std::ptrdiff_t>(pieces.num_multipliers * d));
+  }
   return out;
 }
 

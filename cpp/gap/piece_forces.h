@@ -17,6 +17,9 @@ RayPair pair_of(const Pieces& pieces, std::size_t piece);
 /// First unknowns of the nodes with multipliers, [piece][multiplier].
 std::vector<std::int64_t> first_dofs(const Pieces& pieces);
 
+/// Unknowns of the nodes with multipliers, [piece][multiplier][gdim].
+std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces);
+
 /// Which multipliers of a slave's facet carry those of its hardly covered vertices, as beyond the
 /// rim of the master: two that are to close nearly the same gap would grow against each other.
 class Shares

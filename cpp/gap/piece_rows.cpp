@@ -62,6 +62,17 @@ bool solve_rim(Pieces& pieces, std::size_t piece)
                              { return solve_rays(pair, std::span(&rim.point, 1)); });
 }
 
+/// The slip of all multipliers of a piece along one axis, as a gradient.
+void compute_slip(const Pieces& pieces, std::size_t piece, int axis, std::vector<double>& slip,
+                  PieceSums& sums)
+{
+  std::ranges::fill(slip, 0.0);
+  add_slip(pair_of(pieces, piece), pieces.points_of(piece), slip);
+  for (std::size_t i = 0; i < sums.gradient.size() / 3; ++i)
+    for (std::size_t c = 0; c < 3; ++c)
+      sums.gradient[3 * i + c] = slip[9 * i + 3 * static_cast<std::size_t>(axis) + c];
+}
+
 /// Records of rows, as they are sent: cover, gap, jump, gradient, mass.
 void append_row(std::vector<double>& out, const PieceSums& sums, std::size_t k, std::size_t columns)
 {
@@ -71,6 +82,32 @@ void append_row(std::vector<double>& out, const PieceSums& sums, std::size_t k, 
   append_record(out, sums.gradient, k, columns * 3);
   append_record(out, sums.mass, k, columns);
 }
+
+/// Rows of pieces on their way to the owners of the nodes.
+struct Records
+{
+  std::vector<int> dest;
+  std::vector<double> doubles;
+  std::vector<std::int64_t> integers;
+
+  /// @param sums of the piece; what hardly covered nodes have is shared out
+  void append(const Pieces& pieces, std::size_t piece, const Shares& shares, PieceSums& sums)
+  {
+    for (auto* values : {&sums.cover, &sums.gap, &sums.jump, &sums.gradient, &sums.mass})
+      shares.share_out(piece, *values);
+    const auto d = static_cast<std::size_t>(pieces.gdim),
+               num_slave = static_cast<std::size_t>(pieces.slave.num_nodes),
+               num_master = static_cast<std::size_t>(pieces.master.num_nodes);
+    for (std::size_t k = 0; k < sums.cover.size(); ++k)
+    {
+      dest.push_back(pieces.slave.owner[piece * num_slave + k]);
+      append_row(doubles, sums, k, num_slave + num_master);
+      integers.push_back(pieces.slave.dofs[(piece * num_slave + k) * d]);
+      append_record(integers, pieces.slave.dofs, piece, num_slave * d);
+      append_record(integers, pieces.master.dofs, piece, num_master * d);
+    }
+  }
+};
 } // namespace
 
 PieceRows::PieceRows(const Surface& slave, Pieces& pieces, Vec covered)
@@ -80,28 +117,32 @@ PieceRows::PieceRows(const Surface& slave, Pieces& pieces, Vec covered)
              columns = static_cast<std::size_t>(num_columns());
   PieceSums sums(nk, columns);
   const Shares shares(pieces, covered);
-  std::vector<int> dest;
-  std::vector<double> doubles;
-  std::vector<std::int64_t> integers;
+  Records records;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
-    if (!sums.compute(pieces, i, pieces.points_of(i)) || !solve_rim(pieces, i))
-    {
+    if (sums.compute(pieces, i, pieces.points_of(i)) && solve_rim(pieces, i))
+      records.append(pieces, i, shares, sums);
+    else
       ++num_missed;
-      continue;
-    }
-    for (auto* values : {&sums.cover, &sums.gap, &sums.jump, &sums.gradient, &sums.mass})
-      shares.share_out(i, *values);
-    for (std::size_t k = 0; k < nk; ++k)
-    {
-      dest.push_back(pieces.slave.owner[i * num_slave + k]);
-      append_row(doubles, sums, k, columns);
-      integers.push_back(pieces.slave.dofs[(i * num_slave + k) * gdim]);
-      append_record(integers, pieces.slave.dofs, i, static_cast<std::size_t>(num_slave) * gdim);
-      append_record(integers, pieces.master.dofs, i, static_cast<std::size_t>(num_master) * gdim);
-    }
   }
-  append_received(slave, dest, doubles, integers);
+  append_received(slave, records.dest, records.doubles, records.integers);
+}
+
+PieceRows::PieceRows(const Surface& slave, const Pieces& pieces, Vec covered, int axis)
+    : gdim(pieces.gdim), num_slave(pieces.slave.num_nodes), num_master(pieces.master.num_nodes)
+{
+  const auto nk = static_cast<std::size_t>(pieces.num_multipliers),
+             columns = static_cast<std::size_t>(num_columns());
+  PieceSums sums(nk, columns);
+  std::vector<double> slip(nk * columns * 9);
+  const Shares shares(pieces, covered);
+  Records records;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    compute_slip(pieces, i, axis, slip, sums);
+    records.append(pieces, i, shares, sums);
+  }
+  append_received(slave, records.dest, records.doubles, records.integers);
 }
 
 PieceRows::PieceRows(const Surface& slave, std::span<const std::uint8_t> marked,

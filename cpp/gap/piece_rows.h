@@ -18,6 +18,10 @@ struct PieceRows
   /// Collective. @param cover see Shares
   PieceRows(const Surface& slave, Pieces& pieces, Vec cover);
 
+  /// The objective slip of each multiplier along one axis, see add_slip: its variation takes the
+  /// gradient's place, the other sums are none. Collective. @param pieces as the above left them
+  PieceRows(const Surface& slave, const Pieces& pieces, Vec cover, int axis);
+
   /// Sums over points of the slave's facets, before a rigid tool: rows of the marked facets of this
   /// rank. Collective. @param marked [facet] @param cover, gap [facet][k] @param jump [facet][k][3]
   /// @param gradient [facet][k][node][3] @param mass [facet][k][node]

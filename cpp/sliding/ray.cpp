@@ -274,6 +274,70 @@ Vec3 bending(const RayFacet& z, const Vec2& zeta, const Vec3& c)
   return out;
 }
 
+/// Of a ray: variations of its length, and of where it ends.
+struct RayForms
+{
+  RayForms(const Ray& ray, const Columns& columns, const Normal& normal, int dim)
+      : dt(ray.form(columns, normal, ray.A.t)), first(ray.form(columns, normal, ray.A.zeta[0])),
+        second(dim == 2 ? ray.form(columns, normal, ray.A.zeta[1]) : Row{})
+  {
+  }
+
+  Row dt, first, second;
+};
+
+/// Friction's virtual work at a ray, Σ_α s_α δζ_α: tractions on what the end slides by.
+struct Sliding
+{
+  Sliding(const RayPair& pair, const Ray& ray, const RayPoint& point, const Vec3& n,
+          std::span<const double> traction)
+      : weight_((pair.cut_is_slave ? 1 : -1) * point.weight)
+  {
+    const Multipliers k(pair, point);
+    constexpr std::array<double, 4> corners{1, -1, -1, 1};
+    const bool bilinear = !pair.cut_is_slave && pair.other.type == FacetType::quadrilateral;
+    for (int i = 0; i < pair.slave().num_vertices(); ++i)
+    {
+      const Vec3 tau = facet_vertex(traction, i);
+      p_ = p_ + k.N[i] * tau;
+      for (int d = 0; d < 2; ++d)
+        q_[d] = q_[d] + k.dN[i][d] * tau;
+      if (bilinear)
+        mixed_ = mixed_ + corners[i] * tau;
+    }
+    for (int d = 0; d < 2; ++d)
+      s[d] = weight_ * (dot(p_, ray.a[d]) + ray.t * dot(q_[d], n));
+  }
+
+  /// The variation of s_α.
+  Row variation(int alpha, const RayPair& pair, const Ray& ray, const RayPoint& point,
+                const RayForms& forms, const Columns& columns, const Normal& normal) const
+  {
+    const auto [h11, h12, h22] = bending(pair.other, point.zeta, p_);
+    Vec2 by_zeta{dot(q_[0], ray.a[alpha]), dot(q_[1], ray.a[alpha])};
+    by_zeta[alpha] += alpha == 0 ? h11 : h22;
+    by_zeta[1 - alpha] += h12 + ray.t * dot(mixed_, normal.n());
+    const double by_t = dot(q_[alpha], normal.n());
+    Row out{};
+    for (int b = 0; b < columns.size(); ++b)
+      out[b] = by_zeta[0] * forms.first[b] + by_zeta[1] * forms.second[b] + by_t * forms.dt[b];
+    for (int j = 0; j < columns.num_other; ++j)
+      add(&out[3 * (columns.other + j)], ray.dM[j][alpha], p_);
+    normal.add_to(ray.t * q_[alpha], &out[3 * columns.cut]);
+    for (double& value : out)
+      value *= weight_;
+    return out;
+  }
+
+  Vec2 s{};
+
+private:
+  double weight_;
+  Vec3 p_{};                // Σ N_k τ_k
+  std::array<Vec3, 2> q_{}; // Σ ∂_α N_k τ_k
+  Vec3 mixed_{};            // Σ ∂₁∂₂ N_k τ_k
+};
+
 /// Second derivatives are gathered as a matrix whose sum with its transpose they are.
 class HalfHessian
 {
@@ -285,39 +349,21 @@ public:
     std::fill_n(half_.begin(), n_ * n_, 0.0);
   }
 
-  /// The terms with δζ, and the sums that those with δn need.
+  /// The terms with δζ of w Σ_k λ_k N_k g, and the sums that those with δn need.
   void add_point(const RayPoint& point, std::span<const double> lambda)
   {
     const Ray ray(pair_, normal_, point);
     const Pressure L(pair_, point, lambda);
-    const double g = -ray.t;
-    const Vec3 c = ray.of_gap(L.value, L.gradient); // (t₂, ζ₂) = A [..] enters as c·[..]
+    const RayForms forms(ray, columns_, normal_, dim_);
+    add_second_variation(ray, point.zeta, forms, ray.of_gap(L.value, L.gradient), L.gradient,
+                         -ray.t * L.mixed);
+  }
 
-    const Row dt = form(ray, ray.A.t);
-    const Row first = form(ray, ray.A.zeta[0]);
-    const Row second = dim_ == 2 ? form(ray, ray.A.zeta[1]) : Row{};
-    const auto [h11, h12, h22] = bending(pair_.other, point.zeta, c);
-    const double mixed = g * L.mixed - h12;
-    Row with_first, with_second;
-    for (int b = 0; b < n_; ++b)
-    {
-      with_first[b] = mixed * second[b] - 0.5 * h11 * first[b] - L.gradient[0] * dt[b];
-      with_second[b] = -0.5 * h22 * second[b] - L.gradient[1] * dt[b];
-    }
-    for (int j = 0; j < columns_.num_other; ++j)
-    {
-      const int b = 3 * (columns_.other + j);
-      add(&with_first[b], -ray.dM[j][0], c);
-      add(&with_second[b], -ray.dM[j][1], c);
-    }
-    add_product(first, with_first);
-    if (dim_ == 2)
-      add_product(second, with_second);
-
-    lever_ = lever_ + ray.t * c;
-    for (int r = 0; r < 3; ++r)
-      for (int b = 0; b < n_; ++b)
-        with_normal_[r][b] += c[r] * dt[b];
+  /// The same of Σ_α s_α δζ_α for constant s_α.
+  void add_point(const RayPoint& point, const Ray& ray, const RayForms& forms, const Vec2& s)
+  {
+    add_second_variation(ray, point.zeta, forms, s[0] * ray.A.zeta[0] + s[1] * ray.A.zeta[1],
+                         {0, 0}, 0);
   }
 
   /// The terms with δn and ∂²n, which all points share: with C = Σ t c,
@@ -351,7 +397,34 @@ public:
   }
 
 private:
-  Row form(const Ray& ray, const Vec3& c) const { return ray.form(columns_, normal_, c); }
+  /// @param c the first variation is c·v: (t₂, ζ₂) = A [..] enters as c·[..]
+  /// @param with_t, mixed of −δt δζ_α and δζ₁ δζ₂, what else varies with ζ
+  void add_second_variation(const Ray& ray, const Vec2& zeta, const RayForms& forms, const Vec3& c,
+                            const Vec2& with_t, double mixed)
+  {
+    const auto& [dt, first, second] = forms;
+    const auto [h11, h12, h22] = bending(pair_.other, zeta, c);
+    Row with_first, with_second;
+    for (int b = 0; b < n_; ++b)
+    {
+      with_first[b] = (mixed - h12) * second[b] - 0.5 * h11 * first[b] - with_t[0] * dt[b];
+      with_second[b] = -0.5 * h22 * second[b] - with_t[1] * dt[b];
+    }
+    for (int j = 0; j < columns_.num_other; ++j)
+    {
+      const int b = 3 * (columns_.other + j);
+      add(&with_first[b], -ray.dM[j][0], c);
+      add(&with_second[b], -ray.dM[j][1], c);
+    }
+    add_product(first, with_first);
+    if (dim_ == 2)
+      add_product(second, with_second);
+
+    lever_ = lever_ + ray.t * c;
+    for (int r = 0; r < 3; ++r)
+      for (int b = 0; b < n_; ++b)
+        with_normal_[r][b] += c[r] * dt[b];
+  }
 
   void add_product(const Row& left, const Row& right)
   {
@@ -377,6 +450,34 @@ RayFacet chord_of(const RayFacet& facet)
 {
   const auto size = 3 * static_cast<std::size_t>(facet.num_vertices());
   return {facet.type, 1, facet.x.first(size), facet.orientation};
+}
+
+void add_outer(const Row& rows, const Row& columns, int n, std::span<double> matrix)
+{
+  for (int a = 0; a < n; ++a)
+    for (int b = 0; b < n; ++b)
+      matrix[a * n + b] += rows[a] * columns[b];
+}
+
+/// Add the products of forces at the rim and its motions.
+/// @param force the c of a force c·v at a ray, its point and the normal
+template <typename F>
+void add_rim_of(const RayPair& pair, std::span<const RimPoint> rim, std::span<double> hessian,
+                F force)
+{
+  const Normal normal(pair.cut);
+  const Columns columns(pair);
+  const RayPair chords{chord_of(pair.cut), chord_of(pair.other), pair.cut_is_slave};
+  for (const auto& [point, outward] : rim)
+  {
+    const Ray ray(pair, normal, point);
+    RayPoint on_chord = point; // facets are cut as their vertices have it
+    if (!solve(chords, normal.n(), on_chord))
+      continue;
+    add_outer(ray.form(columns, normal, force(ray, point, normal.n())),
+              Ray(chords, normal, on_chord).form(columns, normal, -1 * outward), columns.size(),
+              hessian);
+  }
 }
 } // namespace
 
@@ -437,23 +538,40 @@ void qsdolfinx::add_curvature(const RayPair& pair, std::span<const RayPoint> poi
 void qsdolfinx::add_rim(const RayPair& pair, std::span<const RimPoint> rim,
                         std::span<const double> lambda, std::span<double> hessian)
 {
+  add_rim_of(pair, rim, hessian,
+             [&](const Ray& ray, const RayPoint& point, const Vec3&)
+             {
+               const Pressure L(pair, point, lambda);
+               return ray.of_gap(L.value, L.gradient);
+             });
+}
+
+void qsdolfinx::add_slip_curvature(const RayPair& pair, std::span<const RayPoint> points,
+                                   std::span<const RimPoint> rim, std::span<const double> traction,
+                                   std::span<double> hessian)
+{
   const Normal normal(pair.cut);
   const Columns columns(pair);
-  const RayPair chords{chord_of(pair.cut), chord_of(pair.other), pair.cut_is_slave};
-  const int n = columns.size();
-  for (const auto& [point, outward] : rim)
+  const int dim = pair.other.type == FacetType::interval ? 1 : 2, n = columns.size();
+  HalfHessian half(pair);
+  for (const RayPoint& point : points)
   {
     const Ray ray(pair, normal, point);
-    const Pressure L(pair, point, lambda);
-    const Row force = ray.form(columns, normal, ray.of_gap(L.value, L.gradient));
-    RayPoint on_chord = point; // facets are cut as their vertices have it
-    if (!solve(chords, normal.n(), on_chord))
-      continue;
-    const Row motion = Ray(chords, normal, on_chord).form(columns, normal, -1 * outward);
-    for (int a = 0; a < n; ++a)
-      for (int b = 0; b < n; ++b)
-        hessian[a * n + b] += force[a] * motion[b];
+    const RayForms forms(ray, columns, normal, dim);
+    const Sliding sliding(pair, ray, point, normal.n(), traction);
+    half.add_point(point, ray, forms, sliding.s);
+    for (int alpha = 0; alpha < dim; ++alpha)
+      add_outer(alpha == 0 ? forms.first : forms.second,
+                sliding.variation(alpha, pair, ray, point, forms, columns, normal), n, hessian);
   }
+  half.add_normal();
+  half.add_to(hessian);
+  add_rim_of(pair, rim, hessian,
+             [&](const Ray& ray, const RayPoint& point, const Vec3& n)
+             {
+               const Vec2 s = Sliding(pair, ray, point, n, traction).s;
+               return s[0] * ray.A.zeta[0] + s[1] * ray.A.zeta[1];
+             });
 }
 
 void qsdolfinx::add_slip(const RayPair& pair, std::span<const RayPoint> points,

@@ -84,4 +84,11 @@ void add_rim(const RayPair& pair, std::span<const RimPoint> rim, std::span<const
 /// @param slip [k][node][3][3]; rows are components of the slip, columns those of the node
 void add_slip(const RayPair& pair, std::span<const RayPoint> points, std::span<double> slip);
 
+/// Add the derivative of Σ_k τ_k·slip_k, tractions held, by the nodes, with the motion of the rim.
+/// @param traction [k][3]
+/// @param hessian [node][3][node][3], rows are those of the slip's variation; not symmetric
+void add_slip_curvature(const RayPair& pair, std::span<const RayPoint> points,
+                        std::span<const RimPoint> rim, std::span<const double> traction,
+                        std::span<double> hessian);
+
 } // namespace qsdolfinx

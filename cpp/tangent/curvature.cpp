@@ -69,6 +69,69 @@ private:
   std::vector<double> first_, second_;
   std::array<double, 2> sums_{};
 };
+
+/// Inserts matrices of pieces, [node][3][node][3], the slave's nodes first.
+class Insertion
+{
+public:
+  /// Collective.
+  Insertion(const Surface* master, const Pieces& pieces, std::array<Vec, 2> markers,
+            ContactBlocks blocks, std::array<double, 2> scale)
+      : sides_{&pieces.slave, &pieces.master}, num_sides_(master ? 2 : 1), blocks_(blocks),
+        scale_(scale), d_(static_cast<std::size_t>(pieces.gdim)),
+        nodes_{static_cast<std::size_t>(pieces.slave.num_nodes),
+               static_cast<std::size_t>(pieces.master.num_nodes)}
+  {
+    for (int s = 0; s < num_sides_; ++s)
+      dofs_[s] = free_dofs(*sides_[s], markers[s]);
+  }
+
+  /// Rows of a matrix.
+  std::size_t size() const { return 3 * (nodes_[0] + nodes_[1]); }
+
+  void insert(std::size_t piece, std::span<const double> H)
+  {
+    for (int a = 0; a < num_sides_; ++a)
+      for (int b = 0; b < num_sides_; ++b)
+      {
+        const std::size_t rows = nodes_[a] * d_, columns = nodes_[b] * d_, row0 = a * nodes_[0],
+                          column0 = b * nodes_[0];
+        block_.resize(rows * columns);
+        for (std::size_t r = 0; r < rows; ++r)
+          for (std::size_t c = 0; c < columns; ++c)
+            block_[r * columns + c]
+                = scale_[b]
+                  * H[(3 * (row0 + r / d_) + r % d_) * size() + 3 * (column0 + c / d_) + c % d_];
+        check(MatSetValues(blocks_[2 * a + b], static_cast<PetscInt>(rows), &dofs_[a][piece * rows],
+                           static_cast<PetscInt>(columns), &dofs_[b][piece * columns],
+                           block_.data(), ADD_VALUES));
+      }
+  }
+
+  /// What tells the rows that are inserted from all others.
+  void number(std::size_t piece, std::vector<std::uint64_t>& out) const
+  {
+    out.clear();
+    for (int s = 0; s < num_sides_; ++s)
+      for (std::size_t j = 0; j < nodes_[s]; ++j)
+        for (int c = 0; c < 3; ++c)
+          out.push_back(
+              8 * static_cast<std::uint64_t>(sides_[s]->dofs[(piece * nodes_[s] + j) * d_])
+              + static_cast<std::uint64_t>(4 * s + c));
+  }
+
+private:
+  std::array<const PieceSide*, 2> sides_;
+  int num_sides_;
+  ContactBlocks blocks_;
+  std::array<double, 2> scale_;
+  std::size_t d_;
+  std::array<std::size_t, 2> nodes_;
+  std::array<std::vector<PetscInt>, 2> dofs_; ///< [piece][node][gdim]
+  std::vector<PetscScalar> block_;            ///< reused storage
+};
+
+bool is_zero(double value) { return value == 0; }
 } // namespace
 
 bool qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Vec cover, Vec lambda,
@@ -77,53 +140,51 @@ bool qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Ve
 {
   const Shares shares(pieces, cover);
   std::vector<double> multipliers = values_at(lambda, first_dofs(pieces));
-  const std::array<const PieceSide*, 2> sides{&pieces.slave, &pieces.master};
-  const int num_sides = master ? 2 : 1;
-  std::array<std::vector<PetscInt>, 2> dofs;
-  for (int s = 0; s < num_sides; ++s)
-    dofs[s] = free_dofs(*sides[s], markers[s]);
-
-  const auto d = static_cast<std::size_t>(pieces.gdim),
-             nk = static_cast<std::size_t>(pieces.num_multipliers);
-  const std::array<std::size_t, 2> nodes{static_cast<std::size_t>(pieces.slave.num_nodes),
-                                         static_cast<std::size_t>(pieces.master.num_nodes)};
-  const std::size_t n = 3 * (nodes[0] + nodes[1]);
-  std::vector<double> H(n * n);
-  std::vector<std::uint64_t> numbers(3 * (nodes[0] + (master ? nodes[1] : 0)));
-  std::vector<PetscScalar> block;
+  Insertion insertion(master, pieces, markers, blocks, scale);
+  const auto nk = static_cast<std::size_t>(pieces.num_multipliers);
+  std::vector<double> H(insertion.size() * insertion.size());
+  std::vector<std::uint64_t> numbers;
   Asymmetry asymmetry;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     const auto of_piece = std::span(multipliers).subspan(i * nk, nk);
     shares.gather(i, of_piece);
-    if (std::ranges::all_of(of_piece, [](double value) { return value == 0; }))
+    if (std::ranges::all_of(of_piece, is_zero))
       continue;
     std::ranges::fill(H, 0.0);
     const RayPair pair = pair_of(pieces, i);
     add_curvature(pair, pieces.points_of(i), of_piece, H);
     add_rim(pair, pieces.rim_of(i), of_piece, H);
-    for (int s = 0; s < num_sides; ++s)
-      for (std::size_t j = 0; j < nodes[s]; ++j)
-        for (std::size_t c = 0; c < 3; ++c)
-          numbers[3 * (s * nodes[0] + j) + c]
-              = 8 * static_cast<std::uint64_t>(sides[s]->dofs[(i * nodes[s] + j) * d]) + 4 * s + c;
-    asymmetry.add(H, n, numbers);
-    for (int a = 0; a < num_sides; ++a)
-      for (int b = 0; b < num_sides; ++b)
-      {
-        const std::size_t rows = nodes[a] * d, columns = nodes[b] * d, row0 = a * nodes[0],
-                          column0 = b * nodes[0];
-        block.resize(rows * columns);
-        for (std::size_t r = 0; r < rows; ++r)
-          for (std::size_t c = 0; c < columns; ++c)
-            block[r * columns + c]
-                = scale[b] * H[(3 * (row0 + r / d) + r % d) * n + 3 * (column0 + c / d) + c % d];
-        check(MatSetValues(blocks[2 * a + b], static_cast<PetscInt>(rows), &dofs[a][i * rows],
-                           static_cast<PetscInt>(columns), &dofs[b][i * columns], block.data(),
-                           ADD_VALUES));
-      }
+    insertion.number(i, numbers);
+    asymmetry.add(H, insertion.size(), numbers);
+    insertion.insert(i, H);
   }
   MPI_Comm comm;
   check(PetscObjectGetComm(reinterpret_cast<PetscObject>(lambda), &comm));
   return asymmetry.is_none(comm);
+}
+
+void qsdolfinx::insert_slip_curvature(const Surface* master, const Pieces& pieces, Vec cover,
+                                      Vec traction, std::array<Vec, 2> markers,
+                                      ContactBlocks blocks, std::array<double, 2> scale)
+{
+  const Shares shares(pieces, cover);
+  std::vector<double> tau = values_at(traction, multiplier_dofs(pieces));
+  Insertion insertion(master, pieces, markers, blocks, scale);
+  const auto d = static_cast<std::size_t>(pieces.gdim),
+             nk = static_cast<std::size_t>(pieces.num_multipliers);
+  std::vector<double> H(insertion.size() * insertion.size()), in_space(3 * nk, 0.0);
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const auto of_piece = std::span(tau).subspan(i * nk * d, nk * d);
+    shares.gather(i, of_piece);
+    if (std::ranges::all_of(of_piece, is_zero))
+      continue;
+    for (std::size_t k = 0; k < nk; ++k)
+      std::copy_n(of_piece.begin() + static_cast<std::ptrdiff_t>(k * d), d,
+                  in_space.begin() + static_cast<std::ptrdiff_t>(3 * k));
+    std::ranges::fill(H, 0.0);
+    add_slip_curvature(pair_of(pieces, i), pieces.points_of(i), pieces.rim_of(i), in_space, H);
+    insertion.insert(i, H);
+  }
 }

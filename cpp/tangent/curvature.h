@@ -1,4 +1,4 @@
-// The part of the tangent that comes from gaps being no linear functions of the unknowns.
+// The part of the tangent that comes from gaps and slip being no linear functions of the unknowns.
 #pragma once
 
 #include "pairing/pieces.h"
@@ -20,5 +20,12 @@ namespace qsdolfinx
 bool insert_curvature(const Surface* master, const Pieces& pieces, Vec cover, Vec lambda,
                       std::array<Vec, 2> markers, ContactBlocks blocks,
                       std::array<double, 2> scale);
+
+/// Add how the forces Σ_k τ_k·slip_k of friction, see add_slip_forces, change with tractions held,
+/// to the blocks. Not symmetric. Collective.
+/// @param traction τ_k at the unknowns of each node, a vector of the slave's body
+void insert_slip_curvature(const Surface* master, const Pieces& pieces, Vec cover, Vec traction,
+                           std::array<Vec, 2> markers, ContactBlocks blocks,
+                           std::array<double, 2> scale);
 
 } // namespace qsdolfinx

@@ -73,7 +73,10 @@ def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
                 model.curvature_is_symmetric = False
         for slip in model.slips:
             slope = active_set.slope(model, slip.of)
-            slip.add_stiffness(slope, _ordered(model, slip.slave is model.slave, blocks))
+            ordered = _ordered(model, slip.slave is model.slave, blocks)
+            slip.add_stiffness(slope, ordered)
+            if model.with_curvature:
+                slip.add_curvature(ordered)
 
 
 def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:

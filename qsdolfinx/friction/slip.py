@@ -420,10 +420,11 @@ class Slip:
         self.operator.add_transpose(force, *handles)
 
     def add_stiffness(self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
-        """Add Jᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm)."""
+        """Add Lᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm); L is what τ works on."""
         stiffness, coupling = self._slopes()
         normal, weight = self._change_of_pressure(slope)
         _cpp.insert_friction(
+            self.gap.slip_operators(),
             self.operator,
             normal,
             stiffness,
@@ -431,6 +432,10 @@ class Slip:
             [handle_of(mat) for mat in blocks],
             self.gap.state.scale,
         )
+
+    def add_curvature(self, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
+        """Add how the forces of τ change with τ held, where gaps follow the bodies. Collective."""
+        self.gap.add_slip_curvature(self.state.response.traction, blocks)
 
     @property
     def is_at_rows(self) -> bool:

@@ -106,6 +106,33 @@ class FacetCutter:
         _cpp.add_slip_forces(found.of_cutter, *handles)
         return True
 
+    def slip_rows(self, found: Found) -> list[_cpp.PieceRows]:
+        """See :class:`Cutter`."""
+        if self._tool is not None:
+            return []
+        cover, axes = handle_of(found.cover), range(found.of_cutter.gdim)
+        return [_cpp.PieceRows(self._slave, found.of_cutter, cover, axis) for axis in axes]
+
+    def add_slip_curvature(
+        self,
+        found: Found,
+        traction: PETSc.Vec,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """See :class:`Cutter`."""
+        if self._tool is None:
+            _cpp.insert_slip_curvature(
+                self._master,
+                found.of_cutter,
+                handle_of(found.cover),
+                traction.handle,
+                [handle_of(vec) for vec in markers],
+                [handle_of(mat) for mat in blocks],
+                scale,
+            )
+
     def _put(self, surfaces: tuple[_cpp.Surface, _cpp.Surface], places: Places) -> None:
         there = places[1] if self._tool is None else self._tool.facet_positions(places[1])
         for surface, x in zip(surfaces, (places[0], there), strict=True):

@@ -99,6 +99,19 @@ class Cutter(typing.Protocol):
     def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
         """Add forces of friction on objective slip; False if a jump's will do. Collective."""
 
+    def slip_rows(self, found: Found) -> list[_cpp.PieceRows]:
+        """Variations of objective slip along each axis; none if a jump's will do. Collective."""
+
+    def add_slip_curvature(
+        self,
+        found: Found,
+        traction: PETSc.Vec,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """Add how forces on objective slip change with tractions held. Collective."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Cut:
@@ -291,11 +304,35 @@ class Following:
 
     def add_slip_forces(self, last: Cut, traction: Array, b: Vecs) -> None:
         """Add the forces of friction τ_k of the owned nodes, (nodes, gdim). Collective."""
-        vec = self._slave.create_vec()
-        vec.array[self._slave.node_dofs - vec.owner_range[0]] = traction
+        vec = self._vec_of(traction)
         if not self._cutter.add_slip_forces(last.found, vec, b):
             force = np.ascontiguousarray(last.measure.area[:, None] * traction)
             self.jump_operator(last).add_transpose(force, *map(handle_of, b))
+        vec.destroy()
+
+    def _vec_of(self, traction: Array) -> PETSc.Vec:
+        """Vectors of the owned nodes as one of the slave's body."""
+        vec = self._slave.create_vec()
+        vec.array[self._slave.node_dofs - vec.owner_range[0]] = traction
+        return vec
+
+    def slip_operators(self, last: Cut) -> list[_cpp.GapOperator]:
+        """Variations of objective slip along each axis, a jump's if there are none. Collective."""
+        rows = self._cutter.slip_rows(last.found)
+        area = last.measure.area
+        return [_cpp.GapOperator(*self._objects, each, area, jump=False) for each in rows]
+
+    def add_slip_curvature(
+        self,
+        last: Cut,
+        traction: Array,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """Add how the forces of friction τ_k, (nodes, gdim), change with τ_k held. Collective."""
+        assert self._marked is not None
+        vec = self._vec_of(traction)
+        self._cutter.add_slip_curvature(last.found, vec, self._marked, blocks, scale)
         vec.destroy()
 
     # --- Tangent

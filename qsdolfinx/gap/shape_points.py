@@ -168,3 +168,17 @@ class ShapePoints:
     def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
         """See :class:`Cutter`: the tool has no unknowns, forces act on the slave alone."""
         return False
+
+    def slip_rows(self, found: Found) -> list[_cpp.PieceRows]:
+        """See :class:`Cutter`."""
+        return []
+
+    def add_slip_curvature(
+        self,
+        found: Found,
+        traction: PETSc.Vec,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """See :class:`Cutter`: points keep their places on the facets."""

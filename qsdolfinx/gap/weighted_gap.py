@@ -310,6 +310,20 @@ class WeightedGap:
         assert self.following is not None and self.cut is not None
         self.following.add_slip_forces(self.cut, self._share * traction, b)
 
+    def slip_operators(self) -> list[_cpp.GapOperator]:
+        """Variations of slip along each axis at the last evaluation; none: a jump's. Collective."""
+        if self.following is None or self.cut is None:
+            return []
+        return self.following.slip_operators(self.cut)
+
+    def add_slip_curvature(
+        self, traction: Array, blocks: typing.Sequence[PETSc.Mat | None]
+    ) -> None:
+        """Add how forces of friction τ, (rows, gdim), change with τ held. Collective."""
+        if self.following is not None and self.cut is not None:
+            scale = self.state.scale
+            self.following.add_slip_curvature(self.cut, self._share * traction, blocks, scale)
+
     def set_offset(self, u: Vecs) -> None:
         """Set displacements on top of those of the unknowns. Collective."""
         if self.following is not None:

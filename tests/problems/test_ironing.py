@@ -101,3 +101,14 @@ def test_output(tmp_path):
         written = list(csv.DictReader(file))
     assert len(written) == len(rows) == result["steps"] == 42
     assert np.isclose(float(written[-1]["fx"]), rows[-1].fx)
+
+
+@pytest.mark.parametrize(("way", "most"), [(1.0, 8), (6.0, 12)])
+def test_steps_of_facets(way, most):
+    """With geometry that follows: Newton iterations of a step, and no cutback."""
+    steps = PRESSING + round((COARSE["facets"] + 7) / way)
+    p = Parameters(**(COARSE | {"sliding": "finite", "steps": steps, "facets": 8}))
+    iterations = []
+    result, *_ = run(p, WORLD, lambda row, scene: iterations.append(scene[-1].num_iterations))
+    assert result["cutbacks"] == 0
+    assert max(iterations[PRESSING:]) <= most

@@ -89,6 +89,8 @@ class Pair:
         self.zeta = rng.uniform(0.2, 0.4, (num_points, 2))
         self.weight = rng.uniform(0.5, 1.5, num_points)
         self.multipliers = rng.uniform(-1, 1, self.slave_kind[0])
+        self.tractions = np.zeros((self.slave_kind[0], 3))
+        self.tractions[:, : self.dim] = rng.uniform(-1, 1, (self.slave_kind[0], self.dim))
 
     @property
     def slave_kind(self):
@@ -121,6 +123,10 @@ class Pair:
     def slip(self, x):
         cut, other, points = self.rays(x)
         return _cpp.ray_slip(cut, other, self.cut_is_slave, points)
+
+    def slip_hessian(self, x):
+        cut, other, points = self.rays(x)
+        return _cpp.ray_slip_curvature(cut, other, self.cut_is_slave, points, self.tractions)
 
     def normal(self, x):
         y = self.nodes(x)[0]
@@ -219,6 +225,18 @@ def test_slip(kind):
     expected = np.moveaxis(expected, 2, 1)
     assert np.abs(slip).max() > 0.1
     assert np.abs(slip - expected).max() < 1e-8 * np.abs(slip).max()
+
+
+@kinds
+def test_slip_hessian(kind):
+    """The derivative of the work of tractions on slip, which has no potential."""
+    pair = Pair(kind)
+    hessian = pair.slip_hessian(pair.x)
+    expected = pair.differences(
+        lambda x: np.einsum("kr,kjrc->jc", pair.tractions, pair.slip(x)), 1e-5
+    ).reshape(hessian.shape)
+    assert np.abs(hessian).max() > 0.1
+    assert np.abs(hessian - expected).max() < 1e-7 * np.abs(hessian).max()
 
 
 @kinds

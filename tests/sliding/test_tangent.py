@@ -115,3 +115,24 @@ def test_open_ends(cell, width, formulation, enforcement):
     assert errors.difference < (OPEN[enforcement] if ends else 1e-7)
     assert contact.symmetric == (not ends)
     assert (errors.asymmetry < 1e-14) == (not ends)
+
+
+@pytest.mark.parametrize("enforcement", OPEN)
+@pytest.mark.parametrize("formulation", ("quasi-symmetric", "master-slave"))
+@pytest.mark.parametrize("mu, way", [(0.2, 0.3), (5.0, 0.05)], ids=("slips", "sticks"))
+@pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
+def test_friction(cell, mu, way, formulation, enforcement):
+    """Of forces on objective slip, their change as facets slide and turn included."""
+    boxes = Boxes(cell, ((6, 3), (4, 4)), ((2.0, 1.0), (0.6, 1.0)), start=0.5, skew=0.3)
+    top = boxes.clamp_far()
+    options = {"sliding": "finite", "enforcement": enforcement, "friction": qs.Coulomb(mu)}
+    contact = qs.Contact(boxes.above, boxes.below, formulation, **options)
+    problem = boxes.problem(contact, solver="direct")
+    for depth, slide in ((0.02, 0.0), (0.04, 0.0), (0.04, way)):
+        top.value[:] = slide, -depth
+        contact.update()
+        problem.solve()
+    x = near_solution(problem, np.random.default_rng(3), 1e-5)
+    d = direction(problem, np.random.default_rng(4))
+    problem.system.set_curvature(True)
+    assert tangent_errors(problem, x, d, 1e-7).difference < 0.02
