@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from common.command import FORMULATIONS
-from ironing import PRESSING, Parameters, build, on_plateau, run
+from ironing import PRESSING, RUN_IN, Parameters, build, on_plateau, run
 from scenes import WORLD, spread_cells
 
 COARSE = {"h": 0.14, "steps": 37, "facets": 5}
@@ -106,8 +106,8 @@ def test_output(tmp_path):
 @pytest.mark.parametrize(("way", "most"), [(1.0, 8), (6.0, 12)])
 def test_steps_of_facets(way, most):
     """With geometry that follows: Newton iterations of a step, and no cutback."""
-    steps = PRESSING + round((COARSE["facets"] + 7) / way)
-    p = Parameters(**(COARSE | {"sliding": "finite", "steps": steps, "facets": 8}))
+    options = COARSE | {"sliding": "finite", "facets": 14}
+    p = Parameters(**(options | {"steps": PRESSING + round((options["facets"] + RUN_IN) / way)}))
     iterations = []
     result, *_ = run(p, WORLD, lambda row, scene: iterations.append(scene[-1].num_iterations))
     assert result["cutbacks"] == 0
