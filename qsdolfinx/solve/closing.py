@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import NO_PRESSURE, Slip
-from qsdolfinx.linear.krylov import LOOSE, SAFETY
+from qsdolfinx.linear.krylov import SAFETY
 from qsdolfinx.solve.newton import WITH_CURVATURE, Newton
 from qsdolfinx.system.blocks import Side
 
@@ -34,8 +34,8 @@ LEAST_SHARE = 1e-2
 #: residual at which they end.
 MAX_ITERATIONS, FREE = 8, 1e-8
 
-#: Relative tolerance of a linear solve that is worth a try if it may be the last one.
-NEAR = 1e-4
+#: Relative tolerance of a linear solve on the way there.
+ENOUGH = 1e-7
 
 #: Straight parts of a way at most, by how much more rows are closed at the end of each at least,
 #: and how many times of closing are told apart.
@@ -281,7 +281,7 @@ class Closings:
             guess: Where it ended the last time, if there was one: taken where it is nearer.
         """
         system, linear = self._system, self._newton.linear
-        x, first = solution.copy(), system.norm(self._residual(solution, from_stick=True))
+        x, first = solution.copy(), system.norm(self._residual(solution))
         from_guess = guess is not None and system.norm(self._residual(guess)) < first
         if from_guess and guess is not None:
             x = guess.copy()
@@ -291,7 +291,7 @@ class Closings:
             last, norm = norm, system.norm(residual)
             if i > 1 and not norm < last:
                 break
-            best, first = x.copy(), max(first, norm)
+            best = x.copy()
             if norm <= FREE * first and (i > 0 or from_guess):
                 break
             if system.made.hold.free_motions().shape[1]:
@@ -312,9 +312,8 @@ class Closings:
 
 
 def _tolerance(norm: float, until: float) -> float:
-    """Of a linear solve: the last one if that takes few iterations, else one that tells rows."""
-    last = SAFETY * until / norm if norm > 0 else 1.0
-    return last if last >= NEAR else LOOSE
+    """Of a linear solve, after which Newton's method may find nothing better."""
+    return max(SAFETY * until / norm if norm > 0 else 1.0, ENOUGH)
 
 
 def _largest(vectors: Array) -> float:
