@@ -17,6 +17,7 @@ from qsdolfinx.base import interrupt
 from qsdolfinx.base.messages import say
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.solve.convergence import RESTING, Convergence, Measures
+from qsdolfinx.solve.easing import ease
 from qsdolfinx.solve.snes import (
     SNES_OPTIONS,
     ConvergenceError,
@@ -49,6 +50,13 @@ MORE = 5
 #: Part of its largest residual in a solve below which second derivatives of gaps count: far from
 #: the solution they make the tangent indefinite.
 WITH_CURVATURE = 1e-2
+
+#: Part of the largest residual that a run ends with where loads are put on gradually.
+EASED = 1e-3
+
+#: Part below which they are tried where two iterations in a row have left more than that of their
+#: residuals, and iterations until they are tried again where the residual grows with them.
+TRY_CURVATURE, SLOW, PATIENCE = 0.1, 0.4, 3
 
 #: Times that the tangent may outgrow its pattern in a run.
 MAX_GROWTHS = 20
@@ -108,6 +116,41 @@ class Accuracy:
 
 
 @dataclasses.dataclass
+class Curvature:
+    """Decides whether the tangent has the second derivatives of gaps that follow the bodies.
+
+    Far from the solution pressures are much too large, and they make the tangent indefinite. Where
+    bodies are deep in each other Newton's method hardly gets on without them: they are tried then.
+
+    Attributes:
+        tried: Whether the last tangent had them though it may have been too early.
+        wait: Iterations until they are tried again.
+    """
+
+    tried: bool = False
+    wait: int = 0
+
+    def counts(self, context: Context) -> bool:
+        """Whether the next tangent has them."""
+        norms = context.norms
+        if not norms or norms[-1] <= WITH_CURVATURE * context.largest:
+            self.tried = False
+            return True
+        if self.tried and norms[-1] > norms[-2]:
+            self.wait = PATIENCE
+        elif not self.tried and self.wait > 0:
+            self.wait -= 1
+        self.tried = self.wait == 0 and (self.tried or self._is_slow(context))
+        return self.tried
+
+    @staticmethod
+    def _is_slow(context: Context) -> bool:
+        last = context.norms[-3:]
+        near = len(last) == 3 and last[-1] <= TRY_CURVATURE * context.largest
+        return near and last[2] > SLOW * last[1] and last[1] > SLOW * last[0]
+
+
+@dataclasses.dataclass
 class Context:
     """What the callbacks know. Without SNES itself, which keeps it where Python cannot see it.
 
@@ -122,10 +165,13 @@ class Context:
         least: Of each group, in the run so far.
         forces: Of each group the largest at the beginning of any run of the solve: what acts, or
             is not balanced. None before the first.
+        largest: Norm of the residual in the solve since a run failed.
         until: Norm of the residual at which a linear solve is exact enough.
         fall: Part of its residual that the last iteration of the solve has left.
+        eased: What of the residual is left out, as loads are put on gradually; None otherwise.
         outgrown: Whether the run has ended since the tangent has no room for where contact is.
         is_running: Whether SNES solves; others who ask for a tangent want that of where they are.
+        curvature: Of gaps that follow the bodies.
         failure: What a callback has raised: PETSc would make an error of its own of it.
     """
 
@@ -138,10 +184,13 @@ class Context:
     first: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     least: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     forces: Array | None = None
+    largest: float = 0.0
     until: float = 0.0
     fall: float = np.inf
     is_running: bool = False
+    eased: Array | None = None
     outgrown: bool = False
+    curvature: Curvature = dataclasses.field(default_factory=Curvature)
     failure: BaseException | None = None
 
 
@@ -163,6 +212,8 @@ def _callback(function: typing.Callable[..., None]) -> typing.Callable[..., None
 def residual(snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, context: Context) -> None:
     """Evaluate the residual."""
     f.array[:] = context.system.residual(x.array_r)
+    if context.eased is not None:
+        f.array[:] -= context.eased
 
 
 @_callback
@@ -173,8 +224,7 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     for slip in system.slips:
         slip.note()
     system.set_strict(snes.getIterationNumber() >= LENIENT)
-    far = bool(context.norms) and context.norms[-1] > WITH_CURVATURE * max(context.record.residuals)
-    system.set_curvature(not (context.is_running and far))
+    system.set_curvature(not context.is_running or context.curvature.counts(context))
     if _is_near(context) and system.tangent_fits():
         linear.prepare(context.norms, context.until, False)
         return
@@ -220,6 +270,8 @@ def _has_converged(
     size, step, norm = norms
     if not np.isfinite(norm):
         return int(reasons.DIVERGED_FNORM_NAN)
+    if context.eased is not None:
+        return _has_converged_eased(iteration, norm, context)
     relative, absolute, _, _ = snes.getTolerances()
     _evaluate(context.system, snes.getSolution())
     assert context.convergence is not None
@@ -232,6 +284,7 @@ def _has_converged(
     elif context.norms and context.norms[-1] > 0:
         context.fall = norm / context.norms[-1]
     context.norms.append(norm)
+    context.largest = max(context.largest, norm)
     limits = measures.limits(relative, accuracy.fall, context.first)
     rests = iteration > 0 and step <= RESTING * size
     assert context.forces is not None
@@ -248,6 +301,19 @@ def _has_converged(
     if context.is_running and not context.system.fits_pattern():
         context.outgrown = True
         return int(reasons.DIVERGED_FUNCTION_COUNT)  # it goes on with other matrices
+    return 0
+
+
+def _has_converged_eased(iteration: int, norm: float, context: Context) -> int:
+    """The same on the way to the load, where a few digits do."""
+    context.norms = [*context.norms, norm] if iteration > 0 else [norm]
+    context.largest = max(context.largest, norm)
+    context.until = EASED * context.largest
+    if iteration > 0 and norm <= context.until:
+        return int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
+    if not context.system.fits_pattern():
+        context.outgrown = True
+        return int(PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_COUNT)
     return 0
 
 
@@ -295,7 +361,7 @@ class Newton:
     def begin(self) -> None:
         """Begin a new record."""
         self.record = self._context.record = Record()
-        self._context.forces, self._context.fall = None, np.inf
+        self._context.forces, self._context.fall, self._context.largest = None, np.inf, 0.0
 
     def update_matrices(self) -> None:
         """Make matrices for the present pairing, if there are none. Collective."""
@@ -405,6 +471,10 @@ class Newton:
             self._start_again(first_guess, may_stick)
             self._run()
             self._search_line_if_failed(first_guess)
+        if self._reason < 0 and self._may_ease():
+            say(self.system.comm, f"Newton's method: {self._name}; loads are put on gradually")
+            self.record.restarts += 1
+            ease(self.system, first_guess, self.run_eased)
         first_guess.destroy()
         if self._reason <= 0:
             self.fail(self._reason)
@@ -419,10 +489,35 @@ class Newton:
             with line_search(self.snes):
                 self._run()
 
+    def _may_ease(self) -> bool:
+        """Whether loads may be put on gradually: where paths are not straight."""
+        follows = any(contact.follows for contact in self.system.contacts)
+        return self.has_full_steps and (follows or not self.system.linear)
+
+    def run_eased(self, left_out: Array | None) -> bool:
+        """A run from where the unknowns are, with full steps; whether it converges. Collective.
+
+        Args:
+            left_out: What of the residual is; the run ends with a few digits then.
+        """
+        for slip in self.system.slips:
+            slip.stick_slip.begin_attempt()
+            slip.stick_slip.begin_iterations(False)
+        forget_failure(self.snes)
+        self.update_matrices()
+        self._context.eased, self._context.largest = left_out, 0.0
+        try:
+            self._run()
+        except ConvergenceError as error:
+            self._reason = error.reason
+        finally:
+            self._context.eased = None
+        return self._reason > 0
+
     def _start_again(self, first_guess: PETSc.Vec, may_stick: bool) -> None:
         """Go back to the first guess after a run that has failed. Collective."""
         self.record.restarts += 1
-        self._context.fall = np.inf
+        self._context.fall, self._context.largest = np.inf, 0.0
         first_guess.copy(self.system.x)
         forget_failure(self.snes)
         for slip in self.system.slips:
@@ -436,9 +531,13 @@ class Newton:
             newton_failed: Whether Newton's method has failed, not a linear solve alone.
         """
         linear = reason_name(PETSc.KSP.ConvergedReason, self.snes.getKSP().getConvergedReason())
-        newton = reason_name(PETSc.SNES.ConvergedReason, self._reason)
-        reason = f"Newton's method: {newton}" if newton_failed else f"linear solver: {linear}"
+        reason = f"Newton's method: {self._name}" if newton_failed else f"linear solver: {linear}"
         return self.hand_over(reason, newton_failed)
+
+    @property
+    def _name(self) -> str:
+        """Why the last run has ended, in PETSc's words."""
+        return reason_name(PETSc.SNES.ConvergedReason, self._reason)
 
     def hand_over(self, reason: str, always: bool = True) -> bool:
         """Let a direct solver take over from an iterative one, if the problem is small enough.
@@ -510,6 +609,7 @@ class Newton:
     def _call_snes(self) -> None:
         """Let SNES solve; what a callback raises is raised as it is."""
         self._context.norms, self._context.is_running = [], True
+        self._context.curvature = Curvature()
         self._context.outgrown = False
         try:
             self.snes.solve(None, self.system.x)

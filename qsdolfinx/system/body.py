@@ -152,11 +152,19 @@ class Body:
         self.u.x.array[: self.num_owned] = values
         self.u.x.scatter_forward()
 
-    def begin_solve(self) -> None:
-        """Read new Dirichlet values, loads, material and geometry. Collective."""
+    def begin_solve(self, part: float = 1.0, start: Array | None = None) -> None:
+        """Read new Dirichlet values, loads, material and geometry. Collective.
+
+        Args:
+            part: Part of the way from the start that Dirichlet values are to go.
+            start: Unknowns, ghosts included.
+        """
         self.u.x.scatter_forward()  # a user may have set owned values alone
         for bc in self.bcs:
             bc.set(self._g.array)
+        if start is not None:
+            at = self.constrained
+            self._g.array[at] = (1 - part) * start[at] + part * self._g.array[at]
         if not self.linear:
             return
         fingerprint = self._state_of_K()
