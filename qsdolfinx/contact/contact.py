@@ -28,6 +28,7 @@ from qsdolfinx.contact.arguments import (
     check_smoothing,
     check_surfaces,
     default_enforcement,
+    may_follow,
 )
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty
@@ -138,7 +139,9 @@ class Contact:
         sliding: ``"small"``: pairs, normals and areas stay as they were paired while a solve lasts.
             ``"finite"``: the geometry of contact follows the bodies within the solve, however far
             they slide or turn; facets are cut anew at each iteration. It needs the overlay, with
-            normals of the facets. Areas are those at the start of the solve.
+            normals of the facets. None: the first problem decides, ``"finite"`` between bodies
+            with displacements and nonlinear forms, and with tools, ``"small"`` otherwise, also
+            where other arguments or meshes of degree 2 ask for what ``"finite"`` does not have.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, the two
@@ -173,7 +176,7 @@ class Contact:
         initial_overclosure: str = "resolve",
         constraints: str = "nodes",
         smoothing: Side | tuple[Side, Side] = "none",
-        sliding: str = "small",
+        sliding: str | None = None,
     ) -> None:
         law = Unilateral() if law is None else law
         check_alone(SLAVE, slave=slave)
@@ -193,7 +196,12 @@ class Contact:
             # Before what follows from them: of several arguments that differ the first is named.
             same(law=type(law).__name__, friction=friction)
             same(unknown=unknowns_of(unknown, rigid))
-            same(one_of(SLIDING), sliding=sliding)
+            same(either(one_of(SLIDING), None), sliding=sliding)
+            plain = normals is None and smoothing == "none"
+            if sliding is None and not (
+                plain and may_follow(slave, master, quadrature, constraints)
+            ):
+                sliding = "small"
             if normals is None and sliding == "finite":
                 normals = "facet"
             if normals is None:
@@ -208,7 +216,8 @@ class Contact:
             same(POSITIVE, gap_tolerance=gap_tolerance)
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
             same(one_of(CONSTRAINTS), constraints=constraints)
-            check_sliding(sliding, quadrature, normals, constraints, sides)
+            if sliding is not None:
+                check_sliding(sliding, quadrature, normals, constraints, sides)
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.
@@ -297,8 +306,8 @@ class Contact:
         return self.model.settings.sampling.normals
 
     @property
-    def sliding(self) -> str:
-        """``"small"``, or ``"finite"``: contact's geometry follows the bodies."""
+    def sliding(self) -> str | None:
+        """``"small"`` or ``"finite"``; None until a problem has decided."""
         return self.model.settings.sliding
 
     @property

@@ -21,6 +21,7 @@ class ContactState:
         # What pairing found and the arrays of its states are never written into: references do.
         self._paired = model.paired
         self._states = [copy.copy(part.state) for part in model.parts]
+        self._cuts = [gap.cut for gap in model.gaps]
         self._penalty = copy.copy(model.penalty)
         self._dt = model.kinematics.dt
         self._rate = None if model.friction is None else model.friction.rate
@@ -40,6 +41,11 @@ class ContactState:
         model.paired = self._paired
         for part, state in zip(model.parts, self._states, strict=True):
             part.state = copy.copy(state)
+        for gap, cut in zip(model.gaps, self._cuts, strict=True):
+            if cut is not None:
+                gap.show(cut)
+        for slip in model.slips if model.follows else ():
+            slip.take_operator()
         model.penalty = copy.copy(self._penalty)
         model.kinematics.restore_dt(self._dt)
         if model.friction is not None:

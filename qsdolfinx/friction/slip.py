@@ -285,15 +285,19 @@ class Slip:
 
     def _follow(self, u: Vecs) -> None:
         """Operator, normals, jump and τ̂ at the last cut. Collective."""
-        state, gap = self.state, self.gap
+        state = self.state
         if state.pairs is None:
             state.pairs = PairsAtStart.of(self.gap)
-        self.operator = gap.jump_operator()
-        self.hold(self._held)
-        self.cover = self._cover()
+        self.take_operator()
         state.jump = objective_slip(self.gap, state.pairs, u)
         state.start = np.zeros_like(state.jump)
         self._turn_augmented()
+
+    def take_operator(self) -> None:
+        """Take operator and normals of the gap's last evaluation. Collective."""
+        self.operator = self.gap.jump_operator()
+        self.hold(self._held)
+        self.cover = self._cover()
 
     def _turn_augmented(self) -> None:
         """Let τ̂ turn with the slave. Collective."""

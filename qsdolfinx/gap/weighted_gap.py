@@ -242,11 +242,14 @@ class WeightedGap:
         assert self.following is not None
         assert state.base is not None and state.measure is not None
         places = self.following.places(state.base, u, state.scale)
-        self.cut = self.following.cut(places, state.measure)
-        self.operator = self.cut.operator
-        assert isinstance(self.rows, NodeRows)
-        self.rows.covered_nodes = self.cut.covered
+        self.show(self.following.cut(places, state.measure))
         state.values = self._values_of_cut() - state.allowance[:, None]
+
+    def show(self, cut: Cut) -> None:
+        """Take what an evaluation has found for the last one, but for the state."""
+        self.cut, self.operator = cut, cut.operator
+        if isinstance(self.rows, NodeRows):
+            self.rows.covered_nodes = cut.covered
 
     def _values_of_cut(self) -> Array:
         """ḡ of the operator alone; that of the search radius where nothing is opposite."""
@@ -267,10 +270,18 @@ class WeightedGap:
         scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
         state.measure = self.following.measure(self.following.places(state.base, u, scale))
 
-    def measure_now(self) -> None:
-        """Measure areas where the facets are at the last evaluation. Collective."""
-        if self.following is not None and self.cut is not None:
-            self.state.measure = self.following.measure(self.cut.places, self.state.measure)
+    def measure_now(self) -> float:
+        """Measure areas where the facets are at the last evaluation. Collective.
+
+        Returns:
+            Largest change of an area on this rank, over the area of the node.
+        """
+        before = self.state.measure
+        if self.following is None or self.cut is None or before is None:
+            return 0.0
+        measure = self.state.measure = self.following.measure(self.cut.places, before)
+        change = np.abs(measure.area - before.area) / measure.node_area
+        return float(np.max(change[self.cut.covered], initial=0.0))
 
     def evaluate_kept(self, u: Vecs, kept: tuple[bool, bool]) -> None:
         """Evaluate for those unknowns alone that are kept from step to step. Collective."""

@@ -56,6 +56,10 @@ told: set[str] = set()
 #: from other places.
 MAX_RATES = 4
 
+#: Times that areas are measured anew with a penalty, and change over the area of a node that is
+#: none.
+MAX_MEASURES, SAME_AREA = 5, 1e-3
+
 
 class ContactProblem:
     """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
@@ -401,6 +405,7 @@ class ContactProblem:
             motion.catch_up(contact)
         state = [body.u.x.array.copy() for body in self.bodies]
         known = [multipliers.known(contact) for contact in self.system.contacts]
+        measures = [gap.state.measure for gap in self.system.gaps]
         self._begin_slips()
         self.set_up()
         balance = ToolBalance(self.system)
@@ -416,6 +421,8 @@ class ContactProblem:
         except BaseException as error:
             for contact, kept in zip(self.system.contacts, known, strict=True):
                 multipliers.set_known(contact, kept)
+            for gap, measure in zip(self.system.gaps, measures, strict=True):
+                gap.state.measure = measure
             if isinstance(error, ConvergenceError):
                 balance.restore()
             self._begin_slips()
@@ -485,6 +492,27 @@ class ContactProblem:
                 self.stabilisation_shares = stabilised.shares
                 stabilised.find()
         augmented.close_gaps()
+        for _ in range(MAX_MEASURES):
+            if not self._have_areas_changed():
+                break
+            equilibrium.find()
+
+    def _have_areas_changed(self) -> bool:
+        """Measure areas anew of penalties that follow the bodies; whether they are others.
+
+        Each update of multipliers does so, too. Collective.
+        """
+        contacts = [c for c in self.system.contacts if c.follows and not c.augmented]
+        gaps = [gap for contact in contacts for gap in contact.gaps]
+        if not gaps:
+            return False
+        before = [gap.state.measure for gap in gaps]
+        change = max([gap.measure_now() for gap in gaps])
+        if self.comm.allreduce(change > SAME_AREA, op=MPI.LOR):
+            return True
+        for gap, kept in zip(gaps, before, strict=True):
+            gap.state.measure = kept
+        return False
 
     def destroy(self) -> None:
         """Free PETSc's objects and options; whoever uses them then is told so. Collective.

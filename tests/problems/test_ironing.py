@@ -106,9 +106,10 @@ def test_output(tmp_path):
 @pytest.mark.parametrize(("way", "most"), [(1.0, 8), (6.0, 12)])
 def test_steps_of_facets(way, most):
     """With geometry that follows: Newton iterations of a step, and no cutback."""
-    options = COARSE | {"sliding": "finite", "facets": 14}
-    p = Parameters(**(options | {"steps": PRESSING + round((options["facets"] + RUN_IN) / way)}))
+    facets = 14
+    steps = PRESSING + round((facets + RUN_IN) / way)
+    p = Parameters(sliding="finite", steps=steps, facets=facets)
     iterations = []
     result, *_ = run(p, WORLD, lambda row, scene: iterations.append(scene[-1].num_iterations))
     assert result["cutbacks"] == 0
-    assert max(iterations[PRESSING + 1 :]) <= most  # all slips from the second one on
+    assert max(iterations[PRESSING + 2 :]) <= most  # once all of it slips
