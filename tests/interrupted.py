@@ -129,7 +129,7 @@ SCENES = {
     ),
     "neo-Hookean": Tool,
     "neo-Hookean, augmented": lambda: Tool(enforcement="augmented-lagrangian"),
-    "neo-Hookean, small sliding": lambda: Tool(sliding="small"),
+    "neo-Hookean, follows": lambda: Tool(sliding="finite"),
     "driven": lambda: Tool(force=True),
     "steps": Steps,
     "steps, paired twice": lambda: Steps(num_pairings=2),

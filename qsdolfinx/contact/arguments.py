@@ -9,7 +9,6 @@ from mpi4py import MPI
 from dolfinx import fem
 
 from qsdolfinx.base.checks import check, either, instance, require
-from qsdolfinx.compat import coordinate_element
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.pairing.relief import Side
@@ -88,13 +87,6 @@ def check_sliding(
     require(normals == "facet", of + 'measures gaps along normals of facets; leave out "normals"')
     require(constraints == "nodes", of + 'has constraints at "nodes"')
     require(sides == (None, None), of + "measures gaps between facets; leave out smoothing")
-
-
-def may_follow(slave: Surface, master: AnySurface, quadrature: str, constraints: str) -> bool:
-    """Whether contact may follow bodies between which nothing but facets is asked for."""
-    bodies = [s for s in (slave, deformable(master)) if s is not None]
-    flat = all(coordinate_element(s.mesh).degree == 1 for s in bodies)
-    return flat and quadrature == "overlay" and constraints == "nodes"
 
 
 def check_friction(friction: typing.Any, slave: Surface) -> None:

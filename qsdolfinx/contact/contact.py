@@ -28,7 +28,6 @@ from qsdolfinx.contact.arguments import (
     check_smoothing,
     check_surfaces,
     default_enforcement,
-    may_follow,
 )
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty
@@ -139,9 +138,7 @@ class Contact:
         sliding: ``"small"``: pairs, normals and areas stay as they were paired while a solve lasts.
             ``"finite"``: the geometry of contact follows the bodies within the solve, however far
             they slide or turn; facets are cut anew at each iteration. It needs the overlay, with
-            normals of the facets. None: the first problem decides, ``"finite"`` between bodies
-            with displacements and nonlinear forms, and with tools, ``"small"`` otherwise, also
-            where other arguments or meshes of degree 2 ask for what ``"finite"`` does not have.
+            normals of the facets. Areas are those at the start of the solve.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, the two
@@ -176,7 +173,7 @@ class Contact:
         initial_overclosure: str = "resolve",
         constraints: str = "nodes",
         smoothing: Side | tuple[Side, Side] = "none",
-        sliding: str | None = None,
+        sliding: str = "small",
     ) -> None:
         law = Unilateral() if law is None else law
         check_alone(SLAVE, slave=slave)
@@ -196,12 +193,7 @@ class Contact:
             # Before what follows from them: of several arguments that differ the first is named.
             same(law=type(law).__name__, friction=friction)
             same(unknown=unknowns_of(unknown, rigid))
-            same(either(one_of(SLIDING), None), sliding=sliding)
-            plain = normals is None and smoothing == "none"
-            if sliding is None and not (
-                plain and may_follow(slave, master, quadrature, constraints)
-            ):
-                sliding = "small"
+            same(one_of(SLIDING), sliding=sliding)
             if normals is None and sliding == "finite":
                 normals = "facet"
             if normals is None:
@@ -216,8 +208,7 @@ class Contact:
             same(POSITIVE, gap_tolerance=gap_tolerance)
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
             same(one_of(CONSTRAINTS), constraints=constraints)
-            if sliding is not None:
-                check_sliding(sliding, quadrature, normals, constraints, sides)
+            check_sliding(sliding, quadrature, normals, constraints, sides)
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.
@@ -306,8 +297,8 @@ class Contact:
         return self.model.settings.sampling.normals
 
     @property
-    def sliding(self) -> str | None:
-        """``"small"`` or ``"finite"``; None until a problem has decided."""
+    def sliding(self) -> str:
+        """``"small"``, or ``"finite"``: contact's geometry follows the bodies."""
         return self.model.settings.sliding
 
     @property

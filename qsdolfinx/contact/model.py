@@ -57,8 +57,7 @@ class Settings:
         constraints: Whether the law is asked at ``"nodes"``, or at the pairing ``"points"``.
         augmented: Whether the multiplier is augmented until the gap is closed.
         gap_tolerance: Gap at which augmentation ends, in units of the smallest facet.
-        sliding: ``"small"`` or ``"finite"``: whether contact's geometry follows the bodies; None,
-            and as small, until a problem decides.
+        sliding: ``"small"`` or ``"finite"``: whether contact's geometry follows the bodies.
     """
 
     slave: Surface
@@ -70,7 +69,7 @@ class Settings:
     constraints: str
     augmented: bool
     gap_tolerance: float
-    sliding: str | None = "small"
+    sliding: str = "small"
 
     @property
     def rows(self) -> str:
@@ -190,7 +189,7 @@ def _following(
     settings: Settings, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius
 ) -> Following | None:
     """What makes gaps of a pass follow the bodies; None where they are linear. Collective."""
-    if settings.sliding != "finite" or settings.law.jump:
+    if settings.sliding == "small" or settings.law.jump:
         return None
     tool, degree = as_tool(master), settings.sampling.degree
     cutter: Cutter

@@ -64,30 +64,6 @@ def pair_anew(model: ContactModel) -> None:
             overclosed.check_sliding(model)
 
 
-def decide_sliding(model: ContactModel, nonlinear: bool) -> None:
-    """Choose between small and finite sliding, if that was left open. Collective.
-
-    Args:
-        model: The contact.
-        nonlinear: Whether the forms of all its bodies are, in displacements alone.
-    """
-    if model.settings.sliding is not None:
-        return
-    moves = model.kinematics.in_displacement
-    bodies = moves[:1] if deformable(model.master) is None else moves
-    follows = nonlinear and all(bodies) and model.offset is None
-    sampling = model.settings.sampling
-    model.settings = dataclasses.replace(
-        model.settings,
-        sliding="finite" if follows else "small",
-        sampling=sampling._replace(normals="facet") if follows else sampling,
-    )
-    if follows:
-        if model.num_pairings == 1:
-            model.num_pairings = 0  # as if it had been asked for
-        pair_anew(model)
-
-
 def _follow(model: ContactModel) -> None:
     """Let a tie count from where it was made: its pairs are those of then. Collective."""
     with model.watch.stage("pairing"):

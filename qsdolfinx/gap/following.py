@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.surface.affine import trace_positions, trace_vec
 from qsdolfinx.surface.surface import Surface
@@ -27,6 +26,9 @@ Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 
 #: Part of a node's area below which what its points cover does not count: D_k is at least that.
 LEAST_COVER = 0.01
+
+#: Measures that are kept, of which vectors are.
+MAX_COVERS = 8
 
 #: Part below which neighbours carry its multiplier; as in cpp/gap/piece_forces.cpp.
 HARDLY_COVERED = 0.1
@@ -49,6 +51,17 @@ class Measure:
     area: Array
     node_area: Array
     cover: Array | None
+
+    @property
+    def hardly_covered(self) -> npt.NDArray[np.bool_]:
+        """Nodes whose neighbours carry their multipliers."""
+        if self.cover is None:
+            return np.zeros(len(self.area), dtype=bool)
+        return np.asarray(self.cover < HARDLY_COVERED)
+
+
+class NoGapError(ValueError):
+    """Facets are where gaps cannot be measured: an iterate of Newton's method has gone too far."""
 
 
 class Found(typing.NamedTuple):
@@ -163,7 +176,7 @@ class Following:
         self._last: Cut | None = None
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
         self._of_base: tuple[_cpp.GapOperator, Array, Array | None, Array] | None = None
-        self._cover: tuple[Array, PETSc.Vec] | None = None
+        self._covers: list[tuple[Array, PETSc.Vec]] = []
         self._marked: Vecs | None = None
         #: Columns of each row that the tangent has room for; None before there is one.
         self.pattern: _cpp.GapOperator | None = None
@@ -219,35 +232,37 @@ class Following:
         """``Measure.cover`` as a vector of the slave's body; the same for the same. Collective."""
         if cover is None:
             return None
-        if self._cover is None or self._cover[0] is not cover:
-            if self._cover is not None:
-                self._cover[1].destroy()
-            vec = self._slave.create_vec()
-            vec.array[self._slave.node_dofs[:, 0] - vec.owner_range[0]] = cover
-            self._cover = cover, vec
-        return self._cover[1]
+        for known, vec in self._covers:
+            if known is cover:
+                return vec
+        vec = self._slave.create_vec()
+        vec.array[self._slave.node_dofs[:, 0] - vec.owner_range[0]] = cover
+        self._covers.append((cover, vec))
+        if len(self._covers) > MAX_COVERS:  # the last cut and the areas before may need theirs
+            self._covers.pop(0)[1].destroy()
+        return vec
 
     def cut(self, places: Places, measure: Measure) -> Cut:
         """Gaps and their derivative with the facets at these places. Collective.
 
         Raises:
-            ValueError: If places are not finite, or a ray of a curved facet meets no other.
+            NoGapError: If places are not finite, or a ray of a curved facet meets no other.
         """
         last, comm = self._last, self._slave.comm
         same = last is not None and last.measure is measure and _equal(last.places, places)
         if comm.allreduce(same, op=MPI.LAND):
             assert last is not None
             return last
-        with collective_errors(comm):
-            if not all(np.isfinite(x).all() for x in places):
-                raise ValueError("displacements of contact facets are not finite (NaN, infinity)")
+        finite = all(np.isfinite(x).all() for x in places)
+        if not comm.allreduce(finite, op=MPI.LAND):
+            raise NoGapError("displacements of contact facets are not finite (NaN, infinity)")
         found = self._cutter.find(places, measure.places, self._cover_vec(measure.cover))
-        with collective_errors(comm):
-            if found.rows.num_missed:
-                raise ValueError(
-                    f"{found.rows.num_missed} pieces of curved contact facets have rays that meet "
-                    "no point of the facet opposite: the facets are too curved for their size"
-                )
+        missed = comm.allreduce(found.rows.num_missed, op=MPI.SUM)
+        if missed:
+            raise NoGapError(
+                f"{missed} pieces of curved contact facets have rays that meet no point of the "
+                "facet opposite: the facets are too curved for their size"
+            )
         operator = _cpp.GapOperator(*self._objects, found.rows, measure.area, jump=False)
         self._constrain(operator)
         covered = np.asarray(found.rows.cover(len(measure.area)) > 0)

@@ -270,16 +270,24 @@ class WeightedGap:
         scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
         state.measure = self.following.measure(self.following.places(state.base, u, scale))
 
-    def measure_now(self) -> float:
-        """Measure areas where the facets are at the last evaluation. Collective.
+    def measure_now(self) -> None:
+        """Measure areas where the facets are at the last evaluation. Collective."""
+        if self.following is not None and self.cut is not None:
+            self.state.measure = self.following.measure(self.cut.places, self.state.measure)
+
+    def measure_all(self) -> float:
+        """The same, also which nodes are hardly covered. Collective.
 
         Returns:
-            Largest change of an area on this rank, over the area of the node.
+            Largest change of an area on this rank, over the area of the node; 1 if neighbours of
+            other nodes carry multipliers.
         """
         before = self.state.measure
         if self.following is None or self.cut is None or before is None:
             return 0.0
-        measure = self.state.measure = self.following.measure(self.cut.places, before)
+        measure = self.state.measure = self.following.measure(self.cut.places)
+        if np.any(measure.hardly_covered != before.hardly_covered):
+            return 1.0
         change = np.abs(measure.area - before.area) / measure.node_area
         return float(np.max(change[self.cut.covered], initial=0.0))
 

@@ -61,6 +61,10 @@ def preset_options(
     return options
 
 
+#: PETSc's error of a library that it calls.
+OF_A_LIBRARY = 76
+
+
 class LinearSolver:
     """Solves with the tangent of a system.
 
@@ -264,13 +268,21 @@ class LinearSolver:
             if self._rescue is None:
                 self.krylov.choose_type(self._system.symmetric)
             self.krylov.set(tolerance)
-        with self.watch.stage("solve"):
-            self.ksp.solve(b, y)
+        reason = None
+        try:
+            with self.watch.stage("solve"):
+                self.ksp.solve(b, y)
+        except PETSc.Error as error:
+            if error.ierr != OF_A_LIBRARY:  # such as factors that a direct solver cannot make
+                raise
+            self.look()
+            self.ksp.getPC().reset()
+            reason = int(PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED)
         out = y.array_r.copy()
         b.destroy()
         y.destroy()
         self.look()
-        return out, self.ksp.getConvergedReason()
+        return out, self.ksp.getConvergedReason() if reason is None else reason
 
     def look(self) -> None:
         """Raise if there was Ctrl-C, which ends linear solves early. Collective.

@@ -154,6 +154,8 @@ class AugmentedLagrangian:
         limit = min(limits)
         if seen[-1] <= limit:
             return False
+        if seen[-1 - PATIENCE] <= 0:
+            return False
         factor = np.log(seen[-1] / seen[-1 - PATIENCE]) / PATIENCE
         left = np.log(limit / seen[-1]) / factor if factor < 0 else np.inf
         if left <= PATIENCE:

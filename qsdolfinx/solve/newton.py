@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.messages import say
-from qsdolfinx.linear.solver import LinearSolver
+from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.linear.solver import OF_A_LIBRARY, LinearSolver
 from qsdolfinx.solve.convergence import RESTING, Convergence, Measures
 from qsdolfinx.solve.easing import ease
 from qsdolfinx.solve.snes import (
@@ -30,9 +31,6 @@ from qsdolfinx.system.system import ContactSystem
 Array = npt.NDArray[np.float64]
 
 FAILED_LINEARLY = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
-
-#: PETSc's error of a library that it calls.
-OF_A_LIBRARY = 76
 
 #: Iterations in which nodes that are open by rounding alone count as closed.
 LENIENT = 4
@@ -172,6 +170,7 @@ class Context:
         outgrown: Whether the run has ended since the tangent has no room for where contact is.
         is_running: Whether SNES solves; others who ask for a tangent want that of where they are.
         curvature: Of gaps that follow the bodies.
+        unseen: Why the residual could not be evaluated somewhere; empty if it always could.
         failure: What a callback has raised: PETSc would make an error of its own of it.
     """
 
@@ -191,6 +190,7 @@ class Context:
     eased: Array | None = None
     outgrown: bool = False
     curvature: Curvature = dataclasses.field(default_factory=Curvature)
+    unseen: str = ""
     failure: BaseException | None = None
 
 
@@ -211,7 +211,12 @@ def _callback(function: typing.Callable[..., None]) -> typing.Callable[..., None
 @_callback
 def residual(snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, context: Context) -> None:
     """Evaluate the residual."""
-    f.array[:] = context.system.residual(x.array_r)
+    try:
+        f.array[:] = context.system.residual(x.array_r)
+    except NoGapError as error:  # on all ranks
+        context.unseen = str(error)
+        f.array[:] = np.nan
+        return
     if context.eased is not None:
         f.array[:] -= context.eased
 
@@ -362,6 +367,7 @@ class Newton:
         """Begin a new record."""
         self.record = self._context.record = Record()
         self._context.forces, self._context.fall, self._context.largest = None, np.inf, 0.0
+        self._context.unseen = ""
 
     def update_matrices(self) -> None:
         """Make matrices for the present pairing, if there are none. Collective."""
@@ -448,7 +454,10 @@ class Newton:
         forget_failure(self.snes)
         record = self.record
         active = record.active_of_all(self.system.comm)
-        raise ConvergenceError(reason, record.residuals, active, linear_reason, record.violations)
+        error = ConvergenceError(reason, record.residuals, active, linear_reason, record.violations)
+        if self._context.unseen:
+            error.advise(self._context.unseen)
+        raise error
 
     def _iterate(self, attempt: int) -> None:
         """Newton's method, with full steps or else with a line search.

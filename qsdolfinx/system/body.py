@@ -35,11 +35,6 @@ def contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
     return bool(part == V._cpp_object or V._cpp_object.contains(part))
 
 
-def is_whole(V: fem.FunctionSpace, part: typing.Any) -> bool:
-    """Whether a part is the whole space, and not a sub-space of a mixed one."""
-    return bool(getattr(part, "_cpp_object", part) == V._cpp_object)
-
-
 def body_of(u: typing.Sequence[fem.Function], V: fem.FunctionSpace | None) -> int | None:
     """Index of the body whose space is V or has the sub-space V; None of a rigid tool's None.
 

@@ -12,14 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.timing import Span, Stopwatch, spans
-from qsdolfinx.contact import active_set, motion, terms
+from qsdolfinx.contact import active_set, terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system import stiffness
 from qsdolfinx.system.anchors import Anchors
 from qsdolfinx.system.blocks import Side
-from qsdolfinx.system.body import Body, body_of, is_whole
+from qsdolfinx.system.body import Body, body_of
 from qsdolfinx.system.matrices import Form, Matrices
 from qsdolfinx.tools.rigid_surface import as_tool
 
@@ -55,10 +55,6 @@ class ContactSystem:
             slave, master = body_of(self.u, contact.slave.V), body_of(self.u, contact.master.V)
             assert slave is not None
             self.sides.append((slave, master))
-            surfaces = (contact.slave, slave), (contact.master, master)
-            around = [(s.V, bodies[i]) for s, i in surfaces if i is not None]
-            whole = all(is_whole(body.V, V) for V, body in around)
-            motion.decide_sliding(contact, whole and not any(body.linear for _, body in around))
             for i in (slave, master):
                 if i is not None:
                     self.bodies[i].geometry = contact.slave.geometry

@@ -10,6 +10,7 @@ import qsdolfinx as qs
 REFUSED = {
     "name": ({"sliding": "large"}, "sliding"),
     "type": ({"sliding": True}, "sliding"),
+    "none": ({"sliding": None}, "sliding"),
     "nodal": ({"quadrature": "nodal"}, "sliding"),
     "bisector": ({"normals": "bisector"}, "sliding"),
     "points": ({"constraints": "points"}, "sliding"),

@@ -59,7 +59,7 @@ def test_tangents_that_do_again(cell, options, monkeypatch):
     found, more_iterations, fewer = history(cell, options, False, monkeypatch)
     expected, iterations, assemblies = history(cell, options, True, monkeypatch)
     for a, b in zip(found, expected, strict=True):
-        assert largest(a - b) < 1e-6 * largest(b)  # gaps end within their tolerance
+        assert largest(a - b) < 1e-8 * largest(b)
     assert fewer < assemblies and more_iterations < 2 * iterations
 
 
@@ -69,7 +69,7 @@ def test_iterative_solvers(options, monkeypatch):
     found, _, fewer = history("tetrahedron", options, False, monkeypatch, "amg")
     expected, _, assemblies = history("tetrahedron", options, True, monkeypatch, "amg")
     for a, b in zip(found, expected, strict=True):
-        assert largest(a - b) < 1e-6 * largest(b)
+        assert largest(a - b) < 1e-7 * largest(b)
     assert fewer <= assemblies
 
 

@@ -1,0 +1,90 @@
+"""What strangers found: results that depended on where a solve began, moments, kinds of errors."""
+
+import warnings
+
+import numpy as np
+import pytest
+from following import Boxes, rotation
+from scenes import WORLD, largest, plane
+
+import qsdolfinx as qs
+from qsdolfinx.contact import motion
+from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.solve import newton
+
+
+@pytest.mark.parametrize("formulation", ("quasi-symmetric", "master-slave"))
+@pytest.mark.parametrize("enforcement", ("augmented-lagrangian", "penalty"))
+@pytest.mark.parametrize("way", (0.35, 0.75))
+def test_solve_again(way, enforcement, formulation):
+    """Of a wide slave other nodes are covered at the end than where the block came from."""
+    scene = Boxes("quadrilateral", ((12, 4), (5, 4)), ((2.4, 1.0), (1.0, 1.0)), start=0.7)
+    top = scene.clamp_far()
+    options = {"sliding": "finite", "enforcement": enforcement}
+    contact = qs.Contact(scene.below, scene.above, formulation, **options)
+    problem = scene.problem(contact)
+    top.value[:] = way, -0.03
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        problem.solve()
+        first = contact.force("slave")
+        problem.solve()
+    if not any("where the solve began" in str(entry.message) for entry in seen):
+        assert largest(contact.force("slave") - first) < 1e-4 * largest(first)
+
+
+@pytest.mark.parametrize("angle", (0.0, 0.5, 2.5))
+def test_moment_of_a_tie(angle):
+    """It is that of the forces where the bodies are now, however far they have turned."""
+    scene = Boxes("quadrilateral", ((4, 3), (3, 3)), ((1.0, 1.0), (1.0, 1.0)), gap=0.05)
+    lower, upper = scene.bodies
+    lower.clamp(plane(lower.mesh, 1, -1.0))
+    upper.clamp(plane(upper.mesh, 1, 1.05), (0.02, -0.03))
+    options = {"sliding": "finite", "enforcement": "penalty", "law": qs.Tied()}
+    contact = qs.Contact(scene.above, scene.below, "master-slave", **options)
+    problem = scene.problem(contact)
+    problem.solve()
+    before, force = contact.moment("slave", np.zeros(2)), contact.force("slave")
+    x, f = upper.places, upper.internal_forces()
+    free = np.abs(upper.V.tabulate_dof_coordinates()[: len(x), 1] - 0.05) < 1e-9
+    own = WORLD.allreduce(float(np.sum((x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0])[free])))
+    assert abs(before[0] - own) < 1e-8 * np.abs(force).max()
+    if angle:
+        R = rotation(angle)
+        for body in scene.bodies:  # conditions hold the bottom where it was: no solve here
+            x0 = body.V.tabulate_dof_coordinates()[:, :2]
+            u = body.u.x.array.reshape(-1, 2)
+            u[:] = (x0 + u) @ R.T - x0
+        motion.show(contact.model, upper.u, lower.u)
+        turned = contact.moment("slave", np.zeros(2))
+        assert abs(turned[0] - before[0]) < 1e-8 * np.abs(force).max()
+
+
+def test_gaps_that_cannot_be_measured(monkeypatch):
+    """An iterate that goes too far is Newton's failure, and the message says why."""
+    scene = Boxes("quadrilateral")
+    top = scene.clamp_far()
+    contact = qs.Contact(scene.above, scene.below, sliding="finite")
+    problem = scene.problem(contact)
+    top.value[-1] = -0.01
+    problem.set_up()
+
+    def evaluate(self, x):
+        if largest(x) > 0:  # all but the start
+            raise NoGapError("rays that meet no point")
+        return residual(self, x)
+
+    residual = newton.ContactSystem.residual
+    monkeypatch.setattr(newton, "ease", lambda *_: False)
+    monkeypatch.setattr(newton.ContactSystem, "residual", evaluate)
+    with pytest.raises(qs.ConvergenceError, match="meet no point"):
+        problem.solve()
+
+
+def test_edges_that_are_named():
+    """A block's sides besides its bottom: nodes of its edges have one row."""
+    scene = Boxes("quadrilateral", ((12, 4), (5, 4)), ((2.4, 1.0), (1.0, 1.0)), start=0.7)
+    mesh = scene.upper.mesh
+    facets = np.concatenate([plane(mesh, 1, 0.0), plane(mesh, 0, 0.7), plane(mesh, 0, 1.7)])
+    with pytest.warns(qs.ContactWarning, match="meet in sharp edges"):
+        qs.Contact(scene.upper.surface(np.unique(facets)), scene.below, sliding="finite")
