@@ -214,7 +214,7 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
     # Of two bodies they balance where they are paired; a tool's is minus that of the slave anyway.
     turns = model.settings.sliding == "finite"
     tool = as_tool(model.master)
-    at_end = turns or (tool is not None and (model.offset is not None or model.law.jump))
+    at_end = turns or (tool is not None and model.offset is not None)
     x = place.positions() if at_end else None
     with _force_vec(model, side) as vec:
         for axis in np.eye(1 if len(about) == 2 else 3):
