@@ -14,7 +14,8 @@ import numpy.typing as npt
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import NO_PRESSURE, Slip
 from qsdolfinx.linear.krylov import SAFETY
-from qsdolfinx.solve.newton import WITH_CURVATURE, Newton
+from qsdolfinx.solve.curvature import WITH_CURVATURE
+from qsdolfinx.solve.newton import Newton
 from qsdolfinx.system.blocks import Side
 
 Array = npt.NDArray[np.float64]

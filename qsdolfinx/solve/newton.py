@@ -18,6 +18,7 @@ from qsdolfinx.base.messages import say
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.linear.solver import OF_A_LIBRARY, LinearSolver
 from qsdolfinx.solve.convergence import RESTING, Convergence, Measures
+from qsdolfinx.solve.curvature import Curvature
 from qsdolfinx.solve.easing import ease
 from qsdolfinx.solve.snes import (
     SNES_OPTIONS,
@@ -45,16 +46,8 @@ QUADRATIC = 0.1
 #: Iterations that it is given then beyond those that it may take by default.
 MORE = 5
 
-#: Part of its largest residual in a solve below which second derivatives of gaps count: far from
-#: the solution they make the tangent indefinite.
-WITH_CURVATURE = 1e-2
-
 #: Part of the largest residual that a run ends with where loads are put on gradually.
 EASED = 1e-3
-
-#: Part below which they are tried where two iterations in a row have left more than that of their
-#: residuals, and iterations until they are tried again where the residual grows with them.
-TRY_CURVATURE, SLOW, PATIENCE = 0.1, 0.4, 3
 
 #: Times that the tangent may outgrow its pattern in a run.
 MAX_GROWTHS = 20
@@ -111,41 +104,6 @@ class Accuracy:
 
 
 # --- What SNES calls
-
-
-@dataclasses.dataclass
-class Curvature:
-    """Decides whether the tangent has the second derivatives of gaps that follow the bodies.
-
-    Far from the solution pressures are much too large, and they make the tangent indefinite. Where
-    bodies are deep in each other Newton's method hardly gets on without them: they are tried then.
-
-    Attributes:
-        tried: Whether the last tangent had them though it may have been too early.
-        wait: Iterations until they are tried again.
-    """
-
-    tried: bool = False
-    wait: int = 0
-
-    def counts(self, context: Context) -> bool:
-        """Whether the next tangent has them."""
-        norms = context.norms
-        if not norms or norms[-1] <= WITH_CURVATURE * context.largest:
-            self.tried = False
-            return True
-        if self.tried and norms[-1] > norms[-2]:
-            self.wait = PATIENCE
-        elif not self.tried and self.wait > 0:
-            self.wait -= 1
-        self.tried = self.wait == 0 and (self.tried or self._is_slow(context))
-        return self.tried
-
-    @staticmethod
-    def _is_slow(context: Context) -> bool:
-        last = context.norms[-3:]
-        near = len(last) == 3 and last[-1] <= TRY_CURVATURE * context.largest
-        return near and last[2] > SLOW * last[1] and last[1] > SLOW * last[0]
 
 
 @dataclasses.dataclass
@@ -229,7 +187,9 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     for slip in system.slips:
         slip.note()
     system.set_strict(snes.getIterationNumber() >= LENIENT)
-    system.set_curvature(not context.is_running or context.curvature.counts(context))
+    system.set_curvature(
+        not context.is_running or context.curvature.counts(context.norms, context.largest)
+    )
     if _is_near(context) and system.tangent_fits():
         linear.prepare(context.norms, context.until, False)
         return
