@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import NO_PRESSURE, Slip
+from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.linear.krylov import SAFETY
 from qsdolfinx.solve.curvature import WITH_CURVATURE
 from qsdolfinx.solve.newton import Newton
@@ -263,13 +264,16 @@ class Closings:
         try:
             with _released(ways):
                 end = self._free_motion(solution, self._ends.pop(part, None))
-                if end is None:
-                    return None
-                self._ends[part] = end
-                return np.asarray(end - solution)
+        except NoGapError:  # on all ranks: without these rows bodies go too far
+            return None
         finally:
+            self._system.set_curvature(True)
             for slip in self._system.slips:
                 slip.stick_slip.end_iterations()
+        if end is None:
+            return None
+        self._ends[part] = end
+        return np.asarray(end - solution)
 
     def _free_motion(self, solution: Array, guess: Array | None) -> Array | None:
         """Where Newton's method ends with the rows open. Collective.

@@ -570,7 +570,11 @@ class Newton:
         }
         if reason not in failures:
             return reason
-        norm = float(np.linalg.norm(self.system.residual(self.system.x.array_r)))
+        try:
+            norm = float(np.linalg.norm(self.system.residual(self.system.x.array_r)))
+        except NoGapError as error:
+            self._context.unseen = str(error)
+            return failures[reason]
         norm = float(np.sqrt(self.system.comm.allreduce(norm**2)))
         judged = 0 if reason == reasons.CONVERGED_ITS else 1  # without a test on the way
         return _has_converged(snes, judged, (0.0, np.inf, norm), self._context) or failures[reason]

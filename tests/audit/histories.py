@@ -157,7 +157,6 @@ def random_history(number, units=False):
         "formulation": formulation,
         "quadrature": quadrature,
         "enforcement": "augmented-lagrangian" if augmented else "penalty",
-        "sliding": "small",
     }
     if quadrature == "overlay" and not tied:
         options["constraints"] = str(rng.choice(["nodes", "points"]))

@@ -120,7 +120,6 @@ def random_scene(number, units=False):
         "formulation": formulation,
         "quadrature": quadrature,
         "enforcement": "augmented-lagrangian" if augmented else "penalty",
-        "sliding": "small",
         "normals": None if rng.random() < 0.7 else str(rng.choice(["facet", "bisector"])),
     }
     more = np.random.default_rng([SEED, number, 2])
