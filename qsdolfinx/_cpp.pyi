@@ -171,6 +171,12 @@ class PieceRows:
     def cover(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
         """What the points cover of the owned nodes' areas, [node]."""
 
+    def cover_of_sides(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
+        """The same of the smooth sides of the nodes, [node][gdim]."""
+
+    def gap_of_sides(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
+        """G_k of the smooth sides of the nodes, [node][gdim]."""
+
     def gap(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
         """G_k, positive in penetration, [node]."""
 

@@ -8,13 +8,14 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 
-def slanted_block(gdim=2, n=8, tool="plane", **options):
+def slanted_block(gdim=2, n=8, tool="plane", finite=False, **options):
     """A block that widens upwards by 0.5 per unit height, bottom and sides in contact.
 
     Args:
         gdim: Of space.
         n: Cells along each axis.
         tool: ``"plane"``, or the same of ``"facets"``.
+        finite: Whether gaps follow the block.
         options: For the contact.
 
     Returns:
@@ -40,7 +41,8 @@ def slanted_block(gdim=2, n=8, tool="plane", **options):
     else:
         x = [[-2.0, -2.0, 0.0], [2.0, -2.0, 0.0], [2.0, 2.0, 0.0], [-2.0, 2.0, 0.0]]
         floor = qs.RigidSurface.triangulated(WORLD, x, [[0, 1, 2], [0, 2, 3]])
-    contact = qs.Contact(surface, floor, quadrature="overlay", search_radius=0.14, **options)
+    how = {"sliding": "finite"} if finite else {"quadrature": "overlay"}
+    contact = qs.Contact(surface, floor, search_radius=0.14, **how, **options)
     problem = qs.ContactProblem(
         [elastic(u, E=1e3)], [u], [contact], [[clamp(V, top, -0.05 * axis)]]
     )

@@ -82,13 +82,25 @@ namespace
 {
 /// Part of a node's area that is covered, below which its neighbours carry its multiplier.
 constexpr double least_cover = 0.1;
+
+/// Unknowns that stand for the smooth sides of the nodes with multipliers, [piece][multiplier].
+std::vector<std::int64_t> side_dofs(const Pieces& pieces)
+{
+  std::vector<std::int64_t> out = first_dofs(pieces);
+  const auto n = static_cast<std::size_t>(pieces.num_multipliers),
+             width = static_cast<std::size_t>(pieces.slave.num_nodes);
+  const auto d = static_cast<std::size_t>(pieces.gdim);
+  for (std::size_t i = 0; i < out.size(); ++i)
+    out[i] = pieces.slave.dofs[((i / n) * width + i % n) * d + pieces.multiplier_side[i]];
+  return out;
+}
 } // namespace
 
 Shares::Shares(const Pieces& pieces, Vec cover)
     : num_multipliers_(static_cast<std::size_t>(pieces.num_multipliers))
 {
   if (cover)
-    cover_ = values_at(cover, first_dofs(pieces));
+    cover_ = values_at(cover, side_dofs(pieces));
 }
 
 void Shares::share_out(std::size_t piece, std::span<double> rows) const

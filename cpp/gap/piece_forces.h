@@ -21,12 +21,13 @@ std::vector<std::int64_t> first_dofs(const Pieces& pieces);
 std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces);
 
 /// Which multipliers of a slave's facet carry those of its hardly covered vertices, as beyond the
-/// rim of the master: two that are to close nearly the same gap would grow against each other.
+/// rim of the master: two that are to close nearly the same gap would grow against each other. So
+/// do they on all smooth sides of a node but one: the mean gap of two sides lets an edge in.
 class Shares
 {
 public:
-  /// Collective. @param cover at the first unknown of each node of the slave the part of its area
-  /// that is covered, 1 of those that keep their multipliers in any case; null if all do
+  /// Collective. @param cover at the unknowns of each node of the slave that stand for its sides
+  /// the part of its area that is covered if they keep its multiplier, else 0; null if all do
   Shares(const Pieces& pieces, Vec cover);
 
   /// Rows of the multipliers of a piece, [k][width], are shared out: N_k are.

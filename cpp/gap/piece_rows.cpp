@@ -103,6 +103,7 @@ struct Records
       dest.push_back(pieces.slave.owner[piece * num_slave + k]);
       append_row(doubles, sums, k, num_slave + num_master);
       integers.push_back(pieces.slave.dofs[(piece * num_slave + k) * d]);
+      integers.push_back(pieces.multiplier_side[piece * sums.cover.size() + k]);
       append_record(integers, pieces.slave.dofs, piece, num_slave * d);
       append_record(integers, pieces.master.dofs, piece, num_master * d);
     }
@@ -168,6 +169,7 @@ PieceRows::PieceRows(const Surface& slave, std::span<const std::uint8_t> marked,
       append_record(doubles, of_gradient, row, columns * 3);
       append_record(doubles, of_mass, row, columns);
       integers.push_back(facets.vertex_dofs[row * gdim]);
+      integers.push_back(facets.vertex_side[row]);
       append_record(integers, facets.dofs, f, columns * gdim);
     }
   append_received(slave, dest, doubles, integers);
@@ -178,7 +180,7 @@ void PieceRows::append_received(const Surface& slave, std::span<const int> dest,
                                 const std::vector<std::int64_t>& integers)
 {
   const auto columns = static_cast<std::size_t>(num_columns());
-  const int num_doubles = 5 + 4 * num_columns(), num_integers = 1 + num_columns() * gdim;
+  const int num_doubles = 5 + 4 * num_columns(), num_integers = 2 + num_columns() * gdim;
   const Exchange exchange(slave.comm(), dest);
   const auto values = exchange.forward<double>(doubles, num_doubles);
   const auto numbers = exchange.forward<std::int64_t>(integers, num_integers);
@@ -197,7 +199,8 @@ void PieceRows::append_received(const Surface& slave, std::span<const int> dest,
     take(mass, columns);
     const std::int64_t* i = numbers.data() + r * num_integers;
     node.push_back(slave.node_index(i[0]));
-    dofs.insert(dofs.end(), i + 1, i + num_integers);
+    side.push_back(static_cast<std::uint8_t>(i[1]));
+    dofs.insert(dofs.end(), i + 2, i + num_integers);
   }
 }
 
@@ -208,5 +211,14 @@ std::vector<double> PieceRows::on_nodes(const std::vector<double>& values, std::
   for (std::size_t r = 0; r < size(); ++r)
     for (std::size_t i = 0; i < width; ++i)
       out[node[r] * width + i] += values[r * width + i];
+  return out;
+}
+
+std::vector<double> PieceRows::on_sides(const std::vector<double>& values,
+                                        std::size_t num_nodes) const
+{
+  std::vector<double> out(num_nodes * gdim, 0.0);
+  for (std::size_t r = 0; r < size(); ++r)
+    out[node[r] * gdim + side[r]] += values[r];
   return out;
 }

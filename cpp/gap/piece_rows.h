@@ -33,6 +33,7 @@ struct PieceRows
   int gdim, num_slave, num_master; ///< columns of either side
   std::int64_t num_missed = 0;     ///< pieces left out, since a ray meets no point
   std::vector<std::size_t> node;   ///< owned node of the slave, [row]
+  std::vector<std::uint8_t> side;  ///< its smooth side, [row]
   std::vector<double> cover;       ///< Σ_p w_p N_k, [row]
   std::vector<double> gap;         ///< G_k, positive in penetration, [row]
   std::vector<double> jump;        ///< Σ_p w_p N_k (x_slave − x_master), [row][3]
@@ -45,6 +46,8 @@ struct PieceRows
   /// Sums over the rows of each owned node, [node][width]. @param values [row][width]
   std::vector<double> on_nodes(const std::vector<double>& values, std::size_t num_nodes,
                                std::size_t width) const;
+  /// Sums over the rows of each side of the owned nodes, [node][gdim]. @param values [row]
+  std::vector<double> on_sides(const std::vector<double>& values, std::size_t num_nodes) const;
 
 private:
   void append_received(const Surface& slave, std::span<const int> dest,

@@ -146,6 +146,8 @@ struct Record
     const Facets& own = cut.facets();
     append_side(here, own.trace_x, own.orientation, own.dofs, own.owner, f);
     append_side(there, nearby.trace_x, nearby.orientation, nearby.dofs, nearby.owner, g);
+    append_record(pieces.multiplier_side, cut_is_slave ? own.vertex_side : nearby.side,
+                  cut_is_slave ? f : g, pieces.num_multipliers);
     pieces.cut_is_slave.push_back(cut_is_slave);
     pieces.end.push_back(pieces.points.size());
     pieces.rim_end.push_back(pieces.rim.size());

@@ -32,7 +32,8 @@ struct Pieces
 {
   int gdim = 0, num_multipliers = 0;
   PieceSide slave, master;
-  std::vector<std::uint8_t> cut_is_slave; ///< whether the slave's facet was cut, [piece]
+  std::vector<std::uint8_t> multiplier_side; ///< as Facets::vertex_side, [piece][multiplier]
+  std::vector<std::uint8_t> cut_is_slave;    ///< whether the slave's facet was cut, [piece]
   std::vector<std::size_t> end;           ///< points of a piece: [end[piece - 1], end[piece])
   std::vector<RayPoint> points;           ///< ξ of the facet that was cut, ζ of the other, area
   std::vector<std::size_t> rim_end;       ///< the same of the rim's points

@@ -41,26 +41,12 @@ STRAIGHT = 1e-5
 def advise(model: ContactModel) -> None:
     """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
     turned = find_turned(model)
-    found = [turned, _finer_master(model), chords(model), _edges(model)]
+    found = [turned, _finer_master(model), chords(model)]
     if not turned:
         found += [_pairing(model), _overclosure(model)]
     for text in found:
         if text:
             warn(text, ContactWarning)
-
-
-def _edges(model: ContactModel) -> str:
-    """Of nodes on edges both of whose faces may come to look at the other: they have one row."""
-    if model.settings.sliding != "finite" or model.law.jump:
-        return ""
-    local = any(bool(np.any(gap.slave.cpp_object.vertex_side > 0)) for gap in model.gaps)
-    if not model.comm.allreduce(local, op=MPI.LOR):
-        return ""
-    return (
-        'sliding: faces of the slave meet in sharp edges: with "finite" a node there has the mean '
-        "gap of both, which lets the edge in where both come to look at the master; name the faces "
-        'alone that touch, or use sliding="small" with time steps'
-    )
 
 
 # --- Nothing, or little, is paired

@@ -43,8 +43,9 @@ class Measure:
         area: D_k, what points cover of each owned node's area, and LEAST_COVER of it at least; S_k
             of nodes that nothing is opposite to, which may come into contact.
         node_area: S_k.
-        cover: Part of S_k that is covered; None if no node, on any rank, is so hardly covered that
-            its neighbours carry its multiplier, as those do that are covered of a facet's nodes.
+        cover: Part of S_k that is covered, at the smooth side of the node that keeps its multiplier,
+            the closest one; 0 at the others; shape (nodes, gdim). There, and where hardly anything
+            is covered, its neighbours on the facet carry it. None if all keep theirs on all ranks.
     """
 
     places: Places
@@ -54,9 +55,9 @@ class Measure:
 
     @property
     def hardly_covered(self) -> npt.NDArray[np.bool_]:
-        """Nodes whose neighbours carry their multipliers."""
+        """Sides of nodes where neighbours carry their multipliers, (nodes, gdim) or (1, 1)."""
         if self.cover is None:
-            return np.zeros(len(self.area), dtype=bool)
+            return np.zeros((1, 1), dtype=bool)
         return np.asarray(self.cover < HARDLY_COVERED)
 
 
@@ -90,7 +91,7 @@ class Cutter(typing.Protocol):
         Args:
             places: The places.
             measured: Those where areas are measured.
-            cover: ``Measure.cover`` at the first unknown of each node.
+            cover: ``Measure.cover`` at the unknowns of each node.
         """
 
     def points(self, found: Found) -> tuple[Array, Array]:
@@ -167,6 +168,7 @@ class Following:
     def __init__(self, slave: Surface, master: AnySurface, radius: float, cutter: Cutter) -> None:
         self._slave, self._master, self._cutter = slave, master, cutter
         self._tool = as_tool(master)
+        self._creases = bool(np.any(slave.cpp_object.vertex_side > 0))
         self._objects = slave.cpp_object, master.cpp_object
         self.radius = radius
         self._values = [TraceValues(s) for s in (slave, master) if isinstance(s, Surface)]
@@ -223,10 +225,17 @@ class Following:
 
     def _hardly_covered(self, places: Places, node_area: Array) -> Array | None:
         """``Measure.cover``. Collective."""
-        covered = self._cutter.find(places, places, None).rows.cover(len(node_area))
-        share = np.asarray(covered / node_area)
-        hardly = bool(np.any(share < HARDLY_COVERED))
-        return share if self._slave.comm.allreduce(hardly, op=MPI.LOR) else None
+        rows = self._cutter.find(places, places, None).rows
+        covered = np.asarray(rows.cover_of_sides(len(node_area)))
+        share = covered.sum(axis=1) / node_area
+        some = bool(np.any(share < HARDLY_COVERED) or self._creases)
+        if not self._slave.comm.allreduce(some, op=MPI.LOR):
+            return None
+        depth = np.full_like(covered, -np.inf)
+        seen = covered > LEAST_COVER * node_area[:, None]
+        np.divide(rows.gap_of_sides(len(node_area)), covered, out=depth, where=seen)
+        closest = np.arange(covered.shape[1]) == depth.argmax(axis=1)[:, None]
+        return np.where(closest, share[:, None], 0.0)
 
     def _cover_vec(self, cover: Array | None) -> PETSc.Vec | None:
         """``Measure.cover`` as a vector of the slave's body; the same for the same. Collective."""
@@ -236,7 +245,7 @@ class Following:
             if known is cover:
                 return vec
         vec = self._slave.create_vec()
-        vec.array[self._slave.node_dofs[:, 0] - vec.owner_range[0]] = cover
+        vec.array[self._slave.node_dofs - vec.owner_range[0]] = cover
         self._covers.append((cover, vec))
         if len(self._covers) > MAX_COVERS:  # the last cut and the areas before may need theirs
             self._covers.pop(0)[1].destroy()

@@ -61,6 +61,7 @@ class ShapePoints:
         self._dN = np.asarray(_cpp.trace_gradients(kind, 1, x))
         self._measured = slave.twin()
         self._sign = self._orientation()
+        self._side = np.asarray(slave.cpp_object.vertex_side, dtype=np.int64)
         self._values = TraceValues(slave)
 
     def _orientation(self) -> Array:
@@ -98,7 +99,8 @@ class ShapePoints:
         out = np.broadcast_to(self._N, (len(self._sign), *self._N.shape))
         if cover is None:
             return out
-        of_vertices = self._values(cover)[:, : self._N.shape[1], 0]
+        of_sides = self._values(cover)[:, : self._N.shape[1]]
+        of_vertices = np.take_along_axis(of_sides, self._side[:, :, None], axis=2)[..., 0]
         needed = np.minimum(HARDLY_COVERED, of_vertices.max(axis=1, initial=0.0))[:, None]
         well = of_vertices >= needed
         shared = np.sum(np.where(well[:, None], 0.0, out), axis=2, keepdims=True)
