@@ -2,6 +2,7 @@
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "geometry/projection.h"
+#include "search/winding.h"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
@@ -15,6 +16,22 @@ using namespace qsdolfinx;
 
 void qsdolfinx::bind_search(nb::module_& m)
 {
+  m.def(
+      "within_body",
+      [](const Surface& surface, In<double> x, In<double> normal)
+      {
+        std::vector<Vec3> points, normals;
+        for (std::size_t i = 0; i < x.array.size(); i += 3)
+        {
+          points.push_back({x.view()[i], x.view()[i + 1], x.view()[i + 2]});
+          normals.push_back({normal.view()[i], normal.view()[i + 1], normal.view()[i + 2]});
+        }
+        const auto out = within_body(surface, points, normals);
+        return copy(out, {out.size()});
+      },
+      "surface"_a, "x"_a, "normal"_a,
+      "Whether places just outside of points of a body's boundary are within the body, [point]; "
+      "collective.");
   nb::class_<SearchRadius>(m, "SearchRadius",
                            "How far from each other points may be that are paired: one distance, "
                            "or the size of the larger facet there, if that is less.")

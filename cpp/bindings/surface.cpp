@@ -30,6 +30,9 @@ void qsdolfinx::bind_surface(nb::module_& m)
       .def(
           "follow", [](Surface& s, In<double> trace_x) { s.follow(trace_x.view()); }, "trace_x"_a,
           "Let the nodes of the trace have other coordinates, [facet][node][3]; local.")
+      .def(
+          "touch_itself", [](Surface& s, In<double> key) { s.touch_itself(key.view()); }, "key"_a,
+          "Let it be a boundary that may touch itself; see surface/surface.h; collective.")
       .def("measure_nodes", &Surface::measure_nodes,
            "Areas and normals of the nodes after `follow`; collective.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range,

@@ -5,9 +5,11 @@
 #include "search/local_search.h"
 #include "search/screen.h"
 #include "search/way_out.h"
+#include "search/winding.h"
 #include "surface/relief.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <optional>
 
@@ -25,6 +27,7 @@ struct NearbyFacets : FacetCopies
   std::vector<double> curvature;  ///< [facet][6], if asked for
   std::vector<double> heights;    ///< [facet][node of degree 2], if they are known
   std::vector<double> trace_x;    ///< [facet][trace][3], of surfaces that follow their bodies
+  std::vector<double> key;        ///< Surface::keys, [facet], of surfaces that touch themselves
 
   Curvature curvature_of(std::size_t facet) const
   {
@@ -58,7 +61,7 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
   std::vector<int> dest, owner;
   std::vector<std::size_t> facets;
   facets_in_boxes(from, boxes, dest, facets);
-  std::vector<double> x, orientation, curvature, heights, trace_x;
+  std::vector<double> x, orientation, curvature, heights, trace_x, key;
   const int nh = trace_size(from.type(), 2);
   const bool known = curved && curved->relief.known;
   std::vector<std::int64_t> dofs;
@@ -76,6 +79,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
       append_record(heights, curved->relief.heights, f, nh);
     if (from.follows())
       append_record(trace_x, from.facets().trace_x, f, nt * 3);
+    if (from.touches_itself())
+      key.push_back(from.keys()[f]);
   }
   const Exchange exchange(from.comm(), dest);
   return {
@@ -88,7 +93,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
       exchange.forward<std::uint8_t>(side, nv),
       with_curvature ? exchange.forward<double>(curvature, 6) : std::vector<double>{},
       known ? exchange.forward<double>(heights, nh) : std::vector<double>{},
-      from.follows() ? exchange.forward<double>(trace_x, nt * 3) : std::vector<double>{}};
+      from.follows() ? exchange.forward<double>(trace_x, nt * 3) : std::vector<double>{},
+      from.touches_itself() ? exchange.forward<double>(key, 1) : std::vector<double>{}};
 }
 
 /// Whether two bodies are curved the same way along the line between two vertices of a facet where
@@ -278,6 +284,10 @@ struct ShapeValues
   }
 };
 
+/// Distance, over the size of a facet, at which two facets of one surface touch, whichever of them is
+/// behind: no wall is as thin.
+constexpr double flush_tolerance = 1e-5;
+
 /// Distance from each other, over the size of a facet, of edges that coincide.
 constexpr double rim_tolerance = 1e-10;
 
@@ -324,11 +334,26 @@ public:
         tree_(facet_boxes(nearby_.type, nearby_.x)),
         own_(fetch_nearby(cut, cut, 2 * radius.largest)), own_tree_(facet_boxes(own_.type, own_.x)),
         ways_out_({view(nearby_, tree_)}, {view(own_, own_tree_)}), cut_is_slave_(cut_is_slave),
-        share_(share), radius_(radius.largest), reach_(radius), normals_(normals), rules_(rules)
+        share_(share), radius_(radius.largest), reach_(radius), normals_(normals), rules_(rules),
+        of_itself_(cut.touches_itself() && other.touches_itself())
   {
   }
 
+  /// Cut all facets. Collective.
   void run()
+  {
+    if (of_itself_)
+    {
+      asking_ = true;
+      cut_all();
+      inside_ = within_body(cut_, asked_x_, asked_normal_);
+      asking_ = false;
+    }
+    cut_all();
+  }
+
+private:
+  void cut_all()
   {
     for (std::size_t f = 0; f < cut_.num_facets(); ++f)
     {
@@ -340,12 +365,11 @@ public:
       for (const Piece& piece : pieces_)
         if (piece.faces)
           append(f, frame, planar, piece);
-      if (points_.size() == before)
+      if (points_.size() == before && !asking_)
         ++points_.num_unpaired;
     }
   }
 
-private:
   static FacetView view(const FacetCopies& facets, const BoxTree& tree)
   {
     return {facets.type, facets.x, facets.orientation, tree};
@@ -361,6 +385,8 @@ private:
     find_candidates(f, frame);
     for (std::size_t g : candidates_)
     {
+      if (of_itself_ && same(nearby_.facet_x(g), cut_.facet_x(f)))
+        continue;
       const Vec3 outward = nearby_.outward(g);
       const bool opposed = dot(outward, outward_) < 0;
       if (!opposed && apart(planar.polygon(), nearby_.facet_x(g), frame))
@@ -381,7 +407,8 @@ private:
       if (cut_.type() != FacetType::interval)
         polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
       pieces_.push_back(
-          {g, std::move(other), polygon_, dot(outward, outward_) < facing_cosine * norm(outward)});
+          {g, std::move(other), polygon_,
+           dot(outward, outward_) < facing_cosine * norm(outward) && may_pair(f, g)});
     }
   }
 
@@ -410,7 +437,7 @@ private:
   void find_own_screens(std::size_t f, const Frame& frame, const PlanarFacet& planar)
   {
     own_screens_.clear();
-    if (pieces_.empty())
+    if (pieces_.empty() || of_itself_)
       return;
     own_tree_.near(box_of_lines(f, frame), 0, candidates_);
     for (std::size_t g : candidates_)
@@ -487,6 +514,66 @@ private:
     return hides(-s, crossings_, tie_);
   }
 
+  /// Of a surface that touches itself, whether a pair of facets may be in contact, and has the
+  /// roles that this run is for.
+  bool may_pair(std::size_t f, std::size_t g) const
+  {
+    if (!of_itself_)
+      return true;
+    const double here = cut_.keys()[f], there = nearby_.key[g];
+    if (std::isnan(here) || std::isnan(there))
+      return false;
+    const bool first
+        = here > there || (here == there && comes_first(cut_.facet_x(f), nearby_.facet_x(g)));
+    return first == cut_is_slave_;
+  }
+
+  /// Whether a facet is opposed to the one that is cut at q, and further behind it than it may be
+  /// by rounding: on the other side of the body's wall, or of another part that this is within.
+  bool is_anything_behind(std::size_t f, const Vec2& q, const Vec3& x) const
+  {
+    const double flush = flush_tolerance * cut_.facets().size[f];
+    return std::ranges::any_of(pieces_,
+                               [&](const Piece& p)
+                               {
+                                 return contains(p.polygon, q)
+                                        && place(nearby_, p.other, p.planar, q, x) < -flush;
+                               });
+  }
+
+  /// Whether a point of a piece is not what x, on the same surface, touches: that is the first
+  /// facet before x, if the place just outside of x is free; if it is within the body, the first
+  /// one behind, through which x has come in. Facets that are nearly at x are either.
+  bool is_another(std::size_t f, const Piece& piece, const Vec2& q, const Vec3& x, double s,
+                  bool inside) const
+  {
+    const double flush = flush_tolerance * cut_.facets().size[f];
+    if (std::abs(s) > flush && (s < 0) != inside)
+      return true;
+    const double way = inside ? -1.0 : 1.0;
+    const auto nearer = [&](double at)
+    { return way * at > -flush && way * at < way * s - tie_; };
+    for (const Piece& p : pieces_)
+    {
+      if (&p == &piece || !contains(p.polygon, q))
+        continue;
+      const double at = place(nearby_, p.other, p.planar, q, x);
+      if (nearer(at)
+          || (std::abs(at - s) <= tie_
+              && comes_first(nearby_.facet_x(p.other), nearby_.facet_x(piece.other))))
+        return true;
+    }
+    return !inside
+           && std::ranges::any_of(backs_,
+                                  [&](const Screen& b)
+                                  {
+                                    if (!contains(b.planar.polygon(), q))
+                                      return false;
+                                    const double at = place(nearby_, b.facet, b.planar, q, x);
+                                    return at > tie_ && at < s - tie_;
+                                  });
+  }
+
   /// Whether x is behind y, but has come in by another face.
   bool has_shorter_way_out(std::size_t f, const Vec3& x, const Vec3& y)
   {
@@ -538,7 +625,25 @@ private:
       const Vec3 a = area_vector(nearby_.type, z, there.xi[p]);
       Vec3 outward = normal(n, a);
       double gap = dot(y - x, outward);
-      if (std::abs(gap) > reach || is_hidden(f, piece, q_[p], x, y) || has_shorter_way_out(f, x, y))
+      if (std::abs(gap) > reach)
+        continue;
+      if (of_itself_)
+      {
+        const bool behind = is_anything_behind(f, q_[p], x);
+        if (asking_ && behind)
+        {
+          asked_x_.push_back(x);
+          asked_normal_.push_back(n);
+        }
+        if (asking_)
+          continue;
+        const bool inside = behind && inside_.at(next_answer_++);
+        if (is_another(f, piece, q_[p], x, dot(y - x, outward_), inside))
+          continue;
+      }
+      else if (is_hidden(f, piece, q_[p], x, y))
+        continue;
+      if (has_shorter_way_out(f, x, y))
         continue;
       if (record_)
       {
@@ -706,6 +811,11 @@ private:
   // Of the present facet.
   Vec3 outward_{0, 0, 0};
   double tie_ = 0;
+  bool of_itself_; ///< whether both are the same surface
+  bool asking_ = false;
+  std::vector<Vec3> asked_x_, asked_normal_; ///< points with anything behind them, as they come
+  std::vector<std::uint8_t> inside_;         ///< whether they are within another part of the body
+  std::size_t next_answer_ = 0;
   std::vector<Piece> pieces_;
   std::vector<Screen> backs_, own_screens_;
   // Reused storage.

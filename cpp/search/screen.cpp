@@ -2,8 +2,6 @@
 #include "parallel/exchange.h"
 #include "parallel/records.h"
 
-#include <optional>
-
 using namespace qsdolfinx;
 
 namespace
@@ -40,20 +38,6 @@ std::optional<double> meet_triangle(const Vec3& x, const Vec3& d, const Vec3& a,
   if (v < -seam_tolerance || u + v > 1 + seam_tolerance)
     return std::nullopt;
   return dot(f, q) / det;
-}
-
-/// Where the line x + t d meets a facet; a quadrilateral is taken for two triangles.
-std::optional<double> meet_facet(const Vec3& x, const Vec3& d, FacetType type,
-                                 std::span<const double> v)
-{
-  const Vec3 a = facet_vertex(v, 0), b = facet_vertex(v, 1);
-  if (type == FacetType::interval)
-    return meet_segment(x, d, a, b);
-  const Vec3 c = facet_vertex(v, 2);
-  auto t = meet_triangle(x, d, a, b, c);
-  if (!t && type == FacetType::quadrilateral)
-    t = meet_triangle(x, d, facet_vertex(v, 3), c, b);
-  return t;
 }
 
 bool looks_along(const FacetView& facets, std::size_t f, const Vec3& n)
@@ -150,6 +134,19 @@ Box box_of_lines(std::span<const Sight> lines, bool doubled)
   return box;
 }
 } // namespace
+
+std::optional<double> qsdolfinx::meet_facet(const Vec3& x, const Vec3& d, FacetType type,
+                                 std::span<const double> v)
+{
+  const Vec3 a = facet_vertex(v, 0), b = facet_vertex(v, 1);
+  if (type == FacetType::interval)
+    return meet_segment(x, d, a, b);
+  const Vec3 c = facet_vertex(v, 2);
+  auto t = meet_triangle(x, d, a, b, c);
+  if (!t && type == FacetType::quadrilateral)
+    t = meet_triangle(x, d, facet_vertex(v, 3), c, b);
+  return t;
+}
 
 NearFacets::NearFacets(const Surface& surface, const Box& box)
     : surface_(surface), others_(copy_of_others(surface, box)),

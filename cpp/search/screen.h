@@ -4,6 +4,8 @@
 #include "geometry/boxes.h"
 #include "surface/surface.h"
 
+#include <optional>
+
 namespace qsdolfinx
 {
 
@@ -50,6 +52,10 @@ struct FacetView
     return orientation[f] * area_vector(type, facet_x(f), facet_centre(type));
   }
 };
+
+/// Where the line x + t d meets a facet, if it does, as t; a quadrilateral is two triangles.
+std::optional<double> meet_facet(const Vec3& x, const Vec3& d, FacetType type,
+                                 std::span<const double> v);
 
 /// All facets of a surface that may meet a box: this rank's, and copies of those of others.
 class NearFacets

@@ -94,6 +94,17 @@ public:
   void measure_nodes();
   /// Whether it has ever followed its body.
   bool follows() const { return follows_; }
+  /// Let it be all of a body's boundary, which may touch itself. @param key number of each facet
+  /// by which roles are given: of two that touch the larger one's is the slave; NaN if it may not
+  void touch_itself(std::span<const double> key)
+  {
+    key_.assign(key.begin(), key.end());
+    touches_itself_ = true;
+  }
+  /// What `touch_itself` was given; empty otherwise, and on ranks without facets.
+  const std::vector<double>& keys() const { return key_; }
+  /// Whether it may touch itself; the same on all ranks.
+  bool touches_itself() const { return touches_itself_; }
   Surface(const Surface&) = delete;
   Surface& operator=(const Surface&) = delete;
 
@@ -152,7 +163,8 @@ private:
   int degree_;
   bool axisymmetric_;
   std::int64_t local_size_;
-  bool has_creases_ = false, follows_ = false;
+  bool has_creases_ = false, follows_ = false, touches_itself_ = false;
+  std::vector<double> key_;
   Facets facets_;
   Nodes nodes_;
   mutable std::unique_ptr<BoxTree> tree_;   ///< null until asked for

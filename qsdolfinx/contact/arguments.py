@@ -89,6 +89,29 @@ def check_sliding(
     require(sides == (None, None), of + "measures gaps between facets; leave out smoothing")
 
 
+def check_itself(
+    formulation: str,
+    quadrature: str,
+    law: Law,
+    sides: tuple[Side, Side],
+    unknown: str | typing.Sequence[str],
+) -> None:
+    """Refuse what is not defined for a surface that touches itself."""
+    of = "contact of a surface with itself "
+    require(
+        formulation != "double-pass",
+        f'formulation: {of}gives roles to pairs of facets; use "quasi-symmetric"',
+    )
+    require(
+        quadrature == "overlay",
+        f'quadrature: {of}is decided facet by facet; use quadrature="overlay"',
+    )
+    require(not law.jump, f"law: {of}cannot be tied; name the two parts as surfaces")
+    require(sides == (None, None), f"smoothing: {of}measures gaps between facets")
+    alike = isinstance(unknown, str) or len(set(unknown)) == 1
+    require(alike, f"unknown: {of}has one body, with one kind of unknowns")
+
+
 def check_friction(friction: typing.Any, slave: Surface) -> None:
     """Refuse friction of another type, or with parameters of another mesh."""
     check(either(instance(Friction, "such as qs.Coulomb(0.2)"), None), friction=friction)

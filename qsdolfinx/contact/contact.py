@@ -24,6 +24,7 @@ from qsdolfinx.contact.arguments import (
     check_formulation,
     check_friction,
     check_friction_use,
+    check_itself,
     check_sliding,
     check_smoothing,
     check_surfaces,
@@ -41,6 +42,7 @@ from qsdolfinx.gap.rows import CONSTRAINTS
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.pairing.relief import Side, Smoothing, sides_of
+from qsdolfinx.surface.itself import boundary_of
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
@@ -179,6 +181,10 @@ class Contact:
         check_alone(SLAVE, slave=slave)
         rigid = as_tool(master) is not None
         with checked(slave.comm) as same:
+            same(itself=master is slave)
+        if master is slave:
+            slave, master = boundary_of(slave), boundary_of(slave)
+        with checked(slave.comm) as same:
             check_surfaces(slave, master)
             same(master=type(master).__name__)
             same(one_of(FORMULATIONS), formulation=formulation)
@@ -209,6 +215,8 @@ class Contact:
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
             same(one_of(CONSTRAINTS), constraints=constraints)
             check_sliding(sliding, quadrature, normals, constraints, sides)
+            if slave.key is not None:
+                check_itself(formulation, quadrature, law, sides, unknown)
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.

@@ -81,6 +81,8 @@ def deepest_crossing(
     Raises:
         DegenerateFacetsError: If a facet has no area.
     """
+    if model.with_itself:  # what is within the body is so all the time
+        return None
     # What is further from the other surface cannot have come from outside.
     radius = model.paired.search_radius + (1 + PATH) * moved
     found: list[tuple[float, tuple[float, ...], str]] = []

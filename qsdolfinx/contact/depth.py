@@ -26,6 +26,7 @@ from qsdolfinx.pairing.distance import (
     on_facets,
     overlay_points,
 )
+from qsdolfinx.pairing.relief import Relief
 from qsdolfinx.surface.affine import affine_vec
 
 Array = npt.NDArray[np.float64]
@@ -135,6 +136,8 @@ def _gaps(model: ContactModel, side: str) -> Array:
     place = placement.place(side)
     other = placement.master if side == "slave" else placement.slave
     assert isinstance(place, Place)
+    if model.with_itself:
+        return _gaps_to_itself(model, place)
     facets = place.facets()
     if is_analytic(other):
         found = from_shape(other.tool, other.now, _cpp.sample_nodes(facets), radius)
@@ -166,6 +169,10 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
             points.append(on_facets(slave, model.slave.num_facet_vertices))
         return [("slave", from_shape(other.tool, other.now, p, radius)) for p in points]
     surfaces = slave, other.facets()
+    if model.with_itself:
+        points = _pairs_with_itself(model, *surfaces)
+        x, none = points.slave["x"], np.zeros(points.size, dtype=bool)
+        return [("slave", Distances(x, -points.gap, none))]
     lifts = tuple(sampling.deformed_relief(s) for s in (model.slave, model.master))
     smooth = any(relief.lift for relief in lifts)
     out: list[tuple[str, Distances]] = []
@@ -181,6 +188,24 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
                 between = of_points(x, found.normal, own, opposite, radius)
             out.append((side, between))
     return out
+
+
+def _pairs_with_itself(
+    model: ContactModel, own: _cpp.Surface, same: _cpp.Surface
+) -> _cpp.PairingPoints:
+    """Points of a surface and what they touch of it, where it is twice. Collective."""
+    none, radius = Relief.unknown("none"), model.paired.search_radius
+    return overlay_points(own, same, model.slave.gdim, radius, (none, none), both=True)
+
+
+def _gaps_to_itself(model: ContactModel, place: Place) -> Array:
+    """Means of the distances around the owned nodes of the slaves' facets, else NaN. Collective."""
+    own, same = place.facets(), place.facets()
+    points = _pairs_with_itself(model, own, same)
+    operator = _cpp.GapOperator(own, same, points, jump=False, rows=KINDS.index("cover"))
+    out = np.full(len(own.node_x), np.nan)
+    out[operator.row_node] = -operator.initial_gap
+    return out[np.searchsorted(own.node_dofs[:, 0], place.surface.node_dofs[:, 0])]
 
 
 def gaps_of_points(model: ContactModel, gap: WeightedGap) -> Distances:

@@ -52,6 +52,8 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         master: The same of the master's.
     """
     model.held_nodes, alone = [], [False, False]
+    if model.with_itself:
+        return
     for i, gap in enumerate(model.gaps):
         gap.extension, slip = None, model.slips[i] if model.slips else None
         if slip is not None:

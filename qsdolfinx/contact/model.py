@@ -295,6 +295,11 @@ class ContactModel:
         return self.settings.master
 
     @property
+    def with_itself(self) -> bool:
+        """Whether slave and master are one and the same boundary."""
+        return self.slave.key is not None
+
+    @property
     def comm(self) -> MPI.Intracomm:
         """Communicator of the surfaces."""
         return self.slave.comm

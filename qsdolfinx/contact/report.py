@@ -295,7 +295,7 @@ def _advice(model: ContactModel, weighted: float, depth: float | None) -> str:
 def _unloaded(model: ContactModel) -> int:
     """Nodes of the master that face the slave within the radius, and no force reaches."""
     surface, p = deformable(model.master), model.gaps[0]
-    if surface is None or len(model.gaps) > 1:
+    if surface is None or len(model.gaps) > 1 or model.with_itself:
         return 0
     master = surface.linear
     surfaces = master.cpp_object, model.slave.linear.cpp_object

@@ -243,7 +243,7 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
         raise ValueError(
             "side: a rigid tool has no traction; what acts on it is minus that of the slave"
         )
-    with _force_vec(model, side, part) as vec:
+    with _force_vec(model, side, part, whole_body=True) as vec:
         return recover(surface, vec, _areas_now(model, side) if model.follows else None)
 
 
@@ -260,8 +260,13 @@ def _areas_now(model: ContactModel, side: str) -> Array:
 
 
 @contextlib.contextmanager
-def _force_vec(model: ContactModel, side: str, part: str = "whole") -> typing.Iterator[PETSc.Vec]:
-    """Contact forces on the unknowns of one side's body: minus what is assembled."""
+def _force_vec(
+    model: ContactModel, side: str, part: str = "whole", whole_body: bool = False
+) -> typing.Iterator[PETSc.Vec]:
+    """Contact forces on the unknowns of one side's body: minus what is assembled.
+
+    Those of both sides where they are the same body's and all of it is wanted.
+    """
     vecs = model.slave.create_vec(), model.master.create_vec()
     for p in model.gaps if part != "tangential" else ():
         p.add_forces(p.multiplier(model.eps), model.ordered(p, vecs))
@@ -269,6 +274,8 @@ def _force_vec(model: ContactModel, side: str, part: str = "whole") -> typing.It
         slip.add_forces(model.ordered(slip.gap, vecs))
     wanted = vecs[SIDES.index(side)]
     assert wanted is not None
+    if model.with_itself and whole_body:
+        wanted.axpy(1.0, vecs[1 - SIDES.index(side)])
     wanted.scale(-1)
     try:
         yield wanted

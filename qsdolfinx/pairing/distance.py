@@ -76,6 +76,7 @@ def overlay_points(
     gdim: int,
     radius: float,
     reliefs: tuple[Relief, Relief],
+    both: bool = False,
 ) -> _cpp.PairingPoints:
     """Points on the facets of a surface that face the other one. Collective.
 
@@ -85,12 +86,13 @@ def overlay_points(
         gdim: Geometric dimension.
         radius: Length beyond which nothing is in reach.
         reliefs: What the facets of the two stand for.
+        both: Whether also those on the other one.
     """
     of_facets = 0  # normals
     rules = overlay_rules(gdim, DEGREE)
     first, second = reliefs
     reach = _cpp.SearchRadius(radius)
-    return _cpp.overlay_surfaces(cut, other, False, reach, of_facets, *rules, *first, *second)
+    return _cpp.overlay_surfaces(cut, other, both, reach, of_facets, *rules, *first, *second)
 
 
 def from_shape(

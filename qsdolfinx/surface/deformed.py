@@ -69,7 +69,7 @@ def deformed_surface(
             _check(moved, meshed)
     except ValueError as error:
         raise DegenerateFacetsError(str(error)) from error
-    return _cpp.Surface(
+    out = _cpp.Surface(
         comm=surface.comm.py2f(),
         gdim=surface.gdim,
         num_vertices=moved.shape[1],
@@ -81,6 +81,9 @@ def deformed_surface(
         local_size=surface.V.dofmap.index_map.size_local * surface.V.dofmap.index_map_bs,
         axisymmetric=False,
     )
+    if surface.key is not None:
+        out.touch_itself(np.repeat(surface.key, len(pieces)))
+    return out
 
 
 def deformed_positions(

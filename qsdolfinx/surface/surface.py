@@ -88,6 +88,7 @@ class Surface:
         self.mesh = V.mesh
         self.facets = facets_of_owned_cells(V.mesh, given)
         self._linear: Surface | None = None
+        self._key: npt.NDArray[np.float64] | None = None
         with collective_errors(comm):
             self._layout = FacetLayout.of(V, self.facets)
             self._coordinates = self._layout.checked_coordinates(V.mesh)
@@ -118,7 +119,7 @@ class Surface:
         """
         x, inside, _ = self._coordinates
         index_map = self.V.dofmap.index_map
-        return _cpp.Surface(
+        out = _cpp.Surface(
             comm=self.comm.py2f(),
             gdim=self.gdim,
             num_vertices=self.num_facet_vertices,
@@ -130,6 +131,24 @@ class Surface:
             local_size=index_map.size_local * self.V.dofmap.index_map_bs,
             axisymmetric=self.axisymmetric,
         )
+        if self._key is not None:
+            out.touch_itself(self._key)
+        return out
+
+    def touch_itself(self, key: npt.NDArray[np.float64]) -> None:
+        """Let it, all of a body's boundary, be in contact with itself.
+
+        Args:
+            key: Number of each facet of this rank, shape (facets,): of two that touch the larger
+                one's is the slave. NaN if it is not to touch anything.
+        """
+        self._key = key
+        self.cpp_object.touch_itself(key)
+
+    @property
+    def key(self) -> npt.NDArray[np.float64] | None:
+        """What :meth:`touch_itself` was given; None if it does not touch itself."""
+        return self._key
 
     def _read_heights(self) -> None:
         """How far curved facets are out of the flat ones through their vertices. Collective."""
@@ -263,8 +282,13 @@ class Surface:
         """
         alike = self.axisymmetric == master.axisymmetric
         require(alike, "slave and master: both or none must be axisymmetric")
+        if self.key is not None and master.key is not None:
+            return
         share = self.mesh is master.mesh and np.intersect1d(self.facets, master.facets).size
-        text = "slave and master share facets: a facet cannot be in contact with itself"
+        text = (
+            "slave and master share facets: a facet cannot be in contact with itself; give the "
+            "same Surface for both if parts of it may come to touch each other"
+        )
         require(not share, text)
 
     def search_object(self, slave: Surface) -> _cpp.Surface:

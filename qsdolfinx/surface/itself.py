@@ -1,0 +1,62 @@
+"""Boundaries that touch themselves."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx import mesh
+
+from qsdolfinx.surface.facets import area_vectors
+from qsdolfinx.surface.surface import Surface
+
+#: A direction that no mesh is aligned with.
+ALONG = np.array([0.61803398875, 0.7548776662, 0.2207440846])
+
+#: Sum of area vectors over the area of a closed surface.
+CLOSED = 1e-8
+
+#: Radius over the facet size of what is on the axis.
+ON_AXIS = 1e-12
+
+
+def boundary_of(surface: Surface) -> Surface:
+    """All of the boundary of a surface's body, of which that surface may touch itself. Collective.
+
+    The other facets hide what is behind them, and tell what is within the body. Of two facets that
+    touch, the one that is further along some direction now is the slave's.
+
+    Raises:
+        ValueError: If the boundary that DOLFINx finds is not closed.
+    """
+    msh = surface.mesh
+    every = mesh.exterior_facet_indices(msh.topology)
+    facets = np.union1d(every, surface.facets).astype(np.int32)
+    if surface.axisymmetric:
+        facets = _off_axis(surface, facets)
+    out = Surface(surface.V, facets=facets, axisymmetric=surface.axisymmetric)
+    x, inside, _ = out.coordinates
+    key = x.mean(axis=1) @ ALONG
+    key[~np.isin(out.facets, surface.facets)] = np.nan
+    out.touch_itself(key)
+    if not surface.axisymmetric:
+        area = area_vectors(x)
+        sign = np.sign(np.sum(area * (x.mean(axis=1) - inside), axis=1))
+        local = np.append((sign[:, None] * area).sum(axis=0), np.linalg.norm(area, axis=1).sum())
+        total = surface.comm.allreduce(local, op=MPI.SUM)
+        if np.linalg.norm(total[:3]) > CLOSED * total[3]:
+            raise ValueError(
+                "slave and master: contact of a surface with itself needs all of the body's "
+                "boundary, and that of the mesh is not closed"
+            )
+    return out
+
+
+def _off_axis(surface: Surface, facets: np.ndarray) -> np.ndarray:
+    """Facets that are not on the axis r = 0, which have no area."""
+    msh = surface.mesh
+    tdim = msh.topology.dim
+    x = mesh.entities_to_geometry(msh, tdim - 1, facets)
+    r = msh.geometry.x[x, 0].max(axis=1)
+    return np.asarray(facets[r > ON_AXIS * surface.facet_size_range[0]])
