@@ -50,18 +50,12 @@ void qsdolfinx::bind_gap(nb::module_& m)
           { return copy(r.on_nodes(r.cover, nodes, 1), {nodes}); }, "num_nodes"_a,
           "What the points cover of the owned nodes' areas, [node].")
       .def(
-          "cover_of_sides",
-          [](const PieceRows& r, std::size_t nodes)
-          {
-            return copy(r.on_sides(r.cover, nodes), {nodes, static_cast<std::size_t>(r.gdim)});
-          },
+          "cover_of_sides", [](const PieceRows& r, std::size_t nodes)
+          { return copy(r.on_sides(r.cover, nodes), {nodes, static_cast<std::size_t>(r.gdim)}); },
           "num_nodes"_a, "The same of the smooth sides of the nodes, [node][gdim].")
       .def(
-          "gap_of_sides",
-          [](const PieceRows& r, std::size_t nodes)
-          {
-            return copy(r.on_sides(r.gap, nodes), {nodes, static_cast<std::size_t>(r.gdim)});
-          },
+          "gap_of_sides", [](const PieceRows& r, std::size_t nodes)
+          { return copy(r.on_sides(r.gap, nodes), {nodes, static_cast<std::size_t>(r.gdim)}); },
           "num_nodes"_a, "G_k of the smooth sides of the nodes, [node][gdim].")
       .def(
           "gap", [](const PieceRows& r, std::size_t nodes)

@@ -284,8 +284,8 @@ struct ShapeValues
   }
 };
 
-/// Distance, over the size of a facet, at which two facets of one surface touch, whichever of them is
-/// behind: no wall is as thin.
+/// Distance, over the size of a facet, at which two facets of one surface touch, whichever of them
+/// is behind: no wall is as thin.
 constexpr double flush_tolerance = 1e-5;
 
 /// Distance from each other, over the size of a facet, of edges that coincide.
@@ -406,9 +406,8 @@ private:
       constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
       if (cut_.type() != FacetType::interval)
         polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
-      pieces_.push_back(
-          {g, std::move(other), polygon_,
-           dot(outward, outward_) < facing_cosine * norm(outward) && may_pair(f, g)});
+      pieces_.push_back({g, std::move(other), polygon_,
+                         dot(outward, outward_) < facing_cosine * norm(outward) && may_pair(f, g)});
     }
   }
 
@@ -533,12 +532,9 @@ private:
   bool is_anything_behind(std::size_t f, const Vec2& q, const Vec3& x) const
   {
     const double flush = flush_tolerance * cut_.facets().size[f];
-    return std::ranges::any_of(pieces_,
-                               [&](const Piece& p)
-                               {
-                                 return contains(p.polygon, q)
-                                        && place(nearby_, p.other, p.planar, q, x) < -flush;
-                               });
+    return std::ranges::any_of(
+        pieces_, [&](const Piece& p)
+        { return contains(p.polygon, q) && place(nearby_, p.other, p.planar, q, x) < -flush; });
   }
 
   /// Whether a point of a piece is not what x, on the same surface, touches: that is the first
@@ -551,8 +547,7 @@ private:
     if (std::abs(s) > flush && (s < 0) != inside)
       return true;
     const double way = inside ? -1.0 : 1.0;
-    const auto nearer = [&](double at)
-    { return way * at > -flush && way * at < way * s - tie_; };
+    const auto nearer = [&](double at) { return way * at > -flush && way * at < way * s - tie_; };
     for (const Piece& p : pieces_)
     {
       if (&p == &piece || !contains(p.polygon, q))

@@ -34,10 +34,10 @@ struct Pieces
   PieceSide slave, master;
   std::vector<std::uint8_t> multiplier_side; ///< as Facets::vertex_side, [piece][multiplier]
   std::vector<std::uint8_t> cut_is_slave;    ///< whether the slave's facet was cut, [piece]
-  std::vector<std::size_t> end;           ///< points of a piece: [end[piece - 1], end[piece])
-  std::vector<RayPoint> points;           ///< ξ of the facet that was cut, ζ of the other, area
-  std::vector<std::size_t> rim_end;       ///< the same of the rim's points
-  std::vector<RimPoint> rim;              ///< as points
+  std::vector<std::size_t> end;              ///< points of a piece: [end[piece - 1], end[piece])
+  std::vector<RayPoint> points;              ///< ξ of the facet that was cut, ζ of the other, area
+  std::vector<std::size_t> rim_end;          ///< the same of the rim's points
+  std::vector<RimPoint> rim;                 ///< as points
 
   std::size_t size() const { return end.size(); }
   std::span<const RayPoint> points_of(std::size_t piece) const

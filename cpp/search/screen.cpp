@@ -136,7 +136,7 @@ Box box_of_lines(std::span<const Sight> lines, bool doubled)
 } // namespace
 
 std::optional<double> qsdolfinx::meet_facet(const Vec3& x, const Vec3& d, FacetType type,
-                                 std::span<const double> v)
+                                            std::span<const double> v)
 {
   const Vec3 a = facet_vertex(v, 0), b = facet_vertex(v, 1);
   if (type == FacetType::interval)
