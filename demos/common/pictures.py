@@ -598,3 +598,10 @@ def draw_errors(axis, result, ratios, key, style):
         axis.loglog(h, error, style, color=colour, label=f"{ratio}, rate {rate:.2f}")
     axis.legend(fontsize=7, loc="lower right", title="master:slave", title_fontsize=7)
     axis.grid(which="both")
+
+
+# --- Fold
+
+
+class Fold:
+    """to come"""

@@ -1,0 +1,132 @@
+"""A spring in the shape of a U, pressed between two planes until it is folded flat.
+
+Plane strain, neo-Hookean quadrilaterals, E = 1, ν = 0.3: two legs (thickness 1, length 10, their
+ends rounded inside) and half a ring (radius 2 inside, thickness 0.6). All of the spring's boundary
+may touch itself, and two rigid planes without friction that close on it from above and below. The
+ends of the legs touch first. When the planes are as far apart as the legs are thick, they lie on
+each other, and are pressed to 98 % of that: only the bend stays open.
+
+    python3 demos/fold.py --json fold.json
+    mpirun -n 2 python3 demos/fold.py --friction 0.2 --cells 3
+    python3 demos/fold.py --plot fold.png
+
+Time counts steps: --steps until the legs are almost closed, and half as many from there on, shorter
+ones. A second mesh has twice as many cells each way. The force is that on a plane. Lengths are in
+units of the legs' thickness, stresses in E. Keys of the JSON object, but for the last of the mesh
+of --cells:
+
+- force: at the end;
+- force_change: the largest difference of the forces of both meshes at the same stroke, over the
+  largest force;
+- symmetry_error: the largest difference between displacements and their mirror image, of all steps,
+  over the thickness; with friction, too;
+- energy_error: |work of the planes (Simpson's rule) − elastic energy − energy taken by friction|
+  at the end, over the work;
+- max_penetration: the deepest that the spring goes into itself, of all steps;
+- facet_size: the smallest;
+- snes_iterations: of both meshes.
+"""
+
+import dataclasses
+import pathlib
+import sys
+
+from mpi4py import MPI
+
+import qsdolfinx as qs
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from common import pictures
+from common.command import Command, count, option, report
+from fold_bodies import LEG, OPEN, Spring
+from fold_output import measure, more, summary
+
+#: Half the distance of the planes when the legs are almost closed, and at the end.
+CLOSED, FLAT = 1.04 * LEG, 0.98 * LEG
+
+
+@dataclasses.dataclass
+class Parameters:
+    """One spring that is folded."""
+
+    cells: int = option(4, "across the legs", type=count)
+    friction: float = option(0.0, "Coulomb's coefficient, of the spring on itself")
+    steps: int = option(80, "until the legs are almost closed, a multiple of 4", type=count)
+    touching: str = option("boundary", "what may touch itself", choices=("boundary", "inside"))
+    sliding: str = option("small", "finite: contact's geometry follows the bodies in a step")
+    enforcement: str = option("augmented-lagrangian")
+    verbose: bool = option(False, "print each step")
+
+    def __post_init__(self):
+        if self.friction < 0:
+            raise ValueError("--friction: must not be negative")
+        if self.steps % 4:
+            raise ValueError("--steps: must be a multiple of 4")
+
+    def strokes(self):
+        """How far each plane has moved at the ends of steps; each half has an even number of them."""
+        last = self.steps // 2
+        first = [(OPEN - CLOSED) * i / self.steps for i in range(self.steps)]
+        return first + [OPEN - CLOSED + (CLOSED - FLAT) * i / last for i in range(last + 1)]
+
+
+def build(comm, p):
+    """Spring, contacts with the planes above and below and with itself, and the stepper."""
+    spring = Spring(comm, p.cells, p.touching)
+    planes = [
+        qs.RigidSurface.plane(comm, point=[0, side * OPEN], normal=[0, -side]) for side in (1, -1)
+    ]
+    options = {"enforcement": p.enforcement, "sliding": p.sliding}
+    contacts = [qs.Contact(spring.boundary, plane, **options) for plane in planes]
+    friction = qs.Coulomb(p.friction) if p.friction else None
+    contacts.append(qs.Contact(spring.surface, spring.surface, friction=friction, **options))
+    problem = qs.ContactProblem([spring.F], [spring.u], contacts, [spring.bcs])
+    strokes = p.strokes()
+
+    def stroke(t):
+        i = min(int(t), len(strokes) - 2)
+        return strokes[i] + (t - i) * (strokes[i + 1] - strokes[i])
+
+    def drive(t, dt):
+        for plane, side in zip(planes, (1, -1), strict=True):
+            plane.displacement = [0, -side * (stroke(t) - stroke(t - dt))]
+
+    return spring, contacts, qs.TimeStepper(problem, 1.0, drive, num_pairings=3)
+
+
+def fold(p, comm=MPI.COMM_WORLD, on_step=None):
+    """Fold one spring; returns the rows of its states.
+
+    ``on_step(row, scene)`` is called after each step, and first for the spring as it is made.
+    """
+    scene = *_, stepper = build(comm, p)
+    rows = []
+    for t, stroke in enumerate(p.strokes()):
+        taken = sum(stepper.num_iterations for _ in stepper.run(float(t)))
+        rows.append(measure(stroke, taken, *scene))
+        if p.verbose:
+            rows[-1].say()
+        if on_step is not None:
+            on_step(rows[-1], scene)
+    return rows
+
+
+def run(p, comm=MPI.COMM_WORLD, on_step=None):
+    """Fold the spring of two meshes; returns what --json writes, and the rows of both."""
+    finer = dataclasses.replace(p, cells=2 * p.cells)
+    both = [fold(case, comm, on_step) for case in (p, finer)]
+    return summary(p, *both), both
+
+
+def main():
+    p, a = Command(__doc__, Parameters, plot="draw the spring and its force").parse()
+    picture = pictures.Fold() if a.plot else None
+    result, both = run(p, on_step=picture)
+    report(result, a.json, ".6g", more(*both))
+    if a.plot:
+        picture.draw(a.plot, p, both)
+
+
+if __name__ == "__main__":
+    main()

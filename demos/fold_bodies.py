@@ -1,0 +1,124 @@
+"""The body of the fold demo: a spring in the shape of a U."""
+
+import numpy as np
+
+import basix.ufl
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+from common.bodies import fix, integral
+from common.drawing import node_values
+
+#: 2 × 2 points in each cell; UFL would take many more for the logarithm.
+DX = ufl.dx(degree=3)
+
+E, NU = 1.0, 0.3
+MU, LAMBDA = E / (2 * (1 + NU)), E * NU / ((1 + NU) * (1 - 2 * NU))
+LEG, LENGTH = 1.0, 10.0  # thickness and length of the legs
+BEND, RADIUS = 0.6, 2.0  # thickness of the bend, and its radius inside
+TAPER = 3.0  # length on which the bend's thickness becomes the legs'
+#: Length and radius of the rounding of the legs' ends inside: edges that stand on each other slip.
+ROUNDED, ROUNDING = 3.5, 10.0
+#: Half the distance of the planes when they touch the spring.
+OPEN = RADIUS + LEG
+
+
+def points_of_strip(s, depth):
+    """Where points of a straight strip are in the spring.
+
+    Args:
+        s: Distance from the middle along the inside, shape (n,).
+        depth: From 0 inside to 1 outside, shape (m,).
+
+    Returns:
+        Points, shape (n, m, 2).
+    """
+    quarter = RADIUS * np.pi / 2
+    along = np.abs(s)[:, None]
+    part = np.clip((along - quarter) / TAPER, 0, 1)
+    outside = BEND + (LEG - BEND) * part**2 * (3 - 2 * part)
+    inside = np.maximum(along - quarter - LENGTH + ROUNDED, 0) ** 2 / (2 * ROUNDING)
+    r = RADIUS + inside + depth * (outside - inside)
+    angle = np.clip(s, -quarter, quarter)[:, None] / RADIUS
+    x = np.maximum(along - quarter, 0) - r * np.cos(angle)
+    return np.stack([x, r * np.sin(angle)], axis=-1)
+
+
+def stations(n):
+    """Where the strip is cut across, with n cells in the thickness of the legs."""
+    quarter = RADIUS * np.pi / 2
+    bend = np.linspace(0, quarter, round(n * (quarter + BEND)) + 1)
+    leg = quarter + np.linspace(0, LENGTH, round(n * LENGTH) + 1)[1:]
+    half = np.concatenate([bend, leg])
+    return np.concatenate([-half[:0:-1], half])
+
+
+class Spring:
+    """A neo-Hookean spring, open to the right, symmetric to y = 0.
+
+    Args:
+        comm: Communicator.
+        n: Cells across.
+        touching: Of what it may touch itself with, "boundary" or "inside".
+    """
+
+    def __init__(self, comm, n, touching):
+        s = stations(n)
+        self.shape = len(s), n + 1
+        x, cells = np.zeros((0, 2)), np.zeros((0, 4), dtype=np.int64)
+        if comm.rank == 0:
+            x = points_of_strip(s, np.linspace(0, 1, n + 1)).reshape(-1, 2)
+            node = np.arange(len(x)).reshape(self.shape)
+            corners = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
+            cells = np.stack(corners, axis=-1).reshape(-1, 4)
+        element = basix.ufl.element("Lagrange", "quadrilateral", 1, shape=(2,))
+        msh = self.mesh = mesh.create_mesh(comm, cells=cells, x=x, e=ufl.Mesh(element))
+        V = self.V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+        self.u = fem.Function(V)
+        self.stress = qs.materials.neo_hookean(self.u, MU, LAMBDA)
+        self.F = ufl.inner(self.stress, ufl.grad(ufl.TestFunction(V))) * DX
+        self._energy = fem.form(qs.materials.neo_hookean_energy(self.u, MU, LAMBDA) * DX)
+        for dim in (0, 1):
+            msh.topology.create_connectivity(dim, 2)
+        self.bcs = self._hold()
+        self.boundary = qs.Surface(V, facets=mesh.exterior_facet_indices(msh.topology))
+        self.surface = self.boundary
+        if touching == "inside":
+            self.surface = qs.Surface(V, facets=mesh.locate_entities_boundary(msh, 1, is_inside))
+        self.facet_size = self.boundary.facet_size_range[0]
+
+    def _hold(self):
+        """The middle of the bend does not leave y = 0, and its node inside does not move.
+
+        In a symmetric state none of that takes a force.
+        """
+        middle = mesh.locate_entities(self.mesh, 1, lambda x: np.isclose(x[1], 0))
+        inside = mesh.locate_entities(
+            self.mesh, 0, lambda x: np.isclose(x[1], 0) & np.isclose(x[0], -RADIUS)
+        )
+        V_x = self.V.sub(0)
+        dof = fem.locate_dofs_topological(V_x, 0, inside)
+        return [fix(self.V, 1, middle), fem.dirichletbc(0.0, dof, V_x)]
+
+    def energy(self):
+        """Elastic energy. Collective."""
+        return integral(self.mesh, self._energy)
+
+    def asymmetry(self):
+        """The largest difference of displacements and their mirror image. Collective."""
+        geometry = self.mesh.geometry
+        own = geometry.index_map().size_local
+        u = np.zeros((self.shape[0] * self.shape[1], 2))
+        u[geometry.input_global_indices[:own]] = node_values(self.u)[:own]
+        u = self.mesh.comm.allreduce(u).reshape(*self.shape, 2)
+        return np.abs(u - u[::-1] * [1, -1]).max()
+
+
+def is_inside(x):
+    """Whether points are on the inside of the spring."""
+    bend = np.isclose(np.hypot(x[0], x[1]), RADIUS) & (x[0] < 1e-9)
+    start = LENGTH - ROUNDED
+    rounded = np.maximum(x[0] - start, 0) ** 2 / (2 * ROUNDING)
+    return bend | ((x[0] > -1e-9) & np.isclose(np.abs(x[1]), RADIUS + rounded))
