@@ -106,6 +106,15 @@ class Spring:
         """Elastic energy. Collective."""
         return integral(self.mesh, self._energy)
 
+    def fibre_stress(self):
+        """Cauchy stress along the spring, of UFL."""
+        x, y = ufl.SpatialCoordinate(self.mesh)
+        F = ufl.Identity(2) + ufl.grad(self.u)
+        in_bend = ufl.lt(x, 0)
+        along = F * ufl.as_vector([ufl.conditional(in_bend, -y, 1), ufl.conditional(in_bend, x, 0)])
+        stress = self.stress * F.T / ufl.det(F)
+        return ufl.dot(along, stress * along) / ufl.dot(along, along)
+
     def asymmetry(self):
         """The largest difference of displacements and their mirror image. Collective."""
         geometry = self.mesh.geometry

@@ -62,15 +62,26 @@ def work_of(rows):
     return 2 * means @ np.diff(stroke[::2])
 
 
-def summary(p, rows, finer):
-    """What --json writes, of the rows of both meshes."""
+def symmetry_error(rows):
+    """The largest asymmetry over the stroke."""
+    return max(row.asymmetry for row in rows) / rows[-1].stroke
+
+
+def energy_error(rows):
+    """What is missing in the balance of energy at the end, over the work."""
     end, work = rows[-1], work_of(rows)
+    return abs(work - end.elastic - end.dissipated) / work
+
+
+def summary(rows, finer):
+    """What --json writes, of the rows of both meshes."""
+    end = rows[-1]
     (force,), (fine,) = columns(rows, "force"), columns(finer, "force")
     return {
         "force": end.force,
         "force_change": np.abs(force - fine).max() / np.abs(fine).max(),
-        "symmetry_error": max(row.asymmetry for row in rows),
-        "energy_error": abs(work - end.elastic - end.dissipated) / work,
+        "symmetry_error": symmetry_error(rows),
+        "energy_error": energy_error(rows),
         "max_penetration": max(row.penetration for row in rows),
         "facet_size": end.facet_size,
         "snes_iterations": sum(row.iterations for row in rows + finer),
@@ -82,9 +93,8 @@ def more(rows, finer):
     out = {}
     for name, each in (("", rows), (", finer mesh", finer)):
         end, work = each[-1], work_of(each)
-        error = abs(work - end.elastic - end.dissipated) / work
-        out[f"symmetry error{name}"] = max(row.asymmetry for row in each)
-        out[f"energy error{name}"] = error
+        out[f"symmetry error{name}"] = symmetry_error(each)
+        out[f"energy error{name}"] = energy_error(each)
         out[f"max penetration / facet size{name}"] = (
             max(row.penetration for row in each) / end.facet_size
         )

@@ -604,4 +604,75 @@ def draw_errors(axis, result, ratios, key, style):
 
 
 class Fold:
-    """to come"""
+    """The spring of the first mesh at some strokes and where it first touches itself, and forces.
+
+    Args:
+        strokes: At which to keep it.
+        half_distance: Of the planes, at first.
+    """
+
+    def __init__(self, strokes, half_distance):
+        self.strokes, self.half_distance = strokes, half_distance
+        self.mesh, self.states, self.touched = None, [], False
+
+    def __call__(self, row, scene):
+        """Keep the spring, if it is to be drawn. Collective."""
+        spring = scene[0]
+        self.mesh = self.mesh or spring.mesh
+        if spring.mesh is not self.mesh:
+            return
+        first = row.touching > 0 and not self.touched
+        self.touched = self.touched or first
+        if first or row.stroke in self.strokes:
+            shape = cells(spring.mesh, node_values(spring.u), spring.fibre_stress())
+            self.states.append((row, shape))
+
+    def draw(self, filename, lines):
+        """Draw the spring between the planes, and forces over strokes; on rank 0.
+
+        Args:
+            filename: Of the picture.
+            lines: Rows of each mesh, by what it is called.
+        """
+        if self.states[0][1] is None:
+            return
+        figure = pyplot().figure(figsize=(12, 5.4), layout="constrained")
+        left, right = figure.subfigures(1, 2, width_ratios=(1.7, 1))
+        axes = left.subplots(-(-len(self.states) // 2), 2, sharex=True, sharey=True)
+        largest = np.percentile(np.abs(self.states[-1][1][1]), 99)
+        for axis, (row, shape) in zip(axes.flat, self.states, strict=False):
+            colours = draw_cells(axis, *shape, cmap="RdBu_r", linewidth=0.15)
+            colours.set_clim(-largest, largest)
+            self.draw_planes(axis, row)
+        for axis in axes[:, 0]:
+            axis.set_ylabel("y / thickness (-)")
+        for axis in axes[-1]:
+            axis.set_xlabel("x / thickness (-)")
+        label = "stress along the spring / E (-)"
+        left.colorbar(colours, ax=axes, label=label, extend="both", pad=0.01, shrink=0.9)
+        self.draw_forces(right.subplots(), lines)
+        save(figure, filename)
+
+    def draw_planes(self, axis, row):
+        """Both planes, and what the state is."""
+        reach = self.half_distance + 0.7
+        for side in (1, -1):
+            y = side * (self.half_distance - row.stroke)
+            axis.axhspan(*sorted((y, side * 2 * reach)), color="0.8", zorder=0)
+            axis.axhline(y, color="black", lw=1)
+        axis.set(xlim=(-3.6, 11.6), ylim=(-reach, reach))
+        touching = f", touching on {row.touching:.1f}" if row.touching else ""
+        axis.set_title(f"stroke {row.stroke:.2f}, force {row.force:.2g}{touching}")
+
+    def draw_forces(self, axis, lines):
+        """Force over stroke of each mesh, and the states that are drawn."""
+        for (name, rows), style in zip(lines.items(), ("o-", "-"), strict=True):
+            stroke, force = ([getattr(row, key) for row in rows[1:]] for key in ("stroke", "force"))
+            axis.semilogy(stroke, force, style, ms=2.5, label=name)
+        for row, _ in self.states:
+            if row.force:
+                axis.plot(row.stroke, row.force, "s", color="black", ms=6, mfc="none", mew=1)
+        axis.set_title("force on a plane; squares: states on the left")
+        axis.set(xlabel="stroke of a plane / thickness (-)", ylabel="force / (E thickness) (-)")
+        axis.grid(which="both")
+        axis.legend()
