@@ -1,28 +1,29 @@
 """A spring in the shape of a U, pressed between two planes until it is folded flat.
 
 Plane strain, neo-Hookean quadrilaterals, E = 1, ν = 0.3: two legs (thickness 1, length 10, their
-ends rounded inside) and half a ring (radius 2 inside, thickness 0.6). All of the spring's boundary
-may touch itself, and two rigid planes without friction that close on it from above and below. The
-ends of the legs touch first. When the planes are as far apart as the legs are thick, they lie on
-each other, and are pressed to 96 % of that: only the bend stays open.
+ends rounded inside) and half a ring (radius 2 inside, thickness 0.6). All of its boundary may touch
+itself, and two rigid planes without friction that close on it from above and below. The ends of the
+legs touch first. When the planes are 2 apart the legs lie on each other; they are pressed until
+that is 1.92. Only the bend stays open.
 
     python3 demos/fold.py --json fold.json
-    mpirun -n 2 python3 demos/fold.py --friction 0.2 --cells 3
+    mpirun -n 2 python3 demos/fold.py --cells 3 --friction 0.2 --longer 1
     python3 demos/fold.py --plot fold.png
 
-Time counts steps: --steps until the legs are almost closed, and half as many from there on, shorter
-ones. A second mesh has twice as many cells each way. The force is that on a plane. Lengths are in
-units of the legs' thickness, stresses in E. Keys of the JSON object, but for the last of the mesh
-of --cells:
+There are --steps until the legs are almost closed, and half as many shorter ones from there on. All
+is done again with twice as many cells each way. Legs that are mirror images do not slip on each
+other, whatever the friction; --longer makes one longer than the other. Then the spring is not
+symmetric, and what holds the middle of the bend takes a force. Lengths are in units of the legs'
+thickness, stresses in E; the force is that on a plane. Keys of the JSON object, of the mesh of
+--cells:
 
 - force: at the end;
-- force_change: the largest difference of the forces of both meshes at the same stroke, over the
-  largest force;
+- force_change: the largest difference to the finer mesh at the same stroke, over the largest force;
 - symmetry_error: the largest difference between displacements and their mirror image, of all steps,
   over the stroke of a plane;
 - energy_error: |work of the planes (Simpson's rule) − elastic energy − energy taken by friction|
-  at the end, over the work;
-- max_penetration: the deepest that the spring goes into itself, of all steps;
+  over the work, at the end;
+- max_penetration: how deep the spring goes into itself, the largest of all steps;
 - facet_size: the smallest;
 - snes_iterations: of both meshes.
 """
@@ -52,7 +53,8 @@ class Parameters:
 
     cells: int = option(4, "across the legs", type=count)
     friction: float = option(0.0, "Coulomb's coefficient, of the spring on itself")
-    steps: int = option(80, "until the legs are almost closed, a multiple of 4", type=count)
+    longer: float = option(0.0, "by how much the lower leg is longer")
+    steps: int = option(64, "until the legs are almost closed, a multiple of 4", type=count)
     touching: str = option("boundary", "what may touch itself", choices=("boundary", "inside"))
     sliding: str = option("small", "finite: contact's geometry follows the bodies in a step")
     enforcement: str = option("augmented-lagrangian")
@@ -61,11 +63,13 @@ class Parameters:
     def __post_init__(self):
         if self.friction < 0:
             raise ValueError("--friction: must not be negative")
+        if not -2 <= self.longer <= 2:
+            raise ValueError("--longer: must be from -2 to 2")
         if self.steps % 4:
             raise ValueError("--steps: must be a multiple of 4")
 
     def strokes(self):
-        """How far each plane has moved at the ends of steps; each half has an even number of them."""
+        """How far each plane has moved at first and after each step."""
         last = self.steps // 2
         first = [(OPEN - CLOSED) * i / self.steps for i in range(self.steps)]
         return first + [OPEN - CLOSED + (CLOSED - FLAT) * i / last for i in range(last + 1)]
@@ -73,7 +77,7 @@ class Parameters:
 
 def build(comm, p):
     """Spring, contacts with the planes above and below and with itself, and the stepper."""
-    spring = Spring(comm, p.cells, p.touching)
+    spring = Spring(comm, p.cells, p.longer, p.touching)
     planes = [
         qs.RigidSurface.plane(comm, point=[0, side * OPEN], normal=[0, -side]) for side in (1, -1)
     ]

@@ -25,21 +25,24 @@ ROUNDED, ROUNDING = 3.5, 10.0
 OPEN = RADIUS + LEG
 
 
-def points_of_strip(s, depth):
+def points_of_strip(s, depth, longer):
     """Where points of a straight strip are in the spring.
 
     Args:
         s: Distance from the middle along the inside, shape (n,).
         depth: From 0 inside to 1 outside, shape (m,).
+        longer: By how much the lower leg is, in which s is negative.
 
     Returns:
         Points, shape (n, m, 2).
     """
     quarter = RADIUS * np.pi / 2
+    length = np.where(s < 0, LENGTH + longer, LENGTH)[:, None]
     along = np.abs(s)[:, None]
+    along = along + np.maximum(along - quarter, 0) * (length / LENGTH - 1)
     part = np.clip((along - quarter) / TAPER, 0, 1)
     outside = BEND + (LEG - BEND) * part**2 * (3 - 2 * part)
-    inside = np.maximum(along - quarter - LENGTH + ROUNDED, 0) ** 2 / (2 * ROUNDING)
+    inside = np.maximum(along - quarter - length + ROUNDED, 0) ** 2 / (2 * ROUNDING)
     r = RADIUS + inside + depth * (outside - inside)
     angle = np.clip(s, -quarter, quarter)[:, None] / RADIUS
     x = np.maximum(along - quarter, 0) - r * np.cos(angle)
@@ -61,15 +64,16 @@ class Spring:
     Args:
         comm: Communicator.
         n: Cells across.
+        longer: By how much the lower leg is.
         touching: Of what it may touch itself with, "boundary" or "inside".
     """
 
-    def __init__(self, comm, n, touching):
+    def __init__(self, comm, n, longer, touching):
         s = stations(n)
         self.shape = len(s), n + 1
         x, cells = np.zeros((0, 2)), np.zeros((0, 4), dtype=np.int64)
         if comm.rank == 0:
-            x = points_of_strip(s, np.linspace(0, 1, n + 1)).reshape(-1, 2)
+            x = points_of_strip(s, np.linspace(0, 1, n + 1), longer).reshape(-1, 2)
             node = np.arange(len(x)).reshape(self.shape)
             corners = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
             cells = np.stack(corners, axis=-1).reshape(-1, 4)
@@ -83,10 +87,11 @@ class Spring:
         for dim in (0, 1):
             msh.topology.create_connectivity(dim, 2)
         self.bcs = self._hold()
-        self.boundary = qs.Surface(V, facets=mesh.exterior_facet_indices(msh.topology))
-        self.surface = self.boundary
+        facets = mesh.exterior_facet_indices(msh.topology)
+        self.boundary = self.surface = qs.Surface(V, facets=facets)
         if touching == "inside":
-            self.surface = qs.Surface(V, facets=mesh.locate_entities_boundary(msh, 1, is_inside))
+            nodes = self.numbers()[mesh.entities_to_geometry(msh, 1, facets)]
+            self.surface = qs.Surface(V, facets=facets[np.all(nodes % (n + 1) == 0, axis=1)])
         self.facet_size = self.boundary.facet_size_range[0]
 
     def _hold(self):
@@ -101,6 +106,10 @@ class Spring:
         V_x = self.V.sub(0)
         dof = fem.locate_dofs_topological(V_x, 0, inside)
         return [fix(self.V, 1, middle), fem.dirichletbc(0.0, dof, V_x)]
+
+    def numbers(self):
+        """Nodes of the mesh's geometry as they were numbered along the strip."""
+        return self.mesh.geometry.input_global_indices
 
     def energy(self):
         """Elastic energy. Collective."""
@@ -117,17 +126,8 @@ class Spring:
 
     def asymmetry(self):
         """The largest difference of displacements and their mirror image. Collective."""
-        geometry = self.mesh.geometry
-        own = geometry.index_map().size_local
+        own = self.mesh.geometry.index_map().size_local
         u = np.zeros((self.shape[0] * self.shape[1], 2))
-        u[geometry.input_global_indices[:own]] = node_values(self.u)[:own]
+        u[self.numbers()[:own]] = node_values(self.u)[:own]
         u = self.mesh.comm.allreduce(u).reshape(*self.shape, 2)
         return np.abs(u - u[::-1] * [1, -1]).max()
-
-
-def is_inside(x):
-    """Whether points are on the inside of the spring."""
-    bend = np.isclose(np.hypot(x[0], x[1]), RADIUS) & (x[0] < 1e-9)
-    start = LENGTH - ROUNDED
-    rounded = np.maximum(x[0] - start, 0) ** 2 / (2 * ROUNDING)
-    return bend | ((x[0] > -1e-9) & np.isclose(np.abs(x[1]), RADIUS + rounded))

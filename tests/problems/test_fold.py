@@ -1,0 +1,88 @@
+"""The fold demo: force, symmetry, balances, friction, its parameters, and ranks."""
+
+import functools
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from fold import CLOSED, FLAT, Parameters, fold, run
+from fold_bodies import OPEN
+from fold_output import energy_error, symmetry_error
+from scenes import WORLD
+
+KEYS = (
+    "force",
+    "force_change",
+    "symmetry_error",
+    "energy_error",
+    "max_penetration",
+    "facet_size",
+    "snes_iterations",
+)
+
+
+@functools.cache
+def folded(**options):
+    """Rows of one mesh."""
+    return fold(Parameters(cells=2, steps=24, **options), WORLD)
+
+
+def test_flat():
+    """The ends of the legs touch, and at the end more than half of the legs; energies balance."""
+    rows = folded()
+    assert rows[-1].stroke == pytest.approx(OPEN - FLAT)
+    touching = [row.touching for row in rows if row.stroke < OPEN - CLOSED]
+    assert touching[0] == 0 and 0 < max(touching[:-4]) < 1.6 and rows[-1].touching > 5
+    assert max(row.penetration for row in rows) < 0.1 * rows[-1].facet_size
+    assert energy_error(rows) < 3e-3 and symmetry_error(rows) < 1e-5
+    assert max(row.net_force for row in rows) < 1e-7 * rows[-1].force
+    assert sum(row.cutbacks for row in rows) == 0
+
+
+def test_pressed_legs():
+    """Each further stroke strains the legs, where they touch, as it would a flat specimen."""
+    a, b = folded()[-3], folded()[-1]
+    modulus = 1 / (1 - 0.3**2)  # free along the legs, in plane strain
+    stiffness = (b.force - a.force) / (b.stroke - a.stroke)
+    assert stiffness == pytest.approx(modulus * (a.touching + b.touching) / 2, rel=0.15)
+
+
+def test_inside():
+    """What is named besides that does not touch makes no difference."""
+    both = [[row.force for row in folded(touching=name)] for name in ("boundary", "inside")]
+    np.testing.assert_allclose(*both, rtol=1e-6, atol=1e-9)
+
+
+def test_friction():
+    """Legs that are mirror images do not slip on each other; others do."""
+    rows = folded(friction=0.2)
+    assert abs(rows[-1].dissipated) < 1e-9 * rows[-1].elastic
+    assert rows[-1].force == pytest.approx(folded()[-1].force, rel=1e-6)
+    rows = folded(friction=0.2, longer=1.0)
+    assert rows[-1].dissipated > 1e-5 * rows[-1].elastic and energy_error(rows) < 3e-3
+
+
+def test_results():
+    result, (rows, finer) = run(Parameters(cells=1, steps=16), WORLD)
+    assert tuple(result) == KEYS
+    assert result["force"] == rows[-1].force and result["force_change"] < 0.2
+    assert result["snes_iterations"] == sum(row.iterations for row in rows + finer)
+
+
+def test_ranks_do_not_matter():
+    p = Parameters(cells=2, steps=16, longer=0.5, friction=0.2)
+    values = []
+    for comm in (MPI.COMM_SELF, WORLD):
+        rows = fold(p, comm)
+        values.append([(r.force, r.elastic, r.asymmetry, r.touching) for r in rows])
+    np.testing.assert_allclose(values[1], values[0], rtol=1e-7, atol=1e-9)
+
+
+def test_refused():
+    with pytest.raises(ValueError, match="--friction"):
+        Parameters(friction=-0.1)
+    with pytest.raises(ValueError, match="--steps: must be a multiple of 4"):
+        Parameters(steps=10)
+    with pytest.raises(ValueError, match="--longer"):
+        Parameters(longer=3.0)
