@@ -123,7 +123,7 @@ def rotation(angle, axis=None):
     return c * np.eye(3) + s * cross + (1 - c) * np.outer(a, a)
 
 
-def _create(cell, x, cells):
+def create(cell, x, cells):
     """Mesh of cells, given on all ranks."""
     gdim = x.shape[1]
     mine = np.array_split(np.arange(len(cells)), WORLD.size)[WORLD.rank]
@@ -144,8 +144,8 @@ def ring(n, radii, cell="quadrilateral", turn=0.0, wave=0.0):
     first, second = i + around * j, (i + 1) % around + around * j
     quads = np.stack([first, second, first + around, second + around], axis=1)
     if cell == "triangle":
-        return _create(cell, x, np.concatenate([quads[:, [0, 1, 2]], quads[:, [1, 3, 2]]]))
-    return _create(cell, x, quads)
+        return create(cell, x, np.concatenate([quads[:, [0, 1, 2]], quads[:, [1, 3, 2]]]))
+    return create(cell, x, quads)
 
 
 def shell(n, radii, cell="hexahedron", turn=None):
@@ -176,7 +176,7 @@ def shell(n, radii, cell="hexahedron", turn=None):
     x = np.concatenate([r * normals for r in radii])
     hexes = np.concatenate([quads, quads + len(points)], axis=1)
     if cell == "hexahedron":
-        return _create(cell, x, hexes)
+        return create(cell, x, hexes)
     # Six tetrahedra along the diagonals from the lowest number of each face.
     prisms = []
     for q in quads:
@@ -193,7 +193,7 @@ def shell(n, radii, cell="hexahedron", turn=None):
             (low[0], low[1], high[1], high[2]),
             (low[0], high[0], high[1], high[2]),
         ]
-    return _create(cell, x, np.array(tets))
+    return create(cell, x, np.array(tets))
 
 
 def on_radius(body, radius, tolerance=0.2):
@@ -289,6 +289,6 @@ class Boxes:
 
 
 __all__ = [
-    "Body", "Boxes", "Nested", "clamp", "moment", "on_radius", "problem_of", "ring", "rotation",
+    "Body", "Boxes", "Nested", "clamp", "create", "moment", "on_radius", "problem_of", "ring", "rotation",
     "shell", "slide", "total",
 ]  # fmt: skip
