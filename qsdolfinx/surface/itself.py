@@ -25,7 +25,8 @@ def boundary_of(surface: Surface) -> Surface:
     """All of the boundary of a surface's body, of which that surface may touch itself. Collective.
 
     The other facets hide what is behind them, and tell what is within the body. Of two facets that
-    touch, the one that is further along some direction now is the slave's.
+    touch, the one whose cell is further along some direction now is the slave's: those on the two
+    sides of a closed slit are at the same place.
 
     Raises:
         ValueError: If the boundary that DOLFINx finds is not closed.
@@ -37,7 +38,7 @@ def boundary_of(surface: Surface) -> Surface:
         facets = _off_axis(surface, facets)
     out = Surface(surface.V, facets=facets, axisymmetric=surface.axisymmetric)
     x, inside, _ = out.coordinates
-    key = x.mean(axis=1) @ ALONG
+    key = (x.mean(axis=1) + inside) @ ALONG
     key[~np.isin(out.facets, surface.facets)] = np.nan
     out.touch_itself(key)
     if not surface.axisymmetric:
