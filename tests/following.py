@@ -289,6 +289,6 @@ class Boxes:
 
 
 __all__ = [
-    "Body", "Boxes", "Nested", "clamp", "create", "moment", "on_radius", "problem_of", "ring", "rotation",
-    "shell", "slide", "total",
+    "Body", "Boxes", "Nested", "clamp", "create", "moment", "on_radius", "problem_of", "ring",
+    "rotation", "shell", "slide", "total",
 ]  # fmt: skip

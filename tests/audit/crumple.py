@@ -45,7 +45,7 @@ REFUSALS = (qs.ConvergenceError, qs.StepError)
 EXPLAINED = ("within itself", "within tool", "force on what is open", "out of the cone")
 
 #: Steps that are cut back, at which a scene is given up.
-MANY = 12
+MANY = 6
 
 #: Young's modulus of all bodies.
 E = 100.0
@@ -159,7 +159,10 @@ class Scene:
         x = x @ np.array([[c, sine], [-sine, c]])
         i, j = (a.ravel() for a in np.meshgrid(np.arange(along), np.arange(across), indexing="ij"))
         count = along if closed else along + 1
-        corner = lambda a, b: ((i + a) % count) * (across + 1) + j + b
+
+        def corner(a, b):
+            return ((i + a) % count) * (across + 1) + j + b
+
         quads = np.stack([corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)], axis=1)
         if self.gdim == 2:
             if self.cell == "quadrilateral":
@@ -201,7 +204,10 @@ class Scene:
 def random_scene(number, gdim=2, sliding="finite"):
     """A scene by its number, the same for all ranks and both kinds of sliding."""
     rng = np.random.default_rng([SEED, gdim, number])
-    real = lambda low, high: float(rng.uniform(low, high))
+
+    def real(low, high):
+        return float(rng.uniform(low, high))
+
     turn = real(0, 2 * np.pi) if rng.random() < 0.7 else 0.0
     t, mu = real(0.03, 0.07), float(rng.choice([0.0, 0.0, 0.2, 0.4]))
     penalty = 20.0 if rng.random() < 0.25 else 0.0
@@ -231,7 +237,7 @@ def _turned(tool, turn):
 
 
 def _box(rng, real, low, high, gdim, round_share=0.3):
-    """Tools around the origin, which go from half sizes (low) to others (high) in a unit of time."""
+    """Tools around the origin, which go from half sizes (low) to others (high)."""
     out = []
     for axis in range(len(low)):
         for sign in (-1.0, 1.0):
@@ -247,7 +253,7 @@ def _box(rng, real, low, high, gdim, round_share=0.3):
 
 def _strip(rng, real, t):
     cell, degree = str(rng.choice(["triangle", "quadrilateral"])), 1 + int(rng.random() < 0.15)
-    along = int(round(real(0.8, 1.3) / t))
+    along = round(real(0.8, 1.3) / t)
     harmonics = int(rng.integers(2, 6))
     heights = rng.normal(size=harmonics) * 0.12 / np.arange(1, harmonics + 1)
     waves = tuple((float(a), real(0, 2 * np.pi)) for a in heights)
@@ -260,7 +266,7 @@ def _strip(rng, real, t):
     tools = _box(rng, real, low[:1] if open_above else low, last[:1] if open_above else last, 2)
     return {
         "shape": "strip", "cell": cell, "degree": degree, "n": (along, int(rng.integers(1, 3))),
-        "thickness": t, "waves": waves, "tools": tools, "steps": 50,
+        "thickness": t, "waves": waves, "tools": tools, "steps": 32,
     }  # fmt: skip
 
 
@@ -274,7 +280,7 @@ def _held_strip(rng, real, t):
 
 def _ring(rng, real, t):
     cell, degree = str(rng.choice(["triangle", "quadrilateral"])), 1 + int(rng.random() < 0.15)
-    along = int(round(real(1.8, 2.6) / t))
+    along = round(real(1.8, 2.6) / t)
     waves = tuple((real(-0.12, 0.12), real(0, 2 * np.pi)) for _ in range(int(rng.integers(1, 5))))
     high = 0.5 * np.prod([1 + abs(a) for a, _ in waves]) + 0.01
     half = real(0.2, 0.5)
@@ -283,33 +289,33 @@ def _ring(rng, real, t):
     tools = _box(rng, real, [high, high], last, 2)
     return {
         "shape": "tube", "cell": cell, "degree": degree, "n": (along, int(rng.integers(1, 3))),
-        "thickness": t, "waves": waves, "tools": tools[2 if last[0] > 1 else 0 :], "steps": 50,
+        "thickness": t, "waves": waves, "tools": tools[2 if last[0] > 1 else 0 :], "steps": 32,
     }  # fmt: skip
 
 
 def _plate(rng, real, t):
     """Bent by a wave and pressed along, until its halves lie on each other."""
     t *= 1.5
-    cell, along = str(rng.choice(["tetrahedron", "hexahedron"])), int(rng.integers(12, 17))
+    cell, along = str(rng.choice(["tetrahedron", "hexahedron"])), int(rng.integers(8, 13))
     waves = ((float(real(0.12, 0.2) * rng.choice([-1, 1])), 0.0), (real(-0.06, 0.06), 0.0))
     tools = _box(rng, real, [0.53 + t, 0.4], [real(0.12, 0.18), real(0.15, 0.3)], 3)
     return {
-        "shape": "plate", "cell": cell, "degree": 1, "n": (along, 1, int(rng.integers(2, 4))),
-        "thickness": t, "waves": waves, "tools": tools, "steps": 40,
+        "shape": "plate", "cell": cell, "degree": 1, "n": (along, 1, int(rng.integers(1, 3))),
+        "thickness": t, "waves": waves, "tools": tools, "steps": 24,
     }  # fmt: skip
 
 
 def _tube(rng, real, t):
     """Pressed from two sides, or four, until its walls meet."""
     t *= 1.5
-    cell, along = str(rng.choice(["tetrahedron", "hexahedron"])), int(rng.integers(18, 25))
+    cell, along = str(rng.choice(["tetrahedron", "hexahedron"])), int(rng.integers(12, 17))
     waves = ((real(0, 0.05), real(0, 6.28)), (real(0, 0.05), real(0, 6.28)))
     sides = [0.56, 0.56], [float(rng.choice([0.4, 0.9])), 1.1 * t]
     tools = _box(rng, real, *sides, 3, 0.4)
     tools = tools if sides[1][0] < 0.5 else tools[2:]
     return {
-        "shape": "tube", "cell": cell, "degree": 1, "n": (along, 1, int(rng.integers(2, 4))),
-        "thickness": t, "waves": waves, "tools": tools, "steps": 25,
+        "shape": "tube", "cell": cell, "degree": 1, "n": (along, 1, int(rng.integers(1, 3))),
+        "thickness": t, "waves": waves, "tools": tools, "steps": 12,
     }  # fmt: skip
 
 
@@ -333,7 +339,7 @@ class Crumpled:
         drag = fem.Constant(body.mesh, scene.drag)
         body.F += drag / self.dt * ufl.inner(body.u - self.before, body.v) * dx
         self.form = fem.form(body.F)
-        self._hold_ends(cells)
+        self._hold_ends()
         surface = body.surface(body.boundary(lambda x: np.full(x.shape[1], True)))
         self.tools = [tool.make() for tool in scene.tools]
         h = scene.thickness
@@ -347,7 +353,9 @@ class Crumpled:
         options["sliding"] = scene.tools_sliding
         self.contacts += [qs.Contact(surface, tool, **options) for tool in self.tools]
         self.problem = qs.ContactProblem([body.F], [body.u], self.contacts, [self.bcs])
-        self.stepper = qs.TimeStepper(self.problem, 1 / scene.steps, self.drive, dt_min=1 / (16 * scene.steps))
+        limits = {"max_slip": 0.5} if scene.sliding == "small" else {}
+        dt = 1 / scene.steps
+        self.stepper = qs.TimeStepper(self.problem, dt, self.drive, dt_min=dt / 8, **limits)
         self._find_nodes()
 
     def drive(self, t, dt):
@@ -360,7 +368,7 @@ class Crumpled:
         for tool, own in zip(self.tools, self.scene.tools, strict=True):
             tool.displacement = dt * np.array(own.velocity)
 
-    def _hold_ends(self, cells):
+    def _hold_ends(self):
         """Conditions on the first cells' ends and the last ones', by places at rest."""
         self.bcs, self.motion = [], []
         if not self.scene.held:
@@ -453,7 +461,7 @@ class Crumpled:
             twist += contact.moment("master", np.zeros(d))
         out = compare("balance", np.abs(f.sum(axis=0) + on_tools), bound)
         own = x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0] if d == 2 else np.cross(x, f)
-        if "small" in (self.scene.sliding, self.scene.tools_sliding):  # forces times what gaps have become, and turns
+        if "small" in (self.scene.sliding, self.scene.tools_sliding):  # what has slid, and turned
             bound += 0.1 * unit * self.scene.thickness
         return out + compare("moments", np.abs(own.sum(axis=0) + twist), bound)
 
@@ -496,11 +504,8 @@ def compare(name, values, bounds):
     wrong = ~(values <= bounds)
     if not wrong.any():
         return []
-    i = np.flatnonzero(wrong)[np.argmax(np.where(wrong, values / np.maximum(bounds, 1e-30), -1)[wrong])]
+    i = np.argmax(np.where(wrong, values - bounds, -np.inf))
     return [f"{name}: {values[i]:.3g} > {bounds[i]:.3g} at {wrong.sum()} place(s)"]
-
-
-
 
 
 @dataclasses.dataclass
@@ -576,6 +581,10 @@ def run(numbers, gdim=2, sliding="finite", report=None, verbose=False):
     return counts
 
 
+def report(text):
+    print(text, flush=True)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=numbers_of, default=range(20), help="first:last, or 3,7")
@@ -584,8 +593,7 @@ def main():
     parser.add_argument("--verbose", action="store_true", help="those without faults as well")
     args = parser.parse_args()
     start = time.perf_counter()
-    say = lambda text: print(text, flush=True)
-    counts = run(args.seeds, args.dim, args.sliding, say, args.verbose)
+    counts = run(args.seeds, args.dim, args.sliding, report, args.verbose)
     if COMM.rank == 0:
         words = ", ".join(f"{count} {word}" for word, count in counts.items())
         seconds = time.perf_counter() - start

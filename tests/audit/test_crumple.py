@@ -1,0 +1,12 @@
+"""A few bodies that are crumpled until they touch themselves; many by tests/audit/crumple.py."""
+
+import pytest
+from audit.crumple import run
+
+
+@pytest.mark.parametrize("sliding", ("finite", "small"))
+def test_strips(sliding):
+    faults = []
+    counts = run([1, 13], 2, sliding, faults.append)
+    assert counts["FAULT"] == 0, "\n".join(faults)
+    assert counts["good"] + counts["warned"] == 2 and counts["touching"] > 0
