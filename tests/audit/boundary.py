@@ -166,11 +166,11 @@ class Boundary:
         self.points = np.einsum("pk,skd->spd", self.samples, self.corners).reshape(-1, self.d)
         self.point_normals = self.normals[self.sample_simplex]
         self.turn = np.zeros(len(self.simplices))
-        for parts in self._around():
+        for parts in self.around():
             spread = np.arccos(np.clip(self.normals[parts] @ self.normals[parts].T, -1, 1)).max()
             self.turn[parts] = np.maximum(self.turn[parts], spread)
 
-    def _around(self):
+    def around(self):
         """Simplices around each node."""
         pairs = self.node_simplex
         return np.split(pairs[:, 1], np.flatnonzero(np.diff(pairs[:, 0])) + 1)

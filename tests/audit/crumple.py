@@ -473,7 +473,7 @@ class Crumpled:
         gap, allowed = gap.reshape(count, per), allowed.reshape(count, per)
         opposite = opposite.reshape(count, per, -1)
         angle = np.arctan(self.scene.mu) + ANGLE
-        for parts, node in zip(boundary._around(), boundary.nodes, strict=True):
+        for parts, node in zip(boundary.around(), boundary.nodes, strict=True):
             f = forces[node]
             size = np.linalg.norm(f)
             if size <= NO_FORCE * unit * 10 or self.is_held[self.number[node]]:
