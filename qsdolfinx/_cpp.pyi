@@ -252,6 +252,7 @@ class Surface:
         inside: numpy.typing.NDArray[numpy.float64],
         local_size: int,
         axisymmetric: bool,
+        key: numpy.typing.NDArray[numpy.float64] | None = None,
     ) -> None:
         """Collective."""
 
@@ -262,9 +263,6 @@ class Surface:
 
     def follow(self, trace_x: numpy.typing.NDArray[numpy.float64]) -> None:
         """Let the nodes of the trace have other coordinates, [facet][node][3]; local."""
-
-    def touch_itself(self, key: numpy.typing.NDArray[numpy.float64]) -> None:
-        """Let it be a boundary that may touch itself; see surface/surface.h; collective."""
 
     def measure_nodes(self) -> None:
         """Areas and normals of the nodes after `follow`; collective."""

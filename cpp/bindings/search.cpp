@@ -18,7 +18,7 @@ void qsdolfinx::bind_search(nb::module_& m)
 {
   m.def(
       "within_body",
-      [](const Surface& surface, In<double> x, In<double> normal)
+      [](const Surface& surface, In<double> x, In<double> normal, In<std::int64_t> facet)
       {
         std::vector<Vec3> points, normals;
         for (std::size_t i = 0; i < x.array.size(); i += 3)
@@ -26,10 +26,11 @@ void qsdolfinx::bind_search(nb::module_& m)
           points.push_back({x.view()[i], x.view()[i + 1], x.view()[i + 2]});
           normals.push_back({normal.view()[i], normal.view()[i + 1], normal.view()[i + 2]});
         }
-        const auto out = within_body(surface, points, normals);
+        const std::vector<std::size_t> facets(facet.view().begin(), facet.view().end());
+        const auto out = within_body(surface, points, normals, facets);
         return copy(out, {out.size()});
       },
-      "surface"_a, "x"_a, "normal"_a,
+      "surface"_a, "x"_a, "normal"_a, "facet"_a,
       "Whether places just outside of points of a body's boundary are within the body, [point]; "
       "collective.");
   nb::class_<SearchRadius>(m, "SearchRadius",

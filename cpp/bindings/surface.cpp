@@ -4,6 +4,7 @@
 #include "surface/relief.h"
 
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -16,13 +17,14 @@ void qsdolfinx::bind_surface(nb::module_& m)
           "__init__",
           [](Surface* self, int comm, int gdim, int num_vertices, In<double> x, int degree,
              In<std::int64_t> dofs, In<int> owner, In<double> inside, std::int64_t local_size,
-             bool axisymmetric)
+             bool axisymmetric, const std::optional<In<double>>& key)
           {
             new (self) Surface(MPI_Comm_f2c(comm), gdim, facet_type(num_vertices), x.view(), degree,
-                               dofs.view(), owner.view(), inside.view(), local_size, axisymmetric);
+                               dofs.view(), owner.view(), inside.view(), local_size, axisymmetric,
+                               key.has_value(), key ? key->view() : std::span<const double>{});
           },
           "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
-          "local_size"_a, "axisymmetric"_a, "Collective.")
+          "local_size"_a, "axisymmetric"_a, "key"_a = nb::none(), "Collective.")
       .def(
           "move",
           [](Surface& s, In<double> x, In<double> inside) { s.move(x.view(), inside.view()); },
@@ -30,9 +32,6 @@ void qsdolfinx::bind_surface(nb::module_& m)
       .def(
           "follow", [](Surface& s, In<double> trace_x) { s.follow(trace_x.view()); }, "trace_x"_a,
           "Let the nodes of the trace have other coordinates, [facet][node][3]; local.")
-      .def(
-          "touch_itself", [](Surface& s, In<double> key) { s.touch_itself(key.view()); }, "key"_a,
-          "Let it be a boundary that may touch itself; see surface/surface.h; collective.")
       .def("measure_nodes", &Surface::measure_nodes,
            "Areas and normals of the nodes after `follow`; collective.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range,

@@ -27,7 +27,7 @@ struct NearbyFacets : FacetCopies
   std::vector<double> curvature;  ///< [facet][6], if asked for
   std::vector<double> heights;    ///< [facet][node of degree 2], if they are known
   std::vector<double> trace_x;    ///< [facet][trace][3], of surfaces that follow their bodies
-  std::vector<double> key;        ///< Surface::keys, [facet], of surfaces that touch themselves
+  std::vector<double> key;        ///< Surface::keys, of surfaces that touch themselves
 
   Curvature curvature_of(std::size_t facet) const
   {
@@ -80,7 +80,7 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
     if (from.follows())
       append_record(trace_x, from.facets().trace_x, f, nt * 3);
     if (from.touches_itself())
-      key.push_back(from.keys()[f]);
+      append_record(key, from.keys(), f, key_size);
   }
   const Exchange exchange(from.comm(), dest);
   return {
@@ -94,7 +94,21 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
       with_curvature ? exchange.forward<double>(curvature, 6) : std::vector<double>{},
       known ? exchange.forward<double>(heights, nh) : std::vector<double>{},
       from.follows() ? exchange.forward<double>(trace_x, nt * 3) : std::vector<double>{},
-      from.touches_itself() ? exchange.forward<double>(key, 1) : std::vector<double>{}};
+      from.touches_itself() ? exchange.forward<double>(key, key_size) : std::vector<double>{}};
+}
+
+/// Of a surface that touches itself, whether a facet and a copy of another may be in contact, the
+/// first one as the slave or not.
+bool has_role(const Surface& cut, std::size_t f, const NearbyFacets& nearby, std::size_t g,
+              bool is_slave)
+{
+  const auto here = std::span(cut.keys()).subspan(f * key_size, key_size),
+             there = std::span(nearby.key).subspan(g * key_size, key_size);
+  if (std::isnan(here[0]) || std::isnan(there[0]))
+    return false;
+  const int first = is_slave_of(here, there);
+  const bool by_name = name_of(cut.facet_x(f)) < name_of(nearby.facet_x(g));
+  return (first > 0 || (first == 0 && by_name)) == is_slave;
 }
 
 /// Whether two bodies are curved the same way along the line between two vertices of a facet where
@@ -346,7 +360,7 @@ public:
     {
       asking_ = true;
       cut_all();
-      inside_ = within_body(cut_, asked_x_, asked_normal_);
+      inside_ = within_body(cut_, asked_x_, asked_normal_, asked_facet_);
       asking_ = false;
     }
     cut_all();
@@ -408,7 +422,8 @@ private:
       if (cut_.type() != FacetType::interval)
         polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
       pieces_.push_back({g, std::move(other), polygon_,
-                         dot(outward, outward_) < facing_cosine * norm(outward) && may_pair(f, g)});
+                         dot(outward, outward_) < facing_cosine * norm(outward)
+                             && (!of_itself_ || has_role(cut_, f, nearby_, g, cut_is_slave_))});
     }
   }
 
@@ -514,20 +529,6 @@ private:
     return hides(-s, crossings_, tie_);
   }
 
-  /// Of a surface that touches itself, whether a pair of facets may be in contact, and has the
-  /// roles that this run is for.
-  bool may_pair(std::size_t f, std::size_t g) const
-  {
-    if (!of_itself_)
-      return true;
-    const double here = cut_.keys()[f], there = nearby_.key[g];
-    if (std::isnan(here) || std::isnan(there))
-      return false;
-    const bool first
-        = here > there || (here == there && comes_first(cut_.facet_x(f), nearby_.facet_x(g)));
-    return first == cut_is_slave_;
-  }
-
   /// Whether a facet is opposed to the one that is cut at q, and further behind it than it may be
   /// by rounding: on the other side of the body's wall, or of another part that this is within.
   bool is_anything_behind(std::size_t f, const Vec2& q, const Vec3& x) const
@@ -630,6 +631,7 @@ private:
         {
           asked_x_.push_back(x);
           asked_normal_.push_back(n);
+          asked_facet_.push_back(f);
         }
         if (asking_)
           continue;
@@ -810,7 +812,8 @@ private:
   bool of_itself_; ///< whether both are the same surface
   bool asking_ = false;
   std::vector<Vec3> asked_x_, asked_normal_; ///< points with anything behind them, as they come
-  std::vector<std::uint8_t> inside_;         ///< whether they are within another part of the body
+  std::vector<std::size_t> asked_facet_;
+  std::vector<std::uint8_t> inside_; ///< whether they are within another part of the body
   std::size_t next_answer_ = 0;
   std::vector<Piece> pieces_;
   std::vector<Screen> backs_, own_screens_;
@@ -905,6 +908,7 @@ Pieces qsdolfinx::nearby_pieces(const Surface& slave, const Surface& master, boo
                                 double radius, double margin)
 {
   Pieces out = no_pieces(slave, master);
+  const bool of_itself = slave.touches_itself() && master.touches_itself();
   const auto cut = [&](const Surface& surface, const Surface& other)
   {
     const NearbyFacets nearby = fetch_nearby(other, surface, radius + margin);
@@ -925,7 +929,8 @@ Pieces qsdolfinx::nearby_pieces(const Surface& slave, const Surface& master, boo
                  });
       std::ranges::sort(found);
       for (std::size_t g : found)
-        if (dot(nearby.outward(g), surface.normal(f, facet_centre(surface.type()))) < 0)
+        if (dot(nearby.outward(g), surface.normal(f, facet_centre(surface.type()))) < 0
+            && (!of_itself || has_role(surface, f, nearby, g, &surface == &slave)))
           record.append(surface, f, nearby, g, &surface == &slave);
     }
   };

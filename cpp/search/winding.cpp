@@ -12,9 +12,6 @@ namespace
 constexpr std::array<Vec3, 3> ways{
     {{0.7236, 0.5537, 0.4117}, {0.6217, -0.6841, 0.3814}, {0.4513, 0.3329, -0.8279}}};
 
-/// Distance along the way, over its length, at which a facet is the one that the point is on.
-constexpr double own_facet = 1e-12;
-
 /// Margin of boxes over the length of the way: in 2D they have no height.
 constexpr double box_margin = 1e-9;
 
@@ -34,27 +31,66 @@ Vec3 way_out(const Vec3& way, int gdim, double length)
   return (length / norm(flat)) * flat;
 }
 
-/// Facets of this rank that are left less those that are entered.
-int count(const Surface& surface, const Vec3& x, const Vec3& d)
+double cross_along(const Vec3& d, const Vec3& a, const Vec3& b) { return dot(d, cross(a, b)); }
+
+/// How often the way x + t d, t > 0, leaves a quadrilateral, which may be warped, less how often it
+/// enters it: up to two places (u, v) with a + u b + v c + u v e along d.
+int count_warped(const Vec3& x, const Vec3& d, std::span<const double> v, double orientation)
+{
+  const Vec3 p = facet_vertex(v, 0), a = p - x, b = facet_vertex(v, 1) - p,
+             c = facet_vertex(v, 2) - p, e = facet_vertex(v, 3) - p - b - c;
+  const double k0 = cross_along(d, a, b), k1 = cross_along(d, a, e) + cross_along(d, c, b),
+               k2 = cross_along(d, c, e), root = k1 * k1 - 4 * k0 * k2;
+  if (root < 0)
+    return 0;
+  const double q = -0.5 * (k1 + std::copysign(std::sqrt(root), k1));
+  const std::array<double, 2> found{q / k2, k0 / q}; // infinite if there is one alone
+  int out = 0;
+  for (std::size_t i = 0; i < (root > 0 ? 2 : 1); ++i)
+  {
+    const double t = found[i];
+    if (!(t >= 0 && t < 1))
+      continue;
+    // Across d, a + t c and b + t e are parallel.
+    const Vec3 r = cross(d, a + t * c), s = cross(d, b + t * e);
+    const double u = -dot(r, s) / dot(s, s);
+    const Vec3 way = a + u * b + t * c + u * t * e;
+    if (u >= 0 && u < 1 && dot(way, d) > 0)
+      out += orientation * dot(area_vector(FacetType::quadrilateral, v, {u, t}), d) > 0 ? 1 : -1;
+  }
+  return out;
+}
+
+/// Facets of this rank that are left less those that are entered. @param own facet of this rank
+/// that x is on
+int count(const Surface& surface, const Vec3& x, const Vec3& d, std::optional<std::size_t> own)
 {
   int out = 0;
   surface.tree().along(LinePart(x, d, 1.0, box_margin * norm(d)),
                        [&](std::size_t f)
                        {
-                         const auto v = surface.facet_x(f);
-                         const auto t = meet_facet(x, d, surface.type(), v);
-                         if (!t || *t <= own_facet || *t > 1)
+                         if (f == own)
                            return;
-                         const Vec3 a
-                             = area_vector(surface.type(), v, facet_centre(surface.type()));
-                         out += surface.facets().orientation[f] * dot(a, d) > 0 ? 1 : -1;
+                         const auto v = surface.facet_x(f);
+                         const double orientation = surface.facets().orientation[f];
+                         if (surface.type() == FacetType::quadrilateral)
+                         {
+                           out += count_warped(x, d, v, orientation);
+                           return;
+                         }
+                         const auto t = meet_facet(x, d, surface.type(), v);
+                         if (t && *t > 0)
+                           out += orientation * dot(area_vector(surface.type(), v, {0, 0}), d) > 0
+                                      ? 1
+                                      : -1;
                        });
   return out;
 }
 } // namespace
 
 std::vector<std::uint8_t> qsdolfinx::within_body(const Surface& surface, std::span<const Vec3> x,
-                                                 std::span<const Vec3> normal)
+                                                 std::span<const Vec3> normal,
+                                                 std::span<const std::size_t> facet)
 {
   const std::vector<Box> boxes = surface.rank_boxes(0);
   const Box all = box_of_all(boxes);
@@ -66,6 +102,7 @@ std::vector<std::uint8_t> qsdolfinx::within_body(const Surface& surface, std::sp
     std::vector<int> dest;
     std::vector<std::size_t> point;
     std::vector<double> places;
+    std::vector<std::int64_t> facets; // rank, and number there
     for (std::size_t p = 0; p < x.size(); ++p)
     {
       const LinePart line(x[p], d, 1.0, box_margin * length);
@@ -75,13 +112,21 @@ std::vector<std::uint8_t> qsdolfinx::within_body(const Surface& surface, std::sp
           dest.push_back(static_cast<int>(r));
           point.push_back(p);
           places.insert(places.end(), x[p].begin(), x[p].end());
+          facets.push_back(surface.rank());
+          facets.push_back(static_cast<std::int64_t>(facet[p]));
         }
     }
     const Exchange exchange(surface.comm(), dest);
     const auto asked = exchange.forward<double>(places, 3);
+    const auto on = exchange.forward<std::int64_t>(facets, 2);
     std::vector<int> found;
-    for (std::size_t i = 0; i < asked.size(); i += 3)
-      found.push_back(count(surface, {asked[i], asked[i + 1], asked[i + 2]}, d));
+    for (std::size_t i = 0; i < exchange.num_received(); ++i)
+    {
+      std::optional<std::size_t> own;
+      if (on[2 * i] == surface.rank())
+        own = static_cast<std::size_t>(on[2 * i + 1]);
+      found.push_back(count(surface, facet_vertex(asked, static_cast<int>(i)), d, own));
+    }
     const auto told = exchange.reverse<int>(found, 1);
     std::vector<int> left(x.size(), 0);
     for (std::size_t i = 0; i < told.size(); ++i)

@@ -16,7 +16,9 @@ namespace qsdolfinx
 /// Collective.
 /// @param surface all of the boundary of a body, but for the axis of a ring
 /// @param x, normal points of this rank's facets and outward normals there
+/// @param facet which facets these are
 std::vector<std::uint8_t> within_body(const Surface& surface, std::span<const Vec3> x,
-                                      std::span<const Vec3> normal);
+                                      std::span<const Vec3> normal,
+                                      std::span<const std::size_t> facet);
 
 } // namespace qsdolfinx

@@ -3,6 +3,7 @@
 #include "parallel/records.h"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <limits>
 #include <numeric>
@@ -63,9 +64,10 @@ std::array<std::array<double, 4>, 4> vertex_areas(const Surface& surface, std::s
 
 Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
                  std::span<const std::int64_t> dofs, std::span<const int> owner,
-                 std::span<const double> inside, std::int64_t local_size, bool axisymmetric)
+                 std::span<const double> inside, std::int64_t local_size, bool axisymmetric,
+                 bool touches_itself, std::span<const double> key)
     : gdim_(gdim), type_(type), degree_(degree), axisymmetric_(axisymmetric),
-      local_size_(local_size)
+      local_size_(local_size), touches_itself_(touches_itself), key_(key.begin(), key.end())
 {
   facets_.x.assign(x.begin(), x.end());
   facets_.dofs.assign(dofs.begin(), dofs.end());
@@ -116,6 +118,17 @@ void Surface::follow(std::span<const double> trace_x)
   tree_follows_ = false;
 }
 
+int qsdolfinx::is_slave_of(std::span<const double> key, std::span<const double> other)
+{
+  constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
+  constexpr double opposed = -0.2;
+  const Vec3 n{key[0], key[1], key[2]}, m{other[0], other[1], other[2]};
+  const bool by_normal = dot(n, m) < opposed;
+  const double here = by_normal ? dot(n, along) : key[3],
+               there = by_normal ? dot(m, along) : other[3];
+  return here > there ? 1 : (here < there ? -1 : 0);
+}
+
 Surface::~Surface()
 {
   to_owner_.reset();
@@ -141,8 +154,17 @@ void Surface::orient_and_measure(std::span<const double> inside)
 void Surface::number_nodes()
 {
   // A rank may own a node without owning any facet at it: every facet tells its vertices' owners.
-  to_owner_ = std::make_unique<Exchange>(comm_, facets_.vertex_owner);
-  const auto dofs = to_owner_->forward<std::int64_t>(facets_.vertex_dofs, gdim_);
+  const auto nv = static_cast<std::size_t>(num_vertices());
+  std::vector<int> dest;
+  for (std::size_t v = 0; v < facets_.vertex_owner.size(); ++v)
+  {
+    if (touches_itself_ && std::isnan(key_[v / nv * key_size]))
+      continue;
+    vertices_.push_back(v);
+    dest.push_back(facets_.vertex_owner[v]);
+  }
+  to_owner_ = std::make_unique<Exchange>(comm_, dest);
+  const auto dofs = tell_owners(facets_.vertex_dofs, gdim_);
   std::vector<std::size_t> order(to_owner_->num_received());
   std::iota(order.begin(), order.end(), 0);
   std::ranges::sort(order, {}, [&](std::size_t i) { return dofs[i * gdim_]; });
@@ -153,6 +175,15 @@ void Surface::number_nodes()
       nodes_.dofs.insert(nodes_.dofs.end(), &dofs[i * gdim_], &dofs[i * gdim_] + gdim_);
     node_of_record_[i] = nodes_.dofs.size() / gdim_ - 1;
   }
+}
+
+std::vector<std::uint8_t> Surface::answers_of_owners(const std::vector<std::uint8_t>& answers) const
+{
+  const auto told = to_owner_->reverse<std::uint8_t>(answers, 1);
+  std::vector<std::uint8_t> out(facets_.vertex_owner.size(), 0);
+  for (std::size_t i = 0; i < told.size(); ++i)
+    out[vertices_[i]] = told[i];
+  return out;
 }
 
 void Surface::measure_nodes()
@@ -171,7 +202,7 @@ void Surface::measure_nodes()
       out[7] = facets_.size[f];
     }
   }
-  const auto data = to_owner_->forward<double>(values, width);
+  const auto data = tell_owners(values, width);
 
   const std::size_t n = nodes_.dofs.size() / gdim_;
   nodes_.x.resize(3 * n);
@@ -239,13 +270,13 @@ void Surface::mark_boundary()
     for (std::size_t e = 0; e < ne; ++e)
       if (facets_.edge_on_boundary[f * ne + e])
         flags[f * nv + edges[e][0]] = flags[f * nv + edges[e][1]] = 1;
-  auto answers = to_owner_->forward<std::uint8_t>(flags, 1);
+  auto answers = tell_owners(flags, 1);
   std::vector<std::uint8_t> on_boundary(nodes_.size(), 0);
   for (std::size_t i = 0; i < answers.size(); ++i)
     on_boundary[node_of_record_[i]] |= answers[i];
   for (std::size_t i = 0; i < answers.size(); ++i)
     answers[i] = on_boundary[node_of_record_[i]];
-  facets_.vertex_on_boundary = to_owner_->reverse<std::uint8_t>(answers, 1);
+  facets_.vertex_on_boundary = answers_of_owners(answers);
 }
 
 void Surface::find_sides()
@@ -259,7 +290,7 @@ void Surface::find_sides()
     for (int i = 0; i < nv; ++i)
       normals.insert(normals.end(), n.begin(), n.end());
   }
-  const auto received = to_owner_->forward<double>(normals, 3);
+  const auto received = tell_owners(normals, 3);
   const auto normal_of = [&](std::size_t i) { return facet_vertex(received, static_cast<int>(i)); };
 
   std::vector<std::vector<std::size_t>> records(nodes_.size()); // of each node
@@ -290,7 +321,7 @@ void Surface::find_sides()
         side[i] = static_cast<std::uint8_t>(std::min(s, gdim_ - 1));
     }
   }
-  facets_.vertex_side = to_owner_->reverse<std::uint8_t>(side, 1);
+  facets_.vertex_side = answers_of_owners(side);
   int any = std::ranges::any_of(side, [](std::uint8_t s) { return s > 0; });
   MPI_Allreduce(MPI_IN_PLACE, &any, 1, MPI_INT, MPI_LOR, comm_);
   has_creases_ = any;
@@ -316,7 +347,7 @@ Sides Surface::sides() const
       std::ranges::copy(inward, out + 8);
     }
   }
-  const auto data = to_owner_->forward<double>(values, width);
+  const auto data = tell_owners(values, width);
   std::vector<double> sums(nodes_.size() * gdim_ * 7, 0.0);
   std::vector<std::uint8_t> creased(nodes_.size(), 0);
   for (std::size_t i = 0; i < node_of_record_.size(); ++i)
@@ -352,7 +383,7 @@ std::vector<std::uint8_t> Surface::sides_of_facets(std::span<const std::uint8_t>
   std::vector<std::uint8_t> flags(node_of_record_.size());
   for (std::size_t i = 0; i < flags.size(); ++i)
     flags[i] = chosen[node_of_record_[i]];
-  std::vector<std::uint8_t> out = to_owner_->reverse<std::uint8_t>(flags, 1);
+  std::vector<std::uint8_t> out = answers_of_owners(flags);
   for (std::size_t v = 0; v < out.size(); ++v)
     out[v] = out[v] ? facets_.vertex_side[v] : 0;
   return out;
@@ -409,10 +440,12 @@ std::vector<Box> Surface::rank_boxes(double radius) const
 std::array<double, 2> Surface::facet_size_range() const
 {
   double low = std::numeric_limits<double>::infinity(), high = 0;
-  for (double h : facets_.size)
+  for (std::size_t f = 0; f < facets_.size.size(); ++f)
   {
-    low = std::min(low, h);
-    high = std::max(high, h);
+    if (touches_itself_ && std::isnan(key_[f * key_size]))
+      continue;
+    low = std::min(low, facets_.size[f]);
+    high = std::max(high, facets_.size[f]);
   }
   MPI_Allreduce(MPI_IN_PLACE, &low, 1, MPI_DOUBLE, MPI_MIN, comm_);
   MPI_Allreduce(MPI_IN_PLACE, &high, 1, MPI_DOUBLE, MPI_MAX, comm_);

@@ -65,6 +65,14 @@ inline constexpr double smooth_cosine = 0.866025;
 /// The boxes of all ranks. Collective.
 std::vector<Box> boxes_of_ranks(MPI_Comm comm, const Box& box);
 
+/// Numbers in a facet's key: its outward normal, and a place, when contact with itself was made.
+inline constexpr std::size_t key_size = 4;
+
+/// Roles of two facets of a surface that touches itself: whether the first one is the slave. Facets
+/// that looked at each other when contact was made differ by their normals, others by their places
+/// along one direction: either way neighbours have the same role. 0 if there is no telling.
+int is_slave_of(std::span<const double> key, std::span<const double> other);
+
 /// Contact surface of one body.
 class Surface
 {
@@ -81,9 +89,13 @@ public:
   /// @param local_size number of unknowns of the body that this rank owns
   /// @param axisymmetric coordinates are (r, z): facets stand for rings, areas are 2πr times
   /// lengths
+  /// @param touches_itself whether it is all of a body's boundary, parts of which touch others
+  /// @param key then, of each facet, [facet][key_size], what gives it its role, see is_slave_of;
+  /// NaN of those that touch nothing, whose vertices are no nodes
   Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
           std::span<const std::int64_t> dofs, std::span<const int> owner,
-          std::span<const double> inside, std::int64_t local_size, bool axisymmetric);
+          std::span<const double> inside, std::int64_t local_size, bool axisymmetric,
+          bool touches_itself = false, std::span<const double> key = {});
   ~Surface();
   /// Let the facets have other coordinates; collective. @param x, inside as above
   void move(std::span<const double> x, std::span<const double> inside);
@@ -94,14 +106,8 @@ public:
   void measure_nodes();
   /// Whether it has ever followed its body.
   bool follows() const { return follows_; }
-  /// Let it be all of a body's boundary, which may touch itself. @param key number of each facet
-  /// by which roles are given: of two that touch the larger one's is the slave; NaN if it may not
-  void touch_itself(std::span<const double> key)
-  {
-    key_.assign(key.begin(), key.end());
-    touches_itself_ = true;
-  }
-  /// What `touch_itself` was given; empty otherwise, and on ranks without facets.
+  /// Of a boundary that touches itself what gives facets their roles, [facet][key_size], NaN of
+  /// those that touch nothing; else empty.
   const std::vector<double>& keys() const { return key_; }
   /// Whether it may touch itself; the same on all ranks.
   bool touches_itself() const { return touches_itself_; }
@@ -139,7 +145,7 @@ public:
   const BoxTree& tree() const;
   /// Boxes around the facets of each rank, widened by the radius. Collective.
   std::vector<Box> rank_boxes(double radius) const;
-  /// Smallest and largest facet size over all ranks. Collective.
+  /// Smallest and largest size over all ranks of the facets that may touch anything. Collective.
   std::array<double, 2> facet_size_range() const;
   /// Whether there is a crease on any rank.
   bool has_creases() const { return has_creases_; }
@@ -154,6 +160,21 @@ public:
 private:
   void orient_and_measure(std::span<const double> inside);
   void number_nodes();
+  /// Values of the vertices that are nodes, sent to their owners. @param values [facet][vertex]
+  template <typename T>
+  std::vector<T> tell_owners(const std::vector<T>& values, int width) const
+  {
+    if (vertices_.size() == facets_.vertex_owner.size())
+      return to_owner_->forward<T>(values, width);
+    std::vector<T> some;
+    some.reserve(vertices_.size() * width);
+    for (std::size_t v : vertices_)
+      some.insert(some.end(), values.begin() + static_cast<std::ptrdiff_t>(v * width),
+                  values.begin() + static_cast<std::ptrdiff_t>((v + 1) * width));
+    return to_owner_->forward<T>(some, width);
+  }
+  /// What owners answer to those, [facet][vertex]; 0 of vertices that are no nodes.
+  std::vector<std::uint8_t> answers_of_owners(const std::vector<std::uint8_t>& answers) const;
   void mark_boundary();
   void find_sides();
 
@@ -169,7 +190,8 @@ private:
   Nodes nodes_;
   mutable std::unique_ptr<BoxTree> tree_;   ///< null until asked for
   mutable bool tree_follows_ = false;       ///< false after facets have moved
-  std::unique_ptr<Exchange> to_owner_;      ///< from the vertices of facets to their owners
+  std::vector<std::size_t> vertices_;       ///< of facets that may touch anything, as numbers
+  std::unique_ptr<Exchange> to_owner_;      ///< from these to their owners
   std::vector<std::size_t> node_of_record_; ///< node of each vertex that this rank was told of
 };
 

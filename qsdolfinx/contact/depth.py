@@ -170,9 +170,7 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
         return [("slave", from_shape(other.tool, other.now, p, radius)) for p in points]
     surfaces = slave, other.facets()
     if model.with_itself:
-        points = _pairs_with_itself(model, *surfaces)
-        x, none = points.slave["x"], np.zeros(points.size, dtype=bool)
-        return [("slave", Distances(x, -points.gap, none))]
+        return [("slave", _depths_in_itself(_pairs_with_itself(model, *surfaces)))]
     lifts = tuple(sampling.deformed_relief(s) for s in (model.slave, model.master))
     smooth = any(relief.lift for relief in lifts)
     out: list[tuple[str, Distances]] = []
@@ -196,6 +194,11 @@ def _pairs_with_itself(
     """Points of a surface and what they touch of it, where it is twice. Collective."""
     none, radius = Relief.unknown("none"), model.paired.search_radius
     return overlay_points(own, same, model.slave.gdim, radius, (none, none), both=True)
+
+
+def _depths_in_itself(points: _cpp.PairingPoints) -> Distances:
+    x = points.slave["x"]
+    return Distances(x, -points.gap, np.zeros(len(x), dtype=bool))
 
 
 def _gaps_to_itself(model: ContactModel, place: Place) -> Array:

@@ -43,9 +43,10 @@ class Measure:
         area: D_k, what points cover of each owned node's area, and LEAST_COVER of it at least; S_k
             of nodes that nothing is opposite to, which may come into contact.
         node_area: S_k.
-        cover: Part of S_k that is covered, at the smooth side of the node that keeps its multiplier,
-            the closest one; 0 at the others; shape (nodes, gdim). There, and where hardly anything
-            is covered, its neighbours on the facet carry it. None if all keep theirs on all ranks.
+        cover: Part of S_k that is covered, at the smooth side of the node that keeps its
+            multiplier, the closest one; 0 at the others; shape (nodes, gdim). There, and where
+            hardly anything is covered, its neighbours on the facet carry it. None if all keep
+            theirs on all ranks.
     """
 
     places: Places

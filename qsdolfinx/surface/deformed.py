@@ -69,7 +69,7 @@ def deformed_surface(
             _check(moved, meshed)
     except ValueError as error:
         raise DegenerateFacetsError(str(error)) from error
-    out = _cpp.Surface(
+    return _cpp.Surface(
         comm=surface.comm.py2f(),
         gdim=surface.gdim,
         num_vertices=moved.shape[1],
@@ -80,10 +80,8 @@ def deformed_surface(
         inside=np.ascontiguousarray(moved.mean(axis=1) - sign[:, None] * area_vectors(moved)),
         local_size=surface.V.dofmap.index_map.size_local * surface.V.dofmap.index_map_bs,
         axisymmetric=False,
+        key=None if surface.key is None else np.repeat(surface.key, len(pieces), axis=0),
     )
-    if surface.key is not None:
-        out.touch_itself(np.repeat(surface.key, len(pieces)))
-    return out
 
 
 def deformed_positions(

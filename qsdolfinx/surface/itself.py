@@ -5,11 +5,14 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import numpy as np
+import numpy.typing as npt
 
 from dolfinx import mesh
 
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Surface
+
+Facets = npt.NDArray[np.int32]
 
 #: A direction that no mesh is aligned with.
 ALONG = np.array([0.61803398875, 0.7548776662, 0.2207440846])
@@ -24,9 +27,9 @@ ON_AXIS = 1e-12
 def boundary_of(surface: Surface) -> Surface:
     """All of the boundary of a surface's body, of which that surface may touch itself. Collective.
 
-    The other facets hide what is behind them, and tell what is within the body. Of two facets that
-    touch, the one whose cell is further along some direction now is the slave's: those on the two
-    sides of a closed slit are at the same place.
+    The other facets hide what is behind them, and tell what is within the body. Which of two facets
+    that touch is the slave's follows from their normals and places now, see is_slave_of in
+    cpp/surface/surface.h.
 
     Raises:
         ValueError: If the boundary that DOLFINx finds is not closed.
@@ -38,13 +41,14 @@ def boundary_of(surface: Surface) -> Surface:
         facets = _off_axis(surface, facets)
     out = Surface(surface.V, facets=facets, axisymmetric=surface.axisymmetric)
     x, inside, _ = out.coordinates
-    key = (x.mean(axis=1) + inside) @ ALONG
+    area, middle = area_vectors(x), x.mean(axis=1)
+    area = np.sign(np.sum(area * (middle - inside), axis=1))[:, None] * area
+    size = np.linalg.norm(area, axis=1)
+    key = np.column_stack([area / size[:, None], middle @ ALONG])
     key[~np.isin(out.facets, surface.facets)] = np.nan
     out.touch_itself(key)
     if not surface.axisymmetric:
-        area = area_vectors(x)
-        sign = np.sign(np.sum(area * (x.mean(axis=1) - inside), axis=1))
-        local = np.append((sign[:, None] * area).sum(axis=0), np.linalg.norm(area, axis=1).sum())
+        local = np.append(area.sum(axis=0), size.sum())
         total = surface.comm.allreduce(local, op=MPI.SUM)
         if np.linalg.norm(total[:3]) > CLOSED * total[3]:
             raise ValueError(
@@ -54,10 +58,10 @@ def boundary_of(surface: Surface) -> Surface:
     return out
 
 
-def _off_axis(surface: Surface, facets: np.ndarray) -> np.ndarray:
+def _off_axis(surface: Surface, facets: Facets) -> Facets:
     """Facets that are not on the axis r = 0, which have no area."""
     msh = surface.mesh
     tdim = msh.topology.dim
     x = mesh.entities_to_geometry(msh, tdim - 1, facets)
     r = msh.geometry.x[x, 0].max(axis=1)
-    return np.asarray(facets[r > ON_AXIS * surface.facet_size_range[0]])
+    return np.asarray(facets[r > ON_AXIS * surface.facet_size_range[0]], dtype=np.int32)

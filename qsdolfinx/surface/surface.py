@@ -119,7 +119,7 @@ class Surface:
         """
         x, inside, _ = self._coordinates
         index_map = self.V.dofmap.index_map
-        out = _cpp.Surface(
+        return _cpp.Surface(
             comm=self.comm.py2f(),
             gdim=self.gdim,
             num_vertices=self.num_facet_vertices,
@@ -130,20 +130,20 @@ class Surface:
             inside=inside,
             local_size=index_map.size_local * self.V.dofmap.index_map_bs,
             axisymmetric=self.axisymmetric,
+            key=self._key,
         )
-        if self._key is not None:
-            out.touch_itself(self._key)
-        return out
 
     def touch_itself(self, key: npt.NDArray[np.float64]) -> None:
-        """Let it, all of a body's boundary, be in contact with itself.
+        """Let it, all of a body's boundary, be in contact with itself. Collective.
+
+        Its nodes are those of the facets that may touch anything then.
 
         Args:
-            key: Number of each facet of this rank, shape (facets,): of two that touch the larger
-                one's is the slave. NaN if it is not to touch anything.
+            key: Of each facet of this rank, shape (facets, 4), what gives it its role: its normal,
+                and its place along some direction. NaN if it is not to touch anything.
         """
-        self._key = key
-        self.cpp_object.touch_itself(key)
+        self._key = np.ascontiguousarray(key)
+        self.cpp_object = self.twin()
 
     @property
     def key(self) -> npt.NDArray[np.float64] | None:
@@ -416,6 +416,8 @@ class Surface:
         if self._linear is None:
             V = fem.functionspace(self.mesh, ("Lagrange", 1, (self.gdim,)))
             self._linear = Surface(V, facets=self.facets, axisymmetric=self.axisymmetric)
+            if self._key is not None:
+                self._linear.touch_itself(self._key)
         return self._linear
 
     def update(self) -> None:

@@ -1,0 +1,148 @@
+"""Contact of a surface with itself."""
+
+import numpy as np
+import pytest
+from scenes import CELLS, WORLD, largest
+from slotted import DEPTH, HEIGHT, LENGTH, Slotted
+from tangents import direction, near_solution, tangent_errors
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+FINITE = {"small": {}, "finite": {"sliding": "finite"}}
+ENFORCEMENTS = {
+    "penalty": {"enforcement": "penalty", "penalty": 1e3},
+    "augmented": {"enforcement": "augmented-lagrangian", "penalty": 1e3, "gap_tolerance": 1e-12},
+}
+
+
+def pressed(scene, contact, down=(0.03, 0.06, 0.08), along=0.0, **options):
+    """Forces of the body after the top has been moved down in steps."""
+    problem = scene.problem(contact, **options)
+    for step in down:
+        scene.moved.value[:2] = along * step, -step
+        contact.update()
+        problem.solve()
+    return scene.body.internal_forces()
+
+
+@pytest.mark.parametrize("enforcement", ENFORCEMENTS.values(), ids=ENFORCEMENTS)
+@pytest.mark.parametrize("sliding", FINITE.values(), ids=FINITE)
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)), ids=("smooth", "rough"))
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_as_two_surfaces(cell, friction, sliding, enforcement):
+    """Where nothing else touches it is the contact of the two parts named by hand."""
+    forces, results = [], []
+    for make in (Slotted.itself, Slotted.of_two):
+        scene = Slotted(cell, 0.05, n=(4, 5) if cell == "triangle" else (2, 3))
+        options = {"search_radius": 0.3, "friction": friction} | sliding | enforcement
+        contact = make(scene, **options)
+        forces.append(pressed(scene, contact, along=0.3))
+        results.append([*contact.force("slave"), *contact.force("master"), contact.energy])
+        assert np.abs(contact.force("slave")[1]) > 0.3
+    size = largest(forces[1])
+    # Areas settle to 1e-3: what is left of that depends on the number of solves.
+    exact = cell == "triangle" or not (friction and sliding)
+    assert largest(forces[0] - forces[1]) < (1e-9 if exact else 1e-4) * size
+    np.testing.assert_allclose(*results, rtol=0, atol=(1e-9 if exact else 1e-4) * size)
+
+
+@pytest.mark.parametrize("sliding", FINITE.values(), ids=FINITE)
+@pytest.mark.parametrize("degree", (1, 2))
+@pytest.mark.parametrize("cell", CELLS)
+def test_closed_slit(cell, degree, sliding):
+    """Stress goes through its faces, which do not match, as if it were not there."""
+    if degree == 2 and cell in ("tetrahedron", "hexahedron"):
+        pytest.skip("slow")
+    scene = Slotted(cell, gap=0.0, degree=degree, n=(4, 5))
+    body, pressure = scene.body, 10.0
+    contact = scene.itself(scene.every, gap_tolerance=1e-12, **sliding)
+    body.hold(0, 0, 0.0)
+    body.hold(1, 1, -HEIGHT)
+    if scene.gdim == 3:
+        body.hold(2, 2, 0.0)
+    body.press(1, HEIGHT, pressure)
+    problem = scene.problem(contact)
+    problem.solve()
+    stress = fem.assemble_scalar(
+        fem.form((body.P[1, 1] + pressure) ** 2 * ufl.dx(body.mesh, degree=4))
+    )
+    error = np.sqrt(WORLD.allreduce(stress) / (2 * HEIGHT * LENGTH * DEPTH ** (scene.gdim - 2)))
+    assert error < 1e-9 * pressure
+    assert WORLD.allreduce(contact.pairing.gap.size) > 0
+
+
+@pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
+def test_thin_wall(cell):
+    """What faces each other through the body is no pair, however near."""
+    gdim = 2 if cell == "quadrilateral" else 3
+    corners = [[0.0] * gdim, [1.0] * (gdim - 1) + [1e-3]]
+    n = [8] * (gdim - 1) + [1]
+    create = mesh.create_rectangle if gdim == 2 else mesh.create_box
+    msh = create(WORLD, corners, n, mesh.CellType[cell])
+    V = fem.functionspace(msh, ("Lagrange", 1, (gdim,)))
+    every = mesh.locate_entities_boundary(msh, gdim - 1, lambda x: np.full(x.shape[1], True))
+    surface = qs.Surface(V, facets=every)
+    for sliding in ("small", "finite"):
+        contact = qs.Contact(surface, surface, search_radius=0.3, sliding=sliding)
+        assert WORLD.allreduce(contact.pairing.gap.size) == 0
+
+
+@pytest.mark.parametrize("sliding", FINITE.values(), ids=FINITE)
+@pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
+def test_tangent(cell, sliding):
+    scene = Slotted(cell, n=(4, 5) if cell == "triangle" else (2, 3))
+    contact = scene.itself(
+        search_radius=0.3, friction=qs.Coulomb(0.3), **sliding, **ENFORCEMENTS["penalty"]
+    )
+    problem = scene.problem(contact, solver="direct")
+    for down in (0.05, 0.12):
+        scene.moved.value[1] = -down
+        contact.update()
+        problem.solve()
+    x = near_solution(problem, np.random.default_rng(3), 1e-5)
+    d = direction(problem, np.random.default_rng(4))
+    problem.system.set_curvature(True)
+    limit = 0.02 if sliding else 1e-6
+    assert tangent_errors(problem, x, d, 1e-7).difference < limit
+
+
+def test_pressed_further_than_it_is_thick():
+    """Steps of small sliding find each other behind what they have gone into."""
+    scene = Slotted(n=(9, 11), gap=0.1)
+    contact = scene.itself(search_radius=0.3, **ENFORCEMENTS["augmented"])
+    pressed(scene, contact, (0.05, 0.1, 0.13, 0.16))
+    contact.update()
+    assert contact.penetration() < 0.1 * contact.model.paired.facet_size
+
+
+def test_forces_of_all_the_body():
+    """Tractions are those of both parts; they act on the body as inner forces."""
+    scene = Slotted(n=(6, 6))
+    contact = scene.itself(search_radius=0.3, **ENFORCEMENTS["penalty"])
+    pressed(scene, contact)
+    traction = contact.slave.node_values(contact.traction("slave"))
+    lower = contact.slave.node_x[:, 1] < 0.05
+    forces = traction * contact.slave.node_area[:, None]
+    of_parts = [WORLD.allreduce(forces[part].sum(axis=0)) for part in (lower, ~lower)]
+    size = np.abs(contact.force("slave")[1])
+    np.testing.assert_allclose(of_parts[0], -of_parts[1], atol=1e-10 * size)
+    np.testing.assert_allclose(of_parts[0], contact.force("slave")[:2], atol=1e-10 * size)
+
+
+def test_what_is_refused():
+    scene = Slotted()
+    surface = scene.body.surface(scene.every)
+    again = scene.body.surface(scene.every)
+    for options, message in (
+        ({"formulation": "double-pass"}, "roles to pairs"),
+        ({"quadrature": "nodal"}, "quadrature"),
+        ({"law": qs.Tied()}, "cannot be tied"),
+        ({"smoothing": "shared-curvature"}, "smoothing"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            qs.Contact(surface, surface, **options)
+    with pytest.raises(ValueError, match="give the same Surface"):
+        qs.Contact(surface, again)
