@@ -401,9 +401,8 @@ private:
     {
       const Vec3 outward = nearby_.outward(g);
       const bool opposed = dot(outward, outward_) < 0;
-      // The two sides of a closed slit are at the same places.
       if (of_itself_ && !opposed && same(nearby_.facet_x(g), cut_.facet_x(f)))
-        continue;
+        continue; // not the other side of a closed slit, which is at the same place
       if (!opposed && apart(planar.polygon(), nearby_.facet_x(g), frame))
         continue;
       PlanarFacet other(nearby_.type, nearby_.facet_x(g), frame);
