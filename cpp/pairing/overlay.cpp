@@ -29,6 +29,11 @@ struct NearbyFacets : FacetCopies
   std::vector<double> trace_x;    ///< [facet][trace][3], of surfaces that follow their bodies
   std::vector<double> key;        ///< Surface::keys, of surfaces that touch themselves
 
+  std::span<const double> key_of(std::size_t facet) const
+  {
+    return std::span(key).subspan(facet * key_size, key_size);
+  }
+
   Curvature curvature_of(std::size_t facet) const
   {
     Curvature out;
@@ -102,8 +107,7 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
 bool has_role(const Surface& cut, std::size_t f, const NearbyFacets& nearby, std::size_t g,
               bool is_slave)
 {
-  const auto here = std::span(cut.keys()).subspan(f * key_size, key_size),
-             there = std::span(nearby.key).subspan(g * key_size, key_size);
+  const auto here = cut.key(f), there = nearby.key_of(g);
   if (std::isnan(here[0]) || std::isnan(there[0]))
     return false;
   const int first = is_slave_of(here, there);
@@ -546,6 +550,8 @@ private:
   {
     const double flush = flush_tolerance * cut_.facets().size[f];
     if (std::abs(s) > flush && (s < 0) != inside)
+      return true;
+    if (s < -flush && is_own_wall(cut_.key(f), nearby_.key_of(piece.other), -s))
       return true;
     const double way = inside ? -1.0 : 1.0;
     const auto nearer = [&](double at) { return way * at > -flush && way * at < way * s - tie_; };

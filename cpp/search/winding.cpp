@@ -12,6 +12,10 @@ namespace
 constexpr std::array<Vec3, 3> ways{
     {{0.7236, 0.5537, 0.4117}, {0.6217, -0.6841, 0.3814}, {0.4513, 0.3329, -0.8279}}};
 
+/// Distance along the way, over its length, at which a facet is one that the point is on, as those
+/// beside its own are where it is on an edge.
+constexpr double at_point = 1e-10;
+
 /// Margin of boxes over the length of the way: in 2D they have no height.
 constexpr double box_margin = 1e-9;
 
@@ -55,7 +59,7 @@ int count_warped(const Vec3& x, const Vec3& d, std::span<const double> v, double
     const Vec3 r = cross(d, a + t * c), s = cross(d, b + t * e);
     const double u = -dot(r, s) / dot(s, s);
     const Vec3 way = a + u * b + t * c + u * t * e;
-    if (u >= 0 && u < 1 && dot(way, d) > 0)
+    if (u >= 0 && u < 1 && dot(way, d) > at_point * dot(d, d))
       out += orientation * dot(area_vector(FacetType::quadrilateral, v, {u, t}), d) > 0 ? 1 : -1;
   }
   return out;
@@ -79,7 +83,7 @@ int count(const Surface& surface, const Vec3& x, const Vec3& d, std::optional<st
                            return;
                          }
                          const auto t = meet_facet(x, d, surface.type(), v);
-                         if (t && *t > 0)
+                         if (t && *t > at_point)
                            out += orientation * dot(area_vector(surface.type(), v, {0, 0}), d) > 0
                                       ? 1
                                       : -1;

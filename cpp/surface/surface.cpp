@@ -13,6 +13,9 @@ using namespace qsdolfinx;
 
 namespace
 {
+/// Cosine of the angle of normals from which on facets looked at each other.
+constexpr double opposed_cosine = -0.2;
+
 /// What bounds a facet: edges, given by their vertices; for an interval its two ends.
 std::span<const std::array<int, 2>> edges_of(FacetType type)
 {
@@ -121,12 +124,20 @@ void Surface::follow(std::span<const double> trace_x)
 int qsdolfinx::is_slave_of(std::span<const double> key, std::span<const double> other)
 {
   constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
-  constexpr double opposed = -0.2;
-  const Vec3 n{key[0], key[1], key[2]}, m{other[0], other[1], other[2]};
-  const bool by_normal = dot(n, m) < opposed;
-  const double here = by_normal ? dot(n, along) : key[3],
-               there = by_normal ? dot(m, along) : other[3];
+  const Vec3 n = facet_vertex(key, 0), m = facet_vertex(other, 0);
+  const int what = dot(n, m) < opposed_cosine ? 0 : 1; // normal or middle
+  const double here = dot(facet_vertex(key, what), along),
+               there = dot(facet_vertex(other, what), along);
   return here > there ? 1 : (here < there ? -1 : 0);
+}
+
+bool qsdolfinx::is_own_wall(std::span<const double> key, std::span<const double> other,
+                            double depth)
+{
+  constexpr double thinnest = 0.3; // part of what the wall was thick
+  const Vec3 n = facet_vertex(key, 0), m = facet_vertex(other, 0),
+             r = facet_vertex(other, 1) - facet_vertex(key, 1);
+  return dot(n, m) < opposed_cosine && dot(r, n) < 0 && depth > thinnest * norm(r);
 }
 
 Surface::~Surface()

@@ -65,13 +65,17 @@ inline constexpr double smooth_cosine = 0.866025;
 /// The boxes of all ranks. Collective.
 std::vector<Box> boxes_of_ranks(MPI_Comm comm, const Box& box);
 
-/// Numbers in a facet's key: its outward normal, and a place, when contact with itself was made.
-inline constexpr std::size_t key_size = 4;
+/// Numbers in a facet's key: its outward normal, and its middle, when contact with itself was made.
+inline constexpr std::size_t key_size = 6;
 
 /// Roles of two facets of a surface that touches itself: whether the first one is the slave. Facets
 /// that looked at each other when contact was made differ by their normals, others by their places
 /// along one direction: either way neighbours have the same role. 0 if there is no telling.
 int is_slave_of(std::span<const double> key, std::span<const double> other);
+
+/// Whether of two facets of a surface that touches itself one is the other side of the other's
+/// wall, being behind it by a depth: it was when contact was made, and has not come much nearer.
+bool is_own_wall(std::span<const double> key, std::span<const double> other, double depth);
 
 /// Contact surface of one body.
 class Surface
@@ -109,6 +113,10 @@ public:
   /// Of a boundary that touches itself what gives facets their roles, [facet][key_size], NaN of
   /// those that touch nothing; else empty.
   const std::vector<double>& keys() const { return key_; }
+  std::span<const double> key(std::size_t facet) const
+  {
+    return std::span(key_).subspan(facet * key_size, key_size);
+  }
   /// Whether it may touch itself; the same on all ranks.
   bool touches_itself() const { return touches_itself_; }
   Surface(const Surface&) = delete;

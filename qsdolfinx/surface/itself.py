@@ -14,9 +14,6 @@ from qsdolfinx.surface.surface import Surface
 
 Facets = npt.NDArray[np.int32]
 
-#: A direction that no mesh is aligned with.
-ALONG = np.array([0.61803398875, 0.7548776662, 0.2207440846])
-
 #: Sum of area vectors over the area of a closed surface.
 CLOSED = 1e-8
 
@@ -44,7 +41,7 @@ def boundary_of(surface: Surface) -> Surface:
     area, middle = area_vectors(x), x.mean(axis=1)
     area = np.sign(np.sum(area * (middle - inside), axis=1))[:, None] * area
     size = np.linalg.norm(area, axis=1)
-    key = np.column_stack([area / size[:, None], middle @ ALONG])
+    key = np.column_stack([area / size[:, None], middle])
     key[~np.isin(out.facets, surface.facets)] = np.nan
     out.touch_itself(key)
     if not surface.axisymmetric:

@@ -139,8 +139,8 @@ class Surface:
         Its nodes are those of the facets that may touch anything then.
 
         Args:
-            key: Of each facet of this rank, shape (facets, 4), what gives it its role: its normal,
-                and its place along some direction. NaN if it is not to touch anything.
+            key: Of each facet of this rank, shape (facets, 6), what gives it its role: its normal,
+                and its middle. NaN if it is not to touch anything.
         """
         self._key = np.ascontiguousarray(key)
         self.cpp_object = self.twin()
