@@ -1,7 +1,7 @@
 """A block with a slot or a closed slit, whose two arms come to touch each other."""
 
 import numpy as np
-from following import Body, _create, problem_of
+from following import Body, create, problem_of
 from scenes import plane
 
 import qsdolfinx as qs
@@ -55,7 +55,7 @@ def slotted_mesh(cell, n=(5, 7), rows=2, gap=0.0, across=2):
     cells = np.array(cells)
     if cell in ("triangle", "tetrahedron"):
         cells = cells[:, TRIANGLES if gdim == 2 else TETRAHEDRA].reshape(-1, gdim + 1)
-    return _create(cell, np.array(x), cells)
+    return create(cell, np.array(x), cells)
 
 
 class Slotted:
