@@ -548,3 +548,11 @@ def trace_values(
     num_vertices: int, degree: int, xi: numpy.typing.NDArray[numpy.float64]
 ) -> numpy.typing.NDArray[numpy.float64]:
     """Trace functions at points of a facet, [point][node]."""
+
+def within_body(
+    surface: Surface,
+    x: numpy.typing.NDArray[numpy.float64],
+    normal: numpy.typing.NDArray[numpy.float64],
+    facet: numpy.typing.NDArray[numpy.int64],
+) -> numpy.typing.NDArray[numpy.uint8]:
+    """Whether places just outside of points of a body's boundary are within the body, [point]; collective."""
