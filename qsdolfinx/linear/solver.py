@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.linear.factors_again import OF_A_LIBRARY, begin_afresh
 from qsdolfinx.linear.hierarchy import Hierarchy
 from qsdolfinx.linear.krylov import LEAST_TOGETHER, Krylov
 from qsdolfinx.linear.presets import (
@@ -59,10 +60,6 @@ def preset_options(
         for i in range(num_bodies):
             options |= {f"fieldsplit_{i}_{key}": value for key, value in BLOCK.items()}
     return options
-
-
-#: PETSc's error of a library that it calls.
-OF_A_LIBRARY = 76
 
 
 class LinearSolver:
@@ -276,7 +273,7 @@ class LinearSolver:
             if error.ierr != OF_A_LIBRARY:  # such as factors that a direct solver cannot make
                 raise
             self.look()
-            self.ksp.getPC().reset()
+            begin_afresh(self.ksp)
             reason = int(PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED)
         out = y.array_r.copy()
         b.destroy()

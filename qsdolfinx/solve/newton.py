@@ -16,7 +16,8 @@ import numpy.typing as npt
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.messages import say
 from qsdolfinx.gap.following import NoGapError
-from qsdolfinx.linear.solver import OF_A_LIBRARY, LinearSolver
+from qsdolfinx.linear.factors_again import OF_A_LIBRARY, begin_afresh
+from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.solve.convergence import RESTING, Convergence, Measures
 from qsdolfinx.solve.curvature import Curvature
 from qsdolfinx.solve.easing import ease
@@ -591,6 +592,7 @@ class Newton:
             failure, self._context.failure = self._context.failure, None
             if failure is None:
                 self.linear.look()
+                begin_afresh(self.snes.getKSP())
                 if error.ierr == OF_A_LIBRARY:  # such as factors that a direct solver cannot make
                     self.fail(FAILED_LINEARLY)
                 raise
