@@ -75,7 +75,9 @@ class Contact:
 
     Args:
         slave: Surface that carries the multiplier.
-        master: The other surface, or a rigid tool.
+        master: The other surface, or a rigid tool; or the same surface, parts of which may come to
+            touch each other: it then stands for all facets that are the master of another one,
+            and ``slave`` and ``master`` are surfaces of their own, of all of the body's boundary.
         formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
             carries no multiplier, so that only the first and the third are possible; with an
             analytic shape they are the same.

@@ -212,7 +212,21 @@ CASES = {
         lambda s, folder: qs.Surface(s.V, facets=s.interior)
     ),
     "slave and master share facets: a facet cannot be in contact with itself": (
-        lambda s, folder: qs.Contact(s.pair.slave, s.pair.slave)
+        lambda s, folder: qs.Contact(
+            s.pair.slave, qs.Surface(s.pair.slave.V, facets=s.pair.slave.facets)
+        )
+    ),
+    'gives roles to pairs of facets; use "quasi-symmetric"': (
+        lambda s, folder: qs.Contact(s.pair.slave, s.pair.slave, formulation="double-pass")
+    ),
+    "contact of a surface with itself is decided facet by facet": (
+        lambda s, folder: qs.Contact(s.pair.slave, s.pair.slave, quadrature="nodal")
+    ),
+    "contact of a surface with itself cannot be tied": (
+        lambda s, folder: qs.Contact(s.pair.slave, s.pair.slave, law=qs.Tied())
+    ),
+    "contact of a surface with itself measures gaps between facets": (
+        lambda s, folder: qs.Contact(s.pair.slave, s.pair.slave, smoothing="shared-curvature")
     ),
     "slave and master have different geometric dimensions": (
         lambda s, folder: qs.Contact(s.pair.slave, s.of_3d)
