@@ -71,18 +71,31 @@ def faced(p: WeightedGap, rows: Array) -> Faced:
 def status(model: ContactModel, side: str) -> fem.Function:
     """:class:`Status` of each node. Collective."""
     surface = deformable_side(model, side)
-    of_nodes = _of_own_rows if results.has_multiplier(model, side) else _of_faced_rows
-    return _scalar(surface, of_nodes(model, side).astype(np.float64))
+    if model.with_itself:
+        found = np.maximum(_of_own_rows(model, "slave"), _of_faced_rows(model, "master"))
+    elif results.has_multiplier(model, side):
+        found = _of_own_rows(model, side)
+    else:
+        found = _of_faced_rows(model, side)
+    return _scalar(surface, found.astype(np.float64))
 
 
 def gap_function(model: ContactModel, side: str) -> fem.Function:
     """The weighted gap, of tied contact the size of the jump. Collective."""
     surface = deformable_side(model, side)
-    if results.has_multiplier(model, side):
+    if model.with_itself:
+        own = _sizes(results.weighted_gap(model, "slave"))
+        values = np.where(np.isnan(own), _faced_gap(model), own)
+    elif results.has_multiplier(model, side):
         values = _sizes(results.weighted_gap(model, side))
     else:
-        values = faced(model.gaps[0], _sizes(model.gaps[0].state.values)).mean
+        values = _faced_gap(model)
     return _scalar(surface, np.nan_to_num(values))
+
+
+def _faced_gap(model: ContactModel) -> Array:
+    """Means of the gaps that a master's nodes face. Collective."""
+    return faced(model.gaps[0], _sizes(model.gaps[0].state.values)).mean
 
 
 def sources(model: ContactModel, side: str) -> dict[str, typing.Callable[[], fem.Function]]:

@@ -81,6 +81,8 @@ class ContactReport:
         active: Rows (nodes with a multiplier, or points) in contact; None before the first solve
             with an automatic penalty.
         rows: Rows.
+        touching: Corners of the smallest box around the slave's nodes in contact, where they are
+            now, each of shape (gdim,); None if none is.
         slipping: Nodes in contact that slip; None without friction.
         unloaded: Nodes of the master within reach of the slave that no force can ever load,
             because no pairing point of a multiplier is beside them.
@@ -108,6 +110,7 @@ class ContactReport:
     advice: str
     active: int | None
     rows: int
+    touching: tuple[tuple[float, ...], tuple[float, ...]] | None
     slipping: int | None
     unloaded: int
     penalty: float | None
@@ -149,6 +152,9 @@ class ContactReport:
         if self.missed_facets:
             parts.append(f"{self.missed_facets} facets without a partner")
         active = f"{'?' if self.active is None else self.active} of {self.rows} rows"
+        if self.touching is not None:
+            ends = ["(" + ", ".join(f"{x:.4g}" for x in corner) + ")" for corner in self.touching]
+            active += f", from {ends[0]} to {ends[1]}"
         if self.slipping:
             active += f", {self.slipping} nodes slip"
         unloaded = "0"
@@ -209,6 +215,7 @@ def make_report(model: ContactModel) -> ContactReport:
         _advice(model, weighted, depth),
         None if model.penalty.value is None else active,
         rows,
+        _touching(model),
         slipping if model.slips else None,
         _unloaded(model),
         model.penalty.value,
@@ -222,6 +229,26 @@ def make_report(model: ContactModel) -> ContactReport:
         f"{type(model.law).__name__}, {enforcement}, {friction}",
         f"{' and '.join(dict.fromkeys(model.kinematics.unknown))}{dt}",
     )
+
+
+def _touching(model: ContactModel) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """Corners of the box around the slave's nodes in contact. Collective."""
+    if model.penalty.value is None:
+        return None
+    active = results.active(model, "slave")
+    try:
+        facets = model.placement.slave.facets()
+    except ValueError:  # on all ranks
+        return None
+    at = np.searchsorted(facets.node_dofs[:, 0], model.slave.node_dofs[:, 0])
+    x = np.asarray(facets.node_x)[at][active, : model.slave.gdim]
+    low, high = np.min(x, axis=0, initial=np.inf), np.max(x, axis=0, initial=-np.inf)
+    corners = np.concatenate([low, -high])
+    model.comm.Allreduce(MPI.IN_PLACE, corners, op=MPI.MIN)
+    if not np.isfinite(corners).all():
+        return None
+    low, high = corners[: len(low)], -corners[len(low) :]
+    return tuple(low.tolist()), tuple(high.tolist())
 
 
 def _side(model: ContactModel, surface: AnySurface) -> SideReport | None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scenes import CELLS, WORLD, largest
-from slotted import DEPTH, HEIGHT, LENGTH, Slotted
+from slotted import DEPTH, HEIGHT, LENGTH, ROOT, Slotted
 from tangents import direction, near_solution, tangent_errors
 
 import ufl
@@ -146,3 +146,23 @@ def test_what_is_refused():
             qs.Contact(surface, surface, **options)
     with pytest.raises(ValueError, match="give the same Surface"):
         qs.Contact(surface, again)
+
+
+def test_where_it_touches(tmp_path):
+    """Report and fields show both parts."""
+    scene = Slotted(n=(6, 7), gap=0.05)
+    contact = scene.itself(scene.every, search_radius=0.3, friction=qs.Coulomb(0.1))
+    pressed(scene, contact)
+    low, high = contact.report().touching
+    assert ROOT < high[0] < 1.05 * LENGTH and low[0] > ROOT
+    assert -0.1 < low[1] <= high[1] < 0.05
+    assert "from (" in str(contact.report())
+    status = contact.status("master")
+    x = status.function_space.tabulate_dof_coordinates()
+    closed = status.x.array >= 2
+    for y in (0.0, scene.gap):
+        assert WORLD.allreduce(int(np.sum(closed & np.isclose(x[:, 1], y)))) > 2
+    assert not np.any(closed & (np.abs(x[:, 1]) > 0.1))
+    writer = qs.FieldWriter(tmp_path / "slot.xdmf", scene.mesh, contact.fields("slave"))
+    writer.write(0.0)
+    writer.close()
