@@ -27,16 +27,18 @@ import qsdolfinx as qs
 
 
 class Body:
-    """A body of ring.py in DOLFINx, on one rank."""
+    """A body of ring.py or spring.py in DOLFINx, on one rank."""
 
-    def __init__(self, name, given):
+    def __init__(self, given, moduli):
         self.given = given
         element = basix.ufl.element("Lagrange", "quadrilateral", 1, shape=(2,))
         cells = given.cells[:, [0, 1, 3, 2]].astype(np.int64)
-        msh = mesh.create_mesh(MPI.COMM_WORLD, cells=cells, x=given.x, e=ufl.Mesh(element))
+        msh = self.mesh = mesh.create_mesh(
+            MPI.COMM_WORLD, cells=cells, x=given.x, e=ufl.Mesh(element)
+        )
         V = self.V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
         self.u, v = fem.Function(V), ufl.TestFunction(V)
-        stress = qs.materials.neo_hookean(self.u, *ring.moduli(name))
+        stress = qs.materials.neo_hookean(self.u, *moduli)
         self.F = ufl.inner(stress, ufl.grad(v)) * ufl.dx(degree=3)
         self._form = fem.form(self.F)
         #: Unknowns' nodes by ring.py's numbers.
@@ -45,37 +47,43 @@ class Body:
         self.ends = fem.Function(V)
         held = np.sort(self.node[given.held]).astype(np.int32)
         self.bcs = [fem.dirichletbc(self.ends, held)]
-        self.surface = qs.Surface(V, facets=self._facets(msh))
 
-    def _facets(self, msh):
-        """Facets of the edges that may touch."""
-        middle = self.given.x[self.given.touching].mean(axis=1)
+    def surface(self, edges):
+        """Surface of some edges, of given nodes."""
+        msh, middle = self.V.mesh, self.given.x[edges].mean(axis=1)
         msh.topology.create_connectivity(1, 2)
         outer = mesh.exterior_facet_indices(msh.topology)
         found = mesh.compute_midpoints(msh, 1, outer)[:, :2]
         near = np.linalg.norm(found[:, None] - middle, axis=2).min(axis=1)
-        return outer[near < 1e-9]
+        return qs.Surface(self.V, facets=outer[near < 1e-9])
+
+    def displacements(self):
+        """Those of ring.py's nodes."""
+        return self.u.x.array.reshape(-1, 2)[self.node]
+
+    def forces(self):
+        """Forces that the stress asks of the nodes."""
+        b = fem.assemble_vector(self._form)
+        b.scatter_reverse(la.InsertMode.add)
+        return b.array.reshape(-1, 2)[self.node]
 
     def reaction(self):
         """Force of the clamped nodes on the body."""
-        b = fem.assemble_vector(self._form)
-        b.scatter_reverse(la.InsertMode.add)
-        return b.array.reshape(-1, 2)[self.node[self.given.held]].sum(axis=0)
+        return self.forces()[self.given.held].sum(axis=0)
 
     def tracked(self):
         """Displacements by name."""
-        u = self.u.x.array.reshape(-1, 2)
-        return {name: u[self.node[n]].tolist() for name, n in self.given.tracked.items()}
+        u = self.displacements()
+        return {name: u[n].tolist() for name, n in self.given.tracked.items()}
 
 
 def run(p):
     """A row for each step."""
-    made = {name: Body(name, given) for name, given in ring.bodies(p.refine).items()}
+    made = {n: Body(given, ring.moduli(n)) for n, given in ring.bodies(p.refine).items()}
     upper, lower = made["ring"], made["block"]
     friction = qs.Coulomb(p.friction) if p.friction else None
     contact = qs.Contact(
-        upper.surface,
-        lower.surface,
+        *(body.surface(body.given.touching) for body in (upper, lower)),
         formulation=p.formulation,
         friction=friction,
         sliding="finite",
@@ -111,9 +119,10 @@ def run(p):
     return {"rows": rows, "seconds": time.perf_counter() - start}
 
 
-def main():
+def arguments(text):
+    """A parser of what all jobs of ours have."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=text, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
     add("--refine", type=int, default=1, help="all cells are cut by it")
@@ -121,6 +130,11 @@ def main():
     add("--pressing-only", action="store_true")
     add("--formulation", default="quasi-symmetric")
     add("--enforcement", default="augmented-lagrangian")
+    return parser
+
+
+def main():
+    parser = arguments(__doc__)
     p = parser.parse_args()
     if MPI.COMM_WORLD.size > 1:
         parser.error("on one rank")
