@@ -12,8 +12,13 @@ have different numbers of cells, so that nodes do not meet.
 
 import argparse
 import dataclasses
+import pathlib
+import sys
 
 import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
 import ring
 
 #: Inner radius of the half ring, thickness, length of the legs, what the bow narrows the gap by.

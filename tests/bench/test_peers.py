@@ -20,6 +20,7 @@ import install
 import ours
 import ring
 import sphere
+import spring
 
 
 @pytest.mark.parametrize("bottom", [0.0, 1.0])
@@ -61,6 +62,24 @@ def test_ring(refine):
     assert np.array_equal(x.x[x.tracked["ring_outside"]], [0, 0])
     assert np.allclose(block.x[block.tracked["block_left"]], [-0.5, 0])
     assert ring.path()[-1] == (ring.ALONG, -ring.DOWN)
+
+
+@pytest.mark.parametrize("refine", [1, 2])
+def test_spring(refine):
+    """One body without holes; its halves and its ends are told apart."""
+    body = spring.spring(refine)
+    a, b, c, d = body.x[body.cells].transpose(1, 0, 2)
+    area = np.linalg.det(np.stack([c - a, d - b], axis=1)) / 2
+    arc = np.pi / 2 * ((spring.INNER + spring.THICK) ** 2 - spring.INNER**2)
+    assert area.min() > 0
+    assert np.isclose(area.sum(), arc + 2 * spring.LENGTH * spring.THICK, rtol=2e-3)
+    sides = {(i, j) for k in range(4) for i, j in np.roll(body.cells, k, axis=1)[:, :2]}
+    for i, j in body.touching:
+        assert (i, j) in sides and (j, i) not in sides
+    assert np.array_equal(np.concatenate([body.half(s) for s in (-1, 1)]), body.touching)
+    assert np.all(body.x[body.held, 0] == spring.LENGTH)
+    assert body.x[body.moved, 1].min() > 0 > body.x[body.fixed, 1].max()
+    assert np.allclose(body.x[body.tracked["back"]], [-spring.INNER, 0])
 
 
 def test_calculix_input(tmp_path):
