@@ -182,13 +182,10 @@ class Contact:
         law = Unilateral() if law is None else law
         check_alone(SLAVE, slave=slave)
         rigid = as_tool(master) is not None
-        with checked(slave.comm) as same:
-            same(itself=master is slave)
-        if master is slave:
-            slave, master = boundary_of(slave), boundary_of(slave)
+        itself = master is slave
         with checked(slave.comm) as same:
             check_surfaces(slave, master)
-            same(master=type(master).__name__)
+            same(master="the slave" if itself else type(master).__name__)
             same(one_of(FORMULATIONS), formulation=formulation)
             if enforcement is None:
                 enforcement = default_enforcement(formulation)
@@ -217,7 +214,7 @@ class Contact:
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
             same(one_of(CONSTRAINTS), constraints=constraints)
             check_sliding(sliding, quadrature, normals, constraints, sides)
-            if slave.key is not None:
+            if itself:
                 check_itself(formulation, quadrature, law, sides, unknown)
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
@@ -227,6 +224,8 @@ class Contact:
         needs_dt = friction is not None and friction.needs_dt
         kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=rigid)
         augmented = enforcement == "augmented-lagrangian"
+        if itself:
+            slave, master = boundary_of(slave), boundary_of(slave)
         settings = Settings(
             slave,
             master,

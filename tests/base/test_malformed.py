@@ -93,7 +93,6 @@ ROWS = [
     Row("Contact", "slave", Of(lambda s: s.other_comm), V, True),
     Row("Contact", "slave", Of(lambda s: s.pair.V[1]), T, True),
     Row("Contact", "master", Of(lambda s: s.of_3d), V, True, "dimension"),
-    Row("Contact", "master", Of(lambda s: s.pair.slave), V, True, "share facets"),
     Row("Contact", "master", Of(lambda s: s.slave_again), V, True, "share facets"),
     Row("Contact", "master", None, T),
     Row("Contact", "master", Of(lambda s: s.tool_3d), V, True),
