@@ -302,10 +302,6 @@ struct ShapeValues
   }
 };
 
-/// Distance, over the size of a facet, at which two facets of one surface touch, whichever of them
-/// is behind: no wall is as thin.
-constexpr double flush_tolerance = 1e-5;
-
 /// Distance from each other, over the size of a facet, of edges that coincide.
 constexpr double rim_tolerance = 1e-10;
 
@@ -551,7 +547,8 @@ private:
     const double flush = flush_tolerance * cut_.facets().size[f];
     if (std::abs(s) > flush && (s < 0) != inside)
       return true;
-    if (s < -flush && is_own_wall(cut_.key(f), nearby_.key_of(piece.other), -s))
+    if (s < -flush
+        && is_own_wall(cut_.key(f), nearby_.key_of(piece.other), -s, cut_.facets().size[f]))
       return true;
     const double way = inside ? -1.0 : 1.0;
     const auto nearer = [&](double at) { return way * at > -flush && way * at < way * s - tie_; };

@@ -132,12 +132,14 @@ int qsdolfinx::is_slave_of(std::span<const double> key, std::span<const double> 
 }
 
 bool qsdolfinx::is_own_wall(std::span<const double> key, std::span<const double> other,
-                            double depth)
+                            double depth, double size)
 {
   constexpr double thinnest = 0.3; // part of what the wall was thick
-  const Vec3 n = facet_vertex(key, 0), m = facet_vertex(other, 0),
-             r = facet_vertex(other, 1) - facet_vertex(key, 1);
-  return dot(n, m) < opposed_cosine && dot(r, n) < 0 && depth > thinnest * norm(r);
+  const Vec3 n = facet_vertex(key, 0), m = facet_vertex(other, 0);
+  const double thickness = dot(facet_vertex(key, 1) - facet_vertex(other, 1), n);
+  const bool both_free = key[6] > 0 && other[6] > 0;
+  return dot(n, m) < opposed_cosine && both_free && thickness > flush_tolerance * size
+         && depth > thinnest * thickness;
 }
 
 Surface::~Surface()

@@ -65,8 +65,13 @@ inline constexpr double smooth_cosine = 0.866025;
 /// The boxes of all ranks. Collective.
 std::vector<Box> boxes_of_ranks(MPI_Comm comm, const Box& box);
 
-/// Numbers in a facet's key: its outward normal, and its middle, when contact with itself was made.
-inline constexpr std::size_t key_size = 6;
+/// Numbers in a facet's key, of when contact with itself was made: its outward normal, its middle,
+/// and 1 if the place just outside of that was free, 0 if it was within the body.
+inline constexpr std::size_t key_size = 7;
+
+/// Distance, over the size of a facet, at which two facets of one surface touch, whichever of them
+/// is behind: no wall is as thin.
+inline constexpr double flush_tolerance = 1e-5;
 
 /// Roles of two facets of a surface that touches itself: whether the first one is the slave. Facets
 /// that looked at each other when contact was made differ by their normals, others by their places
@@ -74,8 +79,10 @@ inline constexpr std::size_t key_size = 6;
 int is_slave_of(std::span<const double> key, std::span<const double> other);
 
 /// Whether of two facets of a surface that touches itself one is the other side of the other's
-/// wall, being behind it by a depth: it was when contact was made, and has not come much nearer.
-bool is_own_wall(std::span<const double> key, std::span<const double> other, double depth);
+/// wall, being behind it by a depth: it was when contact was made, both looking at what was free,
+/// and has not come much nearer. @param size of the facet
+bool is_own_wall(std::span<const double> key, std::span<const double> other, double depth,
+                 double size);
 
 /// Contact surface of one body.
 class Surface

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from dolfinx import mesh
 
+import qsdolfinx._cpp as _cpp
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Surface
 
@@ -37,11 +38,13 @@ def boundary_of(surface: Surface) -> Surface:
     if surface.axisymmetric:
         facets = _off_axis(surface, facets)
     out = Surface(surface.V, facets=facets, axisymmetric=surface.axisymmetric)
-    x, inside, _ = out.coordinates
+    x, behind, _ = out.coordinates
     area, middle = area_vectors(x), x.mean(axis=1)
-    area = np.sign(np.sum(area * (middle - inside), axis=1))[:, None] * area
+    area = np.sign(np.sum(area * (middle - behind), axis=1))[:, None] * area
     size = np.linalg.norm(area, axis=1)
-    key = np.column_stack([area / size[:, None], middle])
+    normal = area / size[:, None]
+    inside = _cpp.within_body(out.cpp_object, middle, normal, np.arange(len(size)))
+    key = np.column_stack([normal, middle, 1.0 - inside])
     key[~np.isin(out.facets, surface.facets)] = np.nan
     out.touch_itself(key)
     if not surface.axisymmetric:

@@ -139,8 +139,9 @@ class Surface:
         Its nodes are those of the facets that may touch anything then.
 
         Args:
-            key: Of each facet of this rank, shape (facets, 6), what gives it its role: its normal,
-                and its middle. NaN if it is not to touch anything.
+            key: Of each facet of this rank, shape (facets, 7): its normal, its middle, and whether
+                it looked at what was free (1) or was within the body (0); see key_size in
+                cpp/surface/surface.h. NaN if it is not to touch anything.
         """
         self._key = np.ascontiguousarray(key)
         self.cpp_object = self.twin()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import CELLS, WORLD, largest
+from scenes import CELLS, WORLD, blocks, largest
 from slotted import DEPTH, HEIGHT, LENGTH, ROOT, Slotted
 from tangents import direction, near_solution, tangent_errors
 
@@ -166,3 +166,35 @@ def test_where_it_touches(tmp_path):
     writer = qs.FieldWriter(tmp_path / "slot.xdmf", scene.mesh, contact.fields("slave"))
     writer.write(0.0)
     writer.close()
+
+
+@pytest.mark.parametrize("overlap", (0.0, 1e-15, 1e-9, 1e-4, 0.03, -0.02))
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_parts_that_overlap_at_first(gdim, overlap):
+    """They are no walls of each other, however deep, also once they have moved."""
+    high, up = np.ones(gdim), np.eye(gdim)[-1] * (1 - overlap)
+    msh = blocks((0 * high, high), (up, high + up))
+    V = fem.functionspace(msh, ("Lagrange", 1, (gdim,)))
+    every = mesh.locate_entities_boundary(msh, gdim - 1, lambda x: np.full(x.shape[1], True))
+    surface = qs.Surface(V, facets=every)
+    x = msh.geometry.x.copy()
+    upper = np.zeros(len(x), dtype=bool)
+    for cell in msh.geometry.dofmap:
+        upper[cell] = x[cell, gdim - 1].mean() > 1
+    contact = qs.Contact(surface, surface, search_radius=0.2)
+    for pressed_in in (0.0, 0.01, 0.05):
+        msh.geometry.x[upper, gdim - 1] = x[upper, gdim - 1] - pressed_in
+        contact.update()
+        gap, weight = contact.pairing.gap, contact.pairing.weight
+        assert abs(WORLD.allreduce(np.sum(weight)) - 1) < 1e-12
+        assert WORLD.allreduce(float(np.max(np.abs(gap + overlap + pressed_in), initial=0))) < 1e-12
+
+
+def test_overlap_is_refused():
+    """As of two surfaces."""
+    msh = blocks(([0.0, 0.0], [1.0, 1.0]), ([0.0, 0.97], [1.0, 2.0]))
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    every = mesh.locate_entities_boundary(msh, 1, lambda x: np.full(x.shape[1], True))
+    surface = qs.Surface(V, facets=every)
+    with pytest.raises(ValueError, match=r"penetrate each other by 0\.03"):
+        qs.Contact(surface, surface, initial_overclosure="error")
