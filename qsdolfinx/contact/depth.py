@@ -193,7 +193,7 @@ def _pairs_with_itself(
 ) -> _cpp.PairingPoints:
     """Points of a surface and what they touch of it, where it is twice. Collective."""
     none, radius = Relief.unknown("none"), model.paired.search_radius
-    return overlay_points(own, same, model.slave.gdim, radius, (none, none), both=True)
+    return overlay_points(own, same, model.slave.gdim, radius, (none, none), of_itself=True)
 
 
 def _depths_in_itself(points: _cpp.PairingPoints) -> Distances:

@@ -20,6 +20,9 @@ Flags = npt.NDArray[np.bool_]
 #: Degree of the rule on the pieces of an overlay that distances are looked for at.
 DEGREE = 2
 
+#: The same of a surface that touches itself.
+OF_ITSELF = 8
+
 #: Offset in the plane of a facet over the height above or below it, beyond which a point is beside
 #: the surface, past its rim or an edge.
 BESIDE = 0.3
@@ -76,7 +79,7 @@ def overlay_points(
     gdim: int,
     radius: float,
     reliefs: tuple[Relief, Relief],
-    both: bool = False,
+    of_itself: bool = False,
 ) -> _cpp.PairingPoints:
     """Points on the facets of a surface that face the other one. Collective.
 
@@ -86,13 +89,14 @@ def overlay_points(
         gdim: Geometric dimension.
         radius: Length beyond which nothing is in reach.
         reliefs: What the facets of the two stand for.
-        both: Whether also those on the other one.
+        of_itself: Whether both are the same: also points of the other one, and more of them, since
+            its nodes are not searched.
     """
     of_facets = 0  # normals
-    rules = overlay_rules(gdim, DEGREE)
+    rules = overlay_rules(gdim, OF_ITSELF if of_itself else DEGREE)
     first, second = reliefs
     reach = _cpp.SearchRadius(radius)
-    return _cpp.overlay_surfaces(cut, other, both, reach, of_facets, *rules, *first, *second)
+    return _cpp.overlay_surfaces(cut, other, of_itself, reach, of_facets, *rules, *first, *second)
 
 
 def from_shape(
