@@ -1,5 +1,6 @@
 #include "pairing/overlay.h"
 #include "geometry/boxes.h"
+#include "pairing/roles.h"
 #include "parallel/exchange.h"
 #include "parallel/records.h"
 #include "search/local_search.h"

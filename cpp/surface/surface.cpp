@@ -13,9 +13,6 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Cosine of the angle of normals from which on facets looked at each other.
-constexpr double opposed_cosine = -0.2;
-
 /// What bounds a facet: edges, given by their vertices; for an interval its two ends.
 std::span<const std::array<int, 2>> edges_of(FacetType type)
 {
@@ -119,27 +116,6 @@ void Surface::follow(std::span<const double> trace_x)
     facets_.size[f] = std::sqrt(squared_size(type_, facet_x(f)));
   }
   tree_follows_ = false;
-}
-
-int qsdolfinx::is_slave_of(std::span<const double> key, std::span<const double> other)
-{
-  constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
-  const Vec3 n = facet_vertex(key, 0), m = facet_vertex(other, 0);
-  const int what = dot(n, m) < opposed_cosine ? 0 : 1; // normal or middle
-  const double here = dot(facet_vertex(key, what), along),
-               there = dot(facet_vertex(other, what), along);
-  return here > there ? 1 : (here < there ? -1 : 0);
-}
-
-bool qsdolfinx::is_own_wall(std::span<const double> key, std::span<const double> other,
-                            double depth, double size)
-{
-  constexpr double thinnest = 0.3; // part of what the wall was thick
-  const Vec3 n = facet_vertex(key, 0), m = facet_vertex(other, 0);
-  const double thickness = dot(facet_vertex(key, 1) - facet_vertex(other, 1), n);
-  const bool both_free = key[6] > 0 && other[6] > 0;
-  return dot(n, m) < opposed_cosine && both_free && thickness > flush_tolerance * size
-         && depth > thinnest * thickness;
 }
 
 Surface::~Surface()

@@ -69,21 +69,6 @@ std::vector<Box> boxes_of_ranks(MPI_Comm comm, const Box& box);
 /// and 1 if the place just outside of that was free, 0 if it was within the body.
 inline constexpr std::size_t key_size = 7;
 
-/// Distance, over the size of a facet, at which two facets of one surface touch, whichever of them
-/// is behind: no wall is as thin.
-inline constexpr double flush_tolerance = 1e-5;
-
-/// Roles of two facets of a surface that touches itself: whether the first one is the slave. Facets
-/// that looked at each other when contact was made differ by their normals, others by their places
-/// along one direction: either way neighbours have the same role. 0 if there is no telling.
-int is_slave_of(std::span<const double> key, std::span<const double> other);
-
-/// Whether of two facets of a surface that touches itself one is the other side of the other's
-/// wall, being behind it by a depth: it was when contact was made, both looking at what was free,
-/// and has not come much nearer. @param size of the facet
-bool is_own_wall(std::span<const double> key, std::span<const double> other, double depth,
-                 double size);
-
 /// Contact surface of one body.
 class Surface
 {
@@ -101,8 +86,8 @@ public:
   /// @param axisymmetric coordinates are (r, z): facets stand for rings, areas are 2πr times
   /// lengths
   /// @param touches_itself whether it is all of a body's boundary, parts of which touch others
-  /// @param key then, of each facet, [facet][key_size], what gives it its role, see is_slave_of;
-  /// NaN of those that touch nothing, whose vertices are no nodes
+  /// @param key then, of each facet, [facet][key_size], what gives it its role, see
+  /// pairing/roles.h; NaN of those that touch nothing, whose vertices are no nodes
   Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
           std::span<const std::int64_t> dofs, std::span<const int> owner,
           std::span<const double> inside, std::int64_t local_size, bool axisymmetric,

@@ -27,7 +27,7 @@ def boundary_of(surface: Surface) -> Surface:
 
     The other facets hide what is behind them, and tell what is within the body. Which of two facets
     that touch is the slave's follows from their normals and places now, see is_slave_of in
-    cpp/surface/surface.h.
+    cpp/pairing/roles.h.
 
     Raises:
         ValueError: If the boundary that DOLFINx finds is not closed.
