@@ -1,7 +1,10 @@
 """Contact of a surface with itself."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
+from following import Body, problem_of
 from scenes import CELLS, WORLD, blocks, largest
 from slotted import DEPTH, HEIGHT, LENGTH, ROOT, Slotted
 from tangents import direction, near_solution, tangent_errors
@@ -198,3 +201,37 @@ def test_overlap_is_refused():
     surface = qs.Surface(V, facets=every)
     with pytest.raises(ValueError, match=r"penetrate each other by 0\.03"):
         qs.Contact(surface, surface, initial_overclosure="error")
+
+
+def hairpin(comm, sliding):
+    """Numbers of a hairpin that is closed, of meshes on some ranks."""
+    msh = mesh.create_rectangle(comm, [[0, 0], [1, 1]], [36, 2], mesh.CellType.quadrilateral)
+    x = msh.geometry.x
+    s, t = 2 * x[:, 0] - 1, 0.8 + 0.2 * x[:, 1]
+    leg = np.maximum(np.abs(s) - 0.4, 0) * np.where(s > 0, 4, 5)
+    angle = np.pi / 2 * np.clip(s / 0.4, -1, 1)
+    x[:, 0], x[:, 1] = leg - t * np.cos(angle), t * np.sin(angle)
+    body = Body(msh)
+    ends = [body.boundary(lambda x, y=y: np.isclose(x[1], y) & (x[0] > 1.4)) for y in (1, -1)]
+    moved = body.clamp(ends[0])
+    body.clamp(ends[1])
+    surface = body.surface(body.boundary(lambda x: np.full(x.shape[1], True)))
+    options = {"search_radius": 1.7, "friction": qs.Coulomb(0.1), "enforcement": "penalty"}
+    contact = qs.Contact(surface, surface, **options, **sliding)
+    problem = problem_of([body], [contact], solver="direct")
+    out = []
+    for down in (0.8, 1.4, 1.58, 1.62):
+        moved.value[1] = -down
+        problem.solve()
+        out += [*contact.force("slave"), *contact.force("master"), contact.energy]
+        out += [contact.penetration(), *contact.moment("slave", np.zeros(2))]
+    points = contact.pairing
+    out += [comm.allreduce(float(points.weight @ points.gap)), contact.step_dissipation()]
+    return np.array(out)
+
+
+@pytest.mark.parametrize("sliding", FINITE.values(), ids=FINITE)
+def test_same_on_all_ranks(sliding):
+    alone, together = (hairpin(comm, sliding) for comm in (MPI.COMM_SELF, WORLD))
+    assert np.abs(alone).max() > 1
+    assert largest(together - alone) < 1e-8 * np.abs(alone).max()
