@@ -485,11 +485,14 @@ class Crumpled:
                 continue
             if boundary.degree == 2:  # functions of nodes have either sign
                 continue
-            push = (boundary.normals[parts] @ f).min() / size
-            if push > 0:
-                out.append(f"adhesion {push:.3g}: {place}")
             there = opposite[parts].reshape(-1, len(f))
-            ways = np.concatenate([-boundary.normals[parts], there[~np.isnan(there[:, 0])]])
+            there = there[~np.isnan(there[:, 0])]
+            # Friction at an edge may point out of all its facets, but not out of what pushes.
+            is_pushed = np.any(np.arccos(np.clip(there @ f / size, -1, 1)) <= angle)
+            push = (boundary.normals[parts] @ f).min() / size
+            if push > 0 and not is_pushed:
+                out.append(f"adhesion {push:.3g}: {place}")
+            ways = np.concatenate([-boundary.normals[parts], there])
             spread = np.arccos(np.clip(ways @ ways.T, -1, 1)).max()
             off = np.arccos(np.clip(ways @ f / size, -1, 1)).min() - spread / 2
             if off > angle:
