@@ -592,7 +592,8 @@ class Newton:
             failure, self._context.failure = self._context.failure, None
             if failure is None:
                 self.linear.look()
-                begin_afresh(self.snes.getKSP())
+                if self.linear.is_direct:
+                    begin_afresh(self.snes.getKSP())
                 if error.ierr == OF_A_LIBRARY:  # such as factors that a direct solver cannot make
                     self.fail(FAILED_LINEARLY)
                 raise

@@ -30,7 +30,7 @@ def boundary_of(surface: Surface) -> Surface:
     cpp/pairing/roles.h.
 
     Raises:
-        ValueError: If the boundary that DOLFINx finds is not closed.
+        ValueError: If the boundary is not closed, as where cells at it are turned inside out.
     """
     msh = surface.mesh
     every = mesh.exterior_facet_indices(msh.topology)
@@ -52,8 +52,8 @@ def boundary_of(surface: Surface) -> Surface:
         total = surface.comm.allreduce(local, op=MPI.SUM)
         if np.linalg.norm(total[:3]) > CLOSED * total[3]:
             raise ValueError(
-                "slave and master: contact of a surface with itself needs all of the body's "
-                "boundary, and that of the mesh is not closed"
+                "slave and master: contact of a surface with itself has to know what is inside, "
+                "and the boundary of the mesh is not closed: are cells turned inside out?"
             )
     return out
 

@@ -93,6 +93,13 @@ def test_edges_that_are_named(gdim, n, tool, formulation):
         assert abs(contact.force("slave")[1] - 78.81) < 0.005
 
 
+def test_one_row_for_all_sides():
+    """What that is beside: rows at nodes of small sliding let the edge in."""
+    contact, depth = slanted_block(enforcement="augmented-lagrangian")
+    assert abs(depth - 0.00889) < 5e-6
+    assert abs(contact.force("slave")[1] - 76.08) < 0.005
+
+
 def test_edges_of_bodies():
     """The force of a block with its sides named is that of the bottom alone."""
     forces = []
