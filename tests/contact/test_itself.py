@@ -260,4 +260,4 @@ def test_same_on_all_ranks(sliding, partition):
     """Pairs span ranks, or all but one have no facets."""
     alone, together = hairpin(MPI.COMM_SELF, sliding), hairpin(WORLD, sliding, partition)
     assert np.abs(alone).max() > 1
-    assert largest(together - alone) < 1e-8 * np.abs(alone).max()
+    assert largest(together - alone) < 1e-9 * np.abs(alone).max()

@@ -57,4 +57,4 @@ def test_same_on_all_ranks(cell, options):
     if "degree" in options and cell in ("tetrahedron", "hexahedron"):
         options = {}
     alone, together = (results(comm, cell, **options) for comm in (MPI.COMM_SELF, WORLD))
-    assert largest(together - alone) < 1e-8 * np.abs(alone).max()
+    assert largest(together - alone) < 1e-9 * np.abs(alone).max()
