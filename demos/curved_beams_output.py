@@ -1,0 +1,141 @@
+"""What the demo of curved beams measures: forces, energies, symmetry, kinks, penetration."""
+
+import dataclasses
+
+import numpy as np
+
+from common.command import say
+
+
+@dataclasses.dataclass
+class Row:
+    """The state at a shift."""
+
+    shift: float  # of the upper beam's middle from the lower one's
+    fx: float  # on the upper beam's ends
+    fy: float
+    net_force: float  # on the ends of both
+    elastic: float  # the penalty's energy included
+    dissipated: float
+    penetration: float
+    facet_size: float
+    touching: float  # length of contact
+    iterations: int
+    cutbacks: int
+
+    def say(self):
+        """Print it, on rank 0."""
+        say(
+            f"shift {self.shift:7.3f}  force {self.fx:10.6f} {self.fy:10.6f}  "
+            f"touching {self.touching:.2f}  iterations {self.iterations}"
+        )
+
+
+def measure(shift, iterations, upper, lower, contact, stepper):
+    """The row of this state. Collective."""
+    force, opposite = upper.reaction(), lower.reaction()
+    solved = stepper.num_steps > 0
+    of_penalty = contact.energy if solved and not contact.augmented else 0.0
+    return Row(
+        shift,
+        *force,
+        net_force=np.abs(force + opposite).max(),
+        elastic=upper.energy() + lower.energy() + of_penalty,
+        dissipated=contact.dissipated_energy(),
+        penetration=contact.penetration() if solved else 0.0,
+        facet_size=min(upper.facet_size, lower.facet_size),
+        touching=contact.patch()[0] if solved else 0.0,
+        iterations=iterations,
+        cutbacks=stepper.num_cutbacks,
+    )
+
+
+def columns(rows, *names):
+    """Values of many rows, an array each."""
+    return [np.array([getattr(row, name) for row in rows]) for name in names]
+
+
+def forces(rows):
+    """Both reaction curves, shape (2, rows)."""
+    return np.array(columns(rows, "fx", "fy"))
+
+
+def largest_force(rows):
+    """Of both components."""
+    return np.abs(forces(rows)).max()
+
+
+def force_change(rows, finer):
+    """The largest difference of both curves to those of another mesh, over the largest force."""
+    return np.abs(forces(rows) - forces(finer)).max() / largest_force(finer)
+
+
+def symmetry_error(rows):
+    """The largest difference of both curves and their mirror image, over the largest force.
+
+    Mirrored at the middle of the stroke fx changes its sign.
+    """
+    mirrored = forces(rows)[:, ::-1] * [[-1], [1]]
+    return np.abs(forces(rows) - mirrored).max() / largest_force(rows)
+
+
+def kink(rows):
+    """The largest fourth difference of both curves over 6, over the largest force.
+
+    That is how far a force is from the cubic through the two before and the two after it. Of a
+    smooth curve it goes with step⁴, of one that turns at a point by a slope with step × slope. All
+    five are in contact: where contact begins and ends curves do turn.
+    """
+    (touching,) = columns(rows, "touching")
+    inside = np.lib.stride_tricks.sliding_window_view(touching > 0, 5).all(axis=1)
+    fourth = np.diff(forces(rows), 4, axis=1)[:, inside]
+    return np.abs(fourth).max() / 6 / largest_force(rows)
+
+
+def work_of(rows):
+    """Work at the upper beam's ends until every second row, by Simpson's rule."""
+    fx, shift = columns(rows, "fx", "shift")
+    means = (fx[:-2:2] + 4 * fx[1::2] + fx[2::2]) / 6
+    return np.concatenate([[0.0], np.cumsum(means * np.diff(shift[::2]))])
+
+
+def energy_error(rows):
+    """What is missing in the balance of energy, the most at any time, over the largest energy."""
+    elastic, dissipated = columns(rows[::2], "elastic", "dissipated")
+    return np.abs(work_of(rows) - elastic - dissipated).max() / (elastic + dissipated).max()
+
+
+def summary(rows, finer):
+    """What --json writes, of the rows of both meshes."""
+    fx, fy = np.abs(forces(rows)).max(axis=1)
+    return {
+        "force_x_max": fx,
+        "force_y_max": fy,
+        "force_change": force_change(rows, finer),
+        "kink": kink(rows),
+        "symmetry_error": symmetry_error(rows),
+        "energy_error": energy_error(rows),
+        "max_penetration": max(row.penetration for row in rows),
+        "facet_size": rows[0].facet_size,
+        "snes_iterations": sum(row.iterations for row in rows + finer),
+    }
+
+
+def more(rows, finer):
+    """What is printed besides, of both meshes."""
+    out = {}
+    for name, each in (("", rows), (", finer mesh", finer)):
+        (elastic,) = columns(each, "elastic")
+        out[f"kink{name}"] = kink(each)
+        out[f"energy error{name}"] = energy_error(each)
+        out[f"max penetration / facet size{name}"] = (
+            max(row.penetration for row in each) / each[0].facet_size
+        )
+        out[f"net force / force{name}"] = max(row.net_force for row in each) / largest_force(each)
+        out[f"longest contact{name}"] = max(row.touching for row in each)
+        out[f"largest elastic energy{name}"] = elastic.max()
+        out[f"energy taken by friction{name}"] = each[-1].dissipated
+        out[f"work{name}"] = work_of(each)[-1]
+        out[f"iterations a step{name}"] = sum(row.iterations for row in each) / (len(each) - 1)
+        out[f"cutbacks{name}"] = each[-1].cutbacks
+    return out
