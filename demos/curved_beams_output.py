@@ -125,17 +125,16 @@ def more(rows, finer):
     """What is printed besides, of both meshes."""
     out = {}
     for name, each in (("", rows), (", finer mesh", finer)):
-        (elastic,) = columns(each, "elastic")
-        out[f"kink{name}"] = kink(each)
-        out[f"energy error{name}"] = energy_error(each)
+        out[f"largest elastic energy{name}"] = max(row.elastic for row in each)
+        out[f"work{name}"] = work_of(each)[-1]
+        out[f"energy taken by friction{name}"] = each[-1].dissipated
         out[f"max penetration / facet size{name}"] = (
             max(row.penetration for row in each) / each[0].facet_size
         )
         out[f"net force / force{name}"] = max(row.net_force for row in each) / largest_force(each)
         out[f"longest contact{name}"] = max(row.touching for row in each)
-        out[f"largest elastic energy{name}"] = elastic.max()
-        out[f"energy taken by friction{name}"] = each[-1].dissipated
-        out[f"work{name}"] = work_of(each)[-1]
         out[f"iterations a step{name}"] = sum(row.iterations for row in each) / (len(each) - 1)
         out[f"cutbacks{name}"] = each[-1].cutbacks
+    for measured in (kink, symmetry_error, energy_error):
+        out[f"{measured.__name__.replace('_', ' ')}, finer mesh"] = measured(finer)
     return out

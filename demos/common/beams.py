@@ -57,11 +57,13 @@ class Beams:
         """Both components over the shift, of each mesh, and the states that are drawn."""
         for (name, rows), style in zip(lines.items(), ("o", "-"), strict=True):
             shift, *forces = ([getattr(r, key) for r in rows] for key in ("shift", "fx", "fy"))
-            for force, what, colour in zip(forces, ("fx", "fy"), ("tab:blue", "tab:red"), strict=True):
+            for force, what, colour in zip(
+                forces, ("fx", "fy"), ("tab:blue", "tab:red"), strict=True
+            ):
                 axis.plot(shift, force, style, color=colour, ms=2.5, label=f"{what}, {name}")
         for row, _ in self.states:
             axis.plot([row.shift] * 2, [row.fx, row.fy], "s", color="black", ms=6, mfc="none")
-        axis.set_title("force on the upper beam's ends; squares: states on the left")
+        axis.set_title("force on the upper beam's ends")
         axis.set(xlabel="shift (-)", ylabel="force / (E length) (-)")
         axis.grid()
         axis.legend()

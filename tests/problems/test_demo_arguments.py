@@ -9,6 +9,7 @@ from common import pictures
 DEMOS = (
     "block_on_block",
     "cattaneo_mindlin",
+    "curved_beams",
     "fold",
     "forging",
     "hertz",
