@@ -56,11 +56,10 @@ class Beams:
     def draw_forces(self, axis, lines):
         """Both components over the shift, of each mesh, and the states that are drawn."""
         for (name, rows), style in zip(lines.items(), ("o", "-"), strict=True):
-            shift, *forces = ([getattr(r, key) for r in rows] for key in ("shift", "fx", "fy"))
-            for force, what, colour in zip(
-                forces, ("fx", "fy"), ("tab:blue", "tab:red"), strict=True
-            ):
-                axis.plot(shift, force, style, color=colour, ms=2.5, label=f"{what}, {name}")
+            shift = [row.shift for row in rows]
+            for key, colour in (("fx", "tab:blue"), ("fy", "tab:red")):
+                force = [getattr(row, key) for row in rows]
+                axis.plot(shift, force, style, color=colour, ms=2.5, label=f"{key}, {name}")
         for row, _ in self.states:
             axis.plot([row.shift] * 2, [row.fx, row.fy], "s", color="black", ms=6, mfc="none")
         axis.set_title("force on the upper beam's ends")
