@@ -24,7 +24,7 @@ LARGEST = 150e3  # bytes of a picture in docs/figures
 SMALL = {
     "block_on_block": ["--push", "1.2e-2"],
     "cattaneo_mindlin": ["--h", "0.2"],
-    "curved_beams": ["--cells", "2", "--steps", "32"],
+    "curved_beams": ["--cells", "2", "--steps", "16"],
     "fold": ["--cells", "1", "--steps", "32"],
     "hertz": ["--h", "0.4"],
     "hertz --dim 3": ["--h", "0.6"],
