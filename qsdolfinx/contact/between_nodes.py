@@ -9,10 +9,8 @@ import numpy as np
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import results
 from qsdolfinx.contact.crossing import motion_since
-from qsdolfinx.contact.depth import gaps_of_points
+from qsdolfinx.contact.depth import depths_of_points
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.pairing.distance import Distances
 
 #: Depth of a point, in units of the slave's smallest facet, that is not left to weighted gaps.
 #: Facets of curves and ends of contact leave some hundredths.
@@ -44,7 +42,7 @@ def check_between_nodes(model: ContactModel) -> None:
     limit = max(limit, UNEVEN * weighted)
     found: list[tuple[float, tuple[float, ...]]] = []
     for gap in model.gaps:
-        points = _points_of(model, gap)
+        points = depths_of_points(model, gap)
         if len(points.depth) and points.depth.max() > limit:
             i = int(np.argmax(points.depth))
             found.append(
@@ -63,14 +61,6 @@ def check_between_nodes(model: ContactModel) -> None:
         ContactWarning,
     )
     model.depth_warned = True
-
-
-def _points_of(model: ContactModel, gap: WeightedGap) -> Distances:
-    """Depths of the points of a pass: where they are now, if it follows the bodies. Collective."""
-    if gap.following is None or gap.cut is None:
-        return gaps_of_points(model, gap)
-    x, distance = gap.following.points(gap.cut)
-    return Distances(x, -distance, np.zeros(len(x), dtype=bool))
 
 
 def _deepest_when_paired(model: ContactModel) -> float:

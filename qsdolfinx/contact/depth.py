@@ -161,7 +161,7 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
     sampling, gdim = model.settings.sampling, model.slave.gdim
     sides = (model.slave, model.master)
     if any(s.degree > 1 for s in sides) and any(sampling.covers(s) for s in sides):
-        return [("slave", gaps_of_points(model, gap)) for gap in model.gaps[:1]]
+        return [("slave", depths_of_points(model, gap)) for gap in model.gaps[:1]]
     slave, other = placement.slave.facets(), placement.master
     if is_analytic(other):
         points = [_cpp.sample_nodes(slave)]
@@ -209,6 +209,14 @@ def _gaps_to_itself(model: ContactModel, place: Place) -> Array:
     out = np.full(len(own.node_x), np.nan)
     out[operator.row_node] = -operator.initial_gap
     return out[np.searchsorted(own.node_dofs[:, 0], place.surface.node_dofs[:, 0])]
+
+
+def depths_of_points(model: ContactModel, gap: WeightedGap) -> Distances:
+    """Depths of the points of a pass: where they are now, if it follows the bodies. Collective."""
+    if gap.following is None or gap.cut is None:
+        return gaps_of_points(model, gap)
+    x, distance = gap.following.points(gap.cut)
+    return Distances(x, -distance, np.zeros(len(x), dtype=bool))
 
 
 def gaps_of_points(model: ContactModel, gap: WeightedGap) -> Distances:

@@ -14,6 +14,7 @@ from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.system.body import body_of, contains
+from qsdolfinx.system.one_point import mixes_one_point
 
 LIST = instance(typing.Sequence, "a list")
 BODIES = Kind(
@@ -105,6 +106,12 @@ def _check_form(name: str, i: int, form: typing.Any, rank: int, u: fem.Function)
     require(spaces == [u.function_space] * rank, text)
     depends = rank == 2 or u in form.coefficients()
     require(depends, f"F: entry {i} does not depend on u[{i}]")
+    text = (
+        f"{name}: entry {i} has integrals with one quadrature point and others over the same cells, "
+        "of which FFCx makes wrong kernels; give them subdomains of their own, "
+        'ufl.Measure("dx", mesh, subdomain_data=[(1, cells), (2, cells)])'
+    )
+    require(not mixes_one_point(form), text)
 
 
 def _all(kind: type, values: typing.Iterable[typing.Any]) -> bool:

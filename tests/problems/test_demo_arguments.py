@@ -11,6 +11,7 @@ DEMOS = (
     "cattaneo_mindlin",
     "curved_beams",
     "fold",
+    "rubber",
     "forging",
     "hertz",
     "ironing",

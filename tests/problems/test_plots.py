@@ -25,6 +25,7 @@ SMALL = {
     "block_on_block": ["--push", "1.2e-2"],
     "cattaneo_mindlin": ["--h", "0.2"],
     "curved_beams": ["--cells", "2", "--steps", "16"],
+    "rubber": ["--facet", "0.4", "--steps", "12", "--distance", "0.1"],
     "fold": ["--cells", "1", "--steps", "32"],
     "hertz": ["--h", "0.4"],
     "hertz --dim 3": ["--h", "0.6"],

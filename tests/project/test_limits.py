@@ -188,6 +188,14 @@ def bodies_on_one_mesh(msh):
     qs.TimeStepper(qs.ContactProblem(forms, u, []), 0.1)
 
 
+def reduced_integration():
+    msh = mesh.create_unit_square(WORLD, 2, 2, mesh.CellType.quadrilateral)
+    V = vector_space(msh)
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    inner = ufl.inner(ufl.grad(u), ufl.grad(v))
+    qs.ContactProblem([inner * ufl.dx(degree=3) + inner * ufl.dx(degree=1)], [u], [])
+
+
 #: What makes each message, from the scene and a folder.
 CASES = {
     # Meshes and spaces
@@ -324,6 +332,9 @@ CASES = {
     ),
     'solver: "schur" eliminates unknowns inside cells, and F[0] has integrals': (
         lambda s, folder: jumps_of_a_mini_body()
+    ),
+    "has integrals with one quadrature point and others over the same cells": (
+        lambda s, folder: reduced_integration()
     ),
     "nu: must be above -1 and below 0.5, not 0.5": (
         lambda s, folder: materials.linear_elastic(s.pair.u[0], 1.0, 0.5)

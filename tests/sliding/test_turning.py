@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from following import Nested, rotation
-from scenes import FORMULATIONS, largest
+from following import Body, Nested, on_radius, problem_of, ring, rotation
+from scenes import FORMULATIONS, elevated, largest
 
 from dolfinx import fem
 
@@ -139,3 +139,35 @@ def test_again_at_once():
     scene.problem.solve()
     changes = [new - old for new, old in zip(scene.forces, forces, strict=True)]
     assert largest(*changes) < 1e-6 * largest(*forces)
+
+
+@pytest.mark.parametrize("displacements", [1, 2])
+def test_depth_of_curved_facets_that_slide(displacements):
+    """Depths are those of where the bodies are: a disc that turns in its bore gets no deeper."""
+    bodies = []
+    for n, radii, turn in ((26, (0.6, 1.0), 0.0), (34, (0.98, 1.4), 0.3)):
+        msh = elevated(ring((n, 1), radii, turn=turn))
+        x = msh.geometry.x[:, :2]
+        r = np.linalg.norm(x, axis=1)
+        near = np.array(radii + (np.mean(radii),))[
+            np.argmin(np.abs(r[:, None] - np.array(radii + (np.mean(radii),))), axis=1)
+        ]
+        x *= (near / r)[:, None]
+        bodies.append(Body(msh, displacements))
+    contact = qs.Contact(
+        on_radius(bodies[0], 1.0, 0.01), on_radius(bodies[1], 0.98, 0.01),
+        sliding="finite", enforcement="penalty", penalty=2000.0,
+    )  # fmt: skip
+    held = []
+    for body, radius in zip(bodies, (0.6, 1.4), strict=True):
+        far = body.boundary(lambda x, r=radius: np.abs(np.hypot(x[0], x[1]) / r - 1) < 0.01)
+        held.append(fem.Function(body.V))
+        body.bcs[:] = [fem.dirichletbc(held[-1], fem.locate_dofs_topological(body.V, 1, far))]
+    problem, depths = problem_of(bodies, [contact]), []
+    for angle in (0.0, 0.4, 0.8):
+        held[0].interpolate(lambda x, a=angle: (rotation(a) - np.eye(2)) @ x[:2])
+        bodies[0].u.interpolate(held[0])
+        problem.solve()
+        depths.append(contact.penetration())
+    assert 1e-4 < depths[0] < 0.02
+    assert depths[1:] == pytest.approx(2 * [depths[0]], rel=0.2)

@@ -1,0 +1,85 @@
+"""The bodies of the rubber demo: an O-ring's section, and a sheet."""
+
+import numpy as np
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+from common.bodies import facets_at, fix, gmsh_mesh, integral
+
+#: Shear modulus, and Lamé's first parameter: Poisson's ratio is 0.49.
+MU, LAMBDA = 1.0, 50.0
+RADIUS = 1.0  # of the O-ring's section
+LENGTH, HEIGHT, MARGIN = 260.0, 20.0, 40.0  # of the sheet, and of what is behind the roller
+
+
+def two_rules(msh, degree):
+    """Measures of all cells: with enough points for cells of some degree, and for a degree less.
+
+    In two forms of one subdomain FFCx 0.9 would mix up a rule of one point and the other one.
+    """
+    cells = np.arange(msh.topology.index_map(2).size_local, dtype=np.int32)
+    dx = ufl.Measure("dx", msh, subdomain_data=[(1, cells), (2, cells)])
+    return dx(1, degree=2 * degree + 1), dx(2, degree=degree)
+
+
+class Rubber:
+    """A nearly incompressible neo-Hookean body in plane strain.
+
+    The pressure is integrated in fewer points than the rest, as many as elements of one degree less
+    have: with all of them the cells would lock.
+
+    Args:
+        msh: Its mesh.
+        degree: Of the displacement.
+        facets: Which may touch.
+        held: Facets that are clamped, if any.
+    """
+
+    def __init__(self, msh, degree, facets, held=None):
+        self.mesh = msh
+        V = self.V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
+        u, v = self.u, _ = fem.Function(V), ufl.TestFunction(V)
+        F = ufl.Identity(2) + ufl.grad(u)
+        self.cofactor, ln_J = ufl.inv(F).T, ufl.ln(ufl.det(F))
+        shear, pressure = MU * (F - self.cofactor), LAMBDA * ln_J * self.cofactor
+        in_full, reduced = two_rules(msh, degree)
+        self.F = ufl.inner(shear, ufl.grad(v)) * in_full
+        self.F += ufl.inner(pressure, ufl.grad(v)) * reduced
+        self.stress = (shear + pressure) * F.T / ufl.det(F)
+        self.surface = qs.Surface(V, facets=facets)
+        self.bcs = [] if held is None else [fix(V, axis, held) for axis in (0, 1)]
+        self.facet_size = self.surface.facet_size_range[0]
+        self.area = integral(msh, fem.Constant(msh, 1.0) * ufl.dx)
+        self._moved = fem.form(u[0] * ufl.dx)
+
+    def moved(self):
+        """Mean displacement along x. Collective."""
+        return integral(self.mesh, self._moved) / self.area
+
+
+def o_ring(comm, facet):
+    """The section of an O-ring: triangles of degree 2, all of whose boundary may touch."""
+
+    def draw(gmsh):
+        gmsh.model.occ.addDisk(0, 0, 0, RADIUS, RADIUS)
+        gmsh.model.occ.synchronize()
+        for option in ("Mesh.MeshSizeMin", "Mesh.MeshSizeMax"):
+            gmsh.option.setNumber(option, facet)
+
+    msh = gmsh_mesh(comm, 2, draw)
+    msh.topology.create_connectivity(1, 2)
+    return Rubber(msh, 2, mesh.exterior_facet_indices(msh.topology))
+
+
+def sheet(comm, facet):
+    """A sheet, clamped below: quadrilaterals, twice as high as long, on the average, and finer at the top."""
+    n = round(LENGTH / facet), max(3, round(HEIGHT / (2 * facet)))
+    corners = [(MARGIN - LENGTH, -HEIGHT), (MARGIN, 0.0)]
+    msh = mesh.create_rectangle(comm, corners, n, mesh.CellType.quadrilateral)
+    bottom, top = (facets_at(msh, 1, y) for y in (-HEIGHT, 0.0))
+    y = msh.geometry.x[:, 1]
+    msh.geometry.x[:, 1] = -HEIGHT * np.maximum(-y / HEIGHT, 0) ** 1.3
+    return Rubber(msh, 1, top, held=bottom)
