@@ -75,7 +75,7 @@ def o_ring(comm, facet):
 
 
 def sheet(comm, facet):
-    """A sheet, clamped below: quadrilaterals, twice as high as long, on the average, and finer at the top."""
+    """A sheet, clamped below: quadrilaterals, twice as high as long, but finer at the top."""
     n = round(LENGTH / facet), max(3, round(HEIGHT / (2 * facet)))
     corners = [(MARGIN - LENGTH, -HEIGHT), (MARGIN, 0.0)]
     msh = mesh.create_rectangle(comm, corners, n, mesh.CellType.quadrilateral)

@@ -107,8 +107,8 @@ def _check_form(name: str, i: int, form: typing.Any, rank: int, u: fem.Function)
     depends = rank == 2 or u in form.coefficients()
     require(depends, f"F: entry {i} does not depend on u[{i}]")
     text = (
-        f"{name}: entry {i} has integrals with one quadrature point and others over the same cells, "
-        "of which FFCx makes wrong kernels; give them subdomains of their own, "
+        f"{name}: entry {i} has integrals with one quadrature point and others over the same "
+        "cells, of which FFCx makes wrong kernels; give them subdomains of their own, "
         'ufl.Measure("dx", mesh, subdomain_data=[(1, cells), (2, cells)])'
     )
     require(not mixes_one_point(form), text)

@@ -35,6 +35,7 @@ def test_squeezed_ring():
     assert result["max_penetration"] < 0.1 * result["facet_size"]
 
 
+@pytest.mark.long
 def test_ring_rolls_half_as_far_as_the_lid():
     result, rows = rolled(facet=0.3, steps=24, distance=0.3)
     assert result["u_x"] == pytest.approx(0.15, rel=0.02)
