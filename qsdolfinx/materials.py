@@ -1,4 +1,4 @@
-"""Materials as UFL: stresses of elastic and viscoplastic bodies, and incompressible flow.
+"""Materials as UFL: stresses of elastic and viscoplastic bodies, incompressible flow, and heat.
 
 Units are the user's, as long as they are consistent (stress = force per area; rates per time).
 
@@ -20,6 +20,7 @@ from dolfinx import fem, mesh
 
 from qsdolfinx.base.checks import (
     FINITE,
+    FRACTION,
     FUNCTION,
     MESH,
     POSITIVE,
@@ -38,6 +39,8 @@ Expression = typing.Any
 
 POISSON = number("above -1 and below 0.5", lambda nu: -1 < nu < 0.5)
 SENSITIVITY = number("at most 1", lambda m: m <= 1)
+
+CAPACITY = number("at least 0, and finite", lambda c: c >= 0)
 
 _SIMPLICES = (mesh.CellType.triangle, mesh.CellType.tetrahedron)
 
@@ -83,8 +86,14 @@ def axisymmetric_weight(msh: mesh.Mesh) -> Expression:
     return 2 * math.pi * ufl.SpatialCoordinate(msh)[0]
 
 
-def linear_elastic(u: Expression, E: Scalar, nu: Scalar, axisymmetric: bool = False) -> Expression:
-    """Cauchy stress of Hooke's law, σ = 2μ ε + λ tr(ε) I, in 2D for plane strain.
+def linear_elastic(
+    u: Expression,
+    E: Scalar,
+    nu: Scalar,
+    axisymmetric: bool = False,
+    thermal_strain: Scalar = 0.0,
+) -> Expression:
+    """Cauchy stress of Hooke's law, σ = 2μ ε + λ tr(ε) I − (3λ + 2μ) ε_T I, 2D in plane strain.
 
     μ = E / (2 (1 + ν)), λ = E ν / ((1 + ν) (1 − 2ν)).
 
@@ -93,12 +102,16 @@ def linear_elastic(u: Expression, E: Scalar, nu: Scalar, axisymmetric: bool = Fa
         E: Young's modulus, a stress.
         nu: Poisson's ratio, −1 < ν < ½.
         axisymmetric: Whether the coordinates are (r, z).
+        thermal_strain: ε_T, of a body that is free to expand, the same in all directions and, in
+            plane strain, across the plane as well: α (T − T₀), with T a number or a field.
     """
     _check(POSITIVE, E=E)
     _check(POISSON, nu=nu)
+    _check(FINITE, thermal_strain=thermal_strain)
     eps = strain(u, axisymmetric)
     mu, lmbda = E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
-    return 2 * mu * eps + lmbda * ufl.tr(eps) * ufl.Identity(eps.ufl_shape[0])
+    free = (3 * lmbda + 2 * mu) * thermal_strain
+    return 2 * mu * eps + (lmbda * ufl.tr(eps) - free) * ufl.Identity(eps.ufl_shape[0])
 
 
 def neo_hookean_energy(
@@ -175,6 +188,8 @@ def norton_hoff(
     infinite. With it, stresses are too low by the factor (1 + (ε̇₀/ε̇_eq)²)^{(m−1)/2}: at
     ε̇₀ = ε̇_eq / 1000 by less than 1e-6. The yield stress in tension is K √3^{m+1} ε̇_eq^m.
 
+    Both K and m may be expressions of UFL, such as of the temperature.
+
     Args:
         v: Velocity, incompressible.
         K: Consistency, stress × time^m.
@@ -246,6 +261,70 @@ def incompressible(w: fem.Function, stress: Expression, dx: ufl.Measure | None =
     rate, test = strain(v, axisymmetric), strain(dv, axisymmetric)
     integrand = ufl.inner(stress, test) - p * ufl.tr(test) - q * ufl.tr(rate)
     return (axisymmetric_weight(msh) * integrand if axisymmetric else integrand) * dx
+
+
+def heat(
+    T: fem.Function,
+    conductivity: Scalar,
+    capacity: Scalar = 0.0,
+    before: fem.Function | None = None,
+    dt: Scalar | None = None,
+    source: Scalar = 0.0,
+    axisymmetric: bool = False,
+    dx: ufl.Measure | None = None,
+) -> ufl.Form:
+    """Residual of heat conduction, ∫ c (T − T₀)/Δt T* + k ∇T·∇T* − s T*, by backward Euler.
+
+    What flows in through the boundary, h per area and time, is to be subtracted as ``h * T* * ds``,
+    with T* = ``ufl.TestFunction(T.function_space)`` and, if axisymmetric, times
+    ``axisymmetric_weight``. Of first order in Δt. With T* = 1: what a body without conditions takes
+    up is what its sources give, to rounding.
+
+    Args:
+        T: Temperature, of a scalar space.
+        conductivity: k, power per length and temperature.
+        capacity: c, heat per volume and temperature (density times specific heat); 0 at steady
+            state.
+        before: Temperature T₀ at the start of the step; not needed at steady state.
+        dt: Length Δt of the step, a time.
+        source: s, power per volume, such as ``plastic_heat``.
+        axisymmetric: Whether the coordinates are (r, z); integrals have the weight 2πr then.
+        dx: Measure; by default over the mesh.
+    """
+    check(FUNCTION, T=T)
+    check(either(FUNCTION, None), before=before)
+    check(either(instance(ufl.Measure, "a measure of UFL"), None), dx=dx)
+    require(T.ufl_shape == (), "T: must be a scalar field")
+    _check(POSITIVE, conductivity=conductivity)
+    _check(CAPACITY, capacity=capacity)
+    _check(FINITE, source=source)
+    steady = _value(capacity) == 0
+    known = before is not None and dt is not None
+    require(steady or known, "before, dt: must be given with a capacity: what T was, and the step")
+    if dt is not None:
+        _check(POSITIVE, dt=dt)
+    msh = T.function_space.mesh
+    weight = axisymmetric_weight(msh) if axisymmetric else 1.0
+    test = ufl.TestFunction(T.function_space)
+    integrand = conductivity * ufl.inner(ufl.grad(T), ufl.grad(test)) - source * test
+    if not steady:
+        integrand += capacity * (T - before) / dt * test
+    return weight * integrand * (ufl.dx(msh) if dx is None else dx)
+
+
+def plastic_heat(
+    stress: Expression, v: Expression, share: Scalar = 0.9, axisymmetric: bool = False
+) -> Expression:
+    """Power per volume that flow turns into heat, β s:ε̇, the source of ``heat``.
+
+    Args:
+        stress: Deviatoric stress s, such as ``norton_hoff``.
+        v: Velocity that it is of, incompressible.
+        share: β of Taylor & Quinney (1934), from 0 to 1; what is left stays in the material.
+        axisymmetric: Whether the coordinates are (r, z).
+    """
+    _check(FRACTION, share=share)
+    return share * ufl.inner(stress, strain(v, axisymmetric))
 
 
 def _deformation_gradient(u: Expression, axisymmetric: bool) -> Expression:
