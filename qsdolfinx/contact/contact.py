@@ -581,7 +581,8 @@ class Contact:
     def slipping(self, side: str = "slave") -> npt.NDArray[np.bool_]:
         """Nodes of this rank that are in contact and slip, shape (nodes,).
 
-        Among them are nodes that have lost the friction of a law that jumps when they open.
+        Among them are nodes that have lost the friction of a law that jumps when they open. None
+        without friction.
         """
         return results.slipping(self.model, side)
 
@@ -679,6 +680,23 @@ class Contact:
             nodal forces f_k are then those conjugate to this space.
         """
         return results.traction(self.model, side, part)
+
+    def pressure(self, side: str) -> fem.Function:
+        """Contact pressure p = −t·n (stress), positive where bodies press each other. Collective.
+
+        Of :meth:`traction` without friction, along the outward normals n of the side's vertices
+        where its facets are; at an edge that is a mean of those around. Ties may pull: p < 0.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+
+        Returns:
+            Scalar function of degree 1, zero off the surface.
+
+        Raises:
+            ValueError: If the side is a rigid tool.
+        """
+        return results.pressure(self.model, side)
 
     # --- Fields
 

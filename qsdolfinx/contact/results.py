@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
+import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check, check_vector, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import active_set, depth
@@ -132,7 +133,9 @@ def slip(model: ContactModel, side: str) -> Array:
 
 
 def slipping(model: ContactModel, side: str) -> Flags:
-    """Nodes in contact that slip."""
+    """Nodes in contact that slip; none without friction."""
+    if not model.slips:
+        return np.zeros(len(gap_of(model, side).slave.node_area), dtype=bool)
     found = slip_of(model, side)
     return np.asarray(found.gap.rows.on_nodes(found.slipping, False), dtype=bool)
 
@@ -247,8 +250,24 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
         return recover(surface, vec, _areas_now(model, side) if model.follows else None)
 
 
+def pressure(model: ContactModel, side: str) -> fem.Function:
+    """p_k = −t_k·n_k, n_k being the normals of the vertices where the facets are. Collective."""
+    whole = traction(model, side, "normal" if model.slips else "whole")
+    surface = deformable(surface_of(model, side))
+    assert surface is not None
+    normal = np.asarray(_facets_now(model, side).node_normal)[:, : surface.gdim]
+    values = np.zeros_like(normal)
+    values[:, 0] = -np.sum(surface.linear.node_values(whole) * normal, axis=1)
+    return surface.linear.function(values).sub(0).collapse()
+
+
 def _areas_now(model: ContactModel, side: str) -> Array:
     """Areas of the vertices of one side where its facets are. Collective."""
+    return np.asarray(_facets_now(model, side).node_area)
+
+
+def _facets_now(model: ContactModel, side: str) -> _cpp.Surface:
+    """Flat facets through the vertices of one side where they are, measured. Collective."""
     place = model.placement.place(side)
     assert isinstance(place, Place)
     linear = place.surface.linear
@@ -256,7 +275,7 @@ def _areas_now(model: ContactModel, side: str) -> Array:
     vertices = place.positions()[:, : linear.num_facet_vertices]
     facets.follow(np.ascontiguousarray(vertices))
     facets.measure_nodes()
-    return np.asarray(facets.node_area)
+    return facets
 
 
 @contextlib.contextmanager

@@ -28,7 +28,7 @@ class PairingSide:
     shape_values: npt.NDArray[np.float64]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Pairing:
     """Pairing points of one pass, as found on this rank.
 
@@ -53,6 +53,9 @@ class Pairing:
     weight: npt.NDArray[np.float64]
     multiplier_values: npt.NDArray[np.float64]
     num_unpaired: int
+
+    def __repr__(self) -> str:
+        return f"Pairing({len(self.gap)} points here, {self.num_unpaired} without a partner)"
 
     @classmethod
     def from_cpp(cls, points: _cpp.PairingPoints) -> Pairing:

@@ -349,13 +349,16 @@ class Surface:
         """Values at the owned contact nodes, shape (nodes, gdim); the inverse of :meth:`function`.
 
         Args:
-            function: In V, collapsed if V is a sub-space, such as ``Contact.traction``.
+            function: In V, collapsed if V is a sub-space, such as ``Contact.traction``; or of
+                degree 1 if V is of degree 2.
 
         Raises:
             TypeError: If it is no Function.
             ValueError: If it is in another space.
         """
         check(FUNCTION, function=function)
+        if self.degree > 1 and trace_degree(function.function_space) == 1:
+            return self.linear.node_values(function)
         expected = self.collapsed_space.dofmap.index_map
         dofmap = function.function_space.dofmap
         sizes = [(m.size_local, m.num_ghosts) for m in (expected, dofmap.index_map)]
