@@ -26,6 +26,7 @@ from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
@@ -259,7 +260,7 @@ class TimeStepper:
             try:
                 self._attempt(t, dt, start)
                 return t, dt
-            except (ConvergenceError, _Fault) as error:
+            except (ConvergenceError, NoGapError, _Fault) as error:
                 start.restore()
                 self.num_cutbacks += 1
                 if isinstance(error, _Fault) and error.hopeless:

@@ -9,6 +9,7 @@ import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.gap.following import NoGapError
 
 
 def drag(steps, sliding, mu=0.2):
@@ -36,6 +37,27 @@ def test_bodies_in_displacements():
     found, stepper = drag(4, "finite")
     assert stepper.num_cutbacks == 0
     assert largest(found - limit) < 2e-2 * np.linalg.norm(limit)
+
+
+def test_lost_rays_cut_steps_back():
+    """A step in which a curved facet's rays meet nothing is tried again."""
+    scene = Boxes("quadrilateral", degree=2)
+    top = scene.clamp_far()
+    contact = qs.Contact(scene.above, scene.below, sliding="finite")
+    problem, attempts = scene.problem(contact), []
+
+    def drive(t, dt):
+        top.value[1] = -0.01 * t
+
+    def solve(step):
+        attempts.append(step)
+        if len(attempts) == 1:
+            raise NoGapError("rays that meet no point")
+        problem.solve()
+
+    stepper = qs.TimeStepper(problem, 1.0, drive, solve=solve)
+    assert next(iter(stepper.run(1.0))) == 0.5 and stepper.num_cutbacks == 1
+    assert top.value[1] == -0.005
 
 
 class Squeezed:
