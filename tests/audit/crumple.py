@@ -21,6 +21,7 @@ import warnings
 from mpi4py import MPI
 
 import numpy as np
+from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
@@ -489,6 +490,9 @@ class Crumpled:
             there = there[~np.isnan(there[:, 0])]
             # Friction at an edge may point out of all its facets, but not out of what pushes.
             is_pushed = np.any(np.arccos(np.clip(there @ f / size, -1, 1)) <= angle)
+            if not is_pushed and len(there):  # nor out of what several push with together
+                parts_of, rest = nnls(there.T, f)
+                is_pushed = rest <= np.tan(angle) * parts_of.sum()
             push = (boundary.normals[parts] @ f).min() / size
             if push > 0 and not is_pushed:
                 out.append(f"adhesion {push:.3g}: {place}")

@@ -149,8 +149,8 @@ def test_depth_of_curved_facets_that_slide(displacements):
         msh = elevated(ring((n, 1), radii, turn=turn))
         x = msh.geometry.x[:, :2]
         r = np.linalg.norm(x, axis=1)
-        near = np.array(radii + (np.mean(radii),))[
-            np.argmin(np.abs(r[:, None] - np.array(radii + (np.mean(radii),))), axis=1)
+        near = np.array((*radii, np.mean(radii)))[
+            np.argmin(np.abs(r[:, None] - np.array((*radii, np.mean(radii)))), axis=1)
         ]
         x *= (near / r)[:, None]
         bodies.append(Body(msh, displacements))
