@@ -82,6 +82,13 @@ class ToolPlace:
             return self.position
         return Pose.from_matrix(self.position, self.tool.gdim).moved(self.motion)
 
+    def moved_to(self, position: Array) -> ToolPlace:
+        """The place with the motion that leads to a position."""
+        d = len(position)
+        turn = position[:, :d] @ self.position[:, :d].T
+        motion = Affine(turn - np.eye(d), position[:, d] - turn @ self.position[:, d])
+        return dataclasses.replace(self, motion=motion)
+
     def facets(self) -> _cpp.Surface:
         """The tool's facets there. Collective."""
         return self.tool.facets_at(self.now)

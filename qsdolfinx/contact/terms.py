@@ -5,6 +5,8 @@ For a rigid tool, None takes the place of what belongs to the master's body.
 
 from __future__ import annotations
 
+import dataclasses
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -13,6 +15,7 @@ import numpy.typing as npt
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.placement import ToolPlace
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
@@ -31,6 +34,11 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
         model.placement = model.placement.moved(
             (slave, master), model.kinematics.scale, model.offset or (None, None), model.tool_motion
         )
+        cut = model.gaps[0].cut
+        if cut is not None and isinstance(model.placement.master, ToolPlace):
+            # Contact is not paired where a tool that it follows ends its steps.
+            there = model.placement.master.moved_to(cut.places[1])
+            model.placement = dataclasses.replace(model.placement, master=there)
         for slip in model.slips:
             assert model.friction is not None
             gap = slip.gap

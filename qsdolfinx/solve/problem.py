@@ -35,8 +35,9 @@ from qsdolfinx.solve.before import Before
 from qsdolfinx.solve.closing import Closings
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
+from qsdolfinx.solve.lost import is_a_body_lost
 from qsdolfinx.solve.newton import Newton
-from qsdolfinx.solve.snes import ConvergenceError, read_options, remove_options, set_options
+from qsdolfinx.solve.snes import LOST, ConvergenceError, read_options, remove_options, set_options
 from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised
 from qsdolfinx.solve.summary import summary
 from qsdolfinx.solve.tool_balance import ToolBalance
@@ -421,17 +422,26 @@ class ContactProblem:
         start = self._starting_point()
         self.newton.begin()
         try:
-            self._find(balance, start)
+            springs = self.stabilisation
+            self._find(balance, start, springs)
+            if springs is None and is_a_body_lost(self.system, start):
+                say(self.comm, "a body that only contact holds was lost; springs hold it meanwhile")
+                springs = Stabilisation()
+                self._put_back(known, measures)
+                balance.restore()
+                self._begin_slips()
+                for body, array in zip(self.bodies, state, strict=True):
+                    body.u.x.array[:] = array
+                self._find(balance, self._starting_point(), springs)
             closings = Closings(self.newton)
             for _ in range(MAX_RATES):
                 if not (closings.have_changed() or self._has_other_rates()):
                     break
-                self._find(balance, self._starting_point())
+                self._find(balance, self._starting_point(), springs)
+            if is_a_body_lost(self.system, start):
+                self.newton.fail(LOST)
         except BaseException as error:
-            for contact, kept in zip(self.system.contacts, known, strict=True):
-                multipliers.set_known(contact, kept)
-            for gap, measure in zip(self.system.gaps, measures, strict=True):
-                gap.state.measure = measure
+            self._put_back(known, measures)
             if isinstance(error, ConvergenceError):
                 balance.restore()
             self._begin_slips()
@@ -451,6 +461,13 @@ class ContactProblem:
                 check_reach(contact)
                 check_between_nodes(contact)
             check_held(contact, *unknowns)
+
+    def _put_back(self, known: list[list[Array]], measures: list[typing.Any]) -> None:
+        """Multipliers, and areas of gaps that follow the bodies, as they were."""
+        for contact, kept in zip(self.system.contacts, known, strict=True):
+            multipliers.set_known(contact, kept)
+        for gap, measure in zip(self.system.gaps, measures, strict=True):
+            gap.state.measure = measure
 
     def _advise(self, error: ConvergenceError) -> None:
         """Say what may help."""
@@ -484,7 +501,9 @@ class ContactProblem:
             part[:] = body.with_conditions(values) if body.linear else values
         return self.system.x.array.copy()
 
-    def _find(self, balance: ToolBalance, start: Array) -> None:
+    def _find(
+        self, balance: ToolBalance, start: Array, stabilisation: Stabilisation | None
+    ) -> None:
         """Unknowns, tools and multipliers in equilibrium, from this starting point."""
         newton = self.newton
         if balance.tools:
@@ -494,10 +513,10 @@ class ContactProblem:
         equilibrium = Equilibrium(newton, balance)
         augmented = AugmentedLagrangian(equilibrium)
         with augmented.first_accuracy():
-            if self.stabilisation is None:
+            if stabilisation is None:
                 equilibrium.find()
             else:
-                stabilised = Stabilised(equilibrium, self.stabilisation, self.verbose)
+                stabilised = Stabilised(equilibrium, stabilisation, self.verbose)
                 self.stabilisation_shares = stabilised.shares
                 stabilised.find()
         augmented.close_gaps()

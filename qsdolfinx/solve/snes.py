@@ -37,7 +37,10 @@ NOT_CLOSED = -1000
 #: The same of a rigid tool for whose driving force no displacement was found.
 NOT_BALANCED = -1001
 
-_NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED"}
+#: The same of a solve in which a body that only contact holds has left it.
+LOST = -1002
+
+_NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED", LOST: "BODY_LOST"}
 
 
 class ConvergenceError(RuntimeError):

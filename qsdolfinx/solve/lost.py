@@ -1,0 +1,82 @@
+"""Bodies that only contact holds, and that have left it on the way to a solution.
+
+What is left is in equilibrium anywhere: Newton's method ends there with a residual of zero.
+"""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.contact import active_set
+from qsdolfinx.surface.unknowns import owned_vertices
+from qsdolfinx.system.rigid_modes import displacement_space
+from qsdolfinx.system.system import ContactSystem
+from qsdolfinx.tools.rigid_surface import as_tool
+
+Array = npt.NDArray[np.float64]
+
+#: Part of a motion's amplitude in a body that is none of it.
+_NONE = 1e-8
+
+
+def is_a_body_lost(system: ContactSystem, start: Array) -> bool:
+    """Whether one has gone further than all that it was in contact with. Collective.
+
+    By a facet where it touches nothing any more: a body that tools let go, and that springs back,
+    stays nearer. By the search radius where it does: contact has not looked that far.
+
+    Args:
+        system: At the solution.
+        start: Unknowns at the start of the solve.
+    """
+    modes, motions = system.made.rigid.modes, system.made.rigid.free_motions
+    if motions.shape[1] == 0:
+        return False
+    first = np.cumsum([0, *(len(of_body) for of_body in modes)])
+    changes = system.parts(system.x.array_r - start)
+    moved = [_moved(system, i, change) for i, change in enumerate(changes)]
+    for i in range(len(changes)):
+        free = np.abs(motions[first[i] : first[i + 1]]).max(initial=0.0) > _NONE
+        if free and _contacts(system, i):
+            pushed = max(_moved_partner(system, j, i, moved) for j in _contacts(system, i))
+            if moved[i] > _room(system, i) + pushed:
+                return True
+    return False
+
+
+def _contacts(system: ContactSystem, i: int) -> list[int]:
+    return [j for j, sides in enumerate(system.sides) if i in sides]
+
+
+def _room(system: ContactSystem, i: int) -> float:
+    """How far a body may go by itself. Collective."""
+    contacts = [system.contacts[j] for j in _contacts(system, i)]
+    closed = any(active_set.closed(c, gap).any() for c in contacts for gap in c.gaps)
+    if system.comm.allreduce(closed, op=MPI.LOR):
+        return max(c.paired.search_radius for c in contacts)
+    return min(c.paired.facet_size for c in contacts)
+
+
+def _moved_partner(system: ContactSystem, j: int, i: int, moved: list[float]) -> float:
+    """How far what a body is in contact with has gone; unlimited if it is a tool that turns."""
+    tool = as_tool(system.contacts[j].master)
+    if tool is None:
+        return max((moved[k] for k in system.sides[j] if k not in (i, None)), default=0.0)
+    return np.inf if tool.rotation.any() else float(np.linalg.norm(tool.displacement))
+
+
+def _moved(system: ContactSystem, i: int, change: Array) -> float:
+    """Mean displacement of the vertices of a body in the solve, its size. Collective."""
+    if not _contacts(system, i):
+        return 0.0
+    j = _contacts(system, i)[0]
+    scale = system.contacts[j].kinematics.scale[system.sides[j].index(i)]
+    V = displacement_space(system.bodies[i].V)
+    if V is None:
+        return 0.0
+    u = scale * change[owned_vertices(V)[0]]
+    total = system.comm.allreduce(np.append(u.sum(axis=0), len(u)), op=MPI.SUM)
+    return float(np.linalg.norm(total[:-1]) / total[-1])
