@@ -52,12 +52,15 @@ def check_between_nodes(model: ContactModel) -> None:
     if not all_found:
         return
     depth, x = max(all_found)
+    remedy = 'constraints="points", or finer facets'
+    if model.follows:
+        remedy = "finer facets, or swap slave and master"
     place = ", ".join(f"{c:.4g}" for c in x)
     warn(
         f"constraints: a point near ({place}) is {depth:.3g} deep in the other surface, "
         f"{depth / size:.2g} of the slave's smallest facet, and no weighted gap of a node is more "
         f"than {weighted:.2g}: an edge or tip sharper than the facets goes in between nodes, "
-        'perhaps without a force; take constraints="points", or finer facets',
+        f"perhaps without a force; take {remedy}",
         ContactWarning,
     )
     model.depth_warned = True

@@ -653,9 +653,10 @@ class Contact:
         """Total moment of the contact forces on the body of one side. Collective.
 
         Forces act where nodes were paired, so that those of two bodies balance, unless they are
-        tied across a gap. On a rigid tool in
-        the steps of a ``qs.TimeStepper``, which pairs before the body is where the step takes it,
-        they act at the end of the step.
+        tied, or have friction, across a gap: by its length times the force along it. With
+        ``sliding="finite"`` they act where the bodies are. On a rigid tool in the steps of a
+        ``qs.TimeStepper``, which pairs before the body is where the step takes it, they act at the
+        end of the step.
 
         Args:
             side: ``"slave"`` or ``"master"``.

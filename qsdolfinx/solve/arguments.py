@@ -106,12 +106,13 @@ def _check_form(name: str, i: int, form: typing.Any, rank: int, u: fem.Function)
     require(spaces == [u.function_space] * rank, text)
     depends = rank == 2 or u in form.coefficients()
     require(depends, f"F: entry {i} does not depend on u[{i}]")
+    derived = [ufl.derivative(form, u)] if rank == 1 else []
     text = (
-        f"{name}: entry {i} has integrals with one quadrature point and others over the same "
-        "cells, of which FFCx makes wrong kernels; give them subdomains of their own, "
-        'ufl.Measure("dx", mesh, subdomain_data=[(1, cells), (2, cells)])'
+        f"{name}: entry {i} has integrals with one quadrature point and others over the same cells "
+        "or facets, of which FFCx makes wrong kernels; give all of them subdomains of their own, "
+        'ufl.Measure("dx", mesh, subdomain_data=[(1, cells), (2, cells)]), or the same degree'
     )
-    require(not mixes_one_point(form), text)
+    require(not any(map(mixes_one_point, [form, *derived])), text)
 
 
 def _all(kind: type, values: typing.Iterable[typing.Any]) -> bool:

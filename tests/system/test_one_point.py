@@ -51,7 +51,8 @@ def differences(forms, u):
     ("quadrilateral", 1, (3, 2), False),
     ("triangle", 2, (4, 1), True),
     ("triangle", 2, (4, 2), False),
-    ("triangle", 1, (2, 1), False),
+    ("triangle", 1, (2, 1), True),
+    ("triangle", 1, (3, 2), False),
 ])  # fmt: skip
 def test_accepted_forms_are_the_sum_of_their_parts(cell, degree, rules, wrong):
     integrands, u = parts(cell, degree)
@@ -70,9 +71,37 @@ def test_rules_elsewhere_do_not_matter():
     """Cells of their own, facets, and one rule that is everywhere."""
     (f, g), u = parts("quadrilateral", 1)
     dx, _ = apart(u.function_space.mesh)
+    pressed = ufl.inner(u, ufl.TestFunction(u.function_space))
     assert not mixes_one_point(f * ufl.dx(degree=1))
     assert not mixes_one_point(f * dx(degree=1) + g * ufl.dx(7, degree=3))
-    assert not mixes_one_point(f * ufl.dx(degree=3) + ufl.inner(u, u) * ufl.ds(degree=1))
-    assert mixes_one_point(f * dx(degree=1) + g * ufl.dx(degree=3))
-    assert mixes_one_point(f * dx(degree=1) + g * ufl.dx((1, 4), degree=3))
+    assert not mixes_one_point(f * ufl.dx(degree=3) + pressed * ufl.ds(degree=1))
+    assert not mixes_one_point(f * ufl.dx + g * ufl.dx)
     assert mixes_one_point(f * ufl.dx(degree=1) + g * ufl.dx)
+
+
+def facet_forms(msh):
+    """A pressure and a spring, with a rule each."""
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    u.interpolate(lambda x: 0.05 * np.array([np.sin(3 * x[0] * x[1]), np.cos(2 * x[0] + x[1])]))
+    factor = ufl.exp(ufl.SpatialCoordinate(msh)[0])
+    return factor * ufl.dot(ufl.FacetNormal(msh), v), factor * ufl.inner(u, v), u
+
+
+@pytest.mark.parametrize("rules, wrong", [((1, 4), True), ((2, 4), False), ((4, 4), False)])
+def test_facets(rules, wrong):
+    pressure, spring, _ = facet_forms(mesh.create_unit_square(WORLD, 3, 3))
+    forms = [pressure * ufl.ds(degree=rules[0]), spring * ufl.ds(degree=rules[1])]
+    assert mixes_one_point(sum(forms)) == wrong
+    if not wrong:
+        whole, *single = (fem.assemble_vector(fem.form(f)).array for f in (sum(forms), *forms))
+        assert np.abs(whole - sum(single)).max() < 1e-13 * np.abs(whole).max()
+
+
+def test_two_rules_of_one_degree():
+    """Points at the vertices are of degree 1, too."""
+    _, spring, _ = facet_forms(mesh.create_unit_square(WORLD, 3, 3))
+    vertices = ufl.dx(metadata={"quadrature_rule": "vertex", "quadrature_degree": 1})
+    assert mixes_one_point(spring * vertices + 2 * spring * ufl.dx(degree=1))
+    assert mixes_one_point(spring * vertices + 2 * spring * ufl.dx(degree=3))
+    assert not mixes_one_point(spring * vertices)
