@@ -38,11 +38,12 @@ def is_a_body_lost(system: ContactSystem, start: Array) -> bool:
     first = np.cumsum([0, *(len(of_body) for of_body in modes)])
     changes = system.parts(system.x.array_r - start)
     moved = [_moved(system, i, change) for i, change in enumerate(changes)]
+    means, most = (np.array(each) for each in zip(*moved, strict=True))
     for i in range(len(changes)):
         free = np.abs(motions[first[i] : first[i + 1]]).max(initial=0.0) > _NONE
-        if free and _contacts(system, i):
-            pushed = max(_moved_partner(system, j, i, moved) for j in _contacts(system, i))
-            if moved[i] > _room(system, i) + pushed:
+        if free and _contacts(system, i) and not _is_tied(system, i):
+            pushed = max(_moved_partner(system, j, i, most) for j in _contacts(system, i))
+            if means[i] > _room(system, i) + pushed:
                 return True
     return False
 
@@ -60,23 +61,27 @@ def _room(system: ContactSystem, i: int) -> float:
     return min(c.paired.facet_size for c in contacts)
 
 
-def _moved_partner(system: ContactSystem, j: int, i: int, moved: list[float]) -> float:
+def _is_tied(system: ContactSystem, i: int) -> bool:
+    return any(system.contacts[j].law.linear for j in _contacts(system, i))
+
+
+def _moved_partner(system: ContactSystem, j: int, i: int, moved: Array) -> float:
     """How far what a body is in contact with has gone; unlimited if it is a tool that turns."""
     tool = as_tool(system.contacts[j].master)
     if tool is None:
-        return max((moved[k] for k in system.sides[j] if k not in (i, None)), default=0.0)
+        return max((float(moved[k]) for k in system.sides[j] if k not in (i, None)), default=0.0)
     return np.inf if tool.rotation.any() else float(np.linalg.norm(tool.displacement))
 
 
-def _moved(system: ContactSystem, i: int, change: Array) -> float:
-    """Mean displacement of the vertices of a body in the solve, its size. Collective."""
-    if not _contacts(system, i):
-        return 0.0
+def _moved(system: ContactSystem, i: int, change: Array) -> tuple[float, float]:
+    """Size of the mean displacement of a body's vertices, and of the largest one. Collective."""
+    V = displacement_space(system.bodies[i].V)
+    if V is None or not _contacts(system, i):
+        return 0.0, 0.0
     j = _contacts(system, i)[0]
     scale = system.contacts[j].kinematics.scale[system.sides[j].index(i)]
-    V = displacement_space(system.bodies[i].V)
-    if V is None:
-        return 0.0
     u = scale * change[owned_vertices(V)[0]]
     total = system.comm.allreduce(np.append(u.sum(axis=0), len(u)), op=MPI.SUM)
-    return float(np.linalg.norm(total[:-1]) / total[-1])
+    largest = np.max(np.linalg.norm(u, axis=1), initial=0.0)
+    mean = np.linalg.norm(total[:-1]) / total[-1]
+    return float(mean), float(system.comm.allreduce(largest, op=MPI.MAX))
