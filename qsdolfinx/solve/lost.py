@@ -18,6 +18,12 @@ from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
+#: Of so many rigid modes these are translations, the first ones; one is an axisymmetric body's.
+_TRANSLATIONS = {1: 1, 3: 2, 6: 3}
+
+#: Force of a translation, in units of that which holds a node against it, that is rounding.
+_NO_FORCE = 1e-10
+
 #: Part of a motion's amplitude in a body that is none of it.
 _NONE = 1e-8
 
@@ -43,13 +49,30 @@ def is_a_body_lost(system: ContactSystem, start: Array) -> bool:
         free = np.abs(motions[first[i] : first[i + 1]]).max(initial=0.0) > _NONE
         if free and _contacts(system, i) and not _is_tied(system, i):
             pushed = max(_moved_partner(system, j, i, most) for j in _contacts(system, i))
-            if means[i] > _room(system, i) + pushed:
+            far = means[i] > _room(system, i) + pushed
+            if far and _is_at_home_anywhere(system, i, changes[i]):
                 return True
     return False
 
 
 def _contacts(system: ContactSystem, i: int) -> list[int]:
     return [j for j, sides in enumerate(system.sides) if i in sides]
+
+
+def _is_at_home_anywhere(system: ContactSystem, i: int, change: Array) -> bool:
+    """Whether the body's own forces are the same where it was: no springs hold it. Collective."""
+    body, modes = system.bodies[i], system.made.rigid.modes[i]
+    back = np.zeros_like(change)
+    for mode in modes[: _TRANSLATIONS[len(modes)]]:
+        back += mode.array_r * system.comm.allreduce(mode.array_r @ change, op=MPI.SUM)
+    x = np.array(system.parts(system.x.array_r)[i])
+    forces = body.residual(x - back)
+    found = np.array([
+        np.abs(each).max(initial=0.0) for each in (forces - body.residual(x), body.diagonal, back)
+    ])  # fmt: skip
+    system.comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
+    force, stiffness, size = found
+    return bool(force <= _NO_FORCE * stiffness * size)
 
 
 def _room(system: ContactSystem, i: int) -> float:
