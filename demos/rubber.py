@@ -39,16 +39,15 @@ import qsdolfinx as qs
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from rubber_scenes import ROLLER, Ring, Roller
-
 from common.command import Command, count, option, report
 from common.rubber import Rubber as Picture
 from rubber_bodies import LENGTH, MARGIN
 from rubber_output import measure, more, summary
+from rubber_scenes import ROLLER, Ring, Roller
 
 FRICTION = {"oring": 0.2, "roller": 0.3}
 FACET, DISTANCE, STEPS = (dict(zip(FRICTION, each)) for each in ((0.15, 2.0), (0.5, 1.0), (50, 90)))
-#: How contact's geometry follows: tools that a force drives need to be paired step by step.
+#: Of the two the one that takes fewer iterations.
 SLIDING = dict(zip(FRICTION, ("finite", "small"), strict=True))
 
 
@@ -62,6 +61,7 @@ class Parameters:
     steps: int | None = option(None, "50, or 90 for the roller once pressed", type=count)
     friction: float | None = option(None, "Coulomb's coefficient: 0.2, or 0.3")
     sliding: str | None = option(None, "finite for the ring, small for the roller")
+    enforcement: str = option("penalty")
     verbose: bool = option(False, "print each step")
 
     def __post_init__(self):
@@ -82,7 +82,8 @@ class Parameters:
 def build(comm, p):
     """The scene, its contacts, and the stepper."""
     scene = {"oring": Ring, "roller": Roller}[p.scene](comm, p)
-    options = {"friction": qs.Coulomb(p.friction), "sliding": p.sliding, "enforcement": "penalty"}
+    friction = qs.Coulomb(p.friction)
+    options = {"friction": friction, "sliding": p.sliding, "enforcement": p.enforcement}
     contacts = [qs.Contact(scene.body.surface, tool, **options) for tool in scene.tools]
     problem = qs.ContactProblem([scene.body.F], [scene.body.u], contacts, [scene.body.bcs])
     return scene, contacts, qs.TimeStepper(problem, 1.0, scene.drive)

@@ -41,10 +41,11 @@ class Rubber:
     def __init__(self, msh, degree, facets, held=None):
         self.mesh = msh
         V = self.V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
-        u, v = self.u, _ = fem.Function(V), ufl.TestFunction(V)
+        self.u, v = fem.Function(V), ufl.TestFunction(V)
+        u = self.u
         F = ufl.Identity(2) + ufl.grad(u)
-        self.cofactor, ln_J = ufl.inv(F).T, ufl.ln(ufl.det(F))
-        shear, pressure = MU * (F - self.cofactor), LAMBDA * ln_J * self.cofactor
+        inverse = ufl.inv(F).T
+        shear, pressure = MU * (F - inverse), LAMBDA * ufl.ln(ufl.det(F)) * inverse
         in_full, reduced = two_rules(msh, degree)
         self.F = ufl.inner(shear, ufl.grad(v)) * in_full
         self.F += ufl.inner(pressure, ufl.grad(v)) * reduced

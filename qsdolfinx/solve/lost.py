@@ -63,7 +63,7 @@ def _is_at_home_anywhere(system: ContactSystem, i: int, change: Array) -> bool:
     """Whether the body's own forces are the same where it was: no springs hold it. Collective."""
     body, modes = system.bodies[i], system.made.rigid.modes[i]
     back = np.zeros_like(change)
-    for mode in modes[: _TRANSLATIONS[len(modes)]]:
+    for mode in modes[: _TRANSLATIONS.get(len(modes), 0)]:
         back += mode.array_r * system.comm.allreduce(mode.array_r @ change, op=MPI.SUM)
     x = np.array(system.parts(system.x.array_r)[i])
     forces = body.residual(x - back)

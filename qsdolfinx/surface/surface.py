@@ -350,7 +350,7 @@ class Surface:
 
         Args:
             function: In V, collapsed if V is a sub-space, such as ``Contact.traction``; or of
-                degree 1 if V is of degree 2.
+                degree 1 if V is of degree 2, for which the first call is collective.
 
         Raises:
             TypeError: If it is no Function.
