@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from common.command import say
+from common.measures import columns
 
 
 @dataclasses.dataclass
@@ -48,11 +49,6 @@ def measure(stroke, iterations, spring, contacts, stepper):
         iterations=iterations,
         cutbacks=stepper.num_cutbacks,
     )
-
-
-def columns(rows, *names):
-    """Values of many rows, an array each."""
-    return [np.array([getattr(row, name) for row in rows]) for name in names]
 
 
 def work_of(rows):

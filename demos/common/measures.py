@@ -19,6 +19,11 @@ class Clock:
         return self.comm.allreduce(time.perf_counter() - self.start, op=MPI.MAX)
 
 
+def columns(rows, *names):
+    """Attributes of many rows, an array each."""
+    return [np.array([getattr(row, name) for row in rows]) for name in names]
+
+
 def mean_and_max(comm, values):
     """Mean and largest value. Collective."""
     number, total = comm.allreduce(np.array([len(values), np.sum(values)]))

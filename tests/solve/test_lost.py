@@ -21,10 +21,12 @@ class Rolled:
         self.ring = Body(ring((facets, 3), (0.3, 1.0)), stiffness=1e3)
         self.rim = self.ring.boundary(lambda x: np.abs(np.hypot(x[0], x[1]) - 1) < 1e-2)
         self.blocks, self.tops = [], []
-        for n, low, high, held in ((30, -1.8, -1.0, -1.8), (34, 1.0, 1.8, 1.8)):
-            body = Body(
-                box(WORLD, (n, 4), "quadrilateral", [-3.0, low], [3.0, high]), stiffness=1e3
-            )
+        for n, low, high, held, partition in (
+            (30, -1.8, -1.0, -1.8, "last"),  # the other ranks have no facet of it
+            (34, 1.0, 1.8, 1.8, "scattered"),
+        ):
+            msh = box(WORLD, (n, 4), "quadrilateral", [-3.0, low], [3.0, high], partition)
+            body = Body(msh, stiffness=1e3)
             self.tops.append(body.clamp(plane(body.mesh, 1, held)))
             self.blocks.append((body, body.side(1, high if held == low else low)))
         self.bodies = [self.ring, *(body for body, _ in self.blocks)]
