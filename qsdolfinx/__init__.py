@@ -12,6 +12,7 @@ from qsdolfinx.contact.fields import Status
 from qsdolfinx.contact.reach import ReachWarning
 from qsdolfinx.contact.report import ContactReport
 from qsdolfinx.friction.laws import Coulomb, CoulombTresca, Friction, Norton, Sticking, Tresca
+from qsdolfinx.gap.conductance import Conductance, effusivity_share, rough_surfaces
 from qsdolfinx.gap.laws import Law, Tied, Unilateral
 from qsdolfinx.output.fields import FieldWriter
 from qsdolfinx.output.history import History
@@ -32,6 +33,7 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 __version__ = "0.1.0"
 
 __all__ = [
+    "Conductance",
     "Contact",
     "ContactProblem",
     "ContactReport",
@@ -57,9 +59,11 @@ __all__ = [
     "Tresca",
     "Unilateral",
     "compat",
+    "effusivity_share",
     "load_run",
     "materials",
     "repartition",
+    "rough_surfaces",
     "save_run",
     "smooth",
     "solve_with_continuation",

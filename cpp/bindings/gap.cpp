@@ -99,7 +99,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
       .def("covers", &GapOperator::covers, "other"_a,
            "Whether rows of another operator have no columns but those of this one's.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
-      .def_prop_ro("width", &GapOperator::width, "Values per row: 1, or gdim of a jump.")
+      .def_prop_ro("width", &GapOperator::width, "Values per row: 1, or of a jump those of a node.")
       .def_prop_ro(
           "row_node",
           [](const GapOperator& g) { return copy(g.row_node(), {g.row_node().size()}); },
@@ -122,7 +122,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "slave_sum",
           [](const GapOperator& g)
           {
-            const std::size_t width = g.kind() == GapKind::normal ? g.gdim() : 1;
+            const std::size_t width = g.kind() == GapKind::normal ? g.block() : 1;
             return copy(g.slave_sum(), {g.num_rows(), width});
           },
           "Sum of the slave's coefficients, [row][gdim], of a jump [row][1].")
@@ -131,7 +131,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
           [](const GapOperator& g, int side)
           {
             const GapOperator::Side& s = g.side(side);
-            const auto d = static_cast<std::size_t>(g.gdim());
+            const auto d = static_cast<std::size_t>(g.block());
             std::vector<std::int64_t> unknowns;
             unknowns.reserve(s.column.size() * d);
             for (std::int32_t column : s.column)
@@ -146,7 +146,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "side"_a,
           "Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where "
           "conditions "
-          "hold, [entry][gdim]; coefficients, [entry][gdim], of a jump [entry][1].")
+          "hold, [entry][block]; coefficients, [entry][gdim], of a jump [entry][1].")
       .def_prop_ro("num_sides", &GapOperator::num_sides, "2, or 1 if the master is rigid.")
       .def(
           "apply",

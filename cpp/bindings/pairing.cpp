@@ -46,7 +46,7 @@ Side as_dict(const PairingPoints& points, const PairingSide& side)
   const std::size_t n = points.size(), nv = side.num_nodes;
   Side out;
   out["x"] = copy(side.x, {n, 3});
-  out["dofs"] = copy(side.dofs, {n, nv, static_cast<std::size_t>(points.gdim)});
+  out["dofs"] = copy(side.dofs, {n, nv, static_cast<std::size_t>(points.block)});
   out["owner"] = copy(side.owner, {n, nv});
   out["shape_values"] = copy(side.shape_values, {n, nv});
   return out;
@@ -106,6 +106,16 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       },
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "corners"_a = false,
       "Nodal pairing points; collective.");
+  m.def(
+      "with_unknowns",
+      [](const PairingPoints& points, int block, In<std::int64_t> slave_dofs,
+         In<std::int32_t> slave_owner, In<std::int64_t> master_dofs, In<std::int32_t> master_owner)
+      {
+        return points.with_unknowns(block, slave_dofs.view(), slave_owner.view(),
+                                    master_dofs.view(), master_owner.view());
+      },
+      "points"_a, "block"_a, "slave_dofs"_a, "slave_owner"_a, "master_dofs"_a, "master_owner"_a,
+      "The same points for another field on the same facets, without corners.");
   m.def(
       "overlay_surfaces",
       [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,

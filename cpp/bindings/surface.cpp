@@ -15,15 +15,15 @@ void qsdolfinx::bind_surface(nb::module_& m)
   nb::class_<Surface>(m, "Surface", "Distributed contact surface; see surface/surface.h.")
       .def(
           "__init__",
-          [](Surface* self, int comm, int gdim, int num_vertices, In<double> x, int degree,
+          [](Surface* self, int comm, int gdim, int block, int num_vertices, In<double> x, int degree,
              In<std::int64_t> dofs, In<int> owner, In<double> inside, std::int64_t local_size,
              bool axisymmetric, const std::optional<In<double>>& key)
           {
-            new (self) Surface(MPI_Comm_f2c(comm), gdim, facet_type(num_vertices), x.view(), degree,
+            new (self) Surface(MPI_Comm_f2c(comm), gdim, block, facet_type(num_vertices), x.view(), degree,
                                dofs.view(), owner.view(), inside.view(), local_size, axisymmetric,
                                key.has_value(), key ? key->view() : std::span<const double>{});
           },
-          "comm"_a, "gdim"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
+          "comm"_a, "gdim"_a, "block"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
           "local_size"_a, "axisymmetric"_a, "key"_a = nb::none(), "Collective.")
       .def(
           "move",
@@ -49,9 +49,9 @@ void qsdolfinx::bind_surface(nb::module_& m)
           [](const Surface& s)
           {
             return copy(s.facets().dofs, {s.num_facets(), static_cast<std::size_t>(s.num_trace()),
-                                          static_cast<std::size_t>(s.gdim())});
+                                          static_cast<std::size_t>(s.block())});
           },
-          "Global unknowns of the trace, [facet][node][gdim].")
+          "Global unknowns of the trace, [facet][node][block].")
       .def(
           "sides_of_facets",
           [](const Surface& s, In<std::uint8_t> chosen)
@@ -72,8 +72,8 @@ void qsdolfinx::bind_surface(nb::module_& m)
           "Number of the smooth side of its vertices that a facet is part of, [facet][vertex].")
       .def_prop_ro(
           "node_dofs", [](const Surface& s)
-          { return copy(s.nodes().dofs, {s.nodes().size(), static_cast<std::size_t>(s.gdim())}); },
-          "Global unknowns of the owned nodes, [node][gdim].")
+          { return copy(s.nodes().dofs, {s.nodes().size(), static_cast<std::size_t>(s.block())}); },
+          "Global unknowns of the owned nodes, [node][block].")
       .def_prop_ro(
           "node_x", [](const Surface& s) { return copy(s.nodes().x, {s.nodes().size(), 3}); },
           "Their coordinates, [node][3].")

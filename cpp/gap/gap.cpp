@@ -19,7 +19,7 @@ namespace
 PairingPoints points_from_others(const Surface& slave, const PairingPoints& points)
 {
   const int nk = points.num_multipliers, ns = points.slave.num_nodes, nm = points.master.num_nodes,
-            d = points.gdim;
+            d = points.block;
   const int num_doubles = nk + ns + nm + 5, num_dofs = (ns + nm) * d + nk;
   std::vector<int> dest;
   std::vector<double> doubles;
@@ -106,8 +106,10 @@ void build_scatter(GapOperator::Side& side, const Surface& surface)
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,
                          GapKind kind, GapRows rows)
-    : kind_(kind), gdim_(points.gdim), num_sides_(master ? 2 : 1)
+    : kind_(kind), block_(points.block), num_sides_(master ? 2 : 1)
 {
+  if (kind == GapKind::normal && points.block != points.gdim)
+    throw std::invalid_argument("scalar fields have no normal gap");
   if (rows == GapRows::points)
   {
     build_points(points);
@@ -125,7 +127,7 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pair
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const PieceRows& rows,
                          std::span<const double> area, GapKind kind)
-    : kind_(kind), gdim_(rows.gdim), num_sides_(master ? 2 : 1)
+    : kind_(kind), block_(rows.gdim), num_sides_(master ? 2 : 1)
 {
   const std::size_t n = slave.nodes().size();
   if (area.size() != n)
@@ -134,7 +136,7 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Piec
   row_node_.resize(n);
   std::iota(row_node_.begin(), row_node_.end(), 0);
   for (int s = 0; s < num_sides_; ++s)
-    RowTerms(rows, s, kind_, area).compress(sides_[s], gdim_, row_node_, n);
+    RowTerms(rows, s, kind_, area).compress(sides_[s], block_, row_node_, n);
   initial_gap_.assign(n, 0.0);
   if (kind_ == GapKind::normal)
   {
@@ -185,8 +187,8 @@ void GapOperator::build_rows(const Surface& slave, const std::array<const Pairin
   const RowTerms of_slave(patches, 0, kind_, area), of_master(patches, 1, kind_, area);
   std::vector<std::size_t> row_slot;
   const std::vector<std::int64_t> row_of = of_slave.rows(area.size(), row_slot);
-  of_slave.compress(sides_[0], gdim_, row_of, row_slot.size());
-  of_master.compress(sides_[1], gdim_, row_of, row_slot.size());
+  of_slave.compress(sides_[0], block_, row_of, row_slot.size());
+  of_master.compress(sides_[1], block_, row_of, row_slot.size());
 
   name_rows(points, slots, row_slot);
   for (std::size_t slot : row_slot)
@@ -217,7 +219,7 @@ void GapOperator::name_rows(const PairingPoints& points, const Slots& slots,
 
 std::vector<double> GapOperator::slave_sum() const
 {
-  const std::size_t width = kind_ == GapKind::normal ? gdim_ : 1;
+  const std::size_t width = kind_ == GapKind::normal ? block_ : 1;
   std::vector<double> sum(num_rows() * width, 0);
   for (std::size_t r = 0; r < num_rows(); ++r)
     for (std::int64_t e = sides_[0].offset[r]; e < sides_[0].offset[r + 1]; ++e)
@@ -238,9 +240,9 @@ bool GapOperator::covers(const GapOperator& other) const
     {
       here.clear();
       for (std::int64_t e = own.offset[r]; e < own.offset[r + 1]; ++e)
-        here.push_back(own.dofs[own.column[e] * gdim_]); // ascending, as columns are
+        here.push_back(own.dofs[own.column[e] * block_]); // ascending, as columns are
       for (std::int64_t e = its.offset[r]; e < its.offset[r + 1]; ++e)
-        if (!std::ranges::binary_search(here, its.dofs[its.column[e] * gdim_]))
+        if (!std::ranges::binary_search(here, its.dofs[its.column[e] * block_]))
           return false;
     }
   }
@@ -261,13 +263,13 @@ std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 
     {
       for (std::int64_t e = side.offset[r]; e < side.offset[r + 1]; ++e)
       {
-        for (int i = 0; i < gdim_; ++i)
+        for (int i = 0; i < block_; ++i)
         {
-          const double value = scale[s] * values[side.column[e] * gdim_ + i];
+          const double value = scale[s] * values[side.column[e] * block_ + i];
           if (kind_ == GapKind::normal)
-            g[r] += side.coefficient[e * gdim_ + i] * value;
+            g[r] += side.coefficient[e * block_ + i] * value;
           else
-            g[r * gdim_ + i] += side.coefficient[e] * value;
+            g[r * block_ + i] += side.coefficient[e] * value;
         }
       }
     }
@@ -290,10 +292,10 @@ void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
     {
       for (std::int64_t e = side.offset[r]; e < side.offset[r + 1]; ++e)
       {
-        for (int i = 0; i < gdim_; ++i)
-          y[side.column[e] * gdim_ + i] += kind_ == GapKind::normal
-                                               ? side.coefficient[e * gdim_ + i] * f[r]
-                                               : side.coefficient[e] * f[r * gdim_ + i];
+        for (int i = 0; i < block_; ++i)
+          y[side.column[e] * block_ + i] += kind_ == GapKind::normal
+                                               ? side.coefficient[e * block_ + i] * f[r]
+                                               : side.coefficient[e] * f[r * block_ + i];
       }
     }
     check(VecRestoreArray(side.local, &y));

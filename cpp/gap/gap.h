@@ -15,7 +15,7 @@ namespace qsdolfinx
 enum class GapKind
 {
   normal, ///< one value a row: ḡ_k = (1/S_k) Σ w_p N_k(ξ_p) [(u_s - u_m)·n_p - δ_p]
-  jump    ///< gdim values a row: (1/S_k) Σ w_p N_k(ξ_p) (u_s - u_m)
+  jump    ///< block values a row: (1/S_k) Σ w_p N_k(ξ_p) (u_s - u_m)
 };
 
 /// What the rows of the operator are, and what their gaps are divided by.
@@ -38,7 +38,7 @@ public:
   /// Unknowns of one body that the rows of this rank use.
   struct Side
   {
-    std::vector<PetscInt> dofs;       ///< global unknowns, [column node][gdim]
+    std::vector<PetscInt> dofs;       ///< global unknowns, [column node][block]
     std::vector<PetscInt> free_dofs;  ///< the same, -1 where a Dirichlet condition holds
     std::vector<std::int64_t> offset; ///< entries of row i: [offset[i], offset[i + 1])
     std::vector<std::int32_t> column; ///< column node of each entry
@@ -63,9 +63,10 @@ public:
   GapOperator& operator=(const GapOperator&) = delete;
 
   GapKind kind() const { return kind_; }
-  int gdim() const { return gdim_; }
-  /// Values per row: 1 or gdim.
-  int width() const { return kind_ == GapKind::normal ? 1 : gdim_; }
+  /// Unknowns of a node: gdim, or 1 of a scalar field.
+  int block() const { return block_; }
+  /// Values per row: 1, or those of a node for a jump.
+  int width() const { return kind_ == GapKind::normal ? 1 : block_; }
   std::size_t num_rows() const { return row_area_.size(); }
   /// Index of each row's node in the slave surface's nodes; empty if rows are points.
   const std::vector<std::int64_t>& row_node() const { return row_node_; }
@@ -119,7 +120,7 @@ private:
                        Visit visit);
 
   GapKind kind_;
-  int gdim_, num_sides_;
+  int block_, num_sides_;
   std::vector<std::int64_t> row_node_;
   std::vector<std::uint8_t> row_side_, row_in_corner_;
   std::vector<double> row_area_, initial_gap_;

@@ -64,9 +64,9 @@ private:
   std::size_t size_ = 0;
 };
 
-std::span<const std::int64_t> facet_of(const PairingSide& side, std::size_t p, int gdim)
+std::span<const std::int64_t> facet_of(const PairingSide& side, std::size_t p, int block)
 {
-  const std::size_t width = static_cast<std::size_t>(side.num_nodes) * gdim;
+  const std::size_t width = static_cast<std::size_t>(side.num_nodes) * block;
   return std::span(side.dofs).subspan(p * width, width);
 }
 
@@ -93,7 +93,7 @@ std::vector<Patch> qsdolfinx::find_patches(const Surface& slave,
   std::vector<Patch> out;
   for (const PairingPoints* points : sets)
   {
-    const int d = points->gdim;
+    const int d = points->block;
     for (std::size_t first = 0, last; first < points->size(); first = last)
     {
       const auto on_slave = facet_of(points->slave, first, d),
@@ -146,7 +146,7 @@ RowTerms::RowTerms(std::span<const Patch> patches, int side, GapKind kind,
       }
       if (!any)
         continue;
-      const std::int64_t* dofs = &columns.dofs[(patch.first * nc + j) * points.gdim];
+      const std::int64_t* dofs = &columns.dofs[(patch.first * nc + j) * points.block];
       const std::int32_t column = numbering(*dofs);
       if (numbering.size() > column_dofs_.size())
         column_dofs_.push_back(dofs);
@@ -196,25 +196,25 @@ std::vector<std::int64_t> RowTerms::rows(std::size_t num_slots,
 }
 
 /// Numbers in the order of the unknowns; sets these.
-std::vector<std::int32_t> RowTerms::number_columns(GapOperator::Side& out, int gdim) const
+std::vector<std::int32_t> RowTerms::number_columns(GapOperator::Side& out, int block) const
 {
   std::vector<std::int32_t> order(column_dofs_.size()), number(order.size());
   std::iota(order.begin(), order.end(), 0);
   std::ranges::sort(order, {}, [this](std::int32_t i) { return *column_dofs_[i]; });
-  out.dofs.reserve(order.size() * gdim);
+  out.dofs.reserve(order.size() * block);
   for (std::size_t i = 0; i < order.size(); ++i)
   {
     number[order[i]] = static_cast<std::int32_t>(i);
-    for (int j = 0; j < gdim; ++j)
+    for (int j = 0; j < block; ++j)
       out.dofs.push_back(static_cast<PetscInt>(column_dofs_[order[i]][j]));
   }
   return number;
 }
 
-void RowTerms::compress(GapOperator::Side& out, int gdim, std::span<const std::int64_t> row_of,
+void RowTerms::compress(GapOperator::Side& out, int block, std::span<const std::int64_t> row_of,
                         std::size_t num_rows) const
 {
-  const std::vector<std::int32_t> number = number_columns(out, gdim);
+  const std::vector<std::int32_t> number = number_columns(out, block);
   out.free_dofs = out.dofs;
 
   // Terms by rows, in the order of the terms within each.

@@ -61,7 +61,7 @@ public:
 
   /// Rows in compressed form, columns ascending by their unknowns. Cost: linear in the terms, n log
   /// n in the columns.
-  void compress(GapOperator::Side& out, int gdim, std::span<const std::int64_t> row_of,
+  void compress(GapOperator::Side& out, int block, std::span<const std::int64_t> row_of,
                 std::size_t num_rows) const;
 
 private:
@@ -72,7 +72,7 @@ private:
     std::array<double, 3> value; ///< Σ w N_k N_column (n) / S_k, negative for the master
   };
 
-  std::vector<std::int32_t> number_columns(GapOperator::Side& out, int gdim) const;
+  std::vector<std::int32_t> number_columns(GapOperator::Side& out, int block) const;
 
   int width_;
   std::vector<Term> terms_;

@@ -10,21 +10,21 @@ namespace
 /// What rows are made of: functions at the points of the nodes of a facet.
 struct Functions
 {
-  const std::vector<std::int64_t>& dofs; ///< [point][node of the facet][gdim]
+  const std::vector<std::int64_t>& dofs; ///< [point][node of the facet][block]
   const std::vector<double>& values;     ///< [point][function]
-  std::size_t num_nodes, num_functions, gdim;
+  std::size_t num_nodes, num_functions, block;
   const std::vector<std::uint8_t>* component = nullptr; ///< [point][function]; null: the first ones
 
   /// Unknown that stands for the node of a function.
   std::int64_t dof(std::size_t p, std::size_t j) const
   {
     const std::size_t i = component ? (*component)[p * num_functions + j] : 0;
-    return dofs[(p * num_nodes + j) * gdim + i];
+    return dofs[(p * num_nodes + j) * block + i];
   }
   bool used(std::size_t p, std::size_t j) const { return dof(p, j) >= 0; }
   bool same_facet(std::size_t p, std::size_t q) const
   {
-    const std::size_t width = num_nodes * gdim;
+    const std::size_t width = num_nodes * block;
     return std::equal(&dofs[p * width], &dofs[p * width] + width, &dofs[q * width]);
   }
 };
@@ -80,7 +80,7 @@ void qsdolfinx::rows_at_points(GapOperator::Side& out, const PairingPoints& poin
                                GapKind kind)
 {
   const PairingSide& s = side == 0 ? points.slave : points.master;
-  const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.gdim);
+  const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.block);
   const Functions f{s.dofs, s.shape_values, n, n, d};
   const std::vector<std::int64_t> columns = find_columns(f, points.size());
   const double sign = side == 0 ? 1.0 : -1.0;
@@ -115,8 +115,8 @@ void qsdolfinx::multipliers_at_points(GapOperator::Side& out, const PairingPoint
                     points.multiplier_values,
                     static_cast<std::size_t>(s.num_nodes),
                     static_cast<std::size_t>(points.num_multipliers),
-                    static_cast<std::size_t>(points.gdim),
-                    &points.multiplier_side};
+                    static_cast<std::size_t>(points.block),
+                    points.block == 1 ? nullptr : &points.multiplier_side};
   const std::vector<std::int64_t> columns = find_columns(f, points.size());
   compress(out, f, points.size(), columns, [&](std::size_t p, std::size_t j)
            { out.coefficient.push_back(f.values[p * f.num_functions + j]); });

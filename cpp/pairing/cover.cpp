@@ -30,7 +30,7 @@ public:
   Multiplier multiplier(std::size_t point, int vertex) const
   {
     const std::size_t at = point * points_.slave.num_nodes + vertex;
-    return {points_.slave.dofs[at * points_.gdim],
+    return {points_.slave.dofs[at * points_.block],
             points_.multiplier_side[point * points_.num_multipliers + vertex]};
   }
   /// Part of the area, whatever the rank of the points.

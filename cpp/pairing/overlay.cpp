@@ -13,6 +13,7 @@
 #include <cmath>
 #include <numeric>
 #include <optional>
+#include <stdexcept>
 
 using namespace qsdolfinx;
 
@@ -21,8 +22,8 @@ namespace
 /// Facets of a surface that are near another surface's facets of this rank.
 struct NearbyFacets : FacetCopies
 {
-  int degree, num_trace, gdim;
-  std::vector<std::int64_t> dofs; ///< [facet][trace][gdim]
+  int degree, num_trace, block;
+  std::vector<std::int64_t> dofs; ///< [facet][trace][block]
   std::vector<int> owner;         ///< [facet][trace]
   std::vector<std::uint8_t> side; ///< smooth sides, [facet][vertex]
   std::vector<double> curvature;  ///< [facet][6], if asked for
@@ -63,7 +64,7 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
                           const CurvedSide* curved = nullptr, bool with_curvature = false)
 {
   const std::vector<Box> boxes = to.rank_boxes(radius);
-  const int nv = from.num_vertices(), nt = from.num_trace(), d = from.gdim();
+  const int nv = from.num_vertices(), nt = from.num_trace(), d = from.block();
   std::vector<int> dest, owner;
   std::vector<std::size_t> facets;
   facets_in_boxes(from, boxes, dest, facets);
@@ -782,7 +783,7 @@ private:
                    const ShapeValues& shapes, std::size_t p)
   {
     PairingSide& side = slave ? points_.slave : points_.master;
-    const auto nt = static_cast<std::size_t>(side.num_nodes), d = nt * points_.gdim;
+    const auto nt = static_cast<std::size_t>(side.num_nodes), d = nt * points_.block;
     side.x.insert(side.x.end(), x.begin(), x.end());
     append_record(side.dofs, dofs, facet, d);
     append_record(side.owner, owner, facet, nt);
@@ -878,6 +879,8 @@ Pieces no_pieces(const Surface& slave, const Surface& master)
 {
   const auto side = [](const Surface& s)
   { return PieceSide{s.type(), s.degree(), s.num_trace(), {}, {}, {}, {}}; };
+  if (slave.block() != slave.gdim())
+    throw std::invalid_argument("scalar fields have no gaps that follow the bodies");
   Pieces out;
   out.gdim = slave.gdim();
   out.num_multipliers = slave.num_vertices();

@@ -10,10 +10,10 @@ using namespace qsdolfinx;
 namespace
 {
 /// A point within a facet, as found for node k.
-void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, int gdim)
+void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, int block)
 {
   append_record(side.x, found.x, k, 3);
-  append_record(side.dofs, found.dofs, k, side.num_nodes * gdim);
+  append_record(side.dofs, found.dofs, k, side.num_nodes * block);
   append_record(side.owner, found.owner, k, side.num_nodes);
   append_record(side.shape_values, found.shape_values, k, side.num_nodes);
 }
@@ -39,8 +39,8 @@ public:
   void append(std::size_t k, const Nodes& of, const std::vector<double>& normals,
               const ClosestFacets& found, std::size_t entry, std::uint8_t side)
   {
-    append_node(node_side_, nodes_, k, points_.gdim, rank_);
-    append_facet(facet_side_, found, entry, points_.gdim);
+    append_node(node_side_, nodes_, k, points_.block, rank_);
+    append_facet(facet_side_, found, entry, points_.block);
     append_side(found, entry, side);
     // The facet's normal is outward of its own body: it points into the slave if the master has the
     // facet.
@@ -150,12 +150,12 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
 }
 } // namespace
 
-void qsdolfinx::append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim,
+void qsdolfinx::append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int block,
                             int rank)
 {
   append_record(side.x, nodes.x, k, 3);
-  append_record(side.dofs, nodes.dofs, k, gdim);
-  side.dofs.insert(side.dofs.end(), (side.num_nodes - 1) * gdim, -1);
+  append_record(side.dofs, nodes.dofs, k, block);
+  side.dofs.insert(side.dofs.end(), (side.num_nodes - 1) * block, -1);
   side.owner.push_back(rank);
   side.owner.insert(side.owner.end(), side.num_nodes - 1, -1);
   side.shape_values.push_back(1);
@@ -163,7 +163,7 @@ void qsdolfinx::append_node(PairingSide& side, const Nodes& nodes, std::size_t k
 }
 
 PairingPoints::PairingPoints(const Surface& s, const Surface* m)
-    : gdim(s.gdim()), num_multipliers(s.num_vertices())
+    : gdim(s.gdim()), block(s.block()), num_multipliers(s.num_vertices())
 {
   if (m && s.gdim() != m->gdim())
     throw std::invalid_argument("slave and master have different geometric dimensions");
@@ -185,10 +185,36 @@ PairingPoints PairingPoints::scaled(std::span<const double> factor) const
   return out;
 }
 
+PairingPoints PairingPoints::with_unknowns(int block, std::span<const std::int64_t> slave_dofs,
+                                           std::span<const std::int32_t> slave_owner,
+                                           std::span<const std::int64_t> master_dofs,
+                                           std::span<const std::int32_t> master_owner) const
+{
+  PairingPoints out = *this;
+  out.block = block;
+  const auto replace = [&](PairingSide& side, std::span<const std::int64_t> dofs,
+                           std::span<const std::int32_t> owner)
+  {
+    if (dofs.size() != owner.size() * block || owner.size() != size() * side.num_nodes)
+      throw std::invalid_argument("with_unknowns: values for each node of each point");
+    side.dofs.assign(dofs.begin(), dofs.end());
+    side.owner.assign(owner.begin(), owner.end());
+  };
+  replace(out.slave, slave_dofs, slave_owner);
+  replace(out.master, master_dofs, master_owner);
+  out.by_sides = false;
+  std::ranges::fill(out.multiplier_side, 0);
+  for (auto* of_nodes : {&out.in_corner, &out.node_side})
+    of_nodes->clear();
+  out.side_area.clear();
+  return out;
+}
+
 PairingPoints PairingPoints::none_like() const
 {
   PairingPoints out;
   out.gdim = gdim;
+  out.block = block;
   out.num_multipliers = num_multipliers;
   out.slave.num_nodes = slave.num_nodes;
   out.master.num_nodes = master.num_nodes;

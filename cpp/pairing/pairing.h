@@ -15,7 +15,7 @@ struct PairingSide
 {
   int num_nodes = 0;                ///< places per point
   std::vector<double> x;            ///< position, [point][3]
-  std::vector<std::int64_t> dofs;   ///< unknowns of the nodes, [point][node][gdim]
+  std::vector<std::int64_t> dofs;   ///< unknowns of the nodes, [point][node][block]
   std::vector<int> owner;           ///< their owners, [point][node]
   std::vector<double> shape_values; ///< trace functions, [point][node]
 };
@@ -30,6 +30,7 @@ struct PairingPoints
   PairingPoints(const Surface& slave, const Surface* master);
 
   int gdim = 0;
+  int block = 0;           ///< unknowns of a node
   int num_multipliers = 0; ///< vertices of a slave facet
   PairingSide slave, master;
   std::vector<double> multiplier_values;     ///< P1 or Q1 functions N_k, [point][slave vertex]
@@ -56,7 +57,7 @@ struct PairingPoints
     {
       const std::size_t nodes = side->num_nodes;
       visit(side->x, 3);
-      visit(side->dofs, nodes * gdim);
+      visit(side->dofs, nodes * block);
       visit(side->owner, nodes);
       visit(side->shape_values, nodes);
     }
@@ -70,12 +71,19 @@ struct PairingPoints
   void reserve(std::size_t n);
   /// No points, but with as many places in each.
   PairingPoints none_like() const;
+  /// The same points for another field on the same facets, without corners. @param block unknowns
+  /// of a node @param slave_dofs, master_dofs [point][node][block] @param owners [point][node]
+  /// @throws std::invalid_argument on other numbers of values
+  PairingPoints with_unknowns(int block, std::span<const std::int64_t> slave_dofs,
+                              std::span<const std::int32_t> slave_owner,
+                              std::span<const std::int64_t> master_dofs,
+                              std::span<const std::int32_t> master_owner) const;
   /// The same points with other weights. @param factor by which they are multiplied, [point]
   PairingPoints scaled(std::span<const double> factor) const;
 };
 
 /// Append a point at an owned node: the node itself is its only vertex.
-void append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int gdim, int rank);
+void append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int block, int rank);
 
 /// Which normals the gap is measured along.
 enum class Normals

@@ -30,7 +30,7 @@ PairingPoints qsdolfinx::sample_nodes(const Surface& slave)
   PairingPoints out(slave, nullptr);
   const Nodes& nodes = slave.nodes();
   for (std::size_t k = 0; k < nodes.size(); ++k)
-    append_node(out.slave, nodes, k, out.gdim, slave.rank());
+    append_node(out.slave, nodes, k, out.block, slave.rank());
   out.multiplier_values = out.slave.shape_values;
   out.multiplier_side.assign(out.multiplier_values.size(), 0);
   out.weight = nodes.area;
@@ -44,7 +44,7 @@ PairingPoints qsdolfinx::sample_facets(const Surface& slave, const Rule& rule)
 {
   PairingPoints out(slave, nullptr);
   const FacetType type = slave.type();
-  const std::size_t nv = slave.num_vertices(), nt = slave.num_trace(), d = nt * out.gdim;
+  const std::size_t nv = slave.num_vertices(), nt = slave.num_trace(), d = nt * out.block;
   const double reference_area = type == FacetType::triangle ? 0.5 : 1.0;
   const Facets& facets = slave.facets();
   for (std::size_t f = 0; f < slave.num_facets(); ++f)

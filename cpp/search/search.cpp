@@ -89,10 +89,10 @@ Queries send_queries(const Places& n, const Surface& surface, std::span<const Bo
 /// Candidates flattened for the way back: one record each.
 struct Answers
 {
-  int nv, gdim;
+  int nv, block;
   std::vector<std::int64_t> query; ///< query it answers, in the asking rank's numbering
   std::vector<double> values;      ///< distance, size, beside, x, normal, N, sorted vertices
-  std::vector<std::int64_t> dofs;  ///< [record][vertex][gdim]
+  std::vector<std::int64_t> dofs;  ///< [record][vertex][block]
   std::vector<int> owner;          ///< [record][vertex]
   std::vector<std::uint8_t> side;  ///< [record][vertex], if asked for
 
@@ -122,7 +122,7 @@ struct Answers
     const auto v = s.facet_x(c.facet);
     const auto name = name_of(v);
     values.insert(values.end(), name.begin(), name.begin() + v.size());
-    append_record(dofs, s.facets().vertex_dofs, c.facet, nv * gdim);
+    append_record(dofs, s.facets().vertex_dofs, c.facet, nv * block);
     append_record(owner, s.facets().vertex_owner, c.facet, nv);
     if (sides)
       append_record(side, *sides, c.facet, nv);
@@ -147,7 +147,7 @@ Answers answer_queries(const Surface& surface, LocalSearch& search, const Querie
   }
   const auto received = q.exchange->forward<std::int64_t>(numbers, 2);
 
-  Answers mine{surface.num_vertices(), surface.gdim(), {}, {}, {}, {}, {}};
+  Answers mine{surface.num_vertices(), surface.block(), {}, {}, {}, {}, {}};
   std::vector<int> dest;
   for (std::size_t i = 0; i < q.exchange->num_received(); ++i)
   {
@@ -160,10 +160,10 @@ Answers answer_queries(const Surface& surface, LocalSearch& search, const Querie
     }
   }
   Exchange back(surface.comm(), dest);
-  Answers out{mine.nv, mine.gdim, {}, {}, {}, {}, {}};
+  Answers out{mine.nv, mine.block, {}, {}, {}, {}, {}};
   out.query = back.forward<std::int64_t>(mine.query, 1);
   out.values = back.forward<double>(mine.values, mine.width());
-  out.dofs = back.forward<std::int64_t>(mine.dofs, mine.nv * mine.gdim);
+  out.dofs = back.forward<std::int64_t>(mine.dofs, mine.nv * mine.block);
   out.owner = back.forward<int>(mine.owner, mine.nv);
   if (sides)
     out.side = back.forward<std::uint8_t>(mine.side, mine.nv);
@@ -220,7 +220,7 @@ Vec3 middle_of(std::span<const double> x)
 void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candidate& c,
           const std::vector<std::uint8_t>* sides)
 {
-  const std::size_t nv = surface.num_vertices(), width = nv * surface.gdim();
+  const std::size_t nv = surface.num_vertices(), width = nv * surface.block();
   const Vec3 n = surface.normal(c.facet, c.point.xi);
   const auto N = shape_functions(surface.type(), c.point.xi);
   out.found[k] = 1;
@@ -238,7 +238,7 @@ void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candi
 /// Answer with what a rank has sent.
 void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answer)
 {
-  const std::size_t nv = a.nv, width = nv * a.gdim;
+  const std::size_t nv = a.nv, width = nv * a.block;
   const auto v = a.value(answer);
   out.found[k] = 1;
   std::copy_n(v.begin() + 3, 3, out.x.begin() + 3 * k);
@@ -262,9 +262,9 @@ public:
         sides_(sides), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0),
         num_equal_(nodes_.size(), 0), sizes_(nodes_.size(), 0)
   {
-    const std::size_t n = nodes_.size(), nv = surface.num_vertices(), gdim = surface.gdim();
+    const std::size_t n = nodes_.size(), nv = surface.num_vertices(), block = surface.block();
     out_ = {std::vector<std::uint8_t>(n, 0),
-            std::vector<std::int64_t>(n * nv * gdim, -1),
+            std::vector<std::int64_t>(n * nv * block, -1),
             std::vector<int>(n * nv, -1),
             std::vector<double>(n * nv, 0),
             std::vector<double>(n * 3, 0),

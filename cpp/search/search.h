@@ -14,7 +14,7 @@ namespace qsdolfinx
 struct ClosestFacets
 {
   std::vector<std::uint8_t> found;  ///< 1 if the node is paired
-  std::vector<std::int64_t> dofs;   ///< unknowns of the facet's vertices, [node][vertex][gdim]
+  std::vector<std::int64_t> dofs;   ///< unknowns of the facet's vertices, [node][vertex][block]
   std::vector<int> owner;           ///< their owners, [node][vertex]
   std::vector<double> shape_values; ///< shape functions at the closest point, [node][vertex]
   std::vector<double> x;            ///< closest point, [node][3]

@@ -62,11 +62,11 @@ std::array<std::array<double, 4>, 4> vertex_areas(const Surface& surface, std::s
 }
 } // namespace
 
-Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
+Surface::Surface(MPI_Comm comm, int gdim, int block, FacetType type, std::span<const double> x, int degree,
                  std::span<const std::int64_t> dofs, std::span<const int> owner,
                  std::span<const double> inside, std::int64_t local_size, bool axisymmetric,
                  bool touches_itself, std::span<const double> key)
-    : gdim_(gdim), type_(type), degree_(degree), axisymmetric_(axisymmetric),
+    : gdim_(gdim), block_(block), type_(type), degree_(degree), axisymmetric_(axisymmetric),
       local_size_(local_size), touches_itself_(touches_itself), key_(key.begin(), key.end())
 {
   facets_.x.assign(x.begin(), x.end());
@@ -76,8 +76,8 @@ Surface::Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double
   for (std::size_t f = 0; f < inside.size() / 3; ++f)
   {
     const std::size_t first = f * nt;
-    facets_.vertex_dofs.insert(facets_.vertex_dofs.end(), dofs.begin() + first * gdim,
-                               dofs.begin() + (first + nv) * gdim);
+    facets_.vertex_dofs.insert(facets_.vertex_dofs.end(), dofs.begin() + first * block,
+                               dofs.begin() + (first + nv) * block);
     facets_.vertex_owner.insert(facets_.vertex_owner.end(), owner.begin() + first,
                                 owner.begin() + first + nv);
   }
@@ -153,16 +153,16 @@ void Surface::number_nodes()
     dest.push_back(facets_.vertex_owner[v]);
   }
   to_owner_ = std::make_unique<Exchange>(comm_, dest);
-  const auto dofs = tell_owners(facets_.vertex_dofs, gdim_);
+  const auto dofs = tell_owners(facets_.vertex_dofs, block_);
   std::vector<std::size_t> order(to_owner_->num_received());
   std::iota(order.begin(), order.end(), 0);
-  std::ranges::sort(order, {}, [&](std::size_t i) { return dofs[i * gdim_]; });
+  std::ranges::sort(order, {}, [&](std::size_t i) { return dofs[i * block_]; });
   node_of_record_.resize(order.size());
   for (std::size_t i : order)
   {
-    if (nodes_.dofs.empty() || dofs[i * gdim_] != nodes_.dofs[nodes_.dofs.size() - gdim_])
-      nodes_.dofs.insert(nodes_.dofs.end(), &dofs[i * gdim_], &dofs[i * gdim_] + gdim_);
-    node_of_record_[i] = nodes_.dofs.size() / gdim_ - 1;
+    if (nodes_.dofs.empty() || dofs[i * block_] != nodes_.dofs[nodes_.dofs.size() - block_])
+      nodes_.dofs.insert(nodes_.dofs.end(), &dofs[i * block_], &dofs[i * block_] + block_);
+    node_of_record_[i] = nodes_.dofs.size() / block_ - 1;
   }
 }
 
@@ -193,7 +193,7 @@ void Surface::measure_nodes()
   }
   const auto data = tell_owners(values, width);
 
-  const std::size_t n = nodes_.dofs.size() / gdim_;
+  const std::size_t n = nodes_.dofs.size() / block_;
   nodes_.x.resize(3 * n);
   nodes_.area.assign(n, 0);
   nodes_.normal.assign(3 * n, 0);
@@ -231,11 +231,11 @@ void Surface::mark_boundary()
     for (std::size_t e = 0; e < ne; ++e)
     {
       std::size_t a = f * nv + edges[e][0], b = f * nv + edges[e][1];
-      if (facets_.vertex_dofs[b * gdim_] < facets_.vertex_dofs[a * gdim_])
+      if (facets_.vertex_dofs[b * block_] < facets_.vertex_dofs[a * block_])
         std::swap(a, b);
       dest[f * ne + e] = facets_.vertex_owner[a];
-      keys[2 * (f * ne + e)] = facets_.vertex_dofs[a * gdim_];
-      keys[2 * (f * ne + e) + 1] = facets_.vertex_dofs[b * gdim_];
+      keys[2 * (f * ne + e)] = facets_.vertex_dofs[a * block_];
+      keys[2 * (f * ne + e) + 1] = facets_.vertex_dofs[b * block_];
     }
   }
   Exchange by_edge(comm_, dest);
@@ -447,12 +447,12 @@ std::size_t Surface::node_index(std::int64_t first_dof) const
   while (low < high)
   {
     const std::size_t middle = (low + high) / 2;
-    if (nodes_.dofs[middle * gdim_] < first_dof)
+    if (nodes_.dofs[middle * block_] < first_dof)
       low = middle + 1;
     else
       high = middle;
   }
-  if (low == nodes_.size() || nodes_.dofs[low * gdim_] != first_dof)
+  if (low == nodes_.size() || nodes_.dofs[low * block_] != first_dof)
     throw std::logic_error("Surface::node_index: this rank does not own the node");
   return low;
 }

@@ -21,9 +21,9 @@ namespace qsdolfinx
 struct Facets
 {
   std::vector<double> x;                      ///< vertex coordinates, [facet][vertex][3]
-  std::vector<std::int64_t> dofs;             ///< global unknowns of the trace, [facet][node][gdim]
+  std::vector<std::int64_t> dofs;             ///< global unknowns of the trace, [facet][node][block]
   std::vector<int> owner;                     ///< rank that owns the unknowns, [facet][node]
-  std::vector<std::int64_t> vertex_dofs;      ///< of these the vertices', [facet][vertex][gdim]
+  std::vector<std::int64_t> vertex_dofs;      ///< of these the vertices', [facet][vertex][block]
   std::vector<int> vertex_owner;              ///< and their owners, [facet][vertex]
   std::vector<double> orientation;            ///< ±1, times the area vector points outward
   std::vector<double> size;                   ///< largest distance of two vertices
@@ -40,7 +40,7 @@ struct Facets
 /// rank need not have any facet at them.
 struct Nodes
 {
-  std::vector<std::int64_t> dofs; ///< global unknowns, [node][gdim]
+  std::vector<std::int64_t> dofs; ///< global unknowns, [node][block]
   std::vector<double> x;          ///< coordinates, [node][3]
   std::vector<double> area;       ///< nodal area S_k = ∫ N_k ds
   std::vector<double> normal;     ///< outward unit normal, average weighted with N_k, [node][3]
@@ -76,10 +76,11 @@ public:
   /// Collective. Arrays are row-major, one entry per facet of this rank.
   /// @param comm communicator, duplicated
   /// @param gdim geometric dimension, 2 or 3
+  /// @param block unknowns of a node: gdim, or 1 of a scalar field
   /// @param type shape of all facets
   /// @param x vertex coordinates, [facet][vertex][3]
   /// @param degree of the trace, 1 or 2
-  /// @param dofs global unknowns of the trace, [facet][node][gdim]
+  /// @param dofs global unknowns of the trace, [facet][node][block]
   /// @param owner rank that owns the unknowns of a node, [facet][node]
   /// @param inside a point of the body behind the facet, [facet][3]
   /// @param local_size number of unknowns of the body that this rank owns
@@ -88,7 +89,7 @@ public:
   /// @param touches_itself whether it is all of a body's boundary, parts of which touch others
   /// @param key then, of each facet, [facet][key_size], what gives it its role, see
   /// pairing/roles.h; NaN of those that touch nothing, whose vertices are no nodes
-  Surface(MPI_Comm comm, int gdim, FacetType type, std::span<const double> x, int degree,
+  Surface(MPI_Comm comm, int gdim, int block, FacetType type, std::span<const double> x, int degree,
           std::span<const std::int64_t> dofs, std::span<const int> owner,
           std::span<const double> inside, std::int64_t local_size, bool axisymmetric,
           bool touches_itself = false, std::span<const double> key = {});
@@ -117,6 +118,8 @@ public:
   MPI_Comm comm() const { return comm_; }
   int rank() const { return rank_; }
   int gdim() const { return gdim_; }
+  /// Unknowns of a node: gdim, or 1 of a scalar field.
+  int block() const { return block_; }
   FacetType type() const { return type_; }
   int num_vertices() const { return static_cast<int>(type_); }
   int degree() const { return degree_; }
@@ -179,7 +182,7 @@ private:
   void find_sides();
 
   MPI_Comm comm_;
-  int rank_, gdim_;
+  int rank_, gdim_, block_;
   FacetType type_;
   int degree_;
   bool axisymmetric_;

@@ -55,7 +55,7 @@ void qsdolfinx::insert_friction(std::span<const GapOperator* const> slip, const 
                                 std::span<const double> coupling, ContactBlocks blocks,
                                 std::array<double, 2> scale)
 {
-  const auto d = static_cast<std::size_t>(jump.gdim());
+  const auto d = static_cast<std::size_t>(jump.block());
   const std::size_t rows = jump.num_rows();
   if ((!slip.empty() && slip.size() != d) || jump.kind() != GapKind::jump
       || normal.kind() != GapKind::normal || normal.num_rows() != rows
@@ -80,7 +80,7 @@ void qsdolfinx::insert_friction(std::span<const GapOperator* const> slip, const 
       continue;
     for (int s = 0; s < jump.num_sides(); ++s)
     {
-      gather_dofs(jump.side(s), r, jump.gdim(), dofs[s]);
+      gather_dofs(jump.side(s), r, jump.block(), dofs[s]);
       distribution(slip, jump.side(s), s, r, d, forces[s]);
     }
     for (int b = 0; b < jump.num_sides(); ++b)

@@ -49,7 +49,7 @@ public:
   /// @param components of a jump that are inserted: [first, last)
   BlockInsertion(const GapOperator& gap, int b, bool pattern,
                  std::pair<std::size_t, std::size_t> components)
-      : gap_(gap), other_(gap.side(b)), d_(gap.gdim()), components_(components), pattern_(pattern),
+      : gap_(gap), other_(gap.side(b)), d_(gap.block()), components_(components), pattern_(pattern),
         dofs_(pattern ? other_.dofs : other_.free_dofs), place_(other_.dofs.size() / d_, -1)
   {
   }
@@ -169,7 +169,7 @@ void qsdolfinx::insert_contact(const GapOperator& gap, std::span<const double> s
       for (std::size_t r = 0; r < rows && !pattern; ++r)
         factor[r] = value(r);
       const GapOperator::Side& side = gap.side(a);
-      const Columns by_column(side, side.dofs.size() / gap.gdim(), factor);
+      const Columns by_column(side, side.dofs.size() / gap.block(), factor);
       for (int b = 0; b < gap.num_sides(); ++b)
       {
         for (std::size_t r = 0; r < rows; ++r)

@@ -36,4 +36,7 @@ def active_state(model: ContactModel) -> bytes:
 
 def tangent_state(model: ContactModel) -> bytes:
     """What the tangent of linear bodies depends on besides ε."""
-    return active_state(model) + b"".join(slip.tangent_state() for slip in model.slips)
+    conductances = [gap.state.conductance for gap in model.gaps]
+    states = [h.tobytes() for h in conductances if h is not None]
+    states += [slip.tangent_state() for slip in model.slips]
+    return active_state(model) + b"".join(states)

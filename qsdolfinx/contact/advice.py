@@ -40,6 +40,11 @@ STRAIGHT = 1e-5
 
 def advise(model: ContactModel) -> None:
     """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
+    if model.is_scalar:
+        text = _pairing(model)
+        if text:
+            warn(text, ContactWarning)
+        return
     if model.with_itself:  # of which most faces nothing
         text = _overclosure(model)
         if text:

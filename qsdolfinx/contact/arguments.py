@@ -10,6 +10,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import check, either, instance, require
 from qsdolfinx.friction.laws import Friction
+from qsdolfinx.gap.conductance import Conductance
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.pairing.relief import Side
 from qsdolfinx.surface.surface import Surface
@@ -32,9 +33,75 @@ def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
         slave.check_partner(other)
 
 
-def default_enforcement(formulation: str) -> str:
+def default_enforcement(formulation: str, law: typing.Any) -> str:
     """An augmented Lagrangian, but where there is none."""
-    return "penalty" if formulation == "double-pass" else "augmented-lagrangian"
+    none = formulation == "double-pass" or isinstance(law, Conductance)
+    return "penalty" if none else "augmented-lagrangian"
+
+
+class Given(typing.NamedTuple):
+    """Arguments that scalar fields leave as they are by default.
+
+    Attributes:
+        formulation: See :class:`qs.Contact`, as all of them.
+    """
+
+    formulation: str
+    quadrature: str
+    unknown: typing.Any
+    sliding: str
+    initial_overclosure: str
+    constraints: str
+
+
+def check_field(
+    slave: Surface,
+    master: AnySurface,
+    law: Law,
+    enforcement: str,
+    friction: typing.Any,
+    penalty: float | str,
+    given: Given,
+) -> None:
+    """Refuse what contact of scalar fields has not, and what it alone has."""
+    conducts = isinstance(law, Conductance)
+    if not slave.is_scalar:
+        require(not conducts, "law: Conductance is for surfaces on scalar spaces")
+        return
+    text = "law: scalar fields have no gaps; use qs.Tied() or qs.Conductance(h)"
+    require(law.jump, text)
+    require(friction is None, "friction: scalar fields have none; see qs.Conductance(friction=)")
+    for name in ("unknown", "sliding", "initial_overclosure", "constraints"):
+        default = Given(*_DEFAULTS)
+        fits = getattr(given, name) == getattr(default, name)
+        require(fits, f"{name}: leave it out, scalar fields move nothing")
+    if conducts:
+        text = "has no multiplier to augment and no penalty: h takes its place; leave it out"
+        require(enforcement == "penalty", f"enforcement: a conductance {text}")
+        require(penalty == "auto", f"penalty: a conductance {text}")
+    tool, conductance = isinstance(master, RigidSurface), law if conducts else None
+    if tool:
+        text = 'use qs.Conductance(h, tool=…), or Dirichlet conditions for a tool\'s temperature'
+        require(conductance is not None, f"law: a rigid tool has no field to be tied to; {text}")
+    known = isinstance(conductance, Conductance) and conductance.tool is not None
+    require(known == tool, "law: Conductance needs tool=, its temperature, for a rigid tool alone")
+
+
+_DEFAULTS = ("quasi-symmetric", "overlay", "displacement", "small", "resolve", "nodes")
+
+
+def check_of_use(slave: Surface, law: Law, of: typing.Any, given: Given) -> None:
+    """Refuse a contact of the bodies that is missing, or not used."""
+    needed = isinstance(law, Conductance) and (law.of_state or law.friction is not None)
+    if of is None:
+        require(not needed, "of: must be the bodies' contact, for an h of its state and its heat")
+        return
+    require(slave.is_scalar, "of: is for surfaces on scalar spaces")
+    require(hasattr(of, "model"), "of: must be a qsdolfinx.Contact", TypeError)
+    for name in ("formulation", "quadrature"):
+        default = Given(*_DEFAULTS)
+        fits = getattr(given, name) in (getattr(default, name), getattr(of, name))
+        require(fits, f"{name}: leave it out, it is that of the contact in of")
 
 
 def check_formulation(formulation: str, enforcement: str, master: AnySurface) -> None:

@@ -17,14 +17,18 @@ from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact import fields, motion, multipliers, overclosed, results
+from qsdolfinx.contact.across import Mechanics, check_of
 from qsdolfinx.contact.advice import advise
 from qsdolfinx.contact.arguments import (
     SLAVE,
+    Given,
     check_constraints,
+    check_field,
     check_formulation,
     check_friction,
     check_friction_use,
     check_itself,
+    check_of_use,
     check_sliding,
     check_smoothing,
     check_surfaces,
@@ -35,8 +39,9 @@ from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.report import ContactReport, make_report
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.laws import Friction
+from qsdolfinx.gap.conductance import Conductance
 from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
-from qsdolfinx.gap.laws import Law, Unilateral
+from qsdolfinx.gap.laws import Law, Tied, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
@@ -81,7 +86,7 @@ class Contact:
         formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
             carries no multiplier, so that only the first and the third are possible; with an
             analytic shape they are the same.
-        law: ``Unilateral()`` or ``Tied()``.
+        law: ``Unilateral()`` or ``Tied()``; of scalar fields ``Tied()`` or ``Conductance(h)``.
         penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
             contact nodes when the problem is first solved; with an augmented Lagrangian and bodies
             in velocities, whenever contact has paired anew.
@@ -143,6 +148,15 @@ class Contact:
             ``"finite"``: the geometry of contact follows the bodies within the solve, however far
             they slide or turn; facets are cut anew at each iteration. It needs the overlay, with
             normals of the facets. Areas are those at the start of the solve.
+        of: Of scalar fields, the contact of the bodies that they are fields of, on the same facets:
+            the field has its pairs, so that nothing is searched twice, and a conductance its
+            pressures, distances and friction. Where its master is a rigid tool that has a mesh of
+            its own for the field, fields are paired by themselves, where meshes are.
+
+    Surfaces on scalar spaces, such as of temperatures, have no gaps: ``qs.Tied()``, the default,
+    makes the field continuous, and ``qs.Conductance(h)`` lets a flux h ⟦T⟧ through. Then λ, of the
+    sign of ⟦T⟧ = T_s − T_m, is what flows from the slave to the master per area; see :meth:`flux`
+    and :meth:`flow`. What is said of displacements and forces above is not used.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, the two
@@ -178,17 +192,20 @@ class Contact:
         constraints: str = "nodes",
         smoothing: Side | tuple[Side, Side] = "none",
         sliding: str = "small",
+        of: Contact | None = None,
     ) -> None:
-        law = Unilateral() if law is None else law
         check_alone(SLAVE, slave=slave)
+        if law is None:
+            law = Tied() if slave.is_scalar else Unilateral()
         rigid = as_tool(master) is not None
         itself = master is slave
         with checked(slave.comm) as same:
             check_surfaces(slave, master)
+            same(slave="scalar" if slave.is_scalar else "vector")
             same(master="the slave" if itself else type(master).__name__)
             same(one_of(FORMULATIONS), formulation=formulation)
             if enforcement is None:
-                enforcement = default_enforcement(formulation)
+                enforcement = default_enforcement(formulation, law)
             same(one_of(ENFORCEMENTS), enforcement=enforcement)
             check_formulation(formulation, enforcement, master)
             same(one_of(QUADRATURES), quadrature=quadrature)
@@ -196,7 +213,12 @@ class Contact:
             check(instance(Law, "qs.Tied() or qs.Unilateral()"), law=law)
             check_friction(friction, slave)
             # Before what follows from them: of several arguments that differ the first is named.
-            same(law=type(law).__name__, friction=friction)
+            same(law=type(law).__name__, friction=friction, of=None if of is None else "contact")
+            given = Given(
+                formulation, quadrature, unknown, sliding, initial_overclosure, constraints
+            )
+            check_field(slave, master, law, enforcement, friction, penalty, given)
+            check_of_use(slave, law, of, given)
             same(unknown=unknowns_of(unknown, rigid))
             same(one_of(SLIDING), sliding=sliding)
             if normals is None and sliding == "finite":
@@ -216,12 +238,19 @@ class Contact:
             check_sliding(sliding, quadrature, normals, constraints, sides)
             if itself:
                 check_itself(formulation, quadrature, law, sides, unknown)
+            if of is not None:
+                check_of(of.model, slave, master)
+                if as_tool(of.master) is None or rigid:
+                    formulation = of.formulation
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.
         check_friction_use(friction, friction_penalty, law)
         check_constraints(constraints, quadrature, law)
+        if isinstance(law, Conductance):
+            penalty, constraints = 1.0, "points"  # h takes its place, at each point
         needs_dt = friction is not None and friction.needs_dt
+        needs_dt = needs_dt or (isinstance(law, Conductance) and law.friction is not None)
         kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=rigid)
         augmented = enforcement == "augmented-lagrangian"
         if itself:
@@ -254,6 +283,7 @@ class Contact:
             ),
             overclosure,
             None if friction is None else FrictionHistory(friction, slave, friction_penalty),
+            None if of is None else Mechanics(of.model, slave, master),
         )
         motion.pair_anew(self.model)
         advise(self.model)
@@ -648,6 +678,33 @@ class Contact:
             side: ``"slave"`` or ``"master"``.
         """
         return results.force(self.model, side)
+
+    def flow(self, side: str) -> float:
+        """Of scalar fields: total flow, such as heat per time, into the body of one side.
+
+        Heat of friction is part of it. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+
+        Raises:
+            ValueError: If it is a contact of displacements or velocities.
+        """
+        return results.flow(self.model, side)
+
+    def flux(self, side: str) -> fem.Function:
+        """Of scalar fields: flow per area into the body of one side, recovered. Collective.
+
+        Args:
+            side: ``"slave"`` or ``"master"``.
+
+        Returns:
+            Function of degree 1, f_k / S_k of the flows f_k at the nodes; 0 off the surface.
+
+        Raises:
+            ValueError: If it is a contact of displacements, or the side is a rigid tool.
+        """
+        return results.flux(self.model, side)
 
     def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
         """Total moment of the contact forces on the body of one side. Collective.

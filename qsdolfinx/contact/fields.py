@@ -57,13 +57,16 @@ def faced(p: WeightedGap, rows: Array) -> Faced:
     master = deformable(p.master)
     assert master is not None
     operator = p.jump_operator()
-    forces = np.zeros((len(rows), p.slave.gdim))
-    forces[:, 0], forces[:, 1] = p.operator.row_area, p.operator.row_area * rows
-    vecs = p.slave.create_vec(), master.create_vec()
-    operator.add_transpose(forces, vecs[0].handle, vecs[1].handle)
-    area, sums = -nodal_forces(master, vecs[1])[:, :2].T
-    for vec in vecs:
-        vec.destroy()
+    found = []
+    for of_rows in (p.operator.row_area, p.operator.row_area * rows):
+        forces = np.zeros((len(rows), p.slave.block))
+        forces[:, 0] = of_rows
+        vecs = p.slave.create_vec(), master.create_vec()
+        operator.add_transpose(forces, vecs[0].handle, vecs[1].handle)
+        found.append(-nodal_forces(master, vecs[1])[:, 0])
+        for vec in vecs:
+            vec.destroy()
+    area, sums = found
     reached = area > SOME * master.linear.node_area
     return Faced(reached, np.divide(sums, area, out=np.full_like(sums, np.nan), where=reached))
 
@@ -162,6 +165,8 @@ def _sizes(values: Array) -> Array:
 
 def _scalar(surface: Surface, values: Array) -> fem.Function:
     """Function of degree 1 with these values at the nodes. Collective."""
+    if surface.is_scalar:
+        return surface.linear.function(values[:, None])
     padded = np.zeros((len(values), surface.gdim))
     padded[:, 0] = values
     return surface.linear.function(padded).sub(0).collapse()

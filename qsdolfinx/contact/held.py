@@ -52,7 +52,7 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         master: The same of the master's.
     """
     model.held_nodes, alone = [], [False, False]
-    if model.with_itself:
+    if model.with_itself or (model.is_scalar and not model.augmented):
         return
     for i, gap in enumerate(model.gaps):
         gap.extension, slip = None, model.slips[i] if model.slips else None
@@ -108,7 +108,7 @@ def _extension(
         [slave.node_dofs, np.take_along_axis(of_facets, sides, axis=2)],
         gap.rows.covered,
     )
-    every = [slice(0, slave.gdim)]
+    every = [slice(0, slave.block)]
     return Extension(slave, every, places, held & there, clamped & there, ~there)
 
 
@@ -119,18 +119,18 @@ def _held_on_both_sides(
     slave: PETSc.Vec | None,
     master: PETSc.Vec | None,
 ) -> Flags:
-    """Components of the slave's node and its partner that are held, shape (nodes, gdim).
+    """Components of the slave's node and its partner that are held, shape (nodes, block).
 
     Collective. These nodes are noted as ones of the pass; arguments as for :func:`_extension`.
     """
     row_node = by_node.operator.row_node
     tool = as_tool(gap.master)
     if tool is not None and tool.driven is not None:
-        return np.zeros((len(row_node), gap.slave.gdim), dtype=bool)
+        return np.zeros((len(row_node), gap.slave.block), dtype=bool)
     own = _read(gap.slave, slave) != 0
     at_nodes = _at_nodes(model, gap)
     linear = at_nodes.slave
-    held, found = np.zeros((2, len(linear.node_area), linear.gdim), dtype=bool)
+    held, found = np.zeros((2, len(linear.node_area), linear.block), dtype=bool)
     with _linear(gap, (slave, master)) as of_vertices:
         at = at_nodes.operator.row_node
         held[at] = np.abs(_read(linear, of_vertices[0])[at]) > _NONE  # rounding marks none
@@ -165,7 +165,7 @@ def _at_nodes(model: ContactModel, gap: WeightedGap) -> WeightedGap:
 
 
 def _part_of_master(gap: WeightedGap, marker: PETSc.Vec | None) -> Array:
-    """Part of the master's displacement at each row that conditions hold, (rows, gdim)."""
+    """Part of the master's displacement at each row that conditions hold, (rows, block)."""
     none = gap.slave.create_vec()
     out = -gap.jump_operator().apply(none.handle, handle_of(marker))
     none.destroy()
@@ -219,13 +219,15 @@ def _of_vertices(surface: Surface, flags: Flags) -> Flags:
 
 
 def _read(surface: Surface, vec: PETSc.Vec | None) -> Array:
-    """Values at the owned contact nodes, shape (nodes, gdim)."""
+    """Values at the owned contact nodes, shape (nodes, block)."""
     assert vec is not None
     return np.asarray(vec.array_r[surface.node_dofs - vec.owner_range[0]], dtype=np.float64)
 
 
 def _along_normal(gap: WeightedGap, held: Flags) -> Flags:
     """Rows along whose node's normal there is no free component, shape (rows, 1)."""
+    if gap.slave.is_scalar:
+        return held
     normal = gap.slave.node_normal[gap.operator.row_node, : gap.slave.gdim]
     at = _in_corner(gap)
     if at.any():

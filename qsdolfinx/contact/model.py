@@ -19,6 +19,7 @@ from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.facet_cutter import FacetCutter
 from qsdolfinx.gap.following import Cutter, Following
+from qsdolfinx.gap.friction_heat import FrictionHeat
 from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.overclosure import Overclosure
@@ -29,6 +30,9 @@ from qsdolfinx.pairing.relief import check_curved
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
+
+if typing.TYPE_CHECKING:
+    from qsdolfinx.contact.across import Mechanics
 
 T = typing.TypeVar("T")
 
@@ -152,8 +156,18 @@ class OverclosedStart:
     normal: npt.NDArray[np.float64]
 
 
-def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
-    """Pair the surfaces where they are now. Collective."""
+def find_pairs(
+    settings: Settings,
+    friction: FrictionHistory | None,
+    known: _cpp.PairingPoints | None = None,
+) -> Paired:
+    """Pair the surfaces where they are now. Collective.
+
+    Args:
+        settings: What the contact was made with.
+        friction: None without.
+        known: Pairing points of its one pass; None if they are to be found.
+    """
     slave, master = settings.slave, settings.master
     with_facets = [s for s in (slave, master) if not s.is_analytic]
     bodies = [s for s in (slave, deformable(master)) if s is not None]
@@ -163,8 +177,10 @@ def find_pairs(settings: Settings, friction: FrictionHistory | None) -> Paired:
     roles = settings.roles
     both = settings.formulation == "quasi-symmetric"
     corners = not settings.law.jump  # one pair ties a node in all directions
-    points = [pair(*role, settings.sampling, both, radius, corners) for role in roles]
-    if settings.augmented and settings.rows != "points":
+    points = [known]
+    if known is None:
+        points = [pair(*role, settings.sampling, both, radius, corners) for role in roles]
+    if settings.augmented and known is None and settings.rows != "points":
         for (first, _), found in zip(roles, points, strict=True):
             share_out_hardly_covered(first, found)
     gaps = tuple(
@@ -229,6 +245,7 @@ class ContactModel:
         penalty: ε.
         overclosure: What becomes of initial penetration.
         friction: None without.
+        mechanics: Of a scalar field, the contact of the bodies; None if it needs none.
     """
 
     def __init__(
@@ -238,12 +255,16 @@ class ContactModel:
         penalty: Penalty,
         overclosure: Overclosure,
         friction: FrictionHistory | None,
+        mechanics: Mechanics | None = None,
     ) -> None:
         self.settings = settings
         self.kinematics = kinematics
         self.penalty = penalty
         self.overclosure = overclosure
         self.friction = friction
+        self.mechanics = mechanics
+        #: Heat of friction of the bodies, as a load of temperatures; None without.
+        self.friction_heat: FrictionHeat | None = None
         #: What the last pairing found; see :func:`qsdolfinx.contact.motion.pair_anew`.
         self.paired: Paired
         #: Where the surfaces are at the last evaluation.
@@ -293,6 +314,11 @@ class ContactModel:
     def master(self) -> AnySurface:
         """The other surface, or a rigid tool."""
         return self.settings.master
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether it is of scalar fields, such as temperatures, which move nothing."""
+        return self.slave.is_scalar
 
     @property
     def with_itself(self) -> bool:

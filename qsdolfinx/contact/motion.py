@@ -13,7 +13,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import FUNCTION, check, either, require
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import multipliers, overclosed, terms
+from qsdolfinx.contact import conduction, multipliers, overclosed, terms
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
@@ -35,7 +35,7 @@ def pair_anew(model: ContactModel) -> None:
     """
     first = model.num_pairings == 0
     model.master.check_state()
-    if not first and model.law.jump:
+    if not first and model.law.jump and not model.is_scalar:
         _follow(model)
         return
     with model.watch.stage("pairing"):
@@ -44,12 +44,14 @@ def pair_anew(model: ContactModel) -> None:
             update_surfaces(*(s for s in surfaces if s is not None))
         kept = [] if first else multipliers.on_nodes(model.parts)
         pressed = [] if first else multipliers.pressures_on_nodes(model)
-        paired = find_pairs(model.settings, model.friction)
-        if first:
-            overclosed.read(model, paired)
-        else:
-            overclosed.follow(model, paired)
+        shares = model.mechanics is not None and model.mechanics.shares_pairs
+        known = model.mechanics.points() if shares and model.mechanics is not None else None
+        paired = find_pairs(model.settings, model.friction, known)
+        if not model.is_scalar:
+            (overclosed.read if first else overclosed.follow)(model, paired)
         model.paired = paired
+        if model.is_scalar:
+            conduction.begin(model)
         _continue_step(model)
         if not first:
             multipliers.set_on_nodes(paired.parts, kept)
@@ -92,9 +94,16 @@ def _zero_offset(model: ContactModel) -> None:
 
 
 def catch_up(model: ContactModel) -> None:
-    """Pair where a time step has left bodies and tool, unless that has been done. Collective."""
+    """Pair where a time step has left bodies and tool, unless that has been done. Collective.
+
+    Scalar fields pair as their bodies have.
+    """
+    if model.mechanics is not None:
+        catch_up(model.mechanics.of)
     if model.catch_up is not None:
         model.catch_up()
+    if model.mechanics is not None and model.mechanics.is_stale:
+        pair_anew(model)
 
 
 def _continue_step(model: ContactModel) -> None:
@@ -116,6 +125,8 @@ def move_tool(model: ContactModel) -> None:
         ValueError: If it is not finite or differs between ranks.
         RuntimeError: If the tool has another position than when contact was last paired.
     """
+    if model.is_scalar:
+        return
     if model.follows:
         _move_followed_tool(model)
         return

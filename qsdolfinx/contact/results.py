@@ -187,13 +187,53 @@ def patch(model: ContactModel) -> tuple[float, float]:
 def force(model: ContactModel, side: str) -> Array:
     """Total contact force on the body of one side, shape (gdim,). Collective."""
     agreed(model, side)
-    return _force(model, side)
+    check_mechanical(model, "flow")
+    return total(model, side)
 
 
-def _force(model: ContactModel, side: str) -> Array:
+def flow(model: ContactModel, side: str) -> float:
+    """Total flow of a scalar field into the body of one side. Collective."""
+    agreed(model, side)
+    check_scalar(model, "force")
+    return float(total(model, side)[0])
+
+
+def flux(model: ContactModel, side: str) -> fem.Function:
+    """Flow per area into the body of one side. Collective."""
+    surface = deformable(agreed(model, side))
+    check_scalar(model, "traction")
+    if surface is None:
+        raise ValueError("side: a rigid tool has no flux; what goes into it is minus the slave's")
+    with _force_vec(model, side, whole_body=True) as vec:
+        return recover(surface, vec)
+
+
+def check_mechanical(model: ContactModel, instead: str) -> None:
+    """Refuse to read forces from a contact of scalar fields.
+
+    Raises:
+        ValueError: If it is one.
+    """
+    if model.is_scalar:
+        raise ValueError(f"a contact of scalar fields has no forces; use contact.{instead}(side)")
+
+
+def check_scalar(model: ContactModel, instead: str) -> None:
+    """Refuse to read flows from a contact of displacements.
+
+    Raises:
+        ValueError: If it is one.
+    """
+    if not model.is_scalar:
+        text = "contact of displacements or velocities has no flows; use"
+        raise ValueError(f"{text} contact.{instead}(side)")
+
+
+def total(model: ContactModel, side: str) -> Array:
+    """Sum of what contact does to the unknowns of one side, shape (block,). Collective."""
     surface = deformable(surface_of(model, side))
     if surface is None:
-        return -_force(model, "slave")
+        return -total(model, "slave")
     with _force_vec(model, side) as vec:
         owned = nodal_forces(surface, vec).sum(axis=0)
     return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))
@@ -203,6 +243,7 @@ def moment(model: ContactModel, side: str, about: npt.ArrayLike | None) -> Array
     """Total moment of the contact forces on one side, shape (3,) or (1,). Collective."""
     with checked(model.comm) as same:
         same(SIDE, side=side)
+        check_mechanical(model, "flow")
         point = _center(model) if about is None else check_vector("about", about, model.slave.gdim)
         same(about=point)
     return _moment(model, side, point)
@@ -241,6 +282,7 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
     with checked(model.comm) as same:
         same(SIDE, side=side)
         same(PART, part=part)
+        check_mechanical(model, "flux")
     surface = deformable(surface_of(model, side))
     if surface is None:
         raise ValueError(
@@ -252,13 +294,21 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
 
 def pressure(model: ContactModel, side: str) -> fem.Function:
     """p_k = −t_k·n_k, n_k being the normals of the vertices where the facets are. Collective."""
+    found = pressure_at_vertices(model, side)
+    surface = deformable(surface_of(model, side))
+    assert surface is not None
+    values = np.zeros((len(found), surface.gdim))
+    values[:, 0] = found
+    return surface.linear.function(values).sub(0).collapse()
+
+
+def pressure_at_vertices(model: ContactModel, side: str) -> Array:
+    """The same at the owned nodes of ``surface.linear``. Collective."""
     whole = traction(model, side, "normal" if model.slips else "whole")
     surface = deformable(surface_of(model, side))
     assert surface is not None
     normal = np.asarray(_facets_now(model, side).node_normal)[:, : surface.gdim]
-    values = np.zeros_like(normal)
-    values[:, 0] = -np.sum(surface.linear.node_values(whole) * normal, axis=1)
-    return surface.linear.function(values).sub(0).collapse()
+    return np.asarray(-np.sum(surface.linear.node_values(whole) * normal, axis=1))
 
 
 def _areas_now(model: ContactModel, side: str) -> Array:
@@ -291,6 +341,8 @@ def _force_vec(
         p.add_forces(p.multiplier(model.eps), model.ordered(p, vecs))
     for slip in model.slips if part != "normal" else ():
         slip.add_forces(model.ordered(slip.gap, vecs))
+    if model.friction_heat is not None:
+        model.friction_heat.add_to(vecs)
     wanted = vecs[SIDES.index(side)]
     assert wanted is not None
     if model.with_itself and whole_body:

@@ -26,7 +26,7 @@ def advise(model: ContactModel) -> None:
     """
     settings, penalty = model.settings, model.penalty
     nodal = settings.sampling.quadrature == "nodal"
-    if not nodal or model.augmented or settings.formulation != "quasi-symmetric":
+    if not nodal or model.is_scalar or model.augmented or settings.formulation != "quasi-symmetric":
         return
     stiffness = min(penalty.stiffness)
     if model.soft_warned or penalty.eps >= STIFF * stiffness or not math.isfinite(stiffness):

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
-from qsdolfinx.contact import active_set
+from qsdolfinx.contact import active_set, conduction
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import ToolPlace
 from qsdolfinx.friction.slip import Slip
@@ -31,6 +31,9 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
     with model.watch.stage("gap"):
         for gap in model.gaps:
             gap.evaluate(model.ordered(gap, (slave, master)))
+        if model.is_scalar:
+            conduction.evaluate(model, slave, master)
+            return
         model.placement = model.placement.moved(
             (slave, master), model.kinematics.scale, model.offset or (None, None), model.tool_motion
         )
@@ -58,7 +61,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
 def add_residual(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
     """Add contact's virtual work at the last evaluation to the residuals of the two bodies.
 
-    That is ∂Φ/∂u, and the work of friction.
+    That is ∂Φ/∂u, and the work of friction; of temperatures minus its heat.
     """
     with model.watch.stage("gap"):
         with collective_errors(model.comm):  # a law may be the user's
@@ -67,6 +70,8 @@ def add_residual(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None
             gap.add_forces(multiplier, model.ordered(gap, (slave, master)))
         for slip in model.slips:
             slip.add_forces(model.ordered(slip.gap, (slave, master)))
+        if model.friction_heat is not None:
+            model.friction_heat.add_to((slave, master))
 
 
 def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:

@@ -210,7 +210,7 @@ class PointRows(Rows):
 
     def __init__(self, operator: _cpp.GapOperator, slave: Surface) -> None:
         super().__init__(operator, slave)
-        #: Σ_p w_p N_k(ξ_p) of the sides of the owned nodes, shape (nodes, gdim).
+        #: Σ_p w_p N_k(ξ_p) of the sides of the owned nodes, shape (nodes, block).
         self.cover_of_sides: Array = self._sums(np.ones(operator.num_rows))
         #: The same of nodes: what the points cover of S_k.
         self.cover: Array = self.cover_of_sides.sum(axis=1)
@@ -246,7 +246,7 @@ class PointRows(Rows):
 
     def from_nodes(self, values: Array) -> Array:
         """Values of the function Σ_k N_k v_k."""
-        return self.from_sides(np.repeat(values[:, None], self.slave.gdim, axis=1))
+        return self.from_sides(np.repeat(values[:, None], self.slave.block, axis=1))
 
     def from_sides(self, values: Array) -> Array:
         """Values of the function Σ_k N_k v_k that each point sees on its side, shape (rows,)."""

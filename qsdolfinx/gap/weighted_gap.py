@@ -50,6 +50,7 @@ class GapState:
         places: Where meshes had moved tied surfaces by then; None where they were tied.
         base: Where facets that follow their bodies are with unknowns 0.
         measure: Their areas.
+        conductance: h of the rows, of contact that conducts; None of other laws.
     """
 
     values: Array
@@ -62,6 +63,7 @@ class GapState:
     places: TiePlaces | None = None
     base: Places | None = None
     measure: Measure | None = None
+    conductance: Array | None = None
 
 
 class WeightedGap:
@@ -144,7 +146,7 @@ class WeightedGap:
         self.state = GapState(zero, multipliers, zero, zero, zero[:, 0])
         self.state.base, self.state.measure = base, measure
         #: How ties count what has moved since they were made; None of other laws.
-        self.tie = Tie(slave, master) if law.jump else None
+        self.tie = Tie(slave, master) if law.jump and not slave.is_scalar else None
         #: How gaps between tied surfaces turn; None where they stay as they were.
         self.turning = Turning(slave, master, self.operator) if turns else None
         #: Rows that are open, whatever their gap: to see where bodies would be without them.
@@ -173,7 +175,9 @@ class WeightedGap:
 
     @property
     def relative_penalty(self) -> Array:
-        """ε of each row in units of the contact's."""
+        """ε of each row in units of the contact's; h where that is 1."""
+        if self.state.conductance is not None:
+            return self.state.conductance
         if not (self._is_augmented and KINDS[self._kind] == "cover"):
             return np.ones(self.num_rows)
         measure = self.state.measure

@@ -93,6 +93,8 @@ def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[
             except ValueError:
                 text = f"contacts: the {name} surface of one belongs to the space of none of u"
                 raise ValueError(text) from None
+            if i is not None and contact.model.is_scalar:
+                continue  # a field on the body says nothing of how it moves
             alike = i is None or known.setdefault(i, scale) == scale
             require(alike, f"contacts: must agree on whether u[{i}] is a velocity, and on dt")
 

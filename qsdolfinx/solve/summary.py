@@ -50,7 +50,7 @@ def _outcome(comm: MPI.Intracomm, contacts: typing.Sequence[ContactModel], recor
     history = record.active_of_all(comm)
     active = history[-1] if history else [0] * len(contacts)
     gap = max((results.weighted_penetration(contact) for contact in contacts), default=0.0)
-    forces = [float(np.linalg.norm(results.force(contact, "slave"))) for contact in contacts]
+    forces = [float(np.linalg.norm(results.total(contact, "slave"))) for contact in contacts]
     counts = " + ".join(f"{a} of {n}" for a, n in zip(active, rows, strict=True))
     return (
         f"active nodes {counts or 0}, largest gap violation {gap:.3g}, "

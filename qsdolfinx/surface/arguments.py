@@ -45,10 +45,12 @@ def check_space(V: fem.FunctionSpace, axisymmetric: bool) -> None:
     require(x.dtype == np.float64, "V: contact needs a mesh in double precision")
     fits = not axisymmetric or (gdim == 2 and x[:, 0].min(initial=0.0) >= -1e-10)
     require(fits, "axisymmetric: needs a 2D mesh with coordinates (r, z), r ≥ 0")
+    block = V.dofmap.dof_layout.block_size
     require(
-        V.num_sub_spaces == gdim and V.dofmap.dof_layout.block_size == gdim,
+        (V.num_sub_spaces == gdim and block == gdim) or (V.num_sub_spaces == 0 and block == 1),
         f"V: contact needs a blocked vector space with {gdim} components, such as "
-        f'functionspace(mesh, ("Lagrange", 1, ({gdim},)))',
+        f'functionspace(mesh, ("Lagrange", 1, ({gdim},))), or a scalar space, such as that of a '
+        "temperature",
     )
     require(
         trace_degree(V) is not None,

@@ -72,6 +72,7 @@ def deformed_surface(
     return _cpp.Surface(
         comm=surface.comm.py2f(),
         gdim=surface.gdim,
+        block=surface.block,
         num_vertices=moved.shape[1],
         x=moved,
         degree=1,

@@ -13,7 +13,7 @@ from dolfinx import fem, mesh
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.compat import cell_nodes, coordinate_element
 from qsdolfinx.surface.arguments import FACET_VERTICES, cell_of, trace_degree
-from qsdolfinx.surface.unknowns import dofs_at, facet_places, layout_places, vertex_points
+from qsdolfinx.surface.unknowns import block_of, dofs_at, facet_places, layout_places, vertex_points
 
 Array = npt.NDArray[np.float64]
 
@@ -24,7 +24,7 @@ class FacetLayout(typing.NamedTuple):
     Attributes:
         points: Rows of the mesh geometry at the vertices, shape (facets, vertices).
         cell_points: Rows at all points of the facets' cells, shape (facets, points).
-        dofs: Global unknowns of the trace, shape (facets, nodes, gdim).
+        dofs: Global unknowns of the trace, shape (facets, nodes, block).
         owner: Ranks that own them, shape (facets, nodes).
         nodes: Rows of a mesh geometry of degree 2 at the facets' nodes, shape (facets, nodes), in
             the order of trace_functions in cpp/geometry/facet.h; None of straight facets.
@@ -39,7 +39,7 @@ class FacetLayout(typing.NamedTuple):
     @classmethod
     def of(cls, V: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> FacetLayout:
         """Layout of facets of owned cells."""
-        msh, tdim, gdim = V.mesh, V.mesh.topology.dim, V.mesh.geometry.dim
+        msh, tdim = V.mesh, V.mesh.topology.dim
         nv, n = FACET_VERTICES[msh.topology.cell_type], len(facets)
         cells = cell_of(msh, facets)
         cell_type = getattr(basix.CellType, msh.topology.cell_type.name)
@@ -50,7 +50,8 @@ class FacetLayout(typing.NamedTuple):
         degree = trace_degree(V)
         assert degree is not None
         places = facet_places(V, degree)[local]
-        dofs = dofs_at(V, cells[:, None], places).reshape(n, places.shape[1], gdim)
+        dofs = dofs_at(V, cells[:, None], places)
+        dofs = dofs.reshape(n, places.shape[1], block_of(V))
         cell_points = np.ascontiguousarray(cell_nodes(msh)[cells], dtype=np.int32)
         nodes = None
         if coordinate_element(msh).degree == 2:

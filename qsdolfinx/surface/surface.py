@@ -26,6 +26,7 @@ from qsdolfinx.surface.arguments import (
 )
 from qsdolfinx.surface.facets import FacetLayout
 from qsdolfinx.surface.geometry import Axisymmetric, Cartesian
+from qsdolfinx.surface.unknowns import block_of
 
 #: Of the facets' vertices, of a point inside each facet's cell, and, with a mesh geometry of
 #: degree 2, of the facets' nodes of degree 2.
@@ -47,8 +48,9 @@ class Surface:
 
     Args:
         V: Blocked vector space of the body's displacement or velocity, one component per space
-            dimension, whose trace on the facets is continuous: Lagrange of degree 1 or 2, P1 with a
-            cell bubble, or such a sub-space ``W.sub(i)`` of a mixed space.
+            dimension, or scalar space, such as that of its temperature. Its trace on the facets is
+            continuous: Lagrange of degree 1 or 2, P1 with a cell bubble, or such a sub-space
+            ``W.sub(i)`` of a mixed space.
         facet_tags: Tags of the facets of ``V.mesh``.
         tag: The tag of the contact facets.
         facets: Instead of ``facet_tags`` and ``tag``, the facets' local indices. Facets of ghost
@@ -58,7 +60,7 @@ class Surface:
             :func:`qsdolfinx.materials.axisymmetric_weight` in the bulk form.
 
     Raises:
-        ValueError: If the space is scalar, of a degree above 2 or discontinuous, if the surface is
+        ValueError: If the space is of another kind, of a degree above 2 or discontinuous, if the surface is
             empty, not on the boundary, has coordinates that are not finite or facets without area.
         TypeError: If both or none of ``facet_tags`` and ``facets`` are given, or PETSc is complex.
     """
@@ -122,6 +124,7 @@ class Surface:
         return _cpp.Surface(
             comm=self.comm.py2f(),
             gdim=self.gdim,
+            block=self.block,
             num_vertices=self.num_facet_vertices,
             x=x,
             degree=self.degree,
@@ -184,6 +187,16 @@ class Surface:
         return int(self.mesh.geometry.dim)
 
     @property
+    def block(self) -> int:
+        """Unknowns of a node: the geometric dimension, or 1 of a scalar field."""
+        return block_of(self.V)
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether it carries a scalar field, such as a temperature."""
+        return self.block == 1
+
+    @property
     def facet_size_range(self) -> tuple[float, float]:
         """Smallest and largest facet size (largest distance of two vertices). Collective."""
         low, high = self.cpp_object.facet_size_range
@@ -203,12 +216,12 @@ class Surface:
 
     @property
     def node_dofs(self) -> npt.NDArray[np.int64]:
-        """Global unknowns of the contact nodes this rank owns, shape (nodes, gdim)."""
+        """Global unknowns of the contact nodes this rank owns, shape (nodes, block)."""
         return np.asarray(self.cpp_object.node_dofs)
 
     @property
     def trace_dofs(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
-        """Global unknowns of the facets' nodes, shape (facets, nodes, gdim), and their owners."""
+        """Global unknowns of the facets' nodes, shape (facets, nodes, block), and their owners."""
         return self._layout.dofs, self._layout.owner
 
     @functools.cached_property
@@ -281,6 +294,8 @@ class Surface:
         Raises:
             ValueError: If one of the two alone is axisymmetric, or they share facets.
         """
+        fields = self.is_scalar == master.is_scalar
+        require(fields, "slave and master: both or none must be on scalar spaces")
         alike = self.axisymmetric == master.axisymmetric
         require(alike, "slave and master: both or none must be axisymmetric")
         if master is self:
@@ -321,7 +336,7 @@ class Surface:
         """Function with given values at the contact nodes and zero elsewhere. Collective.
 
         Args:
-            values: Values at the owned nodes, shape (nodes, gdim).
+            values: Values at the owned nodes, shape (nodes, block).
 
         Raises:
             ValueError: If they are no numbers, or of another shape.
@@ -346,7 +361,7 @@ class Surface:
         return out
 
     def node_values(self, function: fem.Function) -> npt.NDArray[np.float64]:
-        """Values at the owned contact nodes, shape (nodes, gdim); the inverse of :meth:`function`.
+        """Values at the owned contact nodes, shape (nodes, block); the inverse of :meth:`function`.
 
         Args:
             function: In V, collapsed if V is a sub-space, such as ``Contact.traction``; or of
@@ -362,7 +377,7 @@ class Surface:
         expected = self.collapsed_space.dofmap.index_map
         dofmap = function.function_space.dofmap
         sizes = [(m.size_local, m.num_ghosts) for m in (expected, dofmap.index_map)]
-        fits = sizes[0] == sizes[1] and dofmap.index_map_bs == self.gdim
+        fits = sizes[0] == sizes[1] and dofmap.index_map_bs == self.block
         require(fits, "function: must be in the space of the surface")
         index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
         values = function.x.array
@@ -374,7 +389,7 @@ class Surface:
     @functools.cached_property
     def _collapsed(self) -> tuple[fem.FunctionSpace, npt.NDArray[np.int64]] | None:
         """Collapsed space and its map if V is a sub-space. Collective at first."""
-        if self.V.dofmap.bs == self.gdim:
+        if not self.V.component():
             return None
         return collapse(self.V)
 
@@ -398,7 +413,7 @@ class Surface:
         """New vector of the body with given values at the contact nodes. Collective.
 
         Args:
-            values: Shape (nodes, gdim); linear in between, if the trace has degree 2.
+            values: Shape (nodes, block); linear in between, if the trace has degree 2.
         """
         out = self.create_vec()
         if self.degree == 1:
@@ -418,7 +433,8 @@ class Surface:
         if self.degree == 1:
             return self
         if self._linear is None:
-            V = fem.functionspace(self.mesh, ("Lagrange", 1, (self.gdim,)))
+            shape = () if self.is_scalar else (self.gdim,)
+            V = fem.functionspace(self.mesh, ("Lagrange", 1, shape))
             self._linear = Surface(V, facets=self.facets, axisymmetric=self.axisymmetric)
             if self._key is not None:
                 self._linear.touch_itself(self._key)

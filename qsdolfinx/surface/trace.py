@@ -21,7 +21,7 @@ class TraceValues:
 
     def __init__(self, surface: Surface) -> None:
         dofs = surface.trace_dofs[0]
-        self._shape, self._gdim = dofs.shape, surface.gdim
+        self._shape, self._block = dofs.shape, surface.block
         wanted = PETSc.IS().createGeneral(dofs.ravel().astype(PETSc.IntType), comm=PETSc.COMM_SELF)
         self._local = PETSc.Vec().createSeq(dofs.size, comm=PETSc.COMM_SELF)
         layout = surface.create_vec()
@@ -30,8 +30,8 @@ class TraceValues:
             thing.destroy()
 
     def __call__(self, vec: PETSc.Vec) -> Array:
-        """Values with zeros in the third component in 2D, shape (facets, nodes, 3). Collective."""
+        """Values with zeros in the components that there are not, shape (facets, nodes, 3). Collective."""
         self._scatter.scatter(vec, self._local)
         out = np.zeros((*self._shape[:2], 3))
-        out[..., : self._gdim] = self._local.array_r.reshape(self._shape)
+        out[..., : self._block] = self._local.array_r.reshape(self._shape)
         return out

@@ -24,7 +24,7 @@ def facet_measure(surface: Surface) -> ufl.Measure:
 
 
 def nodal_forces(surface: Surface, force: PETSc.Vec) -> Array:
-    """Forces on the contact nodes of ``surface.linear``, shape (nodes, gdim). Collective.
+    """Forces on the contact nodes of ``surface.linear``, shape (nodes, block). Collective.
 
     Those on unknowns of a trace of degree 2 are carried over to the vertices, so that they do the
     same work in displacements of degree 1.
@@ -48,7 +48,7 @@ def nodal_forces(surface: Surface, force: PETSc.Vec) -> Array:
 
 def _at_nodes(surface: Surface, vec: PETSc.Vec) -> Array:
     values = vec.array_r[surface.node_dofs - vec.owner_range[0]]
-    return np.asarray(values, dtype=np.float64).reshape(-1, surface.gdim)
+    return np.asarray(values, dtype=np.float64).reshape(-1, surface.block)
 
 
 def recover(surface: Surface, force: PETSc.Vec, area: Array | None = None) -> fem.Function:

@@ -24,30 +24,35 @@ NUM_CELL_VERTICES = {
 }
 
 
+def block_of(V: fem.FunctionSpace) -> int:
+    """Unknowns of a node: the components of a blocked vector space, 1 of a scalar one."""
+    return V.mesh.geometry.dim if V.num_sub_spaces else 1
+
+
 def dofs_at(V: fem.FunctionSpace, cells: Indices, places: Indices) -> Indices:
-    """Local unknowns (not blocks) at given places of a cell's dof layout, shape (..., gdim).
+    """Local unknowns (not blocks) at given places of a cell's dof layout, shape (..., block).
 
     Args:
-        V: Blocked vector space, or such a sub-space.
+        V: Blocked vector space, scalar space, or such a sub-space.
         cells: Local cell indices, broadcast against ``places``.
         places: Places in the layout of the cells' blocks.
     """
-    gdim = V.mesh.geometry.dim
-    component = np.arange(gdim)
-    if V.dofmap.bs == gdim:
+    block = block_of(V)
+    component = np.arange(block)
+    if V.dofmap.bs == block:
         return np.asarray(
-            V.dofmap.list[cells, places][..., None] * gdim + component, dtype=np.int32
+            V.dofmap.list[cells, places][..., None] * block + component, dtype=np.int32
         )
     # The dofmap of a sub-space lists single unknowns.
-    dofs = V.dofmap.list[np.asarray(cells)[..., None], places[..., None] * gdim + component]
+    dofs = V.dofmap.list[np.asarray(cells)[..., None], places[..., None] * block + component]
     return np.asarray(dofs, dtype=np.int32)
 
 
 def vertex_dofs(V: fem.FunctionSpace, cells: Indices, vertices: Indices) -> Indices:
-    """Local unknowns (not blocks) of cell vertices, shape (..., gdim).
+    """Local unknowns (not blocks) of cell vertices, shape (..., block).
 
     Args:
-        V: Blocked vector space with one block per vertex, or such a sub-space.
+        V: Blocked vector space with one block per vertex, scalar space, or such a sub-space.
         cells: Local cell indices, broadcast against ``vertices``.
         vertices: Local vertex numbers within the cells.
     """
@@ -98,16 +103,26 @@ def vertex_x(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> npt.NDArray[n
 
 
 def owned_vertices(V: fem.FunctionSpace) -> tuple[Indices, npt.NDArray[np.float64]]:
-    """Unknowns, shape (n, gdim), and coordinates, (n, 3), of the vertices whose unknowns we own."""
+    """Unknowns, shape (n, block), and coordinates, (n, 3), of the vertices whose unknowns we own."""
     topology = V.mesh.topology
     index_map = topology.index_map(topology.dim)
     cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)[:, None]
     vertices = np.arange(NUM_CELL_VERTICES[topology.cell_type], dtype=np.int32)[None, :]
-    dofs = vertex_dofs(V, cells, vertices).reshape(-1, V.mesh.geometry.dim)
+    dofs = vertex_dofs(V, cells, vertices).reshape(-1, block_of(V))
     x = vertex_x(V.mesh, cells, vertices).reshape(-1, 3)
     _, first = np.unique(dofs[:, 0], return_index=True)
     first = first[dofs[first, 0] < V.dofmap.index_map.size_local * V.dofmap.index_map_bs]
     return dofs[first], x[first]
+
+
+def is_vertex_scalar(V: fem.FunctionSpace) -> bool:
+    """Whether V is a scalar space with unknowns at the vertices."""
+    return bool(
+        V.mesh.topology.cell_type in NUM_CELL_VERTICES
+        and V.num_sub_spaces == 0
+        and V.dofmap.dof_layout.block_size == 1
+        and num_entity_dofs(V, 0) == 1
+    )
 
 
 def is_vertex_vector(V: fem.FunctionSpace) -> bool:

@@ -15,15 +15,18 @@ from dolfinx import fem
 
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.surface.unknowns import is_vertex_vector
+from qsdolfinx.surface.unknowns import is_vertex_scalar, is_vertex_vector
 from qsdolfinx.system.body import Body
 
 Array = npt.NDArray[np.float64]
 
 
 def displacement_space(V: fem.FunctionSpace) -> fem.FunctionSpace | None:
-    """V itself or the first sub-space that is a vector field with unknowns at the vertices."""
-    if is_vertex_vector(V):
+    """V itself or the first sub-space that is a vector field with unknowns at the vertices.
+
+    Or V itself if it is a scalar one.
+    """
+    if is_vertex_vector(V) or is_vertex_scalar(V):
         return V
     subs = (V.sub(i) for i in range(V.num_sub_spaces))
     return next((sub for sub in subs if is_vertex_vector(sub)), None)
@@ -32,10 +35,15 @@ def displacement_space(V: fem.FunctionSpace) -> fem.FunctionSpace | None:
 def rigid_modes(body: Body) -> Array:
     """Translations and linearised rotations about the origin, shape (modes, owned unknowns).
 
+    Of a scalar field the one that is 1 everywhere.
+
     Interpolated, so that they are exact at all nodes: edges, and the bubbles of enriched elements.
     There are no modes where the body has no displacement space.
     """
     V, gdim, u = body.V, body.V.mesh.geometry.dim, fem.Function(body.V)
+    if is_vertex_scalar(V):
+        u.interpolate(lambda x: np.ones(x.shape[1]))
+        return u.x.array[None, : body.num_owned].copy()
     parts = [u] if is_vertex_vector(V) else [u.sub(i) for i in range(V.num_sub_spaces)]
     part = next((part for part in parts if is_vertex_vector(part.function_space)), None)
     if part is None:

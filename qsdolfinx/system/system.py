@@ -119,7 +119,9 @@ class ContactSystem:
     def _of_bodies(self, default: typing.Any, of_contacts: list[typing.Any]) -> list[typing.Any]:
         """What the contacts say of their two bodies, for each body."""
         out = [default] * len(self.bodies)
-        for sides, values in zip(self.sides, of_contacts, strict=True):
+        for contact, sides, values in zip(self.contacts, self.sides, of_contacts, strict=True):
+            if contact.is_scalar:
+                continue  # a field on a body says nothing of how it moves
             for i, value in zip(sides, values, strict=True):
                 if i is not None:
                     out[i] = value
@@ -293,7 +295,9 @@ class ContactSystem:
         forces = [body.force for body in self.bodies]
         for force in forces:
             force.zeroEntries()
-        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
+        pairs = list(zip(self.contacts, self.sides, strict=True))
+        # Conductances are functions of the bodies' contact: these come first.
+        for contact, (s, m) in sorted(pairs, key=lambda pair: pair[0].is_scalar):
             terms.evaluate(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
             terms.add_residual(contact, forces[s], None if m is None else forces[m])
         for body, residual, force in zip(self.bodies, residuals, forces, strict=True):

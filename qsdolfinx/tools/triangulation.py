@@ -53,6 +53,7 @@ class Facets:
         return _cpp.Surface(
             comm=comm.py2f(),
             gdim=gdim,
+            block=gdim,
             num_vertices=x.shape[1],
             x=np.ascontiguousarray(x),
             degree=1,

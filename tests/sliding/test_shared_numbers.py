@@ -22,6 +22,7 @@ class Side:
         return _cpp.Surface(
             comm=MPI.COMM_SELF.py2f(),
             gdim=gdim,
+            block=gdim,
             num_vertices=self.facets.shape[1],
             x=corners,
             degree=1,

@@ -1,0 +1,63 @@
+"""Conductances and heat of friction of a contact of scalar fields. All functions are collective."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.handles import handle_of
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.gap.conductance import Conductance
+from qsdolfinx.gap.friction_heat import FrictionHeat
+from qsdolfinx.gap.weighted_gap import WeightedGap
+
+Array = npt.NDArray[np.float64]
+
+
+def begin(model: ContactModel) -> None:
+    """Prepare what has been paired for its first evaluation."""
+    law, gap = model.law, model.gaps[0]
+    if not isinstance(law, Conductance):
+        return
+    h = np.zeros(gap.num_rows) if law.of_state else law.values(gap.num_rows)
+    gap.state.conductance = h
+    gap.state.shift = np.full((gap.num_rows, 1), -law.tool_temperature)
+    if law.friction is not None:
+        model.friction_heat = FrictionHeat(gap.slave, gap.master, gap.points, law.friction)
+
+
+def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+    """Find h, and the power of friction, after the gaps have been evaluated."""
+    law, gap = model.law, model.gaps[0]
+    if not isinstance(law, Conductance):
+        return
+    state = _state(model, law, gap, slave, master) if law.of_state else ()
+    with collective_errors(model.comm):  # h may be the user's
+        gap.state.conductance = law.values(gap.num_rows, state)
+    if model.friction_heat is not None:
+        assert model.mechanics is not None and model.kinematics.dt is not None
+        model.friction_heat.power = model.mechanics.dissipation() / model.kinematics.dt
+
+
+def _state(
+    model: ContactModel,
+    law: Conductance,
+    gap: WeightedGap,
+    slave: PETSc.Vec,
+    master: PETSc.Vec | None,
+) -> tuple[Array, ...]:
+    """What h is a function of, at the points."""
+    mechanics = model.mechanics
+    assert mechanics is not None
+    pressure = gap.rows.from_nodes(mechanics.pressure())
+    if mechanics.shares_pairs:
+        distance = mechanics.distance()
+    else:
+        distance = np.maximum(np.asarray(gap.points.gap), 0.0)
+    if not law.of_temperature:
+        return pressure, distance
+    own = gap.operator.apply(slave.handle, handle_of(master), (1.0, 0.0))[:, 0]
+    return pressure, distance, own, own - gap.state.values[:, 0]
