@@ -22,6 +22,7 @@ from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.solve.stabilisation import Stabilisation
 from qsdolfinx.steps.restart import load_run, save_run
+from qsdolfinx.steps.staggered import Staggered
 from qsdolfinx.steps.step_row import step_row
 from qsdolfinx.steps.stepper import StepError, TimeStepper
 from qsdolfinx.surface.repartition import repartition
@@ -50,6 +51,7 @@ __all__ = [
     "ReachWarning",
     "RigidSurface",
     "Stabilisation",
+    "Staggered",
     "Status",
     "StepError",
     "Sticking",

@@ -31,7 +31,7 @@ class GapOperator:
     def num_rows(self) -> int: ...
     @property
     def width(self) -> int:
-        """Values per row: 1, or gdim of a jump."""
+        """Values per row: 1, or of a jump those of a node."""
 
     @property
     def row_node(self) -> numpy.typing.NDArray[numpy.int64]:
@@ -64,7 +64,7 @@ class GapOperator:
         numpy.typing.NDArray[numpy.int64],
         numpy.typing.NDArray[numpy.float64],
     ]:
-        """Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where conditions hold, [entry][gdim]; coefficients, [entry][gdim], of a jump [entry][1]."""
+        """Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where conditions hold, [entry][block]; coefficients, [entry][gdim], of a jump [entry][1]."""
 
     @property
     def num_sides(self) -> int:
@@ -244,6 +244,7 @@ class Surface:
         self,
         comm: int,
         gdim: int,
+        block: int,
         num_vertices: int,
         x: numpy.typing.NDArray[numpy.float64],
         degree: int,
@@ -277,7 +278,7 @@ class Surface:
 
     @property
     def facet_dofs(self) -> numpy.typing.NDArray[numpy.int64]:
-        """Global unknowns of the trace, [facet][node][gdim]."""
+        """Global unknowns of the trace, [facet][node][block]."""
 
     def sides_of_facets(
         self, chosen: numpy.typing.NDArray[numpy.uint8]
@@ -290,7 +291,7 @@ class Surface:
 
     @property
     def node_dofs(self) -> numpy.typing.NDArray[numpy.int64]:
-        """Global unknowns of the owned nodes, [node][gdim]."""
+        """Global unknowns of the owned nodes, [node][block]."""
 
     @property
     def node_x(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -548,6 +549,18 @@ def trace_values(
     num_vertices: int, degree: int, xi: numpy.typing.NDArray[numpy.float64]
 ) -> numpy.typing.NDArray[numpy.float64]:
     """Trace functions at points of a facet, [point][node]."""
+
+def with_traces(
+    points: PairingPoints,
+    block: int,
+    slave_dofs: numpy.typing.NDArray[numpy.int64],
+    slave_owner: numpy.typing.NDArray[numpy.int32],
+    slave_values: numpy.typing.NDArray[numpy.float64],
+    master_dofs: numpy.typing.NDArray[numpy.int64],
+    master_owner: numpy.typing.NDArray[numpy.int32],
+    master_values: numpy.typing.NDArray[numpy.float64],
+) -> PairingPoints:
+    """The same points for another field on the same facets, without corners."""
 
 def within_body(
     surface: Surface,

@@ -107,14 +107,17 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "corners"_a = false,
       "Nodal pairing points; collective.");
   m.def(
-      "with_unknowns",
+      "with_traces",
       [](const PairingPoints& points, int block, In<std::int64_t> slave_dofs,
-         In<std::int32_t> slave_owner, In<std::int64_t> master_dofs, In<std::int32_t> master_owner)
+         In<std::int32_t> slave_owner, In<double> slave_values, In<std::int64_t> master_dofs,
+         In<std::int32_t> master_owner, In<double> master_values)
       {
-        return points.with_unknowns(block, slave_dofs.view(), slave_owner.view(),
-                                    master_dofs.view(), master_owner.view());
+        return points.with_traces(block,
+                                  {slave_dofs.view(), slave_owner.view(), slave_values.view()},
+                                  {master_dofs.view(), master_owner.view(), master_values.view()});
       },
-      "points"_a, "block"_a, "slave_dofs"_a, "slave_owner"_a, "master_dofs"_a, "master_owner"_a,
+      "points"_a, "block"_a, "slave_dofs"_a, "slave_owner"_a, "slave_values"_a, "master_dofs"_a,
+      "master_owner"_a, "master_values"_a,
       "The same points for another field on the same facets, without corners.");
   m.def(
       "overlay_surfaces",

@@ -15,16 +15,17 @@ void qsdolfinx::bind_surface(nb::module_& m)
   nb::class_<Surface>(m, "Surface", "Distributed contact surface; see surface/surface.h.")
       .def(
           "__init__",
-          [](Surface* self, int comm, int gdim, int block, int num_vertices, In<double> x, int degree,
-             In<std::int64_t> dofs, In<int> owner, In<double> inside, std::int64_t local_size,
-             bool axisymmetric, const std::optional<In<double>>& key)
+          [](Surface* self, int comm, int gdim, int block, int num_vertices, In<double> x,
+             int degree, In<std::int64_t> dofs, In<int> owner, In<double> inside,
+             std::int64_t local_size, bool axisymmetric, const std::optional<In<double>>& key)
           {
-            new (self) Surface(MPI_Comm_f2c(comm), gdim, block, facet_type(num_vertices), x.view(), degree,
-                               dofs.view(), owner.view(), inside.view(), local_size, axisymmetric,
-                               key.has_value(), key ? key->view() : std::span<const double>{});
+            new (self)
+                Surface(MPI_Comm_f2c(comm), gdim, block, facet_type(num_vertices), x.view(), degree,
+                        dofs.view(), owner.view(), inside.view(), local_size, axisymmetric,
+                        key.has_value(), key ? key->view() : std::span<const double>{});
           },
-          "comm"_a, "gdim"_a, "block"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a, "inside"_a,
-          "local_size"_a, "axisymmetric"_a, "key"_a = nb::none(), "Collective.")
+          "comm"_a, "gdim"_a, "block"_a, "num_vertices"_a, "x"_a, "degree"_a, "dofs"_a, "owner"_a,
+          "inside"_a, "local_size"_a, "axisymmetric"_a, "key"_a = nb::none(), "Collective.")
       .def(
           "move",
           [](Surface& s, In<double> x, In<double> inside) { s.move(x.view(), inside.view()); },

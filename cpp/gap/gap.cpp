@@ -294,8 +294,8 @@ void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
       {
         for (int i = 0; i < block_; ++i)
           y[side.column[e] * block_ + i] += kind_ == GapKind::normal
-                                               ? side.coefficient[e * block_ + i] * f[r]
-                                               : side.coefficient[e] * f[r * block_ + i];
+                                                ? side.coefficient[e * block_ + i] * f[r]
+                                                : side.coefficient[e] * f[r * block_ + i];
       }
     }
     check(VecRestoreArray(side.local, &y));

@@ -185,23 +185,24 @@ PairingPoints PairingPoints::scaled(std::span<const double> factor) const
   return out;
 }
 
-PairingPoints PairingPoints::with_unknowns(int block, std::span<const std::int64_t> slave_dofs,
-                                           std::span<const std::int32_t> slave_owner,
-                                           std::span<const std::int64_t> master_dofs,
-                                           std::span<const std::int32_t> master_owner) const
+PairingPoints PairingPoints::with_traces(int block, const Trace& slave, const Trace& master) const
 {
   PairingPoints out = *this;
   out.block = block;
-  const auto replace = [&](PairingSide& side, std::span<const std::int64_t> dofs,
-                           std::span<const std::int32_t> owner)
+  const auto replace = [&](PairingSide& side, const Trace& trace)
   {
-    if (dofs.size() != owner.size() * block || owner.size() != size() * side.num_nodes)
-      throw std::invalid_argument("with_unknowns: values for each node of each point");
-    side.dofs.assign(dofs.begin(), dofs.end());
-    side.owner.assign(owner.begin(), owner.end());
+    const std::size_t entries = trace.owner.size(), points = std::max<std::size_t>(size(), 1);
+    if (trace.dofs.size() != entries * block || trace.shape_values.size() != entries
+        || entries % points != 0 || (size() == 0 && entries > 0))
+      throw std::invalid_argument("with_traces: values for each node of each point");
+    if (size() > 0)
+      side.num_nodes = static_cast<int>(entries / points);
+    side.dofs.assign(trace.dofs.begin(), trace.dofs.end());
+    side.owner.assign(trace.owner.begin(), trace.owner.end());
+    side.shape_values.assign(trace.shape_values.begin(), trace.shape_values.end());
   };
-  replace(out.slave, slave_dofs, slave_owner);
-  replace(out.master, master_dofs, master_owner);
+  replace(out.slave, slave);
+  replace(out.master, master);
   out.by_sides = false;
   std::ranges::fill(out.multiplier_side, 0);
   for (auto* of_nodes : {&out.in_corner, &out.node_side})

@@ -71,13 +71,16 @@ struct PairingPoints
   void reserve(std::size_t n);
   /// No points, but with as many places in each.
   PairingPoints none_like() const;
-  /// The same points for another field on the same facets, without corners. @param block unknowns
-  /// of a node @param slave_dofs, master_dofs [point][node][block] @param owners [point][node]
-  /// @throws std::invalid_argument on other numbers of values
-  PairingPoints with_unknowns(int block, std::span<const std::int64_t> slave_dofs,
-                              std::span<const std::int32_t> slave_owner,
-                              std::span<const std::int64_t> master_dofs,
-                              std::span<const std::int32_t> master_owner) const;
+  /// What another field on the same facets has in the place of a side's.
+  struct Trace
+  {
+    std::span<const std::int64_t> dofs;   ///< [point][node][block]
+    std::span<const std::int32_t> owner;  ///< [point][node]
+    std::span<const double> shape_values; ///< [point][node]
+  };
+  /// The same points for such a field, without corners. @param block unknowns of a node
+  /// @throws std::invalid_argument on numbers of values that do not fit
+  PairingPoints with_traces(int block, const Trace& slave, const Trace& master) const;
   /// The same points with other weights. @param factor by which they are multiplied, [point]
   PairingPoints scaled(std::span<const double> factor) const;
 };

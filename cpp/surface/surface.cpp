@@ -62,8 +62,8 @@ std::array<std::array<double, 4>, 4> vertex_areas(const Surface& surface, std::s
 }
 } // namespace
 
-Surface::Surface(MPI_Comm comm, int gdim, int block, FacetType type, std::span<const double> x, int degree,
-                 std::span<const std::int64_t> dofs, std::span<const int> owner,
+Surface::Surface(MPI_Comm comm, int gdim, int block, FacetType type, std::span<const double> x,
+                 int degree, std::span<const std::int64_t> dofs, std::span<const int> owner,
                  std::span<const double> inside, std::int64_t local_size, bool axisymmetric,
                  bool touches_itself, std::span<const double> key)
     : gdim_(gdim), block_(block), type_(type), degree_(degree), axisymmetric_(axisymmetric),

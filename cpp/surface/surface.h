@@ -20,14 +20,14 @@ namespace qsdolfinx
 /// then, for degree 2, those of trace_functions.
 struct Facets
 {
-  std::vector<double> x;                      ///< vertex coordinates, [facet][vertex][3]
-  std::vector<std::int64_t> dofs;             ///< global unknowns of the trace, [facet][node][block]
-  std::vector<int> owner;                     ///< rank that owns the unknowns, [facet][node]
-  std::vector<std::int64_t> vertex_dofs;      ///< of these the vertices', [facet][vertex][block]
-  std::vector<int> vertex_owner;              ///< and their owners, [facet][vertex]
-  std::vector<double> orientation;            ///< ±1, times the area vector points outward
-  std::vector<double> size;                   ///< largest distance of two vertices
-  std::vector<std::uint8_t> edge_on_boundary; ///< edge belongs to one facet only, [facet][edge]
+  std::vector<double> x;                 ///< vertex coordinates, [facet][vertex][3]
+  std::vector<std::int64_t> dofs;        ///< global unknowns of the trace, [facet][node][block]
+  std::vector<int> owner;                ///< rank that owns the unknowns, [facet][node]
+  std::vector<std::int64_t> vertex_dofs; ///< of these the vertices', [facet][vertex][block]
+  std::vector<int> vertex_owner;         ///< and their owners, [facet][vertex]
+  std::vector<double> orientation;       ///< ±1, times the area vector points outward
+  std::vector<double> size;              ///< largest distance of two vertices
+  std::vector<std::uint8_t> edge_on_boundary;   ///< edge belongs to one facet only, [facet][edge]
   std::vector<std::uint8_t> vertex_on_boundary; ///< vertex touches such an edge, [facet][vertex]
   /// Smooth side of the surface at the vertex that the facet belongs to, below gdim; all 0 where
   /// there is no crease. As the surface was at first. [facet][vertex]

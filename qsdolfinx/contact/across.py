@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import typing
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -10,10 +12,10 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.contact import results
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place, ToolPlace
-from qsdolfinx.surface.affine import affine_vec
+from qsdolfinx.gap.rows import PointRows
+from qsdolfinx.surface.affine import EDGES, affine_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
 
@@ -105,9 +107,12 @@ class Mechanics:
         #: Whether the field has the bodies' pairs.
         self.shares_pairs = (as_tool(of.master) is None) == (as_tool(master) is None)
         self._taken: _cpp.PairingPoints | None = None
+        #: The bodies' gaps at their pairing points.
+        self.at_points: PointRows
         if self.shares_pairs:
-            same = of.slave.degree == slave.degree and _degree(of.master) == _degree(master)
-            require(same, "of: the field's degree on the facets must be that of the displacement")
+            pairs = (of.slave, slave), (of.master, master)
+            fits = all(_degree(field) <= _degree(body) for body, field in pairs)
+            require(fits, "of: the field's degree on facets must not be above the displacement's")
 
     @property
     def is_stale(self) -> bool:
@@ -117,33 +122,56 @@ class Mechanics:
     def points(self) -> _cpp.PairingPoints:
         """The bodies' pairing points with the unknowns of the field. Collective."""
         self._taken = points = self.of.gaps[0].points
-        sides: list[tuple[Numbers, npt.NDArray[np.int32]]] = []
-        pairs = ((self.of.slave, self._slave, points.slave), (self.of.master, self._master, points.master))
-        for body, field, found in pairs:
-            source, target = deformable(body), deformable(field)
-            if source is None or target is None:
-                sides.append((np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int32)))
-                continue
-            unknowns = _look_up(source, target, np.asarray(found["dofs"])[..., 0])
-            sides.append((unknowns, _owners(target, unknowns)))
-        return _cpp.with_unknowns(points, 1, *sides[0], *sides[1])
+        surfaces = self.of.slave.cpp_object, self.of.master.cpp_object
+        operator = _cpp.GapOperator(*surfaces, points, jump=False, rows=2)
+        self.at_points = PointRows(operator, self.of.slave)
+        bodies = (self.of.slave, points.slave), (self.of.master, points.master)
+        traces = [
+            _trace(deformable(body), deformable(field), found)
+            for (body, found), field in zip(bodies, (self._slave, self._master), strict=True)
+        ]
+        return _cpp.with_traces(points, 1, *traces[0], *traces[1])
 
     def pressure(self) -> Array:
-        """Contact pressure (stress) at the field's nodes on the slave, not negative. Collective."""
-        found = results.pressure_at_vertices(self.of, "slave")
-        return np.maximum(_at_nodes(self.of.slave.linear, self._slave, found), 0.0)
+        """Contact pressure (stress), not negative. Collective.
+
+        Σ_k N_k λ_k, whose sum over pairing points is the force.
+
+        Returns:
+            At the pairing points, or, of a field that is paired by itself, at its slave's nodes.
+        """
+        gap = self.of.gaps[0]
+        found = gap.multiplier(self.of.eps)[:, 0]
+        if not self.shares_pairs:
+            on_nodes = np.asarray(gap.rows.on_nodes(found, 0.0), dtype=np.float64)
+            found = _at_nodes(self.of.slave, self._slave, on_nodes)
+        elif not gap.rows.are_points:
+            on_nodes = np.asarray(gap.rows.on_nodes(found, 0.0), dtype=np.float64)
+            found = self.at_points.from_nodes(on_nodes)
+        return np.maximum(found, 0.0)
+
+    def rows_at_points(self, values: Array) -> Array:
+        """Values of the rows of the bodies' gaps at the points' functions, (points, vertices).
+
+        0 where there is no row. Collective.
+        """
+        slave, gap = self.of.slave, self.of.gaps[0]
+        vec = slave.create_vec()
+        vec.array[slave.node_dofs[gap.operator.row_node, 0] - vec.owner_range[0]] = values
+        wanted = np.asarray(gap.points.slave["dofs"])[:, : slave.num_facet_vertices, 0]
+        out = np.zeros(wanted.shape)
+        used = wanted >= 0
+        out[used] = _read(vec, wanted[used])
+        return out
 
     def distance(self) -> Array:
         """Distance (length) of the bodies at their pairing points, 0 in contact. Collective."""
-        slave, master = self.of.slave, self.of.master
-        operator = _cpp.GapOperator(
-            slave.cpp_object, master.cpp_object, self.of.gaps[0].points, jump=False, rows=2
-        )
-        placement = self.of.placement
-        vecs = [placement.slave.vec()]
+        slave, operator, placement = self.of.slave, self.at_points.operator, self.of.placement
+        vecs, master = [placement.slave.vec()], None
         if isinstance(placement.master, Place):
-            vecs.append(placement.master.vec())
-        depth = operator.apply(*(handle_of(v) for v in (vecs + [None])[:2]))[:, 0]
+            master = placement.master.vec()
+            vecs.append(master)
+        depth = operator.apply(vecs[0].handle, handle_of(master))[:, 0]
         if isinstance(placement.master, ToolPlace) and placement.master.motion is not None:
             vecs.append(affine_vec(slave, placement.master.motion))
             depth = depth - operator.apply(vecs[-1].handle, 0)[:, 0]
@@ -157,6 +185,35 @@ class Mechanics:
         for slip in self.of.slips:
             found = slip.dissipation_at_nodes()
         return _at_nodes(self.of.slave, self._slave, found)
+
+
+def _trace(
+    body: Surface | None, field: Surface | None, found: dict[str, typing.Any]
+) -> tuple[Numbers, npt.NDArray[np.int32], Array]:
+    """Unknowns, their owners and functions of a field at pairing points of its body. Collective.
+
+    Args:
+        body: The body's surface.
+        field: The field's; None of a tool, which has neither.
+        found: One side of the pairing points.
+    """
+    if body is None or field is None:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int32), np.zeros(0)
+    dofs, values = np.asarray(found["dofs"])[..., 0], np.asarray(found["shape_values"])
+    if field.degree < body.degree:
+        values = values @ _lowering(field.num_facet_vertices)
+        dofs = dofs[:, : field.num_facet_vertices]
+    unknowns = _look_up(body, field, dofs)
+    return unknowns, _owners(field, unknowns), np.ascontiguousarray(values)
+
+
+def _lowering(num_vertices: int) -> Array:
+    """Functions of degree 1 as sums of those of degree 2: values at nodes, (nodes, vertices)."""
+    rows = list(np.eye(num_vertices))
+    rows += [(rows[a] + rows[b]) / 2 for a, b in EDGES[num_vertices]]
+    if num_vertices == 4:
+        rows.append(np.full(4, 0.25))
+    return np.array(rows)
 
 
 def _degree(surface: AnySurface) -> int:

@@ -81,7 +81,7 @@ def check_field(
         require(penalty == "auto", f"penalty: a conductance {text}")
     tool, conductance = isinstance(master, RigidSurface), law if conducts else None
     if tool:
-        text = 'use qs.Conductance(h, tool=…), or Dirichlet conditions for a tool\'s temperature'
+        text = "use qs.Conductance(h, tool=…), or Dirichlet conditions for a tool's temperature"
         require(conductance is not None, f"law: a rigid tool has no field to be tied to; {text}")
     known = isinstance(conductance, Conductance) and conductance.tool is not None
     require(known == tool, "law: Conductance needs tool=, its temperature, for a rigid tool alone")

@@ -24,6 +24,7 @@ def begin(model: ContactModel) -> None:
         return
     h = np.zeros(gap.num_rows) if law.of_state else law.values(gap.num_rows)
     gap.state.conductance = h
+    model.penalty.source = "h of each point takes its place"
     gap.state.shift = np.full((gap.num_rows, 1), -law.tool_temperature)
     if law.friction is not None:
         model.friction_heat = FrictionHeat(gap.slave, gap.master, gap.points, law.friction)
@@ -35,6 +36,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
     if not isinstance(law, Conductance):
         return
     state = _state(model, law, gap, slave, master) if law.of_state else ()
+    model.conduction_state = state
     with collective_errors(model.comm):  # h may be the user's
         gap.state.conductance = law.values(gap.num_rows, state)
     if model.friction_heat is not None:
@@ -52,10 +54,11 @@ def _state(
     """What h is a function of, at the points."""
     mechanics = model.mechanics
     assert mechanics is not None
-    pressure = gap.rows.from_nodes(mechanics.pressure())
+    pressure = mechanics.pressure()
     if mechanics.shares_pairs:
         distance = mechanics.distance()
     else:
+        pressure = gap.rows.from_nodes(pressure)
         distance = np.maximum(np.asarray(gap.points.gap), 0.0)
     if not law.of_temperature:
         return pressure, distance

@@ -33,6 +33,7 @@ from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
 
 if typing.TYPE_CHECKING:
     from qsdolfinx.contact.across import Mechanics
+    from qsdolfinx.contact.coupling import Coupling
 
 T = typing.TypeVar("T")
 
@@ -265,6 +266,12 @@ class ContactModel:
         self.mechanics = mechanics
         #: Heat of friction of the bodies, as a load of temperatures; None without.
         self.friction_heat: FrictionHeat | None = None
+        #: What conductances were functions of at the last evaluation, at the points.
+        self.conduction_state: tuple[npt.NDArray[np.float64], ...] = ()
+        #: Whether the bodies' contact is one of the same bodies, whose unknowns are mixed.
+        self.with_bodies = False
+        #: What conductances add to the tangent as they change; None for nothing.
+        self.coupling: Coupling | None = None
         #: What the last pairing found; see :func:`qsdolfinx.contact.motion.pair_anew`.
         self.paired: Paired
         #: Where the surfaces are at the last evaluation.
@@ -394,6 +401,8 @@ class ContactModel:
     @property
     def symmetric(self) -> bool:
         """Whether what contact adds to the tangent is symmetric."""
+        if self.coupling is not None:
+            return False
         first, second = self.kinematics.scale
         equal = first == second and self.curvature_is_symmetric
         return equal and (self.friction is None or self.friction.law.symmetric)

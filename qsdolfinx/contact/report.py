@@ -96,6 +96,7 @@ class ContactReport:
         method: Formulation, quadrature, normals and constraints.
         law: Law, enforcement and friction.
         motion: Unknowns of the bodies, and Δt.
+        is_scalar: Whether fields are scalar, and gaps their jumps.
     """
 
     slave: SideReport
@@ -122,6 +123,7 @@ class ContactReport:
     method: str
     law: str
     motion: str
+    is_scalar: bool = False
 
     @property
     def conditioning(self) -> str:
@@ -162,13 +164,18 @@ class ContactReport:
             unloaded = f'{self.unloaded} master nodes: use quadrature="overlay", or swap sides'
         penalty = "" if self.penalty is None else f"{self.penalty:.6g}, "
         gap = "none" if self.gap is None else "{:.4g} to {:.4g}".format(*self.gap)
-        lines = [
+        made = [
             ("contact", self.method),
             ("law", self.law),
             ("unknowns", self.motion),
             ("slave", str(self.slave)),
             ("master", "analytic shape" if self.master is None else str(self.master)),
             ("pairing", ", ".join([*parts, f"search radius {self.search_radius:.4g}"])),
+        ]
+        if self.is_scalar:
+            return _table([*made, ("jump", gap), ("penalty", penalty + self.penalty_source)])
+        lines = [
+            *made,
             ("weighted gap", gap),
             *self._depths(),
             ("active", active),
@@ -177,7 +184,11 @@ class ContactReport:
             ("conditioning", self.conditioning),
             ("overclosure", f"{self.overclosure:.4g} at first, {self.treatment}"),
         ]
-        return "\n".join(f"{name:13}{text}" for name, text in lines)
+        return _table(lines)
+
+
+def _table(lines: list[tuple[str, str]]) -> str:
+    return "\n".join(f"{name:13}{text}" for name, text in lines)
 
 
 def make_report(model: ContactModel) -> ContactReport:
@@ -227,8 +238,15 @@ def make_report(model: ContactModel) -> ContactReport:
         f"{settings.formulation}, {sampling.quadrature}, {sampling.normals} normals, "
         f"constraints at {settings.constraints}",
         f"{type(model.law).__name__}, {enforcement}, {friction}",
-        f"{' and '.join(dict.fromkeys(model.kinematics.unknown))}{dt}",
+        f"{_unknowns(model)}{dt}",
+        model.is_scalar,
     )
+
+
+def _unknowns(model: ContactModel) -> str:
+    if model.is_scalar:
+        return "scalar field"
+    return " and ".join(dict.fromkeys(model.kinematics.unknown))
 
 
 def _touching(model: ContactModel) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
@@ -322,7 +340,7 @@ def _advice(model: ContactModel, weighted: float, depth: float | None) -> str:
 def _unloaded(model: ContactModel) -> int:
     """Nodes of the master that face the slave within the radius, and no force reaches."""
     surface, p = deformable(model.master), model.gaps[0]
-    if surface is None or len(model.gaps) > 1 or model.with_itself:
+    if surface is None or len(model.gaps) > 1 or model.with_itself or model.is_scalar:
         return 0
     master = surface.linear
     surfaces = master.cpp_object, model.slave.linear.cpp_object

@@ -14,9 +14,11 @@ import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set, conduction
+from qsdolfinx.contact.coupling import Coupling
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import ToolPlace
 from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.conductance import Conductance
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
 #: Blocks ss, sm, ms, mm of the slave's and the master's body.
@@ -90,6 +92,21 @@ def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
             slip.add_stiffness(slope, ordered)
             if model.with_curvature:
                 slip.add_curvature(ordered)
+        if model.coupling is not None:
+            model.coupling.add_to(blocks, False)
+
+
+def _coupling(model: ContactModel) -> Coupling | None:
+    """What changing conductances add, for the present pairing; None for nothing. Collective."""
+    law = model.law
+    if not (isinstance(law, Conductance) and (law.of_temperature or changes_with_bodies(model))):
+        return None
+    return Coupling(model, model.with_bodies)
+
+
+def changes_with_bodies(model: ContactModel) -> bool:
+    """Whether conductances change with displacements that are solved for at the same time."""
+    return isinstance(model.law, Conductance) and model.law.of_state and model.with_bodies
 
 
 def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
@@ -98,6 +115,9 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
         for gap in model.gaps:
             none = np.zeros(gap.num_rows)
             gap.add_stiffness(none, _ordered(model, gap.slave is model.slave, blocks), True)
+        model.coupling = _coupling(model)
+        if model.coupling is not None:
+            model.coupling.add_to(blocks, True)
         for slip in model.slips:
             if slip.gap is not slip.of:
                 none = np.zeros(slip.gap.num_rows)
@@ -107,6 +127,9 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
 
 def has_factors(model: ContactModel) -> bool:
     """Whether the tangent is Gᵀ W G with gaps G that stay while contact does not pair anew."""
+    law = model.law
+    if isinstance(law, Conductance) and (law.of_temperature or changes_with_bodies(model)):
+        return False
     return not model.follows and all(slip.is_at_rows for slip in model.slips)
 
 

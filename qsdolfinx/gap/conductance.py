@@ -28,8 +28,9 @@ class Conductance(Law):
         h: Heat per time, area and temperature: a number, a ``fem.Constant``, or a function of
             arrays over the points, ``h(p, g)`` or ``h(p, g, T_slave, T_master)``, of the pressure p
             (stress, not negative) and the distance g (length, 0 in contact) of the contact that
-            ``of`` names, see :class:`qs.Contact`. The tangent takes h as it is: with one that
-            depends on unknowns Newton's method converges linearly.
+            ``of`` names, see :class:`qs.Contact`. It should be smooth: the tangent has its
+            derivatives by differences, those by p and g where displacement and field are parts of
+            one mixed unknown.
         tool: Temperature of a rigid tool, number or Constant; needed if the master is one.
         friction: Share of the heat of friction of the contact ``of`` that goes into the slave, from
             0 to 1, such as :func:`qs.effusivity_share`; the rest goes into the master, or a tool.
@@ -72,7 +73,7 @@ class Conductance(Law):
         return 0.0 if self.tool is None else _value(self.tool)
 
     def values(self, num_points: int, state: typing.Sequence[Array] = ()) -> Array:
-        """h at the points, shape (points,).
+        """H at the points, shape (points,).
 
         Args:
             num_points: Points on this rank.
@@ -94,7 +95,7 @@ class Conductance(Law):
         return 0.5 * penalty * np.sum(gap**2, axis=1)
 
     def multiplier(self, gap: Array, penalty: Array) -> Array:
-        """q = h ⟦T⟧."""
+        """Q = h ⟦T⟧."""
         return penalty[:, None] * gap
 
     def slope(self, gap: Array, penalty: Array, touching: float) -> Array:
@@ -113,7 +114,7 @@ def rough_surfaces(
     roughness: float | None = None,
     radiation: float = 0.0,
 ) -> ConductanceLaw:
-    """h of rough surfaces: k̄ p/H̄ of the spots that touch, beside gas and radiation.
+    """H of rough surfaces: k̄ p/H̄ of the spots that touch, beside gas and radiation.
 
     k̄ and H̄ are harmonic means. Gas conducts with k_gas/(g + δ), of distance g and roughness δ, and
     radiation with σ_r (T_s² + T_m²)(T_s + T_m), of absolute temperatures.

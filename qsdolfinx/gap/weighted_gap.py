@@ -407,6 +407,8 @@ class WeightedGap:
         """This rank's part of the energy at the last evaluation. Collective."""
         eps = penalty * self.relative_penalty
         density = self.law.energy(self._shifted(eps), eps)
+        if self.state.conductance is not None:
+            return float(self.weight @ density)
         known = np.sum(self._augmented_at_rows() ** 2, axis=1)
         return float(self.weight @ (density - known / (2 * eps)))
 
@@ -449,6 +451,8 @@ class WeightedGap:
         return float(np.max(gaps, initial=0.0))
 
     def _shifted(self, eps: Array) -> Array:
+        if self.state.conductance is not None:  # which may be 0, and has nothing to augment
+            return self.state.values
         return self.state.values + self._augmented_at_rows() / eps[:, None]
 
     def _augmented_at_rows(self) -> Array:

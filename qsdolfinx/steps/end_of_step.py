@@ -65,7 +65,7 @@ def pair_at(model: ContactModel, slave: Place, master: Place | None) -> None:
         ValueError: If coordinates are not finite or a facet has no area.
     """
     places = [slave] if master is None or master.motion is slave.motion else [slave, master]
-    with _moved(places):
+    with moved(places):
         pair_anew(model)
     set_offset(model, slave.offset(), None if master is None else master.offset())
     set_start(model, slave.displacements(), None if master is None else master.displacements())
@@ -78,7 +78,7 @@ def show_at(model: ContactModel, slave: Place, master: Place | None) -> None:
 
 
 @contextlib.contextmanager
-def _moved(places: typing.Sequence[Place]) -> typing.Iterator[None]:
+def moved(places: typing.Sequence[Place]) -> typing.Iterator[None]:
     """Meshes moved by the displacements inside the block."""
     meshes = [place.motion.mesh.geometry for place in places]
     before = [geometry.x.copy() for geometry in meshes]

@@ -35,6 +35,7 @@ from qsdolfinx.steps.motion_limits import MotionLimits
 from qsdolfinx.steps.pairings import DistortedError, Pairings
 from qsdolfinx.steps.penetration import Penetration
 from qsdolfinx.steps.snapshot import Snapshot
+from qsdolfinx.steps.staggered import Staggered
 from qsdolfinx.steps.tool_motion import ToolRate
 from qsdolfinx.tools.rigid_surface import as_tool
 
@@ -108,6 +109,8 @@ class TimeStepper:
             facets there; not limited by default.
         min_quality: Shape of the worst cell, see MeshMotion.quality, at which to stop.
         progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
+        staggered: Another problem that is solved after the bodies in each step, such as of their
+            temperatures: see :class:`qs.Staggered`.
 
     Raises:
         TypeError: If the problem is of another type.
@@ -134,6 +137,7 @@ class TimeStepper:
         max_slip: float | None = None,
         min_quality: float = 0.02,
         progress: bool = False,
+        staggered: Staggered | None = None,
     ) -> None:
         check(instance(ContactProblem, "a ContactProblem"), problem=problem)
         with checked(problem.comm) as same:
@@ -151,7 +155,11 @@ class TimeStepper:
             same(either(either(POSITIVE, "auto"), None), max_penetration=max_penetration)
             same(either(POSITIVE, None), max_rotation=max_rotation, max_slip=max_slip)
             same(FLAG, progress=progress)
+            check(either(instance(Staggered, "a qs.Staggered"), None), staggered=staggered)
         self.problem = problem
+        self.staggered = staggered
+        if staggered is not None:
+            staggered.begin()
         self.drive = drive or (lambda t, dt: None)
         self._solve = solve or (lambda step: problem.solve())
         self.theta, self.num_pairings = float(theta), int(num_pairings)
@@ -261,7 +269,7 @@ class TimeStepper:
                 self._attempt(t, dt, start)
                 return t, dt
             except (ConvergenceError, NoGapError, _Fault) as error:
-                start.restore()
+                self._restore(start)
                 self.num_cutbacks += 1
                 if isinstance(error, _Fault) and error.hopeless:
                     raise StepError(f"t = {self.t:g}: {error}") from error
@@ -272,8 +280,13 @@ class TimeStepper:
                     ) from error
                 dt *= self.cutback
             except BaseException:
-                start.restore()
+                self._restore(start)
                 raise
+
+    def _restore(self, start: Snapshot) -> None:
+        start.restore()
+        if self.staggered is not None:
+            self.staggered.restore()
 
     def _planned(self, t_end: float | None) -> float:
         """Δt to try first, so that there is no tiny last step: the rest is one or two equal parts.
@@ -323,6 +336,9 @@ class TimeStepper:
             raise _Fault(str(error)) from error
         self._check_shape(dt, start)
         self._check_motion()
+        if self.staggered is not None:
+            places = zip(self.motions, self.in_velocity, strict=True)
+            self.staggered.solve(dt, [Place.of(*place) for place in places])
         if self.on_solved is not None:
             with collective_errors(self.problem.comm):
                 self.on_solved()
@@ -397,6 +413,8 @@ class TimeStepper:
             tool.advance()
             self.tool_rates[i] = ToolRate.since(tool, start.pose_of(tool), dt)
         self._penetration.accept()
+        if self.staggered is not None:
+            self.staggered.accept()
         self.missed = self._pairings.missed
         # What contacts show stays that of the step until somebody solves.
         for model, slave, master in self.ends():

@@ -13,6 +13,9 @@ from qsdolfinx.surface.surface import Coordinates, Surface
 
 Array = npt.NDArray[np.float64]
 
+#: Edges of facets, by their numbers of vertices, in the order of a trace's nodes.
+EDGES = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
+
 
 class Affine(typing.NamedTuple):
     """The field x ↦ A x + b.
@@ -78,9 +81,8 @@ def trace_positions(surface: Surface, coordinates: Coordinates | None = None) ->
         return x
     if nodes is not None:
         return nodes
-    edges = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
     nv = surface.num_facet_vertices
-    out = [*x.swapaxes(0, 1), *((x[:, a] + x[:, b]) / 2 for a, b in edges[nv])]
+    out = [*x.swapaxes(0, 1), *((x[:, a] + x[:, b]) / 2 for a, b in EDGES[nv])]
     if nv == 4:
         out.append(x.mean(axis=1))
     return np.stack(out, axis=1)

@@ -60,8 +60,9 @@ class Surface:
             :func:`qsdolfinx.materials.axisymmetric_weight` in the bulk form.
 
     Raises:
-        ValueError: If the space is of another kind, of a degree above 2 or discontinuous, if the surface is
-            empty, not on the boundary, has coordinates that are not finite or facets without area.
+        ValueError: If the space is of another kind, of a degree above 2 or discontinuous, if the
+            surface is empty, not on the boundary, has coordinates that are not finite or facets
+            without area.
         TypeError: If both or none of ``facet_tags`` and ``facets`` are given, or PETSc is complex.
     """
 

@@ -30,7 +30,7 @@ class TraceValues:
             thing.destroy()
 
     def __call__(self, vec: PETSc.Vec) -> Array:
-        """Values with zeros in the components that there are not, shape (facets, nodes, 3). Collective."""
+        """Values, zeros in further components, shape (facets, nodes, 3). Collective."""
         self._scatter.scatter(vec, self._local)
         out = np.zeros((*self._shape[:2], 3))
         out[..., : self._block] = self._local.array_r.reshape(self._shape)

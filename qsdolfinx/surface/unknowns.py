@@ -103,7 +103,7 @@ def vertex_x(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> npt.NDArray[n
 
 
 def owned_vertices(V: fem.FunctionSpace) -> tuple[Indices, npt.NDArray[np.float64]]:
-    """Unknowns, shape (n, block), and coordinates, (n, 3), of the vertices whose unknowns we own."""
+    """Unknowns, (n, block), and coordinates, (n, 3), of the vertices whose unknowns we own."""
     topology = V.mesh.topology
     index_map = topology.index_map(topology.dim)
     cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)[:, None]

@@ -58,6 +58,10 @@ class ContactSystem:
             for i in (slave, master):
                 if i is not None:
                     self.bodies[i].geometry = contact.slave.geometry
+        for contact, side in zip(self.contacts, self.sides, strict=True):
+            if contact.mechanics is not None and contact.mechanics.of in self.contacts:
+                same = self.sides[self.contacts.index(contact.mechanics.of)] == side
+                contact.with_bodies = same
         #: Springs that hold free bodies for a while.
         self.anchors = Anchors(self.bodies)
         self.form = form

@@ -1,0 +1,158 @@
+"""What conductances that depend on the state of contact add to the tangent. Collective."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact import active_set
+from qsdolfinx.contact.across import Mechanics
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.gap.conductance import Conductance
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+
+Array = npt.NDArray[np.float64]
+#: Blocks ss, sm, ms, mm of the slave's and the master's body.
+BlocksOf = tuple[PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None]
+
+#: Step of differences of h, relative to the largest value of what is changed.
+STEP = 1e-7
+
+
+class Coupling:
+    """∂q/∂T, ∂q/∂u of fluxes q = h(p, g, T_s, T_m) ⟦T⟧ at the points of one pairing, but for h.
+
+    With J the jump of the field at the points, N the functions of multipliers there, and G gaps of
+    the bodies, the tangent gets Jᵀ W ⟦T⟧ (∂h/∂p N λ' G − ∂h/∂g G_p + ∂h/∂T_s J_s − ∂h/∂T_m J_m). Of
+    u if the field is one of the same mixed unknown as the bodies' displacement.
+
+    Args:
+        model: The contact of the field, paired.
+        with_bodies: Whether its bodies are those of the bodies' contact.
+    """
+
+    def __init__(self, model: ContactModel, with_bodies: bool) -> None:
+        assert isinstance(model.law, Conductance) and model.mechanics is not None
+        self._model, self._law, self._mechanics = model, model.law, model.mechanics
+        gap, of = model.gaps[0], self._mechanics.of
+        self._surfaces = _both(gap.slave, gap.master)
+        self._jump = [_matrix(gap.operator, i, s) for i, s in enumerate(self._surfaces)]
+        self._gaps: list[PETSc.Mat] = []
+        self._at_points: list[PETSc.Mat] = []
+        self._functions: PETSc.Mat | None = None
+        if with_bodies and self._mechanics.shares_pairs:
+            bodies = _both(of.slave, of.master)
+            of_gap = of.gaps[0]
+            self._gaps = [_matrix(of_gap.operator, i, s) for i, s in enumerate(bodies)]
+            at_points = self._mechanics.at_points.operator
+            self._at_points = [_matrix(at_points, i, s) for i, s in enumerate(bodies)]
+            if not of_gap.rows.are_points:
+                self._functions = _functions(self._mechanics, of_gap.operator)
+
+    def add_to(self, blocks: BlocksOf, pattern: bool) -> None:
+        """Add to the blocks, or zeros wherever anything may ever be added."""
+        model = self._model
+        count = model.gaps[0].num_rows
+        changes = [np.ones(count)] * 4 if pattern else self._changes()
+        for b, columns in enumerate(self._columns(changes, pattern)):
+            for a, rows in enumerate(self._jump):
+                product = rows.transposeMatMult(columns)
+                _insert(product, blocks[2 * a + b], self._surfaces[a], pattern)
+                product.destroy()
+            columns.destroy()
+
+    def _changes(self) -> list[Array]:
+        """W ⟦T⟧ ∂h of the four arguments, at the points."""
+        model, law, gap = self._model, self._law, self._model.gaps[0]
+        state = list(model.conduction_state)
+        factor = gap.weight * gap.state.values[:, 0]
+        before, out = law.values(gap.num_rows, state), []
+        for i, values in enumerate(state):
+            step = STEP * max(float(np.max(np.abs(values), initial=0.0)), 1e-300)
+            moved = [v + step if j == i else v for j, v in enumerate(state)]
+            out.append(factor * (law.values(gap.num_rows, moved) - before) / step)
+        return out + [np.zeros(gap.num_rows)] * (4 - len(out))
+
+    def _columns(
+        self, changes: typing.Sequence[Array], pattern: bool
+    ) -> typing.Iterator[PETSc.Mat]:
+        """What the points' fluxes depend on, of each side's unknowns."""
+        of = self._mechanics.of
+        of_p, of_g, of_own, of_other = changes
+        num_rows = of.gaps[0].num_rows
+        for i, jump in enumerate(self._jump):
+            out = _scaled(jump, of_own if i == 0 else -of_other)
+            if self._gaps:
+                slope = np.ones(num_rows) if pattern else active_set.slope(of, of.gaps[0])
+                pressed = _scaled(self._gaps[i], slope)
+                if self._functions is not None:
+                    pressed = self._functions.matMult(pressed)
+                opened = np.ones(len(of_g)) if pattern else self._mechanics.distance() > 0
+                for part, weight in ((pressed, of_p), (self._at_points[i], -of_g * opened)):
+                    scaled = _scaled(part, weight)
+                    different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+                    out.axpy(1.0, scaled, structure=different)
+                    scaled.destroy()
+                pressed.destroy()
+            yield out
+
+
+def _both(slave: Surface, master: AnySurface) -> list[Surface]:
+    other = deformable(master)
+    return [slave] if other is None else [slave, other]
+
+
+def _matrix(operator: _cpp.GapOperator, side: int, surface: Surface) -> PETSc.Mat:
+    """One side of an operator with scalar rows, without what conditions hold. Collective."""
+    offset, unknowns, coefficients = operator.entries(side)
+    kept = unknowns >= 0
+    ends = np.concatenate([[0], np.cumsum(np.count_nonzero(kept, axis=1))])[offset]
+    vec = surface.create_vec()
+    sizes = (operator.num_rows, None), vec.getSizes()
+    vec.destroy()
+    csr = ends.astype(PETSc.IntType), unknowns[kept].astype(PETSc.IntType), coefficients[kept]
+    out: PETSc.Mat = PETSc.Mat().createAIJ(sizes, csr=csr, comm=surface.comm)
+    out.assemble()
+    return out
+
+
+def _functions(mechanics: Mechanics, operator: _cpp.GapOperator) -> PETSc.Mat:
+    """N_k at the points, a column for each row of the bodies' gaps. Collective."""
+    comm, points = mechanics.of.comm, mechanics.of.gaps[0].points
+    N, count = np.asarray(points.multiplier_values), operator.num_rows
+    first = comm.exscan(count) or 0
+    of_rows = mechanics.rows_at_points(np.arange(first, first + count, dtype=np.float64) + 1)
+    kept = of_rows > 0
+    ends = np.concatenate([[0], np.cumsum(np.count_nonzero(kept, axis=1))])
+    columns = (of_rows[kept] - 1).astype(PETSc.IntType)
+    sizes = (len(N), None), (count, None)
+    csr = ends.astype(PETSc.IntType), columns, np.ascontiguousarray(N[kept])
+    out: PETSc.Mat = PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+    out.assemble()
+    return out
+
+
+def _scaled(matrix: PETSc.Mat, factor: Array) -> PETSc.Mat:
+    """A new matrix whose rows are multiplied. Collective."""
+    out, left = matrix.copy(), matrix.createVecLeft()
+    left.array[:] = factor
+    out.diagonalScale(L=left)
+    left.destroy()
+    return out
+
+
+def _insert(product: PETSc.Mat, block: PETSc.Mat | None, surface: Surface, pattern: bool) -> None:
+    """Add the rows of a surface's unknowns to a block, which is not assembled here."""
+    assert block is not None
+    first = product.getOwnershipRange()[0]
+    for row in surface.own_trace + first:
+        columns, values = product.getRow(int(row))
+        if len(columns):
+            values = np.zeros_like(values) if pattern else values
+            block.setValues([int(row)], columns, values, addv=PETSc.InsertMode.ADD_VALUES)

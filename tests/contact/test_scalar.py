@@ -1,0 +1,377 @@
+"""Contact of scalar fields: patch tests, published values, balances, and what is refused."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, elastic, plane, slide
+from tangents import direction, tangent_errors
+
+import basix.ufl
+import ufl
+from dolfinx import fem
+
+import qsdolfinx as qs
+from qsdolfinx import materials
+
+CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
+#: Conductivities, hardnesses and pressure of the published blocks.
+K, HARDNESS, PRESSURE = (16.2, 210.0), (129.0, 15.0), 100.0
+
+
+def field(msh, degree=1):
+    return fem.functionspace(msh, ("Lagrange", degree))
+
+
+def at(V, axis, value, temperature):
+    """Dirichlet condition in a plane; the temperature may be a Function."""
+    dofs = fem.locate_dofs_topological(V, V.mesh.topology.dim - 1, plane(V.mesh, axis, value))
+    if isinstance(temperature, fem.Function):
+        return fem.dirichletbc(temperature, dofs)
+    return fem.dirichletbc(float(temperature), dofs, V)
+
+
+def total(form):
+    return WORLD.allreduce(fem.assemble_scalar(fem.form(form)))
+
+
+class Blocks:
+    """Two blocks of length 1 on top of each other, with meshes that do not match."""
+
+    def __init__(self, cell, degree=1, finer=1, partition=None, offset=0.0):
+        self.gdim = 2 if cell in CELLS[:2] else 3
+        sides = [(2, 3), (3, 2)] if self.gdim == 2 else [(2, 2, 3), (3, 3, 2)]
+        self.spaces, self.T, self.F = [], [], []
+        for i, n in enumerate(sides):
+            low, high = np.zeros(self.gdim), np.ones(self.gdim)
+            low[-1], high[-1] = i + i * offset, i + 1 + i * offset
+            n = [finer * cells for cells in n]
+            msh = box(WORLD, n, cell, low.tolist(), high.tolist(), partition)
+            self.spaces.append(field(msh, degree))
+            self.T.append(fem.Function(self.spaces[-1]))
+            self.F.append(materials.heat(self.T[-1], K[i]))
+        self.surfaces = [
+            qs.Surface(V, facets=plane(V.mesh, self.gdim - 1, 1.0 + i * offset))
+            for i, V in enumerate(self.spaces)
+        ]
+
+    def ends(self, low, high):
+        axis = self.gdim - 1
+        return [[at(self.spaces[0], axis, 0.0, low)], [at(self.spaces[1], axis, 2.0, high)]]
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_patch_of_a_tie(cell, degree):
+    """A linear field with conditions all round is found exactly, as is its flux k ∂T/∂n."""
+    scene = Blocks(cell, degree)
+    gradient = np.array([2.0, -3.0, 5.0])[: scene.gdim]
+    k, bcs = 2.0, []
+    for i, V in enumerate(scene.spaces):
+        exact = fem.Function(V)
+        exact.interpolate(lambda x: 7.0 + gradient @ x[: scene.gdim])
+        planes = [(axis, end) for axis in range(scene.gdim - 1) for end in (0.0, 1.0)]
+        planes.append((scene.gdim - 1, 2.0 * i))
+        bcs.append([at(V, axis, end, exact) for axis, end in planes])
+        scene.F[i] = materials.heat(scene.T[i], k)
+    contact = qs.Contact(scene.surfaces[1], scene.surfaces[0], law=qs.Tied())
+    qs.ContactProblem(scene.F, scene.T, [contact], bcs).solve()
+    for T in scene.T:
+        exact = 7.0 + ufl.dot(ufl.as_vector(gradient), ufl.SpatialCoordinate(T.function_space.mesh))
+        assert total((T - exact) ** 2 * ufl.dx) < 1e-18
+    assert contact.flow("slave") == pytest.approx(-k * gradient[-1], rel=1e-8)
+    assert contact.flow("master") == pytest.approx(k * gradient[-1], rel=1e-8)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_published_blocks(cell, degree):
+    """Ends at 800 and 250 degrees, h by pressure and hardness: q = 7292.02."""
+    scene = Blocks(cell, degree)
+    h = qs.rough_surfaces(K, HARDNESS)(PRESSURE, 0.0)
+    assert h == pytest.approx(111.93, abs=0.01)
+    contact = qs.Contact(*scene.surfaces, law=qs.Conductance(float(h)))
+    problem = qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0))
+    problem.solve()
+    assert problem.symmetric and problem.num_iterations == 1
+    assert contact.flow("master") == pytest.approx(7292.02, abs=0.01)
+    assert contact.flow("slave") == pytest.approx(-contact.flow("master"), rel=1e-12)
+    flux = contact.slave.linear.node_values(contact.flux("slave"))
+    np.testing.assert_allclose(flux, -contact.flow("master"), rtol=1e-9)
+
+
+@pytest.mark.parametrize("law", [qs.Tied(), qs.Conductance(2.0)])
+def test_order(law):
+    """A smooth field across meshes that do not match: errors fall with h² in L²."""
+    errors = []
+    for finer in (2, 4, 8):
+        scene = Blocks("triangle", finer=finer)
+        jump = 0.0 if isinstance(law, qs.Tied) else np.pi / 4  # q = k ∂T/∂y = h ⟦T⟧, k = 1
+        exact = []
+        for i, V in enumerate(scene.spaces):
+            x = ufl.SpatialCoordinate(V.mesh)
+            wave = ufl.cos(np.pi * x[0])
+            exact.append(wave * (ufl.sin(np.pi / 2 * (x[1] - 1.0)) + jump * i))
+            T, test = scene.T[i], ufl.TestFunction(V)
+            source = -ufl.div(ufl.grad(exact[-1]))
+            scene.F[i] = materials.heat(T, 1.0) - source * test * ufl.dx
+        bcs = []
+        for i, V in enumerate(scene.spaces):
+            value = fem.Function(V)
+            value.interpolate(fem.Expression(exact[i], V.element.interpolation_points()))
+            bcs.append([at(V, 1, 2.0 * i, value)])
+        contact = qs.Contact(*scene.surfaces, law=law)
+        qs.ContactProblem(scene.F, scene.T, [contact], bcs).solve()
+        errors.append(sum(total((T - e) ** 2 * ufl.dx) for T, e in zip(scene.T, exact)) ** 0.5)
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert rates[-1] > 1.8
+
+
+class Pressed(Blocks):
+    """The blocks in contact by a pressure, their displacements apart from the temperatures."""
+
+    def __init__(self, cell="triangle", press=0.1, order=1, **options):
+        super().__init__(cell, **options)
+        self.u, forms, self.bcs, surfaces = [], [], [], []
+        axis = self.gdim - 1
+        for i, V in enumerate(self.spaces):
+            W = fem.functionspace(V.mesh, ("Lagrange", order, (self.gdim,)))
+            u = fem.Function(W)
+            sides = [slide(W, other, plane(V.mesh, other, 0.0)) for other in range(axis)]
+            end = slide(W, axis, plane(V.mesh, axis, 2.0 * i), -press * i)
+            self.u.append(u)
+            forms.append(elastic(u, E=10.0, nu=0.0))
+            self.bcs.append([*sides, end])
+            surfaces.append(qs.Surface(W, facets=self.surfaces[i].facets))
+        self.contact = qs.Contact(*surfaces)
+        self.problem = qs.ContactProblem(forms, self.u, [self.contact], self.bcs)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_conductance_of_the_pressure(cell, order):
+    """h = c p of bodies pressed by p = E ε; the pairs are those of the bodies, P1 or P2."""
+    scene = Pressed(cell, order=order)
+    scene.problem.solve()
+    law = qs.Conductance(lambda p, g: 3.0 * p + 0.0 * g)
+    contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
+    assert len(contact.pairing) == len(scene.contact.pairing)
+    np.testing.assert_array_equal(contact.pairing.weight, scene.contact.pairing.weight)
+    qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0)).solve()
+    h = 3.0 * 10.0 * 0.05
+    expected = 550.0 / (1 / K[0] + 1 / h + 1 / K[1])
+    assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize("tool", [False, True])
+def test_gas_in_a_gap(tool):
+    """Open by 0.05: h = k_gas/(g + δ), here or towards a tool of a given temperature."""
+    scene, gap = Pressed(press=-0.05), 0.05
+    law = qs.rough_surfaces(K, HARDNESS, gas=0.3, roughness=0.01)
+    h = 0.3 / (gap + 0.01)
+    if tool:
+        die = qs.RigidSurface.plane(WORLD, [0.0, 1.0 + gap], [0.0, -1.0])
+        bodies = qs.Contact(scene.contact.slave, die)
+        problem = qs.ContactProblem([elastic(scene.u[0])], scene.u[:1], [bodies], [scene.bcs[0]])
+        problem.solve()
+        contact = qs.Contact(scene.surfaces[0], die, law=qs.Conductance(law, tool=250.0), of=bodies)
+        ends = scene.ends(800.0, 250.0)[:1]
+        qs.ContactProblem(scene.F[:1], scene.T[:1], [contact], ends).solve()
+        expected = 550.0 / (1 / K[0] + 1 / h)
+    else:
+        scene.problem.solve()
+        contact = qs.Contact(*scene.surfaces, law=qs.Conductance(law), of=scene.contact)
+        qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0)).solve()
+        expected = 550.0 / (1 / K[0] + 1 / h + 1 / K[1])
+    assert contact.flow("slave") == pytest.approx(-expected, rel=1e-7)
+    assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
+
+
+def test_radiation():
+    """h = σ (T_s² + T_m²)(T_s + T_m): q = σ (T_s⁴ − T_m⁴) of the faces' temperatures."""
+    scene, sigma = Pressed(press=-0.05), 5e-8
+    scene.problem.solve()
+    law = qs.Conductance(qs.rough_surfaces(K, HARDNESS, radiation=sigma))
+    contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
+    problem = qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(1500.0, 300.0))
+    problem.solve()
+    assert problem.num_iterations < 8 and not problem.symmetric
+    q = contact.flow("master")
+    faces = 1500.0 - q / K[0], 300.0 + q / K[1]
+    assert q == pytest.approx(sigma * (faces[0] ** 4 - faces[1] ** 4), rel=1e-7)
+
+
+@pytest.mark.parametrize("share", [0.25, 1.0])
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_heat_of_friction(cell, share):
+    """What friction dissipates arrives as heat, and only that: both bodies are insulated."""
+    scene = Pressed(cell, finer=2)
+    u = scene.u
+    friction = qs.Contact(
+        *(surface for surface in (scene.contact.slave, scene.contact.master)),
+        friction=qs.Coulomb(0.3),
+    )
+    W = u[1].function_space
+    top = plane(W.mesh, scene.gdim - 1, 2.0)
+    clamped = [slide(W, axis, top, -0.1 * (axis == scene.gdim - 1)) for axis in range(scene.gdim)]
+    low = u[0].function_space
+    bottom = plane(low.mesh, scene.gdim - 1, 0.0)
+    held = [slide(low, axis, bottom) for axis in range(scene.gdim)]
+    forms = [elastic(v, E=10.0, nu=0.0) for v in u]
+    problem = qs.ContactProblem(forms, u, [friction], [held, clamped])
+    problem.solve()
+    clamped[0].g.value[...] = 0.4
+    problem.solve()
+    dissipated = friction.step_dissipation()
+    assert dissipated > 0.01
+    dt, c = 0.2, 3.0
+    before = [fem.Function(V) for V in scene.spaces]
+    forms = [materials.heat(*pair, c, old, dt) for *pair, old in zip(scene.T, K, before)]
+    law = qs.Conductance(1e-9, friction=share)
+    contact = qs.Contact(*scene.surfaces, law=law, of=friction, dt=dt)
+    qs.ContactProblem(forms, scene.T, [contact]).solve()
+    taken = [total(c * T * ufl.dx) for T in scene.T]
+    assert sum(taken) == pytest.approx(dissipated, rel=1e-12)
+    assert taken[0] == pytest.approx(share * dissipated, rel=1e-6)
+    assert dt * contact.flow("slave") == pytest.approx(taken[0], rel=1e-9)
+
+
+def test_shares_of_effusivity():
+    assert qs.effusivity_share((4.0, 9.0), (1.0, 4.0)) == pytest.approx(6.0 / 8.0)
+
+
+@pytest.mark.parametrize("solver", ["direct", "amg"])
+@pytest.mark.parametrize("law", [qs.Tied(), qs.Conductance(30.0)])
+def test_linear_solvers(law, solver):
+    """As with any contact; the near-nullspace of a scalar field is a constant."""
+    scene = Blocks("tetrahedron", finer=2)
+    contact = qs.Contact(*scene.surfaces, law=law)
+    problem = qs.ContactProblem(
+        scene.F, scene.T, [contact], scene.ends(800.0, 250.0), solver=solver
+    )
+    problem.solve()
+    between = 0.0 if isinstance(law, qs.Tied) else 1 / 30.0
+    expected = 550.0 / (1 / K[0] + between + 1 / K[1])
+    assert contact.flow("master") == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("partition", ["backward", "scattered", "last"])
+def test_ranks_without_facets(partition):
+    """A rank may have no contact facet, and a pair may span ranks."""
+    scene = Pressed("triangle", partition=partition)
+    scene.problem.solve()
+    law = qs.Conductance(qs.rough_surfaces(K, HARDNESS))
+    contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
+    qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0)).solve()
+    h = 2 / (1 / K[0] + 1 / K[1]) * 0.5 / (2 / (1 / HARDNESS[0] + 1 / HARDNESS[1]))
+    expected = 550.0 / (1 / K[0] + 1 / h + 1 / K[1])
+    assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
+
+
+def test_rod_that_closes_its_gap():
+    """Displacement and temperature at once: the hot rod expands to the wall that cools it.
+
+    T falls linearly from T₀ to T_L, p = E (α (T₀ + T_L)/2 − g/L), and k (T₀ − T_L)/L = h T_L with
+    h = c p.
+    """
+    E, alpha, gap, hot, k, c = 100.0, 1e-2, 0.5, 100.0, 2.0, 0.5
+    msh = box(WORLD, (1, 8), "quadrilateral", [0.0, 0.0], [0.2, 1.0])
+    cell = msh.basix_cell()
+    pair = [basix.ufl.element("Lagrange", cell, 1, shape=s) for s in ((2,), ())]
+    W = fem.functionspace(msh, basix.ufl.mixed_element(pair))
+    w = fem.Function(W)
+    (u, T), (v, test) = ufl.split(w), ufl.TestFunctions(W)
+    stress = materials.linear_elastic(u, E, 0.0, thermal_strain=alpha * T)
+    F = ufl.inner(stress, ufl.grad(v)) * ufl.dx
+    F += k * ufl.inner(ufl.grad(T), ufl.grad(test)) * ufl.dx
+    facets, foot = plane(msh, 1, 1.0), plane(msh, 1, 0.0)
+    bcs = [slide(W.sub(0), 1, foot), *(slide(W.sub(0), 0, plane(msh, 0, x)) for x in (0.0, 0.2))]
+    dofs = fem.locate_dofs_topological(W.sub(1), 1, foot)
+    bcs.append(fem.dirichletbc(fem.Constant(msh, hot), dofs, W.sub(1)))
+    wall = qs.RigidSurface.plane(WORLD, [0.0, 1.0 + gap], [0.0, -1.0])
+    bodies = qs.Contact(qs.Surface(W.sub(0), facets=facets), wall, search_radius=1.0)
+    law = qs.Conductance(lambda p, g: c * p + 1e-12, tool=0.0)
+    heat = qs.Contact(qs.Surface(W.sub(1), facets=facets), wall, law=law, of=bodies)
+    problem = qs.ContactProblem([F], [w], [heat, bodies], [bcs])
+    problem.solve()
+    assert problem.num_iterations < 15
+
+    def rest(end):
+        p = max(E * (alpha * (hot + end) / 2 - gap), 0.0)
+        return k * (hot - end) - c * p * end
+
+    low, high = 0.0, hot
+    for _ in range(200):
+        middle = (low + high) / 2
+        low, high = (middle, high) if rest(middle) > 0 else (low, middle)
+    p = E * (alpha * (hot + low) / 2 - gap)
+    assert p > 1.0
+    assert bodies.force("master")[1] == pytest.approx(0.2 * p, rel=1e-6)
+    assert heat.flow("master") == pytest.approx(0.2 * k * (hot - low), rel=1e-6)
+
+
+@pytest.mark.parametrize("constraints", ["nodes", "points"])
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_tangent(cell, constraints):
+    """Of a mixed unknown, with h of p, g and both temperatures: as differences say."""
+    gdim = 2 if cell == "triangle" else 3
+    w, forms, surfaces, fields, bcs = [], [], [], [], []
+    for i in range(2):
+        low, high = np.zeros(gdim), np.ones(gdim)
+        low[-1], high[-1] = i, i + 1
+        msh = box(WORLD, [2 + i] * gdim, cell, low.tolist(), high.tolist())
+        pair = [basix.ufl.element("Lagrange", msh.basix_cell(), 1, shape=s) for s in ((gdim,), ())]
+        W = fem.functionspace(msh, basix.ufl.mixed_element(pair))
+        w.append(fem.Function(W))
+        (u, T), (v, test) = ufl.split(w[i]), ufl.TestFunctions(W)
+        stress = materials.linear_elastic(u, 10.0, 0.3, thermal_strain=1e-3 * T)
+        F = ufl.inner(stress, ufl.grad(v)) + K[i] * ufl.inner(ufl.grad(T), ufl.grad(test))
+        forms.append(F * ufl.dx)
+        facets = plane(msh, gdim - 1, 1.0)
+        surfaces.append(qs.Surface(W.sub(0), facets=facets))
+        fields.append(qs.Surface(W.sub(1), facets=facets))
+        bcs.append([slide(W.sub(0), a, plane(msh, gdim - 1, 2.0 * i)) for a in range(gdim)])
+    options = {"enforcement": "penalty", "penalty": 50.0, "constraints": constraints}
+    bodies = qs.Contact(*surfaces, **options)
+
+    def h(p, g, slave, master):
+        return 1.0 + p + 0.1 / (g + 0.1) + 0.02 * slave**2 + 0.01 * master
+
+    heat = qs.Contact(*fields, law=qs.Conductance(h), of=bodies)
+    problem = qs.ContactProblem(forms, w, [bodies, heat], bcs)
+    problem.set_up()
+    rng = np.random.default_rng(3)
+    x, way = direction(problem, rng), direction(problem, rng)
+    x.scale(0.05)
+    assert tangent_errors(problem, x, way, 1e-6).difference < 1e-7
+
+
+def test_refused():
+    scene = Pressed()
+    slave, master = scene.surfaces
+    with pytest.raises(ValueError, match="law: scalar fields have no gaps"):
+        qs.Contact(slave, master, law=qs.Unilateral())
+    with pytest.raises(ValueError, match="slave and master: both or none must be on scalar"):
+        qs.Contact(slave, scene.contact.master)
+    with pytest.raises(ValueError, match="of: must be the bodies' contact"):
+        qs.Contact(slave, master, law=qs.Conductance(lambda p, g: p))
+    with pytest.raises(ValueError, match="Conductance is for surfaces on scalar"):
+        qs.Contact(scene.contact.slave, scene.contact.master, law=qs.Conductance(1.0))
+    with pytest.raises(ValueError, match="friction: scalar fields have none"):
+        qs.Contact(slave, master, friction=qs.Coulomb(0.1))
+    with pytest.raises(ValueError, match="h: must be a positive"):
+        qs.Conductance(-1.0)
+    with pytest.raises(ValueError, match=r"h: must be a function of \(p, g\)"):
+        qs.Conductance(lambda p: p)
+    with pytest.raises(ValueError, match="sliding: leave it out"):
+        qs.Contact(slave, master, sliding="finite")
+    die = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+    with pytest.raises(ValueError, match="law: a rigid tool has no field"):
+        qs.Contact(slave, die)
+    with pytest.raises(ValueError, match="needs tool="):
+        qs.Contact(slave, die, law=qs.Conductance(1.0))
+    with pytest.raises(ValueError, match="of, slave: must be on the same facets"):
+        qs.Contact(master, slave, law=qs.Conductance(1.0), of=scene.contact)
+    contact = qs.Contact(slave, master)
+    with pytest.raises(ValueError, match=r"use contact.flow\(side\)"):
+        contact.force("slave")
+    with pytest.raises(ValueError, match=r"use contact.force\(side\)"):
+        scene.contact.flow("slave")
