@@ -12,8 +12,8 @@ from qsdolfinx.contact.fields import Status
 from qsdolfinx.contact.reach import ReachWarning
 from qsdolfinx.contact.report import ContactReport
 from qsdolfinx.friction.laws import Coulomb, CoulombTresca, Friction, Norton, Sticking, Tresca
-from qsdolfinx.gap.conductance import Conductance, effusivity_share, rough_surfaces
-from qsdolfinx.gap.laws import Law, Tied, Unilateral
+from qsdolfinx.gap.conductance import effusivity_share, rough_surfaces
+from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
 from qsdolfinx.output.fields import FieldWriter
 from qsdolfinx.output.history import History
 from qsdolfinx.pairing.points import Pairing

@@ -90,7 +90,7 @@ def _read(vec: PETSc.Vec, wanted: Numbers) -> Array:
     return out
 
 
-class Mechanics:
+class BodiesContact:
     """Pairs, pressures, distances and friction of the bodies' contact, for a field on them.
 
     Pairs are those of the bodies, unless their master is a rigid tool that has a mesh of its own

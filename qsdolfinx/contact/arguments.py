@@ -10,8 +10,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import check, either, instance, require
 from qsdolfinx.friction.laws import Friction
-from qsdolfinx.gap.conductance import Conductance
-from qsdolfinx.gap.laws import Law
+from qsdolfinx.gap.laws import Conductance, Law
 from qsdolfinx.pairing.relief import Side
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, deformable

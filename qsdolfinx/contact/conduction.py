@@ -10,8 +10,8 @@ import numpy.typing as npt
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.gap.conductance import Conductance
 from qsdolfinx.gap.friction_heat import FrictionHeat
+from qsdolfinx.gap.laws import Conductance
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]

@@ -17,7 +17,7 @@ from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact import fields, motion, multipliers, overclosed, results
-from qsdolfinx.contact.across import Mechanics, check_of
+from qsdolfinx.contact.across import BodiesContact, check_of
 from qsdolfinx.contact.advice import advise
 from qsdolfinx.contact.arguments import (
     SLAVE,
@@ -39,9 +39,8 @@ from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.report import ContactReport, make_report
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.laws import Friction
-from qsdolfinx.gap.conductance import Conductance
 from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
-from qsdolfinx.gap.laws import Law, Tied, Unilateral
+from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
@@ -283,7 +282,7 @@ class Contact:
             ),
             overclosure,
             None if friction is None else FrictionHistory(friction, slave, friction_penalty),
-            None if of is None else Mechanics(of.model, slave, master),
+            None if of is None else BodiesContact(of.model, slave, master),
         )
         motion.pair_anew(self.model)
         advise(self.model)

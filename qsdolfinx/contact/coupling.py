@@ -11,21 +11,18 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact import active_set
-from qsdolfinx.contact.across import Mechanics
-from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.gap.conductance import Conductance
+from qsdolfinx.contact.model import BlocksOf, ContactModel, Mechanics
+from qsdolfinx.gap.laws import Conductance
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
 Array = npt.NDArray[np.float64]
-#: Blocks ss, sm, ms, mm of the slave's and the master's body.
-BlocksOf = tuple[PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None]
 
 #: Step of differences of h, relative to the largest value of what is changed.
 STEP = 1e-7
 
 
-class Coupling:
+class ConductanceCoupling:
     """∂q/∂T, ∂q/∂u of fluxes q = h(p, g, T_s, T_m) ⟦T⟧ at the points of one pairing, but for h.
 
     With J the jump of the field at the points, N the functions of multipliers there, and G gaps of

@@ -23,6 +23,7 @@ from qsdolfinx.gap.friction_heat import FrictionHeat
 from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.overclosure import Overclosure
+from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.shape_points import ShapePoints
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
@@ -31,10 +32,6 @@ from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
 
-if typing.TYPE_CHECKING:
-    from qsdolfinx.contact.across import Mechanics
-    from qsdolfinx.contact.coupling import Coupling
-
 T = typing.TypeVar("T")
 
 #: Gaps smaller than this part of the smallest facet count as closed.
@@ -42,6 +39,9 @@ TOUCHING = 1e-12
 
 #: Largest facets that bodies may be within each other where contact follows them.
 FOLLOWING_REACH = 4.0
+
+#: Blocks ss, sm, ms, mm of the slave's and the master's body.
+BlocksOf = tuple[PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None]
 
 #: A part with multipliers: the gap of a pass, or its slip.
 Part = WeightedGap | Slip
@@ -235,6 +235,46 @@ def _radius(settings: Settings) -> _cpp.SearchRadius:
         largest *= FOLLOWING_REACH
     local = settings.search_radius == "local" and not master.is_analytic
     return _cpp.SearchRadius(largest, by_size=local)
+
+
+class Mechanics(typing.Protocol):
+    """What a scalar field takes from the contact of its bodies: see ``contact.across``.
+
+    Attributes:
+        of: The bodies' contact.
+        shares_pairs: Whether the field has the bodies' pairs.
+        at_points: The bodies' gaps at their pairing points, if it has.
+    """
+
+    of: ContactModel
+    shares_pairs: bool
+    at_points: PointRows
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether the bodies have been paired anew since :meth:`points`."""
+
+    def points(self) -> _cpp.PairingPoints:
+        """The bodies' pairing points with the unknowns of the field. Collective."""
+
+    def pressure(self) -> npt.NDArray[np.float64]:
+        """Pressure at the points, or at the slave's nodes. Collective."""
+
+    def distance(self) -> npt.NDArray[np.float64]:
+        """Distance at the points. Collective."""
+
+    def dissipation(self) -> npt.NDArray[np.float64]:
+        """Energy of friction at the slave's nodes. Collective."""
+
+    def rows_at_points(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Values of the bodies' rows at the points' functions. Collective."""
+
+
+class Coupling(typing.Protocol):
+    """What conductances add to the tangent as they change: see ``contact.coupling``."""
+
+    def add_to(self, blocks: BlocksOf, pattern: bool) -> None:
+        """Add to the blocks ss, sm, ms, mm. Collective."""
 
 
 class ContactModel:

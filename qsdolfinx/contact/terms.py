@@ -14,15 +14,12 @@ import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set, conduction
-from qsdolfinx.contact.coupling import Coupling
-from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.coupling import ConductanceCoupling
+from qsdolfinx.contact.model import BlocksOf, ContactModel
 from qsdolfinx.contact.placement import ToolPlace
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.gap.conductance import Conductance
+from qsdolfinx.gap.laws import Conductance
 from qsdolfinx.gap.weighted_gap import WeightedGap
-
-#: Blocks ss, sm, ms, mm of the slave's and the master's body.
-BlocksOf = tuple[PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None]
 
 #: Stiffness of a pass' rows, or of a slip's and what couples them with the pass.
 Weights = npt.NDArray[np.float64] | tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
@@ -96,12 +93,12 @@ def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
             model.coupling.add_to(blocks, False)
 
 
-def _coupling(model: ContactModel) -> Coupling | None:
+def _coupling(model: ContactModel) -> ConductanceCoupling | None:
     """What changing conductances add, for the present pairing; None for nothing. Collective."""
     law = model.law
     if not (isinstance(law, Conductance) and (law.of_temperature or changes_with_bodies(model))):
         return None
-    return Coupling(model, model.with_bodies)
+    return ConductanceCoupling(model, model.with_bodies)
 
 
 def changes_with_bodies(model: ContactModel) -> bool:

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import abc
+import inspect
+import typing
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx import fem
+
+from qsdolfinx.base.checks import FINITE, FRACTION, POSITIVE, check, either, require
+
 Array = npt.NDArray[np.float64]
+
+#: h of pressure and distance, and perhaps of the two temperatures, arrays of the points' shape.
+ConductanceLaw = typing.Callable[..., npt.ArrayLike]
 
 
 class Law(abc.ABC):
@@ -92,3 +101,97 @@ class Unilateral(Law):
     def admissible(self, multiplier: Array) -> Array:
         """None that pulls."""
         return np.maximum(multiplier, 0)
+
+
+class Conductance(Law):
+    """Flux q = h ⟦T⟧ from the slave to the master, at each pairing point: Φ = ½ Σ w_p h_p ⟦T⟧².
+
+    Args:
+        h: Heat per time, area and temperature: a number, a ``fem.Constant``, or a function of
+            arrays over the points, ``h(p, g)`` or ``h(p, g, T_slave, T_master)``, of the pressure p
+            (stress, not negative) and the distance g (length, 0 in contact) of the contact that
+            ``of`` names, see :class:`qs.Contact`. It should be smooth: the tangent has its
+            derivatives by differences, those by p and g where displacement and field are parts of
+            one mixed unknown.
+        tool: Temperature of a rigid tool, number or Constant; needed if the master is one.
+        friction: Share of the heat of friction of the contact ``of`` that goes into the slave, from
+            0 to 1, such as :func:`qs.effusivity_share`; the rest goes into the master, or a tool.
+            None: that heat is left out.
+    """
+
+    jump = True
+    linear = True
+
+    def __init__(
+        self,
+        h: float | fem.Constant | ConductanceLaw,
+        *,
+        tool: float | fem.Constant | None = None,
+        friction: float | None = None,
+    ) -> None:
+        if not callable(h) or isinstance(h, fem.Constant):
+            check(POSITIVE, h=_value(h))
+        if tool is not None:
+            check(FINITE, tool=_value(tool))
+        check(either(FRACTION, None), friction=friction)
+        self.h, self.tool, self.friction = h, tool, friction
+        self._num_arguments = _num_arguments(h) if self.of_state else 0
+        fits = self._num_arguments in (0, 2, 4)
+        require(fits, "h: must be a function of (p, g) or of (p, g, T_slave, T_master)")
+
+    @property
+    def of_state(self) -> bool:
+        """Whether h is a function of the state of contact."""
+        return callable(self.h) and not isinstance(self.h, fem.Constant)
+
+    @property
+    def of_temperature(self) -> bool:
+        """Whether it is one of the temperatures as well."""
+        return self._num_arguments == 4
+
+    @property
+    def tool_temperature(self) -> float:
+        """Temperature of a rigid tool; 0 of none."""
+        return 0.0 if self.tool is None else _value(self.tool)
+
+    def values(self, num_points: int, state: typing.Sequence[Array] = ()) -> Array:
+        """H at the points, shape (points,).
+
+        Args:
+            num_points: Points on this rank.
+            state: p, g, and both temperatures if it depends on them.
+
+        Raises:
+            ValueError: If it is negative or not finite.
+        """
+        if not callable(self.h) or isinstance(self.h, fem.Constant):
+            return np.full(num_points, _value(self.h))
+        given = np.asarray(self.h(*state), dtype=np.float64)
+        out = np.broadcast_to(given, (num_points,)).copy()
+        if not (np.all(np.isfinite(out)) and np.all(out >= 0)):
+            raise ValueError("h: gives conductances that are negative or not finite")
+        return out
+
+    def energy(self, gap: Array, penalty: Array) -> Array:
+        """φ = ½ h ⟦T⟧²; ``penalty`` is h."""
+        return 0.5 * penalty * np.sum(gap**2, axis=1)
+
+    def multiplier(self, gap: Array, penalty: Array) -> Array:
+        """Q = h ⟦T⟧."""
+        return penalty[:, None] * gap
+
+    def slope(self, gap: Array, penalty: Array, touching: float) -> Array:
+        """φ'' = h."""
+        return penalty
+
+    def admissible(self, multiplier: Array) -> Array:
+        """Any."""
+        return multiplier
+
+
+def _value(given: typing.Any) -> float:
+    return float(given.value) if isinstance(given, fem.Constant) else given
+
+
+def _num_arguments(h: typing.Any) -> int:
+    return len(inspect.signature(h).parameters)

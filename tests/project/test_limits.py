@@ -64,6 +64,15 @@ def jumps_of_a_mini_body():
     qs.ContactProblem([F], [w], [], solver="schur")
 
 
+def field_of_finite_sliding():
+    pair = Pair("triangle", contact_options={"sliding": "finite"})
+    fields = [
+        qs.Surface(fem.functionspace(s.mesh, ("Lagrange", 1)), facets=s.facets)
+        for s in (pair.contact.slave, pair.contact.master)
+    ]
+    qs.Contact(*fields, law=qs.Conductance(1.0), of=pair.contact)
+
+
 def not_convex():
     msh = box(WORLD, [1, 1, 1], "hexahedron", [0, 0, 0], [1, 1, 1])
     x = msh.geometry.x
@@ -203,7 +212,10 @@ CASES = {
         lambda s, folder: on_square(("Lagrange", 3, (2,)))
     ),
     "V: contact needs a blocked vector space with 2 components": (
-        lambda s, folder: on_square(("Lagrange", 1))
+        lambda s, folder: on_square(("Lagrange", 1, (3,)))
+    ),
+    'of: sliding="finite" and contact with itself keep no pairing points': (
+        lambda s, folder: field_of_finite_sliding()
     ),
     "V: contact needs mesh geometry of degree 1 or 2, not 3": (
         lambda s, folder: surface(vector_space(elevated(square(), 3)))

@@ -128,5 +128,5 @@ def test_refused():
         qs.Staggered(billet.staggered.problem, [other])
     with pytest.raises(ValueError, match="before: must have one Function"):
         qs.Staggered(billet.staggered.problem, [])
-    with pytest.raises(TypeError, match="staggered: must be a qs.Staggered"):
+    with pytest.raises(TypeError, match=r"staggered: must be a qs\.Staggered"):
         qs.TimeStepper(billet.problem, 0.1, staggered=billet.staggered.problem)
