@@ -74,6 +74,8 @@ def faced(p: WeightedGap, rows: Array) -> Faced:
 def status(model: ContactModel, side: str) -> fem.Function:
     """:class:`Status` of each node. Collective."""
     surface = deformable_side(model, side)
+    if model.penalty.value is None:  # nothing has been solved yet
+        return _scalar(surface, np.zeros(len(surface.linear.node_area)))
     if model.with_itself:
         found = np.maximum(_of_own_rows(model, "slave"), _of_faced_rows(model, "master"))
     elif results.has_multiplier(model, side):
@@ -104,18 +106,37 @@ def _faced_gap(model: ContactModel) -> Array:
 def sources(model: ContactModel, side: str) -> dict[str, typing.Callable[[], fem.Function]]:
     """Functions that return the fields anew. Collective."""
     surface = deformable_side(model, side)
-    traction = functools.partial(results.traction, model, side)
+    gap = functools.partial(gap_function, model, side)
+    if model.is_scalar:
+        return {"flux": _once_solved(model, surface, results.flux, model, side), "jump": gap}
+    traction = functools.partial(_once_solved, model, surface, results.traction, model, side)
     out: dict[str, typing.Callable[[], fem.Function]] = {
-        "traction": functools.partial(traction, "whole"),
-        "gap": functools.partial(gap_function, model, side),
+        "traction": traction("whole"),
+        "gap": gap,
         "status": functools.partial(status, model, side),
     }
     if model.slips:
         for part in ("normal", "tangential"):
-            out[f"{part}_traction"] = functools.partial(traction, part)
+            out[f"{part}_traction"] = traction(part)
         if results.has_multiplier(model, side):
             out["slip"] = lambda: surface.linear.function(results.slip(model, side))
     return out
+
+
+def _once_solved(
+    model: ContactModel,
+    surface: Surface,
+    read: typing.Callable[..., fem.Function],
+    *arguments: typing.Any,
+) -> typing.Callable[[], fem.Function]:
+    """What reads a field, which is zero as long as an automatic penalty is not known."""
+
+    def field() -> fem.Function:
+        if model.penalty.value is None:
+            return surface.linear.function(np.zeros(surface.linear.node_dofs.shape))
+        return read(*arguments)
+
+    return field
 
 
 def deformable_side(model: ContactModel, side: str) -> Surface:

@@ -24,19 +24,21 @@ Field = typing.Any
 
 
 class FieldWriter:
-    """Writes fields of one body at several times, to XDMF or, with ADIOS2, to VTX, or to VTK-HDF.
+    """Writes fields of one body at several times, to XDMF, VTK or, with ADIOS2, VTX, or VTK-HDF.
 
     Functions of degree 1 are written at the vertices, other fields at the cells' midpoints unless
     they are given as continuous; of a curved mesh, whose geometry has degree 2, functions of degree
     1 or 2 at its nodes. A field such as ``lambda: contact.traction("master")`` is called for each
     time. In XDMF the mesh is that of the first time, and the field ``displacement`` says where its
     nodes have moved (ParaView: Warp By Vector), unless a field of this name is given, such as the
-    unknown of a body in displacements, whose mesh stays; in VTX the mesh moves. VTX has one kind of
+    unknown of a body in displacements, whose mesh stays; in VTK and VTX the mesh moves, and in VTK
+    it may be replaced by another one, see :meth:`change_mesh`. VTK is a ``.pvd`` file with a
+    ``.vtu`` file for each time and rank, as text, which everything reads. VTX has one kind of
     field per file: those of the cells go to a second one, ``NAME_cells.bp``. VTK-HDF, with a
     DOLFINx that has it, has a file per field, ``NAME_FIELD.vtkhdf``, and the first time's mesh.
 
     Args:
-        filename: Ends in ``.xdmf``, ``.bp`` or ``.vtkhdf``.
+        filename: Ends in ``.xdmf``, ``.pvd``, ``.bp`` or ``.vtkhdf``.
         msh: The mesh.
         fields: Name and function, or UFL expression, of each field.
         continuous: More of them, that have one value at a vertex, such as ``ufl.split(w)[0]``.
@@ -64,19 +66,13 @@ class FieldWriter:
             _check_fields("fields", fields, msh)
             _check_fields("continuous", continuous or {}, msh)
             same(filename=str(path), fields=list(fields), continuous=list(continuous or {}))
-        self._msh = msh
         self._path = path
-        self._x0: npt.NDArray[np.float64] = np.array(msh.geometry.x, dtype=np.float64)
-        self._degree = coordinate_element(msh).degree
-        self._points: list[tuple[fem.Function, Field]] = []
-        self._cells: list[tuple[fem.Function, Field]] = []
-        for name, field in fields.items():
-            self._add(name, field, at_vertices=False)
-        for name, field in (continuous or {}).items():
-            self._add(name, field, at_vertices=True)
-        self._xdmf = None
+        self._take(msh, fields, continuous or {})
+        self._xdmf = self._vtk = None
         self._vtx: list[typing.Any] | None = None
-        if path.suffix == ".xdmf":
+        if path.suffix == ".pvd":
+            self._vtk = io.VTKFile(msh.comm, str(path), "w")
+        elif path.suffix == ".xdmf":
             vector = fem.functionspace(msh, ("Lagrange", self._degree, (msh.geometry.dim,)))
             self._displacement = (
                 None if "displacement" in fields else fem.Function(vector, name="displacement")
@@ -100,6 +96,52 @@ class FieldWriter:
                 for suffix, functions in ((".bp", self._points), ("_cells.bp", self._cells))
                 if functions
             ]
+
+    def _take(
+        self,
+        msh: mesh.Mesh,
+        fields: typing.Mapping[str, Field],
+        continuous: typing.Mapping[str, Field],
+    ) -> None:
+        """Make the functions that are written of fields on a mesh. Collective."""
+        self._msh = msh
+        self._x0: npt.NDArray[np.float64] = np.array(msh.geometry.x, dtype=np.float64)
+        self._degree = coordinate_element(msh).degree
+        self._points: list[tuple[fem.Function, Field]] = []
+        self._cells: list[tuple[fem.Function, Field]] = []
+        for name, field in fields.items():
+            self._add(name, field, at_vertices=False)
+        for name, field in continuous.items():
+            self._add(name, field, at_vertices=True)
+
+    def change_mesh(
+        self,
+        msh: mesh.Mesh,
+        fields: typing.Mapping[str, Field],
+        continuous: typing.Mapping[str, Field] | None = None,
+    ) -> None:
+        """Go on with another mesh, such as after a remeshing, and the fields on it. Collective.
+
+        Args:
+            msh: The mesh.
+            fields: As the writer was made with, of the same names.
+            continuous: Likewise.
+
+        Raises:
+            ValueError: If the file is no ``.pvd``, names are others, or a field is on another mesh.
+        """
+        names = [function.name for function, _ in (*self._points, *self._cells)]
+        with checked(self._msh.comm):
+            check(MESH, msh=msh)
+            format = "filename: only .pvd files can go on with another mesh"
+            require(self._path.suffix == ".pvd", format)
+            check(MAPPING, fields=fields)
+            check(either(MAPPING, None), continuous=continuous)
+            given = [*fields, *(continuous or {})]
+            require(sorted(given) == sorted(names), f"fields: must be those before, {names}")
+            _check_fields("fields", fields, msh)
+            _check_fields("continuous", continuous or {}, msh)
+        self._take(msh, fields, continuous or {})
 
     def _add(self, name: str, field: Field, at_vertices: bool) -> None:
         first = self._made(field) if _is_source(field) else field
@@ -135,6 +177,9 @@ class FieldWriter:
             for writer in self._vtx:
                 writer.write(t)
             return
+        if self._vtk is not None:
+            self._vtk.write_function([f for f, _ in (*self._points, *self._cells)], t)
+            return
         if self._xdmf is None:
             raise OSError(f"filename: {self._path} has been closed, or could not be written before")
         functions = [function for function, _ in (*self._points, *self._cells)]
@@ -157,7 +202,7 @@ class FieldWriter:
         Closing or freeing it would end the program: DOLFINx has left parts of it open.
         """
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._xdmf))
-        self._xdmf, self._vtx = None, []
+        self._xdmf, self._vtk, self._vtx = None, None, []
 
     def __enter__(self) -> FieldWriter:
         return self
@@ -167,15 +212,16 @@ class FieldWriter:
 
     def close(self) -> None:
         """Close the files; at the end of a ``with`` block that is done. Collective."""
-        for writer in (self._xdmf, *(self._vtx or [])):
+        for writer in (self._xdmf, self._vtk, *(self._vtx or [])):
             if writer is not None:
                 writer.close()
+        self._vtk = None
 
 
 def _check_suffix(path: pathlib.Path, msh: mesh.Mesh) -> None:
     """Refuse files of formats that are unknown, or that this DOLFINx cannot write the mesh in."""
-    known = path.suffix in (".xdmf", ".bp", ".vtkhdf")
-    require(known, f"filename: must end in .xdmf or .bp, or .vtkhdf, not {path.name!r}")
+    known = path.suffix in (".xdmf", ".pvd", ".bp", ".vtkhdf")
+    require(known, f"filename: must end in .xdmf, .pvd, .bp or .vtkhdf, not {path.name!r}")
     if path.suffix == ".vtkhdf":
         require(vtkhdf.module, "filename: this DOLFINx has no VTK-HDF; use .xdmf or .bp")
         straight = coordinate_element(msh).degree == 1

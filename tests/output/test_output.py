@@ -104,7 +104,7 @@ def test_vtx(folder):
 
 
 def test_bad_names(folder, monkeypatch):
-    raises_everywhere(WORLD, ValueError, ".xdmf or .bp", lambda: write("fields.vtu"))
+    raises_everywhere(WORLD, ValueError, ".xdmf, .pvd, .bp or .vtkhdf", lambda: write("fields.vtu"))
     monkeypatch.delattr(io, "VTXWriter", raising=False)
     raises_everywhere(WORLD, ValueError, "ADIOS2", lambda: write(folder / "fields.bp"))
 
@@ -167,3 +167,73 @@ def test_progress_bar_is_optional(with_tqdm, monkeypatch, capsys):
     history.add({"t": 0.5})
     history.close()
     assert bool(capsys.readouterr().out) == (not with_tqdm and WORLD.rank == 0)
+
+
+def pieces(filename):
+    """Of each time of a .pvd file: time, and numbers of points and cells of all ranks."""
+    out = []
+    for entry in xml.etree.ElementTree.parse(filename).iter("DataSet"):
+        top = xml.etree.ElementTree.parse(filename.with_name(entry.get("file")))
+        files = [filename.with_name(piece.get("Source")) for piece in top.iter("Piece")]
+        trees = [xml.etree.ElementTree.parse(file) for file in files]
+        found = [piece for tree in trees for piece in tree.iter("Piece")]
+        arrays = {
+            array.get("Name"): [float(x) for x in array.text.split()]
+            for tree in trees
+            for array in tree.iter("DataArray")
+        }
+        cells = sum(int(piece.get("NumberOfCells")) for piece in found)
+        out.append((float(entry.get("timestep")), cells, arrays))
+    return out
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_vtk_of_changing_meshes(folder, degree):
+    """A .pvd file has the mesh of each time, another one after change_mesh."""
+    filename = folder / "out.pvd"
+    meshes = [box(WORLD, n, "triangle", [0.0, 0.0], [1.0, 1.0]) for n in ((3, 2), (4, 5))]
+    fields = []
+    for msh in meshes:
+        u = fem.Function(fem.functionspace(msh, ("Lagrange", degree, (2,))))
+        u.interpolate(lambda x: 2.0 * x[:2])
+        T = fem.Function(fem.functionspace(msh, ("Lagrange", 1)))
+        T.interpolate(lambda x: 3.0 + 0.0 * x[0])
+        fields.append({"T": T, "div": ufl.div(u)})
+    with qs.FieldWriter(filename, meshes[0], fields[0]) as writer:
+        writer.write(0.5)
+        meshes[0].geometry.x[:] *= 2.0
+        writer.write(1.0)
+        with pytest.raises(ValueError, match="fields: must be those before"):
+            writer.change_mesh(meshes[1], {"T": fields[1]["T"]})
+        with pytest.raises(ValueError, match="'T' is on another mesh"):
+            writer.change_mesh(meshes[1], fields[0])
+        writer.change_mesh(meshes[1], fields[1])
+        writer.write(1.5)
+    WORLD.barrier()
+    found = pieces(filename)
+    assert [t for t, _, _ in found] == [0.5, 1.0, 1.5]
+    if WORLD.size == 1:  # cells of ghosts are written, too
+        assert [cells for _, cells, _ in found] == [12, 12, 40]
+    for t, _, arrays in found:
+        np.testing.assert_allclose(arrays["T"], 3.0)
+        np.testing.assert_allclose(arrays["div"], 2.0 if t == 1.0 else 4.0, rtol=1e-12)
+    WORLD.barrier()
+
+
+def test_only_vtk_changes_meshes(folder):
+    msh = box(WORLD, (2, 2), "triangle", [0.0, 0.0], [1.0, 1.0])
+    T = fem.Function(fem.functionspace(msh, ("Lagrange", 1)))
+    with qs.FieldWriter(folder / "out.xdmf", msh, {"T": T}) as writer:
+        with pytest.raises(ValueError, match=r"only \.pvd files can go on"):
+            writer.change_mesh(msh, {"T": T})
+
+
+def test_before_the_first_solve(folder):
+    """Tractions and status are zero; they were asked for a penalty that is not known yet."""
+    upset = Upset()
+    contact = qs.Contact(upset.upper, upset.tool)
+    fields = contact.field_sources("slave")
+    with qs.FieldWriter(folder / "out.xdmf", upset.upper.mesh, fields) as writer:
+        writer.write(0.0)
+    for name in ("traction", "status"):
+        assert np.all(fields[name]().x.array == 0.0)

@@ -377,7 +377,7 @@ CASES = {
     "is of other contacts or tools": (
         lambda s, folder: saved_and_loaded(folder / "c", Upset(die=True))
     ),
-    "filename: must end in .xdmf or .bp": (
+    "filename: must end in .xdmf, .pvd, .bp or .vtkhdf": (
         lambda s, folder: qs.FieldWriter(folder / "a.vtu", s.case.mesh, {})
     ),
     "filename: there is no folder": (
