@@ -43,10 +43,25 @@ LOST = -1002
 _NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED", LOST: "BODY_LOST"}
 
 
+#: What may help, by reason.
+REMEDIES = {
+    "DIVERGED_LINEAR_SOLVE": 'conditions may be missing; or take solver="direct"',
+    "DIVERGED_FNORM_NAN": "F gives no finite numbers: look at its coefficients and at u",
+    "GAP_NOT_CLOSED": 'a larger gap_tolerance, penalty="auto", or the other side as the slave',
+    "FORCE_NOT_BALANCED": "a tool may pull, or a body give way without end",
+}
+
+#: The same of all others.
+REMEDY = "nothing may balance the load, or the step be too large: qs.TimeStepper makes smaller ones"
+
+PAGE = "docs/howto/convergence.md"
+
+
 class ConvergenceError(RuntimeError):
     """The nonlinear solver did not converge; the unknowns are as they were before.
 
-    The message has the ends of long histories, the attributes have all of them.
+    The message says the reason, what may help, and where to read on, a line each; histories are in
+    the attributes.
 
     Attributes:
         reason: PETSc's SNESConvergedReason, negative.
@@ -74,25 +89,32 @@ class ConvergenceError(RuntimeError):
         if linear_reason < 0:
             name = reason_name(PETSc.KSP.ConvergedReason, linear_reason)
             linear = f", linear solver: {name} ({linear_reason})"
-        residuals = _ends([f"{r:.3e}" for r in residual_history])
-        active = _ends(["/".join(map(str, counts)) for counts in active_history])
-        gaps = _ends([f"{g:.3e}" for g in self.violation_history])
-        super().__init__(
-            f"SNES did not converge: {self.reason_name} ({reason}){linear}; "
-            f"residuals [{residuals}]; active contact rows [{active}]"
-            + (f"; gaps after each update of the multipliers [{gaps}]" if gaps else "")
-        )
+        self._reason = f"SNES did not converge: {self.reason_name} ({reason}){linear}"
+        self._reason += self._course()
+        self._remedies = [REMEDIES.get(self.reason_name, REMEDY)]
+        super().__init__(self._message())
+
+    def _course(self) -> str:
+        """How it went, in a few numbers."""
+        residuals, out = self.residual_history, ""
+        if residuals:
+            out = f", {len(residuals) - 1} iterations, residual from {residuals[0]:.3g}"
+            out += f" to {residuals[-1]:.3g} (least {min(residuals):.3g})"
+        if self.active_history:
+            rows = "/".join(map(str, self.active_history[-1]))
+            out += f", {rows} contact rows closed"
+        if self.violation_history:
+            out += f", largest gap {self.violation_history[-1]:.3g}"
+        return out
+
+    def _message(self) -> str:
+        page = f"{PAGE}; error.residual_history, error.active_history"
+        return f"{self._reason}\n  may help: {'; '.join(self._remedies)}\n  see {page}"
 
     def advise(self, text: str) -> None:
-        """Add to the message what may help."""
-        self.args = (f"{self.args[0]}; {text}",)
-
-
-def _ends(texts: list[str]) -> str:
-    """A list, of a long one the first and the last three."""
-    if len(texts) > 7:
-        texts = [*texts[:3], f"… {len(texts) - 6} more …", *texts[-3:]]
-    return ", ".join(texts)
+        """Say first, of what may help, this."""
+        self._remedies.insert(0, text)
+        self.args = (self._message(),)
 
 
 def reason_name(reasons: type, value: int) -> str:
