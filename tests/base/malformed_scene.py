@@ -67,8 +67,8 @@ class Scene:
     # --- Of another kind
 
     @functools.cached_property
-    def scalar(self):
-        return fem.functionspace(self.case.mesh, ("Lagrange", 1))
+    def numbers(self):
+        return fem.functionspace(self.case.mesh, ("DG", 0))
 
     @functools.cached_property
     def constants(self):

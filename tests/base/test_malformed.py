@@ -59,7 +59,7 @@ class Row(typing.NamedTuple):
 ROWS = [
     Row("Surface", "V", None, T, True),
     Row("Surface", "V", Of(lambda s: s.case.w), T, True),
-    Row("Surface", "V", Of(lambda s: s.scalar), V, True),
+    Row("Surface", "V", Of(lambda s: s.numbers), V, True),
     Row("Surface", "V", Of(lambda s: s.constants), V, True),
     Row("Surface", "V", Of(lambda s: s.tensors), V, True),
     Row("Surface", "V", Of(lambda s: s.case.W), V, True),
