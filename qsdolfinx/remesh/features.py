@@ -26,6 +26,10 @@ ALIGNED = 1e-6
 SHORT = 2.0
 
 
+#: Triangles that are on a plane by chance.
+FEW = 8
+
+
 class Plane(typing.NamedTuple):
     """A plane n·x = c, n of unit length."""
 
@@ -181,7 +185,7 @@ def _planes(x: Array, triangles: Indices, region: Indices) -> dict[int, Plane]:
     for number in range(int(region.max(initial=-1)) + 1):
         part = triangles[region == number]
         plane = plane_of(x[np.unique(part)], _area_vector(x, part))
-        if plane is not None:
+        if plane is not None and (len(part) >= FEW or np.count_nonzero(plane.normal) == 1):
             planes[number] = plane
     return planes
 

@@ -22,7 +22,7 @@ ALGORITHMS = {2: (6, 5, 1), 3: (1, 4, 10)}
 LINE, TRIANGLE, TETRAHEDRON = 1, 2, 4
 
 #: Shape below which a cell is too flat to be of use.
-LEAST_QUALITY = 1e-3
+LEAST_QUALITY = 0.01
 
 
 def fill(boundary: Boundary, outline: Outline) -> tuple[Array, Indices]:

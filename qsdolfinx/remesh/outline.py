@@ -17,7 +17,7 @@ Indices = npt.NDArray[np.int64]
 
 #: Coordinates are rounded to this part of the body's size, so that what the numbers of ranks change
 #: of them does not change the mesh.
-ROUNDING = 1e-12
+ROUNDING = 1e-11
 
 
 class Outline(typing.NamedTuple):
@@ -67,7 +67,8 @@ def gather(
     )
     unique, first = np.unique(every, return_index=True)
     points = positions[first]
-    step = ROUNDING * float(np.ptp(points, axis=0).max())
+    # A power of two: round numbers stay what they are.
+    step = 2.0 ** np.floor(np.log2(ROUNDING * float(np.ptp(points, axis=0).max())))
     points = np.round(points / step) * step
     facets, cells = (np.searchsorted(unique, index) for index in (facets, cells))
     order = np.lexsort(np.sort(facets, axis=1).T)
