@@ -14,15 +14,15 @@ from qsdolfinx.base.checks import FLAG, POSITIVE, TAGS, check, either, instance,
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import coordinate_element
-from qsdolfinx.remesh.errors import RemeshError, on_root
-from qsdolfinx.remesh.features import find_features
-from qsdolfinx.remesh.fill import cell_quality, fill
-from qsdolfinx.remesh.intersections import check_simple
-from qsdolfinx.remesh.outline import Outline, enclosed_volume, gather
-from qsdolfinx.remesh.respace import respace
-from qsdolfinx.remesh.restore import restore_volume
-from qsdolfinx.remesh.retriangulate import Boundary, retriangulate
-from qsdolfinx.remesh.sizes import Size, check_size, limit_growth, nodal_sizes, where
+from qsdolfinx.remeshing.errors import RemeshError, on_root
+from qsdolfinx.remeshing.features import find_features
+from qsdolfinx.remeshing.fill import cell_quality, fill
+from qsdolfinx.remeshing.intersections import check_simple
+from qsdolfinx.remeshing.outline import Outline, enclosed_volume, gather
+from qsdolfinx.remeshing.respace import respace
+from qsdolfinx.remeshing.restore import restore_volume
+from qsdolfinx.remeshing.retriangulate import Boundary, retriangulate
+from qsdolfinx.remeshing.sizes import Size, check_size, limit_growth, nodal_sizes, where
 from qsdolfinx.surface.arguments import is_of
 
 Array = npt.NDArray[np.float64]
@@ -99,8 +99,8 @@ def remesh(
     New boundary nodes are on the old boundary facets. Corners stay, and so do edges at which
     facets turn by more than ``feature_angle`` and borders between facet tags: they get new nodes,
     but none leaves them. What is plane stays exactly plane. Then all free boundary nodes, those on
-    curved parts that are not on edges between two of them, go the same small way along their normals,
-    so that the volume is what it was. Within, gmsh makes the cells.
+    curved parts that are not on edges between two of them, go the same small way along their
+    normals, so that the volume is what it was. Within, gmsh makes the cells.
 
     Args:
         body: Mesh of triangles in 2D or tetrahedra in 3D, straight, as it is now; or a displacement

@@ -11,7 +11,7 @@ import basix.ufl
 import ufl
 from dolfinx import geometry, mesh
 
-from qsdolfinx.remesh.errors import RemeshError
+from qsdolfinx.remeshing.errors import RemeshError
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -22,8 +22,8 @@ from qsdolfinx.base.checks import (
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes
-from qsdolfinx.remesh.outline import Outline, gather
-from qsdolfinx.remesh.reference import Triangles, closest_on_segments
+from qsdolfinx.remeshing.outline import Outline, gather
+from qsdolfinx.remeshing.reference import Triangles, closest_on_segments
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
@@ -302,4 +302,3 @@ def where(body: mesh.Mesh | fem.Function) -> tuple[mesh.Mesh, Array]:
     x = np.array(msh.geometry.x, dtype=np.float64)
     x[:, :gdim] += at_nodes(body)
     return msh, x
-

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.remesh.errors import RemeshError
-from qsdolfinx.remesh.outline import enclosed_volume, volume_gradient
-from qsdolfinx.remesh.retriangulate import Boundary, onto_planes
+from qsdolfinx.remeshing.errors import RemeshError
+from qsdolfinx.remeshing.outline import enclosed_volume, volume_gradient
+from qsdolfinx.remeshing.retriangulate import Boundary, onto_planes
 
 Array = npt.NDArray[np.float64]
 

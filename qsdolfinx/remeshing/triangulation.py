@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.remesh.features import Edge, Features
+from qsdolfinx.remeshing.features import Edge, Features
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -9,7 +9,7 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.remesh.errors import RemeshError
+from qsdolfinx.remeshing.errors import RemeshError
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import collections
+import itertools
 import typing
 
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.remesh.errors import RemeshError
-from qsdolfinx.remesh.features import Plane, plane_of
-from qsdolfinx.remesh.outline import Outline
-from qsdolfinx.remesh.retriangulate import Boundary, onto_planes
+from qsdolfinx.remeshing.errors import RemeshError
+from qsdolfinx.remeshing.features import Plane, plane_of
+from qsdolfinx.remeshing.outline import Outline
+from qsdolfinx.remeshing.retriangulate import Boundary, onto_planes
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -78,7 +79,7 @@ def respace(outline: Outline, angle: float, axisymmetric: bool) -> Boundary:
         elif plane is not None:
             planes[row[0]].append(plane)
             planes[row[-1]].append(plane)
-        facets += zip(row[:-1], row[1:], strict=True)
+        facets += itertools.pairwise(row)
         tags += [chain.tag] * (len(row) - 1)
     out = np.array(positions)
     onto_planes(out, planes)
@@ -115,9 +116,7 @@ def _chains(outline: Outline, angle: float, axisymmetric: bool) -> list[_Chain]:
     following = np.array([out_of[int(b)] for b in facets[:, 1]])
     turns = np.sum(direction * direction[following], axis=1) < np.cos(angle)
     is_corner = {
-        int(facets[i, 1])
-        for i in range(len(facets))
-        if turns[i] or kind[i] != kind[following[i]]
+        int(facets[i, 1]) for i in range(len(facets)) if turns[i] or kind[i] != kind[following[i]]
     }
     chains, left = [], set(range(len(facets)))
     for start in [*sorted(is_corner), *sorted(out_of)]:

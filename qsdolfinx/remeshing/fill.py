@@ -8,9 +8,9 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.remesh.errors import RemeshError
-from qsdolfinx.remesh.outline import Outline
-from qsdolfinx.remesh.retriangulate import Boundary
+from qsdolfinx.remeshing.errors import RemeshError
+from qsdolfinx.remeshing.outline import Outline
+from qsdolfinx.remeshing.retriangulate import Boundary
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -54,7 +54,7 @@ def fill(boundary: Boundary, outline: Outline) -> tuple[Array, Indices]:
 
 @contextlib.contextmanager
 def _gmsh() -> typing.Iterator[typing.Any]:
-    """gmsh with a new model and options of its own; what a user has open stays."""
+    """Gmsh with a new model and options of its own; what a user has open stays."""
     try:
         import gmsh
     except ImportError as error:

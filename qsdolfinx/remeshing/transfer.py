@@ -16,8 +16,8 @@ from qsdolfinx.base.checks import FLAG, FUNCTION, POSITIVE, check, either, insta
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes
-from qsdolfinx.remesh.bounded import is_of_points, project
-from qsdolfinx.remesh.sizes import where
+from qsdolfinx.remeshing.bounded import is_of_points, project
+from qsdolfinx.remeshing.sizes import where
 
 Array = npt.NDArray[np.float64]
 

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.remesh.features import Features, Plane
-from qsdolfinx.remesh.reference import Triangles, closest_on_segments
-from qsdolfinx.remesh.triangulation import Triangulation
+from qsdolfinx.remeshing.features import Features, Plane
+from qsdolfinx.remeshing.reference import Triangles, closest_on_segments
+from qsdolfinx.remeshing.triangulation import Triangulation
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
