@@ -131,7 +131,7 @@ def _linear(function: fem.Function) -> fem.Function:
     element = basix.create_element(
         basix.ElementFamily.P, _cell(V.mesh), 1, basix.LagrangeVariant.gll_warped
     )
-    N = np.asarray(element.tabulate(0, points)[0, :, :, 0])
+    N = np.asarray(element.tabulate(0, points))[0, :, :, 0]
     fit = np.linalg.solve(N.T @ (weights[:, None] * N), N.T * weights)
     return _piecewise(V, 1, np.einsum("np,cpi->cni", fit, _values(function)))
 

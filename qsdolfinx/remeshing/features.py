@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.remeshing.errors import RemeshError
+from qsdolfinx.remeshing.outline import listed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -74,7 +75,8 @@ def find_features(
         RemeshError: If the surface is not closed, or touches itself at an edge or node.
     """
     edges, first, second = edges_of(x, triangles)
-    normals = np.cross(*(x[triangles[:, i]] - x[triangles[:, 0]] for i in (1, 2)))
+    a, b, c = (x[triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = normals / np.maximum(length, 1e-300)
     cosine = np.sum(normals[first] * normals[second], axis=1)
@@ -148,14 +150,14 @@ def _regions(count: int, first: Indices, second: Indices) -> Indices:
 def _lines(x: Array, edges: Indices, angle: float) -> tuple[dict[Edge, int], set[int]]:
     """Lines that edges make, numbered, and the corners where they end or turn."""
     at: dict[int, list[int]] = collections.defaultdict(list)
-    for a, b in edges.tolist():
+    for a, b in listed(edges):
         at[a].append(b)
         at[b].append(a)
     corners = {node for node, others in at.items() if len(others) != 2}
     for node, others in at.items():
         if len(others) == 2:
             u, v = x[node] - x[others[0]], x[others[1]] - x[node]
-            cosine = u @ v / max(np.linalg.norm(u) * np.linalg.norm(v), 1e-300)
+            cosine = u @ v / max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-300)
             if cosine < np.cos(angle):
                 corners.add(node)
     lines: dict[Edge, int] = {}
@@ -208,7 +210,7 @@ def plane_of(points: Array, normal: Array) -> Plane | None:
     n = normal / size
     axis = int(np.argmax(np.abs(n)))
     if np.abs(np.delete(n, axis)).max() < ALIGNED:
-        n = np.sign(n[axis]) * np.eye(3)[axis]
+        n = np.asarray(np.sign(n[axis]) * np.eye(3)[axis], dtype=np.float64)
     heights = points @ n
     if np.ptp(heights) > FLAT * np.linalg.norm(np.ptp(points, axis=0)):
         return None

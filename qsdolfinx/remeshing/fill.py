@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.remeshing.errors import RemeshError
-from qsdolfinx.remeshing.outline import Outline
+from qsdolfinx.remeshing.outline import Outline, listed
 from qsdolfinx.remeshing.retriangulate import Boundary
 
 Array = npt.NDArray[np.float64]
@@ -155,7 +155,7 @@ def _draw_lines(gmsh: typing.Any, boundary: Boundary) -> None:
     for node, x in enumerate(boundary.x, 1):
         gmsh.model.geo.addPoint(*x, tag=node)
     loops = _loops(boundary.facets)
-    for facet, (a, b) in enumerate(boundary.facets.tolist(), 1):
+    for facet, (a, b) in enumerate(listed(boundary.facets), 1):
         gmsh.model.geo.addLine(a + 1, b + 1, tag=facet)
         gmsh.model.geo.mesh.setTransfiniteCurve(facet, 2)
     areas = [_area(boundary.x, boundary.facets[loop]) for loop in loops]
@@ -173,7 +173,7 @@ def _area(x: Array, facets: Indices) -> float:
 
 def _loops(facets: Indices) -> list[list[int]]:
     """Facets of closed lines, in order."""
-    by_start = {int(a): i for i, (a, _) in enumerate(facets)}
+    by_start = {a: i for i, a in enumerate(listed(facets[:, 0]))}
     left, out = set(range(len(facets))), []
     while left:
         loop = [min(left)]

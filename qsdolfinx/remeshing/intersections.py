@@ -28,9 +28,8 @@ def check_simple(x: Array, facets: Indices) -> None:
         RemeshError: With the places.
     """
     first, second = _candidates(x, facets)
-    at = _crossings_3d(x, facets, first, second) if facets.shape[1] == 3 else []
-    if facets.shape[1] == 2:
-        at = _crossings_2d(x, facets, first, second)
+    crossings = _crossings_3d if facets.shape[1] == 3 else _crossings_2d
+    at = crossings(x, facets, first, second)
     if len(at):
         raise RemeshError.at("the boundary passes through itself", at)
 

@@ -44,6 +44,11 @@ class Outline(typing.NamedTuple):
         return self.facets.shape[1]
 
 
+def listed(array: npt.NDArray[typing.Any]) -> typing.Any:
+    """The array as nested lists of Python's numbers, which are faster one by one."""
+    return array.tolist()
+
+
 def gather(
     msh: mesh.Mesh, x: Array, sizes: Array, facet_tags: mesh.MeshTags | None
 ) -> Outline | None:
@@ -109,7 +114,7 @@ def _outward(x: Array, facets: Indices, opposite: Indices) -> Indices:
     if facets.shape[1] == 2:
         normal = np.stack([edges[:, 0, 1], -edges[:, 0, 0], 0 * edges[:, 0, 0]], axis=1)
     else:
-        normal = np.cross(edges[:, 0], edges[:, 1])
+        normal = np.asarray(np.cross(edges[:, 0], edges[:, 1]), dtype=np.float64)
     inward = np.sum(normal * (x[opposite] - x[facets[:, 0]]), axis=1) > 0
     facets[inward, -2:] = facets[inward, -2:][:, ::-1]
     return facets
@@ -139,11 +144,11 @@ def volume_gradient(x: Array, facets: Indices, axisymmetric: bool) -> tuple[Arra
         for i in range(3):
             a, b = corners[:, (i + 1) % 3], corners[:, (i + 2) % 3]
             np.add.at(out, facets[:, i], np.cross(a, b) / 6)
-        volume = np.sum(out * x) / 3
+        volume = float(np.sum(out * x)) / 3
     elif axisymmetric:  # ∮ π r² dz of straight edges
         (r0, z0), (r1, z1) = (corners[:, i, :2].T for i in (0, 1))
         square, rise = (r0 * r0 + r0 * r1 + r1 * r1) / 3, z1 - z0
-        volume = np.pi * np.sum(square * rise)
+        volume = float(np.pi * np.sum(square * rise))
         np.add.at(out[:, 0], facets[:, 0], np.pi * (2 * r0 + r1) / 3 * rise)
         np.add.at(out[:, 0], facets[:, 1], np.pi * (2 * r1 + r0) / 3 * rise)
         np.add.at(out[:, 1], facets[:, 0], -np.pi * square)
@@ -152,5 +157,5 @@ def volume_gradient(x: Array, facets: Indices, axisymmetric: bool) -> tuple[Arra
         a, b = corners[:, 0], corners[:, 1]
         np.add.at(out, facets[:, 0], np.stack([b[:, 1], -b[:, 0], 0 * b[:, 0]], axis=1) / 2)
         np.add.at(out, facets[:, 1], np.stack([-a[:, 1], a[:, 0], 0 * a[:, 0]], axis=1) / 2)
-        volume = np.sum(out * x) / 2
-    return out, float(volume)
+        volume = float(np.sum(out * x)) / 2
+    return out, volume

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from qsdolfinx.remeshing.errors import RemeshError
 from qsdolfinx.remeshing.features import Plane, plane_of
-from qsdolfinx.remeshing.outline import Outline
+from qsdolfinx.remeshing.outline import Outline, listed
 from qsdolfinx.remeshing.retriangulate import Boundary, onto_planes
 
 Array = npt.NDArray[np.float64]
@@ -46,7 +46,7 @@ def respace(outline: Outline, angle: float, axisymmetric: bool) -> Boundary:
         RemeshError: If the boundary is not closed, or touches itself at a node.
     """
     positions: list[Array] = []
-    sizes: list[Array] = []
+    sizes: list[float] = []
     planes: list[list[Plane]] = []
     fixed: list[bool] = []
     facets: list[tuple[int, int]] = []
@@ -57,7 +57,7 @@ def respace(outline: Outline, angle: float, axisymmetric: bool) -> Boundary:
         if node not in corners:
             corners[node] = len(positions)
             positions.append(outline.x[node])
-            sizes.append(outline.sizes[node])
+            sizes.append(float(outline.sizes[node]))
             planes.append([])
             fixed.append(True)
         return corners[node]
@@ -67,10 +67,10 @@ def respace(outline: Outline, angle: float, axisymmetric: bool) -> Boundary:
         plane = None if closed else _line_of(outline.x[chain.nodes])
         x, h = _spaced(outline, chain.nodes, 3 if closed else 1)
         row = [corner(int(chain.nodes[0]))]
-        for point, size in zip(x[1:-1], h[1:-1], strict=True):
+        for i in range(1, len(x) - 1):
             row.append(len(positions))
-            positions.append(point)
-            sizes.append(size)
+            positions.append(x[i])
+            sizes.append(float(h[i]))
             planes.append([] if plane is None else [plane])
             fixed.append(plane is not None)
         row.append(corner(int(chain.nodes[-1])))
@@ -101,12 +101,12 @@ def _line_of(x: Array) -> Plane | None:
 def _chains(outline: Outline, angle: float, axisymmetric: bool) -> list[_Chain]:
     """The boundary between its corners."""
     x, facets = outline.x, outline.facets
-    leaving = collections.Counter(facets[:, 0].tolist())
+    leaving = collections.Counter(listed(facets[:, 0]))
     odd = [node for node in np.unique(facets) if leaving[int(node)] != 1]
     if odd or len(leaving) != len(facets) or len(np.unique(facets[:, 1])) != len(facets):
         where = x[odd] if odd else x[facets[0, :1]]
         raise RemeshError.at("the boundary is not closed, or touches itself,", where)
-    out_of = {int(a): i for i, (a, _) in enumerate(facets)}
+    out_of = {a: i for i, a in enumerate(listed(facets[:, 0]))}
     kind = [(int(tag), False) for tag in outline.tags]
     if axisymmetric:
         axis = np.all(x[facets, 0] <= ON_AXIS * np.ptp(x, axis=0).max(), axis=1)

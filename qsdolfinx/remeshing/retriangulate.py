@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.remeshing.features import Features, Plane
+from qsdolfinx.remeshing.outline import listed
 from qsdolfinx.remeshing.reference import Triangles, closest_on_segments
 from qsdolfinx.remeshing.triangulation import Triangulation
 
@@ -117,7 +118,7 @@ def retriangulate(
         if changes < FEW * edges:
             break
     surface.turn_edges()
-    tag_of = dict(zip(features.region.tolist(), tags.tolist(), strict=True))
+    tag_of = dict(zip(listed(features.region), listed(tags), strict=True))
     return _boundary(surface, features, tag_of)
 
 
@@ -151,8 +152,8 @@ def _smooth(surface: Triangulation, old: _Old) -> None:
         if not back.any():
             break
         new[back], wanted[back], moved[back] = x[back], sizes[back], False
-    surface.x = [(p[0], p[1], p[2]) for p in new.tolist()]
-    surface.sizes = wanted.tolist()
+    surface.x = [(p[0], p[1], p[2]) for p in listed(new)]
+    surface.sizes = listed(wanted)
 
 
 def _on_surface(
@@ -232,7 +233,7 @@ def _boundary(surface: Triangulation, features: Features, tag_of: dict[int, int]
     x = np.array(surface.x)[nodes]
     regions: list[set[int]] = [set() for _ in nodes]
     for i in range(3):
-        for node, number in zip(faces[:, i].tolist(), region.tolist(), strict=True):
+        for node, number in zip(listed(faces[:, i]), listed(region), strict=True):
             regions[node].add(number)
     planes = [[features.planes[r] for r in sorted(of) if r in features.planes] for of in regions]
     onto_planes(x, planes)
@@ -242,7 +243,7 @@ def _boundary(surface: Triangulation, features: Features, tag_of: dict[int, int]
     return Boundary(
         x,
         faces,
-        np.array([tag_of[r] for r in region.tolist()], dtype=np.int64),
+        np.array([tag_of[r] for r in listed(region)], dtype=np.int64),
         planes,
         ~curved | corner | sharp,
         np.array(surface.sizes)[nodes],

@@ -22,7 +22,7 @@ from qsdolfinx.base.checks import (
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes
-from qsdolfinx.remeshing.outline import Outline, gather
+from qsdolfinx.remeshing.outline import Outline, gather, listed
 from qsdolfinx.remeshing.reference import Triangles, closest_on_segments
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
@@ -163,7 +163,7 @@ def _curved(outline: Outline, angle: float) -> Array:
         normal = np.stack([along[:, 1], -along[:, 0], 0 * along[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     sides: dict[tuple[int, ...], list[int]] = {}
-    for i, facet in enumerate(facets.tolist()):
+    for i, facet in enumerate(listed(facets)):
         for skip in range(len(facet)):
             ridge = tuple(sorted(facet[:skip] + facet[skip + 1 :]))
             sides.setdefault(ridge, []).append(i)
@@ -272,7 +272,10 @@ def size_from_field(
         same(values=at, sizes=wanted)
     out = fem.Function(fem.functionspace(body, ("Lagrange", 1)))
     v = ufl.TestFunction(out.function_space)
-    sums = [_assembled(f * v * ufl.dx(domain=body)) for f in (field, fem.Constant(body, 1.0))]
+    sums = [
+        _assembled(f * v * ufl.dx(domain=body))
+        for f in (field, fem.Constant(body, np.float64(1.0)))
+    ]
     out.x.array[:] = np.interp(sums[0] / sums[1], at, wanted)
     out.x.scatter_forward()
     return out

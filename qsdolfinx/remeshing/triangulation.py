@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.remeshing.features import Edge, Features
+from qsdolfinx.remeshing.outline import listed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -41,12 +42,12 @@ class Triangulation:
     """
 
     def __init__(self, x: Array, triangles: Indices, sizes: Array, features: Features) -> None:
-        self.x: list[Point] = [(p[0], p[1], p[2]) for p in x.tolist()]
-        self.sizes: list[float] = sizes.tolist()
+        self.x: list[Point] = [(p[0], p[1], p[2]) for p in listed(x)]
+        self.sizes: list[float] = listed(sizes)
         self.faces: dict[int, Face] = {
-            i: (t[0], t[1], t[2]) for i, t in enumerate(triangles.tolist())
+            i: (t[0], t[1], t[2]) for i, t in enumerate(listed(triangles))
         }
-        self.region: dict[int, int] = dict(enumerate(features.region.tolist()))
+        self.region: dict[int, int] = dict(enumerate(listed(features.region)))
         self.lines: dict[Edge, int] = dict(features.lines)
         self.corners: set[int] = set(features.corners)
         self.star: list[set[int]] = [set() for _ in self.x]
