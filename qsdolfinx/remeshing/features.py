@@ -207,11 +207,11 @@ def plane_of(points: Array, normal: Array) -> Plane | None:
     size = float(np.linalg.norm(normal))
     if size == 0:
         return None
-    n = normal / size
+    n: Array = normal / size
     axis = int(np.argmax(np.abs(n)))
     if np.abs(np.delete(n, axis)).max() < ALIGNED:
         n = np.asarray(np.sign(n[axis]) * np.eye(3)[axis], dtype=np.float64)
     heights = points @ n
     if np.ptp(heights) > FLAT * np.linalg.norm(np.ptp(points, axis=0)):
         return None
-    return Plane(n, float(np.median(heights)))
+    return Plane(np.asarray(n), float(np.median(heights)))
