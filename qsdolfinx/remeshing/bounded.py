@@ -5,6 +5,7 @@ from __future__ import annotations
 import typing
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -137,10 +138,33 @@ def _linear(function: fem.Function) -> fem.Function:
 
 
 def _bounds(function: fem.Function) -> tuple[fem.Function, fem.Function]:
-    """Least and largest values of each cell."""
+    """Least and largest values of each cell and of those around it. Collective."""
     V, values = function.function_space, _values(function)
-    least, largest = (f(values, axis=1, keepdims=True) for f in (np.min, np.max))
-    return _piecewise(V, 0, least), _piecewise(V, 0, largest)
+    vertices = fem.functionspace(V.mesh, ("Lagrange", 1)).dofmap
+    largest = _largest_around(vertices, values.max(axis=1))
+    least = -_largest_around(vertices, -values.min(axis=1))
+    return _piecewise(V, 0, least[:, None]), _piecewise(V, 0, largest[:, None])
+
+
+def _largest_around(vertices: fem.DofMap, of_cells: Array) -> Array:
+    """Largest values of each cell and of those around it, shape (cells, components). Collective."""
+    index_map, cells = vertices.index_map, vertices.list
+    owned, every = index_map.size_local, index_map.size_local + index_map.num_ghosts
+    vec = PETSc.Vec().createGhost(
+        index_map.ghosts.astype(PETSc.IntType), (owned, index_map.size_global), comm=index_map.comm
+    )
+    out = np.empty_like(of_cells)
+    for i, column in enumerate(of_cells.T):
+        at_vertices = np.full(every, -np.inf)
+        np.maximum.at(at_vertices, cells, column[:, None])
+        with vec.localForm() as local:
+            local.array[:] = at_vertices
+        vec.ghostUpdate(PETSc.InsertMode.MAX_VALUES, PETSc.ScatterMode.REVERSE)
+        vec.ghostUpdate(PETSc.InsertMode.INSERT_VALUES, PETSc.ScatterMode.FORWARD)
+        with vec.localForm() as local:
+            out[:, i] = local.array_r[cells].max(axis=1)
+    vec.destroy()
+    return out
 
 
 def _piecewise(V: fem.FunctionSpace, degree: int, values: Array) -> fem.Function:

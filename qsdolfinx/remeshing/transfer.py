@@ -45,8 +45,9 @@ def transfer(
     a curved boundary, the polynomial of the closest cell is continued.
 
     Functions with values in cells (DG0) or quadrature points are projected cell by cell. Values
-    stay between the least and the largest of the old cells that the new cell or point is in, and
-    integrals, of each component, are kept to 1e-12 as far as such values allow.
+    stay between the least and the largest of the old cells that the new cell or point is in and of
+    the cells around these, and integrals, of each component, are kept to 1e-12 as far as such
+    values allow.
 
     Args:
         function: On the old mesh.

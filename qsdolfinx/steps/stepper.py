@@ -172,7 +172,8 @@ class TimeStepper:
             max_penetration = float(max_penetration)
         self._limits = max_rotation, max_slip, max_penetration
         self._scene = self._scene_of(problem)
-        self._remeshing = remesh
+        #: When and how bodies get new meshes; None for never.
+        self.remeshing = remesh
         #: What each remeshing has changed, the last one last.
         self.remeshings: list[RemeshingReport] = []
         self._remeshed_at = -1
@@ -275,8 +276,8 @@ class TimeStepper:
         with checked(self.problem.comm) as same:
             same(either(FINITE, None), t_end=t_end)
         with interrupt.heeded(self.problem.comm):
-            if self._remeshing is not None and self._remeshed_at != self.num_steps:
-                why = self._remeshing.due(self._scene, self._steps_since_remeshing, self)
+            if self.remeshing is not None and self._remeshed_at != self.num_steps:
+                why = self.remeshing.due(self._scene, self._steps_since_remeshing, self)
                 if why is not None:
                     self._remesh(why)
             try:
@@ -284,7 +285,7 @@ class TimeStepper:
             except StepError as error:
                 fault = error.__cause__
                 distorted = isinstance(fault, _Fault) and fault.distorted
-                may = self._remeshing is not None and self._remeshed_at != self.num_steps
+                may = self.remeshing is not None and self._remeshed_at != self.num_steps
                 if not (distorted and may):
                     raise
                 why = str(fault)
@@ -310,15 +311,15 @@ class TimeStepper:
             RuntimeError: If the stepper was made without ``remesh``.
         """
         with checked(self.problem.comm) as same:
-            require(self._remeshing is not None, NO_REMESHING, RuntimeError)
+            require(self.remeshing is not None, NO_REMESHING, RuntimeError)
             same(instance(str, "a string"), why=why)
         with interrupt.heeded(self.problem.comm):
             return self._remesh(why)
 
     def _remesh(self, why: str) -> RemeshingReport:
-        assert self._remeshing is not None
+        assert self.remeshing is not None
         old = self._scene
-        handing = HandOver(self._remeshing, old, self._prepare, self._balance, self._scene_of)
+        handing = HandOver(self.remeshing, old, self._prepare, self._balance, self._scene_of)
         try:
             self._scene, report = handing(why, self.num_steps, self.t)
         except ConvergenceError as error:
