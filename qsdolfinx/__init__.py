@@ -17,10 +17,16 @@ from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
 from qsdolfinx.output.fields import FieldWriter
 from qsdolfinx.output.history import History
 from qsdolfinx.pairing.points import Pairing
+from qsdolfinx.remeshing.errors import RemeshError
+from qsdolfinx.remeshing.remesh import Remeshed, RemeshReport, remesh
+from qsdolfinx.remeshing.sizes import size_from_curvature, size_from_distance, size_from_field
+from qsdolfinx.remeshing.transfer import transfer
 from qsdolfinx.solve.continuation import solve_with_continuation
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.solve.stabilisation import Stabilisation
+from qsdolfinx.steps.hand_over import RemeshingReport
+from qsdolfinx.steps.remeshing import Remeshing
 from qsdolfinx.steps.restart import load_run, save_run
 from qsdolfinx.steps.staggered import Staggered
 from qsdolfinx.steps.step_row import step_row
@@ -49,6 +55,11 @@ __all__ = [
     "Norton",
     "Pairing",
     "ReachWarning",
+    "RemeshError",
+    "RemeshReport",
+    "Remeshed",
+    "Remeshing",
+    "RemeshingReport",
     "RigidSurface",
     "Stabilisation",
     "Staggered",
@@ -64,10 +75,15 @@ __all__ = [
     "effusivity_share",
     "load_run",
     "materials",
+    "remesh",
     "repartition",
     "rough_surfaces",
     "save_run",
+    "size_from_curvature",
+    "size_from_distance",
+    "size_from_field",
     "smooth",
     "solve_with_continuation",
     "step_row",
+    "transfer",
 ]

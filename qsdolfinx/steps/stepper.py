@@ -30,14 +30,15 @@ from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
+from qsdolfinx.steps.hand_over import HandOver, RemeshingReport
 from qsdolfinx.steps.mesh_motion import MeshMotion, check_own_meshes
-from qsdolfinx.steps.motion_limits import MotionLimits
-from qsdolfinx.steps.pairings import DistortedError, Pairings
-from qsdolfinx.steps.penetration import Penetration
+from qsdolfinx.steps.pairings import DistortedError
+from qsdolfinx.steps.remeshing import Remeshing
+from qsdolfinx.steps.scene import Scene
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.staggered import Staggered
 from qsdolfinx.steps.tool_motion import ToolRate
-from qsdolfinx.tools.rigid_surface import as_tool
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 
@@ -46,6 +47,8 @@ MORE_PAIRINGS = 3
 
 GROWTH = number("a number of at least 1", lambda x: x >= 1)
 CUTBACK = number("a number above 0 and below 1", lambda x: 0 < x < 1)
+
+NO_REMESHING = "there is nothing to make a new mesh with; give the stepper remesh=qs.Remeshing(...)"
 
 
 class StepError(RuntimeError):
@@ -57,11 +60,12 @@ class _Fault(Exception):
 
     Attributes:
         hopeless: Whether a smaller Δt would not help.
+        distorted: Whether it is a mesh that is distorted.
     """
 
-    def __init__(self, text: str, hopeless: bool = False) -> None:
+    def __init__(self, text: str, hopeless: bool = False, distorted: bool = False) -> None:
         super().__init__(text)
-        self.hopeless = hopeless
+        self.hopeless, self.distorted = hopeless, distorted
 
 
 class TimeStepper:
@@ -111,6 +115,8 @@ class TimeStepper:
         progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
         staggered: Another problem that is solved after the bodies in each step, such as of their
             temperatures: see :class:`qs.Staggered`.
+        remesh: When and how bodies get new meshes: at the start of a step, or when no step can be
+            made as a mesh is distorted. None: never.
 
     Raises:
         TypeError: If the problem is of another type.
@@ -138,6 +144,7 @@ class TimeStepper:
         min_quality: float = 0.02,
         progress: bool = False,
         staggered: Staggered | None = None,
+        remesh: Remeshing | None = None,
     ) -> None:
         check(instance(ContactProblem, "a ContactProblem"), problem=problem)
         with checked(problem.comm) as same:
@@ -156,12 +163,11 @@ class TimeStepper:
             same(either(POSITIVE, None), max_rotation=max_rotation, max_slip=max_slip)
             same(FLAG, progress=progress)
             check(either(instance(Staggered, "a qs.Staggered"), None), staggered=staggered)
-        self.problem = problem
-        self.staggered = staggered
-        if staggered is not None:
-            staggered.begin()
+            check(either(instance(Remeshing, "a Remeshing"), None), remesh=remesh)
+            if remesh is not None:
+                remesh.check(problem)
         self.drive = drive or (lambda t, dt: None)
-        self._solve = solve or (lambda step: problem.solve())
+        self._solve = solve or (lambda step: self.problem.solve())
         self.theta, self.num_pairings = float(theta), int(num_pairings)
         self.dt_min, self.dt_max = float(dt_min), float(dt_max)
         self.growth, self.cutback, self.easy = float(growth), float(cutback), int(easy)
@@ -169,8 +175,15 @@ class TimeStepper:
         self.progress = bool(progress)
         if max_penetration is not None and max_penetration != "auto":
             max_penetration = float(max_penetration)
-        self._limits = MotionLimits(problem.contacts, max_rotation, max_slip)
-        self._penetration = Penetration(problem.contacts, max_penetration)
+        self._limits = max_rotation, max_slip, max_penetration
+        self._scene = self._scene_of(problem, staggered)
+        if staggered is not None:
+            staggered.begin()
+        #: When and how bodies get new meshes; None for never.
+        self.remeshing = remesh
+        #: What each remeshing has changed, the last one last.
+        self.remeshings: list[RemeshingReport] = []
+        self._remeshed_at = -1
         #: Time at the end of the last step.
         self.t = 0.0
         #: Δt that will be tried next.
@@ -184,22 +197,54 @@ class TimeStepper:
         #: Newton iterations of the last step, over its attempts and pairings.
         self.num_iterations = 0
         self._num_solves = 0
-        #: How the meshes of the bodies move.
-        self.motions = [MeshMotion(u) for u in problem.u]
         #: Called once a step, when it has succeeded, while the meshes are where it was solved for.
         self.on_solved: typing.Callable[[], None] | None = None
-        tools = [tool for c in problem.contacts if (tool := as_tool(c.master)) is not None]
-        #: Rigid tools, each once.
-        self.tools = list({id(tool): tool for tool in tools}.values())
-        self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
-        #: Velocities of the last step: the unknowns, or the change of displacements over Δt; at
-        #: first zero. They are where the next step starts from.
-        self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
-        #: The same of rigid tools.
-        self.tool_rates = [ToolRate.zero(tool) for tool in self.tools]
-        #: By how much the last step missed what was expected of it, length; at first zero.
-        self.missed: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
-        self._pairings = Pairings(problem, self.motions, self.tools, self.in_velocity, self.theta)
+
+    def _scene_of(self, problem: ContactProblem, staggered: Staggered | None) -> Scene:
+        return Scene(problem, self.theta, *self._limits, staggered)
+
+    @property
+    def problem(self) -> ContactProblem:
+        """The problem; another one after bodies have got new meshes."""
+        return self._scene.problem
+
+    @property
+    def staggered(self) -> Staggered | None:
+        """What is solved after the bodies; another one after bodies have got new meshes."""
+        return self._scene.staggered
+
+    @property
+    def motions(self) -> list[MeshMotion]:
+        """How the meshes of the bodies move."""
+        return self._scene.motions
+
+    @property
+    def tools(self) -> list[RigidSurface]:
+        """Rigid tools, each once."""
+        return self._scene.tools
+
+    @property
+    def in_velocity(self) -> list[bool]:
+        """Whether each body has velocities."""
+        return self._scene.in_velocity
+
+    @property
+    def rates(self) -> list[Array]:
+        """Velocities of the last step: the unknowns, or the change of displacements over Δt.
+
+        At first zero. They are where the next step starts from.
+        """
+        return self._scene.rates
+
+    @property
+    def tool_rates(self) -> list[ToolRate]:
+        """The same of rigid tools."""
+        return self._scene.tool_rates
+
+    @property
+    def missed(self) -> list[Array]:
+        """By how much the last step missed what was expected of it, length; at first zero."""
+        return self._scene.missed
 
     def ends(self) -> list[tuple[ContactModel, Place, Place | None]]:
         """Each contact with where its slave's and its master's body are between two steps."""
@@ -212,17 +257,17 @@ class TimeStepper:
     @property
     def max_penetration(self) -> float | str | None:
         """Largest depth at the end of a step."""
-        return self._penetration.limit
+        return self._scene.penetration.limit
 
     @property
     def max_rotation(self) -> float | None:
         """Largest angle (radians) in a step."""
-        return self._limits.max_rotation
+        return self._scene.limits.max_rotation
 
     @property
     def max_slip(self) -> float | None:
         """Largest slip in a step, in facets."""
-        return self._limits.max_slip
+        return self._scene.limits.max_slip
 
     # --- Steps
 
@@ -243,14 +288,81 @@ class TimeStepper:
         with checked(self.problem.comm) as same:
             same(either(FINITE, None), t_end=t_end)
         with interrupt.heeded(self.problem.comm):
+            if self.remeshing is not None and self._remeshed_at != self.num_steps:
+                why = self.remeshing.due(self._scene, self._steps_since_remeshing, self)
+                if why is not None:
+                    self._remesh(why)
+            try:
+                return self._step(t_end)
+            except StepError as error:
+                fault = error.__cause__
+                distorted = isinstance(fault, _Fault) and fault.distorted
+                may = self.remeshing is not None and self._remeshed_at != self.num_steps
+                if not (distorted and may):
+                    raise
+                why = str(fault)
+            self._remesh(why)
             return self._step(t_end)
+
+    @property
+    def _steps_since_remeshing(self) -> int:
+        return self.num_steps - max(self._remeshed_at, 0)
+
+    def remesh(self, why: str = "asked for") -> RemeshingReport:
+        """Give bodies new meshes as they are now, and find equilibrium there. Collective.
+
+        Args:
+            why: What the report is to say.
+
+        Returns:
+            What it has changed; also the last one of :attr:`remeshings`.
+
+        Raises:
+            RemeshError: If no valid mesh can be made, with the places that are to blame.
+            StepError: If there is no equilibrium on the new mesh.
+            RuntimeError: If the stepper was made without ``remesh``.
+        """
+        with checked(self.problem.comm) as same:
+            require(self.remeshing is not None, NO_REMESHING, RuntimeError)
+            same(instance(str, "a string"), why=why)
+        with interrupt.heeded(self.problem.comm):
+            return self._remesh(why)
+
+    def _remesh(self, why: str) -> RemeshingReport:
+        assert self.remeshing is not None
+        old = self._scene
+        handing = HandOver(self.remeshing, old, self._prepare, self._balance, self._scene_of)
+        try:
+            self._scene, report = handing(why, self.num_steps, self.t)
+        except ConvergenceError as error:
+            self._scene = old
+            raise StepError(f"t = {self.t:g}: no equilibrium on the new mesh: {error}") from error
+        except BaseException:
+            self._scene = old
+            raise
+        old.problem.destroy()
+        self._remeshed_at = self.num_steps
+        self.remeshings.append(report)
+        return report
+
+    def _prepare(self) -> float:
+        """Set loads and motions of the step to come; returns its Δt."""
+        dt = min(self.dt, self.dt_max)
+        with collective_errors(self.problem.comm):
+            self.drive(self.t + dt, dt)
+        return dt
+
+    def _balance(self, scene: Scene) -> None:
+        """Solve for a scene, with the user's function."""
+        self._scene = scene
+        self._solve(self.num_steps)
 
     def _step(self, t_end: float | None) -> float:
         planned = dt = self._planned(t_end)
         self.num_iterations = self._num_solves = 0
-        start = Snapshot(self.problem, self.motions, self.tools)
-        self._starts = self._penetration.starts()
-        with self.problem.one_step(watch=not self._penetration.is_limited):
+        start = self._scene.snapshot()
+        self._starts = self._scene.penetration.starts()
+        with self.problem.one_step(watch=not self._scene.penetration.is_limited):
             t, dt = self._try(t_end, dt, start)
         self._accept(t, dt, start)
         if dt < planned:
@@ -325,7 +437,7 @@ class TimeStepper:
         with collective_errors(self.problem.comm):
             self.drive(t, dt)
         interrupt.look(self.problem.comm)
-        if (fault := self._limits.fault_of(self.tools)) is not None:
+        if (fault := self._scene.limits.fault_of(self.tools)) is not None:
             raise _Fault(fault)
         for contact in self.problem.contacts:
             if contact.dt is not None:
@@ -333,7 +445,7 @@ class TimeStepper:
         try:
             self._pair_and_solve(dt, start)
         except DistortedError as error:
-            raise _Fault(str(error)) from error
+            raise _Fault(str(error), distorted=True) from error
         self._check_shape(dt, start)
         self._check_motion()
         if self.staggered is not None:
@@ -345,7 +457,7 @@ class TimeStepper:
         interrupt.look(self.problem.comm)
 
     def _pair_and_solve(self, dt: float, start: Snapshot) -> None:
-        pairings = self._pairings
+        pairings = self._scene.pairings
         pairings.begin(dt, start, self.rates, self.tool_rates)
         # A failed attempt may have left nodes unpaired, and so forgotten their multipliers.
         start.restore_multipliers()
@@ -371,7 +483,7 @@ class TimeStepper:
     def _pair_again(self, dt: float, start: Snapshot) -> None:
         """Pair where the solution leads to, and solve again."""
         self._check_shape(dt, start)
-        self._pairings.again()
+        self._scene.pairings.again()
         self._run_solver()
 
     def _run_solver(self) -> None:
@@ -392,11 +504,14 @@ class TimeStepper:
                     f"the mesh of u[{i}] is distorted: its worst cell would have a quality of "
                     f"{quality:.3g}, below min_quality = {self.min_quality:g}",
                     hopeless=quality > 0.5 * motion.quality(motion.reference + old),
+                    distorted=True,
                 )
 
     def _check_motion(self) -> None:
         """Refuse what is too deep, or has turned or slipped too far."""
-        fault = self._limits.fault(self._starts) or self._penetration.fault(self._starts)
+        fault = self._scene.limits.fault(self._starts) or self._scene.penetration.fault(
+            self._starts
+        )
         if fault is not None:
             raise _Fault(fault)
         for contact in self.problem.contacts:
@@ -412,10 +527,10 @@ class TimeStepper:
         for i, tool in enumerate(self.tools):
             tool.advance()
             self.tool_rates[i] = ToolRate.since(tool, start.pose_of(tool), dt)
-        self._penetration.accept()
+        self._scene.penetration.accept()
         if self.staggered is not None:
             self.staggered.accept()
-        self.missed = self._pairings.missed
+        self._scene.missed = self._scene.pairings.missed
         # What contacts show stays that of the step until somebody solves.
         for model, slave, master in self.ends():
             model.catch_up = functools.partial(pair_at, model, slave, master)

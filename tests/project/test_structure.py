@@ -24,7 +24,7 @@ FLOORS = (
     ("contact",),
     ("system",),
     ("linear",),
-    ("solve",),
+    ("remeshing", "solve"),
     ("steps",),
     ("__init__",),
 )

@@ -1,0 +1,231 @@
+"""Cells within a new boundary, by gmsh."""
+
+from __future__ import annotations
+
+import contextlib
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.remeshing.errors import RemeshError
+from qsdolfinx.remeshing.outline import Outline, listed
+from qsdolfinx.remeshing.retriangulate import Boundary
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+#: gmsh's algorithms in the order in which they are tried: Delaunay, frontal, HXT; MeshAdapt.
+ALGORITHMS = {2: (6, 5, 1), 3: (1, 4, 10)}
+
+#: gmsh's numbers of lines, triangles and tetrahedra.
+LINE, TRIANGLE, TETRAHEDRON = 1, 2, 4
+
+#: Shape below which a cell is too flat to be of use.
+LEAST_QUALITY = 0.01
+
+
+def fill(boundary: Boundary, outline: Outline) -> tuple[Array, Indices]:
+    """Nodes and cells within a boundary, whose nodes are the first ones and stay.
+
+    Args:
+        boundary: The boundary.
+        outline: The old body, whose sizes are wanted within, too.
+
+    Returns:
+        Coordinates, shape (nodes, 3), and cells, shape (cells, gdim + 1).
+
+    Raises:
+        RemeshError: If gmsh fails, or makes cells that are flat or turned inside out.
+        ImportError: If there is no gmsh.
+    """
+    gdim = boundary.facets.shape[1]
+    problems: list[RemeshError] = []
+    for algorithm in ALGORITHMS[gdim]:
+        try:
+            with _gmsh() as gmsh:
+                x, cells = _fill(gmsh, boundary, outline, algorithm)
+            _check(x, cells)
+            return x, cells
+        except RemeshError as error:
+            problems.append(error)
+    raise problems[0]
+
+
+@contextlib.contextmanager
+def _gmsh() -> typing.Iterator[typing.Any]:
+    """Gmsh with a new model and options of its own; what a user has open stays."""
+    try:
+        import gmsh
+    except ImportError as error:
+        raise ImportError("remesh: needs gmsh's Python module; install python3-gmsh") from error
+    mine = not gmsh.isInitialized()
+    if mine:
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+    before = None if mine else gmsh.model.getCurrent()
+    options = {"General.Terminal": 0.0, "General.NumThreads": 1.0, "Mesh.RandomSeed": 1.0}
+    kept = {name: gmsh.option.getNumber(name) for name in (*options, *_OPTIONS)}
+    for name, value in options.items():
+        gmsh.option.setNumber(name, value)
+    gmsh.model.add("qsdolfinx")
+    try:
+        yield gmsh
+    finally:
+        gmsh.model.remove()
+        if mine:
+            gmsh.finalize()
+        else:
+            for name, value in kept.items():
+                gmsh.option.setNumber(name, value)
+            gmsh.model.setCurrent(before)
+
+
+_OPTIONS = (
+    "Mesh.MeshSizeExtendFromBoundary",
+    "Mesh.MeshSizeFromPoints",
+    "Mesh.MeshSizeMin",
+    "Mesh.MeshSizeMax",
+    "Mesh.Algorithm",
+    "Mesh.Algorithm3D",
+    "Mesh.Optimize",
+    "Mesh.OptimizeNetgen",
+)
+
+
+def _fill(
+    gmsh: typing.Any, boundary: Boundary, outline: Outline, algorithm: int
+) -> tuple[Array, Indices]:
+    gdim = boundary.facets.shape[1]
+    _set_sizes(gmsh, boundary, outline)
+    draw = _draw_lines if gdim == 2 else _draw_triangles
+    draw(gmsh, boundary)
+    gmsh.option.setNumber("Mesh.Algorithm" if gdim == 2 else "Mesh.Algorithm3D", algorithm)
+    gmsh.option.setNumber("Mesh.Optimize", 1)
+    gmsh.option.setNumber("Mesh.OptimizeNetgen", 0)
+    gmsh.logger.start()
+    try:
+        gmsh.model.mesh.generate(gdim)
+        if gdim == 3:
+            gmsh.model.mesh.optimize("Relocate3D")
+    except Exception as error:
+        said = [line for line in gmsh.logger.get() if not line.startswith("Info")]
+        text = f"gmsh cannot fill the boundary: {error}" + (f" ({said[-1]})" if said else "")
+        raise RemeshError(text, _middle(boundary)) from error
+    finally:
+        gmsh.logger.stop()
+    return _read(gmsh, boundary)
+
+
+def _middle(boundary: Boundary) -> Array:
+    return np.asarray(boundary.x.mean(axis=0)[None])
+
+
+def _set_sizes(gmsh: typing.Any, boundary: Boundary, outline: Outline) -> None:
+    """Let the sizes that are wanted within be those on the old cells and the new boundary."""
+    sizes = outline.sizes
+    gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", float(min(sizes.min(), boundary.sizes.min())) / 2)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", float(sizes.max()))
+    if np.ptp(sizes) <= 1e-9 * sizes.max():
+        return
+    view = gmsh.view.add("sizes")
+    x = outline.x[outline.cells].transpose(0, 2, 1).reshape(len(outline.cells), -1)
+    data = np.hstack([x, sizes[outline.cells]])
+    kind = "ST" if outline.gdim == 2 else "SS"
+    gmsh.view.addListData(view, kind, len(data), data.ravel())
+    field = gmsh.model.mesh.field.add("PostView")
+    gmsh.model.mesh.field.setNumber(field, "ViewTag", view)
+    gmsh.model.mesh.field.setAsBackgroundMesh(field)
+
+
+def _draw_triangles(gmsh: typing.Any, boundary: Boundary) -> None:
+    surface = gmsh.model.addDiscreteEntity(2)
+    numbers = np.arange(1, len(boundary.x) + 1)
+    gmsh.model.mesh.addNodes(2, surface, numbers, boundary.x.ravel())
+    elements = np.arange(1, len(boundary.facets) + 1)
+    nodes = (boundary.facets + 1).ravel()
+    gmsh.model.mesh.addElementsByType(surface, TRIANGLE, elements, nodes)
+    loop = gmsh.model.geo.addSurfaceLoop([surface])
+    gmsh.model.geo.addVolume([loop])
+    gmsh.model.geo.synchronize()
+
+
+def _draw_lines(gmsh: typing.Any, boundary: Boundary) -> None:
+    for node, x in enumerate(boundary.x, 1):
+        gmsh.model.geo.addPoint(*x, tag=node)
+    loops = _loops(boundary.facets)
+    for facet, (a, b) in enumerate(listed(boundary.facets), 1):
+        gmsh.model.geo.addLine(a + 1, b + 1, tag=facet)
+        gmsh.model.geo.mesh.setTransfiniteCurve(facet, 2)
+    areas = [_area(boundary.x, boundary.facets[loop]) for loop in loops]
+    outer = int(np.argmax(areas))
+    order = [outer, *(i for i in range(len(loops)) if i != outer)]
+    curves = [gmsh.model.geo.addCurveLoop([facet + 1 for facet in loops[i]]) for i in order]
+    gmsh.model.geo.addPlaneSurface(curves)
+    gmsh.model.geo.synchronize()
+
+
+def _area(x: Array, facets: Indices) -> float:
+    a, b = x[facets[:, 0]], x[facets[:, 1]]
+    return float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2)
+
+
+def _loops(facets: Indices) -> list[list[int]]:
+    """Facets of closed lines, in order."""
+    by_start = {a: i for i, a in enumerate(listed(facets[:, 0]))}
+    left, out = set(range(len(facets))), []
+    while left:
+        loop = [min(left)]
+        while True:
+            left.discard(loop[-1])
+            following = by_start[int(facets[loop[-1], 1])]
+            if following == loop[0]:
+                break
+            loop.append(following)
+        out.append(loop)
+    return out
+
+
+def _read(gmsh: typing.Any, boundary: Boundary) -> tuple[Array, Indices]:
+    """Nodes, those of the boundary first, and cells of the model."""
+    gdim = boundary.facets.shape[1]
+    tags, x, _ = gmsh.model.mesh.getNodes()
+    tags, x = np.asarray(tags, dtype=np.int64), np.asarray(x).reshape(-1, 3)
+    _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE if gdim == 2 else TETRAHEDRON)
+    cells = np.asarray(nodes, dtype=np.int64).reshape(-1, gdim + 1)
+    count = len(boundary.x)
+    number = np.full(int(tags.max(initial=0)) + 1, -1)
+    used = np.unique(cells)
+    inner = used[used > count]
+    number[1 : count + 1] = np.arange(count)
+    number[inner] = count + np.arange(len(inner))
+    position = np.empty((int(tags.max(initial=0)) + 1, 3))
+    position[tags] = x
+    out = np.vstack([boundary.x, position[inner]])
+    missing = np.setdiff1d(np.arange(1, count + 1), used)
+    if len(missing) or len(cells) == 0:
+        where = boundary.x[missing - 1] if len(missing) else _middle(boundary)
+        raise RemeshError.at("gmsh has left out nodes of the boundary", where)
+    return out, number[cells]
+
+
+def cell_quality(x: Array, cells: Indices) -> Array:
+    """Shape of each cell as ``MeshMotion.quality`` has it, of either orientation, (cells,)."""
+    corners = x[cells]
+    gdim = cells.shape[1] - 1
+    edges = (corners[:, 1:] - corners[:, :1])[..., :gdim]
+    pairs = corners[:, :, None] - corners[:, None]
+    longest = np.linalg.norm(pairs, axis=-1).max(axis=(1, 2))
+    best = np.sqrt(3) / 2 if gdim == 2 else np.sqrt(0.5)
+    return np.asarray(np.abs(np.linalg.det(edges)) / longest**gdim / best)
+
+
+def _check(x: Array, cells: Indices) -> None:
+    quality = cell_quality(x, cells)
+    flat = quality < LEAST_QUALITY
+    if flat.any():
+        order = np.argsort(quality[flat])
+        raise RemeshError.at(
+            f"{flat.sum()} cells of the new mesh are flat", x[cells[flat][order]].mean(axis=1)
+        )

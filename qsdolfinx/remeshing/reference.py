@@ -1,0 +1,83 @@
+"""The old boundary as what new nodes are put on."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+import basix.ufl
+import ufl
+from dolfinx import geometry, mesh
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class Triangles:
+    """Triangles on one process, to find the closest points of.
+
+    Args:
+        x: Coordinates of nodes, shape (nodes, 3).
+        triangles: Shape (triangles, 3).
+    """
+
+    def __init__(self, x: Array, triangles: Indices) -> None:
+        nodes, renumbered = np.unique(triangles, return_inverse=True)
+        element = basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))
+        self._mesh = mesh.create_mesh(
+            MPI.COMM_SELF,
+            cells=renumbered.reshape(-1, 3).astype(np.int64),
+            x=np.ascontiguousarray(x[nodes]),
+            e=ufl.Mesh(element),
+        )
+        self._number = np.asarray(self._mesh.topology.original_cell_index)
+        self._x, self._triangles = x, triangles
+        cells = np.arange(len(triangles), dtype=np.int32)
+        self._tree = geometry.bb_tree(self._mesh, 2)
+        self._middles = geometry.create_midpoint_tree(self._mesh, 2, cells)
+
+    def closest(self, points: Array) -> tuple[Indices, Array]:
+        """Closest triangles, (points,), and the barycentric coordinates there, (points, 3)."""
+        if len(points) == 0:
+            return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+        found = geometry.compute_closest_entity(
+            self._tree, self._middles, self._mesh, np.ascontiguousarray(points)
+        )
+        cells = self._number[found]
+        return cells, closest_on_triangles(points, self._x[self._triangles[cells]])
+
+
+def closest_on_triangles(points: Array, corners: Array) -> Array:
+    """Barycentric coordinates of the closest points of triangles, one each.
+
+    Args:
+        points: Shape (points, 3).
+        corners: Of the triangles, shape (points, 3, 3).
+    """
+    a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    d = points - a
+    m11, m12, m22 = (np.sum(u * v, axis=1) for u, v in ((e1, e1), (e1, e2), (e2, e2)))
+    r1, r2 = np.sum(d * e1, axis=1), np.sum(d * e2, axis=1)
+    det = np.maximum(m11 * m22 - m12 * m12, 1e-300)
+    v, w = (m22 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det
+    out = np.stack([1 - v - w, v, w], axis=1)
+    outside = np.any(out < 0, axis=1)
+    best = np.full(len(points), np.inf)
+    for i in range(3):
+        p, q = corners[:, i], corners[:, (i + 1) % 3]
+        t = closest_on_segments(points, p, q)
+        distance = np.linalg.norm(points - p - t[:, None] * (q - p), axis=1)
+        better = outside & (distance < best)
+        best[better] = distance[better]
+        out[better] = 0.0
+        out[better, i], out[better, (i + 1) % 3] = 1 - t[better], t[better]
+    return out
+
+
+def closest_on_segments(points: Array, p: Array, q: Array) -> Array:
+    """Places, 0 at p to 1 at q, of the closest points of segments, one each."""
+    d = q - p
+    t = np.sum((points - p) * d, axis=-1) / np.maximum(np.sum(d * d, axis=-1), 1e-300)
+    return np.asarray(np.clip(t, 0.0, 1.0))

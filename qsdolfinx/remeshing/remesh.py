@@ -1,0 +1,246 @@
+"""A new mesh for a body as it is now."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+import ufl
+from dolfinx import fem, mesh
+
+from qsdolfinx.base.checks import FLAG, POSITIVE, TAGS, check, either, instance, number, require
+from qsdolfinx.base.collective import checked
+from qsdolfinx.base.crash import check_alone
+from qsdolfinx.compat import coordinate_element
+from qsdolfinx.remeshing.errors import RemeshError, on_root
+from qsdolfinx.remeshing.features import find_features
+from qsdolfinx.remeshing.fill import cell_quality, fill
+from qsdolfinx.remeshing.intersections import check_simple
+from qsdolfinx.remeshing.outline import Outline, enclosed_volume, gather
+from qsdolfinx.remeshing.respace import respace
+from qsdolfinx.remeshing.restore import restore_volume
+from qsdolfinx.remeshing.retriangulate import Boundary, retriangulate
+from qsdolfinx.remeshing.sizes import Size, check_size, limit_growth, nodal_sizes, where
+from qsdolfinx.surface.arguments import is_of
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+#: Relative change of the volume that a new mesh may have.
+VOLUME = 1e-4
+
+ANGLE = number("an angle between 0 and 180 degrees", lambda x: 0 < x < 180)
+BODY = instance((mesh.Mesh, fem.Function), "a dolfinx.mesh.Mesh, or a displacement on it")
+SIMPLICES = {2: mesh.CellType.triangle, 3: mesh.CellType.tetrahedron}
+
+
+class RemeshReport(typing.NamedTuple):
+    """What a new mesh has changed.
+
+    Attributes:
+        volume: Of the old mesh (2D: area; axisymmetric: of the whole body).
+        unrestored: Relative change of the volume with new nodes on the old boundary.
+        volume_change: Relative change of the volume, at last.
+        shift: Longest way (length) that nodes have gone to restore it.
+        old_cells: Cells of the old mesh.
+        num_cells: Cells of the new mesh.
+        old_quality: Shape of the worst old cell, 1 at best: see ``MeshMotion.quality``.
+        quality: Shape of the worst new cell.
+    """
+
+    volume: float
+    unrestored: float
+    volume_change: float
+    shift: float
+    old_cells: int
+    num_cells: int
+    old_quality: float
+    quality: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.old_cells} cells, the worst of quality {self.old_quality:.2g}, became "
+            f"{self.num_cells}, the worst {self.quality:.2g}; the volume changed by "
+            f"{self.volume_change:.1e}, before it was restored by {self.unrestored:.1e}"
+        )
+
+
+class Remeshed(typing.NamedTuple):
+    """A new mesh of a body.
+
+    Attributes:
+        mesh: The mesh, spread over all ranks.
+        facet_tags: Tags of its boundary facets; those of the tag 0 are left out.
+        report: What it has changed.
+    """
+
+    mesh: mesh.Mesh
+    facet_tags: mesh.MeshTags
+    report: RemeshReport
+
+
+def remesh(
+    body: mesh.Mesh | fem.Function,
+    size: Size,
+    facet_tags: mesh.MeshTags | None = None,
+    *,
+    axisymmetric: bool = False,
+    feature_angle: float = 40.0,
+    gradation: float | None = 0.5,
+    partitioner: typing.Any = None,
+) -> Remeshed:
+    """Mesh a body anew as it is now. Collective.
+
+    Rank 0 alone makes the mesh: boundary and cells are gathered there, and the new ones handed
+    out. It is the same from any partition of the old one.
+
+    New boundary nodes are on the old boundary facets. Corners stay, and so do edges at which
+    facets turn by more than ``feature_angle`` and borders between facet tags: they get new nodes,
+    but none leaves them. What is plane stays exactly plane. Then all free boundary nodes, those on
+    curved parts that are not on edges between two of them, go the same small way along their
+    normals, so that the volume is what it was. Within, gmsh makes the cells.
+
+    Args:
+        body: Mesh of triangles in 2D or tetrahedra in 3D, straight, as it is now; or a displacement
+            on such a mesh: the new mesh is then that of the displaced body.
+        size: Of the new cells (length): a number, a function of points (3, n) that returns (n,),
+            or a scalar Function on the old mesh; of a list of these the least. It counts at the old
+            nodes, linear in between. See :func:`qs.size_from_curvature`,
+            :func:`qs.size_from_distance`, :func:`qs.size_from_field`.
+        facet_tags: Tags of boundary facets, to be carried over.
+        axisymmetric: Whether coordinates are (r, z): volumes are those of rings, and what is on the
+            axis stays there.
+        feature_angle: In degrees.
+        gradation: Growth of sizes per length, at most; None for any.
+        partitioner: For ``dolfinx.mesh.create_mesh``; by default that of DOLFINx.
+
+    Raises:
+        RemeshError: If no valid mesh can be made, on all ranks, with the places that are to blame;
+            nothing is changed then.
+        TypeError, ValueError: If an argument is of another type or out of range.
+    """
+    check_alone(BODY, body=body)
+    msh = body if isinstance(body, mesh.Mesh) else body.function_space.mesh
+    with checked(msh.comm) as same:
+        gdim = msh.geometry.dim
+        fits = msh.topology.cell_type == SIMPLICES.get(gdim) and msh.topology.dim == gdim
+        require(fits, "body: must be of triangles in 2D, or of tetrahedra in 3D")
+        require(coordinate_element(msh).degree == 1, "body: the mesh must be of degree 1")
+        check_size(msh, size)
+        check(either(TAGS, None), facet_tags=facet_tags)
+        if facet_tags is not None:
+            of_facets = facet_tags.dim == gdim - 1 and is_of(facet_tags, msh)
+            require(of_facets, "facet_tags: must be tags of facets of the body's mesh")
+        same(FLAG, axisymmetric=axisymmetric)
+        require(not axisymmetric or gdim == 2, "axisymmetric: is of meshes in 2D, (r, z)")
+        same(ANGLE, feature_angle=feature_angle)
+        same(either(POSITIVE, None), gradation=gradation)
+    msh, x = where(body)
+    outline = gather(msh, x, nodal_sizes(msh, x, size), facet_tags)
+
+    def make() -> _Made:
+        assert outline is not None
+        graded = outline if gradation is None else limit_growth(outline, gradation)
+        return _make(graded, float(np.radians(feature_angle)), axisymmetric)
+
+    made = on_root(msh.comm, make)
+    new = _distribute(msh, made, partitioner)
+    tags = _tags(new, None if made is None else made.boundary)
+    if facet_tags is not None:
+        new.name, tags.name = msh.name, facet_tags.name
+    report = msh.comm.bcast(None if made is None else made.report, root=0)
+    return Remeshed(new, tags, report)
+
+
+class _Made(typing.NamedTuple):
+    """What rank 0 has made.
+
+    Attributes:
+        x: Nodes, those of the boundary first.
+        cells: Cells.
+        boundary: The boundary.
+        report: What has changed.
+    """
+
+    x: Array
+    cells: Indices
+    boundary: Boundary
+    report: RemeshReport
+
+
+def _make(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
+    """Make the mesh, on one rank."""
+    _check_outline(outline)
+    volume = enclosed_volume(outline.x, outline.facets, axisymmetric)
+    if outline.gdim == 2:
+        boundary = respace(outline, angle, axisymmetric)
+    else:
+        surface = outline.x, outline.facets, outline.tags, outline.sizes
+        features = find_features(*surface, angle)
+        boundary = retriangulate(*surface, features)
+    unrestored = enclosed_volume(boundary.x, boundary.facets, axisymmetric) / volume - 1
+    shift = restore_volume(boundary, volume, axisymmetric)
+    check_simple(boundary.x, boundary.facets)
+    change = enclosed_volume(boundary.x, boundary.facets, axisymmetric) / volume - 1
+    if abs(change) > VOLUME:
+        raise RemeshError.at(
+            f"the volume would change by {change:.2g}: no boundary node is free to restore it; ask "
+            "for smaller cells; the body is",
+            outline.x.mean(axis=0),
+        )
+    x, cells = fill(boundary, outline)
+    report = RemeshReport(
+        volume,
+        unrestored,
+        change,
+        shift,
+        len(outline.cells),
+        len(cells),
+        float(cell_quality(outline.x, outline.cells).min()),
+        float(cell_quality(x, cells).min()),
+    )
+    return _Made(x, cells, boundary, report)
+
+
+def _check_outline(outline: Outline) -> None:
+    """Refuse a body whose boundary is not finite or passes through itself."""
+    bad = ~np.isfinite(outline.x).all(axis=1)
+    if bad.any():
+        raise RemeshError(f"body: {bad.sum()} nodes have coordinates that are not finite")
+    check_simple(outline.x, outline.facets)
+
+
+def _distribute(msh: mesh.Mesh, made: _Made | None, partitioner: typing.Any) -> mesh.Mesh:
+    """The mesh on all ranks. Collective."""
+    gdim = msh.geometry.dim
+    none = np.zeros((0, gdim)), np.zeros((0, gdim + 1), dtype=np.int64)
+    x, cells = none if made is None else (made.x[:, :gdim], made.cells)
+    return mesh.create_mesh(
+        msh.comm,
+        cells=np.ascontiguousarray(cells),
+        x=np.ascontiguousarray(x),
+        e=ufl.Mesh(msh.ufl_domain().ufl_coordinate_element()),
+        partitioner=partitioner,
+    )
+
+
+def _tags(msh: mesh.Mesh, boundary: Boundary | None) -> mesh.MeshTags:
+    """Tags of facets by the numbers that their nodes had on rank 0. Collective."""
+    mine = None if boundary is None else (np.sort(boundary.facets, axis=1), boundary.tags)
+    known, values = msh.comm.bcast(mine, root=0)
+    tdim = msh.topology.dim
+    msh.topology.create_connectivity(tdim - 1, tdim)
+    facets = mesh.exterior_facet_indices(msh.topology)
+    nodes = mesh.entities_to_geometry(msh, tdim - 1, facets).reshape(-1, tdim)
+    keys = np.sort(np.asarray(msh.geometry.input_global_indices)[nodes], axis=1)
+    number = np.unique(np.vstack([known, keys]), axis=0, return_inverse=True)[1].ravel()
+    of_number = np.zeros(int(number.max(initial=0)) + 1, dtype=np.int64)
+    of_number[number[: len(known)]] = values
+    found = of_number[number[len(known) :]]
+    order = np.argsort(facets)
+    order = order[found[order] != 0]
+    return mesh.meshtags(
+        msh, tdim - 1, facets[order].astype(np.int32), found[order].astype(np.int32)
+    )

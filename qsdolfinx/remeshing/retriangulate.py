@@ -1,0 +1,261 @@
+"""New triangles of wanted sizes on an old surface."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.remeshing.features import Features, Plane
+from qsdolfinx.remeshing.outline import listed
+from qsdolfinx.remeshing.reference import Triangles, closest_on_segments
+from qsdolfinx.remeshing.triangulation import Triangulation
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+#: Rounds of splitting, collapsing, turning and smoothing at most.
+ROUNDS = 12
+
+#: Part of the way to the mean of its neighbours that a node goes in a round.
+STEP = 0.7
+
+#: Changes in a round, over the number of edges, that are few enough to end.
+FEW = 2e-3
+
+#: Cosine of the angle between a node's normal and that of the old triangle it is put on.
+SAME_SIDE = 0.5
+
+#: Shape of triangles that smoothing may not make worse.
+POOR = 0.2
+
+
+@dataclasses.dataclass
+class Boundary:
+    """A new boundary.
+
+    Attributes:
+        x: Coordinates of nodes, shape (nodes, 3).
+        facets: Outward facets, shape (facets, gdim).
+        tags: Of the facets, shape (facets,).
+        planes: For each node the planes that it has to stay on.
+        fixed: Nodes that stay where they are, shape (nodes,).
+        sizes: Of cells wanted at the nodes (length), shape (nodes,).
+    """
+
+    x: Array
+    facets: Indices
+    tags: Indices
+    planes: list[list[Plane]]
+    fixed: npt.NDArray[np.bool_]
+    sizes: Array
+
+
+class _Old:
+    """The old surface as new nodes are put on it: regions and lines apart."""
+
+    def __init__(self, x: Array, triangles: Indices, sizes: Array, features: Features) -> None:
+        self._x, self._sizes = x, sizes
+        self._parts = {}
+        for number in range(int(features.region.max()) + 1):
+            part = triangles[features.region == number]
+            self._parts[number] = part, Triangles(x, part)
+        self._lines: dict[int, list[tuple[int, int]]] = {}
+        for edge, line in sorted(features.lines.items()):
+            self._lines.setdefault(line, []).append(edge)
+
+    def onto_region(self, number: int, points: Array) -> tuple[Array, Array, Array]:
+        """Closest points, sizes wanted there, and the normals of the triangles."""
+        part, search = self._parts[number]
+        found, weights = search.closest(points)
+        nodes = part[found]
+        corners = self._x[nodes]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        at = np.einsum("pi,pij->pj", weights, corners)
+        return at, np.sum(weights * self._sizes[nodes], axis=1), normal
+
+    def onto_line(self, number: int, points: Array) -> tuple[Array, Array]:
+        """Closest points of a line, and sizes wanted there."""
+        ends = np.array(self._lines[number])
+        p, q = (self._x[ends[:, i]][None] for i in (0, 1))
+        t = closest_on_segments(points[:, None], p, q)
+        at = p + t[..., None] * (q - p)
+        best = np.argmin(np.linalg.norm(at - points[:, None], axis=2), axis=1)
+        pick = np.arange(len(points)), best
+        h = self._sizes[ends[best]]
+        return at[pick], (1 - t[pick]) * h[:, 0] + t[pick] * h[:, 1]
+
+
+def retriangulate(
+    x: Array, triangles: Indices, tags: Indices, sizes: Array, features: Features
+) -> Boundary:
+    """Cover a closed surface by new triangles; nodes are on the old ones.
+
+    Edges are split and collapsed until they are as long as wanted, turned as Delaunay's criterion
+    asks for, and nodes go towards the mean of their neighbours and back to the surface (Botsch and
+    Kobbelt, 2004).
+
+    Args:
+        x: Coordinates of nodes, shape (nodes, 3).
+        triangles: Outward, shape (triangles, 3).
+        tags: Of the triangles, one in each region, shape (triangles,).
+        sizes: Wanted at nodes (length), shape (nodes,).
+        features: What is kept.
+    """
+    used = np.unique(triangles)
+    features = _renumbered(features, used)
+    x, sizes = x[used], sizes[used]
+    triangles = np.searchsorted(used, triangles)
+    old = _Old(x, triangles, sizes, features)
+    surface = Triangulation(x, triangles, sizes, features)
+    for _ in range(ROUNDS):
+        edges = len(surface.faces) * 3 // 2
+        changes = surface.split_long() + surface.collapse_short()
+        surface.turn_edges()
+        _smooth(surface, old)
+        if changes < FEW * edges:
+            break
+    surface.turn_edges()
+    tag_of = dict(zip(listed(features.region), listed(tags), strict=True))
+    return _boundary(surface, features, tag_of)
+
+
+def _renumbered(features: Features, used: Indices) -> Features:
+    number = {int(node): i for i, node in enumerate(used)}
+    lines = {(number[a], number[b]): line for (a, b), line in features.lines.items()}
+    corners = {number[node] for node in features.corners}
+    return Features(features.region, lines, corners, features.planes)
+
+
+def _smooth(surface: Triangulation, old: _Old) -> None:
+    """Move nodes to the mean of their neighbours, and onto the old surface."""
+    x = np.array(surface.x)
+    sizes = np.array(surface.sizes)
+    faces = np.array(list(surface.faces.values()))
+    region = np.array(list(surface.region.values()))
+    normals, shapes = _normals_and_shapes(x, faces)
+    new, wanted = x.copy(), sizes.copy()
+    on_line = np.array([bool(of) for of in surface.on_line])
+    _on_surface(x, sizes, faces, region, on_line, normals, old, new, wanted)
+    _on_lines(surface, x, sizes, old, new, wanted)
+    # Nodes of triangles that would turn or become flat stay; so may others then have to.
+    moved = np.any(new != x, axis=1)
+    while True:
+        after, shaped = _normals_and_shapes(new, faces)
+        turned = np.sum(normals * after, axis=1) < SAME_SIDE
+        bad = (turned & (shapes > 0)) | (shaped < np.minimum(POOR, shapes))
+        back = np.zeros(len(x), dtype=bool)
+        back[faces[bad].ravel()] = True
+        back &= moved
+        if not back.any():
+            break
+        new[back], wanted[back], moved[back] = x[back], sizes[back], False
+    surface.x = [(p[0], p[1], p[2]) for p in listed(new)]
+    surface.sizes = listed(wanted)
+
+
+def _on_surface(
+    x: Array,
+    sizes: Array,
+    faces: Indices,
+    region: Indices,
+    on_line: npt.NDArray[np.bool_],
+    normals: Array,
+    old: _Old,
+    new: Array,
+    wanted: Array,
+) -> None:
+    """Write new places, and sizes wanted there, of nodes within regions."""
+    area = np.linalg.norm(
+        np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]), axis=1
+    )
+    # Centroids of triangles count by their areas in units of what is wanted there.
+    weight = area / sizes[faces].mean(axis=1) ** 2
+    middle = x[faces].mean(axis=1)
+    sums, total, normal = np.zeros_like(x), np.zeros(len(x)), np.zeros_like(x)
+    for i in range(3):
+        np.add.at(sums, faces[:, i], weight[:, None] * middle)
+        np.add.at(total, faces[:, i], weight)
+        np.add.at(normal, faces[:, i], area[:, None] * normals)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    of_node = np.full(len(x), -1)
+    of_node[faces.ravel()] = np.repeat(region, 3)
+    of_node[on_line] = -1
+    step = sums / np.maximum(total, 1e-300)[:, None] - x
+    step -= np.sum(step * normal, axis=1, keepdims=True) * normal
+    target = x + STEP * step
+    for number in np.unique(of_node[of_node >= 0]):
+        nodes = np.flatnonzero(of_node == number)
+        at, size, facing = old.onto_region(int(number), target[nodes])
+        same = np.sum(facing * normal[nodes], axis=1) > SAME_SIDE
+        new[nodes[same]], wanted[nodes[same]] = at[same], size[same]
+
+
+def _on_lines(
+    surface: Triangulation, x: Array, sizes: Array, old: _Old, new: Array, wanted: Array
+) -> None:
+    """The same of nodes on lines."""
+    nodes_of: dict[int, set[tuple[int, int, int]]] = {}
+    for edge, line in surface.lines.items():
+        for node in set(edge) - surface.corners:
+            first, second = sorted(surface.on_line[node])
+            nodes_of.setdefault(line, set()).add((node, first, second))
+    for line, triples in sorted(nodes_of.items()):
+        node, first, second = np.array(sorted(triples)).T
+        ways = [np.linalg.norm(x[node] - x[end], axis=1) for end in (first, second)]
+        # As many sizes away from the one neighbour as from the other.
+        wants = [sizes[end] + sizes[node] for end in (first, second)]
+        whole = ways[0] + ways[1]
+        goal = whole * wants[0] / (wants[0] + wants[1])
+        back = np.where(goal < ways[0], goal - ways[0], 0.0) / np.maximum(ways[0], 1e-300)
+        ahead = np.where(goal > ways[0], goal - ways[0], 0.0) / np.maximum(ways[1], 1e-300)
+        step = -back[:, None] * (x[first] - x[node]) + ahead[:, None] * (x[second] - x[node])
+        new[node], wanted[node] = old.onto_line(line, x[node] + STEP * step)
+
+
+def _normals_and_shapes(x: Array, faces: Indices) -> tuple[Array, Array]:
+    a, b, c = (x[faces[:, i]] for i in range(3))
+    n = np.cross(b - a, c - a)
+    twice = np.linalg.norm(n, axis=1)
+    squares = sum(np.sum(e * e, axis=1) for e in (b - a, c - a, c - b))
+    unit = n / np.maximum(twice, 1e-300)[:, None]
+    return unit, 2 * np.sqrt(3) * twice / np.maximum(squares, 1e-300)
+
+
+def _boundary(surface: Triangulation, features: Features, tag_of: dict[int, int]) -> Boundary:
+    """The nodes and triangles that are left, on their planes."""
+    faces = np.array(list(surface.faces.values()))
+    region = np.array(list(surface.region.values()))
+    nodes, renumbered = np.unique(faces, return_inverse=True)
+    faces = renumbered.reshape(-1, 3)
+    x = np.array(surface.x)[nodes]
+    regions: list[set[int]] = [set() for _ in nodes]
+    for i in range(3):
+        for node, number in zip(listed(faces[:, i]), listed(region), strict=True):
+            regions[node].add(number)
+    planes = [[features.planes[r] for r in sorted(of) if r in features.planes] for of in regions]
+    onto_planes(x, planes)
+    curved = np.array([any(r not in features.planes for r in of) for of in regions])
+    corner = np.isin(nodes, list(surface.corners))
+    sharp = np.array([len(of - features.planes.keys()) > 1 for of in regions])
+    return Boundary(
+        x,
+        faces,
+        np.array([tag_of[r] for r in listed(region)], dtype=np.int64),
+        planes,
+        ~curved | corner | sharp,
+        np.array(surface.sizes)[nodes],
+    )
+
+
+def onto_planes(x: Array, planes: list[list[Plane]]) -> None:
+    """Put nodes exactly on their planes, those across axes last."""
+    for node, of in enumerate(planes):
+        for plane in sorted(of, key=lambda p: np.count_nonzero(p.normal) == 1):
+            x[node] = plane.snapped(x[node][None])[0]
+        for plane in of:
+            if np.count_nonzero(plane.normal) == 1:
+                axis = int(np.argmax(np.abs(plane.normal)))
+                x[node, axis] = plane.level * plane.normal[axis]

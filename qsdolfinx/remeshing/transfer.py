@@ -1,0 +1,189 @@
+"""Fields on an old mesh, found again on a new one."""
+
+from __future__ import annotations
+
+import contextlib
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx import fem, mesh
+
+from qsdolfinx.base.checks import FLAG, FUNCTION, POSITIVE, check, either, instance, require
+from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.base.crash import check_alone
+from qsdolfinx.compat import cell_nodes
+from qsdolfinx.remeshing.bounded import is_of_points, project
+from qsdolfinx.remeshing.sizes import where
+
+Array = npt.NDArray[np.float64]
+
+#: Part of the mesh's size within which a point is in a cell.
+WITHIN = 1e-10
+
+#: How far off 1 the number one may come over.
+ONE = 1e-6
+
+SPACE = instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace")
+
+
+def transfer(
+    function: fem.Function,
+    V_new: fem.FunctionSpace,
+    *,
+    displacement: fem.Function | None = None,
+    reach: float | None = None,
+    axisymmetric: bool = False,
+) -> fem.Function:
+    """The function on another mesh of the same body. Collective.
+
+    Functions of Lagrange and enriched elements, and of mixed and vector ones of these, are
+    interpolated: the error of degree 1 falls with h². In a point that is in no old cell, as beside
+    a curved boundary, the polynomial of the closest cell is continued.
+
+    Functions with values in cells (DG0) or quadrature points are projected cell by cell. Values
+    stay between the least and the largest of the old cells that the new cell or point is in and of
+    the cells around these, and integrals, of each component, are kept to 1e-12 as far as such
+    values allow.
+
+    Args:
+        function: On the old mesh.
+        V_new: Space on the new mesh, of the same kind: either both hold values in cells or points,
+            or both do not; mixed ones have the same parts.
+        displacement: That leads from the old mesh to the new one; by default none, or meshes have
+            been moved.
+        reach: How far from all old cells a point may be (length); by default the largest size of an
+            old cell.
+        axisymmetric: Whether coordinates are (r, z), and integrals those over rings.
+
+    Raises:
+        ValueError: If spaces are of different kinds or shapes, or a point is further away.
+        TypeError: If an argument is of another type.
+    """
+    check_alone(FUNCTION, function=function)
+    comm = function.function_space.mesh.comm
+    with checked(comm) as same:
+        check(SPACE, V_new=V_new)
+        check(either(FUNCTION, None), displacement=displacement)
+        same(either(POSITIVE, None), reach=reach)
+        same(FLAG, axisymmetric=axisymmetric)
+        alike = function.ufl_shape == V_new.value_shape
+        require(alike, "V_new: must have as many components as the function")
+        alike = is_of_points(function.function_space) == is_of_points(V_new)
+        require(alike, "V_new: both spaces or none must hold values in cells or points")
+        parts = _num_parts(function.function_space), _num_parts(V_new)
+        require(parts[0] == parts[1], "V_new: must have the same parts as the function's space")
+        on_old = displacement is None or displacement.function_space.mesh is _mesh_of(function)
+        require(on_old, "displacement: must be on the mesh of the function")
+    out = fem.Function(V_new, name=function.name)
+    with _displaced(_mesh_of(function), displacement):
+        distance = _largest_cell(_mesh_of(function)) if reach is None else float(reach)
+        _transfer(function, out, distance, axisymmetric)
+    return out
+
+
+def _mesh_of(function: fem.Function) -> mesh.Mesh:
+    return function.function_space.mesh
+
+
+def _num_parts(V: fem.FunctionSpace) -> int:
+    """Spaces of a mixed one, 0 of another."""
+    return 0 if V.dofmap.dof_layout.block_size > 1 else int(V.num_sub_spaces)
+
+
+def _transfer(function: fem.Function, out: fem.Function, reach: float, axisymmetric: bool) -> None:
+    """Write the function into that on the other mesh. Collective."""
+    V, V_new = function.function_space, out.function_space
+    for i in range(_num_parts(V)):
+        part, places = V_new.sub(i).collapse()
+        found = fem.Function(part)
+        _transfer(function.sub(i).collapse(), found, reach, axisymmetric)
+        out.x.array[np.ravel(places)] = found.x.array
+    if _num_parts(V):
+        return
+    search = Search(V.mesh, V_new.mesh, reach)
+    if is_of_points(V):
+        project(function, out, search.interpolate, axisymmetric)
+    else:
+        search.interpolate(function, out)
+
+
+@contextlib.contextmanager
+def _displaced(msh: mesh.Mesh, displacement: fem.Function | None) -> typing.Iterator[None]:
+    """The mesh where the displacement puts it, inside the block."""
+    if displacement is None:
+        yield
+        return
+    before = msh.geometry.x.copy()
+    msh.geometry.x[:] = where(displacement)[1]
+    try:
+        yield
+    finally:
+        msh.geometry.x[:] = before
+
+
+def _largest_cell(msh: mesh.Mesh) -> float:
+    """Longest distance of two nodes of a cell. Collective."""
+    x = msh.geometry.x[cell_nodes(msh)]
+    pairs = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
+    return float(msh.comm.allreduce(pairs.max(initial=0.0), op=MPI.MAX))
+
+
+class Search:
+    """Finds where points of one mesh are on another.
+
+    Args:
+        old: The mesh that fields are on.
+        new: The mesh that they are to be found on.
+        reach: How far from all cells a point may be (length).
+    """
+
+    def __init__(self, old: mesh.Mesh, new: mesh.Mesh, reach: float) -> None:
+        self._old, self._new, self._reach = old, new, reach
+        index_map = new.topology.index_map(new.topology.dim)
+        count = index_map.size_local + index_map.num_ghosts
+        self._cells = np.arange(count, dtype=np.int32)
+        size = max(new.comm.allgather(float(np.ptp(old.geometry.x, axis=0).max(initial=0.0))))
+        self._paddings = [WITHIN * size, min(0.02 * reach, reach), reach]
+
+    def interpolate(self, function: fem.Function, out: fem.Function) -> None:
+        """Interpolate a function on the old mesh into one on the new mesh. Collective.
+
+        Raises:
+            ValueError: If a point is out of reach.
+        """
+        V, V_new = function.function_space, out.function_space
+        shape = function.ufl_shape
+        one = fem.Function(fem.functionspace(self._old, ("Lagrange", 1, shape)))
+        one.x.array[:] = 1.0
+        number = max(int(np.prod(shape)), 1)
+        expected, found = fem.Function(V_new), fem.Function(V_new)
+        expected.interpolate(
+            lambda x: np.ones((number, x.shape[1])) if shape else np.ones(x.shape[1])
+        )
+        for padding in self._paddings:
+            data = fem.create_interpolation_data(V_new, V, self._cells, padding=padding)
+            found.x.array[:] = 0.0
+            found.interpolate_nonmatching(one, self._cells, data)
+            lost = np.abs(found.x.array - expected.x.array) > ONE
+            if not V_new.mesh.comm.allreduce(bool(lost.any()), op=MPI.LOR):
+                break
+        else:
+            self._refuse(V_new, lost)
+        out.interpolate_nonmatching(function, self._cells, data)
+        out.x.scatter_forward()
+
+    def _refuse(self, V: fem.FunctionSpace, lost: npt.NDArray[np.bool_]) -> None:
+        bs = V.dofmap.index_map_bs
+        cells = np.flatnonzero(np.any(lost.reshape(-1, bs)[V.dofmap.list], axis=(1, 2)))
+        with collective_errors(V.mesh.comm):
+            if len(cells):
+                x = V.mesh.geometry.x[cell_nodes(V.mesh)[cells]].mean(axis=1)
+                at = "({:.5g}, {:.5g}, {:.5g})".format(*x[0])
+                raise ValueError(
+                    f"V_new: {len(cells)} cells have points that are further than reach = "
+                    f"{self._reach:.3g} from the old mesh, as near {at}: is it the same body?"
+                )

@@ -1,0 +1,156 @@
+"""When bodies get new meshes in time steps, and how."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import ufl
+from dolfinx import fem, mesh
+
+from qsdolfinx.base.checks import (
+    CALLABLE,
+    COUNT,
+    FLAG,
+    POSITIVE,
+    TAGS,
+    check,
+    either,
+    instance,
+    require,
+)
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.remeshing.sizes import Size
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.steps.scene import Scene
+from qsdolfinx.steps.staggered import Staggered
+
+Build = typing.Callable[
+    [typing.Sequence[mesh.Mesh], typing.Sequence[mesh.MeshTags | None]],
+    ContactProblem | tuple[ContactProblem, Staggered],
+]
+
+LIST = instance((list, tuple), "a list")
+
+
+class Remeshing:
+    """When and how a :class:`qs.TimeStepper` gives bodies new meshes.
+
+    A body in velocities gets a new mesh (:func:`qs.remesh`) at the start of a step at which one of
+    the criteria holds, or when no step can be made because a mesh is distorted. Velocities,
+    pressures and named fields are carried over (:func:`qs.transfer`), multipliers and the history
+    of friction from the old contact surfaces to the new ones. Tools stay where they are. Then
+    equilibrium is found again.
+
+    Forms, conditions and surfaces belong to a mesh, so that there is a new problem: ``build`` makes
+    it. ``stepper.problem`` is then that one, and ``solve`` of the stepper has to use it.
+
+    Args:
+        build: Called with the meshes of all bodies and the tags of their facets, in the order of
+            the problem's unknowns; returns a problem with the same bodies, contacts and tools in
+            the same order, or a pair of it and its ``qs.Staggered``, whose temperatures are
+            carried over. It may put what it makes in place of what the program has used so far.
+        size: Of cells (length); or a function of a mesh that returns what ``qs.remesh`` takes for a
+            size, called for each new mesh with the old one.
+        facet_tags: Tags of the facets of each body's mesh, to be carried over; None for none. A
+            list of one for each body.
+        min_quality: Shape of the worst cell (see MeshMotion.quality) below which meshes are made;
+            None for no such criterion.
+        every: Steps after which new meshes are made; None for no such criterion.
+        max_penetration: Depth (length) of contact above which they are made; None for no such
+            criterion.
+        when: Called with the stepper, says whether to make them now; None for no such criterion.
+        fields: Returns the functions to be carried over, by names; called before ``build``, and
+            after it for those on the new meshes to be filled.
+        energy: Returns a form that is integrated on the old and on the new mesh, such as a strain
+            energy or a dissipation, to be compared in the report.
+        axisymmetric: Whether coordinates are (r, z).
+        feature_angle: See :func:`qs.remesh`.
+        gradation: See :func:`qs.remesh`.
+
+    Raises:
+        TypeError, ValueError: If an argument is of another type or out of range.
+    """
+
+    def __init__(
+        self,
+        build: Build,
+        size: float | typing.Callable[[mesh.Mesh], Size],
+        facet_tags: typing.Sequence[mesh.MeshTags | None] | None = None,
+        *,
+        min_quality: float | None = 0.1,
+        every: int | None = None,
+        max_penetration: float | None = None,
+        when: typing.Callable[[typing.Any], bool] | None = None,
+        fields: typing.Callable[[], typing.Mapping[str, fem.Function]] | None = None,
+        energy: typing.Callable[[], ufl.Form] | None = None,
+        axisymmetric: bool = False,
+        feature_angle: float = 40.0,
+        gradation: float | None = 0.5,
+    ) -> None:
+        check(CALLABLE, build=build)
+        check(either(CALLABLE, None), when=when, fields=fields, energy=energy)
+        if not callable(size):
+            check(POSITIVE, size=size)
+        check(either(LIST, None), facet_tags=facet_tags)
+        check(either(TAGS, None), **{f"facet_tags: {i}": t for i, t in enumerate(facet_tags or ())})
+        check(either(POSITIVE, None), min_quality=min_quality, max_penetration=max_penetration)
+        check(either(COUNT, None), every=every)
+        check(FLAG, axisymmetric=axisymmetric)
+        check(POSITIVE, feature_angle=feature_angle)
+        check(either(POSITIVE, None), gradation=gradation)
+        self.build, self.size = build, size
+        #: Tags of the facets of the present meshes, None where a body has none.
+        self.facet_tags: list[mesh.MeshTags | None] | None = None
+        if facet_tags is not None:
+            self.facet_tags = list(facet_tags)
+        self.min_quality, self.every, self.max_penetration = min_quality, every, max_penetration
+        self.when = when
+        self.fields = fields or (lambda: {})
+        self.energy = energy
+        self.axisymmetric, self.feature_angle = bool(axisymmetric), float(feature_angle)
+        self.gradation = gradation
+
+    def check(self, problem: ContactProblem) -> None:
+        """Refuse a problem that has no body to be meshed, or another number of bodies.
+
+        Raises:
+            ValueError: With what is wrong.
+        """
+        flows = "velocity" in problem.unknowns
+        require(flows, "remesh: only bodies in velocities get new meshes, and there is none")
+        tags = self.facet_tags
+        fits = tags is None or len(tags) == len(problem.u)
+        require(fits, f"remesh: facet_tags must be a list of {len(problem.u)}, one for each body")
+
+    def due(self, scene: Scene, steps: int, stepper: object) -> str | None:
+        """Why bodies should get new meshes now; None if they need not. Collective.
+
+        Args:
+            scene: What steps move.
+            steps: Made since the last remeshing.
+            stepper: What ``when`` is called with.
+        """
+        if self.every is not None and steps >= self.every:
+            return f"every = {self.every}"
+        if self.min_quality is not None:
+            flowing = zip(scene.motions, scene.in_velocity, strict=True)
+            worst = min(motion.quality() for motion, flows in flowing if flows)
+            if worst < self.min_quality:
+                return f"a quality of {worst:.3g}, below min_quality = {self.min_quality:g}"
+        if self.max_penetration is not None and steps > 0:
+            deepest = max((c.penetration() for c in scene.problem.contacts), default=0.0)
+            if deepest > self.max_penetration:
+                limit = f"max_penetration = {self.max_penetration:g}"
+                return f"a penetration of {deepest:.3g}, above {limit}"
+        if self.when is not None:
+            with collective_errors(scene.problem.comm):
+                asked = bool(self.when(stepper))
+            if scene.problem.comm.allreduce(asked, op=MPI.LOR):
+                return "when"
+        return None
+
+    def size_for(self, msh: mesh.Mesh) -> typing.Any:
+        """Sizes of cells of a body, as ``qs.remesh`` takes them."""
+        return self.size(msh) if callable(self.size) else float(self.size)

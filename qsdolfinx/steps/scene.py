@@ -1,0 +1,66 @@
+"""What time steps move: the bodies, contacts and tools of one problem."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.steps.motion_limits import MotionLimits
+from qsdolfinx.steps.pairings import Pairings
+from qsdolfinx.steps.penetration import Penetration
+from qsdolfinx.steps.snapshot import Snapshot
+from qsdolfinx.steps.staggered import Staggered
+from qsdolfinx.steps.tool_motion import ToolRate
+from qsdolfinx.tools.rigid_surface import as_tool
+
+Array = npt.NDArray[np.float64]
+
+
+class Scene:
+    """A problem as time steps see it; another mesh of a body makes another scene.
+
+    Args:
+        problem: The problem.
+        theta: Part of a step after which bodies in velocities are solved for.
+        max_rotation: See :class:`qs.TimeStepper`.
+        max_slip: See :class:`qs.TimeStepper`.
+        max_penetration: See :class:`qs.TimeStepper`.
+        staggered: What is solved after the bodies in each step; None for nothing.
+    """
+
+    def __init__(
+        self,
+        problem: ContactProblem,
+        theta: float,
+        max_rotation: float | None,
+        max_slip: float | None,
+        max_penetration: float | str | None,
+        staggered: Staggered | None = None,
+    ) -> None:
+        self.problem = problem
+        self.staggered = staggered
+        #: How the meshes of the bodies move.
+        self.motions = [MeshMotion(u) for u in problem.u]
+        tools = [tool for c in problem.contacts if (tool := as_tool(c.master)) is not None]
+        #: Rigid tools, each once.
+        self.tools = list({id(tool): tool for tool in tools}.values())
+        self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
+        #: Velocities of the last step, as ``TimeStepper.rates``.
+        self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
+        #: The same of rigid tools.
+        self.tool_rates = [ToolRate.zero(tool) for tool in self.tools]
+        #: By how much the last step missed what was expected of it, length.
+        self.missed: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
+        self.limits = MotionLimits(problem.contacts, max_rotation, max_slip)
+        self.penetration = Penetration(problem.contacts, max_penetration)
+        self.pairings = self.pairings_after(theta)
+
+    def pairings_after(self, theta: float) -> Pairings:
+        """Where contact pairs in a step whose bodies in velocities are solved for after θ."""
+        return Pairings(self.problem, self.motions, self.tools, self.in_velocity, theta)
+
+    def snapshot(self) -> Snapshot:
+        """The state as it is."""
+        return Snapshot(self.problem, self.motions, self.tools)

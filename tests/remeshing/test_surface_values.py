@@ -1,0 +1,64 @@
+"""Values on contact surfaces: what the overlay of old and new facets keeps."""
+
+import numpy as np
+import pytest
+from forming_bodies import quarter_cylinder
+from remeshing_scenes import bump, tagged
+from scenes import WORLD, plane, vector_space
+
+from dolfinx import mesh
+
+import qsdolfinx as qs
+from qsdolfinx.remeshing.surface_values import SurfaceValues
+
+pytest.importorskip("gmsh")
+
+
+def surfaces(dim, axisymmetric=False):
+    """The top of a body on two meshes."""
+    if dim == 2:
+        meshes = [mesh.create_rectangle(WORLD, [[0, 0], [2, 1]], [n, 2]) for n in (7, 10)]
+    else:
+        meshes = [mesh.create_unit_cube(WORLD, n, n, 2) for n in (3, 5)]
+    return [
+        qs.Surface(vector_space(m), facets=plane(m, dim - 1, 1.0), axisymmetric=axisymmetric)
+        for m in meshes
+    ]
+
+
+def total(surface, values):
+    return WORLD.allreduce((surface.node_area[:, None] * values).sum(axis=0))
+
+
+@pytest.mark.parametrize(("dim", "axisymmetric"), [(2, False), (2, True), (3, False)])
+def test_integrals_are_kept_to_rounding(dim, axisymmetric):
+    old, new = surfaces(dim, axisymmetric)
+    x = old.node_x
+    values = np.column_stack([np.exp(x[:, 0]), x[:, 0] < 0.4, x[:, 1] ** 3, 1 + 0 * x[:, 0]])
+    found = SurfaceValues.of(old, values).on(new)
+    assert np.allclose(total(new, found), total(old, values), rtol=1e-12)
+    assert np.allclose(found[:, 3], 1) and np.all((found[:, 1] >= -1e-14) & (found[:, 1] <= 1.0001))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_same_surface_keeps_its_values(dim):
+    old, _ = surfaces(dim)
+    again = qs.Surface(old.V, facets=old.facets)
+    values = np.random.default_rng(WORLD.rank).uniform(size=(len(old.node_area), 2))
+    assert np.array_equal(SurfaceValues.of(old, values).on(again), values)
+
+
+def test_curved_surface():
+    """New nodes are on the old facets, new facets are chords of these: areas are not the same."""
+    msh = quarter_cylinder(WORLD, 10.0, 0.0, 6.0, 1.5)
+    tags = tagged(msh, [(0, 0.0), (1, 0.0), (2, 0.0), (2, 6.0)])
+    bump(msh, 0.3, 6.0)
+    made = qs.remesh(msh, 1.5, tags)
+    old, new = (
+        qs.Surface(vector_space(m), t, 4) for m, t in ((msh, tags), (made.mesh, made.facet_tags))
+    )
+    values = np.exp(-old.node_x[:, :1] / 5)
+    kept = total(old, values)
+    found = SurfaceValues.of(old, values).on(new)
+    assert np.allclose(total(new, found), kept, rtol=3e-3)
+    assert np.allclose(found[:, 0], np.exp(-new.node_x[:, 0] / 5), atol=0.15)
