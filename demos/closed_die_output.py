@@ -163,9 +163,6 @@ class Stages:
     def draw_wheel(self, axis, scale):
         """Three quarters of the wheel at the end, so that the section is seen."""
         _, triangles, values = self.states[-1]
-        at_axis = np.abs(triangles[:, :, :2]).max(axis=1).min(axis=1) < 1e-6
-        open_to = {0: at_axis & (np.abs(triangles[:, :, 1]).max(axis=1) < 1e-6)}
-        del open_to
         parts, colours = [], []
         for quarter in range(3):
             c, s = np.round(np.cos(quarter * np.pi / 2)), np.round(np.sin(quarter * np.pi / 2))
@@ -197,11 +194,11 @@ class Stages:
         self.draw_curve(figure.add_axes((0.06, 0.09, 0.25, 0.36)), last)
         axis = figure.add_axes((0.33, 0.0, 0.33, 0.46), projection="3d")
         self.draw_wheel(axis, strain)
-        axis = figure.add_axes((0.66, 0.0, 0.26, 0.46), projection="3d")
+        axis = figure.add_axes((0.65, 0.0, 0.29, 0.46), projection="3d")
         triangles, values = solid
         mises = steps_of_colour(max(np.percentile(values, 99.5), 1e-9), "viridis")
         limits = (0, EDGE), (0, EDGE), (triangles[:, :, 2].min(), triangles[:, :, 2].max())
-        set_view(axis, 38, 235, limits, zoom=1.3)
+        set_view(axis, 42, 225, limits, zoom=1.05)
         draw_triangles(axis, triangles, mises.to_rgba(values), linewidth=0.1)
         bar = figure.add_axes((0.945, 0.06, 0.01, 0.38))
         label = "equivalent stress, lower die (MPa)"

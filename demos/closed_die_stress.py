@@ -59,16 +59,16 @@ class ElasticDie:
         pair = qs.Contact(surface, self.surface, unknown=("velocity", "displacement"), dt=dt)
         gap = pair.model.gaps[0]
         operator = gap.jump_operator()
-        values = surface.node_values(traction)
-        # f_k = S_k t_k, all of which goes to where the rows' points are.
-        rows = values[operator.row_node] * operator.row_area[:, None]
+        forces = surface.node_values(traction) * surface.node_area[:, None]
+        # All of a node's force goes to that part of its area that is above the die.
+        rows = forces[operator.row_node] / gap.cover_share[:, None]
         vecs = surface.create_vec(), self.surface.create_vec()
         operator.add_transpose(rows, vecs[0].handle, vecs[1].handle)
         force = vecs[1]
         comm = self.mesh.comm
         self.traction = recover(self.surface, force)
         self.arrived = comm.allreduce(force.array_r.reshape(-1, 3).sum(axis=0))
-        self.sent = -comm.allreduce((values * surface.node_area[:, None]).sum(axis=0))
+        self.sent = -comm.allreduce(forces.sum(axis=0))
         self.solve(force)
         for vec in vecs:
             vec.destroy()
