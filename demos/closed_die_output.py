@@ -1,18 +1,14 @@
 """What the closed-die demo measures, and its pictures: sections, force over stroke, die stress."""
 
-from mpi4py import MPI
-
 import numpy as np
 
 from dolfinx import mesh
 
 import qsdolfinx as qs
-from qsdolfinx.compat import cell_nodes
 
 from closed_die_bodies import SPEED
 from closed_die_tools import EDGE, profile
 from common.drawing import (
-    GREY,
     boundary,
     draw_triangles,
     gather,

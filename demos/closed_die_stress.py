@@ -7,13 +7,13 @@ above the die.
 """
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
-from petsc4py import PETSc
 
 import qsdolfinx as qs
 from qsdolfinx.surface.traction import recover

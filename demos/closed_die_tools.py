@@ -47,7 +47,7 @@ DIES = {"lower": corners(hub=9.0, rim=7.0), "upper": corners(hub=11.0, rim=7.0)}
 
 
 def height(die, depth):
-    """z of a depth below the land, with the dies closed."""
+    """Z of a depth below the land, with the dies closed."""
     return -depth if die == "lower" else FLASH + depth
 
 
@@ -159,7 +159,6 @@ def die_mesh(comm, die, size, coarse, thickness=25.0):
         coarse: Of the cells at the back.
         thickness: From the land to the back.
     """
-
     face = profile(die, 10).T
 
     def at(dim, tag, x, y, z, _):
