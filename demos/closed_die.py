@@ -35,9 +35,12 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from closed_die_bodies import RADIUS, SPEED, M, build, raise_die, read_dies, stroke_of
 from closed_die_output import Record, Stages
 from closed_die_stress import ElasticDie
-from closed_die_tools import billet_mesh
+from closed_die_tools import FLASH, billet_mesh
 from common.command import Command, film_file, option, report, say
 from common.measures import Clock
+
+#: Part of its thickness that the flash may lose in a step, at most.
+THINNING = 0.1
 
 
 @dataclasses.dataclass
@@ -92,6 +95,7 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
     try:
         for _ in stepper.run((p.stroke or whole) / SPEED):
             record.add_step(scene, stepper)
+            stepper.dt_max = min(p.advance, THINNING * (whole - record.way + FLASH)) / SPEED
             on_step(scene, record)
     except qs.StepError as error:
         say(f"ends before the dies are closed: {error}")

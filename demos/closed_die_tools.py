@@ -5,6 +5,7 @@ gutter. Walls have a draft of 7°, edges are rounded. Lengths in mm; the axis is
 lower die is at z = 0 and, when the dies are closed, that of the upper one at z = FLASH.
 """
 
+import itertools
 import math
 
 import numpy as np
@@ -63,6 +64,8 @@ def segments(die):
         half = math.acos(back @ forth) / 2
         middle = (back + forth) / np.linalg.norm(back + forth)
         first, last = (corner + radius / math.tan(half) * d for d in (back, forth))
+        if (first - start) @ back > 0:
+            raise ValueError(f"{die} die: roundings overlap before (r, z) = {corner}")
         out += [(start, first), (first, corner + radius / math.sin(half) * middle, last)]
         start = last
     return [*out, (start, points[-1])]
@@ -89,10 +92,27 @@ def cavity(radius=LAND):
     return 2 * np.pi * np.trapezoid(r * (upper - lower), r)
 
 
+def cell_size(x, way, largest, smallest):
+    """Size of a billet's cells: parts of the way between the dies, so that the flash has two.
+
+    Args:
+        x: Points, shape (3, n).
+        way: Of the upper die to where it ends.
+        largest: Size.
+        smallest: Size.
+    """
+    r = np.hypot(x[0], x[1])
+    lower, upper = (np.interp(r, *profile(die).T) for die in ("lower", "upper"))
+    return np.clip(0.45 * (upper - lower + way), smallest, largest)
+
+
 def draw_profile(gmsh, die, back=None):
     """Curves of a profile in the plane y = 0; closed by a block behind it down to z = back."""
     occ = gmsh.model.occ
-    add = lambda p: occ.addPoint(p[0], 0.0, p[1])
+
+    def add(p):
+        return occ.addPoint(p[0], 0.0, p[1])
+
     parts = segments(die)
     first = last = add(parts[0][0])
     curves = []
@@ -104,7 +124,7 @@ def draw_profile(gmsh, die, back=None):
             curves.append(occ.addLine(before, last))
     if back is not None:
         behind = [last, add((EDGE, back)), add((0.0, back)), first]
-        curves += [occ.addLine(*pair) for pair in zip(behind, behind[1:], strict=False)]
+        curves += [occ.addLine(*pair) for pair in itertools.pairwise(behind)]
     return curves
 
 
