@@ -1,0 +1,125 @@
+"""A hot billet forged in 3D between two closed dies that are read from STL files, with flash.
+
+A quarter of a wheel with hub, web and rim: `closed_die_tools.py` draws both dies with gmsh, with
+draft, roundings, a flash land and a gutter. The billet (Norton-Hoff, MINI element) stands on the
+web of the lower die; the upper one comes down at 100 mm/s until the dies are closed. All of the
+billet's skin may touch both dies, with friction. At the end the lower die, as an elastic solid with
+a face finer than the billet, is loaded by the tractions that were recovered on the billet.
+
+    mpirun -n 2 python3 demos/closed_die.py --plot closed_die.png --json closed_die.json
+    python3 demos/closed_die.py --quick --animate closed_die.gif
+
+Keys of the JSON object:
+
+- steps, remeshings;
+- volume_change: of the billet, relative, over the run;
+- max_penetration: deepest point of billet or die in the other one, of all steps (mm);
+- facet_size: mean edge of the billet's facets that it is to be compared with (mm);
+- filled: share of the cavity within the land that is filled at the end;
+- force_max: largest force of the press, for the whole wheel (N);
+- energy_error: work of the press, less dissipation and friction, over the work;
+- die_traction_peak: largest traction on the elastic die (MPa);
+- total_seconds.
+"""
+
+import dataclasses
+import pathlib
+import sys
+
+from mpi4py import MPI
+
+import qsdolfinx as qs
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from closed_die_bodies import RADIUS, SPEED, M, build, raise_die, read_dies, stroke_of
+from closed_die_output import Record, Stages
+from closed_die_stress import ElasticDie
+from closed_die_tools import FLASH, billet_mesh
+from common.command import Command, film_file, option, report, say
+from common.measures import Clock
+
+#: Part of its thickness that the flash may lose in a step, at most.
+THINNING = 0.1
+
+
+@dataclasses.dataclass
+class Parameters:
+    """One forging; lengths in mm."""
+
+    size: float = option(1.7, "of the billet's cells")
+    tool_size: float = option(1.5, "of the dies' facets, at most")
+    advance: float = option(0.5, "way of the press in a step")
+    flash: float = option(0.08, "volume of the billet beyond the cavity's, relative")
+    friction: str = option("coulomb-tresca", choices=("coulomb-tresca", "norton", "none"))
+    solver: str = option("auto", "linear solver")
+    min_quality: float = option(0.06, "shape of the worst cell at which a mesh is given up")
+    stroke: float | None = option(None, "of the press; by default until the dies are closed")
+    quick: bool = option(False, "coarse, at most two minutes")
+    verbose: bool = False
+
+    def __post_init__(self):
+        if self.quick:
+            self.size, self.tool_size, self.advance = 3.0, 2.0, 0.8
+
+
+def step_on(scene, dies, p, dt, min_quality):
+    """A stepper of the scene, which drives the press."""
+
+    def drive(t, dt):
+        dies[1].displacement = [0.0, 0.0, -SPEED * dt]
+
+    def solve(step):
+        if step == 0:
+            return qs.solve_with_continuation(scene.problem, scene.billet.m, M)
+        try:
+            return scene.problem.solve()
+        except qs.ConvergenceError:
+            return qs.solve_with_continuation(scene.problem, scene.billet.m, M)
+
+    stepper = qs.TimeStepper(scene.problem, dt, drive, solve=solve, min_quality=min_quality)
+    stepper.on_solved = scene.measure
+    return stepper
+
+
+def run(p, comm=MPI.COMM_WORLD, on_step=None):
+    """Forge; returns what --json writes, the scene and the elastic die."""
+    clock, on_step = Clock(comm), on_step or (lambda scene, record: None)
+    dies, whole = read_dies(comm, p.tool_size), stroke_of(p.flash)
+    raise_die(dies[1], whole)
+    dt = p.advance / SPEED
+    scene = build(billet_mesh(comm, RADIUS, p.flash, p.size), dies, dt, p.friction, p.solver)
+    stepper = step_on(scene, dies, p, dt, p.min_quality)
+    record = Record(comm, whole, scene, p.verbose)
+    on_step(scene, record)
+    try:
+        for _ in stepper.run((p.stroke or whole) / SPEED):
+            record.add_step(scene, stepper)
+            stepper.dt_max = min(p.advance, THINNING * (whole - record.way + FLASH)) / SPEED
+            on_step(scene, record)
+    except qs.StepError as error:
+        say(f"ends before the dies are closed: {error}")
+    die = ElasticDie(comm, p.tool_size)
+    traction = scene.contacts[0].traction("slave")
+    die.load(scene.contacts[0].slave, traction, stepper.last_dt)
+    result = record.result() | {"die_traction_peak": die.peaks()[0]}
+    return result | {"total_seconds": clock.seconds()}, scene, die
+
+
+def main():
+    command = Command(__doc__, Parameters, plot="sections, force over stroke, stress in the die")
+    command.add_file("--animate", film_file, "all steps as a GIF")
+    p, a = command.parse()
+    stages = Stages(p) if a.plot or a.animate else None
+    result, _, die = run(dataclasses.replace(p, verbose=True), on_step=stages)
+    force = ", ".join(f"{f / 1e3:.2f}" for f in (die.sent[2], die.arrived[2]))
+    say(f"force of the billet on the lower die, and what the solid received (kN): {force}")
+    report(result, a.json, ".6g")
+    if a.plot:
+        stages.plot(a.plot, die)
+    if a.animate:
+        stages.animate(a.animate)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,156 @@
+"""The scene of the closed-die demo on a given mesh of the billet, so that a new one can follow."""
+
+import dataclasses
+import pathlib
+import tempfile
+
+import numpy as np
+
+import ufl
+from dolfinx import fem
+
+import qsdolfinx as qs
+from qsdolfinx.compat import interpolation_points
+
+from closed_die_tools import DIES, FLASH, LAND, billet_size, cavity, skin, write_stl
+from common.bodies import facets_at, fix, integral
+from forming_bodies import NortonHoff
+
+K, M = 50.0, 0.15  # MPa sᵐ at START, -
+SOFTENING, START = 2.7e-3, 1100.0  # 1/K, °C
+SPEED = 100.0  # of the press, mm/s
+MU, M_BAR, ALPHA = 0.2, 0.4, 0.3  # Coulomb's coefficient, factor of the shear stress, Norton's
+RATE = 5.0  # 1/s, a strain rate at which friction's limit is that of the flow stress
+RADIUS = 17.0  # of the billet
+#: MPa/mm. Given, as the automatic one is that of the viscosity where the first solve begins.
+PENALTY = 2e4
+
+
+def read_dies(comm, size):
+    """Lower and upper die from STL files with facets of a size; the upper one raised.
+
+    Returns:
+        The dies, lower and upper.
+    """
+    dies = []
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(comm.bcast(folder))
+        for die in DIES:
+            if comm.rank == 0:
+                write_stl(die, folder / f"{die}.stl", size)
+            dies.append(qs.RigidSurface.from_stl(comm, folder / f"{die}.stl"))
+        comm.barrier()
+    return dies
+
+
+def stroke_of(flash):
+    """Way of the press from the top of the billet, which stands on the web, to closed dies."""
+    webs = DIES["lower"][2][1] + DIES["upper"][2][1]
+    return billet_size(RADIUS, flash) - webs - FLASH
+
+
+def raise_die(die, way):
+    """Put a die above where it is when the dies are closed."""
+    die.position = np.column_stack([np.eye(3), [0.0, 0.0, way]])
+
+
+def friction_law(name, msh):
+    """Friction against a die; None for none."""
+    flow_stress = fem.Constant(msh, K * np.sqrt(3) ** (M + 1) * RATE**M)
+    return {
+        "none": lambda: None,
+        "norton": lambda: qs.Norton(ALPHA, K, M),
+        "coulomb-tresca": lambda: qs.CoulombTresca(MU, M_BAR, flow_stress),
+    }[name]()
+
+
+@dataclasses.dataclass
+class Scene:
+    """A billet on one mesh between the dies: all that a new mesh replaces.
+
+    Attributes:
+        billet: Its form, unknowns and conditions.
+        temperature: °C, at the vertices.
+        strain: Equivalent strain, a number a cell.
+        contacts: Of the whole skin with the lower and the upper die.
+        problem: The problem.
+    """
+
+    billet: NortonHoff
+    temperature: fem.Function
+    strain: fem.Function
+    contacts: list[qs.Contact]
+    problem: qs.ContactProblem
+
+    def __post_init__(self):
+        points = interpolation_points(self.strain.function_space)
+        self._rate = fem.Expression(self.billet.rate, points)
+        self._now, self.power = fem.Function(self.strain.function_space), 0.0
+
+    @property
+    def mesh(self):
+        """The billet's mesh."""
+        return self.billet.mesh
+
+    def measure(self):
+        """Rates, while the mesh is where the velocity was solved for. Collective."""
+        self._now.interpolate(self._rate)
+        self.power = self.billet.power()
+
+    def advance(self, dt):
+        """Add a step to the strain."""
+        self.strain.x.array[:] += dt * self._now.x.array
+
+    def push(self):
+        """Force of the press on the quarter (N). Collective."""
+        return -self.contacts[1].force("slave")[2]
+
+    def penetration(self):
+        """Depth of the deepest point of either surface in the other one. Collective."""
+        return max(contact.penetration() for contact in self.contacts)
+
+    def filled(self, way):
+        """Share of the cavity that is filled, when the upper die is a way from its end. Collective.
+
+        The cavity is all between the dies within the land.
+        """
+        x = ufl.SpatialCoordinate(self.mesh)
+        inside = ufl.conditional(ufl.lt(x[0] ** 2 + x[1] ** 2, LAND**2), 1.0, 0.0)
+        dx = ufl.Measure("dx", self.mesh, metadata={"quadrature_degree": 6})
+        whole = cavity() + np.pi * LAND**2 * way
+        return 4 * integral(self.mesh, inside * dx) / whole
+
+
+def build(msh, dies, dt, friction="coulomb-tresca", solver="auto"):
+    """The billet on a mesh, its contacts with both dies, and the problem.
+
+    Args:
+        msh: Mesh of a quarter of the billet.
+        dies: Lower and upper die.
+        dt: First step.
+        friction: "coulomb-tresca", "norton" or "none".
+        solver: Linear solver.
+    """
+    temperature = fem.Function(fem.functionspace(msh, ("Lagrange", 1)), name="temperature")
+    temperature.x.array[:] = START
+    consistency = K * ufl.exp(-SOFTENING * (temperature - START))
+    billet = NortonHoff(msh, consistency, M, slow=1e-3 * RATE)
+    V = billet.W.sub(0)
+    billet.bcs = [fix(V, axis, facets_at(msh, axis, 0.0)) for axis in (0, 1)]
+    surface = billet.surface(skin(msh))
+    contacts = [
+        qs.Contact(
+            surface,
+            die,
+            unknown="velocity",
+            dt=dt,
+            penalty=PENALTY,
+            enforcement="penalty",
+            constraints="points",
+            friction=friction_law(friction, msh),
+        )
+        for die in dies
+    ]
+    problem = qs.ContactProblem([billet.F], [billet.w], contacts, [billet.bcs], solver=solver)
+    strain = fem.Function(fem.functionspace(msh, ("DG", 0)), name="strain")
+    return Scene(billet, temperature, strain, contacts, problem)
