@@ -53,7 +53,9 @@ class Parameters:
     flash: float = option(0.08, "volume of the billet beyond the cavity's, relative")
     friction: str = option("coulomb-tresca", choices=("coulomb-tresca", "norton", "none"))
     solver: str = option("auto", "linear solver")
-    min_quality: float = option(0.06, "shape of the worst cell at which a mesh is given up")
+    min_quality: float = option(0.04, "shape of the worst cell at which a mesh is given up")
+    remesh_quality: float = option(0.08, "shape of the worst cell at which it gets a new mesh")
+    every: int = option(4, "steps from a new mesh to the next, at most")
     stroke: float | None = option(None, "of the press; by default until the dies are closed")
     quick: bool = option(False, "coarse, at most two minutes")
     verbose: bool = False
@@ -63,47 +65,81 @@ class Parameters:
             self.size, self.tool_size, self.advance = 3.0, 2.0, 0.8
 
 
-def step_on(scene, dies, p, dt, min_quality):
-    """A stepper of the scene, which drives the press."""
+class Forging:
+    """The run: what is there of the billet now, and the stepper that gives it new meshes.
 
-    def drive(t, dt):
-        dies[1].displacement = [0.0, 0.0, -SPEED * dt]
+    Args:
+        p: Parameters.
+        comm: Communicator.
+    """
 
-    def solve(step):
-        if step == 0:
-            return qs.solve_with_continuation(scene.problem, scene.billet.m, M)
-        try:
-            return scene.problem.solve()
-        except qs.ConvergenceError:
-            return qs.solve_with_continuation(scene.problem, scene.billet.m, M)
+    def __init__(self, p, comm):
+        self.p, self.dt = p, p.advance / SPEED
+        self.dies, self.whole = read_dies(comm, p.tool_size), stroke_of(p.flash)
+        raise_die(self.dies[1], self.whole)
+        self.build([billet_mesh(comm, RADIUS, p.flash, p.size)], [None])
+        remesh = qs.Remeshing(
+            self.build,
+            self.size,
+            every=p.every,
+            min_quality=p.remesh_quality,
+            fields=lambda: {"strain": self.scene.strain},
+        )
+        self.stepper = qs.TimeStepper(
+            self.scene.problem,
+            self.dt,
+            self.drive,
+            solve=self.solve,
+            min_quality=p.min_quality,
+            staggered=self.scene.heat,
+            remesh=remesh,
+        )
+        self.stepper.on_solved = lambda: self.scene.measure()
 
-    stepper = qs.TimeStepper(scene.problem, dt, drive, solve=solve, min_quality=min_quality)
-    stepper.on_solved = scene.measure
-    return stepper
+    def build(self, meshes, tags):
+        """The scene on a mesh, the first one or a new one."""
+        self.scene = build(meshes[0], self.dies, self.dt, self.p.friction, self.p.solver)
+        return self.scene.problem, self.scene.heat
+
+    def size(self, msh):
+        """Of cells: smaller where the billet's surface is curved, as in the dies' roundings."""
+        return qs.size_from_curvature(msh, 0.5, self.p.size / 2, self.p.size)
+
+    def drive(self, t, dt):
+        """The press comes down."""
+        self.dies[1].displacement = [0.0, 0.0, -SPEED * dt]
+
+    def solve(self, step):
+        """From m = 1 at first, and where that fails."""
+        scene = self.scene
+        if step > 0:
+            try:
+                return scene.problem.solve()
+            except qs.ConvergenceError:
+                pass
+        return qs.solve_with_continuation(scene.problem, scene.billet.m, M)
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
     """Forge; returns what --json writes, the scene and the elastic die."""
     clock, on_step = Clock(comm), on_step or (lambda scene, record: None)
-    dies, whole = read_dies(comm, p.tool_size), stroke_of(p.flash)
-    raise_die(dies[1], whole)
-    dt = p.advance / SPEED
-    scene = build(billet_mesh(comm, RADIUS, p.flash, p.size), dies, dt, p.friction, p.solver)
-    stepper = step_on(scene, dies, p, dt, p.min_quality)
-    record = Record(comm, whole, scene, p.verbose)
-    on_step(scene, record)
+    forging = Forging(p, comm)
+    stepper, whole = forging.stepper, forging.whole
+    record = Record(comm, whole, forging.scene, p.verbose)
+    on_step(forging.scene, record)
     try:
         for _ in stepper.run((p.stroke or whole) / SPEED):
-            record.add_step(scene, stepper)
+            record.add_step(forging.scene, stepper)
             stepper.dt_max = min(p.advance, THINNING * (whole - record.way + FLASH)) / SPEED
-            on_step(scene, record)
+            on_step(forging.scene, record)
     except qs.StepError as error:
         say(f"ends before the dies are closed: {error}")
     die = ElasticDie(comm, p.tool_size)
-    traction = scene.contacts[0].traction("slave")
-    die.load(scene.contacts[0].slave, traction, stepper.last_dt)
-    result = record.result() | {"die_traction_peak": die.peaks()[0]}
-    return result | {"total_seconds": clock.seconds()}, scene, die
+    lower = forging.scene.contacts[0]
+    die.load(lower.slave, lower.traction("slave"), stepper.last_dt)
+    result = record.result() | {"remeshings": len(stepper.remeshings)}
+    result |= {"die_traction_peak": die.peaks()[0], "total_seconds": clock.seconds()}
+    return result, forging.scene, die
 
 
 def main():

@@ -17,7 +17,11 @@ from common.bodies import facets_at, fix, integral
 from forming_bodies import NortonHoff
 
 K, M = 50.0, 0.15  # MPa sᵐ at START, -
-SOFTENING, START = 2.7e-3, 1100.0  # 1/K, °C
+SOFTENING, START, DIE = 2.7e-3, 1100.0, 200.0  # 1/K, °C of the billet at first, and of the dies
+CONDUCTIVITY, CAPACITY = 30.0, 5.0  # mW/(mm K), mJ/(mm³ K)
+TOUCHING, HALF = 20.0, 20.0  # mW/(mm² K), MPa: conductance pressed hard, and where it is half of it
+TO_HEAT = 0.9  # share of plastic work
+TO_BILLET = 0.5  # share of the heat of friction
 SPEED = 100.0  # of the press, mm/s
 MU, M_BAR, ALPHA = 0.2, 0.4, 0.3  # Coulomb's coefficient, factor of the shear stress, Norton's
 RATE = 5.0  # 1/s, a strain rate at which friction's limit is that of the flow stress
@@ -70,22 +74,23 @@ class Scene:
 
     Attributes:
         billet: Its form, unknowns and conditions.
-        temperature: °C, at the vertices.
         strain: Equivalent strain, a number a cell.
         contacts: Of the whole skin with the lower and the upper die.
         problem: The problem.
+        heat: The temperature (°C), which is solved for after the velocity.
     """
 
     billet: NortonHoff
-    temperature: fem.Function
     strain: fem.Function
     contacts: list[qs.Contact]
     problem: qs.ContactProblem
+    heat: qs.Staggered
 
     def __post_init__(self):
         points = interpolation_points(self.strain.function_space)
         self._rate = fem.Expression(self.billet.rate, points)
         self._now, self.power = fem.Function(self.strain.function_space), 0.0
+        self.warmed = self.cooled = 0.0
 
     @property
     def mesh(self):
@@ -93,13 +98,27 @@ class Scene:
         return self.billet.mesh
 
     def measure(self):
-        """Rates, while the mesh is where the velocity was solved for. Collective."""
+        """Rates and heat, while the mesh is where the velocity was solved for. Collective."""
         self._now.interpolate(self._rate)
         self.power = self.billet.power()
+        now, before = self.heat.problem.u[0], self.heat.before[0]
+        self.warmed = integral(self.mesh, CAPACITY * (now - before) * ufl.dx(self.mesh))
+        self.cooled = self.into_dies()
 
     def advance(self, dt):
         """Add a step to the strain."""
         self.strain.x.array[:] += dt * self._now.x.array
+
+    @property
+    def temperature(self):
+        """°C, at the vertices, at the end of the last step."""
+        return self.heat.before[0]
+
+    def into_dies(self):
+        """Heat per time (mW) that goes into the dies, that of friction left out. Collective."""
+        friction = sum(contact.step_dissipation() / contact.dt for contact in self.contacts)
+        out = -sum(contact.flow("slave") for contact in self.heat.problem.contacts)
+        return out + TO_BILLET * friction
 
     def push(self):
         """Force of the press on the quarter (N). Collective."""
@@ -153,4 +172,35 @@ def build(msh, dies, dt, friction="coulomb-tresca", solver="auto"):
     ]
     problem = qs.ContactProblem([billet.F], [billet.w], contacts, [billet.bcs], solver=solver)
     strain = fem.Function(fem.functionspace(msh, ("DG", 0)), name="strain")
-    return Scene(billet, temperature, strain, contacts, problem)
+    return Scene(billet, strain, contacts, problem, build_heat(billet, temperature, contacts, dt))
+
+
+def build_heat(billet, before, contacts, dt):
+    """Heat of plastic work and friction, which flows into the dies where they touch.
+
+    Args:
+        billet: The billet.
+        before: Its temperature at the start of a step.
+        contacts: With both dies.
+        dt: First step.
+    """
+    V, step = before.function_space, fem.Constant(billet.mesh, dt)
+    now = fem.Function(V, name="temperature")
+    source = qs.materials.plastic_heat(billet.stress, ufl.split(billet.w)[0], TO_HEAT)
+    F = qs.materials.heat(now, CONDUCTIVITY, CAPACITY, before, step, source)
+    surface = qs.Surface(V, facets=contacts[0].slave.facets)
+
+    def h(p, g):
+        return TOUCHING * p / (p + HALF)
+
+    across = [
+        qs.Contact(
+            surface,
+            contact.master,
+            law=qs.Conductance(h, tool=DIE, friction=TO_BILLET if contact.friction else None),
+            of=contact,
+            dt=dt if contact.friction else None,
+        )
+        for contact in contacts
+    ]
+    return qs.Staggered(qs.ContactProblem([F], [now], across), [before], step)

@@ -6,7 +6,7 @@ from dolfinx import mesh
 
 import qsdolfinx as qs
 
-from closed_die_bodies import SPEED
+from closed_die_bodies import SPEED, TO_BILLET, TO_HEAT
 from closed_die_tools import EDGE, profile
 from common.drawing import (
     boundary,
@@ -48,6 +48,7 @@ class Record:
         self.facet_size = mean_edge(scene.contacts[0].slave)
         self.history = qs.History(comm, t_end=whole / SPEED, verbose=verbose)
         self.way = self.work = self.dissipated = self.friction = 0.0
+        self.cooled = self.warmed = 0.0
         self.steps = self.remeshings = 0
         self.last_volume, self.last_filled, self.depth = self.volume, 0.0, 0.0
         #: Way (mm) and force of the whole wheel (N) after each step.
@@ -64,6 +65,8 @@ class Record:
         self.work += force * SPEED * dt
         self.dissipated += dt * scene.power
         self.friction += sum(contact.step_dissipation() for contact in scene.contacts)
+        self.cooled += dt * scene.cooled
+        self.warmed += scene.warmed
         depth = scene.penetration()
         self.depth = max(self.depth, depth)
         self.last_volume = scene.billet.volume()
@@ -76,6 +79,7 @@ class Record:
             "filled": self.last_filled,
             "quality": motion.quality(motion.reference),
             "energy_error": self.energy_error(),
+            "heat_error": self.heat_error(),
             "iterations": stepper.num_iterations,
         }
         self.history.add({"t": self.way / SPEED, "dt": dt} | row)
@@ -83,6 +87,11 @@ class Record:
     def energy_error(self):
         """What is neither dissipated nor friction, of the work."""
         return 1 - (self.dissipated + self.friction) / self.work
+
+    def heat_error(self):
+        """What the billet should have warmed up by and has not, of the work's heat."""
+        given = TO_HEAT * self.dissipated + TO_BILLET * self.friction
+        return (given - self.cooled - self.warmed) / (TO_HEAT * self.work)
 
     def result(self):
         """What --json writes, but for the die and the time."""
@@ -95,7 +104,7 @@ class Record:
             "facet_size": self.facet_size,
             "filled": self.last_filled,
             "force_max": max(force for _, force in self.curve),
-            "energy_error": self.energy_error(),
+            "energy_error": max(self.energy_error(), self.heat_error(), key=abs),
         }
 
 

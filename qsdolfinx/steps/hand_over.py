@@ -10,12 +10,14 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+import ufl
 from dolfinx import fem, mesh
 
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.messages import ContactWarning
 from qsdolfinx.contact import multipliers
+from qsdolfinx.materials import axisymmetric_weight
 from qsdolfinx.remeshing.contact_values import ContactValues, integral
 from qsdolfinx.remeshing.remesh import Remeshed, RemeshReport, remesh
 from qsdolfinx.remeshing.transfer import transfer
@@ -265,10 +267,23 @@ class HandOver:
         old = self._old.staggered
         if old is None or new.staggered is None:
             return
-        names = [str(i) for i in range(len(old.before))]
-        pairs = (dict(zip(names, s.before, strict=True)) for s in (old, new.staggered))
-        self._carry_fields(*pairs)
+        for before, after in zip(old.before, new.staggered.before, strict=True):
+            self._carry_field(before, after)
+            if after.function_space.mesh is not before.function_space.mesh:
+                self._keep_integral(before, after)
         new.staggered.begin()
+
+    def _keep_integral(self, old: fem.Function, new: fem.Function) -> None:
+        """Add a number to a temperature, so that the heat stays. Collective."""
+        weights = [self._weight(f.function_space.mesh) for f in (old, new)]
+        forms = [w * f * ufl.dx for w, f in zip(weights, (old, new), strict=True)]
+        forms.append(weights[1] * ufl.dx(new.function_space.mesh))
+        local = np.array([fem.assemble_scalar(fem.form(form)) for form in forms])
+        before, after, volume = self._comm.allreduce(local, op=MPI.SUM)
+        new.x.array[:] += (before - after) / volume
+
+    def _weight(self, msh: mesh.Mesh) -> typing.Any:
+        return axisymmetric_weight(msh) if self._remeshing.axisymmetric else 1.0
 
     def _carry_unknowns(
         self, new: Scene, before: _Balance, made: typing.Sequence[Remeshed | None]
@@ -292,13 +307,15 @@ class HandOver:
             missing = sorted(old.keys() ^ new.keys())
             require(not missing, f"fields: must have the same names after build; not {missing}")
         for name, function in old.items():
-            target = new[name]
-            if target.function_space.mesh is function.function_space.mesh:
-                target.x.array[:] = function.x.array
-                continue
-            axisymmetric = self._remeshing.axisymmetric
-            found = transfer(function, target.function_space, axisymmetric=axisymmetric)
-            target.x.array[:] = found.x.array
+            self._carry_field(function, new[name])
+
+    def _carry_field(self, function: fem.Function, target: fem.Function) -> None:
+        if target.function_space.mesh is function.function_space.mesh:
+            target.x.array[:] = function.x.array
+            return
+        axisymmetric = self._remeshing.axisymmetric
+        found = transfer(function, target.function_space, axisymmetric=axisymmetric)
+        target.x.array[:] = found.x.array
 
 
 def _both(before: _Balance, after: _Balance) -> tuple[Array, ...]:

@@ -50,7 +50,7 @@ class Remeshing:
         build: Called with the meshes of all bodies and the tags of their facets, in the order of
             the problem's unknowns; returns a problem with the same bodies, contacts and tools in
             the same order, or a pair of it and its ``qs.Staggered``, whose temperatures are
-            carried over. It may put what it makes in place of what the program has used so far.
+            carried over, with their integrals. It may put what it makes in place of what the program has used so far.
         size: Of cells (length); or a function of a mesh that returns what ``qs.remesh`` takes for a
             size, called for each new mesh with the old one.
         facet_tags: Tags of the facets of each body's mesh, to be carried over; None for none. A
