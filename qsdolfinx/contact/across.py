@@ -37,6 +37,8 @@ def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
         "in time steps",
     )
     require(len(of.gaps) == 1, 'of: "double-pass" contact pairs twice; use "quasi-symmetric"')
+    swapped = of.master.V is not None and _same_facets(of.master, slave)
+    require(not swapped, "of: exchange slave and master, so that they are those of the bodies")
     require(_same_facets(of.slave, slave), "of, slave: must be on the same facets of one mesh")
     other, there = deformable(of.master), deformable(master)
     if other is not None:
@@ -44,7 +46,7 @@ def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
         require(fits, "of, master: must be on the same facets of one mesh")
 
 
-def _same_facets(one: Surface, other: Surface) -> bool:
+def _same_facets(one: AnySurface, other: Surface) -> bool:
     return one.mesh is other.mesh and np.array_equal(one.facets, other.facets)
 
 

@@ -42,6 +42,8 @@ def advise(model: ContactModel) -> None:
     """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
     if model.is_scalar:
         text = _pairing(model)
+        if not text and _total(model, len(model.gaps[0].rows.reached)) == 0:
+            text = "slave, master: nothing is opposite to each other; nothing flows"
         if text:
             warn(text, ContactWarning)
         return

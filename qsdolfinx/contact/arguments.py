@@ -67,8 +67,10 @@ def check_field(
     if not slave.is_scalar:
         require(not conducts, "law: Conductance is for surfaces on scalar spaces")
         return
-    text = "law: scalar fields have no gaps; use qs.Tied() or qs.Conductance(h)"
-    require(law.jump, text)
+    require(law.jump, "law: scalar fields have no gaps; use qs.Tied() or qs.Conductance(h)")
+    both = given.formulation == "double-pass"
+    text = "formulation: scalar fields have one multiplier"
+    require(not both, f'{text}; use "quasi-symmetric" or "master-slave"')
     require(friction is None, "friction: scalar fields have none; see qs.Conductance(friction=)")
     for name in ("unknown", "sliding", "initial_overclosure", "constraints"):
         default = Given(*_DEFAULTS)
@@ -89,8 +91,13 @@ def check_field(
 _DEFAULTS = ("quasi-symmetric", "overlay", "displacement", "small", "resolve", "nodes")
 
 
-def check_of_use(slave: Surface, law: Law, of: typing.Any, given: Given) -> None:
-    """Refuse a contact of the bodies that is missing, or not used."""
+_OF = "leave it out, it is that of the contact in of"
+
+
+def check_of_use(
+    slave: Surface, law: Law, of: typing.Any, given: Given, **search: typing.Any
+) -> None:
+    """Refuse a contact of the bodies that is missing, or not used, and how else to pair."""
     needed = isinstance(law, Conductance) and (law.of_state or law.friction is not None)
     if of is None:
         require(not needed, "of: must be the bodies' contact, for an h of its state and its heat")
@@ -100,7 +107,12 @@ def check_of_use(slave: Surface, law: Law, of: typing.Any, given: Given) -> None
     for name in ("formulation", "quadrature"):
         default = Given(*_DEFAULTS)
         fits = getattr(given, name) in (getattr(default, name), getattr(of, name))
-        require(fits, f"{name}: leave it out, it is that of the contact in of")
+        require(fits, f"{name}: {_OF}")
+    for name, value in search.items():
+        require(value is None, f"{name}: {_OF}")
+    heats = isinstance(law, Conductance) and law.friction is not None
+    text = "of: the bodies' contact has no friction; leave out friction= of the conductance"
+    require(not heats or of.friction is not None, text)
 
 
 def check_formulation(formulation: str, enforcement: str, master: AnySurface) -> None:

@@ -7,7 +7,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.checks import require
+from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.friction_heat import FrictionHeat
@@ -25,14 +26,38 @@ def begin(model: ContactModel) -> None:
     h = np.zeros(gap.num_rows) if law.of_state else law.values(gap.num_rows)
     gap.state.conductance = h
     model.penalty.source = "h of each point takes its place"
-    gap.state.shift = np.full((gap.num_rows, 1), -law.tool_temperature)
     if law.friction is not None:
         model.friction_heat = FrictionHeat(gap.slave, gap.master, gap.points, law.friction)
+
+
+def look(model: ContactModel) -> None:
+    """Take what the user may have changed, before the gaps are evaluated.
+
+    Raises:
+        ValueError: If a number is out of range, or differs between ranks.
+        RuntimeError: If the bodies' contact has not been solved where it is paired.
+    """
+    law, gap, mechanics = model.law, model.gaps[0], model.mechanics
+    if not isinstance(law, Conductance):
+        return
+    with checked(model.comm) as same:
+        same(**law.numbers)
+        if mechanics is not None and (law.of_state or law.friction is not None):
+            of = mechanics.of
+            solved = of.penalty.value is not None and of.evaluated_at == of.num_pairings
+            text = "of: the bodies have been paired and not solved for since: solve their problem"
+            require(solved, f"{text} first", RuntimeError)
+            step, theirs = model.kinematics.dt, of.kinematics.dt
+            alike = law.friction is None or step is None or theirs in (None, step)
+            require(alike, f"dt: is {step}, and that of the contact in of {theirs}")
+    gap.state.shift = np.full((gap.num_rows, 1), -law.tool_temperature)
 
 
 def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
     """Find h, and the power of friction, after the gaps have been evaluated."""
     law, gap = model.law, model.gaps[0]
+    own = gap.operator.apply(slave.handle, handle_of(master), (1.0, 0.0))[:, 0]
+    model.field_range = np.array([-np.min(own, initial=np.inf), np.max(own, initial=-np.inf)])
     if not isinstance(law, Conductance):
         return
     state = _state(model, law, gap, slave, master) if law.of_state else ()
@@ -40,8 +65,10 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
     with collective_errors(model.comm):  # h may be the user's
         gap.state.conductance = law.values(gap.num_rows, state)
     if model.friction_heat is not None:
-        assert model.mechanics is not None and model.kinematics.dt is not None
-        model.friction_heat.power = model.mechanics.dissipation() / model.kinematics.dt
+        assert model.mechanics is not None
+        dt = model.kinematics.dt or model.mechanics.of.kinematics.dt
+        assert dt is not None
+        model.friction_heat.power = model.mechanics.dissipation() / dt
 
 
 def _state(

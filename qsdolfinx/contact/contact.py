@@ -115,8 +115,8 @@ class Contact:
         unknown: What the unknowns of the bodies are: ``"displacement"`` or ``"velocity"``, (2) and
             (3), or one of them for the slave and the master, such as a forged workpiece and an
             elastic die, ``("velocity", "displacement")``.
-        dt: Δt, time, if a body has velocities or friction depends on rates; :meth:`set_dt` changes
-            it.
+        dt: Δt, time, if a body has velocities or friction depends on rates, or for the heat of
+            friction if the contact in ``of`` has none; :meth:`set_dt` changes it.
         friction: ``qs.Coulomb``, ``qs.Tresca``, ``qs.CoulombTresca``, ``qs.Norton``,
             ``qs.Sticking``, or None. Slip counts from the end of the last step: a step is a solve
             of the problem, unless the solve is part of ``ContactProblem.one_step``.
@@ -217,7 +217,10 @@ class Contact:
                 formulation, quadrature, unknown, sliding, initial_overclosure, constraints
             )
             check_field(slave, master, law, enforcement, friction, penalty, given)
-            check_of_use(slave, law, of, given)
+            how = {"search_radius": search_radius, "normals": normals}
+            check_of_use(slave, law, of, given, quadrature_degree=quadrature_degree, **how)
+            if isinstance(law, Conductance):
+                same(**law.numbers)
             same(unknown=unknowns_of(unknown, rigid))
             same(one_of(SLIDING), sliding=sliding)
             if normals is None and sliding == "finite":
@@ -249,7 +252,8 @@ class Contact:
         if isinstance(law, Conductance):
             penalty, constraints = 1.0, "points"  # h takes its place, at each point
         needs_dt = friction is not None and friction.needs_dt
-        needs_dt = needs_dt or (isinstance(law, Conductance) and law.friction is not None)
+        if isinstance(law, Conductance) and law.friction is not None:
+            needs_dt = of is None or of.dt is None or dt is not None
         kinematics = Kinematics(unknown, dt, needs_dt, rigid_master=rigid)
         augmented = enforcement == "augmented-lagrangian"
         if itself:
@@ -385,7 +389,8 @@ class Contact:
         """Pair anew, after the meshes of the bodies have been moved. Collective.
 
         Displacements then count from the moved meshes, those of :meth:`set_offset` are forgotten. A
-        tie keeps its pairs, and counts what meshes and tool have moved since it was made.
+        tie of displacements keeps its pairs, and counts what meshes and tool have moved since it
+        was made.
 
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.

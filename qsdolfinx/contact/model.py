@@ -306,6 +306,10 @@ class ContactModel:
         self.mechanics = mechanics
         #: Heat of friction of the bodies, as a load of temperatures; None without.
         self.friction_heat: FrictionHeat | None = None
+        #: ``num_pairings`` at the last evaluation.
+        self.evaluated_at = 0
+        #: Minus the least, and the largest value of a scalar field at the slave's rows here.
+        self.field_range: npt.NDArray[np.float64] = np.zeros(2)
         #: What conductances were functions of at the last evaluation, at the points.
         self.conduction_state: tuple[npt.NDArray[np.float64], ...] = ()
         #: Whether the bodies' contact is one of the same bodies, whose unknowns are mixed.

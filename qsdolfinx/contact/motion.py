@@ -96,10 +96,8 @@ def _zero_offset(model: ContactModel) -> None:
 def catch_up(model: ContactModel) -> None:
     """Pair where a time step has left bodies and tool, unless that has been done. Collective.
 
-    Scalar fields pair as their bodies have.
+    Scalar fields pair as their bodies were when they were solved for last.
     """
-    if model.mechanics is not None:
-        catch_up(model.mechanics.of)
     if model.catch_up is not None:
         model.catch_up()
     if model.mechanics is not None and model.mechanics.is_stale:

@@ -46,10 +46,21 @@ def allowed(model: ContactModel, stiffer: bool = True) -> float:
             way: where the softer one is tied to it, or sticks, and conditions hold that.
     """
     left = max(gap.penetration(model.eps, model.paired.touching) for gap in model.gaps)
+    if model.is_scalar:
+        return _allowed_jump(model, left)
     coordinates = np.abs(model.slave.mesh.geometry.x).max(initial=0.0)
     part = min(OF_PENALTY, _of_stiffer(model) if stiffer else OF_PENALTY)
     local = max(part * left, ROUNDING * float(coordinates))
     return min(model.allowed_gap, float(model.comm.allreduce(local, op=MPI.MAX)))
+
+
+def _allowed_jump(model: ContactModel, left: float) -> float:
+    """The same of a scalar field, whose jump is no length: in units of its range. Collective."""
+    values = np.append(model.field_range, left)
+    model.comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
+    spread, size = values[0] + values[1], np.max(np.abs(values[:2]))
+    part = max(model.settings.gap_tolerance * (spread + values[2]), OF_PENALTY * values[2])
+    return float(max(part, ROUNDING * size))
 
 
 def _of_stiffer(model: ContactModel) -> float:

@@ -203,7 +203,7 @@ def flux(model: ContactModel, side: str) -> fem.Function:
     surface = deformable(agreed(model, side))
     check_scalar(model, "traction")
     if surface is None:
-        raise ValueError("side: a rigid tool has no flux; what goes into it is minus the slave's")
+        raise ValueError("side: a rigid tool has no flux; see flow, or the flux of the slave")
     with _force_vec(model, side, whole_body=True) as vec:
         return recover(surface, vec)
 
@@ -233,7 +233,9 @@ def total(model: ContactModel, side: str) -> Array:
     """Sum of what contact does to the unknowns of one side, shape (block,). Collective."""
     surface = deformable(surface_of(model, side))
     if surface is None:
-        return -total(model, "slave")
+        heat = model.friction_heat
+        power = 0.0 if heat is None else model.comm.allreduce(float(heat.power.sum()), op=MPI.SUM)
+        return power - total(model, "slave")
     with _force_vec(model, side) as vec:
         owned = nodal_forces(surface, vec).sum(axis=0)
     return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))

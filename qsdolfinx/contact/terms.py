@@ -27,6 +27,9 @@ Weights = npt.NDArray[np.float64] | tuple[npt.NDArray[np.float64], npt.NDArray[n
 
 def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
     """Compute gaps and slips for the unknowns of the two bodies."""
+    if model.is_scalar:
+        conduction.look(model)
+    model.evaluated_at = model.num_pairings
     with model.watch.stage("gap"):
         for gap in model.gaps:
             gap.evaluate(model.ordered(gap, (slave, master)))

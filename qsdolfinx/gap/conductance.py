@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import typing
+
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.checks import POSITIVE, check, either, number, require
-from qsdolfinx.gap.laws import ConductanceLaw
+from qsdolfinx.base.checks import POSITIVE, check, either, require
+from qsdolfinx.gap.laws import NOT_NEGATIVE, ConductanceLaw
 
 Array = npt.NDArray[np.float64]
-
-NOT_NEGATIVE = number("a number that is not negative", lambda x: x >= 0)
 
 
 def rough_surfaces(
@@ -69,7 +69,8 @@ def _named(
 
 
 def _harmonic(name: str, pair: tuple[float, float]) -> float:
-    require(len(pair) == 2, f"{name}: must be a pair, of slave and master")
+    fits = isinstance(pair, typing.Sequence) and len(pair) == 2
+    require(fits, f"{name}: must be a pair, of slave and master")
     for value in pair:
         check(POSITIVE, **{name: value})
     return float(2 / (1 / pair[0] + 1 / pair[1]))

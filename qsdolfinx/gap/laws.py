@@ -11,12 +11,24 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import FINITE, FRACTION, POSITIVE, check, either, require
+from qsdolfinx.base.checks import FINITE, FRACTION, Kind, check, either, number, require
 
 Array = npt.NDArray[np.float64]
 
+NOT_NEGATIVE = number("a number that is not negative", lambda x: x >= 0)
+
 #: h of pressure and distance, and perhaps of the two temperatures, arrays of the points' shape.
 ConductanceLaw = typing.Callable[..., npt.ArrayLike]
+
+#: A function of UFL can be called, too, but not with arrays.
+H = Kind(
+    "a number, a dolfinx.fem.Constant, or a Python function of arrays",
+    lambda h: (
+        isinstance(h, (int, float, np.number, fem.Constant))
+        or (callable(h) and not hasattr(h, "ufl_shape"))
+    ),
+    TypeError,
+)
 
 
 class Law(abc.ABC):
@@ -129,10 +141,11 @@ class Conductance(Law):
         tool: float | fem.Constant | None = None,
         friction: float | None = None,
     ) -> None:
-        if not callable(h) or isinstance(h, fem.Constant):
-            check(POSITIVE, h=_value(h))
+        check(H, h=h)
+        if not _is_function(h):
+            check(NOT_NEGATIVE, h=_value("h", h))
         if tool is not None:
-            check(FINITE, tool=_value(tool))
+            check(FINITE, tool=_value("tool", tool))
         check(either(FRACTION, None), friction=friction)
         self.h, self.tool, self.friction = h, tool, friction
         self._num_arguments = _num_arguments(h) if self.of_state else 0
@@ -140,9 +153,22 @@ class Conductance(Law):
         require(fits, "h: must be a function of (p, g) or of (p, g, T_slave, T_master)")
 
     @property
+    def numbers(self) -> dict[str, float | None]:
+        """What has to be the same on all ranks, as it is now.
+
+        Raises:
+            ValueError: If h is negative, or one of them not finite.
+        """
+        h = None if self.of_state else _value("h", self.h)
+        check(either(NOT_NEGATIVE, None), h=h)
+        tool = None if self.tool is None else _value("tool", self.tool)
+        check(either(FINITE, None), tool=tool)
+        return {"h": h, "tool": tool, "friction": self.friction}
+
+    @property
     def of_state(self) -> bool:
         """Whether h is a function of the state of contact."""
-        return callable(self.h) and not isinstance(self.h, fem.Constant)
+        return _is_function(self.h)
 
     @property
     def of_temperature(self) -> bool:
@@ -152,7 +178,7 @@ class Conductance(Law):
     @property
     def tool_temperature(self) -> float:
         """Temperature of a rigid tool; 0 of none."""
-        return 0.0 if self.tool is None else _value(self.tool)
+        return 0.0 if self.tool is None else _value("tool", self.tool)
 
     def values(self, num_points: int, state: typing.Sequence[Array] = ()) -> Array:
         """H at the points, shape (points,).
@@ -164,12 +190,17 @@ class Conductance(Law):
         Raises:
             ValueError: If it is negative or not finite.
         """
-        if not callable(self.h) or isinstance(self.h, fem.Constant):
-            return np.full(num_points, _value(self.h))
-        given = np.asarray(self.h(*state), dtype=np.float64)
-        out = np.broadcast_to(given, (num_points,)).copy()
-        if not (np.all(np.isfinite(out)) and np.all(out >= 0)):
-            raise ValueError("h: gives conductances that are negative or not finite")
+        if not self.of_state:
+            return np.full(num_points, _value("h", self.h))
+        given = np.asarray(typing.cast(ConductanceLaw, self.h)(*state))
+        fits = given.dtype.kind in "fiu" and given.shape in ((), (num_points,))
+        require(fits, "h: must return a real number for each point, an array of the shape of p")
+        out = np.broadcast_to(given, (num_points,)).astype(np.float64)
+        wrong = ~(out >= 0) | ~np.isfinite(out)
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            at = ", ".join(f"{values[i]:.6g}" for values in state)
+            raise ValueError(f"h: gives {out[i]:.6g} at ({at}), negative or not finite")
         return out
 
     def energy(self, gap: Array, penalty: Array) -> Array:
@@ -189,9 +220,19 @@ class Conductance(Law):
         return multiplier
 
 
-def _value(given: typing.Any) -> float:
-    return float(given.value) if isinstance(given, fem.Constant) else given
+def _is_function(h: typing.Any) -> bool:
+    return callable(h) and not isinstance(h, fem.Constant)
+
+
+def _value(name: str, given: typing.Any) -> float:
+    """The number, or that of a Constant."""
+    if not isinstance(given, fem.Constant):
+        return typing.cast(float, given)
+    require(given.value.size == 1, f"{name}: must be a Constant of one number")
+    return float(given.value.item())
 
 
 def _num_arguments(h: typing.Any) -> int:
-    return len(inspect.signature(h).parameters)
+    """Arguments without a default."""
+    parameters = inspect.signature(h).parameters.values()
+    return sum(parameter.default is parameter.empty for parameter in parameters)

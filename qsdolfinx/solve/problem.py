@@ -471,6 +471,11 @@ class ContactProblem:
 
     def _advise(self, error: ConvergenceError) -> None:
         """Say what may help."""
+        contacts = self.system.contacts
+        if contacts and all(contact.is_scalar for contact in contacts):
+            if self.system.made.rigid.free_motions.shape[1] > 0:
+                error.advise("nothing may hold the field: conditions, a capacity or a tool would")
+            return
         if self.stabilisation is None and self.system.made.rigid.free_motions.shape[1] > 0:
             error.advise(
                 "bodies that only contact holds may have been lost on the way: "

@@ -13,8 +13,12 @@ from qsdolfinx.base.checks import FUNCTION, check, instance, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.steps.end_of_step import Place, moved
+from qsdolfinx.system.body import Body
 
 Array = npt.NDArray[np.float64]
+
+
+LIST = instance((list, tuple), "a list of dolfinx.fem.Function")
 
 
 class Staggered:
@@ -44,17 +48,32 @@ class Staggered:
         dt: fem.Constant | typing.Sequence[fem.Constant] = (),
     ) -> None:
         check(instance(ContactProblem, "a ContactProblem"), problem=problem)
-        constants = [dt] if isinstance(dt, fem.Constant) else list(dt)
         with checked(problem.comm):
+            check(LIST, before=before)
             fits = len(before) == len(problem.u)
             require(fits, "before: must have one Function for each unknown of the problem")
             for u, old in zip(problem.u, before, strict=True):
                 check(FUNCTION, before=old)
                 same = u.function_space == old.function_space
                 require(same, "before: must be in the spaces of the problem's unknowns")
+                require(u is not old, "before: must be other Functions than the unknowns")
+            constants = [dt] if isinstance(dt, (fem.Constant, int, float)) else list(dt)
             for constant in constants:
                 check(instance(fem.Constant, "a dolfinx.fem.Constant"), dt=constant)
+            rates = any(old in body.form.coefficients() for old, body in _pairs(before, problem))
+            text = "dt: must be the Constant in the form that is the length of the step"
+            require(not rates or len(constants) > 0, text)
         self.problem, self.before, self._dt = problem, list(before), constants
+
+    def check(self, problem: ContactProblem) -> None:
+        """Refuse to be solved after this problem.
+
+        Raises:
+            ValueError: If it is the same.
+        """
+        require(
+            problem is not self.problem, "staggered: must be of another problem than the bodies'"
+        )
 
     def begin(self) -> None:
         """Start from what there is before the first step."""
@@ -91,3 +110,9 @@ class Staggered:
     def restore(self) -> None:
         """Go back to where the step began."""
         self.begin()
+
+
+def _pairs(
+    before: typing.Sequence[fem.Function], problem: ContactProblem
+) -> typing.Iterator[tuple[fem.Function, Body]]:
+    return zip(before, problem.bodies, strict=True)

@@ -163,6 +163,8 @@ class TimeStepper:
             same(either(POSITIVE, None), max_rotation=max_rotation, max_slip=max_slip)
             same(FLAG, progress=progress)
             check(either(instance(Staggered, "a qs.Staggered"), None), staggered=staggered)
+            if staggered is not None:
+                staggered.check(problem)
             check(either(instance(Remeshing, "a Remeshing"), None), remesh=remesh)
             if remesh is not None:
                 remesh.check(problem)

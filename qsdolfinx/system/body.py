@@ -74,6 +74,8 @@ class Body:
         self.u = u
         self.bcs = list(bcs)
         self.V = u.function_space
+        #: Its residual.
+        self.form = F
         derivative = expand_derivatives(ufl.derivative(F, u))
         #: Whether F is linear in u, so that K is constant.
         self.linear = u not in derivative.coefficients()

@@ -344,6 +344,155 @@ def test_tangent(cell, constraints):
     assert tangent_errors(problem, x, way, 1e-6).difference < 1e-7
 
 
+# --- What a stranger found
+
+
+@pytest.mark.parametrize("law", [qs.Tied(), qs.Conductance(2.0)])
+def test_one_multiplier(law):
+    scene = Blocks("triangle")
+    with pytest.raises(ValueError, match="formulation: scalar fields have one multiplier"):
+        qs.Contact(*scene.surfaces, "double-pass", law=law)
+
+
+@pytest.mark.parametrize("of_state", [False, True])
+def test_constants_that_change(of_state):
+    """Between solves, of h and of a tool's temperature; what is no conductance is refused."""
+    scene = Pressed()
+    die = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+    bodies = qs.Contact(scene.contact.slave, die)
+    scene.bcs[0].append(
+        slide(scene.u[0].function_space, 1, plane(scene.u[0].function_space.mesh, 1, 0.0), 0.05)
+    )
+    qs.ContactProblem([elastic(scene.u[0])], scene.u[:1], [bodies], [scene.bcs[0]]).solve()
+    msh = scene.spaces[0].mesh
+    h, tool = fem.Constant(msh, 3.0), fem.Constant(msh, 100.0)
+    law = qs.Conductance((lambda p, g: float(h.value) + 0.0 * p) if of_state else h, tool=tool)
+    contact = qs.Contact(scene.surfaces[0], die, law=law, of=bodies)
+    ends = scene.ends(800.0, 0.0)[:1]
+    problem = qs.ContactProblem(scene.F[:1], scene.T[:1], [contact], ends)
+    for h.value, tool.value in ((3.0, 100.0), (3.0, 700.0), (0.5, 700.0), (0.0, 300.0), (2.0, 9.0)):
+        problem.solve()
+        conducts = 1 / (1 / K[0] + 1 / h.value) if h.value > 0 else 0.0
+        expected = (800.0 - tool.value) * conducts
+        assert contact.flow("master") == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    h.value = -1.0
+    with pytest.raises(ValueError, match=r"^h: "):
+        problem.solve()
+    h.value, tool.value = 1.0, np.nan
+    with pytest.raises(ValueError, match=r"^tool: "):
+        problem.solve()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_heat_of_friction_into_a_tool(share):
+    """What flows into both sides is what friction has dissipated."""
+    scene = Pressed()
+    W = scene.u[0].function_space
+    die = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+    friction = qs.Contact(scene.contact.slave, die, friction=qs.Coulomb(0.3))
+    low = plane(W.mesh, 1, 0.0)
+    bcs = [slide(W, 0, low, 0.0), slide(W, 1, low, 0.05)]
+    problem = qs.ContactProblem([elastic(scene.u[0])], scene.u[:1], [friction], [bcs])
+    problem.solve()
+    bcs[0].g.value[...] = 0.3
+    problem.solve()
+    power = friction.step_dissipation() / 0.1
+    assert power > 1e-3
+    law = qs.Conductance(5.0, tool=20.0, friction=share)
+    contact = qs.Contact(scene.surfaces[0], die, law=law, of=friction, dt=0.1)
+    qs.ContactProblem(scene.F[:1], scene.T[:1], [contact], scene.ends(20.0, 0.0)[:1]).solve()
+    both = contact.flow("slave") + contact.flow("master")
+    assert both == pytest.approx(power, rel=1e-10)
+
+
+@pytest.mark.parametrize("units", [1e-9, 1e-5, 1.0, 1e8])
+@pytest.mark.parametrize("length", [1e-6, 1.0, 1e6])
+def test_ties_in_any_units(units, length):
+    """The jump of a tied field ends at a part of the field, whatever lengths are."""
+    scene = Blocks("triangle")
+    bcs = scene.ends(8.0 * units, 0.0)
+    for V in scene.spaces:
+        V.mesh.geometry.x[:] *= length
+    surfaces = [qs.Surface(known.V, facets=known.facets) for known in scene.surfaces]
+    contact = qs.Contact(*surfaces)
+    qs.ContactProblem(scene.F, scene.T, [contact], bcs).solve()
+    expected = 8.0 * units / (1 / K[0] + 1 / K[1])
+    assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
+
+
+def test_bodies_that_are_not_solved_for():
+    """Before the first solve, and after they have been paired anew."""
+    scene = Pressed()
+    law = qs.Conductance(lambda p, g: 1.0 + p)
+    contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
+    problem = qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0))
+    text = "of: the bodies have been paired and not solved for since"
+    with pytest.raises(RuntimeError, match=text):
+        problem.solve()
+    scene.problem.solve()
+    problem.solve()
+    scene.contact.update()
+    with pytest.raises(RuntimeError, match=text):
+        problem.solve()
+
+
+@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+def test_numbers_that_differ_between_ranks():
+    scene = Blocks("triangle")
+    text = "h: must be the same on all ranks"
+    with pytest.raises(ValueError, match=text):
+        qs.Contact(*scene.surfaces, law=qs.Conductance(1.0 + WORLD.rank))
+    h = fem.Constant(scene.spaces[0].mesh, 1.0)
+    contact = qs.Contact(*scene.surfaces, law=qs.Conductance(h))
+    problem = qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(1.0, 0.0))
+    h.value += WORLD.rank
+    with pytest.raises(ValueError, match=text):
+        problem.solve()
+
+
+def test_nothing_opposite():
+    """Blocks beside each other: insulated, with a warning."""
+    surfaces = []
+    for low in (0.0, 2.0):
+        msh = box(WORLD, (3, 3), "triangle", [low, 0.0], [low + 1.0, 1.0])
+        surfaces.append(qs.Surface(field(msh), facets=plane(msh, 1, 1.0 if low == 0 else 0.0)))
+    with pytest.warns(qs.ContactWarning, match="nothing is opposite|search_radius"):
+        qs.Contact(*surfaces, law=qs.Conductance(1.0))
+
+
+def test_more_is_refused():
+    scene = Pressed()
+    pair, of = scene.surfaces, scene.contact
+    msh = scene.spaces[0].mesh
+
+    def conducts(text, h, error=ValueError):
+        with pytest.raises(error, match=text):
+            contact = qs.Contact(*pair, law=qs.Conductance(h), of=of)
+            qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(1.0, 0.0)).solve()
+
+    scene.problem.solve()
+    conducts("h: must return a real number for each point", lambda p, g: np.ones(3))
+    conducts("h: must return a real number for each point", lambda p, g: "much")
+    conducts("h: must return a real number for each point", lambda p, g: p + 1j)
+    conducts("h: gives -1 at", lambda p, g: p * 0 - 1.0)
+    conducts("h: must be a number, a dolfinx.fem.Constant, or a Python", "much", TypeError)
+    conducts("h: must be a number, a dolfinx.fem.Constant, or a Python", scene.T[0], TypeError)
+    conducts("h: must be a Constant of one number", fem.Constant(msh, (1.0, 2.0)))
+    with pytest.raises(ValueError, match="conductivity: must be a pair"):
+        qs.rough_surfaces(3.0, (1.0, 2.0))
+    with pytest.raises(ValueError, match="of: exchange slave and master"):
+        qs.Contact(*pair[::-1], of=of)
+    with pytest.raises(ValueError, match="of: the bodies' contact has no friction"):
+        qs.Contact(*pair, law=qs.Conductance(1.0, friction=0.5), of=of, dt=1.0)
+    for name, value in (("search_radius", 1.0), ("normals", "facet"), ("quadrature_degree", 2)):
+        with pytest.raises(ValueError, match=f"{name}: leave it out"):
+            qs.Contact(*pair, of=of, **{name: value})
+    alone = qs.Contact(*pair)
+    with pytest.raises(qs.ConvergenceError, match="nothing may hold the field"):
+        heated = scene.F[0] - 1.0 * ufl.TestFunction(scene.spaces[0]) * ufl.dx
+        qs.ContactProblem([heated, scene.F[1]], scene.T, [alone]).solve()
+
+
 def test_refused():
     scene = Pressed()
     slave, master = scene.surfaces
@@ -357,7 +506,7 @@ def test_refused():
         qs.Contact(scene.contact.slave, scene.contact.master, law=qs.Conductance(1.0))
     with pytest.raises(ValueError, match="friction: scalar fields have none"):
         qs.Contact(slave, master, friction=qs.Coulomb(0.1))
-    with pytest.raises(ValueError, match="h: must be a positive"):
+    with pytest.raises(ValueError, match="h: must be a number that is not negative"):
         qs.Conductance(-1.0)
     with pytest.raises(ValueError, match=r"h: must be a function of \(p, g\)"):
         qs.Conductance(lambda p: p)
@@ -368,7 +517,7 @@ def test_refused():
         qs.Contact(slave, die)
     with pytest.raises(ValueError, match="needs tool="):
         qs.Contact(slave, die, law=qs.Conductance(1.0))
-    with pytest.raises(ValueError, match="of, slave: must be on the same facets"):
+    with pytest.raises(ValueError, match="of: exchange slave and master"):
         qs.Contact(master, slave, law=qs.Conductance(1.0), of=scene.contact)
     contact = qs.Contact(slave, master)
     with pytest.raises(ValueError, match=r"use contact.flow\(side\)"):
