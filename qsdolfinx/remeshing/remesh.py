@@ -31,6 +31,9 @@ Indices = npt.NDArray[np.int64]
 #: Relative change of the volume that a new mesh may have.
 VOLUME = 1e-4
 
+#: Factors of the sizes that are tried one after the other until there is a mesh.
+SIZES = (1.0, 0.85, 1.1, 0.7)
+
 ANGLE = number("an angle between 0 and 180 degrees", lambda x: 0 < x < 180)
 BODY = instance((mesh.Mesh, fem.Function), "a dolfinx.mesh.Mesh, or a displacement on it")
 SIMPLICES = {2: mesh.CellType.triangle, 3: mesh.CellType.tetrahedron}
@@ -171,8 +174,19 @@ class _Made(typing.NamedTuple):
 
 
 def _make(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
-    """Make the mesh, on one rank."""
+    """Make the mesh, on one rank; if there is none, with slightly other sizes."""
     _check_outline(outline)
+    problems: list[RemeshError] = []
+    for factor in SIZES:
+        try:
+            return _make_of(outline._replace(sizes=factor * outline.sizes), angle, axisymmetric)
+        except RemeshError as error:
+            problems.append(error)
+    raise problems[0]
+
+
+def _make_of(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
+    """Make a mesh of these sizes."""
     volume = enclosed_volume(outline.x, outline.facets, axisymmetric)
     if outline.gdim == 2:
         boundary = respace(outline, angle, axisymmetric)

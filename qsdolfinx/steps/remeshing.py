@@ -76,7 +76,7 @@ class Remeshing:
         size: float | typing.Callable[[mesh.Mesh], Size],
         facet_tags: typing.Sequence[mesh.MeshTags | None] | None = None,
         *,
-        min_quality: float | None = 0.1,
+        min_quality: float | None = 0.05,
         every: int | None = None,
         max_penetration: float | None = None,
         when: typing.Callable[[typing.Any], bool] | None = None,
@@ -137,7 +137,8 @@ class Remeshing:
             if worst < self.min_quality:
                 return f"a quality of {worst:.3g}, below min_quality = {self.min_quality:g}"
         if self.max_penetration is not None and steps > 0:
-            deepest = max((c.penetration() for c in scene.problem.contacts), default=0.0)
+            depths = [c.penetration() for c in scene.problem.contacts if not c.law.jump]
+            deepest = max(depths, default=0.0)
             if deepest > self.max_penetration:
                 limit = f"max_penetration = {self.max_penetration:g}"
                 return f"a penetration of {deepest:.3g}, above {limit}"
