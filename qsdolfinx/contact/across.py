@@ -37,16 +37,16 @@ def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
         "in time steps",
     )
     require(len(of.gaps) == 1, 'of: "double-pass" contact pairs twice; use "quasi-symmetric"')
-    swapped = of.master.V is not None and _same_facets(of.master, slave)
+    other, there = deformable(of.master), deformable(master)
+    swapped = other is not None and _same_facets(other, slave)
     require(not swapped, "of: exchange slave and master, so that they are those of the bodies")
     require(_same_facets(of.slave, slave), "of, slave: must be on the same facets of one mesh")
-    other, there = deformable(of.master), deformable(master)
     if other is not None:
         fits = there is not None and _same_facets(other, there)
         require(fits, "of, master: must be on the same facets of one mesh")
 
 
-def _same_facets(one: AnySurface, other: Surface) -> bool:
+def _same_facets(one: Surface, other: Surface) -> bool:
     return one.mesh is other.mesh and np.array_equal(one.facets, other.facets)
 
 
@@ -183,7 +183,7 @@ class BodiesContact:
 
     def dissipation(self) -> Array:
         """Energy that friction took in the last step, at the field's nodes. Collective."""
-        found = np.zeros(len(self.of.slave.node_area))
+        found: Array = np.zeros(len(self.of.slave.node_area))
         for slip in self.of.slips:
             found = slip.dissipation_at_nodes()
         return _at_nodes(self.of.slave, self._slave, found)
@@ -211,7 +211,7 @@ def _trace(
 
 def _lowering(num_vertices: int) -> Array:
     """Functions of degree 1 as sums of those of degree 2: values at nodes, (nodes, vertices)."""
-    rows = list(np.eye(num_vertices))
+    rows: list[Array] = list(np.eye(num_vertices))
     rows += [(rows[a] + rows[b]) / 2 for a, b in EDGES[num_vertices]]
     if num_vertices == 4:
         rows.append(np.full(4, 0.25))

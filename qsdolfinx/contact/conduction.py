@@ -57,7 +57,8 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
     """Find h, and the power of friction, after the gaps have been evaluated."""
     law, gap = model.law, model.gaps[0]
     own = gap.operator.apply(slave.handle, handle_of(master), (1.0, 0.0))[:, 0]
-    model.field_range = np.array([-np.min(own, initial=np.inf), np.max(own, initial=-np.inf)])
+    least, largest = np.min(own, initial=np.inf), np.max(own, initial=-np.inf)
+    model.field_range = np.array([-least, largest], dtype=np.float64)
     if not isinstance(law, Conductance):
         return
     state = _state(model, law, gap, slave, master) if law.of_state else ()

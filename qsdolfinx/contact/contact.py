@@ -193,6 +193,8 @@ class Contact:
         sliding: str = "small",
         of: Contact | None = None,
     ) -> None:
+        #: The parts, for the problem and for those who extend the library.
+        self.model: ContactModel
         check_alone(SLAVE, slave=slave)
         if law is None:
             law = Tied() if slave.is_scalar else Unilateral()
@@ -273,7 +275,6 @@ class Contact:
             sliding,
         )
         self._smoothing = smoothing
-        #: The parts, for the problem and for those who extend the library.
         self.model = ContactModel(
             settings,
             kinematics,

@@ -69,11 +69,11 @@ class ConductanceCoupling:
         model, law, gap = self._model, self._law, self._model.gaps[0]
         state = list(model.conduction_state)
         factor = gap.weight * gap.state.values[:, 0]
-        before, out = law.values(gap.num_rows, state), []
+        before, out = law.values(gap.num_rows, state), list[Array]()
         for i, values in enumerate(state):
             step = STEP * max(float(np.max(np.abs(values), initial=0.0)), 1e-300)
             moved = [v + step if j == i else v for j, v in enumerate(state)]
-            out.append(factor * (law.values(gap.num_rows, moved) - before) / step)
+            out.append(np.asarray(factor * (law.values(gap.num_rows, moved) - before) / step))
         return out + [np.zeros(gap.num_rows)] * (4 - len(out))
 
     def _columns(

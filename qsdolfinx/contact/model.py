@@ -178,7 +178,7 @@ def find_pairs(
     roles = settings.roles
     both = settings.formulation == "quasi-symmetric"
     corners = not settings.law.jump  # one pair ties a node in all directions
-    points = [known]
+    points = [] if known is None else [known]
     if known is None:
         points = [pair(*role, settings.sampling, both, radius, corners) for role in roles]
     if settings.augmented and known is None and settings.rows != "points":

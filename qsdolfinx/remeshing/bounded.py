@@ -154,9 +154,9 @@ def _largest_around(vertices: fem.DofMap, of_cells: Array) -> Array:
         index_map.ghosts.astype(PETSc.IntType), (owned, index_map.size_global), comm=index_map.comm
     )
     out = np.empty_like(of_cells)
-    for i, column in enumerate(of_cells.T):
+    for i in range(of_cells.shape[1]):
         at_vertices = np.full(every, -np.inf)
-        np.maximum.at(at_vertices, cells, column[:, None])
+        np.maximum.at(at_vertices, cells, of_cells[:, i : i + 1])
         with vec.localForm() as local:
             local.array[:] = at_vertices
         vec.ghostUpdate(PETSc.InsertMode.MAX_VALUES, PETSc.ScatterMode.REVERSE)

@@ -207,7 +207,7 @@ def plane_of(points: Array, normal: Array) -> Plane | None:
     size = float(np.linalg.norm(normal))
     if size == 0:
         return None
-    n: Array = normal / size
+    n = np.asarray(normal / size, dtype=np.float64)
     axis = int(np.argmax(np.abs(n)))
     if np.abs(np.delete(n, axis)).max() < ALIGNED:
         n = np.asarray(np.sign(n[axis]) * np.eye(3)[axis], dtype=np.float64)

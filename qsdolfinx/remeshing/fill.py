@@ -21,6 +21,9 @@ ALGORITHMS = {2: (6, 5, 1), 3: (1, 4, 10)}
 #: gmsh's numbers of lines, triangles and tetrahedra.
 LINE, TRIANGLE, TETRAHEDRON = 1, 2, 4
 
+#: Shape of tetrahedra, in gmsh's measure, up to which it tries to better them.
+GOOD = 0.5
+
 #: Shape below which a cell is too flat to be of use.
 LEAST_QUALITY = 0.01
 
@@ -63,6 +66,7 @@ def _gmsh() -> typing.Iterator[typing.Any]:
     if mine:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
     before = None if mine else gmsh.model.getCurrent()
+    views = set() if mine else set(gmsh.view.getTags())
     options = {"General.Terminal": 0.0, "General.NumThreads": 1.0, "Mesh.RandomSeed": 1.0}
     kept = {name: gmsh.option.getNumber(name) for name in (*options, *_OPTIONS)}
     for name, value in options.items():
@@ -72,6 +76,8 @@ def _gmsh() -> typing.Iterator[typing.Any]:
         yield gmsh
     finally:
         gmsh.model.remove()
+        for view in set(gmsh.view.getTags()) - views:
+            gmsh.view.remove(view)
         if mine:
             gmsh.finalize()
         else:
@@ -89,6 +95,7 @@ _OPTIONS = (
     "Mesh.Algorithm3D",
     "Mesh.Optimize",
     "Mesh.OptimizeNetgen",
+    "Mesh.OptimizeThreshold",
 )
 
 
@@ -102,6 +109,7 @@ def _fill(
     gmsh.option.setNumber("Mesh.Algorithm" if gdim == 2 else "Mesh.Algorithm3D", algorithm)
     gmsh.option.setNumber("Mesh.Optimize", 1)
     gmsh.option.setNumber("Mesh.OptimizeNetgen", 0)
+    gmsh.option.setNumber("Mesh.OptimizeThreshold", GOOD)
     gmsh.logger.start()
     try:
         gmsh.model.mesh.generate(gdim)

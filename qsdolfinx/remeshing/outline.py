@@ -87,6 +87,20 @@ def _facets(
     msh: mesh.Mesh, keys: Indices, facet_tags: mesh.MeshTags | None
 ) -> tuple[Indices, Indices]:
     """Keys of the vertices of this rank's boundary facets and of what is opposite, and tags."""
+    facets, nodes = boundary_facets(msh)
+    of_facet = np.zeros(int(facets.max(initial=-1)) + 1, dtype=np.int64)
+    if facet_tags is not None:
+        known = facet_tags.indices < len(of_facet)
+        of_facet[facet_tags.indices[known]] = facet_tags.values[known]
+    return keys[nodes], of_facet[facets]
+
+
+def boundary_facets(msh: mesh.Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Boundary facets of this rank, and rows of the mesh geometry at their vertices.
+
+    Returns:
+        Facets, and (facets, gdim + 1) rows; the last one is of what is opposite in the cell.
+    """
     tdim = msh.topology.dim
     msh.topology.create_connectivity(tdim - 1, tdim)
     msh.topology.create_connectivity(tdim, tdim - 1)
@@ -99,12 +113,7 @@ def _facets(
     nodes = cell_nodes(msh)[cells]
     ends = np.take_along_axis(nodes, reference[local], axis=1)
     # Of a simplex, facet i is the one opposite to vertex i.
-    opposite = np.take_along_axis(nodes, local[:, None], axis=1)
-    of_facet = np.zeros(int(facets.max(initial=-1)) + 1, dtype=np.int64)
-    if facet_tags is not None:
-        known = facet_tags.indices < len(of_facet)
-        of_facet[facet_tags.indices[known]] = facet_tags.values[known]
-    return keys[np.hstack([ends, opposite])], of_facet[facets]
+    return facets, np.hstack([ends, np.take_along_axis(nodes, local[:, None], axis=1)])
 
 
 def _outward(x: Array, facets: Indices, opposite: Indices) -> Indices:

@@ -18,7 +18,7 @@ from qsdolfinx.remeshing.errors import RemeshError, on_root
 from qsdolfinx.remeshing.features import find_features
 from qsdolfinx.remeshing.fill import cell_quality, fill
 from qsdolfinx.remeshing.intersections import check_simple
-from qsdolfinx.remeshing.outline import Outline, enclosed_volume, gather
+from qsdolfinx.remeshing.outline import Outline, boundary_facets, enclosed_volume, gather
 from qsdolfinx.remeshing.respace import respace
 from qsdolfinx.remeshing.restore import restore_volume
 from qsdolfinx.remeshing.retriangulate import Boundary, retriangulate
@@ -30,6 +30,9 @@ Indices = npt.NDArray[np.int64]
 
 #: Relative change of the volume that a new mesh may have.
 VOLUME = 1e-4
+
+#: Factors of the sizes that are tried one after the other until there is a mesh.
+SIZES = (1.0, 0.85, 1.1, 0.7)
 
 ANGLE = number("an angle between 0 and 180 degrees", lambda x: 0 < x < 180)
 BODY = instance((mesh.Mesh, fem.Function), "a dolfinx.mesh.Mesh, or a displacement on it")
@@ -171,8 +174,19 @@ class _Made(typing.NamedTuple):
 
 
 def _make(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
-    """Make the mesh, on one rank."""
+    """Make the mesh, on one rank; if there is none, with slightly other sizes."""
     _check_outline(outline)
+    problems: list[RemeshError] = []
+    for factor in SIZES:
+        try:
+            return _make_of(outline._replace(sizes=factor * outline.sizes), angle, axisymmetric)
+        except RemeshError as error:
+            problems.append(error)
+    raise problems[0]
+
+
+def _make_of(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
+    """Make a mesh of these sizes."""
     volume = enclosed_volume(outline.x, outline.facets, axisymmetric)
     if outline.gdim == 2:
         boundary = respace(outline, angle, axisymmetric)
@@ -230,11 +244,8 @@ def _tags(msh: mesh.Mesh, boundary: Boundary | None) -> mesh.MeshTags:
     """Tags of facets by the numbers that their nodes had on rank 0. Collective."""
     mine = None if boundary is None else (np.sort(boundary.facets, axis=1), boundary.tags)
     known, values = msh.comm.bcast(mine, root=0)
-    tdim = msh.topology.dim
-    msh.topology.create_connectivity(tdim - 1, tdim)
-    facets = mesh.exterior_facet_indices(msh.topology)
-    nodes = mesh.entities_to_geometry(msh, tdim - 1, facets).reshape(-1, tdim)
-    keys = np.sort(np.asarray(msh.geometry.input_global_indices)[nodes], axis=1)
+    facets, nodes = boundary_facets(msh)
+    keys = np.sort(np.asarray(msh.geometry.input_global_indices)[nodes[:, :-1]], axis=1)
     number = np.unique(np.vstack([known, keys]), axis=0, return_inverse=True)[1].ravel()
     of_number = np.zeros(int(number.max(initial=0)) + 1, dtype=np.int64)
     of_number[number[: len(known)]] = values
@@ -242,5 +253,5 @@ def _tags(msh: mesh.Mesh, boundary: Boundary | None) -> mesh.MeshTags:
     order = np.argsort(facets)
     order = order[found[order] != 0]
     return mesh.meshtags(
-        msh, tdim - 1, facets[order].astype(np.int32), found[order].astype(np.int32)
+        msh, msh.topology.dim - 1, facets[order].astype(np.int32), found[order].astype(np.int32)
     )

@@ -50,7 +50,8 @@ class Remeshing:
         build: Called with the meshes of all bodies and the tags of their facets, in the order of
             the problem's unknowns; returns a problem with the same bodies, contacts and tools in
             the same order, or a pair of it and its ``qs.Staggered``, whose temperatures are
-            carried over, with their integrals. It may put what it makes in place of what the program has used so far.
+            carried over, with their integrals. It may put what it makes in place of what the
+            program has used so far.
         size: Of cells (length); or a function of a mesh that returns what ``qs.remesh`` takes for a
             size, called for each new mesh with the old one.
         facet_tags: Tags of the facets of each body's mesh, to be carried over; None for none. A
@@ -79,7 +80,7 @@ class Remeshing:
         size: float | typing.Callable[[mesh.Mesh], Size],
         facet_tags: typing.Sequence[mesh.MeshTags | None] | None = None,
         *,
-        min_quality: float | None = 0.1,
+        min_quality: float | None = 0.05,
         every: int | None = None,
         max_penetration: float | None = None,
         when: typing.Callable[[typing.Any], bool] | None = None,
@@ -140,7 +141,8 @@ class Remeshing:
             if worst < self.min_quality:
                 return f"a quality of {worst:.3g}, below min_quality = {self.min_quality:g}"
         if self.max_penetration is not None and steps > 0:
-            deepest = max((c.penetration() for c in scene.problem.contacts), default=0.0)
+            depths = [c.penetration() for c in scene.problem.contacts if not c.law.jump]
+            deepest = max(depths, default=0.0)
             if deepest > self.max_penetration:
                 limit = f"max_penetration = {self.max_penetration:g}"
                 return f"a penetration of {deepest:.3g}, above {limit}"

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.contact import terms
-from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.model import BlocksOf, ContactModel
 from qsdolfinx.system.body import Body
 
 #: Body (index) of the slave's and of the master's side of a contact, None for a rigid tool.
@@ -65,7 +65,7 @@ class Blocks:
         """The MatNest."""
         return self.matrix
 
-    def _of(self, slave: int, master: int | None) -> terms.BlocksOf:
+    def _of(self, slave: int, master: int | None) -> BlocksOf:
         """Blocks ss, sm, ms, mm of a contact; those of a rigid master are None."""
         if master is None:
             return self._mats[slave, slave], None, None, None

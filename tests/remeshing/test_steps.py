@@ -4,8 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
-from remeshing_scenes import Upset
-from scenes import WORLD
+from remeshing_scenes import Upset, tagged
+from scenes import WORLD, box, elastic, plane, slide, vector_space
+
+import ufl
+from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.contact import multipliers
@@ -174,3 +177,61 @@ def test_a_jump_of_forces_is_told():
         report = case.stepper.remesh()
     jumps = [w for w in told if "forces changed by" in str(w.message)]
     assert (len(jumps) == 1) == (report.force_jump > 0.005)
+
+
+class OnDie:
+    """A viscous block pressed on a wider elastic die, plane strain; only the block flows."""
+
+    def __init__(self, remesh=None):
+        self.tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+        meshes = [
+            box(WORLD, (5, 5), "triangle", [0.0, 0.0], [1.0, 1.0]),
+            box(WORLD, (8, 3), "triangle", [0.0, -1.0], [2.0, 0.0]),
+        ]
+        tags = [tagged(meshes[0], [(0, 0.0), (1, 0.0), (1, 1.0)]), None]
+        problem = self.build(meshes, tags)
+        options = (
+            {} if remesh is None else {"remesh": qs.Remeshing(self.build, 0.2, tags, **remesh)}
+        )
+        self.stepper = qs.TimeStepper(problem, 0.02, self.drive, **options)
+
+    def build(self, meshes, tags):
+        W, D = qs.materials.mini_space(meshes[0]), vector_space(meshes[1])
+        self.w, self.u = fem.Function(W), fem.Function(D)
+        V, block = W.sub(0), tags[0]
+        stress = qs.materials.newtonian(ufl.split(self.w)[0], 3.0)
+        axis = fem.locate_dofs_topological(V.sub(0), 1, block.find(1))
+        bcs = [
+            [fem.dirichletbc(0.0, axis, V.sub(0))],
+            [slide(D, i, plane(meshes[1], 1, -1.0)) for i in (0, 1)]
+            + [slide(D, 0, plane(meshes[1], 0, 0.0))],
+        ]
+        die = qs.Surface(D, facets=plane(meshes[1], 1, 0.0))
+        options = {"dt": 0.02}
+        self.contacts = [
+            qs.Contact(
+                qs.Surface(V, block, 2), die, unknown=("velocity", "displacement"), **options
+            ),
+            qs.Contact(qs.Surface(V, block, 3), self.tool, unknown="velocity", **options),
+        ]
+        forms = [qs.materials.incompressible(self.w, stress), elastic(self.u, E=200.0)]
+        return qs.ContactProblem(forms, [self.w, self.u], self.contacts, bcs)
+
+    def drive(self, t, dt):
+        self.tool.displacement = [0.0, -dt]
+
+    def run(self):
+        return np.array(
+            [[c.force("slave")[1] for c in self.contacts] for _ in self.stepper.run(0.2)]
+        )
+
+
+def test_elastic_die_keeps_its_mesh_and_its_displacement():
+    alone = OnDie().run()
+    case = OnDie({"every": 3, "min_quality": None})
+    die = case.stepper.motions[1].mesh
+    assert np.allclose(case.run(), alone, rtol=0.01)
+    assert case.stepper.motions[1].mesh is die and len(case.stepper.remeshings) == 3
+    for report in case.stepper.remeshings:
+        assert report.bodies[1] is None and report.force_jump < 5e-3
+        assert all(np.allclose(*m, rtol=1e-10) for m in report.multipliers)
