@@ -61,6 +61,21 @@ def test_mixed_spaces_keep_what_is_linear(dim):
     assert integral(ufl.inner(wrong[0], wrong[0]) * ufl.dx + wrong[1] ** 2 * ufl.dx) < 1e-20
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_body_at_rest_changes_by_interpolation_alone(dim):
+    """New cells of the old size: what a field is there differs by O(h²)."""
+    pytest.importorskip("gmsh")
+    errors = []
+    for n in (3, 6) if dim == 3 else (5, 10):
+        old = (mesh.create_unit_square if dim == 2 else mesh.create_unit_cube)(WORLD, *([n] * dim))
+        f = fem.Function(fem.functionspace(old, ("Lagrange", 1)))
+        f.interpolate(smooth)
+        new, _, report = qs.remesh(old, 1 / n)
+        assert abs(report.volume_change) < 1e-12 and report.shift == 0
+        errors.append(moved(new, fem.functionspace(new, ("Lagrange", 1)), f)[1])
+    assert np.log2(errors[0] / errors[1]) > 1.7
+
+
 def elements(msh, kind, shape=()):
     if kind == "cells":
         return basix.ufl.element("DG", msh.basix_cell(), 0, shape=shape)
