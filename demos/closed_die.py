@@ -40,7 +40,7 @@ from common.command import Command, film_file, option, report, say
 from common.measures import Clock
 
 #: Part of its thickness that the flash may lose in a step, at most.
-THINNING = 0.1
+THINNING = 0.05
 
 
 @dataclasses.dataclass

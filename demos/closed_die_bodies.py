@@ -27,7 +27,7 @@ MU, M_BAR, ALPHA = 0.2, 0.4, 0.3  # Coulomb's coefficient, factor of the shear s
 RATE = 5.0  # 1/s, a strain rate at which friction's limit is that of the flow stress
 RADIUS = 17.0  # of the billet
 #: MPa/mm. Given, as the automatic one is that of the viscosity where the first solve begins.
-PENALTY = 2e4
+PENALTY = 1e5
 
 
 def read_dies(comm, size):
