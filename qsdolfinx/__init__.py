@@ -16,6 +16,7 @@ from qsdolfinx.gap.laws import Law, Tied, Unilateral
 from qsdolfinx.output.fields import FieldWriter
 from qsdolfinx.output.history import History
 from qsdolfinx.pairing.points import Pairing
+from qsdolfinx.plasticity import J2Plasticity
 from qsdolfinx.solve.continuation import solve_with_continuation
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
@@ -42,6 +43,7 @@ __all__ = [
     "FieldWriter",
     "Friction",
     "History",
+    "J2Plasticity",
     "Law",
     "Norton",
     "Pairing",
