@@ -1,7 +1,7 @@
 """Elasto-plastic bodies at finite strains: Mises' yield stress with linear hardening.
 
-Units are the user's, as long as they are consistent (stress = force per area). Tensors are 3 × 3, in
-2D in plane strain or, with ``axisymmetric=True``, in the order r, z, θ.
+Units are the user's, as long as they are consistent (stress = force per area). Tensors are 3 × 3,
+in 2D in plane strain or, with ``axisymmetric=True``, in the order r, z, θ.
 """
 
 from __future__ import annotations
@@ -151,9 +151,9 @@ class J2Plasticity:
 
     @property
     def kirchhoff_stress(self) -> Expression:
-        """τ at w: Cauchy's stress times the elastic change of volume. With a pressure p: tr τ = −3p.
+        """τ at w, Cauchy's stress times the elastic change of volume; with a pressure p, tr τ = −3p.
 
-        It is UFL, 3 × 3, for the measure ``dx``.
+        UFL, 3 × 3, for the measure ``dx``.
         """
         mean = -ufl.split(self.w)[1] if self.mixed else self.bulk * self._dilation
         return mean * ufl.Identity(3) + 2 * self.shear * ufl.dev(self._strain)
@@ -178,8 +178,8 @@ class J2Plasticity:
             new = fem.Function(field.function_space)
             new.interpolate(expression)
             values.append(new.x.array)
-        for field, new in zip(self._new, values, strict=True):
-            field.x.array[:] = new
+        for field, value in zip(self._new, values, strict=True):
+            field.x.array[:] = value
         self._start.x.array[:] = self.w.x.array
 
     def restart(self) -> None:
@@ -218,7 +218,7 @@ class J2Plasticity:
 
     @property
     def _old_strain(self) -> Expression:
-        """e at the last update, a tensor."""
+        """Elastic strain at the last update, a tensor."""
         out = [[0.0] * 3 for _ in range(3)]
         for k, (i, j) in enumerate(_PLACES[self.gdim]):
             out[i][j] = out[j][i] = self.elastic_strain[k]
@@ -241,7 +241,7 @@ class J2Plasticity:
 
 
 def _logarithm(b: Expression) -> Expression:
-    """ln b = 2 artanh(X) with X = (b − I) (b + I)⁻¹, up to X⁹."""
+    """Logarithm, ln b = 2 artanh(X) with X = (b − I) (b + I)⁻¹, up to X⁹."""
     one = ufl.Identity(3)
     X = (b - one) * ufl.inv(b + one)
     square = X * X
@@ -252,7 +252,7 @@ def _logarithm(b: Expression) -> Expression:
 
 
 def _exponential(a: Expression) -> Expression:
-    """exp a = (exp a/2)², up to (a/2)⁶."""
+    """Exponential, exp a = (exp a/2)², up to (a/2)⁶."""
     one = ufl.Identity(3)
     series = one / math.factorial(6)
     for k in range(5, -1, -1):

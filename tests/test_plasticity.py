@@ -26,9 +26,7 @@ def scene(kind, n=2, mixed=False, degree=2):
         msh = box(WORLD, (n, n), "triangle", [0.0] * 2, [1.0] * 2)
     w = fem.Function(materials.mini_space(msh) if mixed else vector_space(msh))
     axisymmetric = kind == "axisymmetric"
-    return qs.J2Plasticity(
-        w, E, NU, YIELD, HARDENING, axisymmetric=axisymmetric, degree=degree
-    )
+    return qs.J2Plasticity(w, E, NU, YIELD, HARDENING, axisymmetric=axisymmetric, degree=degree)
 
 
 def deform(body, F):
@@ -280,14 +278,14 @@ def test_what_is_refused():
     for values, name in (((0.0, NU, YIELD, HARDENING), "E"), ((E, 0.5, YIELD, HARDENING), "nu"),
                          ((E, NU, 0.0, HARDENING), "yield_stress"),
                          ((E, NU, YIELD, -1.0), "hardening")):  # fmt: skip
-        with pytest.raises(ValueError, match=f"^{name}: "):
+        with pytest.raises(ValueError, match=rf"^{name}: "):
             qs.J2Plasticity(w, *values)
-    with pytest.raises(ValueError, match="^w: "):
+    with pytest.raises(ValueError, match=r"^w: "):
         qs.J2Plasticity(scalar, *good)
-    with pytest.raises(TypeError, match="^w: "):
+    with pytest.raises(TypeError, match=r"^w: "):
         qs.J2Plasticity(ufl.as_vector([w[0], w[1]]), *good)
-    with pytest.raises(ValueError, match="^degree: "):
+    with pytest.raises(ValueError, match=r"^degree: "):
         qs.J2Plasticity(w, *good, degree=0)
     solid = fem.Function(vector_space(box(WORLD, (1,) * 3, "tetrahedron", [0.0] * 3, [1.0] * 3)))
-    with pytest.raises(ValueError, match="^axisymmetric: "):
+    with pytest.raises(ValueError, match=r"^axisymmetric: "):
         qs.J2Plasticity(solid, *good, axisymmetric=True)
