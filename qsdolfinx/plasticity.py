@@ -151,9 +151,9 @@ class J2Plasticity:
 
     @property
     def kirchhoff_stress(self) -> Expression:
-        """τ at w, Cauchy's stress times the elastic change of volume; with a pressure p, tr τ = −3p.
+        """Kirchhoff's τ at w: Cauchy's stress times the elastic change of volume.
 
-        UFL, 3 × 3, for the measure ``dx``.
+        With a pressure p tr τ = −3p. It is UFL, 3 × 3, for the measure ``dx``.
         """
         mean = -ufl.split(self.w)[1] if self.mixed else self.bulk * self._dilation
         return mean * ufl.Identity(3) + 2 * self.shear * ufl.dev(self._strain)
