@@ -82,7 +82,7 @@ class Billet:
         x = self.mesh.geometry.x + self._motion.values()
         nodes = np.unique(mesh.entities_to_geometry(self.mesh, 1, self.free))
         r, z = x[nodes, 0], x[nodes, 1]
-        parts = [np.abs(z) < 1e-6, np.abs(z - height) < 1e-4]
+        parts = [np.abs(z) < 1e-6, np.abs(z - height) < 5e-3 * RADIUS]
         found = [np.max(r[part], initial=0.0) for part in parts]
         return [max(radii) for radii in zip(*self.mesh.comm.allgather(found), strict=True)]
 
