@@ -151,9 +151,8 @@ def main():
     show(rows)
     print(f"{len(history['force']) - 1} steps, {history['iterations'].sum():.0f} Newton iterations")
     if peer is not None:
-        print(
-            f"CalculiX: penalty {peer['penalty']:g} MPa/mm, to {100 * peer['reduction'][-1]:.1f} %"
-        )
+        reached = f"to {100 * peer['reduction'][-1]:.1f} %"
+        print(f"CalculiX: penalty {peer['penalty']:g} MPa/mm, {reached}")
     if p.json:
         given = {"cells": p.cells, "element": p.element, "remesh": p.remesh}
         given |= {} if peer is None else {"ccx_penalty": peer["penalty"]}

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scenes import WORLD
 
-BENCH = pathlib.Path(__file__).resolve().parents[2] / "bench"
-sys.path += [str(BENCH), str(BENCH / "peers")]
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[2] / "bench"))
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[2] / "bench" / "peers"))
 
 import upsetting_calculix
 import upsetting_j2
@@ -43,10 +43,8 @@ def test_first_step(history):
 @pytest.mark.skipif(WORLD.rank > 0, reason="is text")
 def test_deck():
     """Elements are turned the same way and fill the section; the last ones of rows are the side."""
-    text = upsetting_calculix.deck(4)
-    blocks = {
-        part.split("\n")[0]: part.split("\n")[1:] for part in re.split(r"\n?\*(?=[A-Z])", text)
-    }
+    parts = re.split(r"\n?\*(?=[A-Z])", upsetting_calculix.deck(4))
+    blocks = {part.split("\n")[0]: part.split("\n")[1:] for part in parts}
     nodes = np.array([[float(v) for v in row.split(",")] for row in blocks["NODE"]])
     cells = np.array(
         [[int(v) for v in row.split(",")] for row in blocks["ELEMENT, TYPE=CAX8R, ELSET=BILLET"]]
