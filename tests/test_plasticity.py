@@ -101,6 +101,17 @@ def test_any_path(kind):
     assert 0.2 < point.alpha < 1
 
 
+def test_large_steps():
+    """The logarithm's errors are those that the class names."""
+    for stretch, error in ((0.9, 1e-10), (0.75, 1e-6), (1.33, 1e-6), (0.5, 1e-3), (2.0, 1e-3)):
+        body = scene("3D", n=1)
+        deform(body, np.diag([stretch**-0.5, stretch**-0.5, stretch]))
+        body.update()
+        flow = (3 * G * abs(np.log(stretch)) - YIELD) / (3 * G + HARDENING)
+        found = body.plastic_strain.x.array
+        assert np.abs(found / flow - 1).max(initial=0) < 1.1 * error
+
+
 @pytest.mark.parametrize("kind", ("plane", "3D"))
 def test_turning(kind):
     """A body that is turned, by any angle in a step, has its stress turned and does not flow."""
