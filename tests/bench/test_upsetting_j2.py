@@ -6,7 +6,6 @@ import sys
 
 import numpy as np
 import pytest
-from scenes import WORLD
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[2] / "bench"))
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[2] / "bench" / "peers"))
@@ -40,7 +39,6 @@ def test_first_step(history):
     assert 200e3 < stress < 200e3 * (1 - 0.3) / (1 + 0.3) / (1 - 2 * 0.3)
 
 
-@pytest.mark.skipif(WORLD.rank > 0, reason="is text")
 def test_deck():
     """Elements are turned the same way and fill the section; the last ones of rows are the side."""
     parts = re.split(r"\n?\*(?=[A-Z])", upsetting_calculix.deck(4))
