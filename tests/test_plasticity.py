@@ -173,7 +173,7 @@ def test_uniaxial(kind, mixed):
     held = Held(body)
     alpha = strain = stress = 0.0
     up, area = body.mesh.geometry.dim - 1, np.pi if kind == "axisymmetric" else 1.0
-    for height in (1.002, 1.1, 1.25, 1.249, 1.2, 1.0):
+    for height in (1.002, 1.05, 1.1, 1.099, 1.05, 1.0):
         force = held.solve(height)
         trial = stress + E * (np.log(height) - strain)
         flow = max(0.0, abs(trial) - YIELD - HARDENING * alpha) / (E + HARDENING)
@@ -187,7 +187,7 @@ def test_uniaxial(kind, mixed):
         body.update()
         alpha += flow
         assert np.abs(body.plastic_strain.x.array - alpha).max(initial=0) < 1e-8
-    assert alpha > 0.4
+    assert alpha > 0.15
     held.problem.destroy()
 
 
