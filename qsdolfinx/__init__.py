@@ -17,6 +17,7 @@ from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
 from qsdolfinx.output.fields import FieldWriter
 from qsdolfinx.output.history import History
 from qsdolfinx.pairing.points import Pairing
+from qsdolfinx.plasticity import J2Plasticity
 from qsdolfinx.remeshing.errors import RemeshError
 from qsdolfinx.remeshing.remesh import Remeshed, RemeshReport, remesh
 from qsdolfinx.remeshing.sizes import size_from_curvature, size_from_distance, size_from_field
@@ -51,6 +52,7 @@ __all__ = [
     "FieldWriter",
     "Friction",
     "History",
+    "J2Plasticity",
     "Law",
     "Norton",
     "Pairing",

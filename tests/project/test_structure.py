@@ -17,7 +17,7 @@ FLOORS = (
     ("_cpp",),
     ("base", "compat"),
     ("surface", "materials"),
-    ("output", "tools"),
+    ("output", "plasticity", "tools"),
     ("pairing",),
     ("gap",),
     ("friction",),
