@@ -35,34 +35,35 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from closed_die_bodies import RADIUS, SPEED, M, build, raise_die, read_dies, stroke_of
 from closed_die_output import Record, Stages
 from closed_die_stress import ElasticDie
-from closed_die_tools import FLASH, billet_mesh
+from closed_die_tools import FLASH, billet_mesh, cell_size
 from common.command import Command, film_file, option, report, say
 from common.measures import Clock
 
 #: Part of its thickness that the flash may lose in a step, at most.
-THINNING = 0.05
+THINNING = 0.06
 
 
 @dataclasses.dataclass
 class Parameters:
     """One forging; lengths in mm."""
 
-    size: float = option(1.7, "of the billet's cells")
+    size: float = option(1.9, "of the billet's cells")
     tool_size: float = option(1.5, "of the dies' facets, at most")
-    advance: float = option(0.5, "way of the press in a step")
-    flash: float = option(0.08, "volume of the billet beyond the cavity's, relative")
-    friction: str = option("coulomb-tresca", choices=("coulomb-tresca", "norton", "none"))
+    advance: float = option(0.8, "way of the press in a step")
+    flash: float = option(0.05, "volume of the billet beyond the cavity's, relative")
+    friction: str = option("norton", choices=("norton", "coulomb-tresca", "none"))
     solver: str = option("auto", "linear solver")
     min_quality: float = option(0.04, "shape of the worst cell at which a mesh is given up")
     remesh_quality: float = option(0.08, "shape of the worst cell at which it gets a new mesh")
     every: int = option(4, "steps from a new mesh to the next, at most")
     stroke: float | None = option(None, "of the press; by default until the dies are closed")
-    quick: bool = option(False, "coarse, at most two minutes")
+    quick: bool = option(False, "coarse, and not to the end: at most two minutes")
     verbose: bool = False
 
     def __post_init__(self):
         if self.quick:
-            self.size, self.tool_size, self.advance = 3.0, 2.0, 0.8
+            self.size, self.tool_size, self.advance, self.every = 3.6, 2.5, 1.2, 3
+            self.stroke = 20.0 if self.stroke is None else self.stroke
 
 
 class Forging:
@@ -102,8 +103,11 @@ class Forging:
         return self.scene.problem, self.scene.heat
 
     def size(self, msh):
-        """Of cells: smaller where the billet's surface is curved, as in the dies' roundings."""
-        return qs.size_from_curvature(msh, 0.5, self.p.size / 2, self.p.size)
+        """Of cells: smaller where the billet's surface is curved, and where the dies are near."""
+        largest, smallest = self.p.size, self.p.size / 2
+        way = self.dies[1].position[2, 3]
+        curved = qs.size_from_curvature(msh, 0.5, smallest, largest)
+        return [curved, lambda x: cell_size(x, way, largest, smallest)]
 
     def drive(self, t, dt):
         """The press comes down."""

@@ -14,7 +14,7 @@ from dolfinx import mesh
 
 from common.bodies import gmsh_mesh
 
-FLASH = 1.6  # thickness of the flash between the closed dies
+FLASH = 2.4  # thickness of the flash between the closed dies
 DRAFT = math.tan(math.radians(7.0))
 LAND, GUTTER = 27.0, 33.0  # radii at which land and gutter begin
 EDGE = 44.0  # outer radius of the dies
