@@ -32,6 +32,7 @@ from qsdolfinx.steps.restart import load_run, save_run
 from qsdolfinx.steps.staggered import Staggered
 from qsdolfinx.steps.step_row import step_row
 from qsdolfinx.steps.stepper import StepError, TimeStepper
+from qsdolfinx.steps.stored_mesh import load_meshes
 from qsdolfinx.surface.repartition import repartition
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import smooth
@@ -75,6 +76,7 @@ __all__ = [
     "Unilateral",
     "compat",
     "effusivity_share",
+    "load_meshes",
     "load_run",
     "materials",
     "remesh",

@@ -87,6 +87,7 @@ class Upset:
         reduction: Of the height.
         comm: Communicator.
         remesh: Options of qs.Remeshing; None for no remeshing.
+        meshes: Mesh and tags to begin with, lists of one each; None for simple ones.
         stepping: For the TimeStepper.
     """
 
@@ -100,6 +101,7 @@ class Upset:
         m=0.3,
         remesh=None,
         comm=WORLD,
+        meshes=None,
         **stepping,
     ):
         self.comm = comm
@@ -110,20 +112,29 @@ class Upset:
             qs.RigidSurface.plane(self.comm, z * self.up, side * self.up)
             for z, side in ((0, 1), (H, -1))
         ]
-        if dim == 2:
+        if meshes is not None:
+            (msh,), (tags,) = meshes
+        elif dim == 2:
             msh = mesh.create_rectangle(self.comm, [[0, 0], [R, H]], [int(R / size), int(H / size)])
         else:
             msh = quarter_cylinder(self.comm, R, 0, H, size)
-        planes = [(axis, 0.0) for axis in range(dim)] + [(dim - 1, H)]
-        tags = tagged(msh, planes)
+        if meshes is None:
+            tags = tagged(msh, [(axis, 0.0) for axis in range(dim)] + [(dim - 1, H)])
         self.num_built = 0
-        problem = self.build([msh], [tags])
+        built = self.build([msh], [tags])
+        problem, staggered = built if isinstance(built, tuple) else (built, None)
         options = {"axisymmetric": dim == 2, "fields": lambda: {"strain": self.strain}}
         if remesh is not None:
             options |= {"energy": lambda: self.strain * ufl.dx}
             remesh = qs.Remeshing(self.build, size, [tags], **(options | remesh))
         self.stepper = qs.TimeStepper(
-            problem, self.dt, self.drive, solve=self.solve, remesh=remesh, **stepping
+            problem,
+            self.dt,
+            self.drive,
+            solve=self.solve,
+            remesh=remesh,
+            staggered=staggered,
+            **stepping,
         )
 
     def build(self, meshes, tags):

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import typing
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
+import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
@@ -149,8 +152,10 @@ def remesh(
         return _make(graded, float(np.radians(feature_angle)), axisymmetric)
 
     made = on_root(msh.comm, make)
-    new = _distribute(msh, made, partitioner)
-    tags = _tags(new, None if made is None else made.boundary)
+    parts = None if made is None else (made.x, made.cells)
+    new = distribute(msh.comm, msh.geometry.dim, parts, partitioner)
+    boundary = None if made is None else made.boundary
+    tags = tags_of(new, None if boundary is None else (boundary.facets, boundary.tags))
     if facet_tags is not None:
         new.name, tags.name = msh.name, facet_tags.name
     report = msh.comm.bcast(None if made is None else made.report, root=0)
@@ -226,23 +231,40 @@ def _check_outline(outline: Outline) -> None:
     check_simple(outline.x, outline.facets)
 
 
-def _distribute(msh: mesh.Mesh, made: _Made | None, partitioner: typing.Any) -> mesh.Mesh:
-    """The mesh on all ranks. Collective."""
-    gdim = msh.geometry.dim
+def distribute(
+    comm: MPI.Intracomm,
+    gdim: int,
+    made: tuple[Array, Indices] | None,
+    partitioner: typing.Any = None,
+) -> mesh.Mesh:
+    """A mesh of simplices on all ranks. Collective.
+
+    Args:
+        comm: Communicator.
+        gdim: Geometric dimension.
+        made: Coordinates, shape (nodes, 3), and nodes of the cells, on rank 0.
+        partitioner: See :func:`qs.remesh`.
+    """
     none = np.zeros((0, gdim)), np.zeros((0, gdim + 1), dtype=np.int64)
-    x, cells = none if made is None else (made.x[:, :gdim], made.cells)
+    x, cells = none if made is None else (made[0][:, :gdim], made[1])
+    element = basix.ufl.element("Lagrange", SIMPLICES[gdim].name, 1, shape=(gdim,))
     return mesh.create_mesh(
-        msh.comm,
+        comm,
         cells=np.ascontiguousarray(cells),
         x=np.ascontiguousarray(x),
-        e=ufl.Mesh(msh.ufl_domain().ufl_coordinate_element()),
+        e=ufl.Mesh(element),
         partitioner=partitioner,
     )
 
 
-def _tags(msh: mesh.Mesh, boundary: Boundary | None) -> mesh.MeshTags:
-    """Tags of facets by the numbers that their nodes had on rank 0. Collective."""
-    mine = None if boundary is None else (np.sort(boundary.facets, axis=1), boundary.tags)
+def tags_of(msh: mesh.Mesh, boundary: tuple[Indices, Indices] | None) -> mesh.MeshTags:
+    """Tags of facets by the numbers that their nodes had on rank 0. Collective.
+
+    Args:
+        msh: The mesh.
+        boundary: Facets, shape (facets, gdim), and their tags, on rank 0; 0 is none.
+    """
+    mine = None if boundary is None else (np.sort(boundary[0], axis=1), boundary[1])
     known, values = msh.comm.bcast(mine, root=0)
     facets, nodes = boundary_facets(msh)
     keys = np.sort(np.asarray(msh.geometry.input_global_indices)[nodes[:, :-1]], axis=1)

@@ -45,6 +45,7 @@ class Checkpoint:
         functions: typing.Mapping[str, fem.Function],
         meshes: typing.Mapping[str, tuple[mesh.Mesh, Array]],
         values: typing.Mapping[str, typing.Any],
+        whole: typing.Mapping[str, typing.Mapping[str, npt.NDArray[typing.Any]]] | None = None,
     ) -> None:
         """Write a checkpoint. Collective.
 
@@ -53,6 +54,7 @@ class Checkpoint:
                 and mixed spaces of them, piecewise constants.
             meshes: Meshes with the coordinates to store, shape (geometry nodes, 3).
             values: What JSON can hold, the same on all ranks.
+            whole: Arrays of rank 0 by files, see :meth:`arrays`.
 
         Raises:
             ValueError: If the nodes of a function cannot be told by vertices.
@@ -65,6 +67,9 @@ class Checkpoint:
                 shutil.rmtree(aside, ignore_errors=True)
                 aside.mkdir(parents=True)
         try:
+            with collective_errors(self._comm):
+                for name, arrays in (whole or {}).items() if self._comm.rank == 0 else ():
+                    np.savez(aside / f"{name}.npz", **arrays)
             self._write(aside, functions, meshes, dict(values), identities)
         except Exception:
             if self._comm.rank == 0:  # nobody writes any more
@@ -125,6 +130,21 @@ class Checkpoint:
         with collective_errors(self._comm):
             _, content = self._read()
         return typing.cast(dict[str, typing.Any], content["values"])
+
+    def arrays(self, name: str) -> dict[str, npt.NDArray[typing.Any]] | None:
+        """Arrays of a file on rank 0, none on others; None there if it is not in it. Collective.
+
+        Raises:
+            OSError: If there is no checkpoint.
+        """
+        with collective_errors(self._comm):
+            folder, _ = self._read()
+            if self._comm.rank > 0:
+                return {}
+            if not (folder / f"{name}.npz").exists():
+                return None
+            with np.load(folder / f"{name}.npz") as file:
+                return {key: file[key] for key in file.files}
 
     def load(
         self,

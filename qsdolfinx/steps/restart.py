@@ -25,6 +25,7 @@ from qsdolfinx.contact.multipliers import (
 from qsdolfinx.steps.checkpoint import Checkpoint
 from qsdolfinx.steps.end_of_step import pair_at, show_at
 from qsdolfinx.steps.stepper import TimeStepper
+from qsdolfinx.steps.stored_mesh import stored
 from qsdolfinx.steps.tool_motion import ToolRate
 
 Array = npt.NDArray[np.float64]
@@ -39,6 +40,8 @@ def save_run(
     values: typing.Mapping[str, typing.Any] | None = None,
 ) -> None:
     """Write all that the steps to come depend on. Collective; see Checkpoint.save.
+
+    With a stepper that makes new meshes also these, see :func:`qs.load_meshes`.
 
     Args:
         stepper: The run, after a step.
@@ -56,8 +59,11 @@ def save_run(
     state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
     state["slip_rates"] = [_slip_rate(contact) for contact in stepper.problem.contacts]
     state["user"] = dict(values or {})
+    if stepper.remeshing is not None:
+        state["num_bodies"] = len(stepper.motions)
+        state["remeshed_at"] = stepper.remeshed_at
     Checkpoint(stepper.problem.comm, folder).save(
-        _functions(stepper, functions) | multipliers, _meshes(stepper), state
+        _functions(stepper, functions) | multipliers, _meshes(stepper), state, stored(stepper)
     )
 
 
@@ -73,7 +79,8 @@ def load_run(
     with a penalty those of the gaps there, which may differ by more on a curved tool.
 
     Args:
-        stepper: The run, set up just as before. Forces that drive tools (``tool.drive``), loads and
+        stepper: The run, set up just as before; on the meshes of :func:`qs.load_meshes` if it has
+            made new ones. Forces that drive tools (``tool.drive``), loads and
             Dirichlet values are not in the checkpoint: set them again, as the stepper's ``drive``
             does at each step.
         folder: Folder of the checkpoint.
@@ -102,6 +109,9 @@ def load_run(
         motion.set_reference(x)
     for name in _SCALARS:
         setattr(stepper, name, values[name])
+    stepper.remeshed_at = values.get("remeshed_at", -1)
+    if stepper.staggered is not None:
+        stepper.staggered.begin()
     for tool, position in zip(stepper.tools, values["positions"], strict=True):
         tool.position = np.array(position)
     for i, of_tool in enumerate(values["tool_rates"]):
@@ -156,6 +166,8 @@ def _functions(
         functions[f"rate_{i}"].x.array[:] = rate
         functions[f"missed_{i}"] = fem.Function(u.function_space)
         functions[f"missed_{i}"].x.array[:] = stepper.missed[i]
+    staggered = [] if stepper.staggered is None else stepper.staggered.before
+    functions |= {f"staggered_{i}": before for i, before in enumerate(staggered)}
     return functions | {f"user_{name}": f for name, f in (more or {}).items()}
 
 

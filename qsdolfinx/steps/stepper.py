@@ -185,7 +185,8 @@ class TimeStepper:
         self.remeshing = remesh
         #: What each remeshing has changed, the last one last.
         self.remeshings: list[RemeshingReport] = []
-        self._remeshed_at = -1
+        #: Steps made before the last one; -1 before the first.
+        self.remeshed_at = -1
         #: Time at the end of the last step.
         self.t = 0.0
         #: Δt that will be tried next.
@@ -290,8 +291,8 @@ class TimeStepper:
         with checked(self.problem.comm) as same:
             same(either(FINITE, None), t_end=t_end)
         with interrupt.heeded(self.problem.comm):
-            if self.remeshing is not None and self._remeshed_at != self.num_steps:
-                why = self.remeshing.due(self._scene, self._steps_since_remeshing, self)
+            if self.remeshing is not None and self.remeshed_at != self.num_steps:
+                why = self.remeshing.due(self._scene, self.steps_since_remeshing, self)
                 if why is not None:
                     self._remesh(why)
             try:
@@ -299,7 +300,7 @@ class TimeStepper:
             except StepError as error:
                 fault = error.__cause__
                 distorted = isinstance(fault, _Fault) and fault.distorted
-                may = self.remeshing is not None and self._remeshed_at != self.num_steps
+                may = self.remeshing is not None and self.remeshed_at != self.num_steps
                 if not (distorted and may):
                     raise
                 why = str(fault)
@@ -307,8 +308,9 @@ class TimeStepper:
             return self._step(t_end)
 
     @property
-    def _steps_since_remeshing(self) -> int:
-        return self.num_steps - max(self._remeshed_at, 0)
+    def steps_since_remeshing(self) -> int:
+        """Steps made since bodies got their present meshes."""
+        return self.num_steps - max(self.remeshed_at, 0)
 
     def remesh(self, why: str = "asked for") -> RemeshingReport:
         """Give bodies new meshes as they are now, and find equilibrium there. Collective.
@@ -343,7 +345,7 @@ class TimeStepper:
             self._scene = old
             raise
         old.problem.destroy()
-        self._remeshed_at = self.num_steps
+        self.remeshed_at = self.num_steps
         self.remeshings.append(report)
         return report
 
