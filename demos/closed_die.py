@@ -32,15 +32,13 @@ import qsdolfinx as qs
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from closed_die_bodies import RADIUS, SPEED, M, build, raise_die, read_dies, stroke_of
+from closed_die_forging import Forging
+
+from closed_die_bodies import SPEED
 from closed_die_output import Record, Stages
 from closed_die_stress import ElasticDie
-from closed_die_tools import FLASH, billet_mesh, cell_size
 from common.command import Command, film_file, option, report, say
 from common.measures import Clock
-
-#: Part of its thickness that the flash may lose in a step, at most.
-THINNING = 0.06
 
 
 @dataclasses.dataclass
@@ -66,64 +64,6 @@ class Parameters:
             self.stroke = 20.0 if self.stroke is None else self.stroke
 
 
-class Forging:
-    """The run: what is there of the billet now, and the stepper that gives it new meshes.
-
-    Args:
-        p: Parameters.
-        comm: Communicator.
-    """
-
-    def __init__(self, p, comm):
-        self.p, self.dt = p, p.advance / SPEED
-        self.dies, self.whole = read_dies(comm, p.tool_size), stroke_of(p.flash)
-        raise_die(self.dies[1], self.whole)
-        self.build([billet_mesh(comm, RADIUS, p.flash, p.size)], [None])
-        remesh = qs.Remeshing(
-            self.build,
-            self.size,
-            every=p.every,
-            min_quality=p.remesh_quality,
-            fields=lambda: {"strain": self.scene.strain},
-        )
-        self.stepper = qs.TimeStepper(
-            self.scene.problem,
-            self.dt,
-            self.drive,
-            solve=self.solve,
-            min_quality=p.min_quality,
-            staggered=self.scene.heat,
-            remesh=remesh,
-        )
-        self.stepper.on_solved = lambda: self.scene.measure()
-
-    def build(self, meshes, tags):
-        """The scene on a mesh, the first one or a new one."""
-        self.scene = build(meshes[0], self.dies, self.dt, self.p.friction, self.p.solver)
-        return self.scene.problem, self.scene.heat
-
-    def size(self, msh):
-        """Of cells: smaller where the billet's surface is curved, and where the dies are near."""
-        largest, smallest = self.p.size, self.p.size / 2
-        way = self.dies[1].position[2, 3]
-        curved = qs.size_from_curvature(msh, 0.5, smallest, largest)
-        return [curved, lambda x: cell_size(x, way, largest, smallest)]
-
-    def drive(self, t, dt):
-        """The press comes down."""
-        self.dies[1].displacement = [0.0, 0.0, -SPEED * dt]
-
-    def solve(self, step):
-        """From m = 1 at first, and where that fails."""
-        scene = self.scene
-        if step > 0:
-            try:
-                return scene.problem.solve()
-            except qs.ConvergenceError:
-                pass
-        return qs.solve_with_continuation(scene.problem, scene.billet.m, M)
-
-
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
     """Forge; returns what --json writes, the scene and the elastic die."""
     clock, on_step = Clock(comm), on_step or (lambda scene, record: None)
@@ -134,7 +74,7 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
     try:
         for _ in stepper.run((p.stroke or whole) / SPEED):
             record.add_step(forging.scene, stepper)
-            stepper.dt_max = min(p.advance, THINNING * (whole - record.way + FLASH)) / SPEED
+            forging.limit_step(whole - record.way)
             on_step(forging.scene, record)
     except qs.StepError as error:
         say(f"ends before the dies are closed: {error}")

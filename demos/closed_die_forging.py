@@ -1,0 +1,69 @@
+"""One run of the closed-die demo: the billet as it is now, and how it gets new meshes."""
+
+import qsdolfinx as qs
+
+from closed_die_bodies import RADIUS, SPEED, M, build, raise_die, read_dies, stroke_of
+from closed_die_tools import FLASH, billet_mesh, cell_size
+
+#: Part of its thickness that the flash may lose in a step, at most.
+THINNING = 0.06
+
+
+class Forging:
+    """The run: what is there of the billet now, and the stepper that gives it new meshes.
+
+    Args:
+        p: Parameters.
+        comm: Communicator.
+    """
+
+    def __init__(self, p, comm):
+        self.p, self.dt = p, p.advance / SPEED
+        self.dies, self.whole = read_dies(comm, p.tool_size), stroke_of(p.flash)
+        raise_die(self.dies[1], self.whole)
+        self.build([billet_mesh(comm, RADIUS, p.flash, p.size)], [None])
+        remesh = qs.Remeshing(
+            self.build,
+            self.size,
+            every=p.every,
+            min_quality=p.remesh_quality,
+            fields=lambda: {"strain": self.scene.strain},
+        )
+        self.stepper = qs.TimeStepper(
+            self.scene.problem,
+            self.dt,
+            self.drive,
+            solve=self.solve,
+            min_quality=p.min_quality,
+            staggered=self.scene.heat,
+            remesh=remesh,
+        )
+        self.stepper.on_solved = lambda: self.scene.measure()
+
+    def build(self, meshes, tags):
+        """The scene on a mesh, the first one or a new one."""
+        self.scene = build(meshes[0], self.dies, self.dt, self.p.friction, self.p.solver)
+        return self.scene.problem, self.scene.heat
+
+    def size(self, msh):
+        """Of cells: smaller where the billet's surface is curved, and where the dies are near."""
+        largest, smallest = self.p.size, self.p.size / 2
+        way = self.dies[1].position[2, 3]
+        curved = qs.size_from_curvature(msh, 0.5, smallest, largest)
+        return [curved, lambda x: cell_size(x, way, largest, smallest)]
+
+    def drive(self, t, dt):
+        """The press comes down."""
+        self.dies[1].displacement = [0.0, 0.0, -SPEED * dt]
+
+    def solve(self, step):
+        """From the last velocity; from m = 1 at first, and where that fails."""
+        qs.solve_with_continuation(self.scene.problem, self.scene.billet.m, M)
+
+    def limit_step(self, way):
+        """Let the next step close no more of the flash than a part of it.
+
+        Args:
+            way: Of the press, to closed dies.
+        """
+        self.stepper.dt_max = min(self.p.advance, THINNING * (way + FLASH)) / SPEED

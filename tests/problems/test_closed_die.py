@@ -1,0 +1,72 @@
+"""The closed-die demo, coarse and for a part of its stroke: balances, depths, keys, ranks."""
+
+import functools
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from closed_die import Parameters, run
+from closed_die_tools import DIES, FLASH, LAND, billet_size, cavity, height, profile
+from scenes import WORLD
+
+pytest.importorskip("gmsh")
+
+KEYS = [
+    "steps",
+    "remeshings",
+    "volume_change",
+    "max_penetration",
+    "facet_size",
+    "filled",
+    "force_max",
+    "energy_error",
+    "die_traction_peak",
+    "total_seconds",
+]
+
+
+@functools.cache
+def forged(comm=WORLD):
+    """A mesh of some hundred cells through a new one at each step."""
+    p = Parameters(size=4.5, tool_size=3.0, advance=1.5, every=1, stroke=6.0)
+    return run(p, comm)
+
+
+def test_what_it_reports():
+    result, scene, die = forged()
+    assert list(result) == KEYS
+    assert result["steps"] == 4 and result["remeshings"] == 3
+    assert abs(result["volume_change"]) < 5e-3
+    assert result["max_penetration"] < 0.1 * result["facet_size"]
+    assert 0.34 < result["filled"] < 0.5
+    assert abs(result["energy_error"]) < 0.05
+    # The billet has cooled where it touches and nowhere is hotter than plastic work makes it.
+    low, high = (
+        WORLD.allreduce(f(scene.temperature.x.array), op=op)
+        for f, op in ((np.min, MPI.MIN), (np.max, MPI.MAX))
+    )
+    assert 200.0 < low < 1000.0 and 1100.0 < high < 1250.0
+    assert np.allclose(die.sent, die.arrived, rtol=1e-9)
+    assert die.arrived[2] == pytest.approx(-result["force_max"] / 4, rel=0.1)
+
+
+def test_cavity():
+    """Its volume by Pappus' rings of the profile, and dies that do not meet."""
+    total = 0.0
+    for die in DIES:
+        r, z = profile(die, 400).T
+        inside = r <= LAND
+        r, depth = r[inside], np.abs(z[inside] - height(die, 0.0))
+        total += 2 * np.pi * np.trapezoid(r * depth, r)
+    assert cavity() == pytest.approx(total + np.pi * LAND**2 * FLASH, rel=1e-3)
+    assert billet_size(10.0, 0.0) * np.pi * 100.0 == pytest.approx(cavity())
+
+
+@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+def test_ranks():
+    """The same on one rank, through the new meshes."""
+    alone = forged(WORLD.Split(WORLD.rank))[0]
+    together = forged()[0]
+    for key in KEYS[:-1]:
+        assert together[key] == pytest.approx(alone[key], rel=1e-6), key
