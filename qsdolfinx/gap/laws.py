@@ -62,11 +62,8 @@ class Law(abc.ABC):
         """The nearest multiplier that the law can give."""
 
 
-class Tied(Law):
-    """Bilateral sticking contact: λ = ε ⟦u⟧, both signs, all components.
-
-    The jump is that of the unknown alone: an initial gap stays as it is.
-    """
+class JumpLaw(Law):
+    """A law that is linear in the whole jump: λ = ε ⟦u⟧, of the field's components."""
 
     jump = True
     linear = True
@@ -86,6 +83,13 @@ class Tied(Law):
     def admissible(self, multiplier: Array) -> Array:
         """Any."""
         return multiplier
+
+
+class Tied(JumpLaw):
+    """Bilateral sticking contact: λ = ε ⟦u⟧, both signs, all components.
+
+    The jump is that of the unknown alone: an initial gap stays as it is.
+    """
 
 
 class Unilateral(Law):
@@ -115,8 +119,10 @@ class Unilateral(Law):
         return np.maximum(multiplier, 0)
 
 
-class Conductance(Law):
+class Conductance(JumpLaw):
     """Flux q = h ⟦T⟧ from the slave to the master, at each pairing point: Φ = ½ Σ w_p h_p ⟦T⟧².
+
+    It is the penalty ε of a law that is linear in the jump, place by place.
 
     Args:
         h: Heat per time, area and temperature: a number, a ``fem.Constant``, or a function of
@@ -130,9 +136,6 @@ class Conductance(Law):
             0 to 1, such as :func:`qs.effusivity_share`; the rest goes into the master, or a tool.
             None: that heat is left out.
     """
-
-    jump = True
-    linear = True
 
     def __init__(
         self,
@@ -202,22 +205,6 @@ class Conductance(Law):
             at = ", ".join(f"{values[i]:.6g}" for values in state)
             raise ValueError(f"h: gives {out[i]:.6g} at ({at}), negative or not finite")
         return out
-
-    def energy(self, gap: Array, penalty: Array) -> Array:
-        """φ = ½ h ⟦T⟧²; ``penalty`` is h."""
-        return 0.5 * penalty * np.sum(gap**2, axis=1)
-
-    def multiplier(self, gap: Array, penalty: Array) -> Array:
-        """Q = h ⟦T⟧."""
-        return penalty[:, None] * gap
-
-    def slope(self, gap: Array, penalty: Array, touching: float) -> Array:
-        """φ'' = h."""
-        return penalty
-
-    def admissible(self, multiplier: Array) -> Array:
-        """Any."""
-        return multiplier
 
 
 def _is_function(h: typing.Any) -> bool:

@@ -64,6 +64,16 @@ def jumps_of_a_mini_body():
     qs.ContactProblem([F], [w], [], solver="schur")
 
 
+def new_mesh(made):
+    qs.remesh(made, 0.5)
+
+
+def new_meshes_of_displacements():
+    pair = Pair("triangle")
+    remesh = qs.Remeshing(lambda meshes, tags: None, 0.5)
+    qs.TimeStepper(pair.problem(), 0.1, remesh=remesh)
+
+
 def field_of_finite_sliding():
     pair = Pair("triangle", contact_options={"sliding": "finite"})
     fields = [
@@ -214,6 +224,13 @@ CASES = {
     "V: contact needs a blocked vector space with 2 components": (
         lambda s, folder: on_square(("Lagrange", 1, (3,)))
     ),
+    "remesh: only bodies in velocities get new meshes": (
+        lambda s, folder: new_meshes_of_displacements()
+    ),
+    "body: must be of triangles in 2D, or of tetrahedra in 3D": (
+        lambda s, folder: new_mesh(box(WORLD, (2, 2), "quadrilateral", [0.0, 0.0], [1.0, 1.0]))
+    ),
+    "body: the mesh must be of degree 1": lambda s, folder: new_mesh(elevated(square())),
     'of: sliding="finite" and contact with itself keep no pairing points': (
         lambda s, folder: field_of_finite_sliding()
     ),
