@@ -3,8 +3,10 @@
 A quarter of a wheel with hub, web and rim: `closed_die_tools.py` draws both dies with gmsh, with
 draft, roundings, a flash land and a gutter. The billet (Norton-Hoff, MINI element) stands on the
 web of the lower die; the upper one comes down at 100 mm/s until the dies are closed. All of the
-billet's skin may touch both dies, with friction. At the end the lower die, as an elastic solid with
-a face finer than the billet, is loaded by the tractions that were recovered on the billet.
+billet's skin may touch both dies, with friction. Its consistency falls with the temperature, which
+plastic work and friction raise and the colder dies lower where they touch. It gets a new mesh every
+few steps, and when a cell is too flat. At the end the lower die, as an elastic solid with a face
+finer than the billet, is loaded by the tractions that were recovered on the billet.
 
     mpirun -n 2 python3 demos/closed_die.py --plot closed_die.png --json closed_die.json
     python3 demos/closed_die.py --quick --animate closed_die.gif
@@ -17,7 +19,8 @@ Keys of the JSON object:
 - facet_size: mean edge of the billet's facets that it is to be compared with (mm);
 - filled: share of the cavity within the land that is filled at the end;
 - force_max: largest force of the press, for the whole wheel (N);
-- energy_error: work of the press, less dissipation and friction, over the work;
+- energy_error: work of the press, less dissipation and friction, over the work; or what is missing
+  of the billet's heat, over that of the work, if that is more;
 - die_traction_peak: largest traction on the elastic die (MPa);
 - total_seconds.
 """
@@ -35,10 +38,13 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from closed_die_forging import Forging
 
 from closed_die_bodies import SPEED
-from closed_die_output import Record, Stages
+from closed_die_output import Record, Stages, checks
 from closed_die_stress import ElasticDie
 from common.command import Command, film_file, option, report, say
 from common.measures import Clock
+
+#: What --quick has in the place of the defaults.
+QUICK = {"size": 3.6, "tool_size": 2.5, "advance": 1.2, "every": 3, "stroke": 20.0}
 
 
 @dataclasses.dataclass
@@ -59,9 +65,9 @@ class Parameters:
     verbose: bool = False
 
     def __post_init__(self):
-        if self.quick:
-            self.size, self.tool_size, self.advance, self.every = 3.6, 2.5, 1.2, 3
-            self.stroke = 20.0 if self.stroke is None else self.stroke
+        for name, value in QUICK.items() if self.quick else ():
+            if getattr(self, name) == getattr(Parameters, name):  # not given
+                setattr(self, name, value)
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
@@ -76,12 +82,12 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
             record.add_step(forging.scene, stepper)
             forging.limit_step(whole - record.way)
             on_step(forging.scene, record)
-    except qs.StepError as error:
+    except (qs.StepError, qs.RemeshError) as error:
         say(f"ends before the dies are closed: {error}")
     die = ElasticDie(comm, p.tool_size)
     lower = forging.scene.contacts[0]
     die.load(lower.slave, lower.traction("slave"), stepper.last_dt)
-    result = record.result() | {"remeshings": len(stepper.remeshings)}
+    result = record.result(len(stepper.remeshings))
     result |= {"die_traction_peak": die.peaks()[0], "total_seconds": clock.seconds()}
     return result, forging.scene, die
 
@@ -95,6 +101,8 @@ def main():
     force = ", ".join(f"{f / 1e3:.2f}" for f in (die.sent[2], die.arrived[2]))
     say(f"force of the billet on the lower die, and what the solid received (kN): {force}")
     report(result, a.json, ".6g")
+    for line in checks(result):
+        say(line)
     if a.plot:
         stages.plot(a.plot, die)
     if a.animate:

@@ -49,7 +49,7 @@ class Record:
         self.history = qs.History(comm, t_end=whole / SPEED, verbose=verbose)
         self.way = self.work = self.dissipated = self.friction = 0.0
         self.cooled = self.warmed = 0.0
-        self.steps = self.remeshings = 0
+        self.steps = 0
         self.last_volume, self.last_filled, self.depth = self.volume, 0.0, 0.0
         #: Way (mm) and force of the whole wheel (N) after each step.
         self.curve = [(0.0, 0.0)]
@@ -93,19 +93,31 @@ class Record:
         given = TO_HEAT * self.dissipated + TO_BILLET * self.friction
         return (given - self.cooled - self.warmed) / (TO_HEAT * self.work)
 
-    def result(self):
+    def result(self, remeshings):
         """What --json writes, but for the die and the time."""
         self.history.close()
         return {
             "steps": self.steps,
-            "remeshings": self.remeshings,
+            "remeshings": remeshings,
             "volume_change": self.last_volume / self.volume - 1,
             "max_penetration": self.depth,
-            "facet_size": self.facet_size,
+            "facet_size": float(self.facet_size),
             "filled": self.last_filled,
             "force_max": max(force for _, force in self.curve),
-            "energy_error": max(self.energy_error(), self.heat_error(), key=abs),
+            "energy_error": float(max(self.energy_error(), self.heat_error(), key=abs)),
         }
+
+
+def checks(result):
+    """What is asked of a run, as lines: a value, its limit, and whether it is kept."""
+    limits = {
+        "volume_change": (abs(result["volume_change"]), 5e-3),
+        "max_penetration": (result["max_penetration"], 0.1 * result["facet_size"]),
+        "energy_error": (abs(result["energy_error"]), 1e-2),
+    }
+    for name, (value, limit) in limits.items():
+        kept = "kept" if value <= limit else "MISSED"
+        yield f"{name:16} {value:.3g}, at most {limit:.3g}: {kept}"
 
 
 # --- Pictures
