@@ -50,7 +50,8 @@ def solve_with_continuation(
     their targets and the bodies are not at rest (later steps of a loading history), that is tried
     first from the present unknowns.
 
-    Steps are damped with the line search ``bt``, unless the problem's options name another.
+    Steps are damped with the line search ``bt``, unless the problem's options name another; a solve
+    that fails is not tried again in other ways.
 
     Args:
         problem: The problem; its forms contain the Constants.
@@ -82,7 +83,8 @@ def solve_with_continuation(
     before = [constant.value.item() for constant in constants]
     damped = problem.has_full_steps
     search = line_search(problem.snes, LINE_SEARCH) if damped else contextlib.nullcontext()
-    with interrupt.heeded(problem.comm), problem.one_step(), search:
+    attempts = problem.newton.giving_up() if damped else contextlib.nullcontext()
+    with interrupt.heeded(problem.comm), problem.one_step(), search, attempts:
         try:
             moving = problem.comm.allreduce(any(np.any(x) for x in start), op=MPI.LOR)
             if moving and before == targets:
