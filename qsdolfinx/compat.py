@@ -47,13 +47,37 @@ def interpolation_points(V: fem.FunctionSpace) -> npt.NDArray[np.float64]:
     return points() if callable(points) else points
 
 
+#: Numbers of gmsh's prisms and pyramids of degree 1 and 2.
+_PRISMS_AND_PYRAMIDS = {6, 7, 13, 14, 18, 19}
+
+
+def _strange_cells(model: typing.Any, gdim: int) -> bool:
+    """Whether a gmsh model has prisms or pyramids in physical groups."""
+    groups = [group for group in model.getPhysicalGroups() if group[0] == gdim]
+    kinds = {
+        int(kind)
+        for dim, tag in groups
+        for entity in model.getEntitiesForPhysicalGroup(dim, tag)
+        for kind in model.mesh.getElements(dim, tag=entity)[0]
+    }
+    return bool(kinds & _PRISMS_AND_PYRAMIDS)
+
+
 def model_to_mesh(
     model: typing.Any, comm: MPI.Comm, rank: int = 0, gdim: int = 3
 ) -> tuple[mesh.Mesh, mesh.MeshTags, mesh.MeshTags]:
     """Mesh, tags of cells and tags of facets of a gmsh model on one rank.
 
     That is ``model_to_mesh`` of ``dolfinx.io.gmshio``, from 0.10 on of ``dolfinx.io.gmsh``.
+
+    Raises:
+        ValueError: If there are prisms or pyramids.
     """
     module = io.gmsh if hasattr(io, "gmsh") else io.gmshio
+    if comm.bcast(_strange_cells(model, gdim) if comm.rank == rank else 0, root=rank):
+        raise ValueError(
+            "model: has prisms or pyramids, which DOLFINx does not read from gmsh; contact needs "
+            "triangles, quadrilaterals, tetrahedra or hexahedra"
+        )
     msh, cell_tags, facet_tags = module.model_to_mesh(model, comm, rank, gdim)[:3]
     return msh, cell_tags, facet_tags

@@ -93,3 +93,17 @@ def test_model_to_mesh():
     area = WORLD.allreduce(fem.assemble_scalar(fem.form(one * ufl.dx(domain=msh))))
     assert (msh.topology.dim, msh.geometry.dim) == (2, 2)
     assert 0.99 * 2 * np.pi < area < 2 * np.pi
+
+
+def test_prisms_are_refused():
+    """By name; DOLFINx 0.9 ends with a KeyError on one rank."""
+    gmsh.initialize(["", "-v", "0"])
+    if WORLD.rank == 0:
+        base = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        gmsh.model.occ.extrude([(2, base)], 0, 0, 1, numElements=[2], recombine=True)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [1], 1)
+        gmsh.model.mesh.generate(3)
+    with pytest.raises(ValueError, match="model: has prisms or pyramids"):
+        compat.model_to_mesh(gmsh.model, WORLD)
+    gmsh.finalize()
