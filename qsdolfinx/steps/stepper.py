@@ -199,6 +199,8 @@ class TimeStepper:
         self.num_cutbacks = 0
         #: Newton iterations of the last step, over its attempts and pairings.
         self.num_iterations = 0
+        #: The same of all steps so far, those that failed and remeshings included.
+        self.total_iterations = 0
         self._num_solves = 0
         #: Called once a step, when it has succeeded, while the meshes are where it was solved for.
         self.on_solved: typing.Callable[[], None] | None = None
@@ -359,7 +361,10 @@ class TimeStepper:
     def _balance(self, scene: Scene) -> None:
         """Solve for a scene, with the user's function."""
         self._scene = scene
-        self._solve(self.num_steps)
+        try:
+            self._solve(self.num_steps)
+        finally:
+            self.total_iterations += self.problem.num_iterations
 
     def _step(self, t_end: float | None) -> float:
         planned = dt = self._planned(t_end)
@@ -495,6 +500,7 @@ class TimeStepper:
             self._solve(self.num_steps)
         finally:
             self.num_iterations += self.problem.num_iterations
+            self.total_iterations += self.problem.num_iterations
             self._num_solves += 1
 
     def _check_shape(self, dt: float, start: Snapshot) -> None:

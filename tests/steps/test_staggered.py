@@ -130,3 +130,13 @@ def test_refused():
         qs.Staggered(billet.staggered.problem, [])
     with pytest.raises(TypeError, match=r"staggered: must be a qs\.Staggered"):
         qs.TimeStepper(billet.problem, 0.1, staggered=billet.staggered.problem)
+
+
+def test_total_iterations():
+    """Those of all steps, also where one has failed."""
+    billet = Billet(with_bad_heat=True)
+    stepper, total = billet.stepper(0.04), 0
+    for _ in range(2):
+        stepper.step(0.06)
+        total += stepper.num_iterations
+    assert stepper.num_cutbacks > 0 and stepper.total_iterations == total > 0
