@@ -137,6 +137,6 @@ def test_total_iterations():
     billet = Billet(with_bad_heat=True)
     stepper, total = billet.stepper(0.04), 0
     for _ in range(2):
-        stepper.step(0.06)
+        stepper.step()
         total += stepper.num_iterations
     assert stepper.num_cutbacks > 0 and stepper.total_iterations == total > 0
