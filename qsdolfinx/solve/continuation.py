@@ -50,8 +50,8 @@ def solve_with_continuation(
     their targets and the bodies are not at rest (later steps of a loading history), that is tried
     first from the present unknowns.
 
-    Steps are damped with the line search ``bt``, unless the problem's options name another; a solve
-    that fails is not tried again in other ways.
+    Steps are damped with the line search ``bt``, unless the problem's options name another. Loads
+    are not put on gradually as well where a solve fails.
 
     Args:
         problem: The problem; its forms contain the Constants.
@@ -83,8 +83,8 @@ def solve_with_continuation(
     before = [constant.value.item() for constant in constants]
     damped = problem.has_full_steps
     search = line_search(problem.snes, LINE_SEARCH) if damped else contextlib.nullcontext()
-    attempts = problem.newton.giving_up() if damped else contextlib.nullcontext()
-    with interrupt.heeded(problem.comm), problem.one_step(), search, attempts:
+    alone = problem.newton.without_easing()
+    with interrupt.heeded(problem.comm), problem.one_step(), search, alone:
         try:
             moving = problem.comm.allreduce(any(np.any(x) for x in start), op=MPI.LOR)
             if moving and before == targets:

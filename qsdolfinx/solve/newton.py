@@ -311,7 +311,7 @@ class Newton:
         self.system, self._snes, self.linear = system, snes, linear
         self.has_full_steps = "snes_linesearch_type" in defaults
         self._may_go_on = "snes_max_it" in defaults
-        self._goes_back = True
+        self._eases = True
         #: Why the last run has ended.
         self._reason = 0
         self.record = Record()
@@ -348,13 +348,13 @@ class Newton:
     # --- Accuracy
 
     @contextlib.contextmanager
-    def giving_up(self) -> typing.Iterator[None]:
-        """Let runs inside the block that fail not be begun again: who solves has another way."""
-        before, self._goes_back = self._goes_back, False
+    def without_easing(self) -> typing.Iterator[None]:
+        """Let loads inside the block not be put on gradually: who solves has another way."""
+        before, self._eases = self._eases, False
         try:
             yield
         finally:
-            self._goes_back = before
+            self._eases = before
 
     @contextlib.contextmanager
     def accuracy(self, **given: float) -> typing.Iterator[None]:
@@ -464,7 +464,7 @@ class Newton:
 
     def _search_line_if_failed(self, first_guess: PETSc.Vec) -> None:
         """Repeat a run of full steps that has failed with a line search. Collective."""
-        if self._reason < 0 and self.has_full_steps and self._goes_back:
+        if self._reason < 0 and self.has_full_steps:
             self._start_again(first_guess, False)
             with line_search(self.snes):
                 self._run()
@@ -472,7 +472,7 @@ class Newton:
     def _may_ease(self) -> bool:
         """Whether loads may be put on gradually: where paths are not straight."""
         follows = any(contact.follows for contact in self.system.contacts)
-        return self._goes_back and self.has_full_steps and (follows or not self.system.linear)
+        return self._eases and self.has_full_steps and (follows or not self.system.linear)
 
     def run_eased(self, left_out: Array | None) -> bool:
         """A run from where the unknowns are, with full steps; whether it converges. Collective.
