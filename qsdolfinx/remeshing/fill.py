@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from qsdolfinx.remeshing.errors import RemeshError
 from qsdolfinx.remeshing.outline import Outline, listed
+from qsdolfinx.remeshing.parts import find_parts, in_voids
 from qsdolfinx.remeshing.retriangulate import Boundary
 
 Array = npt.NDArray[np.float64]
@@ -148,6 +149,7 @@ def _set_sizes(gmsh: typing.Any, boundary: Boundary, outline: Outline) -> None:
 
 
 def _draw_triangles(gmsh: typing.Any, boundary: Boundary) -> None:
+    # All of it is one surface, of whatever parts: voids are filled, too, and emptied afterwards.
     surface = gmsh.model.addDiscreteEntity(2)
     numbers = np.arange(1, len(boundary.x) + 1)
     gmsh.model.mesh.addNodes(2, surface, numbers, boundary.x.ravel())
@@ -162,37 +164,23 @@ def _draw_triangles(gmsh: typing.Any, boundary: Boundary) -> None:
 def _draw_lines(gmsh: typing.Any, boundary: Boundary) -> None:
     for node, x in enumerate(boundary.x, 1):
         gmsh.model.geo.addPoint(*x, tag=node)
-    loops = _loops(boundary.facets)
     for facet, (a, b) in enumerate(listed(boundary.facets), 1):
         gmsh.model.geo.addLine(a + 1, b + 1, tag=facet)
         gmsh.model.geo.mesh.setTransfiniteCurve(facet, 2)
-    areas = [_area(boundary.x, boundary.facets[loop]) for loop in loops]
-    outer = int(np.argmax(areas))
-    order = [outer, *(i for i in range(len(loops)) if i != outer)]
-    curves = [gmsh.model.geo.addCurveLoop([facet + 1 for facet in loops[i]]) for i in order]
-    gmsh.model.geo.addPlaneSurface(curves)
+    for shells in find_parts(boundary.x, boundary.facets):
+        loops = [_in_order(boundary.facets, shell) for shell in shells]
+        curves = [gmsh.model.geo.addCurveLoop([facet + 1 for facet in loop]) for loop in loops]
+        gmsh.model.geo.addPlaneSurface(curves)
     gmsh.model.geo.synchronize()
 
 
-def _area(x: Array, facets: Indices) -> float:
-    a, b = x[facets[:, 0]], x[facets[:, 1]]
-    return float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2)
-
-
-def _loops(facets: Indices) -> list[list[int]]:
-    """Facets of closed lines, in order."""
-    by_start = {a: i for i, a in enumerate(listed(facets[:, 0]))}
-    left, out = set(range(len(facets))), []
-    while left:
-        loop = [min(left)]
-        while True:
-            left.discard(loop[-1])
-            following = by_start[int(facets[loop[-1], 1])]
-            if following == loop[0]:
-                break
-            loop.append(following)
-        out.append(loop)
-    return out
+def _in_order(facets: Indices, shell: Indices) -> list[int]:
+    """Facets of a closed line, one after the other."""
+    by_start = dict(zip(listed(facets[shell, 0]), listed(shell), strict=True))
+    loop = [int(shell[0])]
+    while (following := by_start[int(facets[loop[-1], 1])]) != loop[0]:
+        loop.append(following)
+    return loop
 
 
 def _read(gmsh: typing.Any, boundary: Boundary) -> tuple[Array, Indices]:
@@ -203,6 +191,10 @@ def _read(gmsh: typing.Any, boundary: Boundary) -> tuple[Array, Indices]:
     _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE if gdim == 2 else TETRAHEDRON)
     cells = np.asarray(nodes, dtype=np.int64).reshape(-1, gdim + 1)
     count = len(boundary.x)
+    if gdim == 3 and any(len(shells) > 1 for shells in find_parts(boundary.x, boundary.facets)):
+        place = np.zeros((int(tags.max(initial=0)) + 1, 3))
+        place[tags] = x
+        cells = cells[~in_voids(place, cells, boundary.x, boundary.facets)]
     number = np.full(int(tags.max(initial=0)) + 1, -1)
     used = np.unique(cells)
     inner = used[used > count]

@@ -14,9 +14,9 @@ import ufl
 from dolfinx import fem, mesh
 
 from qsdolfinx.base.checks import FLAG, POSITIVE, TAGS, check, either, instance, number, require
-from qsdolfinx.base.collective import checked
+from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import check_alone
-from qsdolfinx.compat import coordinate_element
+from qsdolfinx.compat import cell_nodes, coordinate_element
 from qsdolfinx.remeshing.errors import RemeshError, on_root
 from qsdolfinx.remeshing.features import find_features
 from qsdolfinx.remeshing.fill import cell_quality, fill
@@ -33,6 +33,15 @@ Indices = npt.NDArray[np.int64]
 
 #: Relative change of the volume that a new mesh may have.
 VOLUME = 1e-4
+
+#: The same of what cells fill of what the boundary encloses.
+FILLED = 1e-6
+
+#: Part of a body's size that radii may be below 0 by rounding.
+AXIS = 1e-9
+
+#: Cells above which sizes are a mistake, of units perhaps.
+MOST_CELLS = 2e7
 
 #: Factors of the sizes that are tried one after the other until there is a mesh.
 SIZES = (1.0, 0.85, 1.1, 0.7)
@@ -135,6 +144,8 @@ def remesh(
         require(fits, "body: must be of triangles in 2D, or of tetrahedra in 3D")
         require(coordinate_element(msh).degree == 1, "body: the mesh must be of degree 1")
         check_size(msh, size)
+        if isinstance(size, (int, float, np.number)):
+            same(size=float(size))
         check(either(TAGS, None), facet_tags=facet_tags)
         if facet_tags is not None:
             of_facets = facet_tags.dim == gdim - 1 and is_of(facet_tags, msh)
@@ -144,6 +155,11 @@ def remesh(
         same(ANGLE, feature_angle=feature_angle)
         same(either(POSITIVE, None), gradation=gradation)
     msh, x = where(body)
+    with collective_errors(msh.comm):
+        require(bool(np.isfinite(x).all()), "body: coordinates and displacements must be finite")
+        _check_cells(msh, x)
+        on_one_side = not axisymmetric or x[:, 0].min(initial=0.0) >= -AXIS * np.abs(x).max()
+        require(on_one_side, "axisymmetric: r, the first coordinate, must not be negative")
     outline = gather(msh, x, nodal_sizes(msh, x, size), facet_tags)
 
     def make() -> _Made:
@@ -160,6 +176,18 @@ def remesh(
         new.name, tags.name = msh.name, facet_tags.name
     report = msh.comm.bcast(None if made is None else made.report, root=0)
     return Remeshed(new, tags, report)
+
+
+def _check_cells(msh: mesh.Mesh, x: Array) -> None:
+    """Refuse a body whose cells a displacement has turned inside out."""
+    gdim, count = msh.geometry.dim, msh.topology.index_map(msh.topology.dim).size_local
+    nodes = cell_nodes(msh)[:count]
+
+    def signs(at: Array) -> Array:
+        return np.sign(np.linalg.det((at[nodes[:, 1:]] - at[nodes[:, :1]])[..., :gdim]))
+
+    turned = signs(x) != signs(np.asarray(msh.geometry.x, dtype=np.float64))
+    require(not turned.any(), f"body: the displacement turns {turned.sum()} cells inside out")
 
 
 class _Made(typing.NamedTuple):
@@ -181,6 +209,7 @@ class _Made(typing.NamedTuple):
 def _make(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
     """Make the mesh, on one rank; if there is none, with slightly other sizes."""
     _check_outline(outline)
+    _check_number(outline)
     problems: list[RemeshError] = []
     for factor in SIZES:
         try:
@@ -210,6 +239,7 @@ def _make_of(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
             outline.x.mean(axis=0),
         )
     x, cells = fill(boundary, outline)
+    _check_filled(x, cells, enclosed_volume(boundary.x, boundary.facets))
     report = RemeshReport(
         volume,
         unrestored,
@@ -221,6 +251,31 @@ def _make_of(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
         float(cell_quality(x, cells).min()),
     )
     return _Made(x, cells, boundary, report)
+
+
+def _check_filled(x: Array, cells: Indices, enclosed: float) -> None:
+    """Refuse cells that leave something out, or fill a void."""
+    gdim = cells.shape[1] - 1
+    edges = (x[cells[:, 1:]] - x[cells[:, :1]])[..., :gdim]
+    filled = float(np.abs(np.linalg.det(edges)).sum()) / (2.0 if gdim == 2 else 6.0)
+    if abs(filled / enclosed - 1) > FILLED:
+        raise RemeshError.at(
+            f"gmsh has filled {filled / enclosed:.6g} of what the boundary encloses; the body is",
+            x.mean(axis=0),
+        )
+
+
+def _check_number(outline: Outline) -> None:
+    """Refuse sizes with which there would be no end of cells."""
+    gdim, corners = outline.gdim, outline.x[outline.cells]
+    volumes = np.abs(np.linalg.det((corners[:, 1:] - corners[:, :1])[..., :gdim]))
+    of_sizes = outline.sizes[outline.cells].mean(axis=1) ** gdim
+    number = float(np.sum(volumes / of_sizes))
+    if number > MOST_CELLS:
+        raise RemeshError(
+            f"size: would make some {number:.1g} cells; it is a length in the mesh's units",
+            outline.x.mean(axis=0)[None],
+        )
 
 
 def _check_outline(outline: Outline) -> None:

@@ -146,6 +146,12 @@ def _spaced(outline: Outline, nodes: Indices, least: int) -> tuple[Array, Array]
     counted = np.concatenate([[0.0], np.cumsum(ways / mean)])
     number = max(least, int(np.rint(counted[-1])))
     places = np.linspace(0.0, counted[-1], number + 1)
-    points = np.stack([np.interp(places, counted, x[:, i]) for i in range(3)], axis=1)
+    i = np.clip(np.searchsorted(counted, places, side="right") - 1, 0, len(ways) - 1)
+    part = (places - counted[i]) / (counted[i + 1] - counted[i])
+    r = np.where(np.abs(ratio[i] - 1) < 1e-6, 1.0, ratio[i])
+    # Of a count that sizes grow with, a segment's way is its integral.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = np.where(r == 1, part, (r**part - 1) / (r - 1))
+    points = x[i] + way[:, None] * (x[i + 1] - x[i])
     points[0], points[-1] = x[0], x[-1]
-    return points, np.interp(places, counted, h)
+    return points, h[i] * r**part

@@ -71,8 +71,10 @@ def nodal_sizes(msh: mesh.Mesh, x: Array, size: typing.Any) -> Array:
         values = at_nodes(size)
     else:
         with collective_errors(msh.comm):
-            found = size(x.T) if callable(size) else size
-            values = np.broadcast_to(np.asarray(found, dtype=np.float64), (len(x),))
+            found = np.asarray(size(x.T) if callable(size) else size, dtype=np.float64)
+            fits = found.shape in ((), (len(x),))
+            require(fits, "size: must return a number for each of its points, shape (n,)")
+            values = np.broadcast_to(found, (len(x),))
     with collective_errors(msh.comm):
         good = np.isfinite(values) & (values > 0)
         require(good.all(), "size: must be positive and finite everywhere")
@@ -302,6 +304,8 @@ def where(body: mesh.Mesh | fem.Function) -> tuple[mesh.Mesh, Array]:
     msh = body.function_space.mesh
     gdim = msh.geometry.dim
     require(body.ufl_shape == (gdim,), f"body: a displacement must have {gdim} components")
+    element = body.function_space.sub(0).element.basix_element
+    require(not element.discontinuous, "body: a displacement must be continuous, such as P1")
     x = np.array(msh.geometry.x, dtype=np.float64)
     x[:, :gdim] += at_nodes(body)
     return msh, x

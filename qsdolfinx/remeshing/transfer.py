@@ -70,6 +70,8 @@ def transfer(
         check(either(FUNCTION, None), displacement=displacement)
         same(either(POSITIVE, None), reach=reach)
         same(FLAG, axisymmetric=axisymmetric)
+        finite = bool(np.isfinite(function.x.array).all())
+        require(finite, "function: must have finite values (no NaN, no infinity)")
         alike = function.ufl_shape == V_new.value_shape
         require(alike, "V_new: must have as many components as the function")
         alike = is_of_points(function.function_space) == is_of_points(V_new)

@@ -131,7 +131,7 @@ class HandOver:
         old, remeshing = self._old, self._remeshing
         made = [self._new_mesh(i) for i in range(len(old.motions))]
         before = self._balance(old, must=False)
-        fields, energy = dict(remeshing.fields()), self._energy()
+        fields, energy = self._fields(), self._energy()
         meshes = [
             motion.mesh if body is None else body.mesh
             for motion, body in zip(old.motions, made, strict=True)
@@ -151,7 +151,7 @@ class HandOver:
         new = self._scene_of(problem, staggered)
         self._carry_staggered(new)
         self._carry_unknowns(new, before, made)
-        self._carry_fields(fields, dict(remeshing.fields()))
+        self._carry_fields(fields, self._fields(), made)
         integrals = []
         for contact, kept in zip(problem.contacts, before.contacts, strict=True):
             kept.hand_over(contact.model)
@@ -188,10 +188,22 @@ class HandOver:
             gradation=remeshing.gradation,
         )
 
+    def _fields(self) -> dict[str, fem.Function]:
+        """Functions to be carried over, as the user says now. Collective."""
+        with collective_errors(self._comm):
+            found = self._remeshing.fields()
+            fits = isinstance(found, typing.Mapping) and all(
+                isinstance(function, fem.Function) for function in found.values()
+            )
+            require(fits, "fields: must return a dictionary of dolfinx.fem.Function", TypeError)
+        return dict(found)
+
     def _energy(self) -> float | None:
         form = None if self._remeshing.energy is None else self._remeshing.energy()
         if form is None:
             return None
+        with collective_errors(self._comm):
+            require(isinstance(form, ufl.Form), "energy: must return a form of UFL", TypeError)
         return float(self._comm.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM))
 
     def _balance(self, scene: Scene, must: bool) -> _Balance:
@@ -302,10 +314,19 @@ class HandOver:
             u.x.array[:] = found.x.array
             new.rates[i] = found.x.array.copy()
 
-    def _carry_fields(self, old: dict[str, fem.Function], new: dict[str, fem.Function]) -> None:
+    def _carry_fields(
+        self,
+        old: dict[str, fem.Function],
+        new: dict[str, fem.Function],
+        made: typing.Sequence[Remeshed | None],
+    ) -> None:
+        gone = [m.mesh for m, body in zip(self._old.motions, made, strict=True) if body is not None]
         with collective_errors(self._comm):
             missing = sorted(old.keys() ^ new.keys())
             require(not missing, f"fields: must have the same names after build; not {missing}")
+            for name, function in new.items():
+                here = all(function.function_space.mesh is not msh for msh in gone)
+                require(here, f"fields: {name!r} must be on the new mesh after build, a new one")
         for name, function in old.items():
             self._carry_field(function, new[name])
 

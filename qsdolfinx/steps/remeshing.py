@@ -13,6 +13,7 @@ from qsdolfinx.base.checks import (
     CALLABLE,
     COUNT,
     FLAG,
+    FRACTION,
     POSITIVE,
     TAGS,
     check,
@@ -92,11 +93,14 @@ class Remeshing:
     ) -> None:
         check(CALLABLE, build=build)
         check(either(CALLABLE, None), when=when, fields=fields, energy=energy)
+        no_ufl = not any(hasattr(given, "ufl_shape") for given in (fields, energy))
+        require(no_ufl, "fields, energy: must be Python functions that return them")
         if not callable(size):
             check(POSITIVE, size=size)
         check(either(LIST, None), facet_tags=facet_tags)
         check(either(TAGS, None), **{f"facet_tags: {i}": t for i, t in enumerate(facet_tags or ())})
-        check(either(POSITIVE, None), min_quality=min_quality, max_penetration=max_penetration)
+        check(either(POSITIVE, None), max_penetration=max_penetration)
+        check(either(FRACTION, None), min_quality=min_quality)
         check(either(COUNT, None), every=every)
         check(FLAG, axisymmetric=axisymmetric)
         check(POSITIVE, feature_angle=feature_angle)

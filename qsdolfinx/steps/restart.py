@@ -59,6 +59,7 @@ def save_run(
     state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
     state["slip_rates"] = [_slip_rate(contact) for contact in stepper.problem.contacts]
     state["user"] = dict(values or {})
+    state["num_temperatures"] = _num_temperatures(stepper)
     if stepper.remeshing is not None:
         state["num_bodies"] = len(stepper.motions)
         state["remeshed_at"] = stepper.remeshed_at
@@ -104,6 +105,9 @@ def load_run(
     for name, mine in (("positions", stepper.tools), *of_contacts):
         as_many = len(values.get(name, ())) == len(mine)
         require(as_many, f"stepper: the checkpoint {folder} is of other contacts or tools")
+    temperatures = values.get("num_temperatures", 0)
+    text = f"stepper: the checkpoint {folder} has {temperatures} temperatures; give it staggered="
+    require(temperatures == _num_temperatures(stepper), f"{text} as before")
     checkpoint.load(functions_of_run | multipliers, meshes)
     for motion, (_, x) in zip(stepper.motions, meshes.values(), strict=True):
         motion.set_reference(x)
@@ -201,6 +205,10 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
 def _padded(values: Array, gdim: int) -> Array:
     """With columns of zeros, so that there are gdim."""
     return np.pad(values, ((0, 0), (0, gdim - values.shape[1])))
+
+
+def _num_temperatures(stepper: TimeStepper) -> int:
+    return 0 if stepper.staggered is None else len(stepper.staggered.before)
 
 
 def _slip_rate(contact: Contact) -> float | None:
