@@ -97,9 +97,10 @@ def main():
     command.add_file("--animate", film_file, "all steps as a GIF")
     p, a = command.parse()
     stages = Stages(p) if a.plot or a.animate else None
-    result, _, die = run(dataclasses.replace(p, verbose=True), on_step=stages)
+    result, scene, die = run(dataclasses.replace(p, verbose=True), on_step=stages)
     force = ", ".join(f"{f / 1e3:.2f}" for f in (die.sent[2], die.arrived[2]))
     say(f"force of the billet on the lower die, and what the solid received (kN): {force}")
+    say(f"unknowns of velocity and pressure on the last mesh: {scene.num_unknowns()}")
     report(result, a.json, ".6g")
     for line in checks(result):
         say(line)

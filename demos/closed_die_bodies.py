@@ -128,6 +128,11 @@ class Scene:
         out = -sum(contact.flow("slave") for contact in self.heat.problem.contacts)
         return out + TO_BILLET * friction
 
+    def num_unknowns(self):
+        """Of velocity and pressure, on all ranks."""
+        dofmap = self.billet.W.dofmap
+        return dofmap.index_map.size_global * dofmap.index_map_bs
+
     def push(self):
         """Force of the press on the quarter (N). Collective."""
         return -self.contacts[1].force("slave")[2]
