@@ -51,9 +51,9 @@ QUICK = {"size": 3.6, "tool_size": 2.5, "advance": 1.2, "every": 3, "stroke": 20
 class Parameters:
     """One forging; lengths in mm."""
 
-    size: float = option(1.9, "of the billet's cells")
+    size: float = option(2.6, "of the billet's cells")
     tool_size: float = option(1.5, "of the dies' facets, at most")
-    advance: float = option(0.8, "way of the press in a step")
+    advance: float = option(1.0, "way of the press in a step")
     flash: float = option(0.05, "volume of the billet beyond the cavity's, relative")
     friction: str = option("norton", choices=("norton", "coulomb-tresca", "none"))
     solver: str = option("auto", "linear solver")
