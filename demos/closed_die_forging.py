@@ -6,7 +6,7 @@ from closed_die_bodies import RADIUS, SPEED, M, build, raise_die, read_dies, str
 from closed_die_tools import FLASH, billet_mesh, cell_size
 
 #: Part of its thickness that the flash may lose in a step, at most.
-THINNING = 0.08
+THINNING = 0.05
 
 
 class Forging:
