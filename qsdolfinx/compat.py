@@ -41,6 +41,12 @@ def collapse(V: fem.FunctionSpace) -> tuple[fem.FunctionSpace, npt.NDArray[np.in
     return space, np.ravel(places).astype(np.int64)
 
 
+def is_sub_space(V: fem.FunctionSpace) -> bool:
+    """Whether a space is a part of another one."""
+    place: typing.Any = V.component  # without types
+    return bool(place())
+
+
 def interpolation_points(V: fem.FunctionSpace) -> npt.NDArray[np.float64]:
     """Points of the reference cell at which interpolation evaluates: in 0.9 a method."""
     points: typing.Any = V.element.interpolation_points

@@ -69,7 +69,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
         assert model.mechanics is not None
         dt = model.kinematics.dt or model.mechanics.of.kinematics.dt
         assert dt is not None
-        model.friction_heat.power = model.mechanics.dissipation() / dt
+        model.friction_heat.power = np.asarray(model.mechanics.dissipation() / dt, np.float64)
 
 
 def _state(

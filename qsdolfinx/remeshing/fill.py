@@ -189,7 +189,7 @@ def _read(gmsh: typing.Any, boundary: Boundary) -> tuple[Array, Indices]:
     tags, x, _ = gmsh.model.mesh.getNodes()
     tags, x = np.asarray(tags, dtype=np.int64), np.asarray(x).reshape(-1, 3)
     _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE if gdim == 2 else TETRAHEDRON)
-    cells = np.asarray(nodes, dtype=np.int64).reshape(-1, gdim + 1)
+    cells: Indices = np.asarray(nodes, dtype=np.int64).reshape(-1, gdim + 1)
     count = len(boundary.x)
     if gdim == 3 and any(len(shells) > 1 for shells in find_parts(boundary.x, boundary.facets)):
         place = np.zeros((int(tags.max(initial=0)) + 1, 3))

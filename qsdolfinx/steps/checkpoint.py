@@ -69,7 +69,7 @@ class Checkpoint:
         try:
             with collective_errors(self._comm):
                 for name, arrays in (whole or {}).items() if self._comm.rank == 0 else ():
-                    np.savez(aside / f"{name}.npz", **arrays)
+                    np.savez(aside / f"{name}.npz", **arrays)  # type: ignore[arg-type]
             self._write(aside, functions, meshes, dict(values), identities)
         except Exception:
             if self._comm.rank == 0:  # nobody writes any more

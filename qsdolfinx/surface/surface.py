@@ -16,7 +16,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import FLAG, FUNCTION, check, check_array, instance, require
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import check_alone, end_all_ranks
-from qsdolfinx.compat import collapse
+from qsdolfinx.compat import collapse, is_sub_space
 from qsdolfinx.surface.arguments import (
     FACET_VERTICES,
     check_space,
@@ -390,7 +390,7 @@ class Surface:
     @functools.cached_property
     def _collapsed(self) -> tuple[fem.FunctionSpace, npt.NDArray[np.int64]] | None:
         """Collapsed space and its map if V is a sub-space. Collective at first."""
-        if not self.V.component():
+        if not is_sub_space(self.V):
             return None
         return collapse(self.V)
 
