@@ -164,7 +164,7 @@ class Stages:
             axis.plot(r, z, color="black", lw=0.9)
         axis.set(xlim=(-EDGE, EDGE), ylim=(-20, 24 + self.whole), aspect="equal")
         axis.set_axis_off()
-        axis.set_title(f"{self.whole - way:.1f} mm to go", fontsize=9)
+        axis.set_title(f"{abs(self.whole - way):.1f} mm to go", fontsize=9)
 
     def draw_curve(self, axis, i):
         """Force of the press over its way, and where a state is on it."""
