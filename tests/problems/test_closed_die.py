@@ -26,11 +26,13 @@ KEYS = [
 ]
 
 
+#: A mesh of some hundred cells, through a new one at each step.
+COARSE = Parameters(size=4.5, tool_size=3.0, advance=1.5, every=1, stroke=5.0)
+
+
 @functools.cache
-def forged(comm=WORLD):
-    """A mesh of some hundred cells through a new one at each step."""
-    p = Parameters(size=4.5, tool_size=3.0, advance=1.5, every=1, stroke=6.0)
-    return run(p, comm)
+def forged():
+    return run(COARSE, WORLD)
 
 
 def test_what_it_reports():
@@ -66,7 +68,7 @@ def test_cavity():
 @pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
 def test_ranks():
     """The same on one rank, through the new meshes."""
-    alone = forged(WORLD.Split(WORLD.rank))[0]
+    alone = run(COARSE, WORLD.Split(WORLD.rank))[0]
     together = forged()[0]
     for key in KEYS[:-1]:
         assert together[key] == pytest.approx(alone[key], rel=1e-6), key
