@@ -5,9 +5,6 @@ import qsdolfinx as qs
 from closed_die_bodies import RADIUS, SPEED, M, build, raise_die, read_dies, stroke_of
 from closed_die_tools import FLASH, billet_mesh, cell_size
 
-#: Part of its thickness that the flash may lose in a step, at most.
-THINNING = 0.05
-
 
 class Forging:
     """The run: what is there of the billet now, and the stepper that gives it new meshes.
@@ -66,4 +63,4 @@ class Forging:
         Args:
             way: Of the press, to closed dies.
         """
-        self.stepper.dt_max = min(self.p.advance, THINNING * (way + FLASH)) / SPEED
+        self.stepper.dt_max = min(self.p.advance, self.p.thinning * (way + FLASH)) / SPEED

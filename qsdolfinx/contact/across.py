@@ -38,12 +38,18 @@ def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
     )
     require(len(of.gaps) == 1, 'of: "double-pass" contact pairs twice; use "quasi-symmetric"')
     other, there = deformable(of.master), deformable(master)
-    swapped = other is not None and _same_facets(other, slave)
+    fits = _same_facets(of.slave, slave)  # also where a rank has none
+    swapped = not fits and other is not None and _same_facets(other, slave)
     require(not swapped, "of: exchange slave and master, so that they are those of the bodies")
-    require(_same_facets(of.slave, slave), "of, slave: must be on the same facets of one mesh")
+    require(fits, "of, slave: must be on the same facets of one mesh")
     if other is not None:
         fits = there is not None and _same_facets(other, there)
         require(fits, "of, master: must be on the same facets of one mesh")
+
+
+def shares_pairs(of: ContactModel, master: AnySurface) -> bool:
+    """Whether a field with this master has the bodies' pairs: not on a mesh of a rigid tool."""
+    return (as_tool(of.master) is None) == (as_tool(master) is None)
 
 
 def _same_facets(one: Surface, other: Surface) -> bool:
@@ -107,7 +113,7 @@ class BodiesContact:
     def __init__(self, of: ContactModel, slave: Surface, master: AnySurface) -> None:
         self.of, self._slave, self._master = of, slave, master
         #: Whether the field has the bodies' pairs.
-        self.shares_pairs = (as_tool(of.master) is None) == (as_tool(master) is None)
+        self.shares_pairs = shares_pairs(of, master)
         self._taken: _cpp.PairingPoints | None = None
         #: The bodies' gaps at their pairing points.
         self.at_points: PointRows

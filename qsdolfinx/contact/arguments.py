@@ -39,18 +39,14 @@ def default_enforcement(formulation: str, law: typing.Any) -> str:
 
 
 class Given(typing.NamedTuple):
-    """Arguments that scalar fields leave as they are by default.
+    """Arguments of :class:`qs.Contact` that scalar fields leave as they are by default."""
 
-    Attributes:
-        formulation: See :class:`qs.Contact`, as all of them.
-    """
-
-    formulation: str
-    quadrature: str
-    unknown: typing.Any
-    sliding: str
-    initial_overclosure: str
-    constraints: str
+    formulation: str = "quasi-symmetric"
+    quadrature: str = "overlay"
+    unknown: typing.Any = "displacement"
+    sliding: str = "small"
+    initial_overclosure: str = "resolve"
+    constraints: str = "nodes"
 
 
 def check_field(
@@ -73,8 +69,7 @@ def check_field(
     require(not both, f'{text}; use "quasi-symmetric" or "master-slave"')
     require(friction is None, "friction: scalar fields have none; see qs.Conductance(friction=)")
     for name in ("unknown", "sliding", "initial_overclosure", "constraints"):
-        default = Given(*_DEFAULTS)
-        fits = getattr(given, name) == getattr(default, name)
+        fits = getattr(given, name) == getattr(Given(), name)
         require(fits, f"{name}: leave it out, scalar fields move nothing")
     if conducts:
         text = "has no multiplier to augment and no penalty: h takes its place; leave it out"
@@ -88,27 +83,26 @@ def check_field(
     require(known == tool, "law: Conductance needs tool=, its temperature, for a rigid tool alone")
 
 
-_DEFAULTS = ("quasi-symmetric", "overlay", "displacement", "small", "resolve", "nodes")
-
-
 _OF = "leave it out, it is that of the contact in of"
 
 
 def check_of_use(
-    slave: Surface, law: Law, of: typing.Any, given: Given, **search: typing.Any
+    slave: Surface, law: Law, of: typing.Any, given: Given, shares: bool, **search: typing.Any
 ) -> None:
-    """Refuse a contact of the bodies that is missing, or not used, and how else to pair."""
+    """Refuse a contact of the bodies that is missing, or not used.
+
+    And other ways to pair, if the field shares the bodies' pairs.
+    """
     needed = isinstance(law, Conductance) and (law.of_state or law.friction is not None)
     if of is None:
         require(not needed, "of: must be the bodies' contact, for an h of its state and its heat")
         return
     require(slave.is_scalar, "of: is for surfaces on scalar spaces")
     require(hasattr(of, "model"), "of: must be a qsdolfinx.Contact", TypeError)
-    for name in ("formulation", "quadrature"):
-        default = Given(*_DEFAULTS)
-        fits = getattr(given, name) in (getattr(default, name), getattr(of, name))
+    for name in ("formulation", "quadrature") if shares else ():
+        fits = getattr(given, name) in (getattr(Given(), name), getattr(of, name))
         require(fits, f"{name}: {_OF}")
-    for name, value in search.items():
+    for name, value in search.items() if shares else ():
         require(value is None, f"{name}: {_OF}")
     heats = isinstance(law, Conductance) and law.friction is not None
     text = "of: the bodies' contact has no friction; leave out friction= of the conductance"

@@ -17,7 +17,7 @@ from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact import fields, motion, multipliers, overclosed, results
-from qsdolfinx.contact.across import BodiesContact, check_of
+from qsdolfinx.contact.across import BodiesContact, check_of, shares_pairs
 from qsdolfinx.contact.advice import advise
 from qsdolfinx.contact.arguments import (
     SLAVE,
@@ -220,7 +220,8 @@ class Contact:
             )
             check_field(slave, master, law, enforcement, friction, penalty, given)
             how = {"search_radius": search_radius, "normals": normals}
-            check_of_use(slave, law, of, given, quadrature_degree=quadrature_degree, **how)
+            shares = isinstance(of, Contact) and shares_pairs(of.model, master)
+            check_of_use(slave, law, of, given, shares, quadrature_degree=quadrature_degree, **how)
             if isinstance(law, Conductance):
                 same(**law.numbers)
             same(unknown=unknowns_of(unknown, rigid))
@@ -244,7 +245,7 @@ class Contact:
                 check_itself(formulation, quadrature, law, sides, unknown)
             if of is not None:
                 check_of(of.model, slave, master)
-                if as_tool(of.master) is None or rigid:
+                if shares:
                     formulation = of.formulation
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)

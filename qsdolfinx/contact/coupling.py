@@ -31,10 +31,9 @@ class ConductanceCoupling:
 
     Args:
         model: The contact of the field, paired.
-        with_bodies: Whether its bodies are those of the bodies' contact.
     """
 
-    def __init__(self, model: ContactModel, with_bodies: bool) -> None:
+    def __init__(self, model: ContactModel) -> None:
         assert isinstance(model.law, Conductance) and model.mechanics is not None
         self._model, self._law, self._mechanics = model, model.law, model.mechanics
         gap, of = model.gaps[0], self._mechanics.of
@@ -43,7 +42,7 @@ class ConductanceCoupling:
         self._gaps: list[PETSc.Mat] = []
         self._at_points: list[PETSc.Mat] = []
         self._functions: PETSc.Mat | None = None
-        if with_bodies and self._mechanics.shares_pairs:
+        if model.with_bodies and self._mechanics.shares_pairs:
             bodies = _both(of.slave, of.master)
             of_gap = of.gaps[0]
             self._gaps = [_matrix(of_gap.operator, i, s) for i, s in enumerate(bodies)]
@@ -51,6 +50,12 @@ class ConductanceCoupling:
             self._at_points = [_matrix(at_points, i, s) for i, s in enumerate(bodies)]
             if not of_gap.rows.are_points:
                 self._functions = _functions(self._mechanics, of_gap.operator)
+
+    def destroy(self) -> None:
+        """Free the matrices; in parallel petsc4py would keep them. Collective."""
+        for matrix in (*self._jump, *self._gaps, *self._at_points, self._functions):
+            if matrix is not None:
+                matrix.destroy()
 
     def add_to(self, blocks: BlocksOf, pattern: bool) -> None:
         """Add to the blocks, or zeros wherever anything may ever be added."""
@@ -89,7 +94,8 @@ class ConductanceCoupling:
                 slope = np.ones(num_rows) if pattern else active_set.slope(of, of.gaps[0])
                 pressed = _scaled(self._gaps[i], slope)
                 if self._functions is not None:
-                    pressed = self._functions.matMult(pressed)
+                    of_rows, pressed = pressed, self._functions.matMult(pressed)
+                    of_rows.destroy()
                 opened = np.ones(len(of_g)) if pattern else self._mechanics.distance() > 0
                 for part, weight in ((pressed, of_p), (self._at_points[i], -of_g * opened)):
                     scaled = _scaled(part, weight)

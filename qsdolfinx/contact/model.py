@@ -276,6 +276,9 @@ class Coupling(typing.Protocol):
     def add_to(self, blocks: BlocksOf, pattern: bool) -> None:
         """Add to the blocks ss, sm, ms, mm. Collective."""
 
+    def destroy(self) -> None:
+        """Free what it has. Collective."""
+
 
 class ContactModel:
     """What the terms of a contact are functions of.

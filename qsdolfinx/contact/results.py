@@ -296,21 +296,13 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
 
 def pressure(model: ContactModel, side: str) -> fem.Function:
     """p_k = −t_k·n_k, n_k being the normals of the vertices where the facets are. Collective."""
-    found = pressure_at_vertices(model, side)
-    surface = deformable(surface_of(model, side))
-    assert surface is not None
-    values = np.zeros((len(found), surface.gdim))
-    values[:, 0] = found
-    return surface.linear.function(values).sub(0).collapse()
-
-
-def pressure_at_vertices(model: ContactModel, side: str) -> Array:
-    """The same at the owned nodes of ``surface.linear``. Collective."""
     whole = traction(model, side, "normal" if model.slips else "whole")
     surface = deformable(surface_of(model, side))
     assert surface is not None
     normal = np.asarray(_facets_now(model, side).node_normal)[:, : surface.gdim]
-    return np.asarray(-np.sum(surface.linear.node_values(whole) * normal, axis=1))
+    values = np.zeros_like(normal)
+    values[:, 0] = -np.sum(surface.linear.node_values(whole) * normal, axis=1)
+    return surface.linear.function(values).sub(0).collapse()
 
 
 def _areas_now(model: ContactModel, side: str) -> Array:

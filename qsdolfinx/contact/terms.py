@@ -96,17 +96,12 @@ def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
             model.coupling.add_to(blocks, False)
 
 
-def _coupling(model: ContactModel) -> ConductanceCoupling | None:
-    """What changing conductances add, for the present pairing; None for nothing. Collective."""
+def _changes(model: ContactModel) -> bool:
+    """Whether conductances change with what is solved for: temperatures, or displacements, too."""
     law = model.law
-    if not (isinstance(law, Conductance) and (law.of_temperature or changes_with_bodies(model))):
-        return None
-    return ConductanceCoupling(model, model.with_bodies)
-
-
-def changes_with_bodies(model: ContactModel) -> bool:
-    """Whether conductances change with displacements that are solved for at the same time."""
-    return isinstance(model.law, Conductance) and model.law.of_state and model.with_bodies
+    if not isinstance(law, Conductance):
+        return False
+    return law.of_temperature or (law.of_state and model.with_bodies)
 
 
 def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
@@ -115,7 +110,9 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
         for gap in model.gaps:
             none = np.zeros(gap.num_rows)
             gap.add_stiffness(none, _ordered(model, gap.slave is model.slave, blocks), True)
-        model.coupling = _coupling(model)
+        if model.coupling is not None:
+            model.coupling.destroy()
+        model.coupling = ConductanceCoupling(model) if _changes(model) else None
         if model.coupling is not None:
             model.coupling.add_to(blocks, True)
         for slip in model.slips:
@@ -127,8 +124,7 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
 
 def has_factors(model: ContactModel) -> bool:
     """Whether the tangent is Gᵀ W G with gaps G that stay while contact does not pair anew."""
-    law = model.law
-    if isinstance(law, Conductance) and (law.of_temperature or changes_with_bodies(model)):
+    if _changes(model):
         return False
     return not model.follows and all(slip.is_at_rows for slip in model.slips)
 

@@ -20,7 +20,7 @@ def rough_surfaces(
     roughness: float | None = None,
     radiation: float = 0.0,
 ) -> ConductanceLaw:
-    """H of rough surfaces: k̄ p/H̄ of the spots that touch, beside gas and radiation.
+    """Conductance h of rough surfaces: k̄ p/H̄ of the spots that touch, beside gas and radiation.
 
     k̄ and H̄ are harmonic means. Gas conducts with k_gas/(g + δ), of distance g and roughness δ, and
     radiation with σ_r (T_s² + T_m²)(T_s + T_m), of absolute temperatures.
@@ -33,7 +33,7 @@ def rough_surfaces(
         radiation: σ_r, power per area and temperature⁴: Stefan and Boltzmann's constant, with the
             emissivities.
     """
-    k, H = (_harmonic(name, pair) for name, pair in _named(conductivity, hardness))
+    k, H = _harmonic("conductivity", conductivity), _harmonic("hardness", hardness)
     check(NOT_NEGATIVE, gas=gas, radiation=radiation)
     check(either(POSITIVE, None), roughness=roughness)
     require(gas == 0 or roughness is not None, "roughness: needed with gas, which it keeps finite")
@@ -60,12 +60,6 @@ def effusivity_share(slave: tuple[float, float], master: tuple[float, float]) ->
     check(POSITIVE, slave=both[0].min(), master=both[1].min())
     e = np.sqrt(np.prod(both, axis=1))
     return float(e[0] / e.sum())
-
-
-def _named(
-    conductivity: tuple[float, float], hardness: tuple[float, float]
-) -> list[tuple[str, tuple[float, float]]]:
-    return [("conductivity", conductivity), ("hardness", hardness)]
 
 
 def _harmonic(name: str, pair: tuple[float, float]) -> float:

@@ -158,7 +158,8 @@ def remesh(
     with collective_errors(msh.comm):
         require(bool(np.isfinite(x).all()), "body: coordinates and displacements must be finite")
         _check_cells(msh, x)
-        on_one_side = not axisymmetric or x[:, 0].min(initial=0.0) >= -AXIS * np.abs(x).max()
+        rounding = AXIS * np.abs(x).max(initial=0.0)
+        on_one_side = not axisymmetric or x[:, 0].min(initial=0.0) >= -rounding
         require(on_one_side, "axisymmetric: r, the first coordinate, must not be negative")
     outline = gather(msh, x, nodal_sizes(msh, x, size), facet_tags)
 

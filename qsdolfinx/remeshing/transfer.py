@@ -148,7 +148,9 @@ class Search:
         index_map = new.topology.index_map(new.topology.dim)
         count = index_map.size_local + index_map.num_ghosts
         self._cells = np.arange(count, dtype=np.int32)
-        size = max(new.comm.allgather(float(np.ptp(old.geometry.x, axis=0).max(initial=0.0))))
+        x = old.geometry.x
+        mine = float(np.ptp(x, axis=0).max()) if len(x) else 0.0  # a rank may have no cells
+        size = float(new.comm.allreduce(mine, op=MPI.MAX))
         self._paddings = [WITHIN * size, min(0.02 * reach, reach), reach]
 
     def interpolate(self, function: fem.Function, out: fem.Function) -> None:

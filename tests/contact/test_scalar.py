@@ -266,7 +266,8 @@ def test_ranks_without_facets(partition):
     assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
 
 
-def test_rod_that_closes_its_gap():
+@pytest.mark.parametrize("in_steps", [False, True])
+def test_rod_that_closes_its_gap(in_steps):
     """Displacement and temperature at once: the hot rod expands to the wall that cools it.
 
     T falls linearly from T₀ to T_L, p = E (α (T₀ + T_L)/2 − g/L), and k (T₀ − T_L)/L = h T_L with
@@ -291,8 +292,12 @@ def test_rod_that_closes_its_gap():
     law = qs.Conductance(lambda p, g: c * p + 1e-12, tool=0.0)
     heat = qs.Contact(qs.Surface(W.sub(1), facets=facets), wall, law=law, of=bodies)
     problem = qs.ContactProblem([F], [w], [heat, bodies], [bcs])
-    problem.solve()
-    assert problem.num_iterations < 15
+    if in_steps:
+        for _ in qs.TimeStepper(problem, 0.5).run(1.0):
+            pass
+    else:
+        problem.solve()
+        assert problem.num_iterations < 15
 
     def rest(end):
         p = max(E * (alpha * (hot + end) / 2 - gap), 0.0)
@@ -448,6 +453,48 @@ def test_numbers_that_differ_between_ranks():
     h.value += WORLD.rank
     with pytest.raises(ValueError, match=text):
         problem.solve()
+
+
+class OnADie(Pressed):
+    """The lower block on a rigid tool above it, which has a mesh of its own for its temperature."""
+
+    def __init__(self, friction=None):
+        super().__init__()
+        die = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+        W = self.u[0].function_space
+        low = plane(W.mesh, 1, 0.0)
+        self.held = [slide(W, 0, low), slide(W, 1, low, 0.05)]
+        self.bodies = qs.Contact(self.contact.slave, die, friction=friction)
+        forms = [elastic(self.u[0], E=10.0, nu=0.0)]
+        self.press = qs.ContactProblem(forms, self.u[:1], [self.bodies], [self.held])
+
+
+def test_die_with_a_mesh_of_its_own():
+    """The field is paired by itself, with the pressure of the bodies: p = E ε, h = c p."""
+    scene = OnADie()
+    scene.press.solve()
+    law = qs.Conductance(lambda p, g: 3.0 * p + 0.0 * g)
+    contact = qs.Contact(*scene.surfaces, law=law, of=scene.bodies, search_radius=0.2)
+    assert contact.search_radius == 0.2
+    qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0)).solve()
+    expected = 550.0 / (1 / K[0] + 1 / (3.0 * 10.0 * 0.05) + 1 / K[1])
+    assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
+    assert contact.flow("slave") == pytest.approx(-expected, rel=1e-7)
+
+
+def test_heat_of_friction_on_such_a_die():
+    """None of it is lost, also where the meshes of the field do not match."""
+    scene = OnADie(qs.Coulomb(0.3))
+    scene.press.solve()
+    scene.held[0].g.value[...] = 0.3
+    scene.press.solve()
+    power = scene.bodies.step_dissipation() / 0.1
+    assert power > 1e-3
+    law = qs.Conductance(5.0, friction=0.3)
+    contact = qs.Contact(*scene.surfaces, law=law, of=scene.bodies, dt=0.1)
+    qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(20.0, 20.0)).solve()
+    both = contact.flow("slave") + contact.flow("master")
+    assert both == pytest.approx(power, rel=1e-10)
 
 
 def test_nothing_opposite():

@@ -167,3 +167,19 @@ def test_tagged_box():
     msh = box(WORLD, (4, 4), "triangle", [0.0, 0.0], [1.0, 1.0])
     made = qs.remesh(msh, 0.1, tagged(msh, [(0, 0.0)]))
     assert 150 < num_cells(made.mesh) < 400
+
+
+@pytest.mark.parametrize("partition", ["first", "last"])
+def test_ranks_without_cells(partition):
+    """Meshes that one rank has alone, before and after: a linear field goes over exactly."""
+    msh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0], partition)
+    made = qs.remesh(msh, 0.3, tagged(msh, [(0, 0.0)]), axisymmetric=True)
+    T = fem.Function(fem.functionspace(msh, ("Lagrange", 1)))
+    T.interpolate(lambda x: 1.0 + 2.0 * x[0] - x[1])
+    found = qs.transfer(T, fem.functionspace(made.mesh, ("Lagrange", 1)))
+    back = qs.transfer(found, T.function_space)
+    np.testing.assert_allclose(back.x.array, T.x.array, atol=1e-12)
+    constant = fem.Function(fem.functionspace(msh, ("DG", 0)))
+    constant.x.array[:] = 2.0
+    cells = qs.transfer(constant, fem.functionspace(made.mesh, ("DG", 0)))
+    np.testing.assert_allclose(cells.x.array, 2.0, rtol=1e-12)
