@@ -36,6 +36,10 @@ LEAST_SHARE = 1e-2
 #: residual at which they end.
 MAX_ITERATIONS, FREE = 8, 1e-8
 
+#: Part of the last residual that the next is below, or they end: where states take turns, the two
+#: residuals may be the same but for rounding, which must not decide.
+FALLS = 1 - 1e-6
+
 #: Relative tolerance of a linear solve on the way there.
 ENOUGH = 1e-7
 
@@ -294,7 +298,7 @@ class Closings:
         for i in range(MAX_ITERATIONS):
             residual = self._residual(x, from_stick=i == 0 and not from_guess)
             last, norm = norm, system.norm(residual)
-            if i > 1 and not norm < last:
+            if i > 1 and not norm < FALLS * last:
                 break
             best = x.copy()
             if norm <= FREE * first and (i > 0 or from_guess):

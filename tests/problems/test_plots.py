@@ -27,6 +27,7 @@ SMALL = {
     "curved_beams": ["--cells", "2", "--steps", "16"],
     "rubber": ["--facet", "0.4", "--steps", "12", "--distance", "0.1"],
     "fold": ["--cells", "1", "--steps", "32"],
+    "closed_die": ["--size", "4.5", "--tool-size", "3", "--advance", "1.5", "--stroke", "1.5"],
     "hertz": ["--h", "0.4"],
     "hertz --dim 3": ["--h", "0.6"],
     "ironing": ["--h", "0.3", "--steps", "42"],
@@ -67,6 +68,8 @@ def check_picture(frame):
 
 @pytest.mark.parametrize("name", SMALL)
 def test_picture(monkeypatch, tmp_path, capsys, name):
+    if name == "closed_die":
+        pytest.importorskip("gmsh")
     filename = shared(tmp_path, "picture.png")
     option = [] if name == "forging_plot" else ["--plot"]
     draw(monkeypatch, name, [*SMALL[name], *option, filename])
@@ -174,8 +177,9 @@ def test_gallery():
     """Pictures are there and small, and a command makes each of them."""
     text = (ROOT / "docs/gallery.md").read_text(encoding="utf-8")
     shown = re.findall(r"!\[[^\]]+\]\((figures/[\w.]+)\)", text)
-    made = re.findall(r"^    python3 demos/.*?docs/(figures/\S+)", text, re.MULTILINE)
-    made += re.findall(r"^    python3 demos/.*--animate docs/(figures/\S+)", text, re.MULTILINE)
+    command = r"^    (?:mpirun -n 2 )?python3 demos/"
+    made = re.findall(command + r".*?docs/(figures/\S+)", text, re.MULTILINE)
+    made += re.findall(command + r".*--animate docs/(figures/\S+)", text, re.MULTILINE)
     assert len(shown) >= 11
     assert set(shown) == set(made)
     for name in shown:
