@@ -10,6 +10,8 @@ finer than the billet, is loaded by the tractions that were recovered on the bil
 
     mpirun -n 2 python3 demos/closed_die.py --plot closed_die.png --json closed_die.json
     python3 demos/closed_die.py --quick --animate closed_die.gif
+    mpirun -n 2 python3 demos/closed_die.py --size 2 --curve fine.csv
+    mpirun -n 2 python3 demos/closed_die.py --against fine.csv
 
 Keys of the JSON object:
 
@@ -38,9 +40,9 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from closed_die_forging import Forging
 
 from closed_die_bodies import SPEED
-from closed_die_output import Record, Stages, checks
+from closed_die_output import Record, Stages, checks, compared, read_curve, write_curve
 from closed_die_stress import ElasticDie
-from common.command import Command, film_file, option, report, say
+from common.command import Command, film_file, option, output_file, report, say
 from common.measures import Clock
 
 #: What --quick has in the place of the defaults.
@@ -72,7 +74,7 @@ class Parameters:
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Forge; returns what --json writes, the scene and the elastic die."""
+    """Forge; returns what --json writes, the scene, the elastic die, and force over way."""
     clock, on_step = Clock(comm), on_step or (lambda scene, record: None)
     forging = Forging(p, comm)
     stepper, whole = forging.stepper, forging.whole
@@ -90,20 +92,26 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
     die.load(lower.slave, lower.traction("slave"), stepper.last_dt)
     result = record.result(len(stepper.remeshings))
     result |= {"die_traction_peak": die.peaks()[0], "total_seconds": clock.seconds()}
-    return result, forging.scene, die
+    return result, forging.scene, die, record.curve
 
 
 def main():
     command = Command(__doc__, Parameters, plot="sections, force over stroke, stress in the die")
     command.add_file("--animate", film_file, "all steps as a GIF")
+    command.add_file("--curve", output_file, "write the force of the press over its way as CSV")
+    command.add_file("--against", read_curve, "compare it with that of a run with other cells")
     p, a = command.parse()
     stages = Stages(p) if a.plot or a.animate else None
-    result, scene, die = run(dataclasses.replace(p, verbose=True), on_step=stages)
+    result, scene, die, curve = run(dataclasses.replace(p, verbose=True), on_step=stages)
     force = ", ".join(f"{f / 1e3:.2f}" for f in (die.sent[2], die.arrived[2]))
     say(f"force of the billet on the lower die, and what the solid received (kN): {force}")
     say(f"unknowns of velocity and pressure on the last mesh: {scene.num_unknowns()}")
     report(result, a.json, ".6g")
     for line in checks(result):
+        say(line)
+    if a.curve and MPI.COMM_WORLD.rank == 0:
+        write_curve(a.curve, curve)
+    for line in compared(curve, a.against) if a.against is not None else ():
         say(line)
     if a.plot:
         stages.plot(a.plot, die)

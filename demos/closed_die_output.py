@@ -1,5 +1,7 @@
 """What the closed-die demo measures, and its pictures: sections, force over stroke, die stress."""
 
+import argparse
+
 import numpy as np
 
 from dolfinx import mesh
@@ -118,6 +120,41 @@ def checks(result):
     for name, (value, limit) in limits.items():
         kept = "kept" if value <= limit else "MISSED"
         yield f"{name:16} {value:.3g}, at most {limit:.3g}: {kept}"
+
+
+def write_curve(filename, curve):
+    """Write way (mm) and force (N) after each step."""
+    np.savetxt(filename, curve, delimiter=",", header="way_mm,force_N", comments="", fmt="%.9g")
+
+
+def read_curve(filename):
+    """What write_curve has written: way and force, (steps + 1, 2); an option's type."""
+    try:
+        curve = np.loadtxt(filename, delimiter=",", skiprows=1, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"no curve in {filename}: {error}") from None
+    if curve.shape[0] < 2 or curve.shape[1] != 2:
+        raise argparse.ArgumentTypeError(f"no curve in {filename}: two columns, at least two rows")
+    return curve
+
+
+def compared(curve, other):
+    """Differences of two curves on the way they share, as lines.
+
+    The mean one is the area between them over that below the other one, which is its work.
+    """
+    curve, other = np.array(curve), np.array(other)
+    end = min(curve[-1, 0], other[-1, 0])
+    way = np.linspace(0.0, end, 2001)
+    force, reference = (np.interp(way, *c.T) for c in (curve, other))
+    apart, work = np.abs(force - reference), np.trapezoid(reference, way)
+    mean = np.trapezoid(apart, way) / work
+    at = int(np.argmax(apart))
+    yield (
+        f"forces to {end:.1f} mm: {mean:.2%} apart in the mean, "
+        f"work {np.trapezoid(force, way) / work - 1:+.2%}, "
+        f"at most {apart[at] / reference.max():.2%} of the largest, at {way[at]:.1f} mm"
+    )
 
 
 # --- Pictures

@@ -265,6 +265,40 @@ def test_from_the_deformed_mesh(kind):
     assert np.abs(start + moved.w.x.array - end).max(initial=0) < 1e-8
 
 
+@pytest.mark.parametrize("mixed", (False, True))
+@pytest.mark.parametrize("kind", KINDS)
+def test_at_rest(kind, mixed):
+    """Solved again on the deformed mesh, a body under a die stays where it is, with its force."""
+    body = scene(kind, mixed=mixed, degree=4 if mixed else 2)
+    msh, gdim = body.mesh, body.mesh.geometry.dim
+    V = body.w.function_space.sub(0) if mixed else body.w.function_space
+    facets, up = plane(msh, gdim - 1, 1.0), [0.0] * (gdim - 1) + [1.0]
+    held = [plane(msh, axis, 0.0) for axis in range(gdim)]
+
+    def solve(height):
+        die = qs.RigidSurface.plane(WORLD, np.array(up) * height, -np.array(up))
+        surface = qs.Surface(V, facets=facets, axisymmetric=kind == "axisymmetric")
+        contact = qs.Contact(surface, die, penalty=1e3 * E)
+        bcs = [slide(V, axis, facets) for axis, facets in enumerate(held)]
+        problem = qs.ContactProblem([body.residual], [body.w], [contact], [bcs])
+        problem.solve()
+        body.update()
+        force = contact.force("slave")[-1]
+        problem.destroy()
+        return force
+
+    force = solve(0.96)
+    assert force < 0
+    for _ in range(2):
+        motion = MeshMotion(body.w)
+        motion.move(motion.values())
+        body.w.x.array[:] = 0
+        body.restart()
+        assert np.isclose(solve(0.96), force, rtol=1e-8)
+        displacement = body.w.sub(0).collapse() if mixed else body.w
+        assert np.abs(displacement.x.array).max(initial=0.0) < 1e-8
+
+
 def test_pressed_by_a_die():
     """A cylinder under a plane without friction, in time steps: F = π R² |τ| h₀ / h."""
     body = scene("axisymmetric", n=3, mixed=True, degree=4)

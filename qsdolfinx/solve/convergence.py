@@ -39,7 +39,8 @@ class Measures:
     Attributes:
         residuals: Of the residual.
         sizes: Of what acts in these rows: contact forces and reactions; in those of a constraint,
-            such as incompressibility, of the terms that cancel.
+            such as incompressibility, of the terms that cancel: of the displacement, and what a
+            body at rest has, of the constraint's own unknown.
         rounding: Of what rounding may leave, of gaps beside coordinates too: a bound, which matters
             where an iteration no longer helps.
         settled: Of the same while the active set stays: gaps are changed as displacements are.
@@ -124,11 +125,13 @@ class Convergence:
             known = reactions or not body.linear
             # Contact forces on held unknowns may be anything, without balance.
             acting[body.owned_constrained] = body.reactions() if known else 0.0
+            own = body.diagonal * x
+            own[body.owned_constrained] = 0.0
             cell = self._cells[i] / self._system.scales[i]
             displacement = x[body.groups[0]].max(initial=0.0)
             for k, group in enumerate(body.groups):
                 moved.append(displacement / cell if displacement > 0 else 0.0)
-                parts = residual, body.terms if k else acting, bound, settled
+                parts = residual, body.terms if k else acting, bound, settled, own
                 rows.append([float(part[group] @ part[group]) for part in parts])
                 most.append(x[body.groups[0]].max(initial=0.0) if k else 1.0)
         squares, largest = np.array(rows).T.copy(), np.array([most, moved])
@@ -137,9 +140,9 @@ class Convergence:
         norms = np.sqrt(squares)
         eps = np.finfo(np.float64).eps
         forces = np.concatenate([np.arange(len(body.groups)) == 0 for body in bodies])
-        sizes = norms[1] * largest[0]
+        sizes = norms[1] * largest[0] + np.where(forces, 0.0, norms[4])
         left = []
-        for of_forces in norms[2:]:
+        for of_forces in norms[2:4]:
             bound = ROUNDING * eps * np.where(forces, of_forces, sizes)
             # Velocities that rounding of the forces leaves to a body at rest meet no constraint.
             share = np.divide(bound, sizes, out=np.ones(len(bound)), where=sizes > bound)[forces]

@@ -1,5 +1,6 @@
 """The closed-die demo, coarse and for a part of its stroke: balances, depths, keys, ranks."""
 
+import argparse
 import functools
 
 from mpi4py import MPI
@@ -7,6 +8,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from closed_die import Parameters, run
+from closed_die_output import compared, read_curve, write_curve
 from closed_die_tools import DIES, FLASH, LAND, billet_size, cavity, height, profile
 from scenes import WORLD
 
@@ -36,7 +38,7 @@ def forged():
 
 
 def test_what_it_reports():
-    result, scene, die = forged()
+    result, scene, die, curve = forged()
     assert list(result) == KEYS
     assert result["steps"] == 4 and result["remeshings"] == 3
     assert abs(result["volume_change"]) < 5e-3
@@ -51,6 +53,19 @@ def test_what_it_reports():
     assert 200.0 < low < 1090.0 and 1100.0 < high < 1250.0
     assert np.allclose(die.sent, die.arrived, rtol=1e-9)
     assert die.arrived[2] == pytest.approx(-result["force_max"] / 4, rel=0.1)
+
+
+def test_curves(tmp_path):
+    """A curve read again is the same; one that is 3 % higher, 3 % apart; no curve, refused."""
+    curve = forged()[-1]
+    if WORLD.rank == 0:
+        write_curve(tmp_path / "curve.csv", curve)
+        again = read_curve(tmp_path / "curve.csv")
+        np.testing.assert_allclose(again, curve, rtol=1e-8)
+        (line,) = compared(np.array(curve) * [1.0, 1.03], again[:-1])
+        assert f"to {curve[-2][0]:.1f} mm: 3.00% apart in the mean, work +3.00%" in line
+        with pytest.raises(argparse.ArgumentTypeError, match="no curve"):
+            read_curve(__file__)
 
 
 def test_cavity():
