@@ -11,7 +11,7 @@ TEST_TIMEOUT = 2400
 # The command of `make demo`.
 DEMO = python3 demos/patch_test.py --plot patch_test.png
 
-.PHONY: help demo test test-sid bench-check sanitize figures lint format docs dist image clean
+.PHONY: help demo test test-sid bench-check verified sanitize figures lint format docs dist image clean
 .NOTPARALLEL:
 
 help:
@@ -20,6 +20,7 @@ help:
 	@echo 'make test-N    run them with N ranks (RANKS="1 4": with 1 and 4; PYTEST="-k gap": some of them)'
 	@echo 'make test-sid  run them with $(RANKS) MPI ranks and the DOLFINx of Debian sid, in a tree of its own'
 	@echo 'make bench-check  compare ratios of speed and memory with recorded ones'
+	@echo 'make verified  solve what others have solved, and write docs/verified.md'
 	@echo 'make sanitize  run the tests of the kernels with AddressSanitizer and UBSan'
 	@echo 'make figures   draw the pictures of docs/gallery.md again'
 	@echo 'make lint      check style and types'
@@ -53,6 +54,10 @@ bench-check:
 
 sanitize:
 	@scripts/sanitize
+
+# Results beside those of others: the tables of docs/verified.md.
+verified:
+	$(DOLFINX) python3 bench/verified.py --markdown docs/verified.md
 
 figures:
 	$(DOLFINX) scripts/figures
