@@ -38,7 +38,7 @@ def forged():
 
 
 def test_what_it_reports():
-    result, scene, die, curve = forged()
+    result, scene, die, _ = forged()
     assert list(result) == KEYS
     assert result["steps"] == 4 and result["remeshings"] == 3
     assert abs(result["volume_change"]) < 5e-3
