@@ -13,7 +13,17 @@ import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
-from qsdolfinx.base.checks import FLAG, POSITIVE, TAGS, check, either, instance, number, require
+from qsdolfinx.base.checks import (
+    FLAG,
+    FRACTION,
+    POSITIVE,
+    TAGS,
+    check,
+    either,
+    instance,
+    number,
+    require,
+)
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes, coordinate_element
@@ -104,6 +114,7 @@ def remesh(
     axisymmetric: bool = False,
     feature_angle: float = 40.0,
     gradation: float | None = 0.5,
+    min_quality: float | None = None,
     partitioner: typing.Any = None,
 ) -> Remeshed:
     """Mesh a body anew as it is now. Collective.
@@ -129,6 +140,9 @@ def remesh(
             axis stays there.
         feature_angle: In degrees.
         gradation: Growth of sizes per length, at most; None for any.
+        min_quality: Shape that the worst cell should have, 1 at best (see ``MeshMotion.quality``):
+            sizes from 0.7 to 1.1 times those asked for are tried until it has, else the best of
+            these meshes is taken. None to take the first mesh.
         partitioner: For ``dolfinx.mesh.create_mesh``; by default that of DOLFINx.
 
     Raises:
@@ -154,6 +168,7 @@ def remesh(
         require(not axisymmetric or gdim == 2, "axisymmetric: is of meshes in 2D, (r, z)")
         same(ANGLE, feature_angle=feature_angle)
         same(either(POSITIVE, None), gradation=gradation)
+        same(either(FRACTION, None), min_quality=min_quality)
     msh, x = where(body)
     with collective_errors(msh.comm):
         require(bool(np.isfinite(x).all()), "body: coordinates and displacements must be finite")
@@ -166,7 +181,8 @@ def remesh(
     def make() -> _Made:
         assert outline is not None
         graded = outline if gradation is None else limit_growth(outline, gradation)
-        return _make(graded, float(np.radians(feature_angle)), axisymmetric)
+        angle = float(np.radians(feature_angle))
+        return _make(graded, angle, axisymmetric, min_quality or 0.0)
 
     made = on_root(msh.comm, make)
     parts = None if made is None else (made.x, made.cells)
@@ -207,17 +223,24 @@ class _Made(typing.NamedTuple):
     report: RemeshReport
 
 
-def _make(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
-    """Make the mesh, on one rank; if there is none, with slightly other sizes."""
+def _make(outline: Outline, angle: float, axisymmetric: bool, wanted: float) -> _Made:
+    """Make the mesh, on one rank; if there is none as good as wanted, with slightly other sizes."""
     _check_outline(outline)
     _check_number(outline)
     problems: list[RemeshError] = []
+    made: list[_Made] = []
     for factor in SIZES:
         try:
-            return _make_of(outline._replace(sizes=factor * outline.sizes), angle, axisymmetric)
+            given = outline._replace(sizes=factor * outline.sizes)
+            made.append(_make_of(given, angle, axisymmetric))
         except RemeshError as error:
             problems.append(error)
-    raise problems[0]
+            continue
+        if made[-1].report.quality >= wanted:
+            break
+    if not made:
+        raise problems[0]
+    return max(made, key=lambda mesh: mesh.report.quality)
 
 
 def _make_of(outline: Outline, angle: float, axisymmetric: bool) -> _Made:

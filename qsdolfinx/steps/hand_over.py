@@ -186,6 +186,7 @@ class HandOver:
             axisymmetric=remeshing.axisymmetric,
             feature_angle=remeshing.feature_angle,
             gradation=remeshing.gradation,
+            min_quality=remeshing.min_quality,
         )
 
     def _fields(self) -> dict[str, fem.Function]:

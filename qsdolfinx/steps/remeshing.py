@@ -57,8 +57,9 @@ class Remeshing:
             size, called for each new mesh with the old one.
         facet_tags: Tags of the facets of each body's mesh, to be carried over; None for none. A
             list of one for each body.
-        min_quality: Shape of the worst cell (see MeshMotion.quality) below which meshes are made;
-            None for no such criterion.
+        min_quality: Shape of the worst cell (see MeshMotion.quality) below which meshes are made,
+            and which those of new meshes should have (see :func:`qs.remesh`); None for no such
+            criterion.
         every: Steps after which new meshes are made; None for no such criterion.
         max_penetration: Depth (length) of contact above which they are made; None for no such
             criterion.

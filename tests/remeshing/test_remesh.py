@@ -11,6 +11,7 @@ from scenes import WORLD
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+from qsdolfinx.remeshing.remesh import SIZES
 from qsdolfinx.steps.mesh_motion import MeshMotion
 
 pytest.importorskip("gmsh")
@@ -57,6 +58,19 @@ def test_box_keeps_its_planes_edges_and_corners():
     x = all_nodes(made.mesh)
     ends = np.isin(x, [0.0, 1.0, 2.0, 3.0]) & np.isclose(np.minimum(x, [1, 2, 3] - x), 0)
     assert np.sum(ends.all(axis=1)) == 8
+
+
+def test_the_worst_cell_is_as_wanted():
+    """Of the meshes of the sizes that are tried the first that is good enough, or the best."""
+    msh = mesh.create_box(WORLD, [[0.0] * 3, [1.0, 1.1, 1.2]], [4, 4, 4])
+    made = [qs.remesh(msh, factor * 0.22).report for factor in SIZES]
+    first, best = made[0].quality, max(report.quality for report in made)
+    assert best > first
+    for wanted in (0.9 * first, 0.5 * (first + best), 0.99):
+        found = qs.remesh(msh, 0.22, min_quality=wanted).report
+        enough = (r for r in made if r.quality >= wanted)
+        expected = next(enough, max(made, key=lambda r: r.quality))
+        assert (found.num_cells, found.quality) == (expected.num_cells, expected.quality)
 
 
 def test_ten_times_in_a_row():
