@@ -1,18 +1,19 @@
-"""Checks that scripts print: a number beside its limit."""
+"""Errors beside what they may be."""
 
-from common.command import say
+from common.command import print_rows
 
 
-def within(result, limits):
-    """Print numbers with their limits, on rank 0; whether all keep them.
+def check(result, limits):
+    """Print errors and their limits, on rank 0.
 
     Args:
-        result: Numbers by name.
-        limits: Largest absolute value of some of them.
+        result: Results by name, the same on all ranks.
+        limits: Largest absolute values, by name.
+
+    Raises:
+        AssertionError: If one is exceeded.
     """
-    width = max(map(len, limits)) + 2
-    good = {name: abs(result[name]) <= limit for name, limit in limits.items()}
-    for name, limit in limits.items():
-        verdict = "ok" if good[name] else "NOT KEPT"
-        say(f"check  {name:{width}}{result[name]: .2e}  limit {limit:.0e}  {verdict}")
-    return all(good.values())
+    rows = [{"name": name, "error": result[name], "limit": limit} for name, limit in limits.items()]
+    print_rows(rows, name=("checked", ""), error=("error", ".2e"), limit=("limit", ".0e"))
+    exceeded = [name for name, limit in limits.items() if not abs(result[name]) <= limit]
+    assert not exceeded, f"above their limits: {exceeded}"

@@ -27,13 +27,14 @@ import numpy as np
 
 import ufl
 
-sys.path[:0] = [str(folder) for folder in pathlib.Path(__file__).resolve().parents[:2]]
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 import rubber
 from common.bodies import Reaction, facets_at, integral, measure
-from common.command import Command, option, report, say
-from common.drawing import cells, draw_cells, node_values, pyplot, save
-from common.limits import within
+from common.command import Command, option, report
+from common.limits import check
+from roller_on_rubber_plot import draw
 from rubber_bodies import HEIGHT
 from rubber_scenes import PRESSING, ROLLER
 
@@ -83,42 +84,13 @@ def run(p, comm=MPI.COMM_WORLD):
     return result, rows, scene
 
 
-def draw(filename, result, rows, scene):
-    """Rubber under the roller, and its way over the angle. Collective."""
-    body = scene.body
-    shear = ufl.sqrt(0.5 * ufl.inner(ufl.dev(body.stress), ufl.dev(body.stress)))
-    shape = cells(body.mesh, node_values(body.u), shear)
-    if shape is None:
-        return
-    figure = pyplot().figure(figsize=(12, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
-    colours = draw_cells(left, *shape, cmap="viridis", linewidth=0.1)
-    rim, spoke = scene.lines()
-    left.fill(*rim.T, facecolor="0.88", edgecolor="black")
-    left.plot(*spoke.T, color="black", marker="o", markevery=(0, 2))
-    x = scene.lid.center[0]
-    left.set(xlim=(x - 60, x + 60), ylim=(-HEIGHT, 62), xlabel="x (mm)", ylabel="y (mm)")
-    left.set_title(f"turned by {np.degrees(rows[-1]['angle']):.0f}°")
-    figure.colorbar(colours, ax=left, label="shear stress / shear modulus (-)", shrink=0.9)
-    degrees = np.degrees([row["angle"] for row in rows])
-    right.plot(degrees, [row["way"] for row in rows], "o", label="rolled")
-    lines = {"R φ": (turn := 2 * np.pi * ROLLER, ":"), "R φ / λ": (turn / result["stretch"], "-")}
-    lines["published, 175.4 mm a turn"] = PUBLISHED, "--"
-    for name, (turn, style) in lines.items():
-        right.plot(degrees, turn * degrees / 360, style, color="black", label=name)
-    right.set(xlabel="angle (°)", ylabel="way to the left (mm)")
-    right.grid()
-    right.legend()
-    save(figure, filename)
-
-
 def main():
     p, a = Command(__doc__, Parameters, plot="draw the roller, and its way").parse()
     result, rows, scene = run(p)
     report(result, a.json, ".6g")
-    say(f"all checks hold: {within(result, LIMITS)}")
+    check(result, LIMITS)
     if a.plot:
-        draw(a.plot, result, rows, scene)
+        draw(a.plot, result, rows, scene, PUBLISHED)
 
 
 if __name__ == "__main__":

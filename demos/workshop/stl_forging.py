@@ -21,7 +21,6 @@ Keys of the JSON object, of the whole billet:
 import dataclasses
 import pathlib
 import sys
-import tempfile
 
 from mpi4py import MPI
 
@@ -29,16 +28,18 @@ import numpy as np
 
 import qsdolfinx as qs
 
-sys.path[:0] = [str(folder) for folder in pathlib.Path(__file__).resolve().parents[:2]]
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from closed_die_tools import skin
 from common.bodies import facets_at, fix
-from common.command import Command, count, option, report, say
-from common.limits import within
+from common.command import Command, count, option, report
+from common.limits import check
 from forming_bodies import NortonHoff, quarter_cylinder
+from stl_forging_die import HEIGHT, profile, read_die
 from stl_forging_plot import Picture
 
-RADIUS, HEIGHT, STROKE, SPEED = 10.0, 12.0, 4.0, 10.0  # mm, mm/s
+RADIUS, STROKE, SPEED = 10.0, 4.0, 10.0  # mm, mm/s
 K, M = 50.0, 0.15  # MPa sᵐ, -
 PENALTY = 1e5  # MPa/mm
 LIMITS = {"volume_error": 5e-3, "force_error": 1e-6, "energy_error": 5e-2}
@@ -51,40 +52,6 @@ class Parameters:
     size: float = option(1.8, "of cells, mm")
     steps: int = option(16, "for 4 mm, of which --stroke may be a part", type=count)
     stroke: float = option(STROKE, "of the die, mm")
-
-
-def profile(r):
-    """Height of the upper die over its land: a pocket, whose wall goes from 4 to 7.5 mm."""
-    s = np.clip((7.5 - r) / 3.5, 0, 1)
-    return 4 * s**2 * (3 - 2 * s)
-
-
-def write_stl(filename, rings=48, sectors=36):
-    """Write the upper die, a little more than a quarter of it, its land at z = HEIGHT."""
-    r, angle = np.meshgrid(np.linspace(0, 18, rings), np.radians(np.linspace(-10, 100, sectors)))
-    x = np.stack([r * np.cos(angle), r * np.sin(angle), HEIGHT + profile(r)], axis=-1)
-    a, b, c, d = x[:-1, :-1], x[:-1, 1:], x[1:, 1:], x[1:, :-1]
-    corners = np.concatenate([np.stack([a, c, b], 2), np.stack([a, d, c], 2)], axis=1)
-    corners = corners.reshape(-1, 3, 3)  # counter-clockwise seen from below, from the billet
-    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    corners = corners[np.linalg.norm(sides, axis=1) > 1e-9]  # those at the axis have two points
-    facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    facets = np.zeros(len(corners), dtype=facet)
-    facets["corners"] = corners
-    with open(filename, "wb") as file:
-        file.write(b"upper die, mm".ljust(80) + np.uint32(len(facets)).tobytes())
-        file.write(facets.tobytes())
-
-
-def read_die(comm):
-    """The upper die, through a file."""
-    with tempfile.TemporaryDirectory() as folder:
-        filename = comm.bcast(pathlib.Path(folder) / "die.stl")
-        if comm.rank == 0:
-            write_stl(filename)
-        die = qs.RigidSurface.from_stl(comm, filename)  # read on rank 0, which has written it
-        comm.barrier()
-    return die
 
 
 def build(comm, p):
@@ -105,12 +72,12 @@ def build(comm, p):
     def solve(step):
         qs.solve_with_continuation(problem, billet.m, M)
 
-    return billet, contacts, die, qs.TimeStepper(problem, dt, drive, solve=solve)
+    return billet, contacts, qs.TimeStepper(problem, dt, drive, solve=solve)
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
     """Forge; returns what --json writes, and a row of each step."""
-    billet, contacts, die, stepper = build(comm, p)
+    billet, contacts, stepper = build(comm, p)
     volume, rows, powers, work = billet.volume(), [], [], np.zeros(2)
     stepper.on_solved = lambda: powers.append(4 * billet.power())  # where v was solved for
     for t in stepper.run(p.stroke / SPEED):
@@ -135,7 +102,7 @@ def main():
     picture = Picture() if a.plot else None
     result, rows = run(p, on_step=picture)
     report(result, a.json, ".6g")
-    say(f"all checks hold: {within(result, LIMITS)}")
+    check(result, LIMITS)
     if picture is not None:
         picture.draw(a.plot, rows)
 
