@@ -1,0 +1,92 @@
+"""The scripts of the workshop at their smallest: each keeps the limits that it prints."""
+
+import json
+
+import bracket
+import numpy as np
+import pytest
+import roller_on_rubber
+import stl_forging
+import three_bodies
+from common.limits import check
+from project import pages
+from scenes import WORLD
+from stl_forging_die import HEIGHT, profile, write_stl
+
+import qsdolfinx as qs
+
+
+def test_roller_on_rubber():
+    """It comes as far as rubber passes its rim, and less far than the rim is long."""
+    result, rows, _ = roller_on_rubber.run(roller_on_rubber.Parameters(4.0, 48.0), WORLD)
+    check(result, roller_on_rubber.LIMITS)
+    assert 1.05 < result["stretch"] < 1.2
+    ways = [row["way"] for row in rows if row["angle"] > 0]
+    assert np.all(np.diff(ways) > 0)
+
+
+def test_bracket():
+    """Tied or in one mesh it has the same stress; the tied one has fewer unknowns."""
+    result, *_ = bracket.run(bracket.Parameters(2.0, 5.0), WORLD)
+    check(result, bracket.LIMITS)
+    assert result["dofs"] < 0.8 * result["dofs_matching"]
+    assert 1.5 < result["concentration"] < 2.5
+
+
+def test_stl_forging():
+    """Volume, forces and energies balance; billet goes up into the pocket."""
+    result, rows = stl_forging.run(stl_forging.Parameters(3.0, 12, 2 / 3), WORLD)
+    check(result, stl_forging.LIMITS)
+    assert result["boss"] > 0.5 * rows[-1]["stroke"]
+
+
+def test_stl_file(tmp_path):
+    """The die that is read is where the profile says, and faces the billet."""
+    filename = WORLD.bcast(tmp_path / "die.stl")
+    if WORLD.rank == 0:
+        write_stl(filename, rings=10, sectors=7)
+    die = qs.RigidSurface.from_stl(WORLD, filename)
+    facet = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    x = np.fromfile(filename, facet, offset=84)["corners"].astype(float)
+    WORLD.barrier()
+    r = np.hypot(x[..., 0], x[..., 1])
+    np.testing.assert_allclose(x[..., 2], HEIGHT + profile(r), atol=1e-5)
+    normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    assert np.all(normal[:, 2] < 0)
+    # Nine fans of rings over six sectors; a ring at the axis has one triangle a sector.
+    assert len(x) == 6 * (2 * 9 - 1)
+    edges = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max(axis=1)
+    np.testing.assert_allclose(die.facet_size_range, (edges.min(), edges.max()), rtol=1e-5)
+
+
+def test_three_bodies():
+    """Bars in series, Coulomb's law, balance; the run that went on is the same one."""
+    result, rows, again = three_bodies.run(three_bodies.Parameters(3, 2), WORLD)
+    check(result, three_bodies.LIMITS)
+    assert (len(rows), len(again)) == (6, 2)
+
+
+def test_three_bodies_restarted(tmp_path, monkeypatch, capsys):
+    """As from the command line: files for ParaView, and a second program that goes on."""
+    folder = WORLD.bcast(tmp_path)
+    words = ["three_bodies", "--cells", "2", "--steps", "1", "--output", str(folder / "run")]
+    json_file = folder / "result.json"
+    for more in ([], ["--restart", "--json", str(json_file)]):
+        monkeypatch.setattr("sys.argv", [*words, *more])
+        three_bodies.main()
+        WORLD.barrier()
+    names = {path.name for path in (folder / "run").iterdir()}
+    assert {"pier.xdmf", "pad.xdmf", "plate.xdmf", "history.csv", "checkpoint"} <= names
+    assert abs(json.loads(json_file.read_text())["restart_error"]) < 1e-9
+    with pytest.raises(ValueError, match="--restart needs the --output"):
+        three_bodies.Parameters(restart=True)
+
+
+@pytest.mark.parametrize("name", ("bracket", "roller_on_rubber", "stl_forging", "three_bodies"))
+def test_size(name):
+    """Each script is read at a glance, and has a page and a small picture."""
+    script = pages.ROOT / f"demos/workshop/{name}.py"
+    assert script.read_text(encoding="utf-8").count("\n") <= 120
+    page = (pages.ROOT / f"docs/howto/{name}.md").read_text(encoding="utf-8")
+    assert f"demos/workshop/{name}.py" in page and f"../figures/{name}.png" in page
+    assert (pages.ROOT / f"docs/figures/{name}.png").stat().st_size < 150e3
