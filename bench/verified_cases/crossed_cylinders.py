@@ -1,0 +1,115 @@
+"""Two elastic cylinders crossed at right angles, frictionless: Hertz' contact in three dimensions (1882).
+
+Radii R and R: the contact is a circle, a = √(R d), F = 4/3 E* a d, p₀ = 3 F/(2π a²). Radii R and R/3: it is an ellipse of half
+axes a, b = a √(1 − e²) with d/R = 2 d² (K − E)/(K e² a²) …, K and E being complete elliptic integrals of e (K. L. Johnson,
+Contact Mechanics, 1985, section 4.2). R = 1000 a (small strains), E = 3000 and 1000, ν = 0.3; cylinders are the parabolas by
+which Hertz' theory replaces them. Ours: a quarter of both, hexahedra of degree 1 that do not match, constraints at
+points; cubes of side 8 a, whose outer faces move as under a point force, which costs 1e-3 of the force. The full run has
+9 and 7 cells along a, the small one 4 and 3. Half axes are from the pressure's second moments.
+"""
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
+
+from dolfinx import mesh
+
+import qsdolfinx as qs
+
+from verified_cases.half_space import HalfSpace, moment_radius, peak, pressures, settle
+from verified_cases.row import Row
+
+TITLE = "Crossed cylinders (Hertz)"
+FAR = 0.09
+
+R, SIDE = 1000.0, 8.0
+E, NU = (3000.0, 1000.0), 0.3
+E_STAR = 1 / sum((1 - NU**2) / modulus for modulus in E)
+#: Cells are even out to this, in half axes, and by how much of their number.
+EVEN, SHARE = 1.25, 0.55
+
+
+def ellipse(ratio):
+    """Approach, half axis b, force and peak pressure of radii R and R / ratio, with a = 1."""
+    if ratio == 1:
+        return 1 / R, 1.0, 4 / 3 * E_STAR / R, 2 * E_STAR / (np.pi * R)
+
+    def curvatures(m):
+        """Of both gaps, over the approach; m = e²."""
+        K, E_ = ellipk(m), ellipe(m)
+        return np.array([K - E_, E_ / (1 - m) - K]) / (K * m)
+
+    def difference(m):
+        along, across = curvatures(m)
+        return across / along - ratio
+
+    m = brentq(difference, 1e-6, 1 - 1e-6)
+    d, b = 1 / (2 * R * curvatures(m)[0]), np.sqrt(1 - m)
+    p0 = d * E_STAR / (b * ellipk(m))
+    return d, b, 2 / 3 * np.pi * b * p0, p0
+
+
+def stretched(s, even):
+    """From 0 to SIDE for s from 0 to 1: even steps out to `even`, then growing ones."""
+    slope, rest = even / SHARE, 1 - SHARE
+
+    def grown(rate, t):
+        return even + slope * np.expm1(rate * t) / rate
+
+    rate = brentq(lambda rate: grown(rate, rest) - SIDE, 1e-6, 50)
+    return np.where(s <= SHARE, slope * s, grown(rate, np.maximum(s - SHARE, 0)))
+
+
+def body(comm, sign, modulus, n, b, radius):
+    """A quarter of a cylinder along x, below, or along y, above."""
+    msh = mesh.create_box(
+        comm, [[0.0] * 3, [1.0] * 3], [n] * 3, cell_type=mesh.CellType.hexahedron
+    )
+    x = msh.geometry.x
+    for axis, even in enumerate((EVEN, EVEN * b, 0.5 * EVEN * b)):
+        x[:, axis] = stretched(x[:, axis], even)
+    x[:, 2] *= sign
+
+    def outside(x):
+        return np.isclose(x[0], SIDE) | np.isclose(x[1], SIDE) | np.isclose(abs(x[2]), SIDE)
+
+    def profile(x):
+        return x[0 if sign > 0 else 1] ** 2 / (2 * radius)
+
+    return HalfSpace(msh, sign, modulus, NU, outside, profile=profile, degree=1)
+
+
+def solve(comm, sizes, ratio, name):
+    """Rows of one pair of radii."""
+    approach, b, exact, p0 = ellipse(ratio)
+    lower = body(comm, -1, E[0], sizes[0], b, R / ratio)
+    upper = body(comm, 1, E[1], sizes[1], b, R)
+    contact = qs.Contact(upper.surface, lower.surface, constraints="points")
+    problem = qs.ContactProblem(
+        [upper.F, lower.F],
+        [upper.u, lower.u],
+        [contact],
+        [upper.bcs, lower.bcs],
+        solver="amg",
+    )
+
+    def hold(force):
+        upper.hold(force, approach)
+        lower.hold(force)
+
+    force = settle(problem, contact, hold, parts=4)
+    p = pressures(lower.surface, contact, "master")
+    radii = [moment_radius(lower.surface, p, axis) for axis in range(2)]
+    closed = "closed form"
+    rows = [Row(f"{name}: force", exact, force, 0.0, closed)]
+    rows.append(Row(f"{name}: p₀", p0, peak(lower.surface, p), 0.0, closed))
+    for half_axis, found, letter in zip((1.0, b), radii, "ab", strict=True):
+        rows.append(Row(f"{name}: {letter}", half_axis, found, 0.0, closed))
+    area = np.pi * b
+    return [*rows, Row(f"{name}: area", area, 4 * contact.patch()[0], 0.0, closed)]
+
+
+def run(small, comm):
+    """Rows of the case."""
+    sizes = (10, 8) if small else (20, 16)
+    return solve(comm, sizes, 1, "equal") + solve(comm, sizes, 3, "3 : 1")
