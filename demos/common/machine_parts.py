@@ -1,0 +1,87 @@
+"""The pictures of an O-ring, a press fit, a ball in a socket and a pair of gears.
+
+All are collective: what is drawn is gathered on rank 0, which draws it.
+"""
+
+import numpy as np
+
+import ufl
+
+from common.drawing import cells, draw_cells, node_values, pyplot, save
+
+FOURFOLD = ([1, 1], [-1, 1], [1, -1], [-1, -1])
+
+
+def oring(filename, rings, forces, height, half_width):
+    """Pressure in squeezed rings, each in its groove.
+
+    Args:
+        filename: Of the picture.
+        rings: Quarters, by name.
+        forces: Over that of the formula, by name.
+        height: Half the height of the groove.
+        half_width: Of the groove.
+    """
+    parts = {
+        name: cells(ring.mesh, node_values(ring.u), -ufl.tr(ring.stress) / 2)
+        for name, ring in rings.items()
+    }
+    if None in parts.values():
+        return
+    figure = pyplot().figure(figsize=(11, 3.1), layout="constrained")
+    axes = figure.subplots(1, len(parts), sharey=True)
+    y, x = height, half_width
+    for axis, (name, (corners, values)) in zip(axes, parts.items(), strict=True):
+        for side in FOURFOLD:
+            colours = draw_cells(axis, corners * side, values, cmap="viridis", linewidth=0.15)
+            colours.set_clim(-0.5, 2.0)
+        axis.fill([-2, -2, 2, 2, x, x, -x, -x], [y, -1.2, -1.2, y, y, -y, -y, y], "0.8")
+        axis.fill([-2, -2, 2, 2], [y, 1.2, 1.2, y], "0.6")
+        axis.set_title(f"{name}: force / Lindley's {forces[name]:.3f}")
+        axis.set(xlim=(-2, 2), ylim=(-1.2, 1.2), xlabel="x / radius (-)")
+    axes[0].set_ylabel("y / radius (-)")
+    label = "pressure / shear modulus (-)"
+    figure.colorbar(colours, ax=list(axes), label=label, extend="both", pad=0.01)
+    save(figure, filename)
+
+
+def press_fit(filename, bodies, rows, length, forces):
+    """The section of a shaft that is pulled out of its hub, and the force that it takes.
+
+    Args:
+        filename: Of the picture.
+        bodies: Hub and shaft, each with its radial stress (MPa).
+        rows: Ways (mm) of the shaft and pulls (N), an array.
+        length: Of the fit (mm).
+        forces: To begin with (N): closed form, and without its loss of pressure.
+    """
+    parts = [cells(b.mesh, node_values(b.u), b.stress[0, 0]) for b in bodies]
+    if parts[0] is None:
+        return
+    figure = pyplot().figure(figsize=(11, 4.4), layout="constrained")
+    left, *right = figure.subplots(1, 3, width_ratios=(1.7, 0.7, 0.9))
+    for corners, values in parts:
+        for side in ([1, 1], [-1, 1]):
+            colours = draw_cells(left, corners * side, values, cmap="viridis", linewidth=0.15)
+            colours.set_clim(-110, 10)
+    way, pull = rows
+    for side in (-1, 1):
+        left.fill_betweenx([length, length + 3], 23 * side, 40 * side, color="0.6")
+        left.text(31.5 * side, length + 4.5, "plate", ha="center")
+    tip = length + way[-1]
+    left.annotate("", (0, tip + 9), (0, tip), arrowprops={"arrowstyle": "-|>", "lw": 2.5})
+    left.set(xlabel="r (mm)", ylabel="z (mm)", xlim=(-46, 46), ylim=(-4, tip + 12))
+    left.set_title(f"shaft pulled out of its hub by {way[-1]:.0f} mm")
+    figure.colorbar(colours, ax=left, label="radial stress (MPa)", extend="both", shrink=0.9)
+    exact, simple = forces
+    for axis, unit, scale, largest in zip(right, ("µm", "mm"), (1e3, 1), (20, 10), strict=True):
+        s = np.linspace(0, largest, 50)
+        axis.plot(scale * way, pull / 1e3, "o-", label="computed")
+        axis.plot(s, (1 - s / scale / length) * simple / 1e3, "--k", label="2π a (L − s) μ p₀")
+        axis.plot(0, exact / 1e3, "D", color="C3", ms=8, clip_on=False, label="closed form")
+        axis.set(xlim=(0, largest), ylim=(0, 52), xlabel=f"way s of the shaft's end ({unit})")
+        axis.grid()
+    right[0].set(ylabel="pull (kN)", title="until it slips")
+    right[1].set(title="sliding")
+    right[1].legend(loc="lower left")
+    save(figure, filename)
