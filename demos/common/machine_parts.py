@@ -85,3 +85,42 @@ def press_fit(filename, bodies, rows, length, forces):
     right[1].set(title="sliding")
     right[1].legend(loc="lower left")
     save(figure, filename)
+
+
+def ball_in_socket(filename, drawn, sizes, radius, p0):
+    """Ball and socket, and the pressure between them on fine and coarse facets.
+
+    Args:
+        filename: Of the picture.
+        drawn: Bodies, and radii (mm) and pressures (MPa) of the ball's nodes, of each way; those
+            on coarse facets have names that begin with "coarse_".
+        sizes: Of the fine and the coarse facets (mm).
+        radius: Of the contact by Hertz' theory (mm).
+        p0: Largest pressure by Hertz' theory (MPa).
+    """
+    bodies, _ = drawn["curved_p2"]
+    parts = [cells(b.mesh, node_values(b.u), b.stress[1, 1]) for b in bodies]
+    if parts[0] is None:
+        return
+    figure = pyplot().figure(figsize=(12, 4.2), layout="constrained")
+    left, *right = figure.subplots(1, 3, width_ratios=(1.45, 1, 1))
+    for corners, values in parts:
+        for side in ([1, 1], [-1, 1]):
+            colours = draw_cells(left, corners * side, values, cmap="viridis", linewidth=0.1)
+            colours.set_clim(-100, 0)
+    for x in np.linspace(-8, 8, 5):
+        left.annotate("", (x, 10.1), (x, 13.4), arrowprops={"arrowstyle": "-|>"})
+    left.set(xlabel="r (mm)", ylabel="z (mm)", xlim=(-21, 21), ylim=(-11, 14))
+    left.set_title("half ball in a socket that is 0.1 mm wider")
+    figure.colorbar(colours, ax=left, label="axial stress (MPa)", extend="both", shrink=0.85)
+    r = np.linspace(0, radius, 200)
+    for axis, prefix, h, end in zip(right, ("", "coarse_"), sizes, (4, 10), strict=True):
+        axis.plot(r, p0 * np.sqrt(1 - (r / radius) ** 2), "k", lw=2, alpha=0.4, label="Hertz")
+        for way, style in (("facets", "s-C3"), ("curvature", "^-C1"), ("curved_p2", "o-C0")):
+            axis.plot(*drawn[prefix + way][1].T, style, ms=4, lw=1, label=way)
+        axis.set(xlim=(0, end), ylim=(0, 1.6 * p0), xlabel="r (mm)")
+        axis.set_title(f"facets of {h:g} mm")
+        axis.grid()
+    right[0].set_ylabel("pressure on the ball (MPa)")
+    right[0].legend()
+    save(figure, filename)

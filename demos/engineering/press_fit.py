@@ -29,7 +29,8 @@ from dolfinx import fem
 
 import qsdolfinx as qs
 
-sys.path[:0] = map(str, pathlib.Path(__file__).resolve().parents[:2])
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
 from common import machine_parts
 from common.command import Command, count, option, report
