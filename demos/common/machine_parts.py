@@ -124,3 +124,47 @@ def ball_in_socket(filename, drawn, sizes, radius, p0):
     right[0].set_ylabel("pressure on the ball (MPa)")
     right[0].legend()
     save(figure, filename)
+
+
+def gear_pair(filename, positions, torques, gears):
+    """Equivalent stress in two gears and beside their contact, and torques over a pitch.
+
+    Args:
+        filename: Of the picture.
+        positions: In pitches from the pitch point.
+        torques: On pinion and wheel (N mm per mm), a row for each position.
+        gears: Pinion and wheel as they are to be drawn.
+    """
+    parts = []
+    for gear in gears:
+        s = gear.stress  # plane strain: σ_z = ν (σ_x + σ_y)
+        squares = s[0, 0] ** 2 + s[1, 1] ** 2 - s[0, 0] * s[1, 1] + 3 * s[0, 1] ** 2
+        mean = 0.3 * ufl.tr(s)
+        parts.append(
+            cells(gear.mesh, node_values(gear.u), ufl.sqrt(squares + mean**2 - mean * ufl.tr(s)))
+        )
+    if parts[0] is None:
+        return
+    figure = pyplot().figure(figsize=(12, 4.6), layout="constrained")
+    both, near, right = figure.subfigures(1, 3, width_ratios=(1.35, 1, 1))
+    place = gears[0].profile.radius
+    for part, window, title in (
+        (both, ((22, 66), (-22, 22)), "pinion and wheel"),
+        (near, ((place - 0.8, place + 0.8), (-0.8, 0.8)), "at the pitch point"),
+    ):
+        axis = part.subplots()
+        for corners, values in parts:
+            colours = draw_cells(axis, corners, values, cmap="viridis", linewidth=0.05)
+            colours.set_clim(0, 600)
+        axis.set(xlim=window[0], ylim=window[1], xlabel="x (mm)", ylabel="y (mm)", title=title)
+    both.colorbar(colours, ax=both.axes, label="equivalent stress (MPa)", extend="max", shrink=0.8)
+    pinion, wheel = torques.T
+    axes = right.subplots(2, 1, sharex=True)
+    axes[0].plot(positions, pinion / 1e3, "o-")
+    axes[0].set(ylabel="on the pinion (N m / mm)", title="torque", ylim=(0, None))
+    axes[1].plot(positions, 100 * (wheel / pinion / 2 - 1), "o-")
+    axes[1].set(ylabel="error of the ratio (%)", xlabel="turn of the pinion (pitches)")
+    axes[1].set(ylim=(-0.5, 0.5))
+    for axis in axes:
+        axis.grid()
+    save(figure, filename)
