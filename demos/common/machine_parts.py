@@ -114,7 +114,7 @@ def ball_in_socket(filename, drawn, sizes, radius, p0):
     left.set_title("half ball in a socket that is 0.1 mm wider")
     figure.colorbar(colours, ax=left, label="axial stress (MPa)", extend="both", shrink=0.85)
     r = np.linspace(0, radius, 200)
-    for axis, prefix, h, end in zip(right, ("", "coarse_"), sizes, (4, 10), strict=True):
+    for axis, prefix, h, end in zip(right, ("", "coarse_"), sizes, (3, 6), strict=True):
         axis.plot(r, p0 * np.sqrt(1 - (r / radius) ** 2), "k", lw=2, alpha=0.4, label="Hertz")
         for way, style in (("facets", "s-C3"), ("curvature", "^-C1"), ("curved_p2", "o-C0")):
             axis.plot(*drawn[prefix + way][1].T, style, ms=4, lw=1, label=way)
@@ -149,13 +149,13 @@ def gear_pair(filename, positions, torques, gears):
     both, near, right = figure.subfigures(1, 3, width_ratios=(1.35, 1, 1))
     place = gears[0].profile.radius
     for part, window, title in (
-        (both, ((22, 66), (-22, 22)), "pinion and wheel"),
+        (both, ((19, 71), (-26, 26)), "pinion and wheel"),
         (near, ((place - 0.8, place + 0.8), (-0.8, 0.8)), "at the pitch point"),
     ):
         axis = part.subplots()
         for corners, values in parts:
             colours = draw_cells(axis, corners, values, cmap="viridis", linewidth=0.05)
-            colours.set_clim(0, 600)
+            colours.set_clim(0, 800)
         axis.set(xlim=window[0], ylim=window[1], xlabel="x (mm)", ylabel="y (mm)", title=title)
     both.colorbar(colours, ax=both.axes, label="equivalent stress (MPa)", extend="max", shrink=0.8)
     pinion, wheel = torques.T
@@ -164,7 +164,7 @@ def gear_pair(filename, positions, torques, gears):
     axes[0].set(ylabel="on the pinion (N m / mm)", title="torque", ylim=(0, None))
     axes[1].plot(positions, 100 * (wheel / pinion / 2 - 1), "o-")
     axes[1].set(ylabel="error of the ratio (%)", xlabel="turn of the pinion (pitches)")
-    axes[1].set(ylim=(-0.5, 0.5))
+    axes[1].set(ylim=(-0.6, 0.6))
     for axis in axes:
         axis.grid()
     save(figure, filename)
