@@ -47,7 +47,7 @@ WAYS = {
     "curved": (2, 1, "none"),
     "curved_p2": (2, 2, "none"),
 }
-LIMITS = {"peak_error_curved_p2": 0.05, "coarse_peak_error_curved_p2": 0.05, "force_error": 1e-8}
+LIMITS = {"peak_error_curved_p2": 0.05, "coarse_peak_error_curved_p2": 0.15, "force_error": 1e-8}
 
 
 @dataclasses.dataclass
