@@ -2,6 +2,7 @@
 
 import numpy as np
 
+import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
@@ -36,19 +37,21 @@ class Rubber:
         degree: Of the displacement.
         facets: Which may touch.
         held: Facets that are clamped, if any.
+        lmbda: Lamé's first parameter.
+        reduced: Whether the pressure is integrated in fewer points.
     """
 
-    def __init__(self, msh, degree, facets, held=None):
+    def __init__(self, msh, degree, facets, held=None, lmbda=LAMBDA, reduced=True):
         self.mesh = msh
         V = self.V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
         self.u, v = fem.Function(V), ufl.TestFunction(V)
         u = self.u
         F = ufl.Identity(2) + ufl.grad(u)
         inverse = ufl.inv(F).T
-        shear, pressure = MU * (F - inverse), LAMBDA * ufl.ln(ufl.det(F)) * inverse
-        in_full, reduced = two_rules(msh, degree)
+        shear, pressure = MU * (F - inverse), lmbda * ufl.ln(ufl.det(F)) * inverse
+        in_full, in_few = two_rules(msh, degree)
         self.F = ufl.inner(shear, ufl.grad(v)) * in_full
-        self.F += ufl.inner(pressure, ufl.grad(v)) * reduced
+        self.F += ufl.inner(pressure, ufl.grad(v)) * (in_few if reduced else in_full)
         self.stress = (shear + pressure) * F.T / ufl.det(F)
         self.surface = qs.Surface(V, facets=facets)
         self.bcs = [] if held is None else [fix(V, axis, held) for axis in (0, 1)]
@@ -59,6 +62,33 @@ class Rubber:
     def moved(self):
         """Mean displacement along x. Collective."""
         return integral(self.mesh, self._moved) / self.area
+
+
+class MixedRubber:
+    """The same of degree 2, with a continuous pressure of degree 1 as an unknown (Taylor and Hood).
+
+    ln J = p / λ holds in the mean around each vertex, not at each point, so that nothing locks.
+
+    Args:
+        msh: Its mesh, of triangles.
+        facets: Which may touch.
+        lmbda: Lamé's first parameter.
+    """
+
+    def __init__(self, msh, facets, lmbda):
+        self.mesh, cell = msh, msh.basix_cell()
+        displacement = basix.ufl.element("Lagrange", cell, 2, shape=(2,))
+        pressure = basix.ufl.element("Lagrange", cell, 1)
+        W = fem.functionspace(msh, basix.ufl.mixed_element([displacement, pressure]))
+        self.u, self.V = fem.Function(W), W.sub(0)
+        (u, p), (v, q) = ufl.split(self.u), ufl.TestFunctions(W)
+        F = ufl.Identity(2) + ufl.grad(u)
+        inverse = ufl.inv(F).T
+        stress = MU * (F - inverse) + p * inverse
+        self.stress = stress * F.T / ufl.det(F)
+        self.F = ufl.inner(stress, ufl.grad(v)) * ufl.dx(degree=5)
+        self.F += q * (ufl.ln(ufl.det(F)) - p / lmbda) * ufl.dx(degree=5)
+        self.surface = qs.Surface(self.V, facets=facets)
 
 
 def o_ring(comm, facet):

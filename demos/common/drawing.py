@@ -8,6 +8,7 @@ import io
 
 import numpy as np
 
+import basix
 from dolfinx import fem, mesh
 
 from qsdolfinx.compat import cell_nodes, interpolation_points
@@ -70,11 +71,13 @@ def gather(comm, *arrays):
 
 
 def node_values(u):
-    """Values of a vector field of degree 1 at the nodes of its mesh's geometry."""
+    """Values of a vector field at the vertices, in the rows of its mesh's geometry."""
     V = u.function_space
     out = np.zeros((len(V.mesh.geometry.x), V.dofmap.bs))
-    # One node of the space and one of the geometry at each vertex.
-    out[cell_nodes(V.mesh)] = u.x.array.reshape(-1, V.dofmap.bs)[V.dofmap.list]
+    # One node of the space and one of the geometry at each vertex; these come first in a cell.
+    number = len(basix.geometry(V.mesh.basix_cell()))
+    at_vertices = V.dofmap.list[:, :number]
+    out[cell_nodes(V.mesh)[:, :number]] = u.x.array.reshape(-1, V.dofmap.bs)[at_vertices]
     return out
 
 
@@ -100,7 +103,7 @@ def cells(msh, displacement=0.0, value=None):
     own = msh.topology.index_map(2).size_local
     values = np.zeros(own) if value is None else cell_values(msh, value)[:own]
     corners = (msh.geometry.x[:, :2] + displacement)[cell_nodes(msh)[:own]]
-    around = [0, 1, 2] if corners.shape[1] == 3 else [0, 1, 3, 2]
+    around = [0, 1, 2] if msh.topology.cell_type == mesh.CellType.triangle else [0, 1, 3, 2]
     return gather(msh.comm, corners[:, around], values)
 
 

@@ -14,6 +14,6 @@ def check(result, limits):
         AssertionError: If one is exceeded.
     """
     rows = [{"name": name, "error": result[name], "limit": limit} for name, limit in limits.items()]
-    print_rows(rows, name=("checked", ""), error=("error", ".2e"), limit=("limit", ".0e"))
+    print_rows(rows, name=("checked", ""), error=("error", ".2e"), limit=("limit", ".1e"))
     exceeded = [name for name, limit in limits.items() if not abs(result[name]) <= limit]
     assert not exceeded, f"above their limits: {exceeded}"

@@ -1,0 +1,101 @@
+"""A steel ball in a socket that is 1 % wider: what coarse facets do to a small clearance.
+
+Axisymmetric, linear elastic (E = 210 GPa, ν = 0.3). A half ball of radius 10 mm, pressed on its
+flat side, in the socket of a block, radius 10.1 mm. The load, 1219 N, is that of a contact radius
+of 2 mm by Hertz' theory; R* = 1010 mm, p₀ = 145 MPa. Facets are chords, h²/8R off their circle: of
+1.6 mm by a third of the clearance. Both sizes are solved in four ways:
+
+- facets: chords, as they are;
+- curvature: smoothing="shared-curvature";
+- curved: meshes of degree 2, displacements of degree 1;
+- curved_p2: both of degree 2.
+
+    python3 demos/engineering/ball_in_socket.py --plot ball_in_socket.png
+    mpirun -n 2 python3 demos/engineering/ball_in_socket.py --h 0.4 --json ball.json
+
+Keys of the JSON object, for each way and, with "coarse_" before, for facets of --coarse:
+
+- peak_error_facets, ...: largest pressure of the ball over Hertz' p₀, − 1; his half-spaces are a
+  little softer than these bodies (+ 3 % on fine meshes);
+- radius_error_facets, ...: of the radius of the ball's nodes in contact.
+
+Besides, force_error is that of the contact force against the load, the largest of all.
+"""
+
+import dataclasses
+import pathlib
+import sys
+
+from mpi4py import MPI
+
+import numpy as np
+
+import qsdolfinx as qs
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+
+from ball_in_socket_bodies import BALL, LOAD, P0, RADIUS, SOCKET, Body
+from common import machine_parts
+from common.command import Command, option, report
+from common.limits import check
+
+#: Degrees of the mesh and of displacements, smoothing.
+WAYS = {
+    "facets": (1, 1, "none"),
+    "curvature": (1, 1, "shared-curvature"),
+    "curved": (2, 1, "none"),
+    "curved_p2": (2, 2, "none"),
+}
+LIMITS = {"peak_error_curved_p2": 0.05, "coarse_peak_error_curved_p2": 0.15, "force_error": 1e-8}
+
+
+@dataclasses.dataclass
+class Parameters:
+    """Sizes of the facets of the ball; those of the socket are 0.7 times as large."""
+
+    h: float = option(0.2, "mm, fine")
+    coarse: float = option(1.6, "mm, coarse")
+
+
+def press(comm, h, way):
+    """Ball and socket; radii and pressures of the ball's nodes, radius in contact, force."""
+    *degrees, smoothing = WAYS[way]
+    bodies = ball, socket = Body(comm, BALL, h, degrees), Body(comm, SOCKET, 0.7 * h, degrees)
+    contact = qs.Contact(ball.surface, socket.surface, smoothing=smoothing)
+    problem = qs.ContactProblem(
+        [b.F for b in bodies], [b.u for b in bodies], [contact], [b.bcs for b in bodies]
+    )
+    problem.solve()
+    surface = ball.surface
+    traction = surface.node_values(contact.traction("slave"))
+    p = -np.sum(traction * surface.node_normal[:, :2], axis=1)
+    nodes = np.concatenate(comm.allgather(np.stack([surface.node_x[:, 0], p], axis=-1)))
+    radius = np.sqrt(contact.patch()[0] / np.pi)
+    return bodies, nodes[np.argsort(nodes[:, 0])], radius, contact.force("slave")[1]
+
+
+def run(p, comm=MPI.COMM_WORLD):
+    """All ways on both meshes; returns what --json writes, and pressures, with the bodies."""
+    result, forces, drawn = {}, [], {}
+    for prefix, h in (("", p.h), ("coarse_", p.coarse)):
+        for way in WAYS:
+            bodies, nodes, radius, force = press(comm, h, way)
+            result[f"{prefix}peak_error_{way}"] = nodes[:, 1].max() / P0 - 1
+            result[f"{prefix}radius_error_{way}"] = radius / RADIUS - 1
+            forces.append(abs(force / LOAD - 1))
+            drawn[prefix + way] = bodies, nodes
+    return result | {"force_error": max(forces)}, drawn
+
+
+def main():
+    p, a = Command(__doc__, Parameters, plot="draw ball and socket, and pressures").parse()
+    result, drawn = run(p)
+    report(result, a.json, ".3g")
+    check(result, LIMITS)
+    if a.plot:
+        machine_parts.ball_in_socket(a.plot, drawn, (p.h, p.coarse), RADIUS, P0)
+
+
+if __name__ == "__main__":
+    main()
