@@ -26,6 +26,7 @@ from mpi4py import MPI
 import numpy as np
 
 import ufl
+from dolfinx import fem
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
@@ -47,18 +48,30 @@ class Parameters:
     """One roll."""
 
     facet: float = option(2.0, "size of facets, mm")
-    degrees: float = option(120.0, "angle to roll by, at least 20")
+    degrees: float = option(120.0, "angle to roll by")
+
+    def __post_init__(self):
+        if self.degrees < 5 * STEP:
+            raise ValueError(f"--degrees: must be at least {5 * STEP:g}")
 
 
-def stretch_under(scene, contact):
-    """Mean stretch along the surface, in the middle half of the contact. Collective."""
-    body, half = scene.body, contact.patch()[0] / 4
-    x = ufl.SpatialCoordinate(body.mesh)
-    tangent = (ufl.Identity(2) + ufl.grad(body.u))[:, 0]
-    inside = ufl.conditional(abs(x[0] + body.u[0] - scene.lid.center[0]) < half, 1.0, 0.0)
-    ds = measure(body.mesh, facets_at(body.mesh, 1, 0.0))(degree=8)
-    length = integral(body.mesh, inside * ds)
-    return integral(body.mesh, inside * ufl.sqrt(ufl.dot(tangent, tangent)) * ds) / length
+class Stretch:
+    """Mean stretch along the surface, in the middle half of the contact."""
+
+    def __init__(self, body):
+        self.mesh, x = body.mesh, ufl.SpatialCoordinate(body.mesh)
+        self.centre, self.half = fem.Constant(body.mesh, 0.0), fem.Constant(body.mesh, 0.0)
+        tangent = (ufl.Identity(2) + ufl.grad(body.u))[:, 0]
+        inside = ufl.conditional(abs(x[0] + body.u[0] - self.centre) < self.half, 1.0, 0.0)
+        ds = measure(body.mesh, facets_at(body.mesh, 1, 0.0))(degree=8)
+        forms = inside * ds, inside * ufl.sqrt(ufl.dot(tangent, tangent)) * ds
+        self.forms = [fem.form(form) for form in forms]  # once: numbers in a form compile it anew
+
+    def __call__(self, scene, contact):
+        """Now. Collective."""
+        self.centre.value, self.half.value = scene.lid.center[0], contact.patch()[0] / 4
+        length, stretched = (integral(self.mesh, form) for form in self.forms)
+        return stretched / length
 
 
 def run(p, comm=MPI.COMM_WORLD):
@@ -67,12 +80,12 @@ def run(p, comm=MPI.COMM_WORLD):
     of_rubber = rubber.Parameters("roller", p.facet, steps * STEP / 360, steps)
     scene, (contact,), stepper = rubber.build(comm, of_rubber)
     base = Reaction(scene.body.F, scene.body.V, facets_at(scene.body.mesh, 1, -HEIGHT))
-    rows = []
+    stretch_now, rows = Stretch(scene.body), []
     for t in stepper.run(scene.end):
         force, reaction = contact.force("master"), base()
         error = np.linalg.norm(force - reaction) / np.linalg.norm(force)
         angle = np.radians(max(0.0, t - PRESSING) * STEP)
-        way, stretch = -scene.moved(), stretch_under(scene, contact)
+        way, stretch = -scene.moved(), stretch_now(scene, contact)
         rows.append({"angle": angle, "way": way, "stretch": stretch, "error": error})
     last, before = rows[-1], rows[-5]
     turn = 2 * np.pi * (last["way"] - before["way"]) / (last["angle"] - before["angle"])

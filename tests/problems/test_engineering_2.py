@@ -16,28 +16,46 @@ from stl_forging_die import HEIGHT, profile, write_stl
 import qsdolfinx as qs
 
 
-def test_roller_on_rubber():
+def check_picture(tmp_path, draw, *what):
+    """A picture can be drawn, of a legible size, if matplotlib is there. Collective."""
+    pytest.importorskip("matplotlib")
+    filename = WORLD.bcast(tmp_path / "picture.png")
+    draw(filename, *what)
+    WORLD.barrier()
+    with pytest.importorskip("PIL.Image").open(filename) as picture:
+        width, height = picture.size
+        pixels = np.asarray(picture.convert("L"))
+    assert 800 <= width <= 1800 and 300 <= height <= 1500
+    assert 0.02 < np.mean(pixels < 200) < 0.7
+
+
+def test_roller_on_rubber(tmp_path):
     """It comes as far as rubber passes its rim, and less far than the rim is long."""
-    result, rows, _ = roller_on_rubber.run(roller_on_rubber.Parameters(4.0, 48.0), WORLD)
+    result, rows, scene = roller_on_rubber.run(roller_on_rubber.Parameters(4.0, 48.0), WORLD)
     check(result, roller_on_rubber.LIMITS)
     assert 1.05 < result["stretch"] < 1.2
     ways = [row["way"] for row in rows if row["angle"] > 0]
     assert np.all(np.diff(ways) > 0)
+    published = roller_on_rubber.PUBLISHED
+    check_picture(tmp_path, roller_on_rubber.draw, result, rows, scene, published)
 
 
-def test_bracket():
+def test_bracket(tmp_path):
     """Tied or in one mesh it has the same stress; the tied one has fewer unknowns."""
-    result, *_ = bracket.run(bracket.Parameters(2.0, 5.0), WORLD)
+    result, *bodies = bracket.run(bracket.Parameters(2.0, 5.0), WORLD)
     check(result, bracket.LIMITS)
     assert result["dofs"] < 0.8 * result["dofs_matching"]
     assert 1.5 < result["concentration"] < 2.5
+    check_picture(tmp_path, bracket.draw, result, *bodies)
 
 
-def test_stl_forging():
-    """Volume, forces and energies balance; billet goes up into the pocket."""
-    result, rows = stl_forging.run(stl_forging.Parameters(3.0, 12, 2 / 3), WORLD)
+def test_stl_forging(tmp_path):
+    """Volume, forces and energies balance; the billet goes up into the pocket."""
+    picture = stl_forging.Picture()
+    result, rows = stl_forging.run(stl_forging.Parameters(3.0, 12, 2 / 3), WORLD, picture)
     check(result, stl_forging.LIMITS)
     assert result["boss"] > 0.5 * rows[-1]["stroke"]
+    check_picture(tmp_path, picture.draw, rows)
 
 
 def test_stl_file(tmp_path):
@@ -59,11 +77,13 @@ def test_stl_file(tmp_path):
     np.testing.assert_allclose(die.facet_size_range, (edges.min(), edges.max()), rtol=1e-5)
 
 
-def test_three_bodies():
+def test_three_bodies(tmp_path):
     """Bars in series, Coulomb's law, balance; the run that went on is the same one."""
-    result, rows, again = three_bodies.run(three_bodies.Parameters(3, 2), WORLD)
+    picture = three_bodies.Picture()
+    result, rows, again = three_bodies.run(three_bodies.Parameters(3, 2), WORLD, picture)
     check(result, three_bodies.LIMITS)
     assert (len(rows), len(again)) == (6, 2)
+    check_picture(tmp_path, picture.draw, rows, again)
 
 
 def test_three_bodies_restarted(tmp_path, monkeypatch, capsys):
@@ -80,6 +100,11 @@ def test_three_bodies_restarted(tmp_path, monkeypatch, capsys):
     assert abs(json.loads(json_file.read_text())["restart_error"]) < 1e-9
     with pytest.raises(ValueError, match="--restart needs the --output"):
         three_bodies.Parameters(restart=True)
+
+
+def test_roller_needs_an_angle():
+    with pytest.raises(ValueError, match="--degrees: must be at least 20"):
+        roller_on_rubber.Parameters(degrees=4.0)
 
 
 @pytest.mark.parametrize("name", ("bracket", "roller_on_rubber", "stl_forging", "three_bodies"))
