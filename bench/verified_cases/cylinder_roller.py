@@ -1,27 +1,29 @@
-"""A steel roller, radius 50 mm, is pressed by 35 kN/mm on an aluminium block, 200 × 200 mm, in plane strain (E = 210 and
-70 GPa, ν = 0.3): benchmark 1 of A. Konter, *Advanced Finite Element Contact Benchmarks*, NAFEMS R0094 (2006), as MSC's
-*MD Demonstration Problems*, chapter 1, describes it. Hertz' closed form is for small strains. The displacements of B, on
-the block below the roller, are those of Code_Aster's test SSNP154 with large displacements and quadratic elements
-(`ssnp154b`, μ = 0; `d`, μ = 0.1); the scatter is to linear ones (−1.30690 and −1.30112, `a` and `c`). They are called
-external there, but seem to be that code's own; the report's were not at hand.
+"""A steel roller is pressed on an aluminium block: Hertz' contact.
 
-Ours: half of the model, triangles of degree 2, augmented Lagrangian. Small strains for Hertz' values: the largest pressure
-at a node, and the half width of the ellipse that fits the pressures best. For B St. Venant's and Kirchhoff's material
-and finite sliding, the load in 5 steps. It is spread over 10 mm at the top, where the benchmark has a point's force.
+Benchmark 1 of A. Konter, *Advanced Finite Element Contact Benchmarks*, NAFEMS R0094 (2006), as
+MSC's *MD Demonstration Problems*, chapter 1, describes it: radius 50 mm, 35 kN/mm, a block of 200
+× 200 mm, plane strain, E = 210 and 70 GPa, ν = 0.3. Hertz' closed form is for small strains. The
+displacements of B, on the block below the roller, are those of Code_Aster's test SSNP154, with
+large displacements and quadratic elements (`ssnp154b`, μ = 0; `d`, μ = 0.1); the scatter is to
+linear ones (−1.30690 and −1.30112, `a` and `c`). That test calls them external, but they are also
+what it computes itself; the report was not at hand.
+
+Ours: half of the model, triangles of degree 2, augmented Lagrangian. Small strains for Hertz'
+values: the largest pressure at a node, and the half width of the ellipse that fits the pressures
+best. For B St. Venant's and Kirchhoff's material and finite sliding, the load in 5 steps. It is
+spread over 16 mm at the roller's top, where the benchmark has a force at a point.
 """
 
 import itertools
 
 import numpy as np
+from common.bodies import facets_at
+from verified_cases.elastic import Body, graded
+from verified_cases.row import Row
 
 from dolfinx import mesh
 
 import qsdolfinx as qs
-
-from common.bodies import facets_at
-
-from verified_cases.elastic import Body, graded
-from verified_cases.row import Row
 
 TITLE = "Roller on a block (NAFEMS R0094, 1)"
 FAR = 0.03

@@ -1,13 +1,12 @@
-"""What the cases of NAFEMS R0094 are made of: elastic bodies of degree 2, and meshes graded to them."""
+"""Elastic bodies of degree 2, and graded meshes, of the cases after NAFEMS R0094."""
 
 import numpy as np
+from common.bodies import fix, gmsh_mesh, measure, per_area
 
 import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
-
-from common.bodies import fix, gmsh_mesh, measure, per_area
 
 
 class Body:
@@ -42,7 +41,7 @@ class Body:
         self.bcs += [fix(self.V, axis, facets) for axis in axes]
 
     def press(self, facets, traction):
-        """Load facets by a uniform dead load downwards, a stress; returns its factor, 1 at first."""
+        """Load facets by a dead traction downwards, a stress; returns its factor, 1 at first."""
         factor = fem.Constant(self.mesh, 1.0)
         self.F += factor * traction * self.around * self.v[1] * measure(self.mesh, facets)
         return factor

@@ -1,24 +1,25 @@
-"""A steel punch, Ø100 × 100 mm, whose lower edge is rounded by 10 mm, is pressed by 100 MPa on an aluminium foundation,
-Ø200 × 200 mm, held at its bottom; axisymmetric, E = 210 and 70 GPa, ν = 0.3: benchmark 2 of A. Konter, *Advanced Finite
-Element Contact Benchmarks*, NAFEMS R0094 (2006). Dimensions and loads are those that SimScale, solids4foam and
-Code_Aster (test SSNA122) give; the report was not at hand. M is the middle of the foundation's upper face. References
-are Code_Aster's, with large displacements and quadratic elements (`ssna122b`), their scatter the difference to linear ones
-(−0.13073 and −0.12858, `ssna122a`). That test says of them that they are external, but they are what it computes itself.
+"""A steel punch with a rounded edge is pressed on an aluminium foundation.
 
-Ours: triangles of degree 2, fine where the fillet begins, St. Venant's and Kirchhoff's material, augmented Lagrangian, finite
-sliding, the pressure in 5 steps.
+Benchmark 2 of A. Konter, *Advanced Finite Element Contact Benchmarks*, NAFEMS R0094 (2006): punch
+Ø100 × 100 mm, edge rounded by 10 mm, foundation Ø200 × 200 mm, held at its bottom, 100 MPa;
+axisymmetric, E = 210 and 70 GPa, ν = 0.3. Those are what SimScale, solids4foam and Code_Aster
+(test SSNA122) give; the report was not at hand. M is the middle of the foundation's upper face.
+References are Code_Aster's, with large displacements and quadratic elements (`ssna122b`), their
+scatter is the difference to linear ones (−0.13073 and −0.12858, `ssna122a`). That test calls them
+external, from Abaqus and Marc, but they are also what it computes itself.
+
+Ours: triangles of degree 2, fine where the fillet begins, St. Venant's and Kirchhoff's material,
+augmented Lagrangian, finite sliding, the pressure in 5 steps.
 """
 
 import numpy as np
+from common.bodies import facets_at
+from verified_cases.elastic import Body, graded
+from verified_cases.row import Row
 
 from dolfinx import mesh
 
 import qsdolfinx as qs
-
-from common.bodies import facets_at
-
-from verified_cases.elastic import Body, graded
-from verified_cases.row import Row
 
 TITLE = "Punch with a rounded edge (NAFEMS R0094, 2)"
 FAR = 0.015

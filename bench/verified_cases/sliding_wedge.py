@@ -1,14 +1,17 @@
-"""A wedge on an incline of slope tan α = 0.1 is loaded by G downwards and pushed up by F: the contact benchmark CGS-4
-of NAFEMS' earlier series (2D). At full slip F/G = (tan α + μ) / (1 − μ tan α), whatever the moduli are; for μ = 0.3 that is
-the 0.412371 which FrontISTR's test `cgs4` is compared with as well (its own value is 0.412168). Ours: the demo
-`demos/sliding_wedge.py`, whose lengths, moduli and load are its own; quadrilaterals of degree 1 that do not match at the
-incline, augmented Lagrangian. Pushed until all nodes slip, with the points that were paired at first; and over 0.5,
-two facets, paired anew in each step on the deformed surfaces, of which the closed form says nothing.
+"""A wedge that is pushed up an incline: the force against the closed form.
+
+NAFEMS' contact benchmark CGS-4: on a slope tan α = 0.1 a wedge carries G and is pushed up by F. At
+full slip F/G = (tan α + μ) / (1 − μ tan α), whatever the moduli are: 0.412371 for μ = 0.3, with
+which FrontISTR's test `cgs4` compares its 0.412168.
+
+Ours: the demo `demos/sliding_wedge.py`, whose dimensions, moduli and load are its own;
+quadrilaterals of degree 1 that do not match at the incline, augmented Lagrangian. Pushed until all
+nodes slip, with the points that were paired at first; and over 0.5, two facets of the coarse mesh,
+paired anew in each step on the deformed surfaces, for which the closed form does not quite hold.
 """
 
 from sliding_wedge import Parameters, closed_form
 from sliding_wedge import run as push
-
 from verified_cases.row import Row
 
 TITLE = "Sliding wedge (NAFEMS CGS-4)"
