@@ -61,8 +61,8 @@ class Parameters:
     solver: str = option("auto", "linear solver")
     min_quality: float = option(0.04, "shape of the worst cell at which a mesh is given up")
     remesh_quality: float = option(0.08, "shape of the worst cell at which it gets a new mesh")
-    thinning: float = option(0.05, "part of its thickness that the flash may lose in a step")
-    every: int = option(4, "steps from a new mesh to the next, at most")
+    thinning: float = option(0.04, "part of its thickness that the flash may lose in a step")
+    every: int = option(3, "steps from a new mesh to the next, at most")
     stroke: float | None = option(None, "of the press; by default until the dies are closed")
     quick: bool = option(False, "coarse, and not to the end: at most two minutes")
     verbose: bool = False
