@@ -1,4 +1,4 @@
-"""Formulas of the site by KaTeX, which is copied into it: the built pages load nothing from elsewhere.
+"""Formulas of the site by KaTeX, which is copied into it: its pages load nothing from elsewhere.
 
 Formulas that KaTeX does not know are warned of, and so end the build.
 """
@@ -73,8 +73,8 @@ def begin(app):
         return
     if missing := [name for name in FILES if not (SOURCE / name).exists()]:
         raise ExtensionError(
-            f"{SOURCE} has no {missing[0]}: install libjs-katex and fonts-katex (Debian), or set KATEX "
-            "to the folder dist of a release of KaTeX"
+            f"{SOURCE} has no {missing[0]}: install libjs-katex and fonts-katex (Debian), or "
+            "set KATEX to the folder dist of a release of KaTeX"
         )
 
 

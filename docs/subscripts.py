@@ -4,7 +4,7 @@ import re
 
 from docutils import nodes
 
-#: A single letter, perhaps with an accent of its own, and what is below it: λ_k, ḡ_k, λ̂_h, x_{t+Δt}.
+#: A single letter, perhaps with an accent, and what is below it: λ_k, ḡ_k, λ̂_h, x_{t+Δt}.
 SYMBOL = re.compile(r"(?<![A-Za-z0-9_])([^\W\d_][\u0300-\u036f]?)_(\{[^{}\s]+\}|[^\W_]+)")
 LEFT_ALONE = (nodes.literal, nodes.FixedTextElement, nodes.math, nodes.title, nodes.raw)
 
