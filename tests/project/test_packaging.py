@@ -24,7 +24,7 @@ DEBIAN = {
     "scikit-build-core": "python3-scikit-build-core",
 }
 #: Of debian-packages.txt, what is for pip or has another name in a package's control file.
-NOT_IN_CONTROL = {"python3-pip", "pkg-config", "python3-pytest-xdist"}
+NOT_IN_CONTROL = {"python3-pip", "pkg-config", "python3-pytest-xdist", "g++"}
 #: What makes a Debian package of anything.
 DEBHELPERS = {"debhelper-compat", "dh-sequence-python3", "pybuild-plugin-pyproject", "pkgconf"}
 
