@@ -99,8 +99,12 @@ def main():
     command = Command(__doc__, Parameters, plot="sections, force over stroke, stress in the die")
     command.add_file("--animate", film_file, "all steps as a GIF")
     command.add_file("--curve", output_file, "write the force of the press over its way as CSV")
-    command.add_file("--against", read_curve, "compare it with that of a run with other cells")
+    command.add_file("--against", str, "compare it with that of a run with other cells")
     p, a = command.parse()
+    try:
+        other = read_curve(a.against) if a.against else None
+    except ValueError as error:
+        command.error(f"--against: {error}")
     stages = Stages(p) if a.plot or a.animate else None
     result, scene, die, curve = run(dataclasses.replace(p, verbose=True), on_step=stages)
     force = ", ".join(f"{f / 1e3:.2f}" for f in (die.sent[2], die.arrived[2]))
@@ -111,7 +115,7 @@ def main():
         say(line)
     if a.curve and MPI.COMM_WORLD.rank == 0:
         write_curve(a.curve, curve)
-    for line in compared(curve, a.against) if a.against is not None else ():
+    for line in compared(curve, other) if a.against else ():
         say(line)
     if a.plot:
         stages.plot(a.plot, die)

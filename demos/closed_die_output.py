@@ -1,7 +1,5 @@
 """What the closed-die demo measures, and its pictures: sections, force over stroke, die stress."""
 
-import argparse
-
 import numpy as np
 
 from dolfinx import mesh
@@ -128,13 +126,17 @@ def write_curve(filename, curve):
 
 
 def read_curve(filename):
-    """What write_curve has written: way and force, (steps + 1, 2); an option's type."""
+    """What write_curve has written: way and force, (steps + 1, 2).
+
+    Raises:
+        ValueError: If it is no such file.
+    """
     try:
         curve = np.loadtxt(filename, delimiter=",", skiprows=1, ndmin=2)
     except (OSError, ValueError) as error:
-        raise argparse.ArgumentTypeError(f"no curve in {filename}: {error}") from None
+        raise ValueError(f"no curve in {filename}: {error}") from None
     if curve.shape[0] < 2 or curve.shape[1] != 2:
-        raise argparse.ArgumentTypeError(f"no curve in {filename}: two columns, at least two rows")
+        raise ValueError(f"no curve in {filename}: it needs two columns and at least two rows")
     return curve
 
 

@@ -592,7 +592,11 @@ class Contact:
         return results.multiplier(self.model, side)
 
     def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
-        """Nodes of this rank that are in contact, or have a point that is, shape (nodes,)."""
+        """Nodes of this rank that are in contact, or have a point that is, shape (nodes,).
+
+        Among them are nodes that are open between closed ones by less than 1e-3 of a facet, as
+        beside edges where the pressure is singular; their multiplier is 0. Collective.
+        """
         return results.active(self.model, side)
 
     def tangential_multiplier(self, side: str = "slave") -> Array:
@@ -672,8 +676,9 @@ class Contact:
         """Size of the contact at the last evaluation. Collective.
 
         Returns:
-            Area of the closed slave nodes, Σ S_k, or points, Σ w_p (2D: length), and the radius
-            of a disc of this area (2D: half the length). Known to about half a facet at the rim.
+            Area of the slave's nodes in contact (see :meth:`active`), Σ S_k, or points, Σ w_p (2D:
+            length), and the radius of a disc of this area (2D: half the length). Known to about
+            half a facet at the rim.
         """
         return results.patch(self.model)
 

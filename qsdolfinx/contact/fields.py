@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.contact import active_set, results
+from qsdolfinx.contact import results
+from qsdolfinx.contact.bridged import in_contact
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.surface import Surface
@@ -166,7 +167,7 @@ def _of_faced_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
     """Status of a master's nodes, by what they face. Collective."""
     p = model.gaps[0]
     # An open gap may be at a node of which another row's force reaches a part.
-    force = faced(p, active_set.closed(model, p).astype(np.float64))
+    force = faced(p, in_contact(model, p).astype(np.float64))
     status = np.where(force.reached, Status.OPEN, Status.UNPAIRED)
     active = force.mean > SOME  # not where it is NaN
     status = np.where(active, Status.ACTIVE, status)

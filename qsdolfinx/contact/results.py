@@ -17,7 +17,8 @@ from dolfinx import fem
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check, check_vector, one_of
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import active_set, depth
+from qsdolfinx.contact import depth
+from qsdolfinx.contact.bridged import in_contact
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place
 from qsdolfinx.friction.slip import Slip
@@ -114,9 +115,10 @@ def multiplier(model: ContactModel, side: str) -> Array:
 
 
 def active(model: ContactModel, side: str) -> Flags:
-    """Nodes in contact."""
+    """Nodes in contact. Collective."""
+    agreed(model, side)
     p = gap_of(model, side)
-    return typing.cast(Flags, p.rows.on_nodes(active_set.closed(model, p), False))
+    return typing.cast(Flags, p.rows.on_nodes(in_contact(model, p), False))
 
 
 def tangential_multiplier(model: ContactModel, side: str) -> Array:
@@ -173,10 +175,9 @@ def step_dissipation(model: ContactModel) -> float:
 
 
 def patch(model: ContactModel) -> tuple[float, float]:
-    """Area of the closed slave nodes or points, and the radius of a disc of it. Collective."""
+    """Area of the slave nodes or points in contact, and the radius of such a disc. Collective."""
     slave, p = model.slave, model.gaps[0]
-    closed = active_set.closed(model, p)
-    area = float(np.sum(p.rows.area[closed]))
+    area = float(np.sum(p.rows.area[in_contact(model, p)]))
     area = float(model.comm.allreduce(area, op=MPI.SUM))
     return area, area / 2 if slave.area_dim == 1 else math.sqrt(area / math.pi)
 
