@@ -301,6 +301,18 @@ def draw(axis, result, measure, enforcement):
         axis.set_ylim(bottom=EXACT / 3)
         axis.annotate("exact: below 1e-8", (0.98, 0.015), xycoords="axes fraction", ha="right")
     axis.grid(which="both")
+    for scale, (low, high) in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
+        if high < 100 * low:
+            label_within_decades(scale)
+
+
+def label_within_decades(scale):
+    """Label 1, 2 and 5 in each decade: of a short axis there would be one label, or none."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    scale.set_major_formatter("{x:g}")
+    scale.set_minor_formatter(NullFormatter())
 
 
 def load(folder):

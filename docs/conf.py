@@ -3,6 +3,7 @@
 import ast
 import pathlib
 import re
+import sys
 
 from docutils import nodes
 from sphinx.ext.napoleon import GoogleDocstring
@@ -11,15 +12,17 @@ from sphinx.util.docutils import SphinxDirective
 import qsdolfinx
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "docs"))  # katex.py, subscripts.py
 
 project = "qsdolfinx"
 author = "The qsdolfinx developers"
 copyright = "The qsdolfinx developers"
 version = release = qsdolfinx.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["katex", "subscripts", "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 smartquotes = False  # of --option it would make –option
 
 myst_heading_anchors = 3
+myst_enable_extensions = ["dollarmath"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
@@ -40,7 +43,9 @@ napoleon_numpy_docstring = False
 html_theme = "furo"
 html_title = f"qsdolfinx {release}"
 html_static_path = ["static"]
-html_css_files = ["tables.css"]
+html_css_files = ["katex/katex.min.css", "tables.css", "formulas.css"]
+html_js_files = ["katex/katex.min.js", "formulas.js"]
+html_math_renderer = "katex"
 html_copy_source = False
 html_show_sphinx = False
 pygments_style = "friendly"

@@ -51,9 +51,11 @@ class Rubber:
             colours.set_clim(0, largest)
             for line in lines:
                 axis.plot(*line.T, color="black", lw=1.2)
-            axis.set(xlim=(low[0] - 0.1 * high[1], high[0] + 0.1 * high[1]))
-            axis.set(ylim=(low[1] - 0.1, high[1] + 0.1 * (high[1] - low[1])))
-            axis.set(title=f"{name}: force {row.force:.3g}, u_x {row.moved:.4g}", aspect="equal")
+            width, height = high - low
+            axis.set(xlim=(low[0] - 0.05 * width, high[0] + 0.05 * width))
+            axis.set(ylim=(low[1] - 0.1 * height, high[1] + 0.1 * height))
+            moved = round(row.moved, 3) + 0.0  # and no -0
+            axis.set(title=f"{name}: force {row.force:.3g}, moved by {moved:g}", aspect="equal")
             axis.set(xlabel="x", ylabel="y")
             axis.label_outer()
         label = "shear stress / shear modulus (-)"
@@ -61,7 +63,7 @@ class Rubber:
         for axis, name, text in zip(
             right.subplots(2, 1, sharex=True),
             ("force", "moved"),
-            ("vertical force", "u_x"),
+            ("vertical force", "moved along x"),
             strict=True,
         ):
             axis.plot([row.t for row in rows], [getattr(row, name) for row in rows], "o-", ms=2.5)

@@ -5,13 +5,16 @@ import sys
 
 from PIL import Image
 
-HEIGHT = 260
+HEIGHT = 240
+#: Pixels between two parts.
+BETWEEN = 14
 #: Picture, and the part of it: left, top, right, bottom.
 PARTS = (
-    ("forging_steps", (0.02, 0.0, 0.40, 1.0)),
-    ("ironing", (0.2, 0.0, 1.0, 0.53)),
-    ("cattaneo_mindlin", (0.513, 0.497, 1.0, 1.0)),
-    ("ring_compression", (0.0, 0.0, 0.435, 1.0)),
+    ("closed_die", (0.699, 0.19, 0.93, 0.425)),
+    ("closed_die", (0.355, 0.60, 0.642, 0.905)),
+    ("closed_die", (0.643, 0.63, 0.9225, 0.995)),
+    ("oring", (0.327, 0.284, 0.579, 0.717)),
+    ("shaft", (0.3275, 0.128, 0.5805, 0.868)),
 )
 
 
@@ -26,11 +29,12 @@ def main():
             )
         width = round(part.width * HEIGHT / part.height)
         parts.append(part.resize((width, HEIGHT), Image.Resampling.LANCZOS))
-    strip = Image.new("RGB", (sum(part.width for part in parts), HEIGHT), "white")
+    width = sum(part.width + BETWEEN for part in parts) - BETWEEN
+    strip = Image.new("RGB", (width, HEIGHT), "white")
     x = 0
     for part in parts:
         strip.paste(part, (x, 0))
-        x += part.width
+        x += part.width + BETWEEN
     few = strip.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     few.save(folder / "strip.png", optimize=True)
 

@@ -36,7 +36,13 @@ def without_fences(text):
 
 def pages():
     """All pages that belong to the documentation."""
-    top = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "bench/peers/README.md")
+    top = (
+        "README.md",
+        "CONTRIBUTING.md",
+        "CHANGELOG.md",
+        "bench/peers/README.md",
+        "paper/paper.md",
+    )
     found = [ROOT / name for name in top] + sorted((ROOT / "docs").rglob("*.md"))
     return [page for page in found if page.exists()]
 
