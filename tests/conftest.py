@@ -21,7 +21,7 @@ import pytest
 # Tests import what is beside this file (scenes), in a folder of tests (hard.scenes), the demos and
 # the benchmarks.
 here = pathlib.Path(__file__).resolve().parent
-programs = [here.parent / folder for folder in ("demos", "demos/engineering", "demos/workshop", "bench")]
+programs = [here.parent / folder for folder in ("demos", "demos/engineering", "bench")]
 sys.path[:0] = [str(here), *map(str, programs)]
 #: Modules of tests that import from these are shared out: see pytest_collection_modifyitems.
 scenes = [*programs, here / "hard", here / "fuzz"]

@@ -1,4 +1,4 @@
-"""The scripts of the workshop at their smallest: each keeps the limits that it prints."""
+"""Scripts of demos/engineering at their smallest: each keeps the limits that it prints."""
 
 import json
 
@@ -110,8 +110,8 @@ def test_roller_needs_an_angle():
 @pytest.mark.parametrize("name", ("bracket", "roller_on_rubber", "stl_forging", "three_bodies"))
 def test_size(name):
     """Each script is read at a glance, and has a page and a small picture."""
-    script = pages.ROOT / f"demos/workshop/{name}.py"
+    script = pages.ROOT / f"demos/engineering/{name}.py"
     assert script.read_text(encoding="utf-8").count("\n") <= 120
     page = (pages.ROOT / f"docs/howto/{name}.md").read_text(encoding="utf-8")
-    assert f"demos/workshop/{name}.py" in page and f"../figures/{name}.png" in page
+    assert f"demos/engineering/{name}.py" in page and f"../figures/{name}.png" in page
     assert (pages.ROOT / f"docs/figures/{name}.png").stat().st_size < 150e3

@@ -17,7 +17,7 @@ import qsdolfinx as qs
 PAGES = {str(page.relative_to(pages.ROOT)): page for page in pages.pages()}
 PROGRAMS = {
     str(path.relative_to(pages.ROOT)): path
-    for folder in ("demos", "demos/engineering", "demos/workshop", "bench", "tests/hard", "tests/fuzz")
+    for folder in ("demos", "demos/engineering", "bench", "tests/hard", "tests/fuzz")
     for path in sorted((pages.ROOT / folder).glob("*.py"))
     if re.search("parse_args|Command", path.read_text(encoding="utf-8"))
 }

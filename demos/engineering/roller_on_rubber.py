@@ -4,8 +4,8 @@ The roller of demos/rubber.py: radius 30 mm, pressed 3 mm into a sheet 20 mm thi
 the zone that sticks, rubber passes with the speed of the rim. Made longer by a stretch λ, it has to
 come in more slowly by as much, so that the way in an angle φ is R φ / λ.
 
-    python3 demos/workshop/roller_on_rubber.py --plot roller_on_rubber.png
-    mpirun -n 2 python3 demos/workshop/roller_on_rubber.py --facet 4 --degrees 48
+    python3 demos/engineering/roller_on_rubber.py --plot roller_on_rubber.png
+    mpirun -n 2 python3 demos/engineering/roller_on_rubber.py --facet 4 --degrees 48
 
 Keys of the JSON object; forces are per mm of depth, stresses in the shear modulus:
 

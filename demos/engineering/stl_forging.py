@@ -5,8 +5,8 @@ m = 0.15, stands on a flat plate; the upper die, with a pocket 4 mm deep, comes 
 script writes the die as a binary STL file, as a CAD program would, and `qs.RigidSurface.from_stl`
 reads it. There is no friction, so that the power of the press is what the billet dissipates.
 
-    python3 demos/workshop/stl_forging.py --plot stl_forging.png
-    mpirun -n 2 python3 demos/workshop/stl_forging.py --size 3 --steps 3
+    python3 demos/engineering/stl_forging.py --plot stl_forging.png
+    mpirun -n 2 python3 demos/engineering/stl_forging.py --size 3 --steps 3
 
 Keys of the JSON object, of the whole billet:
 

@@ -5,8 +5,8 @@ is a longer steel plate of 40 mm, which goes down by 0.2 mm and then, as the bri
 along x. The pad sticks to the pier (μ = 0.4) and slides under the plate (μ = 0.05). The meshes do
 not match. Poisson's ratios are 0: bars in series give the load.
 
-    mpirun -n 2 python3 demos/workshop/three_bodies.py --output bearing --plot three_bodies.png
-    python3 demos/workshop/three_bodies.py --output bearing --restart
+    mpirun -n 2 python3 demos/engineering/three_bodies.py --output bearing --plot three_bodies.png
+    python3 demos/engineering/three_bodies.py --output bearing --restart
 
 The first one writes fields for ParaView, a table and, half way along x, a checkpoint; then it does
 what the second one does: build the scene anew, go on from there, and compare with the table.

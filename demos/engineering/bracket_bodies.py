@@ -1,4 +1,4 @@
-"""The bracket of the workshop, whole or in parts, one half of its width."""
+"""The bracket of docs/howto/bracket.md, whole or in parts, one half of its width."""
 
 import math
 

@@ -6,8 +6,8 @@ what is beyond it cells of --coarse; `qs.Tied` joins the three parts. The same b
 of size --fine, solved by DOLFINx alone, tells what the ties cost in accuracy, and what they save.
 Displacements are of degree 2; one half of the width is solved for, with MUMPS.
 
-    python3 demos/workshop/bracket.py --plot bracket.png
-    mpirun -n 2 python3 demos/workshop/bracket.py --fine 2
+    python3 demos/engineering/bracket.py --plot bracket.png
+    mpirun -n 2 python3 demos/engineering/bracket.py --fine 2
 
 Keys of the JSON object, each once more with _matching for the bracket in one mesh:
 
