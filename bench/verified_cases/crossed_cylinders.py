@@ -1,11 +1,12 @@
 """Two elastic cylinders crossed at right angles, frictionless: Hertz' contact in three dimensions (1882).
 
-Radii R and R: the contact is a circle, a = √(R d), F = 4/3 E* a d, p₀ = 3 F/(2π a²). Radii R and R/3: it is an ellipse of half
-axes a, b = a √(1 − e²) with d/R = 2 d² (K − E)/(K e² a²) …, K and E being complete elliptic integrals of e (K. L. Johnson,
-Contact Mechanics, 1985, section 4.2). R = 1000 a (small strains), E = 3000 and 1000, ν = 0.3; cylinders are the parabolas by
-which Hertz' theory replaces them. Ours: a quarter of both, hexahedra of degree 1 that do not match, constraints at
-points; cubes of side 8 a, whose outer faces move as under a point force, which costs 1e-3 of the force. The full run has
-9 and 7 cells along a, the small one 4 and 3. Half axes are from the pressure's second moments.
+Radii R and R: the contact is a circle, a = √(R d), F = 4/3 E* a d, p₀ = 3 F/(2π a²). Radii R and R/3: an ellipse of half axes
+a, b = a √(1 − e²), with 1/2R = d (K − E)/(K e² a²), 3/2R = d (E/(1 − e²) − K)/(K e² a²), p₀ = d E*/(b K), F = ⅔ π a b p₀, where K
+and E are complete elliptic integrals of e (K. L. Johnson, Contact Mechanics, 1985, section 4.2). R = 1000 a (small
+strains), Young's moduli 3000 and 1000, ν = 0.3; cylinders are the parabolas by which Hertz' theory replaces them. Ours: a
+quarter of both, hexahedra of degree 1 that do not match, constraints at points; cubes of side 8 a, whose outer faces
+move as under a point force. The full run has 9 and 7 cells along a, the small one 4 and 3: cells are too stiff, and with
+them the force. Half axes are from the pressure's second moments, the area is that of the closed points.
 """
 
 import numpy as np
