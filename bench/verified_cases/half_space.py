@@ -1,8 +1,8 @@
 """Elastic half spaces, fine at the contact, cut off where that acts as a point force.
 
 The outer boundary is displaced as a half space is by a point force (Boussinesq), the force being
-that of the contact: it is found by some solves. What cutting it off costs is of the order (a/L)³ of the
-approach, with a the radius of the contact and L that of the outer boundary.
+that of the contact: it is found by some solves. What cutting it off costs is of the order (a/L)³
+of the approach, with a the radius of the contact and L that of the outer boundary.
 """
 
 import itertools
