@@ -1,23 +1,24 @@
-"""Two elastic cylinders crossed at right angles, frictionless: Hertz' contact in three dimensions (1882).
+"""Two elastic cylinders crossed at right angles, frictionless: Hertz' contact in 3D (1882).
 
-Radii R and R: the contact is a circle, a = √(R d), F = 4/3 E* a d, p₀ = 3 F/(2π a²). Radii R and R/3: it is an ellipse of half
-axes a, b = a √(1 − e²) with d/R = 2 d² (K − E)/(K e² a²) …, K and E being complete elliptic integrals of e (K. L. Johnson,
-Contact Mechanics, 1985, section 4.2). R = 1000 a (small strains), E = 3000 and 1000, ν = 0.3; cylinders are the parabolas by
-which Hertz' theory replaces them. Ours: a quarter of both, hexahedra of degree 1 that do not match, constraints at
-points; cubes of side 8 a, whose outer faces move as under a point force, which costs 1e-3 of the force. The full run has
-9 and 7 cells along a, the small one 4 and 3. Half axes are from the pressure's second moments.
+Radii R and R: a circle, a = √(R d), F = 4/3 E* a d, p₀ = 3 F/(2π a²). Radii R and R/3: an ellipse,
+b = a √(1 − e²), 1/2R = d (K − E)/(K e² a²), 3/2R = d (E/(1 − e²) − K)/(K e² a²), p₀ = d E*/(b K), F
+= ⅔ π a b p₀, with K and E complete elliptic integrals of e (K. L. Johnson, Contact Mechanics, 1985,
+section 4.2). R = 1000 a, parabolas stand for the cylinders. Ours: a quarter of both, hexahedra of
+degree 1 that do not match, 9 and 7 along a (small run: 4 and 3), too stiff, and so is the force;
+cubes of side 8 a, whose outer faces move as under a point force: that costs a share of the order
+(a/8a)³ of the force, 2e-3. Constraints at points. Half axes are from the pressure's second moments,
+the area is that of the closed points.
 """
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
+from verified_cases.half_space import HalfSpace, moment_radius, peak, pressures, settle
+from verified_cases.row import Row
 
 from dolfinx import mesh
 
 import qsdolfinx as qs
-
-from verified_cases.half_space import HalfSpace, moment_radius, peak, pressures, settle
-from verified_cases.row import Row
 
 TITLE = "Crossed cylinders (Hertz)"
 FAR = 0.09
@@ -62,9 +63,7 @@ def stretched(s, even):
 
 def body(comm, sign, modulus, n, b, radius):
     """A quarter of a cylinder along x, below, or along y, above."""
-    msh = mesh.create_box(
-        comm, [[0.0] * 3, [1.0] * 3], [n] * 3, cell_type=mesh.CellType.hexahedron
-    )
+    msh = mesh.create_box(comm, [[0.0] * 3, [1.0] * 3], [n] * 3, cell_type=mesh.CellType.hexahedron)
     x = msh.geometry.x
     for axis, even in enumerate((EVEN, EVEN * b, 0.5 * EVEN * b)):
         x[:, axis] = stretched(x[:, axis], even)

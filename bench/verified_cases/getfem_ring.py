@@ -1,26 +1,25 @@
 """An elastic half ring pressed on a block and drawn along it, beside GetFEM.
 
-Neo-Hookean bodies, plane strain, quadrilaterals of degree 1, contact without friction and with Coulomb's, μ = 0.2
-(`bench/peers/ring.py`). The references are forces and displacements that GetFEM's large sliding contact with ray tracing
-gives on the same meshes, as recorded in `bench/peers/README.md` ([Peers](peers.md)); there its augmentation parameter,
-quadrature and choice of the slave move the force at the end of pressing on the coarse mesh by 0.3 %, the scatter given
-here. Small: 325 and 539 nodes, with friction; full: both, 1161 and 2037 nodes. Ours: quasi-symmetric, overlay,
-augmented Lagrangian, finite sliding. Displacements are those of the ring's lowest node, differences over what the ends
-have been moved down.
+Neo-Hookean bodies, plane strain, quadrilaterals of degree 1, without friction and with Coulomb's, μ
+= 0.2 (`bench/peers/ring.py`). The reference is what GetFEM's large sliding contact with ray tracing
+gives on the same meshes, as recorded in `bench/peers/README.md` ([Peers](peers.md)); there its
+augmentation parameter, quadrature and slave move the force on the coarse mesh by 0.3 %, the
+scatter. 1161 and 2037 nodes (small run: 325 and 539). Ours: quasi-symmetric, overlay, augmented
+Lagrangian, finite sliding. Displacements are those of the ring's lowest node in y; their difference
+is relative to that of the ends, that of the force along to the force down.
 """
 
 import pathlib
 import sys
 
-import basix.ufl
 import numpy as np
+from verified_cases.row import Row
 
+import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
-
-from verified_cases.row import Row
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[1] / "peers"))
 

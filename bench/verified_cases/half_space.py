@@ -1,20 +1,21 @@
-"""Elastic half spaces of the cases: fine at the contact, and cut off where it acts as a point force.
+"""Elastic half spaces, fine at the contact, cut off where that acts as a point force.
 
-The outer boundary is displaced as a half space is by a point force (Boussinesq), the force being that
-of the contact: it is found by some solves. What cutting it off costs is of the order (a/L)³ of the
-approach, with a the radius of the contact and L that of the outer boundary.
+The outer boundary is displaced as a half space is by a point force (Boussinesq), the force being
+that of the contact: it is found by some solves. What cutting it off costs is of the order (a/L)³
+of the approach, with a the radius of the contact and L that of the outer boundary.
 """
+
+import itertools
 
 from mpi4py import MPI
 
 import numpy as np
+from common.bodies import facets_at, fix, gmsh_mesh
 
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
-
-from common.bodies import facets_at, fix, gmsh_mesh
 
 
 def point_force(r, depth, E, nu):
@@ -44,7 +45,7 @@ def quarter_disc(comm, sign, radius, size, marks=()):
         geo = gmsh.model.geo
         on_surface = [geo.addPoint(r, 0, 0) for r in (0, *marks, radius)]
         below = geo.addPoint(0, sign * radius, 0)
-        lines = [geo.addLine(*pair) for pair in zip(on_surface, on_surface[1:], strict=False)]
+        lines = [geo.addLine(*pair) for pair in itertools.pairwise(on_surface)]
         lines.append(geo.addCircleArc(on_surface[-1], on_surface[0], below))
         lines.append(geo.addLine(below, on_surface[0]))
         geo.addPlaneSurface([geo.addCurveLoop(lines if sign > 0 else [-c for c in lines[::-1]])])
@@ -161,6 +162,14 @@ def pressures(surface, contact, side):
     """At the nodes of a side that are on this rank. Collective."""
     t = surface.node_values(contact.traction(side))
     return -np.sum(t * surface.node_normal[:, : t.shape[1]], axis=1)
+
+
+def value_at(surface, values, r):
+    """Value at a radius, linear between the nodes of all ranks. Collective."""
+    radii = surface.node_x[:, 0]
+    radii, values = (np.concatenate(surface.comm.allgather(a)) for a in (radii, values))
+    order = np.argsort(radii)
+    return np.interp(r, radii[order], values[order])
 
 
 def peak(surface, pressure):

@@ -1,10 +1,10 @@
 """Two cubes pressed on each other, beside asimov-contact (`dolfinx_contact`): unbiased Nitsche.
 
-Cubes of n³ hexahedra of degree 1 that do not match, E = 3e4 and 1.3e4, ν = 0.3, the bottom clamped, the top clamped and pressed
-down by 0.02; contact is frictionless (`bench/peers/cubes.py`). The reference is the force that asimov-contact's v0.9.0 gives
-on the same meshes, with its incomplete Cholesky, as recorded in `bench/results/peers.json`; its other linear solvers
-and its parameter γ are the scatter. Ours: overlay, augmented Lagrangian. The mean displacement of the top is given
-here, so that the force is what is compared.
+n³ hexahedra of degree 1 that do not match, E = 3e4 and 1.3e4, ν = 0.3, the bottom clamped, the top
+clamped and moved down by 0.02, frictionless (`bench/peers/cubes.py`): the displacement is given,
+and the force is compared. The reference is that of asimov-contact 0.9.0 on the same meshes, with
+incomplete Cholesky, recorded in `bench/results/peers.json`; its linear solvers are the scatter.
+Ours: overlay, augmented Lagrangian.
 """
 
 import json
@@ -12,19 +12,19 @@ import pathlib
 import sys
 
 import numpy as np
+from common.bodies import facets_at
+from verified_cases.row import Row
 
 import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 
-from common.bodies import facets_at
-from verified_cases.row import Row
-
-BENCH = pathlib.Path(__file__).resolve().parents[1]
-sys.path.append(str(BENCH / "peers"))
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1] / "peers"))
 
 import cubes
+
+BENCH = pathlib.Path(__file__).resolve().parents[1]
 
 TITLE = "Two cubes (asimov-contact)"
 FAR = 1e-4
