@@ -52,7 +52,7 @@ def number(value):
 def lines(rows):
     """Of a table in Markdown."""
     for row in rows:
-        scatter = f"{row.scatter:.2g}" if row.scatter < 1e-4 else f"{100 * row.scatter:.2g} %"
+        scatter = f"{100 * row.scatter:.2g} %"
         yield (
             f"| {row.quantity} | {number(row.reference)} ({row.source}) | "
             f"{scatter if row.scatter else '-'} | {number(row.ours)} | "

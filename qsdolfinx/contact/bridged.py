@@ -50,6 +50,33 @@ def in_contact(model: ContactModel, gap: WeightedGap) -> Flags:
     return np.asarray(closed | (narrow & (gap.rows.from_nodes(inside) > 1 - 1e-6)))
 
 
+def like_neighbours(surface: Surface, closed: Flags, flags: Flags, bridged: Flags) -> Flags:
+    """Flags of closed nodes, and at bridged ones what most closed nodes beside them have.
+
+    Collective.
+
+    Args:
+        surface: The surface.
+        closed: Owned nodes that are closed.
+        flags: Of these.
+        bridged: Owned nodes that are in contact and not closed.
+    """
+    if not surface.comm.allreduce(bool(bridged.any()), op=MPI.LOR):
+        return flags
+    trace, vec = TraceValues(surface), surface.create_vec()
+    own = surface.node_dofs[:, 0] - vec.owner_range[0]
+    vertices = surface.num_facet_vertices
+    vec.array[own] = np.where(closed, np.where(flags, 1.0, -1.0), 0.0)
+    of_facets = trace(vec)[:, :vertices, 0].sum(axis=1)
+    vec.set(0.0)
+    dofs = surface.trace_dofs[0][:, :vertices, 0].astype(PETSc.IntType)
+    vec.setValues(dofs.ravel(), np.repeat(of_facets, vertices), addv=PETSc.InsertMode.ADD)
+    vec.assemble()
+    most = vec.array_r[own] > 0
+    vec.destroy()
+    return np.asarray(np.where(bridged, most, flags))
+
+
 def between_closed(surface: Surface, state: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """1 at the owned nodes that are closed or between closed ones, else 0. Collective.
 

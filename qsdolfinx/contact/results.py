@@ -17,8 +17,8 @@ from dolfinx import fem
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check, check_vector, one_of
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import depth
-from qsdolfinx.contact.bridged import in_contact
+from qsdolfinx.contact import active_set, depth
+from qsdolfinx.contact.bridged import in_contact, like_neighbours
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place
 from qsdolfinx.friction.slip import Slip
@@ -135,11 +135,15 @@ def slip(model: ContactModel, side: str) -> Array:
 
 
 def slipping(model: ContactModel, side: str) -> Flags:
-    """Nodes in contact that slip; none without friction."""
+    """Nodes in contact that slip; none without friction. Collective."""
+    agreed(model, side)
+    p = gap_of(model, side)
     if not model.slips:
-        return np.zeros(len(gap_of(model, side).slave.node_area), dtype=bool)
+        return np.zeros(len(p.slave.node_area), dtype=bool)
     found = slip_of(model, side)
-    return np.asarray(found.gap.rows.on_nodes(found.slipping, False), dtype=bool)
+    slips = np.asarray(found.gap.rows.on_nodes(found.slipping, False), dtype=bool)
+    closed = np.asarray(p.rows.on_nodes(active_set.closed(model, p), False), dtype=bool)
+    return like_neighbours(p.slave, closed, slips, active(model, side) & ~closed)
 
 
 def dissipation(model: ContactModel, side: str) -> Array:

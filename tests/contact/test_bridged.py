@@ -67,6 +67,17 @@ def test_flat_punch(gdim, n, options):
         assert WORLD.allreduce(int(np.sum(zero))) == 2
 
 
+@pytest.mark.parametrize("sticks", (True, False))
+def test_they_slip_as_their_neighbours(sticks):
+    """A punch that sticks does so everywhere, and one that slips slips everywhere."""
+    friction = qs.Sticking() if sticks else qs.Coulomb(1e-6)
+    contact = punch(2, 16, 0.01, quadrature="overlay", friction=friction)
+    active, slips = contact.active(), contact.slipping()
+    assert WORLD.allreduce(int(np.sum(active & (contact.multiplier() == 0)))) == 2
+    beside = np.abs(contact.slave.node_x[:, 0]) > 0.3
+    assert WORLD.allreduce(int(np.sum(slips[beside] == sticks))) == 0
+
+
 def test_hollow_is_open():
     """A hollow of many facets is open, however flat it is."""
     n = 16

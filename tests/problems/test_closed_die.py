@@ -28,7 +28,7 @@ KEYS = [
 
 
 #: A mesh of some hundred cells, through a new one at each step.
-COARSE = Parameters(size=4.5, tool_size=3.0, advance=1.5, every=1, stroke=5.0)
+COARSE = Parameters(size=4.5, tool_size=3.0, advance=1.5, every=1, thinning=0.05, stroke=5.0)
 
 
 @functools.cache
