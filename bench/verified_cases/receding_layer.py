@@ -4,7 +4,7 @@ L. M. Keer, J. Dundurs, K. C. Tsai (J. Appl. Mech. 39, 1972): a pressure q on |x
 layer of thickness h; without friction and weight it touches the half plane on |x| < b, whatever the
 load. b depends on the ratio of the moduli E' = E/(1 − ν²). The reference is the integral equation
 of that problem, solved here by Chebyshev polynomials to 1e-6 (`exact`); no table of the paper was
-at hand. Ours: half of it, quadrilaterals of degree 2 and 0.025 h (small run: 0.1 h), the layer 8 h
+at hand. Ours: half of it, quadrilaterals of degree 2 and 0.05 h (small run: 0.1 h), the layer 8 h
 long, the half plane 40 h × 40 h; constraints at points, whose closed ones give b.
 """
 
@@ -117,7 +117,7 @@ def solve(comm, stiffness, size, load):
 
 def run(small, comm):
     """Rows of the case."""
-    size, rows = STRIP / (5 if small else 20), []  # a vertex at the end of the strip
+    size, rows = STRIP / (5 if small else 10), []  # a vertex at the end of the strip
     source = "integral equation"
     for stiffness, name in ((1 / 3, "E'/3"), (1, "E'"), (3, "3 E'")):
         b, p = exact(stiffness)
