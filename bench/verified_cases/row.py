@@ -11,8 +11,8 @@ class Row:
         quantity: What it is, with its unit.
         reference: Value given by others.
         ours: Value computed here.
-        scatter: How far apart the reference's own sources are, or its tolerance: relative, or
-            absolute where ``of`` is given; 0 of closed forms.
+        scatter: How far apart the reference's own sources are, or its tolerance, relative; 0 of
+            closed forms.
         source: Where the reference is from: "closed form", a test's number, a paper.
         of: What differences are relative to, by default the reference.
     """
