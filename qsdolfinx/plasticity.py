@@ -132,8 +132,16 @@ class J2Plasticity:
 
     @property
     def fields(self) -> dict[str, fem.Function]:
-        """The state by name: what has to be carried to another mesh, or kept for a restart."""
+        """What has to be carried to another mesh, by name; see :meth:`restart`."""
         return {"elastic_strain": self.elastic_strain, "plastic_strain": self.plastic_strain}
+
+    @property
+    def state(self) -> dict[str, fem.Function]:
+        """What has to be kept with w to go on later on the same mesh; see :meth:`resume`.
+
+        For instance in a checkpoint, ``qs.save_run(stepper, folder, body.state)``.
+        """
+        return self.fields | {"volume": self.volume}
 
     @property
     def residual(self) -> ufl.Form:
@@ -172,7 +180,10 @@ class J2Plasticity:
         return self._weight * self.yield_stress * alpha * self.dx
 
     def update(self) -> None:
-        """Take w as the end of a step: the next one starts there. Collective."""
+        """Take w as the end of a step: the next one starts there. Collective.
+
+        Not after w and the state were set from elsewhere, see :meth:`resume`.
+        """
         values = []
         for field, expression in self._new.items():
             new = fem.Function(field.function_space)
@@ -185,10 +196,18 @@ class J2Plasticity:
     def restart(self) -> None:
         """Take w, and what the fields were set to, as the state of the body. Collective.
 
-        So after the fields were carried to a new mesh, where w is zero.
+        So after the fields were carried to a new mesh, where w is zero. ``volume`` follows from
+        them; on the same mesh :meth:`resume` keeps it as it was.
         """
         self._start.x.array[:] = self.w.x.array
         self.volume.interpolate(self._ratio)
+
+    def resume(self) -> None:
+        """Take w, and what all of the state was set to, as the state of the body. Collective.
+
+        So after ``qs.load_run(stepper, folder, body.state)``.
+        """
+        self._start.x.array[:] = self.w.x.array
 
     # --- The step in UFL
 

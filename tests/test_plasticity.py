@@ -299,6 +299,43 @@ def test_at_rest(kind, mixed):
         assert np.abs(displacement.x.array).max(initial=0.0) < 1e-8
 
 
+@pytest.mark.parametrize("mixed", (False, True))
+def test_goes_on_from_a_checkpoint(mixed, tmp_path):
+    """Saved half way and loaded into another body of the same mesh: all digits the same."""
+    folder = WORLD.bcast(str(tmp_path / "run"))
+
+    def run():
+        body = scene("axisymmetric", n=3, mixed=mixed, degree=4 if mixed else 2)
+        msh = body.mesh
+        V = body.w.function_space.sub(0) if mixed else body.w.function_space
+        die = qs.RigidSurface.plane(WORLD, point=[0, 1], normal=[0, -1])
+        top = qs.Surface(V, facets=plane(msh, 1, 1.0), axisymmetric=True)
+        contact = qs.Contact(top, die, friction=qs.Tresca(50.0), penalty=1e3 * E)
+        bcs = [slide(V, axis, plane(msh, axis, 0.0)) for axis in (0, 1)]
+        problem = qs.ContactProblem([body.residual], [body.w], [contact], [bcs])
+
+        def drive(t, dt):
+            die.displacement = [0, -0.1 * dt if t < 0.7 else 0.02 * dt]
+
+        return body, contact, qs.TimeStepper(problem, 0.1, drive)
+
+    body, contact, stepper = run()
+    for t in stepper.run(1.0):
+        body.update()
+        if np.isclose(t, 0.5):
+            qs.save_run(stepper, folder, body.state)
+            with pytest.warns(qs.ContactWarning, match="'volume' of u"):
+                qs.save_run(stepper, folder + "-less", body.fields)
+    force, strain = contact.force("slave")[1], body.plastic_strain.x.array.copy()
+    body, contact, stepper = run()
+    qs.load_run(stepper, folder, body.state)
+    body.resume()
+    for _ in stepper.run(1.0):
+        body.update()
+    assert np.isclose(contact.force("slave")[1], force, rtol=1e-7)
+    assert np.abs(body.plastic_strain.x.array - strain).max(initial=0.0) < 1e-8
+
+
 def test_pressed_by_a_die():
     """A cylinder under a plane without friction, in time steps: F = π R² |τ| h₀ / h."""
     body = scene("axisymmetric", n=3, mixed=True, degree=4)

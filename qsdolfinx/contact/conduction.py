@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -10,12 +11,16 @@ import numpy.typing as npt
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.handles import handle_of
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.friction_heat import FrictionHeat
 from qsdolfinx.gap.laws import Conductance
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]
+
+#: Conductance over the largest that there is, of a gap that does not conduct.
+NOTHING = 1e-2
 
 
 def begin(model: ContactModel) -> None:
@@ -65,11 +70,36 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
     model.conduction_state = state
     with collective_errors(model.comm):  # h may be the user's
         gap.state.conductance = law.values(gap.num_rows, state)
+    if law.of_state and not model.warned_of_gaps:
+        _advise(model, law, gap)
     if model.friction_heat is not None:
         assert model.mechanics is not None
         dt = model.kinematics.dt or model.mechanics.of.kinematics.dt
         assert dt is not None
         model.friction_heat.power = np.asarray(model.mechanics.dissipation() / dt, np.float64)
+
+
+def _advise(model: ContactModel, law: Conductance, gap: WeightedGap) -> None:
+    """Warn once where h still conducts at the distance beyond which nothing is paired."""
+    assert model.mechanics is not None
+    radius = model.mechanics.of.paired.search_radius
+    wide, present = gap.points.num_unpaired, gap.state.conductance
+    assert present is not None
+    wide = model.comm.allreduce(wide, op=MPI.SUM)
+    largest = model.comm.allreduce(float(np.max(present, initial=0.0)), op=MPI.MAX)
+    if wide == 0:
+        return
+    temperatures = [np.full(1, law.tool_temperature)] * (2 if law.of_temperature else 0)
+    with collective_errors(model.comm):
+        there = float(law.values(1, (np.zeros(1), np.full(1, radius), *temperatures))[0])
+    if there > NOTHING * largest:
+        model.warned_of_gaps = True
+        warn(
+            f"h: {wide} nodes face nothing within the search radius {radius:.3g}, at which h is "
+            f"still {there:.3g}; what flows across wider gaps is left out: give the contact in of "
+            "a search_radius above the widest gap that is to conduct",
+            ContactWarning,
+        )
 
 
 def _state(

@@ -313,6 +313,8 @@ class ContactModel:
         self.evaluated_at = 0
         #: Minus the least, and the largest value of a scalar field at the slave's rows here.
         self.field_range: npt.NDArray[np.float64] = np.zeros(2)
+        #: Whether there was a warning of gaps too wide to be paired, across which h conducts.
+        self.warned_of_gaps = False
         #: What conductances were functions of at the last evaluation, at the points.
         self.conduction_state: tuple[npt.NDArray[np.float64], ...] = ()
         #: Whether the bodies' contact is one of the same bodies, whose unknowns are mixed.

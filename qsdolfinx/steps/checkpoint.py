@@ -16,7 +16,7 @@ import basix
 from dolfinx import fem, mesh
 
 from qsdolfinx.base.collective import collective_errors
-from qsdolfinx.compat import cell_nodes, coordinate_element
+from qsdolfinx.compat import cell_nodes, coordinate_element, interpolation_points
 
 Array = npt.NDArray[np.float64]
 Keys = npt.NDArray[np.int64]
@@ -51,7 +51,7 @@ class Checkpoint:
 
         Args:
             functions: Functions with at most one node per vertex, edge, face or cell: P1, P2, MINI
-                and mixed spaces of them, piecewise constants.
+                and mixed spaces of them, piecewise constants; or of quadrature elements.
             meshes: Meshes with the coordinates to store, shape (geometry nodes, 3).
             values: What JSON can hold, the same on all ranks.
             whole: Arrays of rank 0 by files, see :meth:`arrays`.
@@ -253,7 +253,8 @@ def _function_keys(name: str, function: fem.Function) -> tuple[Keys, npt.NDArray
         the vertices of the unknown's vertex, edge, face or cell; and the unknowns.
 
     Raises:
-        ValueError: If more than one node belongs to one of these, or it has a direction.
+        ValueError: If more than one node belongs to one of these, or it has a direction, unless
+            they are the points of a quadrature rule.
     """
     keys, unknowns = [], []
     for number, V in enumerate(_leaves(function.function_space)):
@@ -263,11 +264,13 @@ def _function_keys(name: str, function: fem.Function) -> tuple[Keys, npt.NDArray
             for dim, n in enumerate(topology)
             for j in range(len(n))
         )
-        if several or V.element.needs_dof_transformations:
+        at_points = bool(getattr(V.ufl_element(), "is_quadrature", False))
+        if (several and not at_points) or V.element.needs_dof_transformations:
             raise ValueError(
-                f"{name}: a checkpoint holds functions with one node per vertex, edge, face or cell"
+                f"{name}: a checkpoint holds functions with one node per vertex, edge, face or "
+                "cell, or at quadrature points"
             )
-        field_keys, field_unknowns = _leaf_keys(V)
+        field_keys, field_unknowns = _point_keys(V) if at_points else _leaf_keys(V)
         head = np.full((len(field_keys), 1), number)
         keys.append(np.hstack([head, field_keys]))
         unknowns.append(field_unknowns)
@@ -289,20 +292,51 @@ def _cell_topology(msh: mesh.Mesh) -> list[list[list[int]]]:
     return basix.topology(cell)
 
 
-def _leaf_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
-    """Keys and local unknowns of a scalar or blocked space."""
-    msh, layout = V.mesh, V.dofmap.dof_layout
-    topology = _cell_topology(msh)
-    vertex_count = len(topology[0])
-    geometry_layout = coordinate_element(msh).create_dof_layout()
-    places = [geometry_layout.entity_dofs(0, v)[0] for v in range(vertex_count)]
-    nodes = msh.geometry.input_global_indices[cell_nodes(msh)[:, places]]
-    bs = layout.block_size
-    unrolled = V.dofmap.list
+def _cell_vertices(msh: mesh.Mesh) -> Keys:
+    """Input numbers of the vertices of this rank's cells, (cells, vertices)."""
+    layout = coordinate_element(msh).create_dof_layout()
+    places = [layout.entity_dofs(0, v)[0] for v in range(len(_cell_topology(msh)[0]))]
+    return np.asarray(msh.geometry.input_global_indices[cell_nodes(msh)[:, places]], dtype=np.int64)
+
+
+def _unrolled(V: fem.FunctionSpace) -> Keys:
+    """Local unknowns of the cells, those of a node one after the other, (cells, unknowns)."""
+    bs, unrolled = V.dofmap.dof_layout.block_size, V.dofmap.list
     if V.dofmap.bs == bs:
         # A rank may have no cells: reshape cannot guess then.
         width = unrolled.shape[1] * bs
         unrolled = (unrolled[:, :, None] * bs + np.arange(bs)).reshape(len(unrolled), width)
+    return np.asarray(unrolled, dtype=np.int64)
+
+
+def _point_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
+    """Keys and local unknowns of a quadrature element.
+
+    A partition may turn a cell's vertices, and its points with them: points are numbered by their
+    weights of the vertices, these in the order of their input numbers.
+    """
+    kind = getattr(basix.CellType, V.mesh.topology.cell_type.name)
+    linear = basix.create_element(basix.ElementFamily.P, kind, 1)
+    points = interpolation_points(V)
+    weights = np.round(linear.tabulate(0, points)[0, :, :, 0], 9)
+    nodes, unrolled, bs = _cell_vertices(V.mesh), _unrolled(V), V.dofmap.dof_layout.block_size
+    order = np.argsort(nodes, axis=1)
+    number = np.empty((len(nodes), len(points)), dtype=np.int64)
+    for turned in np.unique(order, axis=0):
+        alike = (order == turned).all(axis=1)
+        rank = np.empty(len(points), dtype=np.int64)
+        rank[np.lexsort(weights[:, turned].T)] = np.arange(len(points))
+        number[alike] = rank
+    place = (number[:, :, None] * bs + np.arange(bs)).reshape(unrolled.shape)
+    vertices = np.repeat(np.sort(nodes, axis=1), unrolled.shape[1], axis=0)
+    return np.hstack([place.reshape(-1, 1), vertices]), unrolled.ravel()
+
+
+def _leaf_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
+    """Keys and local unknowns of a scalar or blocked space."""
+    msh, layout = V.mesh, V.dofmap.dof_layout
+    topology, nodes, unrolled = _cell_topology(msh), _cell_vertices(msh), _unrolled(V)
+    vertex_count, bs = len(topology[0]), layout.block_size
     keys, unknowns = [], []
     for dim, entities in enumerate(topology):
         for j, vertices in enumerate(entities):

@@ -13,6 +13,7 @@ from dolfinx import fem, mesh
 
 from qsdolfinx.base.checks import FUNCTION, MAPPING, PATH, check, either, instance, require
 from qsdolfinx.base.collective import checked
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.multipliers import (
@@ -46,10 +47,13 @@ def save_run(
     Args:
         stepper: The run, after a step.
         folder: Folder of the checkpoint; an existing one is replaced when the new one is whole.
-        functions: Functions of the user's own, such as accumulated strains.
+        functions: Functions of the user's own, such as accumulated strains; also at quadrature
+            points, such as ``J2Plasticity.state``. There is a warning of those that forms have and
+            that are not among them.
         values: Numbers of the user's own, such as accumulated work; what JSON can hold.
     """
     _check(stepper, folder, functions, values)
+    _look_for_states(stepper, functions or {})
     multipliers = _multipliers(stepper.problem.contacts)
     state: dict[str, typing.Any] = {name: getattr(stepper, name) for name in _SCALARS}
     state["positions"] = [tool.position.tolist() for tool in stepper.tools]
@@ -66,6 +70,23 @@ def save_run(
     Checkpoint(stepper.problem.comm, folder).save(
         _functions(stepper, functions) | multipliers, _meshes(stepper), state, stored(stepper)
     )
+
+
+def _look_for_states(stepper: TimeStepper, saved: typing.Mapping[str, fem.Function]) -> None:
+    """Warn of functions at quadrature points that forms depend on and that are not saved."""
+    kept = {id(function) for function in saved.values()}
+    lost = sorted(
+        f"{function.name!r} of u[{i}]"
+        for i, body in enumerate(stepper.problem.system.bodies)
+        for function in body.at_points()
+        if id(function) not in kept
+    )
+    if lost:
+        warn(
+            f"functions: the forms depend on {', '.join(lost)}, which the checkpoint does not "
+            "hold; give them to save_run and load_run, such as the state of a J2Plasticity",
+            ContactWarning,
+        )
 
 
 def load_run(

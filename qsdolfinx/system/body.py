@@ -276,6 +276,11 @@ class Body:
             if thing is not None:
                 thing.destroy()
 
+    def at_points(self) -> list[fem.Function]:
+        """Functions at quadrature points that the form depends on, such as a plastic strain."""
+        found = [c for c in self.form.coefficients() if isinstance(c, fem.Function)]
+        return [f for f in found if getattr(f.ufl_element(), "is_quadrature", False)]
+
     def _measure(self, matrix: PETSc.Mat) -> None:
         """Assemble K, and see how stiff it is. Collective.
 

@@ -1,5 +1,7 @@
 """Contact of scalar fields: patch tests, published values, balances, and what is refused."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scenes import WORLD, box, elastic, plane, slide
@@ -183,6 +185,34 @@ def test_gas_in_a_gap(tool):
         expected = 550.0 / (1 / K[0] + 1 / h + 1 / K[1])
     assert contact.flow("slave") == pytest.approx(-expected, rel=1e-7)
     assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize("wide", (False, True))
+def test_gaps_beyond_the_search_radius(wide):
+    """Conductances that would conduct across them are warned of; pressed ones alone are not."""
+    scene = Pressed(press=-0.05)
+    normal = np.array([-0.6, -1.0]) / np.hypot(0.6, 1.0)
+    die = qs.RigidSurface.plane(WORLD, [0.0, 1.05], normal)  # its distance grows along x
+    surface = scene.contact.slave
+    radius = {"search_radius": 1.0} if wide else {"search_radius": 0.2}
+    bodies = qs.Contact(surface, die, **radius)
+    qs.ContactProblem([elastic(scene.u[0])], scene.u[:1], [bodies], [scene.bcs[0]]).solve()
+    assert (bodies.num_unpaired == 0) == wide
+
+    def flow(h):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", qs.ContactWarning)
+            law = qs.Conductance(h, tool=250.0)
+            contact = qs.Contact(scene.surfaces[0], die, law=law, of=bodies)
+            ends = scene.ends(800.0, 250.0)[:1]
+            qs.ContactProblem(scene.F[:1], scene.T[:1], [contact], ends).solve()
+        told = [str(w.message) for w in caught if str(w.message).startswith("h: ")]
+        return contact.flow("master"), told
+
+    _, told = flow(lambda p, g: 2.0 / (g + 0.05))
+    assert len(told) == (0 if wide else 1)
+    assert wide or "search_radius above the widest gap" in told[0]
+    assert flow(lambda p, g: 3.0 * p + 1.0 * (g < 0.1))[1] == []
 
 
 def test_radiation():

@@ -9,6 +9,7 @@ import pytest
 from scenes import PARTITIONS, WORLD, box, largest, mini_space, raises_everywhere
 from step_scenes import Upset
 
+import basix.ufl
 import ufl
 from dolfinx import fem
 
@@ -49,6 +50,8 @@ class State:
             "scalar": ("Lagrange", 2),
             "constant": ("DG", 0, (2,)),
         }
+        for k, shape in (("points", ()), ("tensors", (gdim,))):
+            spaces[k] = basix.ufl.quadrature_element(msh.basix_cell(), value_shape=shape, degree=4)
         self.functions = {k: fem.Function(fem.functionspace(msh, v)) for k, v in spaces.items()}
         if cell in ("triangle", "tetrahedron"):
             self.functions["mini"] = fem.Function(qs.materials.mini_space(msh))
