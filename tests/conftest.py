@@ -101,19 +101,19 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(config, items):
-    """Of the demos, the benchmarks and a test's cases 2 ranks run a quarter, 3 another eighth.
+    """Of the demos, the benchmarks and a test's cases 2 ranks run an eighth, 3 another one.
 
     Which those are follows from their names. One rank runs them all.
     """
     if comm.size == 1 or config.getoption("all_cases", False):
         return
-    shares = (1, 2) if comm.size == 2 else (0,)
+    share = 1 if comm.size == 2 else 0
     counts = collections.Counter(item.nodeid.partition("[")[0] for item in items)
     of_scenes = {item.module: uses_scenes(item.module) for item in items}
     kept, left = [], []
     for item in items:
         shared = counts[item.nodeid.partition("[")[0]] > 1 or of_scenes[item.module]
-        mine = zlib.crc32(item.nodeid.encode()) % 8 in shares
+        mine = zlib.crc32(item.nodeid.encode()) % 8 == share
         (left if shared and not mine else kept).append(item)
     config.hook.pytest_deselected(items=left)
     items[:] = kept

@@ -595,7 +595,9 @@ class Contact:
         """Nodes of this rank that are in contact, or have a point that is, shape (nodes,).
 
         Among them are nodes that are open between closed ones by less than 1e-3 of a facet, as
-        beside edges where the pressure is singular; their multiplier is 0. Collective.
+        beside edges where the pressure is singular; their multiplier is 0. So are grooves and
+        dimples one or two nodes wide that are as flat: ``multiplier() > 0`` leaves them out.
+        Collective.
         """
         return results.active(self.model, side)
 
@@ -679,7 +681,8 @@ class Contact:
         Returns:
             Area of the slave's nodes in contact (see :meth:`active`), Σ S_k, or points, Σ w_p (2D:
             length), and the radius of a disc of this area (2D: half the length). Known to about
-            half a facet at the rim.
+            half a facet at the rim; grooves and dimples one or two nodes wide that are open by
+            less than 1e-3 of a facet count as contact.
         """
         return results.patch(self.model)
 

@@ -35,7 +35,7 @@ from qsdolfinx.remeshing.outline import Outline, boundary_facets, enclosed_volum
 from qsdolfinx.remeshing.respace import respace
 from qsdolfinx.remeshing.restore import restore_volume
 from qsdolfinx.remeshing.retriangulate import Boundary, retriangulate
-from qsdolfinx.remeshing.sizes import Size, check_size, limit_growth, nodal_sizes, where
+from qsdolfinx.remeshing.sizes import Size, check_size, kinds, limit_growth, nodal_sizes, where
 from qsdolfinx.surface.arguments import is_of
 
 Array = npt.NDArray[np.float64]
@@ -158,8 +158,7 @@ def remesh(
         require(fits, "body: must be of triangles in 2D, or of tetrahedra in 3D")
         require(coordinate_element(msh).degree == 1, "body: the mesh must be of degree 1")
         check_size(msh, size)
-        if isinstance(size, (int, float, np.number)):
-            same(size=float(size))
+        same(size=kinds(size))
         check(either(TAGS, None), facet_tags=facet_tags)
         if facet_tags is not None:
             of_facets = facet_tags.dim == gdim - 1 and is_of(facet_tags, msh)

@@ -54,6 +54,15 @@ def check_size(msh: mesh.Mesh, size: typing.Any) -> None:
         check(POSITIVE, size=size)
 
 
+def kinds(size: typing.Any) -> str:
+    """What a size is, which has to be the same on all ranks."""
+    if isinstance(size, (list, tuple)):
+        return "[" + ", ".join(kinds(one) for one in size) + "]"
+    if isinstance(size, fem.Function):
+        return "a Function"
+    return "a function" if callable(size) else f"{float(size):.17g}"
+
+
 def nodal_sizes(msh: mesh.Mesh, x: Array, size: typing.Any) -> Array:
     """Sizes at the nodes of a mesh, shape (geometry nodes,). Collective.
 

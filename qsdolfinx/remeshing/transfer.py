@@ -24,6 +24,12 @@ Array = npt.NDArray[np.float64]
 #: Part of the mesh's size within which a point is in a cell.
 WITHIN = 1e-10
 
+#: How far a mesh goes aside, over its largest cell, and whereto: along no face of a usual mesh.
+ASIDE, _SOMEWHERE = 1e-6, np.array([0.53, 0.71, 0.46])
+
+#: Size of the largest cell of a mesh that is magnified.
+LARGE = 1e3
+
 #: How far off 1 the number one may come over.
 ONE = 1e-6
 
@@ -107,8 +113,13 @@ def _transfer(function: fem.Function, out: fem.Function, reach: float, axisymmet
     if _num_parts(V):
         return
     search = Search(V.mesh, V_new.mesh, reach)
+
+    def interpolate(old: fem.Function, new: fem.Function) -> None:
+        with _aside(V.mesh, V_new.mesh) as scale:
+            search.interpolate(old, new, scale)
+
     if is_of_points(V):
-        project(function, out, search.interpolate, axisymmetric)
+        project(function, out, interpolate, axisymmetric)
     else:
         search.interpolate(function, out)
 
@@ -125,6 +136,24 @@ def _displaced(msh: mesh.Mesh, displacement: fem.Function | None) -> typing.Iter
         yield
     finally:
         msh.geometry.x[:] = before
+
+
+@contextlib.contextmanager
+def _aside(old: mesh.Mesh, new: mesh.Mesh) -> typing.Iterator[float]:
+    """Both meshes magnified, and the old one a little aside, inside the block.
+
+    A point of the new mesh on a face between two old cells would else take the values of the one
+    that is found first, which depends on how the mesh is cut. DOLFINx takes points within 1e-6, in
+    whatever unit, for points of a cell.
+    """
+    before, scale = (old.geometry.x.copy(), new.geometry.x.copy()), LARGE / _largest_cell(old)
+    shift = np.where(np.arange(3) < old.geometry.dim, _SOMEWHERE, 0.0)
+    old.geometry.x[:] = scale * before[0] + ASIDE * LARGE * shift
+    new.geometry.x[:] = scale * before[1]
+    try:
+        yield scale
+    finally:
+        old.geometry.x[:], new.geometry.x[:] = before
 
 
 def _largest_cell(msh: mesh.Mesh) -> float:
@@ -153,8 +182,13 @@ class Search:
         size = float(new.comm.allreduce(mine, op=MPI.MAX))
         self._paddings = [WITHIN * size, min(0.02 * reach, reach), reach]
 
-    def interpolate(self, function: fem.Function, out: fem.Function) -> None:
+    def interpolate(self, function: fem.Function, out: fem.Function, scale: float = 1.0) -> None:
         """Interpolate a function on the old mesh into one on the new mesh. Collective.
+
+        Args:
+            function: On the old mesh.
+            out: On the new mesh.
+            scale: Magnification of both meshes.
 
         Raises:
             ValueError: If a point is out of reach.
@@ -169,6 +203,7 @@ class Search:
             lambda x: np.ones((number, x.shape[1])) if shape else np.ones(x.shape[1])
         )
         for padding in self._paddings:
+            padding *= scale
             data = fem.create_interpolation_data(V_new, V, self._cells, padding=padding)
             found.x.array[:] = 0.0
             found.interpolate_nonmatching(one, self._cells, data)

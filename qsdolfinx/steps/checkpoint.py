@@ -318,7 +318,7 @@ def _point_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
     kind = getattr(basix.CellType, V.mesh.topology.cell_type.name)
     linear = basix.create_element(basix.ElementFamily.P, kind, 1)
     points = interpolation_points(V)
-    weights = np.round(linear.tabulate(0, points)[0, :, :, 0], 9)
+    weights: Array = np.round(np.asarray(linear.tabulate(0, points))[0, :, :, 0], 9)
     nodes, unrolled, bs = _cell_vertices(V.mesh), _unrolled(V), V.dofmap.dof_layout.block_size
     order = np.argsort(nodes, axis=1)
     number = np.empty((len(nodes), len(points)), dtype=np.int64)

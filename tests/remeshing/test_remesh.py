@@ -243,3 +243,16 @@ def test_bad_arguments_are_named(arguments, text):
     given = {"body": mesh.create_unit_square(WORLD, 3, 3), "size": 0.3} | arguments
     with pytest.raises(ValueError, match=text):
         qs.remesh(**given)
+
+
+@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+@pytest.mark.parametrize(
+    "sizes",
+    [([0.3, 0.2], [0.3]), (0.3, 0.2), ([0.3], 0.3), (lambda x: 0.3 + 0 * x[0], 0.3)],
+    ids=("lists", "numbers", "list-number", "function-number"),
+)
+def test_sizes_differ_between_ranks(sizes):
+    """All ranks raise, none waits."""
+    msh = mesh.create_unit_square(WORLD, 4, 4)
+    with pytest.raises(ValueError, match="size"):
+        qs.remesh(msh, sizes[min(WORLD.rank, 1)])

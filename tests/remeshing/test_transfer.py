@@ -176,3 +176,19 @@ def test_spaces_of_another_kind_are_refused():
     for space, text in ((("DG", 0), "both spaces or none"), (("Lagrange", 1, (2,)), "components")):
         with pytest.raises(ValueError, match=text):
             qs.transfer(f, fem.functionspace(new, space))
+
+
+def test_cells_on_any_number_of_ranks():
+    """Points on faces between old cells take the same values wherever the mesh is cut."""
+    found = []
+    for comm in (MPI.COMM_SELF, WORLD):
+        msh = mesh.create_box(comm, [[0.0] * 3, [1.0] * 3], [5, 5, 5])
+        new = qs.remesh(msh, 0.2).mesh
+        old = fem.Function(fem.functionspace(msh, ("DG", 0)))
+        old.interpolate(lambda x: 5.0 * (x[0] > 0.79) + x[1] + 0.3 * x[2])
+        out = qs.transfer(old, fem.functionspace(new, ("DG", 0)))
+        count = new.topology.index_map(3).size_local
+        middle = mesh.compute_midpoints(new, 3, np.arange(count, dtype=np.int32))
+        rows = np.concatenate(comm.allgather(np.column_stack([middle, out.x.array[:count]])))
+        found.append(rows[np.lexsort(np.round(rows[:, :3], 9).T)])
+    np.testing.assert_allclose(found[1], found[0], atol=1e-11)
