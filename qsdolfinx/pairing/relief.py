@@ -116,6 +116,10 @@ class Smoothing:
         return Relief.unknown("none" if self._sides[i] is None else "shared")
 
 
+class CurvedError(ValueError):
+    """Facets are more curved than gaps can be measured to; a smaller step may bend them less."""
+
+
 def check_curved(surfaces: typing.Iterable[Surface], quadrature: str, facets: bool) -> None:
     """Refuse facets that are too curved, or what does not see that they are. Same on all ranks.
 
@@ -129,6 +133,7 @@ def check_curved(surfaces: typing.Iterable[Surface], quadrature: str, facets: bo
         require(
             bulge <= COARSEST * surface.facet_size_range[1],
             "V: contact facets of degree 2 are more curved than an arc of 60°; refine the mesh",
+            CurvedError,
         )
         require(
             bulge == 0 or quadrature != "nodal" or not facets,

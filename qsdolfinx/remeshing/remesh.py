@@ -160,6 +160,7 @@ def remesh(
         check_size(msh, size)
         same(size=kinds(size))
         check(either(TAGS, None), facet_tags=facet_tags)
+        same(facet_tags=None if facet_tags is None else "tags")
         if facet_tags is not None:
             of_facets = facet_tags.dim == gdim - 1 and is_of(facet_tags, msh)
             require(of_facets, "facet_tags: must be tags of facets of the body's mesh")

@@ -80,10 +80,10 @@ def nodal_sizes(msh: mesh.Mesh, x: Array, size: typing.Any) -> Array:
         values = at_nodes(size)
     else:
         with collective_errors(msh.comm):
-            found = np.asarray(size(x.T) if callable(size) else size, dtype=np.float64)
-            fits = found.shape in ((), (len(x),))
-            require(fits, "size: must return a number for each of its points, shape (n,)")
-            values = np.broadcast_to(found, (len(x),))
+            found = np.asarray(size(x.T) if callable(size) else size)
+            fits = found.shape in ((), (len(x),)) and found.dtype.kind in "fiu"
+            require(fits, "size: must return a real number for each of its points, shape (n,)")
+            values = np.broadcast_to(found, (len(x),)).astype(np.float64)
     with collective_errors(msh.comm):
         good = np.isfinite(values) & (values > 0)
         require(good.all(), "size: must be positive and finite everywhere")

@@ -27,6 +27,7 @@ from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.pairing.relief import CurvedError
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
@@ -455,6 +456,8 @@ class TimeStepper:
             self._pair_and_solve(dt, start)
         except DistortedError as error:
             raise _Fault(str(error), distorted=True) from error
+        except CurvedError as error:
+            raise _Fault(str(error)) from error
         self._check_shape(dt, start)
         self._check_motion()
         if self.staggered is not None:

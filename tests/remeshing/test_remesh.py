@@ -256,3 +256,17 @@ def test_sizes_differ_between_ranks(sizes):
     msh = mesh.create_unit_square(WORLD, 4, 4)
     with pytest.raises(ValueError, match="size"):
         qs.remesh(msh, sizes[min(WORLD.rank, 1)])
+
+
+def test_a_complex_size():
+    msh = mesh.create_unit_square(WORLD, 4, 4)
+    with pytest.raises(ValueError, match="size: must return a real number"):
+        qs.remesh(msh, lambda x: 0.3 + 0j * x[0])
+
+
+@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+def test_tags_of_one_rank_alone():
+    msh = mesh.create_unit_square(WORLD, 4, 4)
+    tags = tagged(msh, [(0, 0.0)])
+    with pytest.raises(ValueError, match="facet_tags"):
+        qs.remesh(msh, 0.3, tags if WORLD.rank == 0 else None)

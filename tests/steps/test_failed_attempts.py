@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
-from scenes import WORLD, raises_everywhere
+from scenes import WORLD, box, clamp, elastic, elevated, plane, raises_everywhere
 from step_scenes import SPEED, Upset, refuse, same
+
+from dolfinx import fem
 
 import qsdolfinx as qs
 
@@ -104,3 +106,25 @@ def test_interrupted_at_the_end_of_a_step():
         case.stepper.step()
     assert case.calls == 5 and same(before, case.state())
     np.testing.assert_array_equal(case.tool.position, position)
+
+
+def test_facets_that_bend_too_far():
+    """Facets of degree 2 that turn by more than 60° end the run as any step that cannot be made."""
+    msh = elevated(box(WORLD, (1, 2), "quadrilateral", [-0.5, 0.0], [0.5, 1.0]))
+    V = fem.functionspace(msh, ("Lagrange", 2, (2,)))
+    u, bend = fem.Function(V), fem.Function(V)
+    facets = plane(msh, 1, 0.0)
+    held = fem.locate_dofs_topological(V, 1, facets)
+    top = clamp(V, plane(msh, 1, 1.0))
+    tool = qs.RigidSurface.plane(WORLD, [0.0, -5.0], [0.0, 1.0])
+    contact = qs.Contact(qs.Surface(V, facets=facets), tool, search_radius=10.0, penalty=1.0)
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[top, fem.dirichletbc(bend, held)]])
+
+    def drive(t, dt):
+        bend.interpolate(lambda x: np.array([0 * x[0], 2.0 * t * (x[0] ** 2 - 0.25)]))
+
+    stepper = qs.TimeStepper(problem, 0.25, drive, dt_min=0.1)
+    with pytest.raises(qs.StepError, match="more curved than an arc of 60°"):
+        for _ in stepper.run(3.0):
+            pass
+    assert 0 < stepper.t < 3.0
