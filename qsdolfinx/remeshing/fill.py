@@ -49,7 +49,7 @@ def fill(boundary: Boundary, outline: Outline) -> tuple[Array, Indices]:
         try:
             with _gmsh() as gmsh:
                 x, cells = _fill(gmsh, boundary, outline, algorithm)
-            _check(x, cells)
+            check_cells(x, cells)
             return x, cells
         except RemeshError as error:
             problems.append(error)
@@ -221,7 +221,12 @@ def cell_quality(x: Array, cells: Indices) -> Array:
     return np.asarray(np.abs(np.linalg.det(edges)) / longest**gdim / best)
 
 
-def _check(x: Array, cells: Indices) -> None:
+def check_cells(x: Array, cells: Indices) -> None:
+    """Refuse cells that are flat.
+
+    Raises:
+        RemeshError: With the places of the worst.
+    """
     quality = cell_quality(x, cells)
     flat = quality < LEAST_QUALITY
     if flat.any():

@@ -77,7 +77,7 @@ def gather(
     points = np.round(points / step) * step
     facets, cells = (np.searchsorted(unique, index) for index in (facets, cells))
     order = np.lexsort(np.sort(facets, axis=1).T)
-    facets, tags = _outward(points, facets[order, :-1], facets[order, -1]), tags[order]
+    facets, tags = outward(points, facets[order, :-1], facets[order, -1]), tags[order]
     cells = np.sort(cells, axis=1)
     cells = cells[np.lexsort(cells.T)]
     return Outline(points, facets, tags, cells, wanted[first])
@@ -116,8 +116,14 @@ def boundary_facets(msh: mesh.Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[
     return facets, np.hstack([ends, np.take_along_axis(nodes, local[:, None], axis=1)])
 
 
-def _outward(x: Array, facets: Indices, opposite: Indices) -> Indices:
-    """Facets turned outward, each beginning with its smallest node."""
+def outward(x: Array, facets: Indices, opposite: Indices) -> Indices:
+    """Facets turned outward, each beginning with its smallest node.
+
+    Args:
+        x: Coordinates of nodes, shape (nodes, 3).
+        facets: Shape (facets, gdim).
+        opposite: What is opposite in the cell, shape (facets,).
+    """
     facets = np.sort(facets, axis=1)
     edges = x[facets[:, 1:]] - x[facets[:, :1]]
     if facets.shape[1] == 2:

@@ -11,6 +11,8 @@ import basix.ufl
 import ufl
 from dolfinx import geometry, mesh
 
+from qsdolfinx.remeshing.features import Features
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
@@ -81,3 +83,46 @@ def closest_on_segments(points: Array, p: Array, q: Array) -> Array:
     d = q - p
     t = np.sum((points - p) * d, axis=-1) / np.maximum(np.sum(d * d, axis=-1), 1e-300)
     return np.asarray(np.clip(t, 0.0, 1.0))
+
+
+class OldSurface:
+    """The old surface as new nodes are put on it: regions and lines apart.
+
+    Args:
+        x: Coordinates of nodes, shape (nodes, 3).
+        triangles: Shape (triangles, 3).
+        sizes: Wanted at nodes (length), shape (nodes,).
+        features: Its regions and lines.
+    """
+
+    def __init__(self, x: Array, triangles: Indices, sizes: Array, features: Features) -> None:
+        self._x, self._sizes = x, sizes
+        self._parts = {}
+        for number in range(int(features.region.max()) + 1):
+            part = triangles[features.region == number]
+            self._parts[number] = part, Triangles(x, part)
+        self._lines: dict[int, list[tuple[int, int]]] = {}
+        for edge, line in sorted(features.lines.items()):
+            self._lines.setdefault(line, []).append(edge)
+
+    def onto_region(self, number: int, points: Array) -> tuple[Array, Array, Array]:
+        """Closest points, sizes wanted there, and the normals of the triangles."""
+        part, search = self._parts[number]
+        found, weights = search.closest(points)
+        nodes = part[found]
+        corners = self._x[nodes]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        at = np.einsum("pi,pij->pj", weights, corners)
+        return at, np.sum(weights * self._sizes[nodes], axis=1), normal
+
+    def onto_line(self, number: int, points: Array) -> tuple[Array, Array]:
+        """Closest points of a line, and sizes wanted there."""
+        ends = np.array(self._lines[number])
+        p, q = (self._x[ends[:, i]][None] for i in (0, 1))
+        t = closest_on_segments(points[:, None], p, q)
+        at = p + t[..., None] * (q - p)
+        best = np.argmin(np.linalg.norm(at - points[:, None], axis=2), axis=1)
+        pick = np.arange(len(points)), best
+        h = self._sizes[ends[best]]
+        return at[pick], (1 - t[pick]) * h[:, 0] + t[pick] * h[:, 1]

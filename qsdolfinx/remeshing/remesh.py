@@ -22,6 +22,7 @@ from qsdolfinx.base.checks import (
     either,
     instance,
     number,
+    one_of,
     require,
 )
 from qsdolfinx.base.collective import checked, collective_errors
@@ -31,6 +32,7 @@ from qsdolfinx.remeshing.errors import RemeshError, on_root
 from qsdolfinx.remeshing.features import find_features
 from qsdolfinx.remeshing.fill import cell_quality, fill
 from qsdolfinx.remeshing.intersections import check_simple
+from qsdolfinx.remeshing.mmg import PROGRAMS, adapt, program
 from qsdolfinx.remeshing.outline import Outline, boundary_facets, enclosed_volume, gather
 from qsdolfinx.remeshing.respace import respace
 from qsdolfinx.remeshing.restore import restore_volume
@@ -52,6 +54,9 @@ AXIS = 1e-9
 
 #: Cells above which sizes are a mistake, of units perhaps.
 MOST_CELLS = 2e7
+
+#: What makes meshes.
+MESHERS = ("gmsh", "mmg")
 
 #: Factors of the sizes that are tried one after the other until there is a mesh.
 SIZES = (1.0, 0.85, 1.1, 0.7)
@@ -115,6 +120,7 @@ def remesh(
     feature_angle: float = 40.0,
     gradation: float | None = 0.5,
     min_quality: float | None = None,
+    mesher: str = "gmsh",
     partitioner: typing.Any = None,
 ) -> Remeshed:
     """Mesh a body anew as it is now. Collective.
@@ -126,7 +132,7 @@ def remesh(
     facets turn by more than ``feature_angle`` and borders between facet tags: they get new nodes,
     but none leaves them. What is plane stays exactly plane. Then all free boundary nodes, those on
     curved parts that are not on edges between two of them, go the same small way along their
-    normals, so that the volume is what it was. Within, gmsh makes the cells.
+    normals, so that the volume is what it was. Within, gmsh makes the cells; or MMG makes all.
 
     Args:
         body: Mesh of triangles in 2D or tetrahedra in 3D, straight, as it is now; or a displacement
@@ -143,6 +149,8 @@ def remesh(
         min_quality: Shape that the worst cell should have, 1 at best (see ``MeshMotion.quality``):
             sizes from 0.7 to 1.1 times those asked for are tried until it has, else the best of
             these meshes is taken. None to take the first mesh.
+        mesher: "gmsh"; or "mmg", of tetrahedra: MMG's program ``mmg3d``, where it is installed,
+            adapts surface and cells, and its boundary nodes are put on the old facets.
         partitioner: For ``dolfinx.mesh.create_mesh``; by default that of DOLFINx.
 
     Raises:
@@ -169,6 +177,8 @@ def remesh(
         same(ANGLE, feature_angle=feature_angle)
         same(either(POSITIVE, None), gradation=gradation)
         same(either(FRACTION, None), min_quality=min_quality)
+        same(one_of(MESHERS), mesher=mesher)
+        check_mesher(msh, mesher)
     msh, x = where(body)
     with collective_errors(msh.comm):
         require(bool(np.isfinite(x).all()), "body: coordinates and displacements must be finite")
@@ -182,7 +192,7 @@ def remesh(
         assert outline is not None
         graded = outline if gradation is None else limit_growth(outline, gradation)
         angle = float(np.radians(feature_angle))
-        return _make(graded, angle, axisymmetric, min_quality or 0.0)
+        return _make(graded, _How(angle, axisymmetric, mesher), min_quality or 0.0)
 
     made = on_root(msh.comm, make)
     parts = None if made is None else (made.x, made.cells)
@@ -207,6 +217,30 @@ def _check_cells(msh: mesh.Mesh, x: Array) -> None:
     require(not turned.any(), f"body: the displacement turns {turned.sum()} cells inside out")
 
 
+def check_mesher(msh: mesh.Mesh, mesher: str) -> None:
+    """Refuse MMG where it is not installed, and for triangles.
+
+    Raises:
+        ValueError: With what to do.
+    """
+    if mesher != "mmg":
+        return
+    require(msh.geometry.dim == 3, 'mesher: "mmg" makes tetrahedra; take "gmsh" in 2D')
+    names = " or ".join(PROGRAMS)
+    there = msh.comm.rank != 0 or program() is not None
+    require(
+        there, f'mesher: "mmg" needs {names} on the PATH of rank 0; install MMG, or take "gmsh"'
+    )
+
+
+class _How(typing.NamedTuple):
+    """How a mesh is made: the angle of features (radians), whether it is of (r, z), by what."""
+
+    angle: float
+    axisymmetric: bool
+    mesher: str
+
+
 class _Made(typing.NamedTuple):
     """What rank 0 has made.
 
@@ -223,7 +257,7 @@ class _Made(typing.NamedTuple):
     report: RemeshReport
 
 
-def _make(outline: Outline, angle: float, axisymmetric: bool, wanted: float) -> _Made:
+def _make(outline: Outline, how: _How, wanted: float) -> _Made:
     """Make the mesh, on one rank; if there is none as good as wanted, with slightly other sizes."""
     _check_outline(outline)
     _check_number(outline)
@@ -232,7 +266,7 @@ def _make(outline: Outline, angle: float, axisymmetric: bool, wanted: float) -> 
     for factor in SIZES:
         try:
             given = outline._replace(sizes=factor * outline.sizes)
-            made.append(_make_of(given, angle, axisymmetric))
+            made.append(_make_of(given, how))
         except RemeshError as error:
             problems.append(error)
             continue
@@ -243,15 +277,19 @@ def _make(outline: Outline, angle: float, axisymmetric: bool, wanted: float) -> 
     return max(made, key=lambda mesh: mesh.report.quality)
 
 
-def _make_of(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
+def _make_of(outline: Outline, how: _How) -> _Made:
     """Make a mesh of these sizes."""
+    axisymmetric, inside = how.axisymmetric, None
     volume = enclosed_volume(outline.x, outline.facets, axisymmetric)
     if outline.gdim == 2:
-        boundary = respace(outline, angle, axisymmetric)
+        boundary = respace(outline, how.angle, axisymmetric)
     else:
         surface = outline.x, outline.facets, outline.tags, outline.sizes
-        features = find_features(*surface, angle)
-        boundary = retriangulate(*surface, features)
+        features = find_features(*surface, how.angle)
+        if how.mesher == "mmg":
+            boundary, inside = adapt(outline, features)
+        else:
+            boundary = retriangulate(*surface, features)
     unrestored = enclosed_volume(boundary.x, boundary.facets, axisymmetric) / volume - 1
     shift = restore_volume(boundary, volume, axisymmetric)
     check_simple(boundary.x, boundary.facets)
@@ -262,7 +300,7 @@ def _make_of(outline: Outline, angle: float, axisymmetric: bool) -> _Made:
             "for smaller cells; the body is",
             outline.x.mean(axis=0),
         )
-    x, cells = fill(boundary, outline)
+    x, cells = fill(boundary, outline) if inside is None else inside.within(boundary)
     _check_filled(x, cells, enclosed_volume(boundary.x, boundary.facets))
     report = RemeshReport(
         volume,
@@ -284,7 +322,7 @@ def _check_filled(x: Array, cells: Indices, enclosed: float) -> None:
     filled = float(np.abs(np.linalg.det(edges)).sum()) / (2.0 if gdim == 2 else 6.0)
     if abs(filled / enclosed - 1) > FILLED:
         raise RemeshError.at(
-            f"gmsh has filled {filled / enclosed:.6g} of what the boundary encloses; the body is",
+            f"the cells fill {filled / enclosed:.6g} of what the boundary encloses; the body is",
             x.mean(axis=0),
         )
 

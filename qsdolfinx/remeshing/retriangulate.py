@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from qsdolfinx.remeshing.features import Features, Plane
 from qsdolfinx.remeshing.outline import listed
-from qsdolfinx.remeshing.reference import Triangles, closest_on_segments
+from qsdolfinx.remeshing.reference import OldSurface
 from qsdolfinx.remeshing.triangulation import Triangulation
 
 Array = npt.NDArray[np.float64]
@@ -52,42 +52,6 @@ class Boundary:
     sizes: Array
 
 
-class _Old:
-    """The old surface as new nodes are put on it: regions and lines apart."""
-
-    def __init__(self, x: Array, triangles: Indices, sizes: Array, features: Features) -> None:
-        self._x, self._sizes = x, sizes
-        self._parts = {}
-        for number in range(int(features.region.max()) + 1):
-            part = triangles[features.region == number]
-            self._parts[number] = part, Triangles(x, part)
-        self._lines: dict[int, list[tuple[int, int]]] = {}
-        for edge, line in sorted(features.lines.items()):
-            self._lines.setdefault(line, []).append(edge)
-
-    def onto_region(self, number: int, points: Array) -> tuple[Array, Array, Array]:
-        """Closest points, sizes wanted there, and the normals of the triangles."""
-        part, search = self._parts[number]
-        found, weights = search.closest(points)
-        nodes = part[found]
-        corners = self._x[nodes]
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-        at = np.einsum("pi,pij->pj", weights, corners)
-        return at, np.sum(weights * self._sizes[nodes], axis=1), normal
-
-    def onto_line(self, number: int, points: Array) -> tuple[Array, Array]:
-        """Closest points of a line, and sizes wanted there."""
-        ends = np.array(self._lines[number])
-        p, q = (self._x[ends[:, i]][None] for i in (0, 1))
-        t = closest_on_segments(points[:, None], p, q)
-        at = p + t[..., None] * (q - p)
-        best = np.argmin(np.linalg.norm(at - points[:, None], axis=2), axis=1)
-        pick = np.arange(len(points)), best
-        h = self._sizes[ends[best]]
-        return at[pick], (1 - t[pick]) * h[:, 0] + t[pick] * h[:, 1]
-
-
 def retriangulate(
     x: Array, triangles: Indices, tags: Indices, sizes: Array, features: Features
 ) -> Boundary:
@@ -108,7 +72,7 @@ def retriangulate(
     features = _renumbered(features, used)
     x, sizes = x[used], sizes[used]
     triangles = np.searchsorted(used, triangles)
-    old = _Old(x, triangles, sizes, features)
+    old = OldSurface(x, triangles, sizes, features)
     surface = Triangulation(x, triangles, sizes, features)
     for _ in range(ROUNDS):
         edges = len(surface.faces) * 3 // 2
@@ -119,7 +83,7 @@ def retriangulate(
             break
     surface.turn_edges()
     tag_of = dict(zip(listed(features.region), listed(tags), strict=True))
-    return _boundary(surface, features, tag_of)
+    return _left(surface, features, tag_of)
 
 
 def _renumbered(features: Features, used: Indices) -> Features:
@@ -129,7 +93,7 @@ def _renumbered(features: Features, used: Indices) -> Features:
     return Features(features.region, lines, corners, features.planes)
 
 
-def _smooth(surface: Triangulation, old: _Old) -> None:
+def _smooth(surface: Triangulation, old: OldSurface) -> None:
     """Move nodes to the mean of their neighbours, and onto the old surface."""
     x = np.array(surface.x)
     sizes = np.array(surface.sizes)
@@ -163,7 +127,7 @@ def _on_surface(
     region: Indices,
     on_line: npt.NDArray[np.bool_],
     normals: Array,
-    old: _Old,
+    old: OldSurface,
     new: Array,
     wanted: Array,
 ) -> None:
@@ -194,7 +158,7 @@ def _on_surface(
 
 
 def _on_lines(
-    surface: Triangulation, x: Array, sizes: Array, old: _Old, new: Array, wanted: Array
+    surface: Triangulation, x: Array, sizes: Array, old: OldSurface, new: Array, wanted: Array
 ) -> None:
     """The same of nodes on lines."""
     nodes_of: dict[int, set[tuple[int, int, int]]] = {}
@@ -224,30 +188,47 @@ def _normals_and_shapes(x: Array, faces: Indices) -> tuple[Array, Array]:
     return unit, 2 * np.sqrt(3) * twice / np.maximum(squares, 1e-300)
 
 
-def _boundary(surface: Triangulation, features: Features, tag_of: dict[int, int]) -> Boundary:
-    """The nodes and triangles that are left, on their planes."""
+def _left(surface: Triangulation, features: Features, tag_of: dict[int, int]) -> Boundary:
+    """The nodes and triangles that are left."""
     faces = np.array(list(surface.faces.values()))
     region = np.array(list(surface.region.values()))
     nodes, renumbered = np.unique(faces, return_inverse=True)
-    faces = renumbered.reshape(-1, 3)
+    corner = np.isin(nodes, list(surface.corners))
+    sizes = np.array(surface.sizes)[nodes]
     x = np.array(surface.x)[nodes]
-    regions: list[set[int]] = [set() for _ in nodes]
+    return on_planes(x, renumbered.reshape(-1, 3), region, corner, sizes, features, tag_of)
+
+
+def on_planes(
+    x: Array,
+    faces: Indices,
+    region: Indices,
+    corner: npt.NDArray[np.bool_],
+    sizes: Array,
+    features: Features,
+    tag_of: dict[int, int],
+) -> Boundary:
+    """A boundary of nodes and triangles, nodes on their planes.
+
+    Args:
+        x: Coordinates of nodes, shape (nodes, 3).
+        faces: Outward triangles, shape (triangles, 3).
+        region: Their regions, shape (triangles,).
+        corner: Which nodes are corners, shape (nodes,).
+        sizes: Wanted at nodes (length), shape (nodes,).
+        features: What is kept.
+        tag_of: Tags of regions.
+    """
+    regions: list[set[int]] = [set() for _ in x]
     for i in range(3):
         for node, number in zip(listed(faces[:, i]), listed(region), strict=True):
             regions[node].add(number)
     planes = [[features.planes[r] for r in sorted(of) if r in features.planes] for of in regions]
     onto_planes(x, planes)
     curved = np.array([any(r not in features.planes for r in of) for of in regions])
-    corner = np.isin(nodes, list(surface.corners))
     sharp = np.array([len(of - features.planes.keys()) > 1 for of in regions])
-    return Boundary(
-        x,
-        faces,
-        np.array([tag_of[r] for r in listed(region)], dtype=np.int64),
-        planes,
-        ~curved | corner | sharp,
-        np.array(surface.sizes)[nodes],
-    )
+    tags = np.array([tag_of[r] for r in listed(region)], dtype=np.int64)
+    return Boundary(x, faces, tags, planes, ~curved | corner | sharp, sizes)
 
 
 def onto_planes(x: Array, planes: list[list[Plane]]) -> None:

@@ -187,6 +187,7 @@ class HandOver:
             feature_angle=remeshing.feature_angle,
             gradation=remeshing.gradation,
             min_quality=remeshing.min_quality,
+            mesher=remeshing.mesher,
         )
 
     def _fields(self) -> dict[str, fem.Function]:

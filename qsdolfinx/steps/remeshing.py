@@ -19,9 +19,11 @@ from qsdolfinx.base.checks import (
     check,
     either,
     instance,
+    one_of,
     require,
 )
 from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.remeshing.remesh import MESHERS, check_mesher
 from qsdolfinx.remeshing.sizes import Size
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.steps.scene import Scene
@@ -71,6 +73,7 @@ class Remeshing:
         axisymmetric: Whether coordinates are (r, z).
         feature_angle: See :func:`qs.remesh`.
         gradation: See :func:`qs.remesh`.
+        mesher: See :func:`qs.remesh`.
 
     Raises:
         TypeError, ValueError: If an argument is of another type or out of range.
@@ -91,6 +94,7 @@ class Remeshing:
         axisymmetric: bool = False,
         feature_angle: float = 40.0,
         gradation: float | None = 0.5,
+        mesher: str = "gmsh",
     ) -> None:
         check(CALLABLE, build=build)
         check(either(CALLABLE, None), when=when, fields=fields, energy=energy)
@@ -106,6 +110,7 @@ class Remeshing:
         check(FLAG, axisymmetric=axisymmetric)
         check(POSITIVE, feature_angle=feature_angle)
         check(either(POSITIVE, None), gradation=gradation)
+        check(one_of(MESHERS), mesher=mesher)
         self.build, self.size = build, size
         #: Tags of the facets of the present meshes, None where a body has none.
         self.facet_tags: list[mesh.MeshTags | None] | None = None
@@ -116,7 +121,7 @@ class Remeshing:
         self.fields = fields or (lambda: {})
         self.energy = energy
         self.axisymmetric, self.feature_angle = bool(axisymmetric), float(feature_angle)
-        self.gradation = gradation
+        self.gradation, self.mesher = gradation, mesher
 
     def check(self, problem: ContactProblem) -> None:
         """Refuse a problem that has no body to be meshed, or another number of bodies.
@@ -129,6 +134,9 @@ class Remeshing:
         tags = self.facet_tags
         fits = tags is None or len(tags) == len(problem.u)
         require(fits, f"remesh: facet_tags must be a list of {len(problem.u)}, one for each body")
+        for u, unknown in zip(problem.u, problem.unknowns, strict=True):
+            if unknown == "velocity":
+                check_mesher(u.function_space.mesh, self.mesher)
 
     def due(self, scene: Scene, steps: int, stepper: object) -> str | None:
         """Why bodies should get new meshes now; None if they need not. Collective.

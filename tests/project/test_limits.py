@@ -227,6 +227,9 @@ CASES = {
     "remesh: only bodies in velocities get new meshes": (
         lambda s, folder: new_meshes_of_displacements()
     ),
+    'mesher: "mmg" makes tetrahedra; take "gmsh" in 2D': (
+        lambda s, folder: qs.remesh(square(), 0.3, mesher="mmg")
+    ),
     "body: must be of triangles in 2D, or of tetrahedra in 3D": (
         lambda s, folder: new_mesh(box(WORLD, (2, 2), "quadrilateral", [0.0, 0.0], [1.0, 1.0]))
     ),
