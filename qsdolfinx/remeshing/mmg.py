@@ -130,12 +130,15 @@ def _write(path: pathlib.Path, outline: Outline, features: Features) -> None:
     lines = np.array([(*edge, line + 1) for edge, line in sorted(features.lines.items())])
     lines = lines.reshape(-1, 3).astype(np.int64)
     numbers = np.arange(1, len(lines) + 1)
-    zero = np.zeros((len(outline.cells), 1), dtype=np.int64)
+    cells = outline.cells.copy()
+    left = _volumes(outline.x, cells) < 0
+    cells[left, 2:] = cells[left, :1:-1]
+    zero = np.zeros((len(cells), 1), dtype=np.int64)
     region = features.region[:, None]
     with path.open("wb") as file:
         file.write(f"{HEAD}Vertices\n{len(outline.x)}\n".encode())
         np.savetxt(file, outline.x, fmt="%.17g %.17g %.17g 0")
-        _write_rows(file, "Tetrahedra", np.hstack([outline.cells + 1, zero]))
+        _write_rows(file, "Tetrahedra", np.hstack([cells + 1, zero]))
         _write_rows(file, "Triangles", np.hstack([outline.facets, region]) + 1)
         _write_rows(file, "Edges", lines + np.array([1, 1, 0]))
         _write_rows(file, "Ridges", numbers[:, None])
