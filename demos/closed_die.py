@@ -10,7 +10,7 @@ finer than the billet, is loaded by the tractions that were recovered on the bil
 
     mpirun -n 2 python3 demos/closed_die.py --plot closed_die.png --json closed_die.json
     python3 demos/closed_die.py --quick --animate closed_die.gif
-    mpirun -n 2 python3 demos/closed_die.py --size 2 --curve fine.csv
+    mpirun -n 2 python3 demos/closed_die.py --size 2 --penalty 1e5 --curve fine.csv
     mpirun -n 2 python3 demos/closed_die.py --against fine.csv
 
 Keys of the JSON object:
@@ -57,6 +57,7 @@ class Parameters:
     tool_size: float = option(1.5, "of the dies' facets, at most")
     advance: float = option(1.0, "way of the press in a step")
     flash: float = option(0.05, "volume of the billet beyond the cavity's, relative")
+    penalty: float = option(4e4, "of contact with the dies, MPa/mm")
     friction: str = option("norton", choices=("norton", "coulomb-tresca", "none"))
     solver: str = option("auto", "linear solver")
     min_quality: float = option(0.04, "shape of the worst cell at which a mesh is given up")

@@ -26,8 +26,6 @@ SPEED = 100.0  # of the press, mm/s
 MU, M_BAR, ALPHA = 0.2, 0.4, 0.3  # Coulomb's coefficient, factor of the shear stress, Norton's
 RATE = 5.0  # 1/s, a strain rate at which friction's limit is that of the flow stress
 RADIUS = 17.0  # of the billet
-#: MPa/mm. Given, as the automatic one is that of the viscosity where the first solve begins.
-PENALTY = 1e5
 
 
 def read_dies(comm, size):
@@ -153,13 +151,15 @@ class Scene:
         return 4 * integral(self.mesh, inside * dx) / whole
 
 
-def build(msh, dies, dt, friction="coulomb-tresca", solver="auto"):
+def build(msh, dies, dt, penalty, friction="coulomb-tresca", solver="auto"):
     """The billet on a mesh, its contacts with both dies, and the problem.
 
     Args:
         msh: Mesh of a quarter of the billet.
         dies: Lower and upper die.
         dt: First step.
+        penalty: Of contact (MPa/mm). Given, as the automatic one is that of the viscosity where the
+            first solve begins.
         friction: "coulomb-tresca", "norton" or "none".
         solver: Linear solver.
     """
@@ -176,7 +176,7 @@ def build(msh, dies, dt, friction="coulomb-tresca", solver="auto"):
             die,
             unknown="velocity",
             dt=dt,
-            penalty=PENALTY,
+            penalty=penalty,
             enforcement="penalty",
             constraints="points",
             friction=friction_law(friction, msh),

@@ -5,6 +5,9 @@ import qsdolfinx as qs
 from closed_die_bodies import RADIUS, SPEED, M, build, raise_die, read_dies, stroke_of
 from closed_die_tools import FLASH, billet_mesh, cell_size
 
+SMALLEST = 0.4  # size of the smallest cells, of that of the largest
+TURNED = 5.2  # mm: size of the largest cells over the turn of one on a rounding (radians)
+
 
 class Forging:
     """The run: what is there of the billet now, and the stepper that gives it new meshes.
@@ -39,14 +42,15 @@ class Forging:
 
     def build(self, meshes, tags):
         """The scene on a mesh, the first one or a new one."""
-        self.scene = build(meshes[0], self.dies, self.dt, self.p.friction, self.p.solver)
+        p = self.p
+        self.scene = build(meshes[0], self.dies, self.dt, p.penalty, p.friction, p.solver)
         return self.scene.problem, self.scene.heat
 
     def size(self, msh):
         """Of cells: smaller where the billet's surface is curved, and where the dies are near."""
-        largest, smallest = self.p.size, self.p.size / 2
+        largest, smallest = self.p.size, SMALLEST * self.p.size
         way = self.dies[1].position[2, 3]
-        curved = qs.size_from_curvature(msh, 0.5, smallest, largest)
+        curved = qs.size_from_curvature(msh, largest / TURNED, smallest, largest)
         return [curved, lambda x: cell_size(x, way, largest, smallest)]
 
     def drive(self, t, dt):

@@ -18,6 +18,7 @@ FLASH = 2.4  # thickness of the flash between the closed dies
 DRAFT = math.tan(math.radians(7.0))
 LAND, GUTTER = 27.0, 33.0  # radii at which land and gutter begin
 EDGE = 44.0  # outer radius of the dies
+NEAR = 5.8  # way between the dies below which cells are smaller
 BEYOND = math.radians(8.0)  # by which dies go on past the planes of symmetry
 
 
@@ -93,7 +94,7 @@ def cavity(radius=LAND):
 
 
 def cell_size(x, way, largest, smallest):
-    """Size of a billet's cells: parts of the way between the dies, so that the flash has two.
+    """Size of a billet's cells: smaller where the dies are near each other.
 
     Args:
         x: Points, shape (3, n).
@@ -103,7 +104,7 @@ def cell_size(x, way, largest, smallest):
     """
     r = np.hypot(x[0], x[1])
     lower, upper = (np.interp(r, *profile(die).T) for die in ("lower", "upper"))
-    return np.clip(0.45 * (upper - lower + way), smallest, largest)
+    return np.clip(largest * (upper - lower + way) / NEAR, smallest, largest)
 
 
 def draw_profile(gmsh, die, back=None):
