@@ -46,7 +46,7 @@ from common.command import Command, film_file, option, output_file, report, say
 from common.measures import Clock
 
 #: What --quick has in the place of the defaults.
-QUICK = {"size": 3.6, "tool_size": 2.5, "advance": 1.2, "every": 3, "stroke": 20.0}
+QUICK = {"size": 3.6, "tool_size": 2.5, "advance": 1.2, "every": 7, "stroke": 20.0}
 
 
 @dataclasses.dataclass
