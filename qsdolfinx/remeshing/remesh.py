@@ -182,7 +182,9 @@ def remesh(
     msh, x = where(body)
     with collective_errors(msh.comm):
         require(bool(np.isfinite(x).all()), "body: coordinates and displacements must be finite")
-        _check_cells(msh, x)
+    turned = msh.comm.allreduce(_num_turned(msh, x), op=MPI.SUM)
+    with collective_errors(msh.comm):
+        require(turned == 0, f"body: the displacement turns {turned} cells inside out")
         rounding = AXIS * np.abs(x).max(initial=0.0)
         on_one_side = not axisymmetric or x[:, 0].min(initial=0.0) >= -rounding
         require(on_one_side, "axisymmetric: r, the first coordinate, must not be negative")
@@ -205,16 +207,16 @@ def remesh(
     return Remeshed(new, tags, report)
 
 
-def _check_cells(msh: mesh.Mesh, x: Array) -> None:
-    """Refuse a body whose cells a displacement has turned inside out."""
+def _num_turned(msh: mesh.Mesh, x: Array) -> int:
+    """Cells of this rank that a displacement has turned inside out."""
     gdim, count = msh.geometry.dim, msh.topology.index_map(msh.topology.dim).size_local
     nodes = cell_nodes(msh)[:count]
 
     def signs(at: Array) -> Array:
         return np.sign(np.linalg.det((at[nodes[:, 1:]] - at[nodes[:, :1]])[..., :gdim]))
 
-    turned = signs(x) != signs(np.asarray(msh.geometry.x, dtype=np.float64))
-    require(not turned.any(), f"body: the displacement turns {turned.sum()} cells inside out")
+    before = np.asarray(msh.geometry.x, dtype=np.float64)
+    return int(np.count_nonzero(signs(x) != signs(before)))
 
 
 def check_mesher(msh: mesh.Mesh, mesher: str) -> None:
