@@ -4,9 +4,9 @@
 DOLFINX = scripts/with-dolfinx
 # Numbers of MPI ranks that the tests run with.
 RANKS = 1 2 3
-# Arguments for pytest (--all-cases: see CONTRIBUTING.md; PYTEST_N: with N ranks), and seconds after
+# Arguments for pytest (--share, --all-cases: see CONTRIBUTING.md; PYTEST_N: with N ranks), and seconds after
 # which a test run is given up.
-PYTEST = -q
+PYTEST = -q --share
 TEST_TIMEOUT = 2400
 # The command of `make demo`.
 DEMO = python3 demos/patch_test.py --plot patch_test.png

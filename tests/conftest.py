@@ -2,13 +2,11 @@
 
 import collections
 import gc
-import inspect
 import io
 import itertools
 import os
 import pathlib
 import sys
-import zlib
 
 # Tests make a mesh twice and compare values rank by rank. With its threads Scotch, DOLFINx's
 # partitioner, may cut the same mesh differently each time (7.0.16 does, on 3 ranks).
@@ -23,8 +21,8 @@ import pytest
 here = pathlib.Path(__file__).resolve().parent
 programs = [here.parent / folder for folder in ("demos", "demos/engineering", "bench")]
 sys.path[:0] = [str(here), *map(str, programs)]
-#: Modules of tests that import from these are shared out: see pytest_collection_modifyitems.
-scenes = [*programs, here / "hard", here / "fuzz"]
+
+from choice import chosen, indices, ranks_of  # noqa: E402
 
 import ffcx.codegeneration.jit as ffcx_jit  # noqa: E402
 from dolfinx import jit  # noqa: E402
@@ -96,35 +94,39 @@ def pytest_addoption(parser):
     parser.addoption(
         "--all-cases",
         action="store_true",
-        help="every case of every test, whatever the number of ranks (see CONTRIBUTING.md)",
+        help="every case of every test, not each value of its parameters or pairs of these",
+    )
+    parser.addoption(
+        "--share",
+        action="store_true",
+        help="only what `make test` runs with this number of MPI ranks (see CONTRIBUTING.md)",
     )
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Of the demos, the benchmarks and a test's cases 2 ranks run an eighth, 3 another one.
-
-    Which those are follows from their names. One rank runs them all.
-    """
-    if comm.size == 1 or config.getoption("all_cases", False):
-        return
-    share = 1 if comm.size == 2 else 0
-    counts = collections.Counter(item.nodeid.partition("[")[0] for item in items)
-    of_scenes = {item.module: uses_scenes(item.module) for item in items}
-    kept, left = [], []
-    for item in items:
-        shared = counts[item.nodeid.partition("[")[0]] > 1 or of_scenes[item.module]
-        mine = zlib.crc32(item.nodeid.encode()) % 8 == share
-        (left if shared and not mine else kept).append(item)
-    config.hook.pytest_deselected(items=left)
-    items[:] = kept
+    """Mark as long what no run after each change needs; deal the rest to 1, 2 and 3 ranks."""
+    if not config.getoption("all_cases", False):
+        groups = collections.defaultdict(list)
+        for item in (item for item in items if not item.get_closest_marker("long")):
+            groups[item.nodeid.partition("[")[0]].append(item)
+        for group in groups.values():
+            kept = set(chosen([indices(item) for item in group]))
+            for item in (item for i, item in enumerate(group) if i not in kept):
+                item.add_marker(pytest.mark.long)
+    if config.getoption("share", False):
+        mine = {id(item) for item in items if comm.size == ranks_of(item)}
+        config.hook.pytest_deselected(items=[item for item in items if id(item) not in mine])
+        items[:] = [item for item in items if id(item) in mine]
 
 
-def uses_scenes(module):
-    """Whether a module of tests imports demos, benchmarks, hard cases or random scenes."""
-    names = {getattr(value, "__module__", None) for value in vars(module).values()}
-    names |= {value.__name__ for value in vars(module).values() if inspect.ismodule(value)}
-    files = [getattr(sys.modules.get(name), "__file__", None) for name in names]
-    return any(folder in pathlib.Path(file).parents for file in files if file for folder in scenes)
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    """Skip what another number of ranks is needed for."""
+    if item.get_closest_marker("several_ranks") and comm.size == 1:
+        pytest.skip("needs two ranks")
+    if item.get_closest_marker("one_rank") and comm.size > 1:
+        pytest.skip("needs a single rank")
 
 
 @pytest.hookimpl(trylast=True)

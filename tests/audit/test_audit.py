@@ -9,7 +9,7 @@ from audit.scenes import random_scene
 
 SIZE = MPI.COMM_WORLD.size
 #: Scenes and histories on 1, 2 and 3 ranks, which take several times as long each.
-SCENES, HISTORIES = {1: 100, 2: 50}.get(SIZE, 30), {1: 50, 2: 20}.get(SIZE, 10)
+SCENES, HISTORIES = {1: 40, 2: 20}.get(SIZE, 10), {1: 20, 2: 10}.get(SIZE, 5)
 
 
 def check(numbers, units=False, draw=random_scene):

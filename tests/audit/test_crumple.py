@@ -4,7 +4,7 @@ import pytest
 from audit.crumple import run
 
 
-@pytest.mark.parametrize("sliding", ("finite", "small"))
+@pytest.mark.parametrize("sliding", ("finite", pytest.param("small", marks=pytest.mark.long)))
 def test_strips(sliding):
     faults = []
     counts = run([1, 13], 2, sliding, faults.append)

@@ -17,7 +17,7 @@ from qsdolfinx.base.checks import COUNT, FLAG, FRACTION, POSITIVE, check, either
 from qsdolfinx.base.collective import checked, collective_errors
 
 FIRST, LAST = WORLD.rank == 0, WORLD.rank == WORLD.size - 1
-several = pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+several = pytest.mark.several_ranks
 
 
 class Counting(MPI.Intracomm):

@@ -436,7 +436,7 @@ def test_everywhere(scene, target):
     check(scene, rows, lambda row, good: {row.name: resolved(scene, row.value)})
 
 
-@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+@pytest.mark.several_ranks
 @pytest.mark.parametrize("target", by_target(ROWS))
 def test_on_one_rank_alone(scene, target):
     rows = [r for r in ROWS if r.target == target and not (r.everywhere or target in LOCAL)]
@@ -449,7 +449,7 @@ def test_on_one_rank_alone(scene, target):
     check(scene, rows, given)
 
 
-@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+@pytest.mark.several_ranks
 @pytest.mark.parametrize("target", by_target(DIFFERENT))
 def test_different(scene, target):
     rows = [row for row in DIFFERENT if row.target == target]

@@ -28,7 +28,7 @@ LIMIT = 120
 
 RANKS = [1, pytest.param(2, marks=pytest.mark.skipif(not shutil.which("mpirun"), reason="mpirun"))]
 
-alone = pytest.mark.skipif(WORLD.size > 1, reason="starts programs of its own")
+alone = pytest.mark.one_rank
 
 
 def on_last_rank(error):
@@ -312,7 +312,13 @@ def test_exception_of_one_rank_alone(tmp_path, ranks):
 
 @alone
 @pytest.mark.parametrize("ranks", RANKS)
-@pytest.mark.parametrize("name", ("no_space", "no_communicator", "no_slave", "no_unknowns"))
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("no_space", "no_unknowns"),
+        *(pytest.param(n, marks=pytest.mark.long) for n in ("no_communicator", "no_slave")),
+    ],
+)
 def test_no_communicator_on_one_rank(tmp_path, name, ranks):
     """A rank that cannot tell the others raises alone, and that ends all."""
     code, text = run(name, tmp_path, ranks)

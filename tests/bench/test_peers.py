@@ -159,7 +159,7 @@ def test_missing_package():
     assert "dolfinx_contact" in str(found["asimov"])
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="what is started initialises MPI")
+@pytest.mark.one_rank
 def test_no_source(monkeypatch, tmp_path):
     """Without git it is told what to clone, and how to give it."""
     if importlib.util.find_spec("dolfinx_contact"):
@@ -303,7 +303,7 @@ def test_own_forces():
     assert far["l2_lower"] > row["l2_lower"] > 1e-2  # of a larger force the radius is another
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank solves by itself")
+@pytest.mark.one_rank
 def test_asimov_converges(monkeypatch):
     """Nitsche's tractions come near to Hertz's pressure, and its forces balance those inside."""
     pytest.importorskip("dolfinx_contact")
@@ -324,7 +324,7 @@ def test_asimov_converges(monkeypatch):
         assert rows[1][f"unbalanced_{name}"] < 1e-8
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank solves by itself")
+@pytest.mark.one_rank
 def test_asimov_cubes(monkeypatch):
     """The force of the cubes is that of our augmented Lagrangian, which leaves no gap either."""
     pytest.importorskip("dolfinx_contact")
@@ -340,7 +340,8 @@ def test_asimov_cubes(monkeypatch):
     assert np.isclose(force, expected, rtol=1e-4)
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank solves by itself")
+@pytest.mark.one_rank
+@pytest.mark.long
 def test_ours_converges(monkeypatch):
     """The pressure of our own solution comes near to Hertz's, on both bodies."""
     monkeypatch.setattr(ours, "COMM", MPI.COMM_SELF)

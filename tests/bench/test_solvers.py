@@ -12,7 +12,14 @@ def test_page_is_up_to_date():
     assert solvers.rewritten(text) == text
 
 
-@pytest.mark.parametrize("scene", ("linear", "Newtonian", "Norton-Hoff"))
+@pytest.mark.parametrize(
+    "scene",
+    (
+        "linear",
+        pytest.param("Newtonian", marks=pytest.mark.long),
+        pytest.param("Norton-Hoff", marks=pytest.mark.long),
+    ),
+)
 def test_row(scene, monkeypatch):
     """Of each solver a time, of "auto" what it picked, and its time over the best."""
     monkeypatch.setitem(presets.LARGE, 3, 10)

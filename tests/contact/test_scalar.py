@@ -471,7 +471,7 @@ def test_bodies_that_are_not_solved_for():
         problem.solve()
 
 
-@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+@pytest.mark.several_ranks
 def test_numbers_that_differ_between_ranks():
     scene = Blocks("triangle")
     text = "h: must be the same on all ranks"

@@ -65,7 +65,14 @@ def check(found, wanted):
 
 @pytest.mark.parametrize("body", (elastic, neo_hookean))
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("cell, degree", (("triangle", 2), ("hexahedron", 1), ("tetrahedron", 1)))
+@pytest.mark.parametrize(
+    "cell, degree",
+    (
+        ("triangle", 2),
+        pytest.param("hexahedron", 1, marks=pytest.mark.long),
+        pytest.param("tetrahedron", 1, marks=pytest.mark.long),
+    ),
+)
 def test_friction(cell, degree, law, body):
     friction = {"friction": LAWS[law], "degree": degree, "body": body}
     wanted = history(cell, DRAGGED, "exact", **friction)

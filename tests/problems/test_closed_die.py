@@ -36,6 +36,7 @@ def forged():
     return run(COARSE, WORLD)
 
 
+@pytest.mark.long
 def test_what_it_reports():
     result, scene, die, _ = forged()
     assert list(result) == KEYS
@@ -54,6 +55,7 @@ def test_what_it_reports():
     assert die.arrived[2] == pytest.approx(-result["force_max"] / 4, rel=0.1)
 
 
+@pytest.mark.long
 def test_curves(tmp_path):
     """A curve read again is the same; one that is 3 % higher, 3 % apart; no curve, refused."""
     curve = forged()[-1]
@@ -79,7 +81,8 @@ def test_cavity():
     assert billet_size(10.0, 0.0) * np.pi * 100.0 == pytest.approx(cavity())
 
 
-@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+@pytest.mark.long
+@pytest.mark.several_ranks
 def test_ranks():
     """The same on one rank, through the new meshes."""
     alone = run(COARSE, WORLD.Split(WORLD.rank))[0]

@@ -74,6 +74,7 @@ def test_point_reflection(friction):
     np.testing.assert_allclose(*energies.T, atol=5e-3 * energies.max())
 
 
+@pytest.mark.long
 def test_meshes():
     """The finer mesh has nearly the same curves, and smaller kinks."""
     (rows, _), (finer, _) = pushed(), pushed(cells=6)
@@ -99,7 +100,7 @@ def test_results():
     assert result["snes_iterations"] == 2 * sum(row.iterations for row in rows)
 
 
-@pytest.mark.parametrize("friction", (0.0, 0.3))
+@pytest.mark.parametrize("friction", (pytest.param(0.0, marks=pytest.mark.long), 0.3))
 def test_ranks_do_not_matter(friction):
     rows, _ = pushed(friction=friction)
     alone = push(dataclasses.replace(SMALL, friction=friction), MPI.COMM_SELF)

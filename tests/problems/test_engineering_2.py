@@ -29,6 +29,7 @@ def check_picture(tmp_path, draw, *what):
     assert 0.02 < np.mean(pixels < 200) < 0.7
 
 
+@pytest.mark.long
 def test_roller_on_rubber(tmp_path):
     """It comes as far as rubber passes its rim, and less far than the rim is long."""
     result, rows, scene = roller_on_rubber.run(roller_on_rubber.Parameters(4.0, 48.0), WORLD)
@@ -40,6 +41,7 @@ def test_roller_on_rubber(tmp_path):
     check_picture(tmp_path, roller_on_rubber.draw, result, rows, scene, published)
 
 
+@pytest.mark.long
 def test_bracket(tmp_path):
     """Tied or in one mesh it has the same stress; the tied one has fewer unknowns."""
     result, *bodies = bracket.run(bracket.Parameters(2.0, 5.0), WORLD)

@@ -48,12 +48,14 @@ def test_pressed_legs():
     assert stiffness == pytest.approx(modulus * (a.touching + b.touching) / 2, rel=0.15)
 
 
+@pytest.mark.long
 def test_inside():
     """What is named besides that does not touch makes no difference."""
     both = [[row.force for row in folded(touching=name)] for name in ("boundary", "inside")]
     np.testing.assert_allclose(*both, rtol=1e-5, atol=1e-8)
 
 
+@pytest.mark.long
 def test_friction():
     """Legs that are mirror images do not slip on each other."""
     rows = folded(friction=0.2)

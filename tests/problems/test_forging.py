@@ -163,7 +163,10 @@ def state_of_friction(contacts):
     return sums
 
 
-@pytest.mark.parametrize("friction", ("none", "norton", "coulomb-tresca"))
+@pytest.mark.parametrize(
+    "friction",
+    [*(pytest.param(f, marks=pytest.mark.long) for f in ("none", "norton")), "coulomb-tresca"],
+)
 def test_restart(tmp_path, monkeypatch, friction):
     """A run that was stopped and goes on has the same history, energies and slip included."""
     root = WORLD.bcast(tmp_path)

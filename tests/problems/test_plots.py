@@ -66,7 +66,14 @@ def check_picture(frame):
     assert np.mean(pixels.min(axis=2) > 250) > 0.1
 
 
-@pytest.mark.parametrize("name", SMALL)
+#: Those that are drawn after each change: a mesh, curves, a body in space, a table.
+EACH_TIME = ("patch_test", "hertz", "sliding_wedge", "ironing")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[] if n in EACH_TIME else pytest.mark.long) for n in SMALL],
+)
 def test_picture(monkeypatch, tmp_path, capsys, name):
     if name == "closed_die":
         pytest.importorskip("gmsh")

@@ -245,7 +245,7 @@ def test_bad_arguments_are_named(arguments, text):
         qs.remesh(**given)
 
 
-@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+@pytest.mark.several_ranks
 @pytest.mark.parametrize(
     "sizes",
     [([0.3, 0.2], [0.3]), (0.3, 0.2), ([0.3], 0.3), (lambda x: 0.3 + 0 * x[0], 0.3)],
@@ -264,7 +264,7 @@ def test_a_complex_size():
         qs.remesh(msh, lambda x: 0.3 + 0j * x[0])
 
 
-@pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
+@pytest.mark.several_ranks
 def test_tags_of_one_rank_alone():
     msh = mesh.create_unit_square(WORLD, 4, 4)
     tags = tagged(msh, [(0, 0.0)])

@@ -86,7 +86,9 @@ def compressed(m_bar, every):
 
 
 @pytest.mark.filterwarnings("ignore::qsdolfinx.ContactWarning")
-@pytest.mark.parametrize("m_bar", [0.0, 0.2, 0.6])
+@pytest.mark.parametrize(
+    "m_bar", [0.2, *(pytest.param(m, marks=pytest.mark.long) for m in (0.0, 0.6))]
+)
 def test_calibration_curves(m_bar):
     """Bores to 0.5 % at each step, forces to 2.5 %."""
     bore, force, _ = compressed(m_bar, None)

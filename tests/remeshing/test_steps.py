@@ -33,7 +33,11 @@ def same(first, second):
 
 @pytest.mark.parametrize(
     ("dim", "size", "friction", "within"),
-    [(2, 1.25, None, 2e-3), (2, 1.25, lambda: qs.Tresca(8.0), 5e-3), (3, 3.5, None, 0.01)],
+    [
+        pytest.param(2, 1.25, None, 2e-3, marks=pytest.mark.long),
+        (2, 1.25, lambda: qs.Tresca(8.0), 5e-3),
+        pytest.param(3, 3.5, None, 0.01, marks=pytest.mark.long),
+    ],
     ids=["axisymmetric", "barrel", "quarter"],
 )
 def test_upsetting_goes_on_as_on_one_mesh(dim, size, friction, within):

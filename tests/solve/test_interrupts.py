@@ -87,7 +87,7 @@ def test_second_one_is_handled_at_once():
     assert reached == ["first"] and same(before, case.state())
 
 
-@pytest.mark.skipif(WORLD.size > 1, reason="with several ranks nothing can be promised")
+@pytest.mark.one_rank
 @pytest.mark.parametrize("moment", range(5))
 def test_second_one_in_the_midst_of_assembly(moment):
     """Even that leaves a problem that can be solved."""

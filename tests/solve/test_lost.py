@@ -53,7 +53,7 @@ class Rolled:
         return np.array(sums) / area
 
 
-@pytest.mark.parametrize("sliding", ["finite", "small"])
+@pytest.mark.parametrize("sliding", [pytest.param("finite", marks=pytest.mark.long), "small"])
 def test_ring_between_blocks_stays(sliding):
     """It is pressed by 0.1 in five steps; the middle goes down by half of that."""
     scene = Rolled(sliding)

@@ -41,6 +41,7 @@ def test_shares_fall():
     assert len(shares) <= 16
 
 
+@pytest.mark.long
 def test_ring_that_is_lost_otherwise():
     """Squeezed by a third of its radius and rolled by a facet and more in a step."""
     case = FreeRing((64, 3), 45.0, qs.Stabilisation(), dt_min=0.02)

@@ -71,6 +71,7 @@ def test_rings(friction):
     assert closed >= 3
 
 
+@pytest.mark.long
 def test_in_space():
     depth, closed = Tube(3, 2).upset(1.1)
     assert depth < 0.1

@@ -1,0 +1,48 @@
+"""Which cases of a test are run after each change, and with how many ranks."""
+
+import itertools
+import pathlib
+
+import choice
+import pytest
+
+
+def product(**lists):
+    return [
+        dict(zip(lists, c, strict=True)) for c in itertools.product(*map(range, lists.values()))
+    ]
+
+
+def values(cases, *names):
+    return {tuple(case[name] for name in names) for case in cases}
+
+
+@pytest.mark.parametrize("sizes", ((4, 3, 2), (2, 5, 3, 2)))
+def test_pairs_of_three_lists_and_more(sizes):
+    cases = product(**dict(zip("abcd", sizes, strict=False)))
+    kept = [cases[i] for i in choice.chosen(cases)]
+    assert len(kept) < 0.7 * len(cases)
+    for pair in itertools.combinations(cases[0], 2):
+        assert values(kept, *pair) == values(cases, *pair)
+
+
+def test_values_of_two_lists():
+    """Names of one list that are given together are no product."""
+    cases = [case | {"with_a": case["a"]} for case in product(a=4, b=3)]
+    kept = [cases[i] for i in choice.chosen(cases)]
+    assert len(kept) == 4
+    assert all(values(kept, name) == values(cases, name) for name in ("a", "b"))
+
+
+def test_one_list_is_whole():
+    for cases in ([{}], product(a=5)):
+        assert list(choice.chosen(cases)) == list(range(len(cases)))
+
+
+def test_every_test_has_a_number_of_ranks(request):
+    """One that there is a run for; with several ranks what needs them."""
+    for item in request.session.items:
+        ranks = choice.ranks_of(item)
+        assert ranks in (1, 2, 3)
+        assert ranks > 1 or not item.get_closest_marker("several_ranks")
+        assert ranks == 1 or pathlib.Path(item.path).parent.name not in choice.ALONE
