@@ -18,7 +18,7 @@ from dolfinx import fem
 
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import FLAG, check, either, instance, one_of, require
-from qsdolfinx.base.collective import checked
+from qsdolfinx.base.collective import checked, is_of_all
 from qsdolfinx.base.messages import ContactWarning, say, warn
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
@@ -405,7 +405,7 @@ class ContactProblem:
             raise
         except BaseException as error:
             alone = self.comm.size > 1 and not isinstance(error, Exception)
-            if interrupt.is_of_all(error) or not alone:
+            if interrupt.is_of_all(error) or is_of_all(error) or not alone:
                 before.restore()
             raise
 

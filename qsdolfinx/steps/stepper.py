@@ -355,7 +355,7 @@ class TimeStepper:
     def _prepare(self) -> float:
         """Set loads and motions of the step to come; returns its Δt."""
         dt = min(self.dt, self.dt_max)
-        with collective_errors(self.problem.comm):
+        with collective_errors(self.problem.comm), interrupt.user_code():
             self.drive(self.t + dt, dt)
         return dt
 
@@ -444,7 +444,7 @@ class TimeStepper:
             ConvergenceError: If the solver does not converge.
             _Fault: If the end of the step is not acceptable.
         """
-        with collective_errors(self.problem.comm):
+        with collective_errors(self.problem.comm), interrupt.user_code():
             self.drive(t, dt)
         interrupt.look(self.problem.comm)
         if (fault := self._scene.limits.fault_of(self.tools)) is not None:
@@ -464,7 +464,7 @@ class TimeStepper:
             places = zip(self.motions, self.in_velocity, strict=True)
             self.staggered.solve(dt, [Place.of(*place) for place in places])
         if self.on_solved is not None:
-            with collective_errors(self.problem.comm):
+            with collective_errors(self.problem.comm), interrupt.user_code():
                 self.on_solved()
         interrupt.look(self.problem.comm)
 

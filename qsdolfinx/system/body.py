@@ -97,6 +97,8 @@ class Body:
         self.watch = Stopwatch()
         #: Number of times that K was assembled.
         self.num_assemblies = 0
+        # Whether an exception has ended the assembly of a matrix, which is then of no more use.
+        self._is_broken = False
         # Digest of what :meth:`matrix` last depended on.
         self._assembled = b""
         #: Entry of K in the rows of Dirichlet conditions (force per length); 0 until it is known.
@@ -167,6 +169,7 @@ class Body:
         if start is not None:
             at = self.constrained
             self._g.array[at] = (1 - part) * start[at] + part * self._g.array[at]
+        self._forget_broken()
         if not self.linear:
             return
         fingerprint = self._state_of_K()
@@ -223,6 +226,7 @@ class Body:
 
     def matrix(self) -> PETSc.Mat:
         """The bulk block alone, for the present u; do not modify. Collective."""
+        self._forget_broken()
         if self._K is None:
             self._K, self._assembled = self._new_matrix(), b""
         if self.linear:
@@ -305,12 +309,21 @@ class Body:
 
     def _assemble_matrix(self, matrix: PETSc.Mat) -> None:
         form, stiffness = self._tangent_form, self.condition_stiffness or 1.0
+        self._is_broken = True
         with self.watch.stage("bulk assembly"):
             matrix.zeroEntries()
             # mypy sees another of the functions that this name dispatches to.
             fem_petsc.assemble_matrix(matrix, form, self.bcs, stiffness)  # type: ignore[arg-type]
             matrix.assemble()
+        self._is_broken = False
         self.num_assemblies += 1
+
+    def _forget_broken(self) -> None:
+        """Leave behind a matrix whose assembly was not finished, which PETSc would refuse."""
+        if self._is_broken:
+            self._is_broken, self._K, self.fingerprint = False, None, b""
+            self._assembled = b""
+            self._half, self._half_of = None, 0
 
     def _assemble_with_conditions(self) -> Array:
         """F as it will be when the constrained unknowns have their values. Collective.
