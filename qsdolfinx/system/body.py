@@ -12,12 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 import ufl
-from dolfinx import fem, la
+from dolfinx import cpp, fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.surface.geometry import Cartesian
+from qsdolfinx.system.bare_rows import check_rows, is_everywhere, unrolled
 from qsdolfinx.system.rows import groups
 
 Array = npt.NDArray[np.float64]
@@ -87,6 +88,10 @@ class Body:
         # Its upper triangle, and the assembly that it is of.
         self._half: PETSc.Mat | None = None
         self._half_of = 0
+        #: Owned unknowns of cells that F is not integrated over: without an entry in K.
+        self.bare: npt.NDArray[np.int32] = np.zeros(0, dtype=np.int32)
+        #: Place in the list of bodies.
+        self.number = 0
         #: PETSc's type of the bulk block; "baij" takes less memory.
         self.matrix_type: str = PETSc.Mat.Type.AIJ
         #: Digest of everything that K depends on; empty if F is not linear.
@@ -259,7 +264,19 @@ class Body:
         return self._half
 
     def _new_matrix(self) -> PETSc.Mat:
-        return fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
+        """Matrix with the pattern of K, and a diagonal where K has no row. Collective."""
+        if is_everywhere(self._tangent_ufl):
+            return fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
+        pattern = fem.create_sparsity_pattern(self._tangent_form)
+        pattern.finalize()
+        num_owned = self.V.dofmap.index_map.size_local
+        counts = np.diff(np.asarray(pattern.graph[1], dtype=np.int64)[: num_owned + 1])
+        empty = np.flatnonzero(counts == 0).astype(np.int32)
+        self.bare = unrolled(empty, self.V.dofmap.index_map_bs)
+        pattern = fem.create_sparsity_pattern(self._tangent_form)
+        pattern.insert_diagonal(empty)
+        pattern.finalize()
+        return cpp.la.petsc.create_matrix(self.comm, pattern, self.matrix_type)
 
     def free_matrix(self) -> None:
         """Free what :meth:`matrix` gave, unless it is still needed. Collective."""
@@ -294,6 +311,7 @@ class Body:
         self._assemble_matrix(matrix)
         diagonal = matrix.getDiagonal()
         self.diagonal = np.abs(diagonal.array_r)
+        check_rows(self, matrix)
         some = self.diagonal[self.free]
         some = some[some > 0]
         total, number = self.comm.allreduce(np.array([some.sum(), len(some)]), op=MPI.SUM)
