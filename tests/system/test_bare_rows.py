@@ -33,6 +33,8 @@ def problem(material, part="half", held=False, solver="direct"):
         factor = fem.Function(D)
         factor.x.array[low] = 1.0
         F = factor * ufl.inner(stress, strain) * dx
+    msh.topology.create_connectivity(1, 2)
+    msh.topology.create_connectivity(0, 2)
     middle = mesh.locate_entities(msh, 1, lambda x: np.isclose(x[1], 0.5))
     bcs = [clamp(V, middle, [0.0, -0.02])]
     if held:
@@ -48,7 +50,7 @@ def test_free_unknowns_without_equations(material, part):
     """The error counts them, says where they are and what helps; u stays, and it is said again."""
     case = problem(material, part)
     for _ in range(2):
-        raises_everywhere(WORLD, ValueError, r"F: entry 0 .* for 42 of the 84 unknowns", case.solve)
+        raises_everywhere(WORLD, ValueError, "entry 0 gives no equation for 42 of the 84", case.solve)
     assert not case.u[0].x.array.any()
 
 
