@@ -30,8 +30,8 @@ from qsdolfinx.steps.hand_over import RemeshingReport
 from qsdolfinx.steps.remeshing import Remeshing
 from qsdolfinx.steps.restart import load_run, save_run
 from qsdolfinx.steps.staggered import Staggered
-from qsdolfinx.steps.step_row import step_row
 from qsdolfinx.steps.step_log import Attempt, StepLog
+from qsdolfinx.steps.step_row import step_row
 from qsdolfinx.steps.stepper import StepError, TimeStepper
 from qsdolfinx.steps.stored_mesh import load_meshes
 from qsdolfinx.surface.repartition import repartition

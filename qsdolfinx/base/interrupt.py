@@ -18,7 +18,6 @@ from petsc4py import PETSc
 
 import numpy as np
 
-
 #: PETSc's error code of an exception in Python.
 IN_PYTHON = -1
 

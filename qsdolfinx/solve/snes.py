@@ -59,7 +59,9 @@ NO_LONGER_FINITE = (
 
 #: The same of all others; of linear bodies in small sliding without friction, where the size of a
 #: step hardly matters.
-REMEDY = "nothing may balance the load, or the step be too large: take smaller ones (qs.TimeStepper)"
+REMEDY = (
+    "nothing may balance the load, or the step be too large: take smaller ones (qs.TimeStepper)"
+)
 REMEDY_LINEAR = "nothing may balance the load: look at loads, conditions and what is in contact"
 
 PAGE = "docs/howto/convergence.md"

@@ -104,7 +104,7 @@ class StepLog:
 
     def restore(self, stored: typing.Sequence[typing.Sequence[typing.Any]]) -> None:
         """Put back what :meth:`stored` has given."""
-        self._rows = [Attempt(*values[:-1], closed=tuple(values[-1])) for values in stored]
+        self._rows = [Attempt(*values[:-1], tuple(values[-1])) for values in stored]
 
 
 def reason_of(error: Exception) -> str:

@@ -59,8 +59,8 @@ def check_rows(body: Body, matrix: PETSc.Mat) -> None:
     low, high = _box(body, bare)
     raise ValueError(
         f"F: entry {body.number} gives no equation for {counts[0]} of the {counts[1]} unknowns of "
-        f"u[{body.number}] that no condition holds: in cells with midpoints from {low} to {high}, over which "
-        "it has no integral, or where its coefficients are zero; hold these unknowns by Dirichlet "
+        f"u[{body.number}] that no condition holds: in cells with midpoints from {low} to {high}, "
+        "over which it has no integral, or where its coefficients are zero; hold these unknowns by Dirichlet "
         "conditions, make the body of a sub-mesh of the other cells (dolfinx.mesh.create_submesh), "
         "or give all cells a stiffness"
     )

@@ -13,7 +13,7 @@ MODULUS = 100.0
 
 
 def problem(material, part="half", held=False, solver="direct"):
-    """A block's lower half, pressed on a floor; the upper half has no stiffness, or is not there."""
+    """A block's lower half, pressed on a floor; the upper one has no stiffness, or is not there."""
     height = 0.5 if part == "alone" else 1.0
     count = 3 if part == "alone" else 6
     msh = box(WORLD, (6, count), "quadrilateral", [0.0, 0.0], [1.0, height])
@@ -45,12 +45,16 @@ def problem(material, part="half", held=False, solver="direct"):
     return qs.ContactProblem([F], [u], [contact], [bcs], solver=solver)
 
 
-@pytest.mark.parametrize("material, part", [("linear", "half"), ("neo", "half"), ("linear", "zero")])
+@pytest.mark.parametrize(
+    "material, part", [("linear", "half"), ("neo", "half"), ("linear", "zero")]
+)
 def test_free_unknowns_without_equations(material, part):
     """The error counts them, says where they are and what helps; u stays, and it is said again."""
     case = problem(material, part)
     for _ in range(2):
-        raises_everywhere(WORLD, ValueError, "entry 0 gives no equation for 42 of the 84", case.solve)
+        raises_everywhere(
+            WORLD, ValueError, "entry 0 gives no equation for 42 of the 84", case.solve
+        )
     assert not case.u[0].x.array.any()
 
 
