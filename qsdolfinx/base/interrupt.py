@@ -1,8 +1,8 @@
 """Ctrl-C and handlers of other signals while PETSc works: all ranks stop together, in order.
 
-PETSc cannot go on after a Python exception in the midst of it: matrices stay half assembled, vectors
-locked, and some of it ends the process. So what a handler of a signal raises waits for a place where
-all ranks can raise.
+PETSc cannot go on after a Python exception in the midst of it: matrices stay half assembled,
+vectors locked, and some of it ends the process. So what a handler of a signal raises waits for a
+place where all ranks can raise.
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ def rough_surfaces(
     """Conductance h of rough surfaces: k̄ p/H̄ of the spots that touch, beside gas and radiation.
 
     k̄ and H̄ are harmonic means. Gas conducts with k_gas/(g + δ), of distance g and roughness δ, and
-    radiation with σ_r (T_s² + T_m²)(T_s + T_m), of absolute temperatures. All arguments are given by
-    name: ``rough_surfaces(slave=(16.2, 129.0), master=(210.0, 15.0))``.
+    radiation with σ_r (T_s² + T_m²)(T_s + T_m), of absolute temperatures. All arguments are given
+    by name: ``rough_surfaces(slave=(16.2, 129.0), master=(210.0, 15.0))``.
 
     Args:
         unnamed: Refused: pairs without a name can be of a body or of a property.

@@ -104,7 +104,12 @@ class StepLog:
 
     def restore(self, stored: typing.Sequence[typing.Sequence[typing.Any]]) -> None:
         """Put back what :meth:`stored` has given."""
-        self._rows = [Attempt(*values[:-1], tuple(values[-1])) for values in stored]
+        self._rows = [_attempt(values) for values in stored]
+
+
+def _attempt(values: typing.Sequence[typing.Any]) -> Attempt:
+    found = dict(zip(_COLUMNS, values, strict=True))
+    return Attempt(**(found | {"closed": tuple(found["closed"])}))
 
 
 def reason_of(error: Exception) -> str:

@@ -11,11 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 import ufl
+from dolfinx import fem
 
 from qsdolfinx.compat import cell_nodes
-
-if typing.TYPE_CHECKING:
-    from qsdolfinx.system.body import Body
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -34,47 +32,60 @@ def unrolled(blocks: Indices, size: int) -> Indices:
     return (blocks[:, None] * size + np.arange(size, dtype=np.int32)).ravel().astype(np.int32)
 
 
-def check_rows(body: Body, matrix: PETSc.Mat) -> None:
+def check_rows(
+    number: int, V: fem.FunctionSpace, free: Indices, bare: Indices, matrix: PETSc.Mat | None
+) -> None:
     """Refuse a body with free unknowns that its form gives no equation. Collective.
 
     Those of cells that the form is not integrated over; of a form that is linear also those whose
     rows are zero, since they stay so.
 
     Args:
-        body: The body.
-        matrix: Its K, assembled, with ones or the like in the rows of Dirichlet conditions.
+        number: Place of the body in the list of bodies.
+        V: Its space.
+        free: Owned unknowns that no condition holds.
+        bare: Owned unknowns without an entry in K.
+        matrix: K, assembled, of a linear form; None of others.
 
     Raises:
         ValueError: On all ranks.
     """
-    bare = np.intersect1d(body.bare, body.free)
-    if body.linear:
-        some = np.intersect1d(np.flatnonzero(body.diagonal == 0), body.free)
-        first = matrix.getOwnershipRange()[0]
-        rows = [k for k in some if not np.any(matrix.getRow(int(first + k))[1])]
-        bare = np.union1d(bare, np.array(rows, dtype=np.int64))
-    counts = body.comm.allreduce(np.array([len(bare), len(body.free)]), op=MPI.SUM)
-    if counts[0] == 0 or (counts[0] == counts[1] and len(body.bare) == 0):
-        return
-    low, high = _box(body, bare)
+    comm: MPI.Intracomm = V.mesh.comm
+    found = np.intersect1d(bare, free)
+    if matrix is not None:
+        found = np.union1d(found, np.intersect1d(_zero_rows(matrix), free))
+    counts = comm.allreduce(np.array([len(found), len(free), len(bare)]), op=MPI.SUM)
+    if counts[0] == 0 or (counts[0] == counts[1] and counts[2] == 0):
+        return  # a body of which all is zero has what contact gives it
+    low, high = _box(V, found)
     raise ValueError(
-        f"F: entry {body.number} gives no equation for {counts[0]} of the {counts[1]} unknowns of "
-        f"u[{body.number}] that no condition holds: in cells with midpoints from {low} to {high}, "
-        "over which it has no integral, or where its coefficients are zero; hold these unknowns by Dirichlet "
-        "conditions, make the body of a sub-mesh of the other cells (dolfinx.mesh.create_submesh), "
-        "or give all cells a stiffness"
+        f"F: entry {number} gives no equation for {counts[0]} of the {counts[1]} unknowns of "
+        f"u[{number}] that no condition holds: in cells with midpoints from {low} to {high}, "
+        "over which it has no integral, or where its coefficients are zero; hold these unknowns "
+        "by Dirichlet conditions, make the body of a sub-mesh of the other cells "
+        "(dolfinx.mesh.create_submesh), or give all cells a stiffness"
     )
 
 
-def _box(body: Body, unknowns: npt.NDArray[np.int64]) -> tuple[str, str]:
-    """Corners of the box around the cells with these owned unknowns, as texts. Collective."""
-    V, msh = body.V, body.V.mesh
+def _zero_rows(matrix: PETSc.Mat) -> Indices:
+    """Owned rows without an entry other than zero, numbered from this rank's first one."""
+    diagonal = matrix.getDiagonal()
+    some = np.flatnonzero(diagonal.array_r == 0)
+    diagonal.destroy()
+    first = matrix.getOwnershipRange()[0]
+    rows = [k for k in some if not np.any(matrix.getRow(int(first + k))[1])]
+    return np.array(rows, dtype=np.int32)
+
+
+def _box(V: fem.FunctionSpace, unknowns: Indices) -> tuple[str, str]:
+    """Corners of the box of the midpoints of cells with these unknowns, as texts. Collective."""
+    msh = V.mesh
     blocks = np.unique(unknowns // V.dofmap.index_map_bs)
     cells = np.flatnonzero(np.any(np.isin(V.dofmap.list, blocks), axis=1)).astype(np.int32)
     x = _middles(msh, cells)
     low, high = np.min(x, axis=0, initial=np.inf), np.max(x, axis=0, initial=-np.inf)
     corners = np.concatenate([-low, high])
-    body.comm.Allreduce(MPI.IN_PLACE, corners, op=MPI.MAX)
+    msh.comm.Allreduce(MPI.IN_PLACE, corners, op=MPI.MAX)
     d = msh.geometry.dim
     low, high = -corners[:3], corners[3:]
     texts = [", ".join(f"{value:.4g}" for value in corner[:d]) for corner in (low, high)]

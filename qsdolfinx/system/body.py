@@ -309,9 +309,9 @@ class Body:
         they scale as all else when units change.
         """
         self._assemble_matrix(matrix)
+        check_rows(self.number, self.V, self.free, self.bare, matrix if self.linear else None)
         diagonal = matrix.getDiagonal()
         self.diagonal = np.abs(diagonal.array_r)
-        check_rows(self, matrix)
         some = self.diagonal[self.free]
         some = some[some > 0]
         total, number = self.comm.allreduce(np.array([some.sum(), len(some)]), op=MPI.SUM)
