@@ -62,8 +62,7 @@ class Billet:
         self._motion = MeshMotion(self.w)
         F = ufl.Identity(3) + qs.materials.gradient(ufl.split(self.w)[0], axisymmetric=True)
         volume = qs.materials.axisymmetric_weight(msh) * ufl.det(F) * self.body.dx
-        energies = self.body.stored_energy, self.body.dissipated_energy
-        self._volume, *self._energies = (fem.form(form) for form in (volume, *energies))
+        self._volume = fem.form(volume)
 
     def force(self):
         """On the die. Collective."""
@@ -75,7 +74,7 @@ class Billet:
 
     def energies(self):
         """Stored, and dissipated. Collective."""
-        return [self._total(form) for form in self._energies]
+        return [self.body.stored_energy(), self.body.dissipated_energy()]
 
     def radii(self, height):
         """At half height, and where the billet leaves the die, at this height. Collective."""

@@ -30,6 +30,7 @@ from qsdolfinx.steps.hand_over import RemeshingReport
 from qsdolfinx.steps.remeshing import Remeshing
 from qsdolfinx.steps.restart import load_run, save_run
 from qsdolfinx.steps.staggered import Staggered
+from qsdolfinx.steps.step_log import Attempt, StepLog
 from qsdolfinx.steps.step_row import step_row
 from qsdolfinx.steps.stepper import StepError, TimeStepper
 from qsdolfinx.steps.stored_mesh import load_meshes
@@ -42,6 +43,7 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 __version__ = "0.1.0"
 
 __all__ = [
+    "Attempt",
     "Conductance",
     "Contact",
     "ContactProblem",
@@ -68,6 +70,7 @@ __all__ = [
     "Staggered",
     "Status",
     "StepError",
+    "StepLog",
     "Sticking",
     "Surface",
     "Tied",

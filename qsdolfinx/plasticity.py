@@ -6,8 +6,11 @@ in 2D in plane strain or, with ``axisymmetric=True``, in the order r, z, θ.
 
 from __future__ import annotations
 
+import functools
 import math
 import typing
+
+from mpi4py import MPI
 
 import basix.ufl
 import ufl
@@ -127,6 +130,7 @@ class J2Plasticity:
         }
         points = interpolation_points(self.plastic_strain.function_space)
         self._new = {f: fem.Expression(expression, points) for f, expression in new.items()}
+        self._compiled: dict[ufl.Form, fem.Form] = {}
         ratio = ufl.det(self._F) * ufl.exp(-ufl.tr(self._old_strain))
         self._ratio = fem.Expression(ratio, points)
 
@@ -166,16 +170,30 @@ class J2Plasticity:
         mean = -ufl.split(self.w)[1] if self.mixed else self.bulk * self._dilation
         return mean * ufl.Identity(3) + 2 * self.shear * ufl.dev(self._strain)
 
-    @property
-    def stored_energy(self) -> ufl.Form:
+    def stored_energy(self) -> float:
+        """Elastic energy and that of hardening at w, over all ranks. Collective."""
+        return self._total(self.stored_energy_form)
+
+    def dissipated_energy(self) -> float:
+        """Energy that yielding has turned into heat until w, over all ranks. Collective."""
+        return self._total(self.dissipated_energy_form)
+
+    def _total(self, form: ufl.Form) -> float:
+        if form not in self._compiled:
+            self._compiled[form] = fem.form(form)
+        local = fem.assemble_scalar(self._compiled[form])
+        return float(self.mesh.comm.allreduce(local, op=MPI.SUM))
+
+    @functools.cached_property
+    def stored_energy_form(self) -> ufl.Form:
         """Elastic energy and that of hardening at w, ∫ K/2 tr(e)² + G |dev e|² + H/2 α²."""
         shape, alpha = ufl.dev(self._strain), self.plastic_strain + self._flow
         energy = self.shear * ufl.inner(shape, shape) + self.hardening / 2 * alpha**2
         return self._weight * (energy + self.bulk / 2 * ufl.tr(self._strain) ** 2) * self.dx
 
-    @property
-    def dissipated_energy(self) -> ufl.Form:
-        """What yielding has turned into heat until w, ∫ σ_Y α."""
+    @functools.cached_property
+    def dissipated_energy_form(self) -> ufl.Form:
+        """Energy that yielding has turned into heat until w, ∫ σ_Y α."""
         alpha = self.plastic_strain + self._flow
         return self._weight * self.yield_stress * alpha * self.dx
 

@@ -23,9 +23,14 @@ _PLAIN = (
     FileExistsError,
     NotADirectoryError,
     PermissionError,
+    KeyboardInterrupt,
+    SystemExit,
 )
 
 _ANYTHING = Kind("anything", lambda value: True)
+
+#: Attribute of errors that all ranks raise.
+_MARK = "_qsdolfinx_of_all_ranks"
 
 #: Blocks of ``checked`` that this rank is in.
 _open: list[Same] = []
@@ -76,11 +81,12 @@ def checked(comm: MPI.Intracomm) -> typing.Iterator[Same]:
         Exception: What the lowest failing rank raised; see :func:`collective_errors`.
         ValueError: If no rank fails, and an argument differs.
     """
-    same, error = Same(), None
+    same = Same()
+    error: BaseException | None = None
     _open.append(same)
     try:
         yield same
-    except Exception as e:
+    except BaseException as e:
         error = e
     finally:
         _open.remove(same)
@@ -119,7 +125,7 @@ def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
         yield
 
 
-def _settle(comm: MPI.Intracomm, error: Exception | None, given: dict[str, str]) -> None:
+def _settle(comm: MPI.Intracomm, error: BaseException | None, given: dict[str, str]) -> None:
     """Raise what any rank has raised, or that ranks were given different things. Collective.
 
     One reduction of as many numbers on all ranks, whatever they were given; more only after that
@@ -140,7 +146,9 @@ def _settle(comm: MPI.Intracomm, error: Exception | None, given: dict[str, str])
                 raise ValueError(f"{name}: must be the same on all ranks")
 
 
-def _raise_everywhere(comm: MPI.Intracomm, error: Exception | None, first: int) -> typing.NoReturn:
+def _raise_everywhere(
+    comm: MPI.Intracomm, error: BaseException | None, first: int
+) -> typing.NoReturn:
     """Raise this rank's error, or what stands for that of the first rank that has one."""
     mine = (type(error).__name__, str(error)) if comm.rank == first else None
     name, text = comm.bcast(mine, root=first)
@@ -148,5 +156,17 @@ def _raise_everywhere(comm: MPI.Intracomm, error: Exception | None, first: int) 
     if error is not None and (
         comm.rank == first or (kind is None and type(error).__name__ == name)
     ):
-        raise error
-    raise (RuntimeError(f"{name}: {text}") if kind is None else kind(text)) from error
+        raise _of_all(error)
+    made = RuntimeError(f"{name}: {text}") if kind is None else kind(text)
+    raise _of_all(made) from error
+
+
+def _of_all(error: BaseException) -> BaseException:
+    """Mark an error as one that all ranks raise."""
+    setattr(error, _MARK, True)
+    return error
+
+
+def is_of_all(error: BaseException) -> bool:
+    """Whether all ranks have raised together, so that collective calls are possible."""
+    return bool(getattr(error, _MARK, False))

@@ -658,13 +658,17 @@ class Contact:
         """
         return results.weighted_penetration(self.model)
 
-    @property
-    def energy(self) -> float:
+    def stored_energy(self) -> float:
         """Energy Φ of the gaps at the last evaluation; of the augmented Lagrangian if that is used.
 
-        Collective.
+        Over all ranks. Collective.
         """
         return results.energy(self.model)
+
+    @property
+    def energy(self) -> float:
+        """The same as :meth:`stored_energy`, by its name of before. Collective."""
+        return self.stored_energy()
 
     def step_dissipation(self) -> float:
         """Energy that friction took in the last step. Collective."""

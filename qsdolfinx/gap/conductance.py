@@ -13,9 +13,18 @@ from qsdolfinx.gap.laws import NOT_NEGATIVE, ConductanceLaw
 Array = npt.NDArray[np.float64]
 
 
+#: A property of two bodies, or two properties of one.
+Pair = tuple[float, float]
+
+BY_BODY = "slave, master: give both by name, {}, all of a body together"
+
+
 def rough_surfaces(
-    conductivity: tuple[float, float],
-    hardness: tuple[float, float],
+    *unnamed: object,
+    slave: Pair | None = None,
+    master: Pair | None = None,
+    conductivity: Pair | None = None,
+    hardness: Pair | None = None,
     gas: float = 0.0,
     roughness: float | None = None,
     radiation: float = 0.0,
@@ -23,16 +32,32 @@ def rough_surfaces(
     """Conductance h of rough surfaces: k̄ p/H̄ of the spots that touch, beside gas and radiation.
 
     k̄ and H̄ are harmonic means. Gas conducts with k_gas/(g + δ), of distance g and roughness δ, and
-    radiation with σ_r (T_s² + T_m²)(T_s + T_m), of absolute temperatures.
+    radiation with σ_r (T_s² + T_m²)(T_s + T_m), of absolute temperatures. All arguments are given
+    by name: ``rough_surfaces(slave=(16.2, 129.0), master=(210.0, 15.0))``.
 
     Args:
-        conductivity: k of slave and master, power per length and temperature.
-        hardness: H of the two (stress).
+        unnamed: Refused: pairs without a name can be of a body or of a property.
+        slave: Conductivity k (power per length and temperature) and hardness H (stress) of the
+            slave.
+        master: The same of the master.
+        conductivity: In place of slave and master, with hardness: k of slave and master.
+        hardness: H of the two.
         gas: Conductivity of what is between them.
         roughness: δ (length), needed with gas.
         radiation: σ_r, power per area and temperature⁴: Stefan and Boltzmann's constant, with the
             emissivities.
+
+    Raises:
+        TypeError: If pairs have no name, or are given both by body and by property.
     """
+    by_body, by_property = (slave, master), (conductivity, hardness)
+    text = BY_BODY.format("rough_surfaces(slave=(k, H), master=(k, H))")
+    one_kind = by_body == (None, None) or by_property == (None, None)
+    require(not unnamed and one_kind, text, TypeError)
+    if by_property == (None, None):
+        conductivity, hardness = _by_property("k, H", slave, master, text)
+    else:
+        require(None not in by_property, "conductivity, hardness: give both", TypeError)
     k, H = _harmonic("conductivity", conductivity), _harmonic("hardness", hardness)
     check(NOT_NEGATIVE, gas=gas, radiation=radiation)
     check(either(POSITIVE, None), roughness=roughness)
@@ -48,21 +73,41 @@ def rough_surfaces(
     return of_temperatures if radiation > 0 else of_contact
 
 
-def effusivity_share(slave: tuple[float, float], master: tuple[float, float]) -> float:
+def effusivity_share(
+    *unnamed: object, slave: Pair | None = None, master: Pair | None = None
+) -> float:
     """Share of the heat of friction that goes into the slave: e_s/(e_s + e_m), e = √(k c).
 
+    Both are given by name: ``effusivity_share(slave=(16.2, 4.0), master=(210.0, 3.6))``.
+
     Args:
-        slave: Conductivity k and heat capacity per volume c of the slave.
+        unnamed: Refused, as by :func:`rough_surfaces`.
+        slave: Conductivity k (power per length and temperature) and heat capacity per volume c
+            (energy per volume and temperature) of the slave.
         master: The same of the master.
+
+    Raises:
+        TypeError: If a pair has no name.
     """
-    both = np.array([slave, master], dtype=np.float64)
-    require(both.shape == (2, 2), "slave, master: must be pairs of conductivity and heat capacity")
-    check(POSITIVE, slave=both[0].min(), master=both[1].min())
-    e = np.sqrt(np.prod(both, axis=1))
+    text = BY_BODY.format("effusivity_share(slave=(k, c), master=(k, c))")
+    require(not unnamed, text, TypeError)
+    k, c = _by_property("k, c", slave, master, text)
+    e = np.sqrt(np.multiply(k, c))
     return float(e[0] / e.sum())
 
 
-def _harmonic(name: str, pair: tuple[float, float]) -> float:
+def _by_property(what: str, slave: typing.Any, master: typing.Any, text: str) -> tuple[Pair, Pair]:
+    """Pairs by body as pairs by property."""
+    require(slave is not None and master is not None, text, TypeError)
+    for name, pair in (("slave", slave), ("master", master)):
+        fits = isinstance(pair, typing.Sequence) and len(pair) == 2
+        require(fits, f"{name}: must be a pair ({what}) of this body")
+        for value in pair:
+            check(POSITIVE, **{name: value})
+    return (float(slave[0]), float(master[0])), (float(slave[1]), float(master[1]))
+
+
+def _harmonic(name: str, pair: typing.Any) -> float:
     fits = isinstance(pair, typing.Sequence) and len(pair) == 2
     require(fits, f"{name}: must be a pair, of slave and master")
     for value in pair:

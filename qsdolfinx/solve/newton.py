@@ -425,7 +425,14 @@ class Newton:
         forget_failure(self.snes)
         record = self.record
         active = record.active_of_all(self.system.comm)
-        error = ConvergenceError(reason, record.residuals, active, linear_reason, record.violations)
+        linear = self.system.linear and not self.system.slips
+        error = ConvergenceError(
+            reason, record.residuals, active, linear_reason, record.violations, linear
+        )
+        longest = self.snes.getTolerances()[3]
+        is_short = longest < SNES_OPTIONS["snes_max_it"]
+        if is_short and reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT:
+            error.advise(f"snes_max_it = {longest} in petsc_options allows few iterations")
         if self._context.unseen:
             error.advise(self._context.unseen)
         raise error

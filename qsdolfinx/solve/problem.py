@@ -18,7 +18,7 @@ from dolfinx import fem
 
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import FLAG, check, either, instance, one_of, require
-from qsdolfinx.base.collective import checked
+from qsdolfinx.base.collective import checked, is_of_all
 from qsdolfinx.base.messages import ContactWarning, say, warn
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
@@ -88,7 +88,11 @@ class ContactProblem:
         J: For each body the derivative of F, or None to derive it. Forms that are linear in u are
             found by UFL, and their matrix is assembled once.
         petsc_options_prefix: Prefix of the solver's options; by default a new one for each problem.
-        petsc_options: PETSc options without the prefix, on top of those of the solver.
+        petsc_options: PETSc options without the prefix, on top of those of the solver. The defaults
+            are ``snes_max_it`` 50 (Newton iterations of a run; a line search after full steps, and
+            each update of multipliers, is a run of its own), ``snes_rtol`` 1e-9 (unbalanced force
+            over contact forces and reactions, by body), ``snes_linesearch_type`` ``"basic"`` (full
+            steps; a named one is used alone), ``snes_divergence_tolerance`` 1e300.
         kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
         solver: Linear solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
             not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
@@ -405,7 +409,7 @@ class ContactProblem:
             raise
         except BaseException as error:
             alone = self.comm.size > 1 and not isinstance(error, Exception)
-            if interrupt.is_of_all(error) or not alone:
+            if interrupt.is_of_all(error) or is_of_all(error) or not alone:
                 before.restore()
             raise
 

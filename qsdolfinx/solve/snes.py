@@ -46,13 +46,23 @@ _NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED", LOST
 #: What may help, by reason.
 REMEDIES = {
     "DIVERGED_LINEAR_SOLVE": 'conditions may be missing; or take solver="direct"',
-    "DIVERGED_FNORM_NAN": "F gives no finite numbers: look at its coefficients and at u",
     "GAP_NOT_CLOSED": 'a larger gap_tolerance, penalty="auto", or the other side as the slave',
     "FORCE_NOT_BALANCED": "a tool may pull, or a body give way without end",
 }
 
-#: The same of all others.
-REMEDY = "nothing may balance the load, or the step be too large: qs.TimeStepper makes smaller ones"
+#: The same of a residual that is not finite where a solve begins, and of one that becomes so.
+NOT_FINITE = "F gives no finite numbers where the solve begins: look at its coefficients and at u"
+NO_LONGER_FINITE = (
+    "F was finite where the solve began, and is not where an iteration led, as if a cell turned "
+    "inside out: the step is too large; take smaller ones, as qs.TimeStepper does"
+)
+
+#: The same of all others; of linear bodies in small sliding without friction, where the size of a
+#: step hardly matters.
+REMEDY = (
+    "nothing may balance the load, or the step be too large: take smaller ones (qs.TimeStepper)"
+)
+REMEDY_LINEAR = "nothing may balance the load: look at loads, conditions and what is in contact"
 
 PAGE = "docs/howto/convergence.md"
 
@@ -78,6 +88,7 @@ class ConvergenceError(RuntimeError):
         active_history: list[list[int]],
         linear_reason: int = 0,
         violation_history: typing.Sequence[float] = (),
+        linear: bool = False,
     ) -> None:
         self.reason = reason
         self.violation_history = list(violation_history)
@@ -85,14 +96,24 @@ class ConvergenceError(RuntimeError):
         self.reason_name = _NAMES.get(reason) or reason_name(names, reason)
         self.residual_history = residual_history
         self.active_history = active_history
-        linear = ""
+        of_linear_solver = ""
         if linear_reason < 0:
             name = reason_name(PETSc.KSP.ConvergedReason, linear_reason)
-            linear = f", linear solver: {name} ({linear_reason})"
-        self._reason = f"SNES did not converge: {self.reason_name} ({reason}){linear}"
+            of_linear_solver = f", linear solver: {name} ({linear_reason})"
+        self._reason = f"SNES did not converge: {self.reason_name} ({reason}){of_linear_solver}"
         self._reason += self._course()
-        self._remedies = [REMEDIES.get(self.reason_name, REMEDY)]
+        self._remedies = [self._remedy(linear)]
         super().__init__(self._message())
+
+    def _remedy(self, linear: bool) -> str:
+        """What may help, by reason.
+
+        Args:
+            linear: Whether the size of a step hardly matters.
+        """
+        if self.reason_name == "DIVERGED_FNORM_NAN":
+            return NO_LONGER_FINITE if self.residual_history else NOT_FINITE
+        return REMEDIES.get(self.reason_name, REMEDY_LINEAR if linear else REMEDY)
 
     def _course(self) -> str:
         """How it went, in a few numbers."""

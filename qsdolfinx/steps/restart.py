@@ -62,6 +62,7 @@ def save_run(
     state["automatic"] = [contact.has_automatic_penalty for contact in stepper.problem.contacts]
     state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
     state["slip_rates"] = [_slip_rate(contact) for contact in stepper.problem.contacts]
+    state["log"] = stepper.log.stored()
     state["user"] = dict(values or {})
     state["num_temperatures"] = _num_temperatures(stepper)
     if stepper.remeshing is not None:
@@ -135,6 +136,7 @@ def load_run(
     for name in _SCALARS:
         setattr(stepper, name, values[name])
     stepper.remeshed_at = values.get("remeshed_at", -1)
+    stepper.log.restore(values.get("log", []))
     if stepper.staggered is not None:
         stepper.staggered.begin()
     for tool, position in zip(stepper.tools, values["positions"], strict=True):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 import typing
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
@@ -23,6 +25,7 @@ from qsdolfinx.base.checks import (
     require,
 )
 from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.base.messages import say
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.model import ContactModel
@@ -38,6 +41,7 @@ from qsdolfinx.steps.remeshing import Remeshing
 from qsdolfinx.steps.scene import Scene
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.staggered import Staggered
+from qsdolfinx.steps.step_log import ACCEPTED, CUT_BACK, FAILED, Attempt, StepLog, reason_of
 from qsdolfinx.steps.tool_motion import ToolRate
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
@@ -82,7 +86,8 @@ class TimeStepper:
     When the solver does not converge, a cell turns inside out or something penetrates too far, the
     step is made again with a smaller Δt. Any other exception, such as one of ``drive``, is passed
     on, and leaves the state at the end of the last step too: unknowns, meshes, tools with what they
-    were told to do, and contacts. A ``problem.solve()`` after a step starts there as well: contact
+    were told to do, and contacts. Each attempt is a row of :attr:`log`, and one that is cut back is
+    logged (INFO) with its reason. A ``problem.solve()`` after a step starts there as well: contact
     pairs where the step has left bodies and tools.
 
     Args:
@@ -198,6 +203,8 @@ class TimeStepper:
         self.num_steps = 0
         #: Attempts that failed, so far.
         self.num_cutbacks = 0
+        #: All attempts so far, a row each: with ``print(stepper.log)`` a table.
+        self.log = StepLog(problem.comm)
         #: Newton iterations of the last step, over its attempts and pairings.
         self.num_iterations = 0
         #: The same of all steps so far, those that failed and remeshings included.
@@ -355,7 +362,7 @@ class TimeStepper:
     def _prepare(self) -> float:
         """Set loads and motions of the step to come; returns its Δt."""
         dt = min(self.dt, self.dt_max)
-        with collective_errors(self.problem.comm):
+        with collective_errors(self.problem.comm), interrupt.user_code():
             self.drive(self.t + dt, dt)
         return dt
 
@@ -383,19 +390,26 @@ class TimeStepper:
 
     def _try(self, t_end: float | None, dt: float, start: Snapshot) -> tuple[float, float]:
         """Make attempts until one succeeds; returns its end and its Δt."""
+        attempt = 0
         while True:
+            attempt += 1
             # t + (t_end - t) need not be t_end.
             lands = t_end is not None and dt == t_end - self.t
             t = t_end if lands and t_end is not None else self.t + dt
+            before = self.num_iterations
             try:
                 self._attempt(t, dt, start)
+                self._note(attempt, t, dt, before, None)
                 return t, dt
             except (ConvergenceError, NoGapError, _Fault) as error:
+                hopeless = isinstance(error, _Fault) and error.hopeless
+                smallest = dt * self.cutback < self.dt_min
+                self._note(attempt, t, dt, before, error, hopeless or smallest)
                 self._restore(start)
                 self.num_cutbacks += 1
-                if isinstance(error, _Fault) and error.hopeless:
+                if hopeless:
                     raise StepError(f"t = {self.t:g}: {error}") from error
-                if dt * self.cutback < self.dt_min:
+                if smallest:
                     raise StepError(
                         f"t = {self.t:g}: no step with Δt of at least dt_min = {self.dt_min:g} "
                         f"succeeds; the last attempt: {error}"
@@ -404,6 +418,33 @@ class TimeStepper:
             except BaseException:
                 self._restore(start)
                 raise
+
+    def _note(
+        self,
+        attempt: int,
+        t: float,
+        dt: float,
+        before: int,
+        error: Exception | None,
+        is_last: bool = False,
+    ) -> None:
+        """Add an attempt to the log, and say it if it is cut back. Collective."""
+        system, reason = self.problem.system, "" if error is None else reason_of(error)
+        closed: typing.Sequence[int] = []
+        if isinstance(error, ConvergenceError):
+            closed = error.active_history[-1] if error.active_history else []
+        elif not isinstance(error, NoGapError) and system.has_matrices:
+            counts = np.array(system.num_active_local(), dtype=np.int64)
+            closed = system.comm.allreduce(counts, op=MPI.SUM).tolist()
+        result = ACCEPTED if error is None else FAILED if is_last else CUT_BACK
+        iterations, step = self.num_iterations - before, self.num_steps + 1
+        self.log.add(Attempt(step, attempt, t, dt, iterations, result, reason, tuple(closed)))
+        if result == CUT_BACK:
+            say(
+                system.comm,
+                f"step {step}, attempt {attempt} from t = {self.t:g} with Δt = {dt:g} is cut back "
+                f"to Δt = {dt * self.cutback:g} after {iterations} iterations: {reason}",
+            )
 
     def _restore(self, start: Snapshot) -> None:
         start.restore()
@@ -444,7 +485,7 @@ class TimeStepper:
             ConvergenceError: If the solver does not converge.
             _Fault: If the end of the step is not acceptable.
         """
-        with collective_errors(self.problem.comm):
+        with collective_errors(self.problem.comm), interrupt.user_code():
             self.drive(t, dt)
         interrupt.look(self.problem.comm)
         if (fault := self._scene.limits.fault_of(self.tools)) is not None:
@@ -464,7 +505,7 @@ class TimeStepper:
             places = zip(self.motions, self.in_velocity, strict=True)
             self.staggered.solve(dt, [Place.of(*place) for place in places])
         if self.on_solved is not None:
-            with collective_errors(self.problem.comm):
+            with collective_errors(self.problem.comm), interrupt.user_code():
                 self.on_solved()
         interrupt.look(self.problem.comm)
 

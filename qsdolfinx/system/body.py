@@ -12,12 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 import ufl
-from dolfinx import fem, la
+from dolfinx import cpp, fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.surface.geometry import Cartesian
+from qsdolfinx.system.bare_rows import check_rows, is_everywhere, unrolled
 from qsdolfinx.system.rows import groups
 
 Array = npt.NDArray[np.float64]
@@ -87,6 +88,10 @@ class Body:
         # Its upper triangle, and the assembly that it is of.
         self._half: PETSc.Mat | None = None
         self._half_of = 0
+        #: Owned unknowns of cells that F is not integrated over: without an entry in K.
+        self.bare: npt.NDArray[np.int32] = np.zeros(0, dtype=np.int32)
+        #: Place in the list of bodies.
+        self.number = 0
         #: PETSc's type of the bulk block; "baij" takes less memory.
         self.matrix_type: str = PETSc.Mat.Type.AIJ
         #: Digest of everything that K depends on; empty if F is not linear.
@@ -97,6 +102,8 @@ class Body:
         self.watch = Stopwatch()
         #: Number of times that K was assembled.
         self.num_assemblies = 0
+        # Whether an exception has ended the assembly of a matrix, which is then of no more use.
+        self._is_broken = False
         # Digest of what :meth:`matrix` last depended on.
         self._assembled = b""
         #: Entry of K in the rows of Dirichlet conditions (force per length); 0 until it is known.
@@ -167,6 +174,7 @@ class Body:
         if start is not None:
             at = self.constrained
             self._g.array[at] = (1 - part) * start[at] + part * self._g.array[at]
+        self._forget_broken()
         if not self.linear:
             return
         fingerprint = self._state_of_K()
@@ -223,6 +231,7 @@ class Body:
 
     def matrix(self) -> PETSc.Mat:
         """The bulk block alone, for the present u; do not modify. Collective."""
+        self._forget_broken()
         if self._K is None:
             self._K, self._assembled = self._new_matrix(), b""
         if self.linear:
@@ -255,7 +264,19 @@ class Body:
         return self._half
 
     def _new_matrix(self) -> PETSc.Mat:
-        return fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
+        """Matrix with the pattern of K, and a diagonal where K has no row. Collective."""
+        if is_everywhere(self._tangent_ufl):
+            return fem_petsc.create_matrix(self._tangent_form, self.matrix_type)
+        pattern = fem.create_sparsity_pattern(self._tangent_form)
+        pattern.finalize()
+        num_owned = self.V.dofmap.index_map.size_local
+        counts = np.diff(np.asarray(pattern.graph[1], dtype=np.int64)[: num_owned + 1])
+        empty = np.flatnonzero(counts == 0).astype(np.int32)
+        self.bare = unrolled(empty, self.V.dofmap.index_map_bs)
+        pattern = fem.create_sparsity_pattern(self._tangent_form)
+        pattern.insert_diagonal(empty)
+        pattern.finalize()
+        return cpp.la.petsc.create_matrix(self.comm, pattern, self.matrix_type)
 
     def free_matrix(self) -> None:
         """Free what :meth:`matrix` gave, unless it is still needed. Collective."""
@@ -288,6 +309,7 @@ class Body:
         they scale as all else when units change.
         """
         self._assemble_matrix(matrix)
+        check_rows(self.number, self.V, self.free, self.bare, matrix if self.linear else None)
         diagonal = matrix.getDiagonal()
         self.diagonal = np.abs(diagonal.array_r)
         some = self.diagonal[self.free]
@@ -305,12 +327,21 @@ class Body:
 
     def _assemble_matrix(self, matrix: PETSc.Mat) -> None:
         form, stiffness = self._tangent_form, self.condition_stiffness or 1.0
+        self._is_broken = True
         with self.watch.stage("bulk assembly"):
             matrix.zeroEntries()
             # mypy sees another of the functions that this name dispatches to.
             fem_petsc.assemble_matrix(matrix, form, self.bcs, stiffness)  # type: ignore[arg-type]
             matrix.assemble()
+        self._is_broken = False
         self.num_assemblies += 1
+
+    def _forget_broken(self) -> None:
+        """Leave behind a matrix whose assembly was not finished, which PETSc would refuse."""
+        if self._is_broken:
+            self._is_broken, self._K, self.fingerprint = False, None, b""
+            self._assembled = b""
+            self._half, self._half_of = None, 0
 
     def _assemble_with_conditions(self) -> Array:
         """F as it will be when the constrained unknowns have their values. Collective.

@@ -48,6 +48,8 @@ class ContactSystem:
     ) -> None:
         self.bodies = list(bodies)
         self.u = [body.u for body in bodies]
+        for number, body in enumerate(self.bodies):
+            body.number = number
         self.contacts = list(contacts)
         #: Bodies of the slave and the master of each contact; None for a rigid tool.
         self.sides: list[Side] = []

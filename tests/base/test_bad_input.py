@@ -91,7 +91,7 @@ def test_exceptions_that_cannot_travel():
 
 def test_penalty_that_is_not_known_yet():
     pair = Pair("triangle", penalty="auto")
-    raises_everywhere(WORLD, RuntimeError, "first solve", lambda: pair.contact.energy)
+    raises_everywhere(WORLD, RuntimeError, "first solve", lambda: pair.contact.stored_energy())
 
 
 def test_stiffness_that_is_not_finite():

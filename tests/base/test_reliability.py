@@ -53,7 +53,9 @@ def shown(case):
         ]
         out += [contact.traction("slave").x.array.copy(), contact.active(), contact.slave.node_x]
         out += [contact.pairing.slave.x, contact.pairing.gap, contact.pairing.normal]
-        out += [np.array([contact.penetration(), contact.energy, contact.penalty, contact.dt])]
+        out += [
+            np.array([contact.penetration(), contact.stored_energy(), contact.penalty, contact.dt])
+        ]
         if contact.friction is not None:
             out += [contact.slip(), contact.tangential_multiplier(), contact.slipping()]
             out += [contact.dissipation(), np.array([contact.dissipated_energy()])]

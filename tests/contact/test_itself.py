@@ -44,7 +44,7 @@ def test_as_two_surfaces(cell, friction, sliding, enforcement):
         options = {"search_radius": 0.3, "friction": friction} | sliding | enforcement
         contact = make(scene, **options)
         forces.append(pressed(scene, contact, along=0.3))
-        results.append([*contact.force("slave"), *contact.force("master"), contact.energy])
+        results.append([*contact.force("slave"), *contact.force("master"), contact.stored_energy()])
         assert np.abs(contact.force("slave")[1]) > 0.3
     size = largest(forces[1])
     # Areas settle to 1e-3: what is left of that depends on the number of solves.
@@ -247,7 +247,7 @@ def hairpin(comm, sliding, partition=None):
     for down in (0.8, 1.4, 1.58, 1.62):
         moved.value[1] = -down
         problem.solve()
-        out += [*contact.force("slave"), *contact.force("master"), contact.energy]
+        out += [*contact.force("slave"), *contact.force("master"), contact.stored_energy()]
         out += [contact.penetration(), *contact.moment("slave", np.zeros(2))]
     points = contact.pairing
     out += [comm.allreduce(float(points.weight @ points.gap)), contact.step_dissipation()]

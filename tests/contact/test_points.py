@@ -53,7 +53,7 @@ def test_tangent(cell, formulation):
 
     def energy(step):
         problem.system.residual(x.array_r + step * d.array_r)
-        return pair.contact.energy
+        return pair.contact.stored_energy()
 
     slope = (energy(1e-6) - energy(-1e-6)) / 2e-6
     problem.system.residual(x.array_r)
@@ -116,7 +116,7 @@ def test_ranks_do_not_matter():
         at_nodes = [contact.weighted_gap(), contact.multiplier(), contact.active().astype(float)]
         columns = gathered(comm, np.column_stack([pair.slave.node_x, *at_nodes]))
         columns = columns[np.lexsort(np.round(columns[:, :3], 9).T)]
-        totals = contact.energy, contact.patch(), contact.weighted_penetration()
+        totals = contact.stored_energy(), contact.patch(), contact.weighted_penetration()
         found.append((columns, contact.force("slave"), *totals))
     for here, alone in zip(*found, strict=True):
         np.testing.assert_allclose(here, alone, rtol=1e-6, atol=1e-9)

@@ -88,7 +88,8 @@ def test_patch_of_a_tie(cell, degree):
 def test_published_blocks(cell, degree):
     """Ends at 800 and 250 degrees, h by pressure and hardness: q = 7292.02."""
     scene = Blocks(cell, degree)
-    h = qs.rough_surfaces(K, HARDNESS)(PRESSURE, 0.0)
+    slave, master = zip(K, HARDNESS, strict=True)
+    h = qs.rough_surfaces(slave=slave, master=master)(PRESSURE, 0.0)
     assert h == pytest.approx(111.93, abs=0.01)
     contact = qs.Contact(*scene.surfaces, law=qs.Conductance(float(h)))
     problem = qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0))
@@ -167,7 +168,7 @@ def test_conductance_of_the_pressure(cell, order):
 def test_gas_in_a_gap(tool):
     """Open by 0.05: h = k_gas/(g + δ), here or towards a tool of a given temperature."""
     scene, gap = Pressed(press=-0.05), 0.05
-    law = qs.rough_surfaces(K, HARDNESS, gas=0.3, roughness=0.01)
+    law = qs.rough_surfaces(conductivity=K, hardness=HARDNESS, gas=0.3, roughness=0.01)
     h = 0.3 / (gap + 0.01)
     if tool:
         die = qs.RigidSurface.plane(WORLD, [0.0, 1.0 + gap], [0.0, -1.0])
@@ -219,7 +220,7 @@ def test_radiation():
     """h = σ (T_s² + T_m²)(T_s + T_m): q = σ (T_s⁴ − T_m⁴) of the faces' temperatures."""
     scene, sigma = Pressed(press=-0.05), 5e-8
     scene.problem.solve()
-    law = qs.Conductance(qs.rough_surfaces(K, HARDNESS, radiation=sigma))
+    law = qs.Conductance(qs.rough_surfaces(conductivity=K, hardness=HARDNESS, radiation=sigma))
     contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
     problem = qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(1500.0, 300.0))
     problem.solve()
@@ -265,7 +266,28 @@ def test_heat_of_friction(cell, share):
 
 
 def test_shares_of_effusivity():
-    assert qs.effusivity_share((4.0, 9.0), (1.0, 4.0)) == pytest.approx(6.0 / 8.0)
+    share = qs.effusivity_share(slave=(4.0, 9.0), master=(1.0, 4.0))
+    assert share == pytest.approx(6.0 / 8.0)
+
+
+@pytest.mark.parametrize("law", (qs.rough_surfaces, qs.effusivity_share))
+def test_pairs_have_names(law):
+    """By body or by property cannot be told from numbers: pairs without names are refused."""
+    name = law.__name__
+    with pytest.raises(TypeError, match=rf"give both by name, {name}\(slave=\(k"):
+        law(K, HARDNESS)
+    with pytest.raises(TypeError, match="give both by name"):
+        law(slave=K)
+    with pytest.raises(ValueError, match="master: must be a pair"):
+        law(slave=K, master=3.0)
+    with pytest.raises(ValueError, match="slave: must be"):
+        law(slave=(-1.0, 2.0), master=K)
+    if law is qs.rough_surfaces:
+        assert law(slave=(1.0, 2.0), master=(3.0, 4.0))(1.0, 0.0) == pytest.approx(
+            law(conductivity=(1.0, 3.0), hardness=(2.0, 4.0))(1.0, 0.0)
+        )
+        with pytest.raises(TypeError, match="give both by name"):
+            law(slave=K, master=K, hardness=K)
 
 
 @pytest.mark.parametrize("solver", ["direct", "amg"])
@@ -288,7 +310,7 @@ def test_ranks_without_facets(partition):
     """A rank may have no contact facet, and a pair may span ranks."""
     scene = Pressed("triangle", partition=partition)
     scene.problem.solve()
-    law = qs.Conductance(qs.rough_surfaces(K, HARDNESS))
+    law = qs.Conductance(qs.rough_surfaces(conductivity=K, hardness=HARDNESS))
     contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
     qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0)).solve()
     h = 2 / (1 / K[0] + 1 / K[1]) * 0.5 / (2 / (1 / HARDNESS[0] + 1 / HARDNESS[1]))
@@ -556,7 +578,7 @@ def test_more_is_refused():
     conducts("h: must be a number, a dolfinx.fem.Constant, or a Python", scene.T[0], TypeError)
     conducts("h: must be a Constant of one number", fem.Constant(msh, (1.0, 2.0)))
     with pytest.raises(ValueError, match="conductivity: must be a pair"):
-        qs.rough_surfaces(3.0, (1.0, 2.0))
+        qs.rough_surfaces(conductivity=3.0, hardness=(1.0, 2.0))
     with pytest.raises(ValueError, match="of: exchange slave and master"):
         qs.Contact(*pair[::-1], of=of)
     with pytest.raises(ValueError, match="of: the bodies' contact has no friction"):

@@ -47,7 +47,7 @@ def slide(facets, **options):
             before = force
     stored = WORLD.allreduce(fem.assemble_scalar(energy), op=MPI.SUM)
     if not contact.model.augmented:
-        stored += contact.energy
+        stored += contact.stored_energy()
     return work, contact.dissipated_energy(), stored
 
 

@@ -35,7 +35,7 @@ def assembly(contact, scene, numbers):
     v = [unknowns(s, scene, 10 + 2 * i) for i, s in enumerate(surfaces)]
     terms.evaluate(contact.model, *u)
     r = residual(contact)
-    energy = contact.energy
+    energy = contact.stored_energy()
     force, moment = contact.force("slave"), contact.moment("slave")
     size = max(r[0].norm(PETSc.NormType.NORM_1), r[1].norm(PETSc.NormType.NORM_1), 1e-300)
     imbalance = np.abs(force + contact.force("master")).max()

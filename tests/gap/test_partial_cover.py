@@ -82,7 +82,7 @@ def test_penalty_of_augmented_multipliers(cell, formulation):
         gap = contact.weighted_gap()[column < N]
         cover = rim.integrals(np.ones_like) / np.array([0.5, *[1] * (N - 1), 0.5]) * N
         found[enforcement] = contact.multiplier()
-        force, energy = contact.force("slave")[-1], contact.energy
+        force, energy = contact.force("slave")[-1], contact.stored_energy()
         if enforcement == "penalty":
             borne = END
         else:

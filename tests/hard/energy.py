@@ -41,7 +41,7 @@ class Cycle:
 
     def energy(self):
         """Stored by the bodies and, with a penalty, by the contact. Collective."""
-        contact = 0.0 if self.variant.augmented else self.scene.contact.energy
+        contact = 0.0 if self.variant.augmented else self.scene.contact.stored_energy()
         return integrals(self.stored) + contact
 
 
@@ -109,7 +109,7 @@ def forge(variant, steps):
             u[:] = die.u.x.array
         euler += integrals(forms)
         if not variant.augmented:
-            penalty = sum(contact.energy for contact in contacts)
+            penalty = sum(contact.stored_energy() for contact in contacts)
             euler += penalty if stepper.num_steps == 1 else 0.0
     return abs(row["energy_error"] - (euler + penalty) / row["work"])
 

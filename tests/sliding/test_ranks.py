@@ -42,7 +42,7 @@ def results(comm, cell, degree=1, **options):
             *contact.force("slave"),
             *contact.force("master"),
             *np.atleast_1d(contact.moment("slave", np.zeros(scene.gdim))),
-            contact.energy,
+            contact.stored_energy(),
             contact.step_dissipation(),
             comm.allreduce(np.max(pressure, initial=0.0), op=MPI.MAX),
             comm.allreduce(np.sum(pressure)),

@@ -63,7 +63,7 @@ def test_forces_are_the_gradient(cell, formulation):
 
     def energy(at):
         problem.system.residual(at)
-        return nested.contact.energy
+        return nested.contact.stored_energy()
 
     slope = (energy(x.array_r + step * d.array_r) - energy(x.array_r - step * d.array_r)) / 2 / step
     problem.system.residual(x.array_r)

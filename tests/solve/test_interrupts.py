@@ -203,3 +203,122 @@ def test_continuation():
     path = functools.partial(qs.solve_with_continuation, case.problem, m, 0.1)
     assert raised(path) == ["KeyboardInterrupt"] * WORLD.size
     assert m.value == 1.0 and same(before, case.state())
+
+
+# --- Other signals, and callbacks that raise
+
+
+class Stop(Exception):
+    """The program's own."""
+
+
+@pytest.fixture
+def alarm():
+    """A handler of SIGALRM that raises, and how to send it on the last rank."""
+
+    def handler(number, frame):
+        raise Stop("late")
+
+    before = signal.signal(signal.SIGALRM, handler)
+    yield lambda: signal.raise_signal(signal.SIGALRM) if last() else None
+    assert signal.signal(signal.SIGALRM, before) is handler
+
+
+def stops(call):
+    """All ranks raise: that with the alarm its own error, the others KeyboardInterrupt."""
+    assert raised(call) == ["KeyboardInterrupt"] * (WORLD.size - 1) + ["Stop"]
+
+
+@pytest.mark.parametrize("solver", ("direct", "amg"))
+@pytest.mark.parametrize("moment", ("residual", "assemble", "num_active_local", "ksp"))
+def test_alarm_inside_of_petsc(alarm, solver, moment):
+    """What a handler raises waits for all ranks; then all is as before, and can be solved."""
+    options = {"enforcement": "augmented-lagrangian"} if solver == "amg" else {}
+    scene, twin = Blocks(solver=solver, **options), Blocks(solver=solver, **options)
+    system, on = scene.problem.system, [True]
+
+    def monitor(ksp, iteration, norm):
+        if on:
+            alarm()
+
+    if moment == "ksp":
+        scene.problem.snes.getKSP().setMonitor(monitor)
+    else:
+        method = getattr(system, moment)
+
+        def late(*args):
+            out = method(*args)
+            monitor(None, 0, 0.0)
+            return out
+
+        setattr(system, moment, late)
+    for case in (scene, twin):
+        case.set(1.0)
+    before = scene.shown()
+    stops(scene.go)
+    assert same(before, scene.shown())
+    on.clear()
+    scene.go()
+    twin.go()
+    for a, b in zip(scene.shown(), twin.shown(), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+@pytest.mark.parametrize("error", (Stop("own"), KeyboardInterrupt("own"), SystemExit(3)))
+@pytest.mark.parametrize("of", ("snes", "ksp"))
+def test_monitors_that_raise(of, error):
+    """A monitor of the user's own, on all ranks: its error is not turned into one of PETSc's."""
+    scene, on = Blocks(), [True]
+    scene.set(1.0)
+
+    def monitor(solver, iteration, norm):
+        if on and iteration == (of == "snes"):
+            raise error
+
+    snes = scene.problem.snes
+    (snes if of == "snes" else snes.getKSP()).setMonitor(monitor)
+    before = [u.x.array.copy() for u in scene.problem.u]
+    with pytest.raises(type(error)) as caught:
+        scene.go()
+    assert caught.value is error and same(before, [u.x.array for u in scene.problem.u])
+    on.clear()
+    scene.go()
+    assert scene.problem.contacts[0].force("slave")[1] != 0
+
+
+@pytest.mark.parametrize("where", ("drive", "on_solved"))
+@pytest.mark.parametrize("kind", (KeyboardInterrupt, SystemExit, Stop))
+def test_callbacks_of_steps_that_raise(where, kind):
+    """On one rank: all ranks raise, the step is taken back, and can be made again."""
+    case = Upset()
+    case.stepper.step()
+    before, drive = case.state(), case.stepper.drive
+
+    def fail(*args):
+        if last():
+            raise kind("own")
+
+    setattr(case.stepper, where, fail)
+    name = kind.__name__
+    others = "RuntimeError" if kind is Stop else name
+    assert raised(case.stepper.step) == [others] * (WORLD.size - 1) + [name]
+    assert same(before, case.state())
+    case.stepper.drive, case.stepper.on_solved = drive, None
+    case.stepper.step()
+    assert case.stepper.num_steps == 2
+
+
+def test_limit_of_time_in_a_callback(alarm):
+    """What the user's own code raises and catches there stays there."""
+    case, caught = Upset(), []
+
+    def drive(t, dt):
+        case.move(t, dt)
+        try:
+            alarm()
+        except Stop:
+            caught.append(t)
+
+    case.stepper.drive = drive
+    case.stepper.step()
+    assert len(caught) == (1 if last() else 0) and case.stepper.num_steps == 1

@@ -98,7 +98,7 @@ def test_forces_derive_from_the_energy(cell, formulation, law):
 
     def energy(at):
         problem.system.residual(at)
-        return pair.contact.energy
+        return pair.contact.stored_energy()
 
     slope = (energy(x.array_r + step * d.array_r) - energy(x.array_r - step * d.array_r)) / 2 / step
     problem.system.residual(x.array_r)
@@ -119,7 +119,7 @@ def test_energy_of_a_uniform_gap(formulation):
         problem.bodies[i].x.array[:] = u.x.array[: problem.bodies[i].num_owned]
     contact = pair.contact
     terms.evaluate(contact.model, problem.bodies[1].x, problem.bodies[0].x)
-    energy, force = contact.energy, contact.force("slave")
+    energy, force = contact.stored_energy(), contact.force("slave")
     gap, multiplier = contact.weighted_gap(), contact.multiplier()
     assert np.isclose(energy, 0.5 * 7 * h**2, rtol=1e-12)
     np.testing.assert_allclose(force, [0, 0, 7 * h], atol=1e-15)

@@ -255,7 +255,7 @@ def test_ranks_do_not_matter(tool):
         results.append(
             (
                 scene.tool.displacement[2],
-                scene.contact.energy,
+                scene.contact.stored_energy(),
                 comm.allreduce(len(scene.contact.pairing)),
                 comm.allreduce(np.nansum(scene.contact.weighted_gap())),
             )
