@@ -4,11 +4,13 @@
     python3 tests/planted.py                    all of planted_faults.py; prints a table in Markdown
     python3 tests/planted.py --only tie silence some of them, by words of their names
     python3 tests/planted.py --clean            the same tests without a fault: they have to pass
-    python3 tests/planted.py --tests ELSEWHERE  the tests of another repository, such as shorter ones
+    python3 tests/planted.py --tests ELSEWHERE  the tests of another repository, such as fewer ones
 
-Each fault has a few tests that are expected to see it. They are run as ``make test`` runs them, with
-the markers and the shares of several ranks that it has, so that what they notice it notices. With
-``--whole`` what they miss is tried with all tests of their folders and then with all there are.
+Each fault has a few tests that are expected to see it. They are run as ``make test`` runs them,
+with the markers and the shares of several ranks that it has: what they notice it notices. If there
+are none of them, as they have another name or are for an hour, all of their files are run. With
+``--whole`` what they miss is tried with all tests of their files, their folders and then with all
+there are; with ``--try`` only with tests that are named there.
 
 A fault whose line is no longer there is an error, and so is one that ends in a time-out unless it
 says that ranks wait for each other. The copy and what was built of it stay in the folder for
@@ -277,7 +279,9 @@ def check_clean(copy: Copy, faults: typing.Sequence[Fault], timeout: float) -> i
             outcome = copy.test(site, tests, ranks, False, 20 * timeout)
         good = outcome.failed is None and outcome.ran and outcome.in_time
         lines = [line for line in outcome.text.splitlines() if line.strip()]
-        told = " ".join(line.strip("= ") for line in lines if " passed" in line or " failed" in line)
+        told = " ".join(
+            line.strip("= ") for line in lines if " passed" in line or " failed" in line
+        )
         print(f"{ranks} ranks: {told or 'no end'}, {time.monotonic() - start:.0f} s", flush=True)
         if not good:
             bad += 1
@@ -301,12 +305,15 @@ def main() -> int:
     parser.add_argument("--whole", action="store_true", help="try all tests with what is missed")
     parser.add_argument("--repo", type=pathlib.Path, default=HERE.parent, help="to plant faults in")
     parser.add_argument("--tests", type=pathlib.Path, help="repository with other tests")
+    parser.add_argument("--try", nargs="+", metavar="TESTS", dest="others", help="only these tests")
     parser.add_argument("--timeout", type=float, default=300, help="seconds for a few tests (300)")
     given = parser.parse_args()
     words = given.only or [""]
     faults = [fault for fault in FAULTS if any(word in fault.name for word in words)]
     if not faults:
         parser.error(f"--only: no fault has {' or '.join(words)} in its name")
+    if given.others:
+        faults = [fault._replace(tests=tuple(given.others)) for fault in faults]
     if given.list:
         for fault in faults:
             print(f"{fault.name}: {fault.file}: {fault.what}\n    - {fault.old.strip()}")
