@@ -12,10 +12,10 @@ are none of them, as they have another name or are for an hour, all of their fil
 ``--whole`` what they miss is tried with all tests of their files, their folders and then with all
 there are; with ``--try`` only with tests that are named there.
 
-A fault whose line is no longer there is an error, and so is one that ends in a time-out unless it
-says that ranks wait for each other. The copy and what was built of it stay in the folder for
-temporary files: the next run builds only what has changed. Nothing is changed where this was
-started from.
+A fault whose line is no longer there or does not build is an error, and so is one that ends in a
+time-out unless it says that ranks wait for each other. The copy and what was built of it stay in
+the folder for temporary files: the next run builds only what has changed. Nothing is changed where
+this was started from.
 """
 
 from __future__ import annotations
@@ -52,6 +52,10 @@ FAILED = re.compile(r"^(tests/\S+?\.py\S*?(?:\[.*\])?) (?:FAILED|ERROR)\b", re.M
 
 class StaleError(Exception):
     """The line of a fault is not there, or there more than once."""
+
+
+class BuildError(Exception):
+    """The package cannot be built."""
 
 
 class Outcome(typing.NamedTuple):
@@ -126,7 +130,7 @@ class Copy:
         command = ["scripts/with-dolfinx", "python3", "-c", ask]
         done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True)
         if done.returncode:
-            sys.exit(f"cannot be built:\n{done.stderr[-4000:]}")
+            raise BuildError(done.stderr[-2000:])
         return pathlib.Path(done.stdout.strip().splitlines()[-1])
 
     @contextlib.contextmanager
@@ -196,6 +200,7 @@ class Copy:
 
         Raises:
             StaleError: If its line is not there.
+            BuildError: If the package cannot be built with it.
             TimeoutError: If the tests do not end, and the fault does not say so.
         """
         with self.planted(fault) as site:
@@ -258,6 +263,8 @@ def try_out(copy: Copy, fault: Fault, whole: bool) -> Result:
         by, where = copy.find(fault, whole)
     except StaleError as error:
         return result(False, f"STALE: {error}", True)
+    except BuildError:
+        return result(False, "DOES NOT BUILD", True)
     except TimeoutError as error:
         return result(False, f"TIME-OUT: {error}", True)
     if by is None:
@@ -324,6 +331,8 @@ def main() -> int:
         copy = Copy(repo, (given.tests or repo).resolve(), given.timeout)
     except BlockingIOError:
         parser.error("another run uses the copy")
+    except BuildError as error:
+        parser.error(f"cannot be built: {error}")
     if given.clean:
         return check_clean(copy, faults, given.timeout)
     print("| fault | file | what is wrong | ranks | noticed by | s |")
