@@ -252,6 +252,17 @@ def test_patch_at_points_with_clamped_sides(cell, n):
     assert problem.num_augmentations <= 10
 
 
+def test_forces_of_multipliers_that_follow():
+    """What belongs to them goes to those they follow from: the transpose, also in corners."""
+    _, contact, _ = strained("tetrahedron", (2, 3), qs.Unilateral(), constraints="points")
+    extension = contact.model.gaps[0].extension
+    free, other = (np.sin(s + 1.7 * contact.slave.node_x) for s in (0.0, 1.0))
+    free[extension.held] = 0.0
+    products = extension.fill(free) * other, free * extension.gather(other)
+    left, right = WORLD.allreduce(np.array([product.sum() for product in products]))
+    assert left == pytest.approx(right, rel=1e-12)
+
+
 @pytest.mark.parametrize("quadrature", ("overlay", "nodal"))
 def test_clamped_edges_do_not_know_the_penalty(quadrature):
     """Loaded blocks between walls: the multiplier of an edge is not that of the rows around it."""

@@ -1,5 +1,7 @@
 """Augmented multipliers of nodes beyond the master's rim, of whose area hardly any is covered."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from scenes import WORLD, box, clamp, elastic, gathered, largest, plane, slide, vector_space
@@ -155,3 +157,20 @@ def test_any_partition(partition):
         found.append(np.append(force, multipliers))
         scene.problem.destroy()
     np.testing.assert_allclose(found[0], found[1], atol=1e-8 * np.abs(found[0]).max())
+
+
+def test_what_ranks_cover_of_a_node_adds_up():
+    """Two facets of a node, on one rank or two, that are covered by less than a tenth each."""
+    found = []
+    for comm in (MPI.COMM_SELF, WORLD):
+        partition = "forward" if comm is WORLD else None
+        over = box(comm, (3, 1), "quadrilateral", [0.0, 0.0], [3.0, 1.0], partition)
+        x = over.geometry.x[:, 0]
+        x[:] = np.interp(x, range(4), (0.0, 1.0, 1.1, 2.1))
+        under = box(comm, (4, 2), "quadrilateral", [0.0, -1.0], [1.15, 0.0])
+        surfaces = [qs.Surface(vector_space(m), facets=plane(m, 1, 0.0)) for m in (over, under)]
+        contact = qs.Contact(*surfaces, "master-slave", quadrature="overlay", **AUGMENTED)
+        points = contact.pairing
+        shares = points.weight[:, None] * np.sort(points.multiplier_values, axis=1)
+        found.append(comm.allreduce(shares.sum(axis=0)))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-12)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from following import Boxes, Nested
-from scenes import CELLS, FORMULATIONS, WORLD
+from following import Body, Boxes, Nested, problem_of
+from scenes import CELLS, FORMULATIONS, WORLD, box, plane
 from tangents import direction, near_solution, tangent_errors
 
 import qsdolfinx as qs
@@ -136,3 +136,22 @@ def test_friction(cell, mu, way, formulation, enforcement):
     d = direction(problem, np.random.default_rng(4))
     problem.system.set_curvature(True)
     assert tangent_errors(problem, x, d, 1e-7).difference < 0.02
+
+
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_round_tool(cell):
+    """Gaps to a tool of known shape have its curvature."""
+    gdim = 2 if cell == "triangle" else 3
+    body = Body(box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered"))
+    body.clamp(plane(body.mesh, gdim - 1, 0.0))
+    tool = qs.RigidSurface.sphere(WORLD, [0.4] * (gdim - 1) + [1.9], 1.0)
+    options = {"sliding": "finite", "enforcement": "penalty", "penalty": 1000.0}
+    contact = qs.Contact(body.side(gdim - 1, 1.0), tool, **options)
+    problem = problem_of([body], [contact], solver="direct")
+    problem.set_up()
+    rng = np.random.default_rng(3)
+    x, d = near_solution(problem, rng, 0.02), direction(problem, rng)
+    problem.system.set_curvature(True)
+    assert tangent_errors(problem, x, d, 1e-6).difference < 1e-8
+    problem.system.set_curvature(False)
+    assert tangent_errors(problem, x, d, 1e-6).difference > 1e-3

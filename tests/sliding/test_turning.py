@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from following import Body, Nested, on_radius, problem_of, ring, rotation
-from scenes import FORMULATIONS, elevated, largest
+from scenes import FORMULATIONS, WORLD, box, elevated, largest, plane
 
 from dolfinx import fem
 
@@ -119,6 +119,33 @@ def test_with_friction(cell, degrees):
     assert largest(tractions) < 1e-8 * largest(tau)
     assert abs(contact.step_dissipation()) < 1e-8
     assert largest(slip) > 0 or cell == "tetrahedron"  # where all sticks
+
+
+def test_with_friction_on_a_tool():
+    """As above, on a rigid tool that has gone some way before it turns along."""
+    body = Body(box(WORLD, (4, 4), "quadrilateral", (0.0, 0.0), (1.0, 1.0), "scattered"))
+    x = body.V.tabulate_dof_coordinates()[:, :2]
+    held = fem.Function(body.V)
+    bottom = fem.locate_dofs_topological(body.V, 1, plane(body.mesh, 1, 0.0))
+    body.bcs.append(fem.dirichletbc(held, bottom))
+    tool = qs.RigidSurface.plane(WORLD, [0.5, 2.0], [0.0, -1.0])
+    tool.position = [[1.0, 0.0, 0.0], [0.0, 1.0, -1.0]]
+    options = {"sliding": "finite", "friction": qs.Coulomb(0.5), **PENALTY}
+    contact = qs.Contact(body.side(1, 1.0), tool, **options)
+    problem = problem_of([body], [contact], solver="direct")
+    for tool.displacement in ([0.0, -0.02], [0.002, -0.02], [0.002, -0.02]):
+        problem.solve()
+    force, tau, R = contact.force("slave"), contact.tangential_multiplier(), rotation(0.8)
+    there = tool.center + tool.displacement
+    tool.rotation, tool.displacement = 0.8, R @ there - tool.center
+    u = body.u.x.array.reshape(-1, 2)
+    u[:] = (x + u) @ R.T - x
+    held.x.array[:] = body.u.x.array
+    problem.solve()
+    assert 0.01 < largest(tau)
+    assert largest(contact.force("slave") - R @ force) < 1e-6 * largest(force)
+    assert largest(contact.tangential_multiplier() - tau @ R.T) < 1e-6 * largest(tau)
+    assert abs(contact.step_dissipation()) < 1e-9
 
 
 @pytest.mark.parametrize("mu", (0.0, 0.3))

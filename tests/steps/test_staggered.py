@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, elastic, plane, slide, vector_space
+from scenes import WORLD, box, elastic, largest, plane, slide, vector_space
 
 import ufl
 from dolfinx import fem
@@ -82,6 +82,27 @@ def test_failure_of_the_heat_cuts_the_step_back():
     stepper.step()
     assert stepper.num_cutbacks == 1 and stepper.last_dt == pytest.approx(0.02)
     assert stepper.t == pytest.approx(0.02)
+
+
+def test_what_ends_a_step_after_the_heat_leaves_no_trace():
+    """All is solved for when somebody refuses it: the next step is as if it were the first."""
+
+    def refuse():
+        raise LookupError("refused")
+
+    found = []
+    for is_refused in (False, True):
+        billet = Billet()
+        stepper = billet.stepper(0.05)
+        if is_refused:
+            stepper.on_solved = refuse
+            with pytest.raises(LookupError, match="refused"):
+                stepper.step()
+            stepper.on_solved = None
+        stepper.step()
+        found.append(billet.T.x.array.copy())
+    assert largest(found[0]) > 0.01
+    assert largest(found[1] - found[0]) < 1e-10 * largest(found[0])
 
 
 def test_heat_of_friction_in_steps():

@@ -123,6 +123,16 @@ def test_other_spaces(cell, name):
     assert np.isclose(total, expected, rtol=1e-12)
 
 
+def test_functions_of_nodal_values_know_ghosts():
+    msh, facets = wavy("tetrahedron", "scattered")
+    surface = qs.Surface(vector_space(msh), facets=facets)
+    u = surface.function(surface.node_x + 1.0)
+    here = u.x.array.copy()
+    u.x.scatter_forward()
+    np.testing.assert_array_equal(here, u.x.array)
+    assert WORLD.allreduce(np.count_nonzero(here)) >= 3 * WORLD.allreduce(len(surface.node_x))
+
+
 def test_update_follows_the_mesh():
     msh, facets = wavy("triangle")
     surface = qs.Surface(vector_space(msh), facets=facets)

@@ -1,0 +1,377 @@
+"""The faults that planted.py plants: one line each, and the tests that are expected to see it."""
+
+import typing
+
+
+class Fault(typing.NamedTuple):
+    """A fault of one line.
+
+    Attributes:
+        name: What it is called.
+        file: Where it is.
+        old: Text of the line, or the part of it, that it changes; once in the file.
+        new: What takes its place.
+        what: What is wrong then.
+        tests: Where it is expected to be seen: files, or functions in them. Never single cases of a
+            function, whose names change, and of which several ranks run a share.
+        ranks: Number of ranks that it needs to be seen.
+        hangs: Whether ranks wait for each other for ever, so that no end of the tests is a sign.
+    """
+
+    name: str
+    file: str
+    old: str
+    new: str
+    what: str
+    tests: tuple[str, ...]
+    ranks: int = 1
+    hangs: bool = False
+
+
+FAULTS = [
+    # --- The extension
+    Fault(
+        "bent facets",
+        "cpp/geometry/facet.cpp",
+        "2 * (dN[a][0] * dN[b][1] + dN[a][1] * dN[b][0])",
+        "4 * (dN[a][0] * dN[b][1])",
+        "mixed second derivatives of degree 2 on triangles: tangent of finite sliding alone",
+        ("tests/sliding/test_ray.py::test_hessian",),
+    ),
+    Fault(
+        "third edge",
+        "cpp/geometry/projection.cpp",
+        "{1 - r, r}",
+        "{r, 1 - r}",
+        "nearest point of a triangle's third edge is taken from its other end",
+        ("tests/pairing/test_projection.py::test_closest_point",),
+    ),
+    Fault(
+        "tie of ranks",
+        "cpp/search/search.cpp",
+        "if (!std::lexicographical_compare(",
+        "if (std::lexicographical_compare(",
+        "of facets equally far on several ranks the last one is taken, on one rank the first",
+        ("tests/pairing/test_which_facet.py::test_ties_but_for_rounding",),
+        ranks=2,
+    ),
+    Fault(
+        "way back",
+        "cpp/search/way_out.cpp",
+        "a.length + b.length < (1 - equal_tolerance)",
+        "a.length < (1 - equal_tolerance)",
+        "the way out of an overlap leaves out the part on the other side",
+        ("tests/pairing/test_shorter_ways_out.py",),
+    ),
+    Fault(
+        "own side",
+        "cpp/search/winding.cpp",
+        "(dot(normal[p], d) < 0 ? 1 : 0)",
+        "(dot(normal[p], d) > 0 ? 1 : 0)",
+        "whether a point of self-contact is within the body counts its own facet on the wrong side",
+        ("tests/contact/test_itself.py",),
+    ),
+    Fault(
+        "rings of the overlay",
+        "cpp/pairing/overlay.cpp",
+        "share_ * w_[p] * stretch * cut_.area_factor(x)",
+        "share_ * w_[p] * stretch",
+        "weights of axisymmetric overlays without 2πr",
+        (
+            "tests/gap/test_axisymmetric.py::test_finite_differences",
+            "tests/pairing/test_weights_and_places.py::test_areas_of_warped_facets",
+        ),
+    ),
+    Fault(
+        "cover of other ranks",
+        "cpp/pairing/cover.cpp",
+        "here[name(i)] += sums[i];",
+        "here[name(i)] = sums[i];",
+        "what points of other ranks cover of a node is not added",
+        ("tests/gap/test_hardly_covered.py::test_what_ranks_cover_of_a_node_adds_up",),
+        ranks=2,
+    ),
+    Fault(
+        "shear of curvature",
+        "cpp/surface/curvature.cpp",
+        "const double k12 = k[1] / std::numbers::sqrt2;",
+        "const double k12 = k[1];",
+        "mixed component of the fitted curvature is √2 too large",
+        ("tests/gap/test_smoothing.py::test_gap_of_concentric_surfaces",),
+    ),
+    Fault(
+        "mass of hardly covered",
+        "cpp/gap/piece_rows.cpp",
+        "{&sums.cover, &sums.gap, &sums.jump, &sums.gradient, &sums.mass})",
+        "{&sums.cover, &sums.gap, &sums.jump, &sums.gradient})",
+        "finite sliding: jumps of hardly covered nodes are not handed to their neighbours",
+        ("tests/sliding/test_turning.py::test_with_friction",),
+    ),
+    Fault(
+        "points of other ranks",
+        "cpp/gap/gap.cpp",
+        "const int rank = points.slave.owner[p * ns + i];",
+        "const int rank = points.slave.owner[p * ns];",
+        "pairing points are sent to the owner of a facet's first vertex alone",
+        ("tests/pairing/test_overlay.py",),
+        ranks=2,
+    ),
+    Fault(
+        "bilinear tractions",
+        "cpp/sliding/ray.cpp",
+        "h12 + ray.t * dot(mixed_, normal.n())",
+        "h12 - ray.t * dot(mixed_, normal.n())",
+        "finite sliding: tangent of friction on quadrilaterals, a sign",
+        ("tests/sliding/test_ray.py::test_slip_hessian",),
+    ),
+    Fault(
+        "scale of the rows",
+        "cpp/tangent/insertion.cpp",
+        "factor[r] = value(r) * scale[b];",
+        "factor[r] = value(r) * scale[a];",
+        "tangent of a body in velocities on one in displacements: Δt of the wrong side",
+        ("tests/gap/test_velocity.py::test_finite_differences",),
+    ),
+    Fault(
+        "coupling of friction",
+        "cpp/tangent/friction.cpp",
+        "c[i] * G.coefficient[e * d + j % d]",
+        "c[i] * G.coefficient[e * d + i]",
+        "∂τ/∂λ takes the wrong component of the normal: tangent of friction alone",
+        ("tests/friction/test_friction.py::test_finite_differences",),
+    ),
+    Fault(
+        "records of ranks",
+        "cpp/parallel/exchange.cpp",
+        "counts_from[sources[i]] = received[i];",
+        "counts_from[sources[i]] = received[0];",
+        "all ranks are taken to send as much as the first one",
+        ("tests/surface/test_surface.py::test_same_on_any_number_of_ranks",),
+        ranks=2,
+    ),
+    # --- base
+    Fault(
+        "first to fail",
+        "qsdolfinx/base/collective.py",
+        "comm.size if error is None else comm.rank, digest",
+        "comm.size if error is None else 0, digest",
+        "collective errors: rank 0 is taken for the one that failed",
+        ("tests/base/test_checked.py::test_one_rank_fails_and_others_disagree",),
+        ranks=3,
+    ),
+    Fault(
+        "silence",
+        "qsdolfinx/base/messages.py",
+        "logger.level > logging.INFO",
+        "logger.level >= logging.INFO",
+        "messages are not logged at the level INFO",
+        ("tests/contact/test_report.py::test_printed_unless_logging_is_set_up",),
+    ),
+    # --- surface, pairing
+    Fault(
+        "ghosts of nodal values",
+        "qsdolfinx/surface/surface.py",
+        "        vector.scatter_forward()\n",
+        "        pass\n",
+        "functions of nodal values, such as tractions, are zero at ghosts",
+        ("tests/surface/test_surface.py::test_functions_of_nodal_values_know_ghosts",),
+        ranks=2,
+    ),
+    Fault(
+        "back of a body",
+        "qsdolfinx/pairing/pair.py",
+        "keep = (np.abs(gap) <= radius.largest) & (np.sum(normal * points.normal, axis=1) < 0)",
+        "keep = np.abs(gap) <= radius.largest",
+        "the back of a body is paired with an analytic tool",
+        ("tests/tools/test_rigid_surface.py::test_what_is_paired",),
+    ),
+    # --- gap
+    Fault(
+        "touching",
+        "qsdolfinx/gap/laws.py",
+        "np.where(gap[:, 0] >= -touching, penalty, 0.0)",
+        "np.where(gap[:, 0] > touching, penalty, 0.0)",
+        "bodies that just touch do not hold each other: tangent alone",
+        ("tests/gap/test_at_first.py::test_touching",),
+    ),
+    Fault(
+        "sweeps back",
+        "qsdolfinx/gap/extension.py",
+        "for sweep in reversed(self._sweeps):",
+        "for sweep in self._sweeps:",
+        "transpose of what held multipliers follow from, in the wrong order",
+        ("tests/contact/test_held.py::test_forces_of_multipliers_that_follow",),
+    ),
+    Fault(
+        "bent tools",
+        "qsdolfinx/gap/shape_points.py",
+        '"fp,pi,pj,fpab->fiajb", -force[some]',
+        '"fp,pi,pj,fpab->fiajb", force[some]',
+        "finite sliding on round rigid tools: tangent, a sign",
+        ("tests/sliding/test_tangent.py::test_round_tool",),
+    ),
+    Fault(
+        "heat of the master",
+        "qsdolfinx/gap/friction_heat.py",
+        "b[1].axpy(1 - self._share, into[1])",
+        "b[1].axpy(self._share, into[1])",
+        "the master gets the slave's share of the heat of friction",
+        ("tests/contact/test_scalar.py::test_heat_of_friction",),
+    ),
+    # --- friction
+    Fault(
+        "power of Norton's law",
+        "qsdolfinx/friction/laws.py",
+        "rows.projector + (self.q - 1) * direction",
+        "rows.projector + self.q * direction",
+        "derivative of viscoplastic friction",
+        ("tests/friction/test_friction_laws.py::test_derivatives",),
+    ),
+    Fault(
+        "turned tool",
+        "qsdolfinx/friction/objective.py",
+        "shift = position[:, gdim] - turn @ before[:, gdim]",
+        "shift = position[:, gdim] - before[:, gdim]",
+        "finite sliding: slip on a rigid tool that turns away from its centre",
+        ("tests/sliding/test_turning.py::test_with_friction_on_a_tool",),
+    ),
+    # --- contact
+    Fault(
+        "open and conducting",
+        "qsdolfinx/contact/coupling.py",
+        "(self._at_points[i], -of_g * opened)",
+        "(self._at_points[i], -of_g)",
+        "∂h/∂g also where the distance is none: tangent of conductance alone",
+        ("tests/contact/test_scalar.py::test_tangent",),
+    ),
+    Fault(
+        "tool at the start",
+        "qsdolfinx/contact/motion.py",
+        "slip.state.start = slip.state.start - slip.change(moved)",
+        "slip.state.start = slip.state.start + slip.change(moved)",
+        "slip in a step counts the tool's way so far twice",
+        ("tests/friction/test_friction_rigid.py::test_steps",),
+    ),
+    # --- system, linear
+    Fault(
+        "forces of other ranks",
+        "qsdolfinx/system/body.py",
+        "            self._b.scatter_reverse(la.InsertMode.add)\n",
+        "            pass\n",
+        "forces that other ranks' cells put on a node are left out",
+        ("tests/solve/test_problem.py",),
+        ranks=2,
+    ),
+    Fault(
+        "lifting",
+        "qsdolfinx/system/body.py",
+        "x0=[x], alpha=-1.0)",
+        "x0=[x], alpha=1.0)",
+        "nonlinear bodies: prescribed values enter the first residual with the wrong sign",
+        ("tests/solve/test_units.py::test_long_way_to_contact",),
+    ),
+    Fault(
+        "bubbles",
+        "qsdolfinx/linear/condensed.py",
+        "out[self.bubbles] = self._z.array_r - self._y.array_r",
+        "out[self.bubbles] = self._z.array_r + self._y.array_r",
+        "preconditioner of flow: bubbles follow their vertices the wrong way; iterations alone",
+        ("tests/linear/test_schur.py::test_bubbles_are_eliminated_exactly",),
+    ),
+    Fault(
+        "soft motions of one rank",
+        "qsdolfinx/linear/soft_motions.py",
+        "left = self._system.comm.allreduce(local, op=MPI.SUM)",
+        "left = local",
+        "what iterative solvers leave along free motions is taken from one rank's unknowns",
+        ("tests/linear/test_multigrid.py", "tests/linear/test_soft_motions.py"),
+        ranks=2,
+    ),
+    # --- solve
+    Fault(
+        "load of friction",
+        "qsdolfinx/solve/tool_balance.py",
+        "p.slip.operator.add_transpose(-friction, vecs[p.body].handle, 0)",
+        "p.slip.operator.add_transpose(friction, vecs[p.body].handle, 0)",
+        "tools driven by a force: derivative with friction, a sign; convergence alone",
+        ("tests/solve/test_tool_balance.py",),
+    ),
+    # --- steps
+    Fault(
+        "order of vertices",
+        "qsdolfinx/steps/checkpoint.py",
+        "np.sort(nodes[:, vertices], axis=1)",
+        "nodes[:, vertices]",
+        "checkpoints: edges are known by their vertices as a partition orders them",
+        ("tests/steps/test_checkpoint.py::test_functions",),
+        ranks=2,
+    ),
+    Fault(
+        "part of a tool's way",
+        "qsdolfinx/steps/tool_motion.py",
+        "part * (done.displacement + tool.displacement) - done.displacement",
+        "part * (done.displacement + tool.displacement)",
+        "where tools are paired within a step of flow: what they have made is made again",
+        ("tests/steps/test_stepper.py::test_pairing_in_the_middle_of_the_step",),
+    ),
+    Fault(
+        "heat of a failed step",
+        "qsdolfinx/steps/staggered.py",
+        '        """Go back to where the step began."""\n        self.begin()',
+        '        """Go back to where the step began."""\n        self.accept()',
+        "a step that is cut back keeps the temperatures of the failed attempt",
+        ("tests/steps/test_staggered.py::test_what_ends_a_step_after_the_heat_leaves_no_trace",),
+    ),
+    # --- remeshing
+    Fault(
+        "bounds at ghosts",
+        "qsdolfinx/remeshing/bounded.py",
+        "        vec.ghostUpdate(PETSc.InsertMode.INSERT_VALUES, PETSc.ScatterMode.FORWARD)\n",
+        "",
+        "new meshes: bounds of values in cells beside other ranks are too narrow",
+        ("tests/remeshing/test_transfer.py",),
+        ranks=3,
+    ),
+    Fault(
+        "rings of new meshes",
+        "qsdolfinx/remeshing/surface_values.py",
+        "degree = 2 * new.shape_degree(1) + new.area_degree",
+        "degree = 2 * new.shape_degree(1) - 1",
+        "new meshes: multipliers go over with a rule that is not exact",
+        ("tests/remeshing/test_surface_values.py",),
+    ),
+    # --- tools, output
+    Fault(
+        "pose after a turn",
+        "qsdolfinx/tools/pose.py",
+        "step @ self.t + motion.b",
+        "self.t + motion.b",
+        "rigid tools that have been moved turn about the wrong place",
+        ("tests/tools/test_rigid_motion.py::test_position",),
+    ),
+    Fault(
+        "line of the checkpoint",
+        "qsdolfinx/output/history.py",
+        'float(line["t"]) < t]',
+        'float(line["t"]) <= t]',
+        "tables that are continued have the first new time twice",
+        ("tests/output/test_output.py::test_history",),
+    ),
+    # --- materials
+    Fault(
+        "free expansion",
+        "qsdolfinx/materials.py",
+        "free = (3 * lmbda + 2 * mu) * thermal_strain",
+        "free = (3 * lmbda + mu) * thermal_strain",
+        "thermal stress of elastic bodies",
+        ("tests/test_heat.py::test_free_expansion_has_no_stress",),
+    ),
+    Fault(
+        "energy of hardening",
+        "qsdolfinx/plasticity.py",
+        "self.hardening / 2 * alpha**2",
+        "self.hardening * alpha**2",
+        "stored energy of plastic bodies",
+        ("tests/test_plasticity.py::test_energy",),
+    ),
+]
