@@ -41,6 +41,11 @@ TOGETHER = ("problems",)
 DEAL = (5, 3, 2)
 
 
+def needs_several(item):
+    """Whether a test is marked as one for several ranks."""
+    return any(item.get_closest_marker(mark) for mark in ("several_ranks", "parallel"))
+
+
 def ranks_of(item):
     """Number of ranks with which `make test` runs a test: by its name, so that it stays."""
     path = pathlib.Path(item.path)
@@ -50,7 +55,7 @@ def ranks_of(item):
     if together:
         several = any("ranks" in name for name in vars(item.module))
     else:
-        several = item.get_closest_marker("several_ranks") or "ranks" in item.name
+        several = needs_several(item) or "ranks" in item.name
     shares = DEAL[:2] if together else DEAL
     shares = (0, *shares[1:]) if several else shares
     name = path.name if together else item.nodeid

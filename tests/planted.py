@@ -7,8 +7,8 @@
     python3 tests/planted.py --tests ELSEWHERE  the tests of another repository, such as fewer ones
 
 Each fault has a few tests that are expected to see it. They are run as ``make test`` runs them,
-with the markers and the shares of several ranks that it has: what they notice it notices. If there
-are none of them, as they have another name or are for an hour, all of their files are run. With
+with the markers and the shares of each number of ranks that it has: what they notice it notices. If
+they do not, or are for an hour, all of their files are run. With
 ``--whole`` what they miss is tried with all tests of their files, their folders and then with all
 there are; with ``--try`` only with tests that are named there.
 
@@ -120,6 +120,8 @@ class Copy:
             there.parent.mkdir(parents=True, exist_ok=True)
             if not there.exists() or there.read_bytes() != (root / name).read_bytes():
                 shutil.copy(root / name, there)
+        dealt = "--share" in (self.folder / "tests/conftest.py").read_text()
+        self._share = ["--share"] if dealt else []
         shutil.rmtree(self._site, ignore_errors=True)
         # Faults in Python are planted in this copy of what was built, without building anew.
         shutil.copytree(self._build(), self._site)
@@ -167,6 +169,7 @@ class Copy:
         """
         run = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
         pytest = ["python3", "-m", "pytest", "-v", "--tb=short", "-p", "no:cacheprovider", *tests]
+        pytest += self._share
         command = ["scripts/with-dolfinx", "env", f"PYTHONPATH={site}", *run, *pytest]
         with tempfile.TemporaryFile("w+", errors="replace") as out:
             process = subprocess.Popen(
@@ -212,20 +215,22 @@ class Copy:
                         return "(hang)", said
                     raise TimeoutError(f"no end within {limit:.0f} s: {outcome.text[-300:]}")
                 if outcome.failed is not None:
-                    return outcome.failed, said
-                if outcome.ran and not whole:
-                    break
+                    return outcome.failed, said + (f" on {ranks}" if ranks > 1 else "")
         return None, ""
 
     def _stages(
         self, fault: Fault, whole: bool
     ) -> typing.Iterator[tuple[int, typing.Sequence[str], str]]:
         """Ranks and tests to try one after the other, and what is to be said of them."""
-        yield fault.ranks, fault.tests, ""
+        order = sorted(RANKS, key=lambda ranks: (ranks != fault.ranks, ranks))
+        order = order if self._share else [fault.ranks]
+        for ranks in order:
+            yield ranks, fault.tests, ""
         names = dict.fromkeys(test.partition("::")[0] for test in fault.tests)
         files = [name for name in names if (self.folder / name).exists()]
         if files:
-            yield fault.ranks, files, "in the file"
+            for ranks in order:
+                yield ranks, files, "in the file"
         if whole:
             folders = [name for name in dict.fromkeys(name.rpartition("/")[0] for name in names)
                        if (self.folder / name).exists() and name != "tests"]  # fmt: skip
@@ -276,7 +281,7 @@ def check_clean(copy: Copy, faults: typing.Sequence[Fault], timeout: float) -> i
     """Run the tests of all faults without any, each number of ranks at once."""
     bad = 0
     for ranks in RANKS:
-        tests = list(dict.fromkeys(t for f in faults if f.ranks == ranks for t in f.tests))
+        tests = list(dict.fromkeys(t for f in faults for t in f.tests))
         # A file has its functions.
         tests = [t for t in tests if "::" not in t or t.partition("::")[0] not in tests]
         if not tests:

@@ -110,6 +110,7 @@ def refused(error, text, block):
     assert WORLD.allreduce(1) == WORLD.size
 
 
+@pytest.mark.parallel
 @several
 def test_one_rank_fails_and_others_disagree():
     """What is wrong on one rank is said first; that of the lowest rank if there are several."""

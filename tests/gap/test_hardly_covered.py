@@ -159,6 +159,7 @@ def test_any_partition(partition):
     np.testing.assert_allclose(found[0], found[1], atol=1e-8 * np.abs(found[0]).max())
 
 
+@pytest.mark.parallel
 def test_what_ranks_cover_of_a_node_adds_up():
     """Two facets of a node, on one rank or two, that are covered by less than a tenth each."""
     found = []

@@ -115,6 +115,7 @@ def test_spaces(cell):
     assert max(errors) < 1e-12
 
 
+@pytest.mark.parallel
 def test_shift_in_the_coarse_matrix():
     """What holds a block between two frictionless planes does so on the coarse level."""
     msh = box(WORLD, (4, 4, 4), "hexahedron", [0.0] * 3, [1.0] * 3, "forward")

@@ -31,6 +31,7 @@ def quadratic_space(msh):
     return fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
 
 
+@pytest.mark.parallel
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("master, slave", ((16, 5), (5, 16), (7, 4)))
 def test_patch_test_is_exact(cell, master, slave):

@@ -171,6 +171,7 @@ def tied_corners(comm, partition, angle):
     return flat[np.lexsort(flat[:, :3].T)]
 
 
+@pytest.mark.parallel
 def test_ties_but_for_rounding():
     """Nodes above edges, of surfaces that are turned: the same facet on any partition."""
     for angle in (0.0, 0.3, 1.1):

@@ -178,6 +178,7 @@ def test_spaces_of_another_kind_are_refused():
             qs.transfer(f, fem.functionspace(new, space))
 
 
+@pytest.mark.parallel
 def test_cells_on_any_number_of_ranks():
     """Points on faces between old cells take the same values wherever the mesh is cut."""
     found = []

@@ -26,6 +26,7 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 
+@pytest.mark.parallel
 def test_three_bodies_in_a_row():
     """The middle body is slave of one contact and master of another; forces pass through."""
     meshes = [

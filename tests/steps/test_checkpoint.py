@@ -89,6 +89,7 @@ def values_at(u, name):
     return out.x.array
 
 
+@pytest.mark.parallel
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("partition", [None, *PARTITIONS])
 def test_functions(folder, cell, partition):

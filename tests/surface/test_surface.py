@@ -123,6 +123,7 @@ def test_other_spaces(cell, name):
     assert np.isclose(total, expected, rtol=1e-12)
 
 
+@pytest.mark.parallel
 def test_functions_of_nodal_values_know_ghosts():
     msh, facets = wavy("tetrahedron", "scattered")
     surface = qs.Surface(vector_space(msh), facets=facets)
