@@ -1,4 +1,4 @@
-"""What friction takes in a step: the slip at which work is lost, and its energy."""
+"""Energy that friction takes in a step: the work of its forces; and the slip that it takes it at."""
 
 from __future__ import annotations
 
@@ -29,6 +29,9 @@ class Evaluated(typing.NamedTuple):
         gap: Mean gap of each row (length), negative where it is open, (rows,).
         compliance: Gap (length) that a pressure closes, over it: of the penalty and of the bodies.
         means: Whether multipliers are means over the step, as stresses of a velocity are.
+        until_closed: Tangential part of what the jump changed in the step before the row closed
+            (length), (rows, gdim).
+        same: Rows of which the same part was covered when the step began, (rows,).
     """
 
     rows: Rows
@@ -37,27 +40,36 @@ class Evaluated(typing.NamedTuple):
     gap: Array
     compliance: float
     means: bool
+    until_closed: Array
+    same: npt.NDArray[np.bool_]
 
 
 def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     """Slip (length) and energy per area that friction took in a step, (rows, gdim) and (rows,).
 
-    Along the slip the limit of a law goes from the pressure at the start of the step to that at
-    its end; the mean makes the energy one of second order in Δt. Multipliers that are means over
-    the step are such a mean already, also of rows that leave in it; of rows that close in the step
-    they are that of a part.
+    The energy is the work of the friction forces on the relative displacement of the step, less
+    what a penalty's elastic stick stores of it.
 
-    Otherwise rows that leave had λ_0 at the start, and are open by −ḡ at the end. At a constant
+    Multipliers that are means over the step, as those of bodies in velocities, work on all of the
+    step's displacement: so they do in the equilibrium. The others work on the slip, which begins
+    where a row closes, with the mean of the limit along it: it goes from the pressure at the start
+    of the step to that at its end, which makes the energy one of second order in Δt. Where the other
+    surface covers more or less of a row than at the start, the two pressures are not those of the
+    same area: the force at the end counts. An edge that slides on leaves as much as it comes to.
+
+    Rows that leave, the same part of them being covered, had λ_0 at the start, and are open by −ḡ at the end. At a constant
     rate they are in contact for λ_0 C / (λ_0 C − ḡ) of the step, C being the compliance.
     """
     rows, response = step.rows, step.response
     closed = rows.closed[:, None]
     slip = np.where(closed, response.dissipative, 0.0)
-    fresh = rows.pressed == 0
-    growth = np.where(fresh, 1 / rows.share, 1.0) if step.means else law.growth(rows)
-    energy = growth * np.sum(response.traction * slip, axis=1)
-    leaving = step.leaving
-    if leaving.any() and not step.means:
+    if step.means:
+        way = np.where(closed, slip + step.until_closed, 0.0)
+        return slip, np.sum(response.traction * way, axis=1)
+    energy = np.sum(response.traction * slip, axis=1)
+    energy = np.where(step.same, law.growth(rows) * energy, energy)
+    leaving = step.leaving & step.same
+    if leaving.any():
         way, work = _of_leaving(law, step)
         slip = np.where(leaving[:, None], way, slip)
         energy = np.where(leaving, work, energy)
@@ -66,7 +78,7 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
 
 def _of_leaving(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     """The same of rows that leave, until they do so."""
-    rows, leaving = step.rows, step.leaving
+    rows, leaving = step.rows, step.leaving & step.same
     closing = rows.pressed * step.compliance
     opening = np.maximum(-step.gap, 0.0)
     part = np.divide(closing, closing + opening, np.zeros_like(closing), where=closing > 0)

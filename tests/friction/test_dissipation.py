@@ -101,7 +101,7 @@ def test_energy_of_flow_is_the_work_of_contact_forces(law):
 # --- Rows whose pressure changes
 
 
-def evaluated(law, pressed, pressure, slip, gap=0.0, share=1.0, means=False):
+def evaluated(law, pressed, pressure, slip, gap=0.0, before=0.0, same=True, means=False):
     """One row in the plane that slips along x, as the law answers it, with rigid stick."""
     one = np.ones(1)
     rows = Rows(
@@ -116,13 +116,14 @@ def evaluated(law, pressed, pressure, slip, gap=0.0, share=1.0, means=False):
         0.5,
         1e-3,
         {name: value * one for name, value in law.parameters.items()},
-        share * one,
+        slip / (slip + before) * one,
         pressed * one,
     )
     response = law.respond(rows)
     assert isinstance(response, Response)
     leaving = np.array([pressure == 0 and pressed > 0])
-    return Evaluated(rows, response, leaving, gap * one, 0.1, means)
+    way = np.array([[before, 0.0]])
+    return Evaluated(rows, response, leaving, gap * one, 0.1, means, way, np.array([same]))
 
 
 LAWS = {
@@ -160,16 +161,26 @@ def test_row_that_leaves(law):
     )
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_row_that_is_covered_more_or_less(law):
+    """Pressures on unlike areas have no mean: what is covered at the end has the force of then."""
+    friction, limit = LAWS[law]
+    for pressed, pressure in ((3.0, 1.0), (2.0, 0.0)):
+        step = evaluated(friction, pressed, pressure, slip=0.2, same=False)
+        expected = 0.2 * limit(np.array(pressure)) if pressure else 0.0
+        np.testing.assert_allclose(slip_and_energy(friction, step)[1], expected, rtol=1e-6)
+
+
 def test_means_over_a_step():
-    """A multiplier that is a mean over the step needs no other; of a part of it, that of the part.
+    """A multiplier that is a mean over the step works on all of it, before a row closes as well.
 
     The pressure at the start, a mean over the step before, tells nothing then.
     """
     friction = qs.Coulomb(0.3)
     whole = slip_and_energy(friction, evaluated(friction, 1.0, 2.0, slip=0.2, means=True))
     np.testing.assert_allclose(whole[1], 0.3 * 2.0 * 0.2, rtol=1e-6)
-    part = evaluated(friction, 0.0, 2.0, slip=0.2, share=0.25, means=True)
-    np.testing.assert_allclose(slip_and_energy(friction, part)[1], 4 * 0.3 * 2 * 0.2, rtol=1e-6)
+    part = evaluated(friction, 0.0, 2.0, slip=0.2, before=0.6, means=True)
+    np.testing.assert_allclose(slip_and_energy(friction, part)[1], 0.3 * 2 * 0.8, rtol=1e-6)
 
 
 def test_nothing_before_the_first_solve():
