@@ -31,7 +31,8 @@ class Evaluated(typing.NamedTuple):
         means: Whether multipliers are means over the step, as stresses of a velocity are.
         until_closed: Tangential part of what the jump changed in the step before the row closed
             (length), (rows, gdim).
-        same: Rows of which the same part was covered when the step began, (rows,).
+        same: Whether all rows in contact, now or when the step began, are covered by as much as
+            then: not where an edge slides over them.
     """
 
     rows: Rows
@@ -41,7 +42,7 @@ class Evaluated(typing.NamedTuple):
     compliance: float
     means: bool
     until_closed: Array
-    same: npt.NDArray[np.bool_]
+    same: bool
 
 
 def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
@@ -53,12 +54,13 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     Multipliers that are means over the step, as those of bodies in velocities, work on all of the
     step's displacement: so they do in the equilibrium. The others work on the slip, which begins
     where a row closes, with the mean of the limit along it: it goes from the pressure at the start
-    of the step to that at its end, which makes the energy one of second order in Δt. Where the other
-    surface covers more or less of a row than at the start, the two pressures are not those of the
-    same area: the force at the end counts. An edge that slides on leaves as much as it comes to.
+    of the step to that at its end, which makes the energy one of second order in Δt. Rows that
+    leave had λ_0 at the start, and are open by −ḡ at the end. At a constant rate they are in
+    contact for λ_0 C / (λ_0 C − ḡ) of the step, C being the compliance.
 
-    Rows that leave, the same part of them being covered, had λ_0 at the start, and are open by −ḡ at the end. At a constant
-    rate they are in contact for λ_0 C / (λ_0 C − ḡ) of the step, C being the compliance.
+    Where an edge slides over rows, what they bear goes over from one to the next, and their
+    pressures at the start and at the end are those of unlike areas: there the forces at the end
+    count alone, which are all of the friction on what is in contact.
     """
     rows, response = step.rows, step.response
     closed = rows.closed[:, None]
@@ -67,8 +69,10 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
         way = np.where(closed, slip + step.until_closed, 0.0)
         return slip, np.sum(response.traction * way, axis=1)
     energy = np.sum(response.traction * slip, axis=1)
-    energy = np.where(step.same, law.growth(rows) * energy, energy)
-    leaving = step.leaving & step.same
+    if not step.same:
+        return slip, energy
+    energy = law.growth(rows) * energy
+    leaving = step.leaving
     if leaving.any():
         way, work = _of_leaving(law, step)
         slip = np.where(leaving[:, None], way, slip)
@@ -78,7 +82,7 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
 
 def _of_leaving(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     """The same of rows that leave, until they do so."""
-    rows, leaving = step.rows, step.leaving & step.same
+    rows, leaving = step.rows, step.leaving
     closing = rows.pressed * step.compliance
     opening = np.maximum(-step.gap, 0.0)
     part = np.divide(closing, closing + opening, np.zeros_like(closing), where=closing > 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import typing
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -306,8 +307,14 @@ class Slip:
             compliance,
             means,
             self.tangential(state.until_closed),
-            np.abs(state.covered - self.covered) <= SAME_COVER * self.covered,
+            self._covers_the_same(),
         )
+
+    def _covers_the_same(self) -> bool:
+        """Whether no row in contact, now or at the start, is covered more or less. Collective."""
+        change = np.abs(self.state.covered - self.covered) > SAME_COVER * self.covered
+        local = bool(np.any(change & (self.state.closed | (self.state.pressed > 0))))
+        return not self.slave.comm.allreduce(local, op=MPI.LOR)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
