@@ -59,9 +59,9 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         master: The same of the master's.
     """
     model.held_nodes, model.held_slips, alone = [], [], [False, False]
-    for slip in model.slips:
-        slip.may_be_held, slip.extension = False, None
-        slip.hold(None)
+    for each in model.slips:
+        each.may_be_held, each.extension = False, None
+        each.hold(None)
     if model.with_itself or (model.is_scalar and not model.augmented):
         return
     for i, gap in enumerate(model.gaps):
@@ -130,26 +130,27 @@ def _relative_way(
     Since the step began, by conditions and by the motion of a rigid tool. Collective.
     """
     slip, gap = held.slip, held.slip.gap
-    start, made = slip.state.at_start, []
+    start, ways = slip.state.at_start, []
     kept, scale = (
         model.ordered(gap, both)
         for both in (model.kinematics.in_displacement, model.kinematics.scale)
     )
     for i, vec in enumerate(model.ordered(gap, (slave, master))):
-        made.append(None if vec is None else vec.copy())
         if vec is None:
             continue
+        way = vec.copy()
         if kept[i] and start is not None:
-            made[i].array[:] -= start.unknowns[i]
-        made[i].scale(scale[i])
-    own = _read(gap.slave, made[0])[gap.operator.row_node]
-    if made[1] is None:
+            way.array[:] -= start.unknowns[i]
+        way.scale(scale[i])
+        ways.append(way)
+    own = _read(gap.slave, ways[0])[gap.operator.row_node]
+    if held.of_master is None:
         of_partner = _way_of_tool(slip)
     else:
-        made[1].array[:] *= held.of_master
-        of_partner = _way_of_partner(held, made[1])
-        made[1].destroy()
-    made[0].destroy()
+        ways[1].array[:] *= held.of_master
+        of_partner = _way_of_partner(held, ways[1])
+    for way in ways:
+        way.destroy()
     return np.asarray(own - of_partner)
 
 
@@ -157,12 +158,11 @@ def _way_of_tool(slip: Slip) -> Array:
     """Displacement of a rigid tool at the rows since the step began (length), (rows, gdim)."""
     gap, start = slip.gap, slip.state.at_start
     if gap.state.base is None:
-        before = 0.0 if start is None else start.tool
-        return np.asarray((before - slip.state.shift) / slip.cover[:, None])
+        shift = slip.state.shift if start is None else slip.state.shift - start.tool
+        return np.asarray(-shift / slip.cover[:, None])
     gdim = gap.slave.gdim
     now = Pose.from_matrix(gap.state.base[1], gdim)
-    before = now if start is None else Pose.from_matrix(start.tool, gdim)
-    field = now.since(before)
+    field = now.since(now if start is None else Pose.from_matrix(start.tool, gdim))
     x = gap.slave.node_x[gap.operator.row_node, :gdim]
     return np.asarray(x @ field.A.T + field.b)
 

@@ -107,7 +107,8 @@ def test_energy_of_flow_that_closes(bulge):
     msh = box(WORLD, (16, 4), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
     x = msh.geometry.x
     x[:, 1] += bulge * (x[:, 0] - 0.7) ** 2 * (1 - x[:, 1])
-    V, bottom = vector_space(msh), mesh.locate_entities_boundary(
+    V = vector_space(msh)
+    bottom = mesh.locate_entities_boundary(
         msh, 1, lambda x: np.isclose(x[1], bulge * (x[0] - 0.7) ** 2)
     )
     v, top = fem.Function(V), fem.Constant(msh, (0.1, -0.05))

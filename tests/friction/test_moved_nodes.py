@@ -1,4 +1,4 @@
-"""Friction at contact nodes that conditions hold along the surface: it acts where they move them."""
+"""Friction at contact nodes that conditions hold along the surface: not where they only hold."""
 
 import numpy as np
 import pytest
