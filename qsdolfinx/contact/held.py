@@ -15,12 +15,16 @@ from dolfinx import fem
 
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.messages import ContactWarning, warn
-from qsdolfinx.contact.model import ContactModel, HeldNodes
+from qsdolfinx.contact.model import ContactModel, HeldNodes, HeldSlip
+from qsdolfinx.friction.history import AT_REST
+from qsdolfinx.friction.laws import Sticking
+from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.pose import Pose
 from qsdolfinx.tools.rigid_surface import as_tool, deformable
 
 Array = npt.NDArray[np.float64]
@@ -46,19 +50,22 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
     the nodes around, which have multipliers of their own: one too many for the unknowns that are
     left, it would lock them or be determined by nothing.
 
+    That a component is held on both sides does not say that the two do not move against each
+    other: of friction, :func:`begin_solve` tells.
+
     Args:
         model: The contact.
         slave: Nonzero at the unknowns of the slave's body that have Dirichlet conditions.
         master: The same of the master's.
     """
-    model.held_nodes, alone = [], [False, False]
+    model.held_nodes, model.held_slips, alone = [], [], [False, False]
+    for each in model.slips:
+        each.may_be_held, each.extension = False, None
+        each.hold(None)
     if model.with_itself or (model.is_scalar and not model.augmented):
         return
     for i, gap in enumerate(model.gaps):
         gap.extension, slip = None, model.slips[i] if model.slips else None
-        if slip is not None:
-            slip.extension = None
-            slip.hold(None)
         vecs, sides = model.ordered(gap, (slave, master)), model.ordered(gap, (0, 1))
         of_slave = np.any(_read(gap.slave, vecs[0]) != 0, axis=0)
         model.comm.Allreduce(MPI.IN_PLACE, of_slave, op=MPI.LOR)
@@ -73,10 +80,136 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         clamped = held & pressed
         of_gap = (held, clamped) if gap.law.jump else (pressed, pressed)
         gap.extension = _extension(model, gap, by_node, *of_gap)
-        if slip is not None:
-            slip.extension = _extension(model, by_node, by_node, held, clamped)
-            slip.hold(held & ~clamped)
+        if slip is not None and model.comm.allreduce(bool(held.any()), op=MPI.LOR):
+            slip.may_be_held = True
+            of_master = None if vecs[1] is None else np.array(vecs[1].array_r)
+            at_nodes = model.held_nodes[-1].at_nodes
+            model.held_slips.append(HeldSlip(slip, held, clamped, at_nodes, of_master))
     model.held_alone = tuple(model.comm.allreduce(flag, op=MPI.LOR) for flag in alone)
+
+
+def begin_solve(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+    """Tell the slips which components conditions neither leave free nor move. Collective.
+
+    Where conditions hold a node and its partner and do not move them against each other, as on a
+    plane of symmetry, there is no slip, and none of the friction around is theirs. What they have
+    moved in this step, or in an earlier one since it came into contact, slips or sticks as all
+    other nodes do: friction acts between the two sides, whoever holds them.
+
+    Args:
+        model: The contact.
+        slave: Unknowns of the slave's body with the conditions' values in place.
+        master: The same of the master's.
+
+    Warns:
+        ContactWarning: If conditions move against each other what cannot slip.
+    """
+    for held in model.held_slips:
+        slip = held.slip
+        way = np.where(held.held, np.abs(_relative_way(model, held, slave, master)), 0.0)
+        moves = way > AT_REST * model.paired.facet_size
+        if model.augmented and isinstance(slip.friction, Sticking):
+            _warn_of_stick(model, float(way.max(initial=0.0)))
+            moves = np.zeros_like(moves)
+        slip.state.moved = np.where(moves | (held.held & (slip.state.moved > 0)), 1.0, 0.0)
+        redundant = held.held & ~(slip.state.moved > 0)
+        same = held.redundant is not None and np.array_equal(redundant, held.redundant)
+        if model.comm.allreduce(same, op=MPI.LAND):
+            continue
+        held.redundant = redundant
+        clamped = held.clamped & redundant
+        slip.extension = _extension(model, slip.gap, slip.gap, redundant, clamped)
+        slip.hold(redundant & ~clamped)
+
+
+def _relative_way(
+    model: ContactModel, held: HeldSlip, slave: PETSc.Vec, master: PETSc.Vec | None
+) -> Array:
+    """What held nodes and their partners have moved against each other (length), (rows, block).
+
+    Since the step began, by conditions and by the motion of a rigid tool. Collective.
+    """
+    slip, gap = held.slip, held.slip.gap
+    start, ways = slip.state.at_start, []
+    kept, scale = (
+        model.ordered(gap, both)
+        for both in (model.kinematics.in_displacement, model.kinematics.scale)
+    )
+    for i, vec in enumerate(model.ordered(gap, (slave, master))):
+        if vec is None:
+            continue
+        way = vec.copy()
+        if kept[i] and start is not None:
+            way.array[:] -= start.unknowns[i]
+        way.scale(scale[i])
+        ways.append(way)
+    own = _read(gap.slave, ways[0])[gap.operator.row_node]
+    if held.of_master is None:
+        of_partner = _way_of_tool(slip)
+    else:
+        ways[1].array[:] *= held.of_master
+        of_partner = _way_of_partner(held, ways[1])
+    for way in ways:
+        way.destroy()
+    return np.asarray(own - of_partner)
+
+
+def _way_of_tool(slip: Slip) -> Array:
+    """Displacement of a rigid tool at the rows since the step began (length), (rows, gdim)."""
+    gap, start = slip.gap, slip.state.at_start
+    if gap.state.base is None:
+        shift = slip.state.shift if start is None else slip.state.shift - start.tool
+        return np.asarray(-shift / slip.cover[:, None])
+    gdim = gap.slave.gdim
+    now = Pose.from_matrix(gap.state.base[1], gdim)
+    field = now.since(now if start is None else Pose.from_matrix(start.tool, gdim))
+    x = gap.slave.node_x[gap.operator.row_node, :gdim]
+    return np.asarray(x @ field.A.T + field.b)
+
+
+def _way_of_partner(held: HeldSlip, way: PETSc.Vec) -> Array:
+    """Mean at the rows of what is held of the master at their partners. Collective.
+
+    Args:
+        held: Where.
+        way: Of the unknowns of the master's body, 0 of those that are not held.
+    """
+    gap, at_nodes = held.slip.gap, held.at_nodes
+    row_node, linear, rows = gap.operator.row_node, at_nodes.slave, at_nodes.operator.row_node
+    marker = way.duplicate()
+    marker.array[:] = held.of_master
+    made = [_at_vertices(deformable(gap.master), vec) for vec in (way, marker)]
+    of_vertices, found = (np.zeros((len(linear.node_area), linear.block)) for _ in range(2))
+    of_vertices[rows] = _ratio(*(_part_of_master(at_nodes, vec) for vec in made))
+    found[rows] = 1.0
+    made.append(gap.slave.nodal_vec(of_vertices))
+    at_rows = _read(gap.slave, made[-1])[row_node]
+    beside = _ratio(*(_part_of_master(gap, vec) for vec in (way, marker)))
+    for vec in (*made, marker):
+        if vec is not None:
+            vec.destroy()
+    is_found = _of_vertices(gap.slave, found > 0)[row_node] & ~_in_corner(gap)[:, None]
+    return np.where(is_found, at_rows, beside)
+
+
+def _ratio(sums: Array, weights: Array) -> Array:
+    """Weighted means; 0 where nothing has a weight."""
+    some = np.abs(weights) > _NONE
+    return np.divide(sums, weights, out=np.zeros_like(sums), where=some)
+
+
+def _warn_of_stick(model: ContactModel, way: float) -> None:
+    """Warn once that conditions move what a law without a limit lets stick. Collective."""
+    way = float(model.comm.allreduce(way, op=MPI.MAX))
+    if model.held_warned or way <= MEANT * model.paired.facet_size:
+        return
+    model.held_warned = True
+    warn(
+        f"bcs: Dirichlet conditions move contact nodes that they hold on both sides by {way:.3g} "
+        "against each other, which friction=Sticking() does not allow: no force acts there; take "
+        "a law with a limit, such as Coulomb, or prescribe the same on both sides",
+        ContactWarning,
+    )
 
 
 def _extension(
@@ -125,15 +258,17 @@ def _held_on_both_sides(
     """
     row_node = by_node.operator.row_node
     tool = as_tool(gap.master)
-    if tool is not None and tool.driven is not None:
-        return np.zeros((len(row_node), gap.slave.block), dtype=bool)
-    own = _read(gap.slave, slave) != 0
+    of_force = np.zeros(gap.slave.block, dtype=bool)
+    if tool is not None and tool.driven is not None:  # it goes where its force is balanced
+        of_force |= np.abs(tool.driven.direction) > _NONE
+    own = (_read(gap.slave, slave) != 0) & ~of_force
     at_nodes = _at_nodes(model, gap)
     linear = at_nodes.slave
     held, found = np.zeros((2, len(linear.node_area), linear.block), dtype=bool)
     with _linear(gap, (slave, master)) as of_vertices:
         at = at_nodes.operator.row_node
         held[at] = np.abs(_read(linear, of_vertices[0])[at]) > _NONE  # rounding marks none
+        held[at] &= ~of_force
         if tool is None:
             held[at] &= _part_of_master(at_nodes, of_vertices[1]) > MOST
         found[at] = True
@@ -185,26 +320,28 @@ def _linear(
 ) -> typing.Iterator[tuple[PETSc.Vec | None, PETSc.Vec | None]]:
     """Vectors of a pass's bodies as those of ``Surface.linear``: values at vertices. Collective."""
     surfaces = gap.slave, deformable(gap.master)
-    made: list[PETSc.Vec | None] = []
-    for surface, vec in zip(surfaces, vecs, strict=True):
-        if surface is None or vec is None or surface.degree == 1:
-            made.append(None if vec is None else vec.copy())
-            continue
-        collapsed = surface.collapsed_vec(vec)
-        full, linear = fem.Function(surface.collapsed_space), fem.Function(surface.linear.V)
-        full.x.array[: len(collapsed.array_r)] = collapsed.array_r
-        full.x.scatter_forward()
-        linear.interpolate(full)
-        collapsed.destroy()
-        of_vertices = surface.linear.create_vec()
-        of_vertices.array[:] = linear.x.array[: len(of_vertices.array_r)]
-        made.append(of_vertices)
+    made = [_at_vertices(*both) for both in zip(surfaces, vecs, strict=True)]
     try:
         yield made[0], made[1]
     finally:
         for vec in made:
             if vec is not None:
                 vec.destroy()
+
+
+def _at_vertices(surface: Surface | None, vec: PETSc.Vec | None) -> PETSc.Vec | None:
+    """New vector of the body of ``Surface.linear`` with the values at vertices. Collective."""
+    if surface is None or vec is None or surface.degree == 1:
+        return None if vec is None else vec.copy()
+    collapsed = surface.collapsed_vec(vec)
+    full, linear = fem.Function(surface.collapsed_space), fem.Function(surface.linear.V)
+    full.x.array[: len(collapsed.array_r)] = collapsed.array_r
+    full.x.scatter_forward()
+    linear.interpolate(full)
+    collapsed.destroy()
+    of_vertices = surface.linear.create_vec()
+    of_vertices.array[:] = linear.x.array[: len(of_vertices.array_r)]
+    return of_vertices
 
 
 def _of_vertices(surface: Surface, flags: Flags) -> Flags:

@@ -142,6 +142,28 @@ class HeldNodes:
     components: npt.NDArray[np.bool_]
 
 
+@dataclasses.dataclass
+class HeldSlip:
+    """Components of the nodes of a slip that conditions hold on both sides.
+
+    Attributes:
+        slip: The slip.
+        held: The components, shape (rows, block).
+        clamped: Those of them at nodes that are held as a whole, of the same shape.
+        at_nodes: The gaps of vertices themselves, without those around.
+        of_master: Nonzero at the unknowns of the master's body that have conditions; None of a
+            rigid tool.
+        redundant: Those of ``held`` that are no unknowns at present; None before that is known.
+    """
+
+    slip: Slip
+    held: npt.NDArray[np.bool_]
+    clamped: npt.NDArray[np.bool_]
+    at_nodes: WeightedGap
+    of_master: npt.NDArray[np.float64] | None
+    redundant: npt.NDArray[np.bool_] | None = None
+
+
 @dataclasses.dataclass(frozen=True)
 class OverclosedStart:
     """Where slave nodes that penetrate were when contact was first paired.
@@ -346,6 +368,8 @@ class ContactModel:
         self.depth_warned = False
         #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.
         self.held_nodes: list[HeldNodes] = []
+        #: What conditions hold of slips; see :func:`qsdolfinx.contact.held.begin_solve`.
+        self.held_slips: list[HeldSlip] = []
         #: Whether a warning of these has been given.
         self.held_warned = False
         #: Whether conditions hold the slave, and the master, where they leave the other side free.

@@ -254,10 +254,10 @@ def set_start(
             kept = model.ordered(slip.gap, model.kinematics.in_displacement)
             slip.begin_at(model.ordered(slip.gap, at_start), kept)
             continue
-        slip.state.start = slip.jump_of(model.ordered(slip.gap, at_start))
+        tool = np.zeros_like(slip.state.start) if moved is None else -slip.change(moved)
+        slip.state.start = slip.jump_of(model.ordered(slip.gap, at_start)) + tool
         slip.state.starts_there = False
-        if moved is not None:
-            slip.state.start = slip.state.start - slip.change(moved)
+        slip.begin_with(model.ordered(slip.gap, at_start), (True, True), tool)
     for vec in at_start:
         if vec is not None:
             vec.destroy()

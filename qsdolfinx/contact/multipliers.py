@@ -108,11 +108,13 @@ def set_on_nodes(
 
 
 def pressures_on_nodes(model: ContactModel) -> list[Array]:
-    """Pressure of each slip at the start of the step at all owned nodes, and whether it slipped.
+    """Pressure of each slip at the start of the step at all owned nodes, and more of then.
 
-    Shape (nodes, 2).
+    Whether it slipped, the part of its area that was covered, and which components conditions have
+    moved. Shape (nodes, 3 + gdim).
     """
-    columns = [np.column_stack([s.state.pressed, s.state.slipped]) for s in model.slips]
+    states = [slip.state for slip in model.slips]
+    columns = [np.column_stack([s.pressed, s.slipped, s.covered, s.moved]) for s in states]
     pairs = zip(model.slips, columns, strict=True)
     return [np.asarray(s.gap.rows.on_nodes(c, 0.0), dtype=np.float64) for s, c in pairs]
 
@@ -120,8 +122,10 @@ def pressures_on_nodes(model: ContactModel) -> list[Array]:
 def set_pressures_on_nodes(model: ContactModel, pressures: typing.Sequence[Array]) -> None:
     """Put back what :func:`pressures_on_nodes` gave."""
     for slip, columns in zip(model.slips, pressures, strict=True):
-        pressed, slipped = (slip.gap.rows.from_nodes(column) for column in columns.T)
-        slip.state.pressed, slip.state.slipped = pressed, slipped
+        state = slip.state
+        at_rows = [slip.gap.rows.from_nodes(column) for column in columns.T]
+        state.pressed, state.slipped, state.covered = at_rows[:3]
+        state.moved = np.column_stack(at_rows[3:])
 
 
 def reset(model: ContactModel) -> None:

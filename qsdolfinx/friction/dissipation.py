@@ -1,4 +1,4 @@
-"""What friction takes in a step: the slip at which work is lost, and its energy."""
+"""Energy that friction takes in a step: the work of its forces; and the slip that it takes it at."""
 
 from __future__ import annotations
 
@@ -29,6 +29,10 @@ class Evaluated(typing.NamedTuple):
         gap: Mean gap of each row (length), negative where it is open, (rows,).
         compliance: Gap (length) that a pressure closes, over it: of the penalty and of the bodies.
         means: Whether multipliers are means over the step, as stresses of a velocity are.
+        until_closed: Tangential part of what the jump changed in the step before the row closed
+            (length), (rows, gdim).
+        same: Whether all rows in contact, now or when the step began, are covered by as much as
+            then: not where an edge slides over them.
     """
 
     rows: Rows
@@ -37,27 +41,39 @@ class Evaluated(typing.NamedTuple):
     gap: Array
     compliance: float
     means: bool
+    until_closed: Array
+    same: bool
 
 
 def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     """Slip (length) and energy per area that friction took in a step, (rows, gdim) and (rows,).
 
-    Along the slip the limit of a law goes from the pressure at the start of the step to that at
-    its end; the mean makes the energy one of second order in Δt. Multipliers that are means over
-    the step are such a mean already, also of rows that leave in it; of rows that close in the step
-    they are that of a part.
+    The energy is the work of the friction forces on the relative displacement of the step, less
+    what a penalty's elastic stick stores of it.
 
-    Otherwise rows that leave had λ_0 at the start, and are open by −ḡ at the end. At a constant
-    rate they are in contact for λ_0 C / (λ_0 C − ḡ) of the step, C being the compliance.
+    Multipliers that are means over the step, as those of bodies in velocities, work on all of the
+    step's displacement: so they do in the equilibrium. The others work on the slip, which begins
+    where a row closes, with the mean of the limit along it: it goes from the pressure at the start
+    of the step to that at its end, which makes the energy one of second order in Δt. Rows that
+    leave had λ_0 at the start, and are open by −ḡ at the end. At a constant rate they are in
+    contact for λ_0 C / (λ_0 C − ḡ) of the step, C being the compliance.
+
+    Where an edge slides over rows, what they bear goes over from one to the next, and their
+    pressures at the start and at the end are those of unlike areas: there the forces at the end
+    count alone, which are all of the friction on what is in contact.
     """
     rows, response = step.rows, step.response
     closed = rows.closed[:, None]
     slip = np.where(closed, response.dissipative, 0.0)
-    fresh = rows.pressed == 0
-    growth = np.where(fresh, 1 / rows.share, 1.0) if step.means else law.growth(rows)
-    energy = growth * np.sum(response.traction * slip, axis=1)
+    if step.means:
+        way = np.where(closed, slip + step.until_closed, 0.0)
+        return slip, np.sum(response.traction * way, axis=1)
+    energy = np.sum(response.traction * slip, axis=1)
+    if not step.same:
+        return slip, energy
+    energy = law.growth(rows) * energy
     leaving = step.leaving
-    if leaving.any() and not step.means:
+    if leaving.any():
         way, work = _of_leaving(law, step)
         slip = np.where(leaving[:, None], way, slip)
         energy = np.where(leaving, work, energy)

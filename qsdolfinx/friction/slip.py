@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import typing
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -25,9 +26,25 @@ from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
-
 #: Pressure at the start of a step, relative to that at its end, that is none but for rounding.
 NO_PRESSURE = 1e-6
+
+#: Change in a step of the covered part of a node's area, over that part, up to which it is the
+#: same: curved surfaces cover each other by a little more or less wherever they are.
+SAME_COVER = 1e-2
+
+
+class Place(typing.NamedTuple):
+    """Where the two sides of a pass are, for the nodes of both that conditions hold.
+
+    Attributes:
+        unknowns: Owned unknowns of the slave's and the master's body, zero of velocities, whose
+            bodies start where they are; None of a rigid tool.
+        tool: What its motion adds to the jump, or its position where gaps follow the bodies.
+    """
+
+    unknowns: tuple[Array | None, Array | None]
+    tool: Array
 
 
 @dataclasses.dataclass
@@ -49,6 +66,11 @@ class SlipState:
         augmented: τ̂, what the trial multiplier starts from.
         pressed: Pressure λ at the start of the step, shape (rows,).
         slipped: 1 of rows that slipped there, (rows,).
+        covered: Part of the node's area that was covered there, (rows,).
+        moved: 1 of components in which conditions have moved the row's node against what is
+            opposite to it in this step or before, while it was in contact, (rows, gdim).
+        at_start: Where the two sides were when the step began; None before the first.
+        now: Where they are at the last evaluation, if conditions hold nodes of both.
         pressure: The same at the last evaluation.
         evaluated: The last evaluation; None before the first.
         closed: Rows in contact at the last evaluation.
@@ -70,6 +92,8 @@ class SlipState:
     share: Array
     pressed: Array
     slipped: Array
+    covered: Array
+    moved: Array
     pressure: Array
     closed: npt.NDArray[np.bool_]
     stuck: npt.NDArray[np.bool_]
@@ -79,6 +103,8 @@ class SlipState:
     evaluated: Evaluated | None = None
     pairs: PairsAtStart | None = None
     frames: Array | None = None
+    at_start: Place | None = None
+    now: Place | None = None
 
     @classmethod
     def at_rest(cls, rows: int, gdim: int) -> SlipState:
@@ -87,8 +113,8 @@ class SlipState:
         stiffness = np.zeros((rows, gdim, gdim))
         response = Response(zero, stiffness, zero, no, zero, np.zeros(rows))
         none, all_ = np.zeros(rows), np.ones(rows)
-        pressures = none, none
-        return cls(zero, zero, zero, zero, zero, zero, all_, none, *pressures, no, no, response)
+        starts = none, none, all_, zero
+        return cls(zero, zero, zero, zero, zero, zero, all_, *starts, none, no, no, response)
 
 
 class Slip:
@@ -119,10 +145,14 @@ class Slip:
         self.hold(None)
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self._cover()
-        #: Components of τ̂ that conditions hold on both sides; None if there are none anywhere.
+        #: Whether conditions hold nodes of both sides, on any rank.
+        self.may_be_held = False
+        #: Components of τ̂ that conditions hold on both sides, and that they do not move against
+        #: each other; None if there are none anywhere.
         self.extension: Extension | None = None
         #: What changes while the pairing stays.
         self.state = SlipState.at_rest(self.operator.num_rows, gdim)
+        self.state.covered = self.covered
         #: Values of the law's parameters at the rows.
         self.parameters: dict[str, Array] = {}
         #: What helps Newton's method from stick to slip and back.
@@ -167,6 +197,12 @@ class Slip:
         """See ``cover``; 1 of rows that nothing is opposite to."""
         cover = self.operator.slave_sum[:, 0]
         return np.where(cover > 0, cover, 1.0)
+
+    @property
+    def covered(self) -> Array:
+        """Part of the area of each row's node that is opposite to something, (rows,)."""
+        covered = self.weight * self.operator.slave_sum[:, 0]
+        return np.asarray(covered / self.slave.node_area[self.row_node])
 
     def tangential(self, vectors: Array) -> Array:
         """Tangential parts of vectors at the rows."""
@@ -223,6 +259,7 @@ class Slip:
             compliance: Gap (length) that a pressure closes, over it.
         """
         state = self.state
+        state.now = self._place_now(u, in_displacement) if self.may_be_held else None
         if self.gap.following is not None:
             self._follow(u)
         else:
@@ -262,18 +299,62 @@ class Slip:
             if state.stuck.any():
                 state.response = self._respond(rows._replace(unlimited=state.stuck), means)
         leaving = ~closed & (state.slipped > 0) & ~self.stick_slip.without_friction
-        seen = rows, state.response, leaving, gap / self.cover, compliance, means
-        state.evaluated = Evaluated(*seen)
+        state.evaluated = Evaluated(
+            rows,
+            state.response,
+            leaving,
+            gap / self.cover,
+            compliance,
+            means,
+            self.tangential(state.until_closed),
+            self._covers_the_same(),
+        )
+
+    def _covers_the_same(self) -> bool:
+        """Whether no row in contact, now or at the start, is covered more or less. Collective."""
+        change = np.abs(self.state.covered - self.covered) > SAME_COVER * self.covered
+        local = bool(np.any(change & (self.state.closed | (self.state.pressed > 0))))
+        return not self.slave.comm.allreduce(local, op=MPI.LOR)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
         self.operator.constrain(handle_of(slave), handle_of(master))
+
+    def _place(self, u: Vecs, kept: tuple[bool, bool], tool: npt.ArrayLike) -> Place:
+        """Copies of what says where the two sides are."""
+        made = [
+            None if vec is None else np.array(vec.array_r) if keeps else np.zeros(vec.local_size)
+            for vec, keeps in zip(u, kept, strict=True)
+        ]
+        return Place((made[0], made[1]), np.array(tool, dtype=np.float64))
+
+    def begin_with(self, u: Vecs, in_displacement: tuple[bool, bool], tool: Array) -> None:
+        """Take where the two sides were when the step began, for nodes that conditions hold.
+
+        Args:
+            u: Unknowns then.
+            in_displacement: As for :meth:`evaluate`.
+            tool: What the motion of a rigid tool until then has added to the jump.
+        """
+        following = self.gap.following
+        if following is not None:
+            tool = np.zeros(0) if u[1] is not None else following.paired_at[1]
+        self.state.at_start = self._place(u, in_displacement, tool)
+
+    def _place_now(self, u: Vecs, in_displacement: tuple[bool, bool]) -> Place:
+        """Where the two sides are with these unknowns."""
+        tool = self.state.shift if in_displacement[0] else np.zeros_like(self.state.shift)
+        base = self.gap.state.base
+        if base is not None:
+            tool = np.zeros(0) if u[1] is not None else base[1]
+        return self._place(u, in_displacement, tool)
 
     def begin_at(self, u: Vecs, in_displacement: tuple[bool, bool]) -> None:
         """Let the step begin at these unknowns, unless its start is known. Collective."""
         state = self.state
         if not state.starts_there:
             return
+        self.begin_with(u, in_displacement, state.start)
         if self.gap.following is not None:
             self.gap.evaluate_kept(u, in_displacement)
             state.pairs = PairsAtStart.of(self.gap)
@@ -486,7 +567,7 @@ class Slip:
         return float(np.max(size[self.state.closed], initial=0.0))
 
     def lost(self) -> tuple[Array, Array]:
-        """Slip (length), and energy of each row, that friction took in this step; never negative.
+        """Slip (length), and energy of each row, that friction took in this step.
 
         Shapes (rows, gdim) and (rows,).
         """
@@ -525,6 +606,9 @@ class Slip:
         if self.gap.following is not None:
             self.state.pairs = PairsAtStart.of(self.gap)
         self.state.pressed = self.state.pressure
+        self.state.covered = self.covered
         self.state.slipped = self.state.response.slipping.astype(np.float64)
+        self.state.moved = np.where(self.state.closed[:, None], self.state.moved, 0.0)
+        self.state.at_start = self.state.now
         self.count_whole_step()
         self.state.ended = True

@@ -33,7 +33,8 @@ class ContactValues:
     Attributes:
         multipliers: λ̂ and τ̂ of each part.
         totals: ∫ λ̂ of each part: force on its slave, signs apart, (columns,).
-        pressures: Of each slip at the start of the step, and whether it slipped.
+        pressures: Of each slip at the start of the step, whether it slipped, its cover, and
+            what conditions have moved.
         slipped: Slip of each pass, (nodes, gdim).
         rate: Largest slip rate (length per time); None if it is not known.
         dissipated: Energy that friction has taken.
@@ -81,6 +82,7 @@ class ContactValues:
         columns = [kept.on(slip.slave) for kept, _, slip in pairs]
         for column in columns:
             column[:, 1] = np.rint(column[:, 1])
+            column[:, 3:] = np.rint(column[:, 3:])
         set_pressures_on_nodes(model, columns)
         friction.slipped = [kept.on(slip.slave) for _, kept, slip in pairs]
         friction.continue_with(self.rate)

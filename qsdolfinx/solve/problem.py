@@ -24,7 +24,7 @@ from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.contact import Contact
-from qsdolfinx.contact.held import check_held
+from qsdolfinx.contact.held import begin_solve, check_held
 from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
@@ -359,6 +359,19 @@ class ContactProblem:
         for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
             motion.measure_anew(contact, self.u[s], None if m is None else self.u[m])
             motion.begin_slip(contact, self.u[s], None if m is None else self.u[m])
+        self._find_moved()
+
+    def _find_moved(self) -> None:
+        """Tell contacts what conditions move of the nodes that they hold on both sides."""
+        if not any(contact.held_slips for contact in self.system.contacts):
+            return
+        vecs = [body.create_vec() for body in self.bodies]
+        for vec, body in zip(vecs, self.bodies, strict=True):
+            vec.array[:] = body.with_conditions(body.u.x.array[: body.num_owned])
+        for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
+            begin_solve(contact, vecs[s], None if m is None else vecs[m])
+        for vec in vecs:
+            vec.destroy()
 
     def _claim_contacts(self) -> None:
         """Make the contacts part of this problem. Collective."""

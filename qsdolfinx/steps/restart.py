@@ -198,6 +198,10 @@ def _functions(
     return functions | {f"user_{name}": f for name, f in (more or {}).items()}
 
 
+#: What contacts keep of the start of a step, see ``pressures_on_nodes``.
+_OF_START = "pressed", "covered", "moved"
+
+
 def _meshes(stepper: TimeStepper) -> dict[str, tuple[mesh.Mesh, npt.NDArray[np.float64]]]:
     return {f"x_{i}": (m.mesh, m.reference.copy()) for i, m in enumerate(stepper.motions)}
 
@@ -220,8 +224,9 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
                 out[f"slip_{i}_{j}"] = slip.slave.linear.function(values)
             for j, values in enumerate(pressures_on_nodes(contact.model)):
                 surface = contact.model.slips[j].slave.linear
-                columns = _padded(values, surface.gdim)
-                out[f"pressed_{i}_{j}"] = surface.function(columns)
+                for name, columns in zip(_OF_START, np.split(values, [2, 3], axis=1), strict=True):
+                    padded = _padded(columns, surface.gdim)
+                    out[f"{name}_{i}_{j}"] = surface.function(padded)
     return out
 
 
@@ -256,6 +261,8 @@ def _load_slip(
     for j, slip in enumerate(model.slips):
         surface = slip.slave.linear
         model.friction.slipped[j] = surface.node_values(functions[f"slip_{i}_{j}"])
-        pressed.append(np.asarray(surface.node_values(functions[f"pressed_{i}_{j}"])[:, :2]))
+        starts = [functions[f"{name}_{i}_{j}"] for name in _OF_START]
+        pressure, cover, moved = (np.asarray(surface.node_values(f)) for f in starts)
+        pressed.append(np.column_stack([pressure[:, :2], cover[:, 0], moved]))
     set_pressures_on_nodes(model, pressed)
     model.friction.dissipated = dissipated if model.comm.rank == 0 else 0.0

@@ -85,6 +85,8 @@ class Joint:
         follows: Whether contact follows the bodies: normals, gaps and moments are those of where
             they are now, then.
         reported: Function that returns the forces which the library says to act on the slave.
+        dissipated: Function that returns the energy which it says friction to have taken in the
+            step.
     """
 
     slave: tuple
@@ -100,6 +102,7 @@ class Joint:
     at_points: bool = False
     follows: bool = False
     reported: typing.Callable | None = None
+    dissipated: typing.Callable | None = None
 
     @property
     def rubs(self):

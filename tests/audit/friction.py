@@ -102,3 +102,40 @@ def near_closing(side, before, now, near, tolerance):
     gap = side.rest.distance[:n] - np.sum(before.jump * side.normal, axis=1)
     was_open = (before.pushed <= 1e4 * tolerance) & (gap > 1e-6 * side.size)
     return np.any(near & was_open & (now.pushed > tolerance), axis=1)
+
+
+def energy(joint, sides, before, now, tolerance):
+    """Check, excess and text of what is wrong with the energy that friction took in a step.
+
+    It is the work Σ F · Δx of the tangential forces, of bodies in displacements with a force from
+    that of the start of the step to that of its end. Slips are means over a node's facets, so that it
+    is known as far as they do not vary there; of nodes that conditions hold, or that close or leave
+    in the step, no more is known than that the largest force on all of the way takes more.
+    """
+    side = sides[0]
+    moved = now.jump - before.jump
+    moved = moved - np.sum(moved * side.normal, axis=1, keepdims=True) * side.normal
+    x = side.points[: side.num_vertices]
+    near = np.linalg.norm(x[:, None] - x, axis=2) <= 2 * sum(s.size for s in sides)
+    way = np.linalg.norm(moved, axis=1)
+    spread = np.where(near, np.linalg.norm(moved[:, None] - moved, axis=2), 0.0).max(axis=1)
+    at_end, at_start = (np.linalg.norm(m.friction, axis=1) for m in (now, before))
+    elastic = 0.0
+    if joint.penalty:
+        elastic = np.linalg.norm(now.friction - before.friction, axis=1)
+        elastic = elastic / (joint.penalty * side.area)
+    reach = way + 2 * spread + elastic + 1e-6 * np.abs(now.jump).max(initial=0.0)
+    force = np.where(near, np.maximum(at_end, at_start), 0.0).max(axis=1)
+    most = float(np.sum((force + tolerance) * reach))
+    taken = joint.dissipated()
+    out = []
+    if taken > 1.01 * most:
+        out.append(("energy", taken / most, f"friction took {taken:.3g}, at most {most:.3g}"))
+    held = np.any(side.held[:, : side.gdim], axis=1)
+    slips = at_end > 0.999 * joint.friction_limit(side.area, now.pushed)
+    sure = slips & (at_start > 0) & ~held & (now.pushed > 1e4 * tolerance)
+    least = np.where(sure, np.minimum(at_end, at_start) * (way - 2 * spread - elastic), 0.0)
+    least = float(np.sum(np.maximum(least, 0.0)))
+    if taken < 0.99 * least:
+        out.append(("energy", least / max(taken, 1e-300), f"{taken:.3g}, at least {least:.3g}"))
+    return out

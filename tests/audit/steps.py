@@ -106,6 +106,7 @@ class StepAuditor:
             at_points=history.options.get("constraints") == "points",
             follows=history.options.get("sliding") == "finite" and not history.tied,
             reported=lambda: play.contact.force("slave"),
+            dissipated=lambda: play.contact.step_dissipation(),
         )
 
     # --- Reading
@@ -392,6 +393,8 @@ class StepAuditor:
         angle = self.turned(side, body) + (0 if tool is None else np.linalg.norm(
             tool[1].since(self.tool_before).vector()))  # fmt: skip
         found = friction.faults(self.joint, sides, before, now, tolerance, angle)
+        if not self.history.options.get("formulation") == "double-pass":
+            found += friction.energy(self.joint, sides, before, now, tolerance)
         return [Fault(*fault) for fault in found]
 
     def turned(self, side, body):

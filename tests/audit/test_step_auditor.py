@@ -239,6 +239,19 @@ def creep(made, bodies):
     bodies[made.slave].now[:, 0] += 0.01 * made.play.L
 
 
+def take_more(made, bodies):
+    """Friction takes three times what its forces do."""
+    taken = made.play.contact.step_dissipation()
+    joint = made.auditor.joint
+    made.auditor.joint = dataclasses.replace(joint, dissipated=lambda: 3 * taken)
+
+
+def take_nothing(made, bodies):
+    """Friction takes hardly anything of what its forces do."""
+    joint = made.auditor.joint
+    made.auditor.joint = dataclasses.replace(joint, dissipated=lambda: 0.0)
+
+
 ALL = tuple(KINDS)
 TIED = ("tied", "tied to a plane")
 OPEN = tuple(kind for kind in ALL if kind not in TIED)
@@ -269,6 +282,8 @@ PLANTED = [
     (move_tool, TOOLS, "tool"),
     (turn_tool, TOOLS, "tool"),
     (lose_time, ALL, "time"),
+    (take_more, ("blocks", "plane", "flow"), "energy"),
+    (take_nothing, ("blocks",), "energy"),
     (swell, ("flow",), "volume"),
     (diverge, ("flow",), "volume"),
 ]

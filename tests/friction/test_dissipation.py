@@ -7,7 +7,7 @@ import pytest
 from scenes import WORLD, box, clamp, elastic, plane, vector_space
 
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem, la, mesh
 
 import qsdolfinx as qs
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
@@ -98,10 +98,89 @@ def test_energy_of_flow_is_the_work_of_contact_forces(law):
             np.testing.assert_allclose(contact.step_dissipation(), dt * power[-1], rtol=1e-4)
 
 
+@pytest.mark.parametrize("bulge", (0.02, 0.06))
+def test_energy_of_flow_that_closes(bulge):
+    """Σ F·v Δt of friction in each step, nodes of a round side closing in most of them.
+
+    Each of them gives as much heat as friction takes there.
+    """
+    msh = box(WORLD, (16, 4), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
+    x = msh.geometry.x
+    x[:, 1] += bulge * (x[:, 0] - 0.7) ** 2 * (1 - x[:, 1])
+    V = vector_space(msh)
+    bottom = mesh.locate_entities_boundary(
+        msh, 1, lambda x: np.isclose(x[1], bulge * (x[0] - 0.7) ** 2)
+    )
+    v, top = fem.Function(V), fem.Constant(msh, (0.1, -0.05))
+    held = fem.locate_dofs_topological(V, 1, plane(msh, 1, 1.0))
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+    options = {"unknown": "velocity", "dt": 0.1, "friction": qs.Coulomb(0.3)}
+    contact = qs.Contact(qs.Surface(V, facets=bottom), tool, **options)
+    F = elastic(v, E=10.0)
+    problem = qs.ContactProblem([F], [v], [contact], [[fem.dirichletbc(top, held, V)]])
+    Q, form = fem.functionspace(msh, ("Lagrange", 1)), fem.form(F)
+    T, before, dt = fem.Function(Q), fem.Function(Q), fem.Constant(msh, 0.1)
+    law = qs.Conductance(1e-12, tool=0.0, friction=1.0)
+    rubbed = qs.Contact(qs.Surface(Q, facets=bottom), tool, law=law, of=contact, dt=0.1)
+    warm = qs.ContactProblem([qs.materials.heat(T, 1.0, 1.0, before, dt)], [T], [rubbed])
+    power = []
+
+    def read():
+        """Forces at free nodes are those of contact; a plane's friction is along x."""
+        b = fem.assemble_vector(form)
+        b.scatter_reverse(la.InsertMode.add)
+        free = np.ones(V.dofmap.index_map.size_local, dtype=bool)
+        free[held[held < len(free)]] = False
+        along = [values[: 2 * len(free) : 2][free] for values in (b.array, v.x.array)]
+        power.append(-WORLD.allreduce(float(along[0] @ along[1]), op=MPI.SUM))
+
+    staggered = qs.Staggered(warm, [before], dt)
+    stepper = qs.TimeStepper(problem, 0.1, staggered=staggered, max_penetration=None)
+    stepper.on_solved = read
+    active, sums = [], 0.0
+    for _ in stepper.run(0.8):
+        active.append(WORLD.allreduce(int(contact.active().sum()), op=MPI.SUM))
+        work = stepper.last_dt * power[-1]
+        np.testing.assert_allclose(contact.step_dissipation(), work, rtol=1e-6, atol=1e-12)
+        heat = stepper.last_dt * rubbed.flow("slave")
+        np.testing.assert_allclose(heat, work, rtol=1e-6, atol=1e-9)
+        sums += work
+    assert np.count_nonzero(np.diff(active)) >= 3
+    np.testing.assert_allclose(contact.dissipated_energy(), sums, rtol=1e-6)
+
+
+def test_energy_under_an_edge():
+    """A block drawn over a longer plate, which is the slave: T times its way, in full slip."""
+    bodies, bcs = [], []
+    moved = None
+    for n, low, high in (((12, 3), [0.0, -1.0], [4.0, 0.0]), ((4, 4), [0.5, 0.0], [1.5, 1.0])):
+        V = vector_space(box(WORLD, n, "quadrilateral", low, high))
+        bodies.append((V, fem.Function(V)))
+        moved = fem.Constant(V.mesh, np.zeros(2))
+        end = plane(V.mesh, 1, -1.0 if low[1] < 0 else 1.0)
+        dofs = fem.locate_dofs_topological(V, 1, end)
+        bcs.append([fem.dirichletbc(moved, dofs, V)])
+    plate, block = (qs.Surface(V, facets=plane(V.mesh, 1, 0.0)) for V, _ in bodies)
+    contact = qs.Contact(plate, block, friction=qs.Coulomb(0.3))
+    u = [function for _, function in bodies]
+    problem = qs.ContactProblem([elastic(f, E=1e4) for f in u], u, [contact], bcs)
+
+    def drive(t, dt):
+        moved.value[:] = (0.5 * max(t - 0.2, 0), -0.01 * min(t / 0.2, 1))
+
+    stepper = qs.TimeStepper(problem, 0.1, drive)
+    taken, work = 0.0, 0.0
+    for t in stepper.run(1.0):
+        if t > 0.45:
+            taken += contact.step_dissipation()
+            work += abs(contact.force("slave")[0]) * 0.5 * stepper.last_dt
+    np.testing.assert_allclose(taken, work, rtol=0.01)
+
+
 # --- Rows whose pressure changes
 
 
-def evaluated(law, pressed, pressure, slip, gap=0.0, share=1.0, means=False):
+def evaluated(law, pressed, pressure, slip, gap=0.0, before=0.0, same=True, means=False):
     """One row in the plane that slips along x, as the law answers it, with rigid stick."""
     one = np.ones(1)
     rows = Rows(
@@ -116,13 +195,14 @@ def evaluated(law, pressed, pressure, slip, gap=0.0, share=1.0, means=False):
         0.5,
         1e-3,
         {name: value * one for name, value in law.parameters.items()},
-        share * one,
+        slip / (slip + before) * one,
         pressed * one,
     )
     response = law.respond(rows)
     assert isinstance(response, Response)
     leaving = np.array([pressure == 0 and pressed > 0])
-    return Evaluated(rows, response, leaving, gap * one, 0.1, means)
+    way = np.array([[before, 0.0]])
+    return Evaluated(rows, response, leaving, gap * one, 0.1, means, way, same)
 
 
 LAWS = {
@@ -160,16 +240,26 @@ def test_row_that_leaves(law):
     )
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_edge_that_slides_over_rows(law):
+    """Pressures on unlike areas have no mean: the forces at the end count."""
+    friction, limit = LAWS[law]
+    for pressed, pressure in ((3.0, 1.0), (2.0, 0.0)):
+        step = evaluated(friction, pressed, pressure, slip=0.2, same=False)
+        expected = 0.2 * limit(np.array(pressure)) if pressure else 0.0
+        np.testing.assert_allclose(slip_and_energy(friction, step)[1], expected, rtol=1e-6)
+
+
 def test_means_over_a_step():
-    """A multiplier that is a mean over the step needs no other; of a part of it, that of the part.
+    """A multiplier that is a mean over the step works on all of it, before a row closes as well.
 
     The pressure at the start, a mean over the step before, tells nothing then.
     """
     friction = qs.Coulomb(0.3)
     whole = slip_and_energy(friction, evaluated(friction, 1.0, 2.0, slip=0.2, means=True))
     np.testing.assert_allclose(whole[1], 0.3 * 2.0 * 0.2, rtol=1e-6)
-    part = evaluated(friction, 0.0, 2.0, slip=0.2, share=0.25, means=True)
-    np.testing.assert_allclose(slip_and_energy(friction, part)[1], 4 * 0.3 * 2 * 0.2, rtol=1e-6)
+    part = evaluated(friction, 0.0, 2.0, slip=0.2, before=0.6, means=True)
+    np.testing.assert_allclose(slip_and_energy(friction, part)[1], 0.3 * 2 * 0.8, rtol=1e-6)
 
 
 def test_nothing_before_the_first_solve():
