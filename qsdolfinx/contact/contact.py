@@ -37,6 +37,7 @@ from qsdolfinx.contact.arguments import (
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.report import ContactReport, make_report
+from qsdolfinx.contact.shown import keep, shown
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
@@ -410,6 +411,7 @@ class Contact:
             ValueError: If it is not from 0 to 1, the same on all ranks.
         """
         self.model.overclosure.allow(self.comm, part)
+        keep(self.model)
         overclosed.follow(self.model, self.model.paired)
 
     @property
@@ -484,6 +486,7 @@ class Contact:
         """
         with checked(self.comm) as same:
             same(POSITIVE, penalty=penalty)
+        keep(self.model)
         self.model.penalty.set(penalty)
 
     def reset(self) -> None:
@@ -492,7 +495,7 @@ class Contact:
 
     def violation(self) -> float:
         """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
-        return multipliers.violation(self.model)
+        return multipliers.violation(self._shown)
 
     # --- Motion
 
@@ -547,6 +550,11 @@ class Contact:
 
     # --- At nodes
 
+    @property
+    def _shown(self) -> ContactModel:
+        """What there is to read: the last solve, whatever has been changed since."""
+        return shown(self.model)
+
     def gap(self, side: str = "slave") -> Array:
         """Signed distance (length, positive in penetration) of this rank's nodes. Collective.
 
@@ -565,7 +573,7 @@ class Contact:
         Raises:
             ValueError: If a deformed facet has no area, or the side is a rigid tool.
         """
-        return results.gap(self.model, side)
+        return results.gap(self._shown, side)
 
     def weighted_gap(self, side: str = "slave") -> Array:
         """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
@@ -582,14 +590,14 @@ class Contact:
             gdim). NaN where a node has no pairing point,
             or with an augmented Lagrangian hardly any of its area is covered.
         """
-        return results.weighted_gap(self.model, side)
+        return results.weighted_gap(self._shown, side)
 
     def multiplier(self, side: str = "slave") -> Array:
         """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as ḡ.
 
         λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
         """
-        return results.multiplier(self.model, side)
+        return results.multiplier(self._shown, side)
 
     def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
         """Nodes of this rank that are in contact, or have a point that is, shape (nodes,).
@@ -599,7 +607,7 @@ class Contact:
         dimples one or two nodes wide that are as flat: ``multiplier() > 0`` leaves them out.
         Collective.
         """
-        return results.active(self.model, side)
+        return results.active(self._shown, side)
 
     def tangential_multiplier(self, side: str = "slave") -> Array:
         """τ (stress) at the nodes of this rank, (nodes, gdim); friction on the slave is −τ.
@@ -610,7 +618,7 @@ class Contact:
         Raises:
             ValueError: If the contact has no friction.
         """
-        return results.tangential_multiplier(self.model, side)
+        return results.tangential_multiplier(self._shown, side)
 
     def slip(self, side: str = "slave") -> Array:
         """Slip (length) over all steps at the nodes of this rank, shape (nodes, gdim).
@@ -618,7 +626,7 @@ class Contact:
         Displacement of the slave against the master while in contact, less what is elastic with
         the penalty; see :meth:`tangential_multiplier`.
         """
-        return results.slip(self.model, side)
+        return results.slip(self._shown, side)
 
     def slipping(self, side: str = "slave") -> npt.NDArray[np.bool_]:
         """Nodes of this rank that are in contact and slip, shape (nodes,).
@@ -627,14 +635,14 @@ class Contact:
         those between closed ones (see :meth:`active`) if most of these slip. None without
         friction. Collective.
         """
-        return results.slipping(self.model, side)
+        return results.slipping(self._shown, side)
 
     def dissipation(self, side: str = "slave") -> Array:
         """Energy that friction took at each node of this rank in the last step, shape (nodes,).
 
         0 after contact has paired anew.
         """
-        return results.dissipation(self.model, side)
+        return results.dissipation(self._shown, side)
 
     # --- Totals
 
@@ -649,14 +657,14 @@ class Contact:
         Raises:
             ValueError: If a deformed facet has no area.
         """
-        return results.penetration(self.model)
+        return results.penetration(self._shown)
 
     def weighted_penetration(self) -> float:
         """Largest weighted gap (length) of the slave, 0 if all are open; of a tied one its size.
 
         Collective.
         """
-        return results.weighted_penetration(self.model)
+        return results.weighted_penetration(self._shown)
 
     @property
     def energy(self) -> float:
@@ -664,11 +672,11 @@ class Contact:
 
         Collective.
         """
-        return results.energy(self.model)
+        return results.energy(self._shown)
 
     def step_dissipation(self) -> float:
         """Energy that friction took in the last step. Collective."""
-        return results.step_dissipation(self.model)
+        return results.step_dissipation(self._shown)
 
     def dissipated_energy(self) -> float:
         """Energy that friction has taken in all steps that have ended. Collective."""
@@ -684,7 +692,7 @@ class Contact:
             half a facet at the rim; grooves and dimples one or two nodes wide that are open by
             less than 1e-3 of a facet count as contact.
         """
-        return results.patch(self.model)
+        return results.patch(self._shown)
 
     def force(self, side: str) -> Array:
         """Total contact force on the body of one side, shape (gdim,). Collective.
@@ -692,7 +700,7 @@ class Contact:
         Args:
             side: ``"slave"`` or ``"master"``.
         """
-        return results.force(self.model, side)
+        return results.force(self._shown, side)
 
     def flow(self, side: str) -> float:
         """Of scalar fields: total flow, such as heat per time, into the body of one side.
@@ -705,7 +713,7 @@ class Contact:
         Raises:
             ValueError: If it is a contact of displacements or velocities.
         """
-        return results.flow(self.model, side)
+        return results.flow(self._shown, side)
 
     def flux(self, side: str) -> fem.Function:
         """Of scalar fields: flow per area into the body of one side, recovered. Collective.
@@ -719,7 +727,7 @@ class Contact:
         Raises:
             ValueError: If it is a contact of displacements, or the side is a rigid tool.
         """
-        return results.flux(self.model, side)
+        return results.flux(self._shown, side)
 
     def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
         """Total moment of the contact forces on the body of one side. Collective.
@@ -737,7 +745,7 @@ class Contact:
         Returns:
             Shape (3,), in 2D (1,).
         """
-        return results.moment(self.model, side, about)
+        return results.moment(self._shown, side, about)
 
     def traction(self, side: str, part: str = "whole") -> fem.Function:
         """Traction t (stress) recovered from the contact forces. Collective.
@@ -752,7 +760,7 @@ class Contact:
             if that is a sub-space; for displacements of degree 2 a new one of degree 1, and the
             nodal forces f_k are then those conjugate to this space.
         """
-        return results.traction(self.model, side, part)
+        return results.traction(self._shown, side, part)
 
     def pressure(self, side: str) -> fem.Function:
         """Contact pressure p = −t·n (stress), positive where bodies press each other. Collective.
@@ -769,7 +777,7 @@ class Contact:
         Raises:
             ValueError: If the side is a rigid tool.
         """
-        return results.pressure(self.model, side)
+        return results.pressure(self._shown, side)
 
     # --- Fields
 
@@ -786,7 +794,7 @@ class Contact:
         Returns:
             Function of degree 1, zero off the surface.
         """
-        return fields.status(self.model, side)
+        return fields.status(self._shown, side)
 
     def gap_function(self, side: str = "slave") -> fem.Function:
         """The weighted gap as a Function; of tied contact the size of the jump. Collective.
@@ -799,7 +807,7 @@ class Contact:
             Function of degree 1 (length, positive in penetration), zero off the surface and where
             :meth:`status` is 0.
         """
-        return fields.gap_function(self.model, side)
+        return fields.gap_function(self._shown, side)
 
     def field_sources(self, side: str = "slave") -> dict[str, typing.Callable[[], fem.Function]]:
         """Functions that return the fields of :meth:`fields` anew, for :class:`qs.FieldWriter`.
@@ -834,7 +842,7 @@ class Contact:
         the other side, penalty and what it means for linear solvers, nodes that no force reaches.
         The same on all ranks; it costs about as much as pairing anew.
         """
-        return make_report(self.model)
+        return make_report(self._shown)
 
     @property
     def seconds(self) -> float:

@@ -26,6 +26,7 @@ from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import check_held
 from qsdolfinx.contact.reach import check_reach
+from qsdolfinx.contact.shown import copy_of
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
@@ -374,7 +375,8 @@ class ContactProblem:
             The unknowns, which hold the solution.
 
         Raises:
-            ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
+            ConvergenceError: If SNES does not converge; the unknowns, and what contacts show, are
+                then as they were before.
             RuntimeError, ValueError: As :meth:`set_up`.
             KeyboardInterrupt: After Ctrl-C, on all ranks, whichever have received it; unknowns,
                 multipliers, tools and what contacts show are then as they were before.
@@ -411,6 +413,7 @@ class ContactProblem:
 
     def _solve(self) -> None:
         self._claim_contacts()
+        shown = [copy_of(contact) for contact in self.system.contacts]
         for contact in self.system.contacts:
             motion.catch_up(contact)
         state = [body.u.x.array.copy() for body in self.bodies]
@@ -451,6 +454,8 @@ class ContactProblem:
                 self.active_history = error.active_history
                 self._advise(error)
                 self.system.residual(start)  # gaps and multipliers too
+                for contact, before in zip(self.system.contacts, shown, strict=True):
+                    contact.kept = before
             for body, array in zip(self.bodies, state, strict=True):
                 body.u.x.array[:] = array
             raise

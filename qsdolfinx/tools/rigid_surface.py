@@ -436,6 +436,10 @@ class RigidSurface:
         """The point of the tool that it is rotated about, where it is now, shape (gdim,)."""
         return self._pose(self._center)
 
+    def center_at(self, position: npt.ArrayLike) -> Array:
+        """The same where the tool is at this :attr:`position`."""
+        return self._pose_of(position)(self._center)
+
     @property
     def motion(self) -> Affine:
         """Displacement field of the coming step."""
