@@ -169,6 +169,9 @@ class Contact:
             (the first solve warns of a finer slave, too, with a soft penalty), a tool's facets look
             turned, the surfaces penetrate each other deeply, or the chord error of facets on
             conforming surfaces is not small beside their clearance or interference.
+
+    Attributes:
+        model: The parts, for the problem and for those who extend the library.
     """
 
     def __init__(
@@ -194,7 +197,6 @@ class Contact:
         sliding: str = "small",
         of: Contact | None = None,
     ) -> None:
-        #: The parts, for the problem and for those who extend the library.
         self.model: ContactModel
         check_alone(SLAVE, slave=slave)
         if law is None:

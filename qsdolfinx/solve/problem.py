@@ -110,6 +110,17 @@ class ContactProblem:
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
             none of the bodies, or a name is unknown, that of a type in PETSc's options included.
+
+    Attributes:
+        solver: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone. It
+            stays while a direct solver stands in: see :attr:`solver_in_use`.
+        stabilisation_shares: Share of the springs of ``stabilisation`` in the forces, after each
+            part of the last solve. The last one is that of the result: 0, unless the solve without
+            springs has failed.
+        active_history: Closed rows of each contact at each iteration of the last solve, over all
+            ranks.
+        system: Residual and tangent of the problem.
+        newton: Newton's method for the system.
     """
 
     def __init__(
@@ -149,10 +160,7 @@ class ContactProblem:
             same(either(kind_of, None), stabilisation=stabilisation)
             same(FLAG, verbose=verbose)
         self.verbose = bool(verbose)
-        #: What helps to find bodies that only contact holds; None for nothing.
         self.stabilisation = stabilisation
-        #: Share of its springs in the forces, after each part of the last solve. The last one is
-        #: that of the result: 0, unless the solve without springs has failed.
         self.stabilisation_shares: list[float] = []
         self._had_contacts = False
         self._steps_within = 0
@@ -163,15 +171,12 @@ class ContactProblem:
         remove_options(prefix)
         given = petsc_options or {}
         chosen = {*given, *PETSc.Options(prefix).getAll()}
-        #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone. It
-        #: stays while a direct solver stands in: see :attr:`solver_in_use`.
         self.solver = _pick(solver, F, bodies, kind, chosen)
         sums = self.solver in ("amg", "schur") and "pc_type" not in chosen
         if self.solver == "fieldsplit" and len(bodies) == 1:
             kind = "mpi"  # there is nothing to split
         self._contacts = list(contacts)
         models = [contact.model for contact in contacts]
-        #: Residual and tangent of the problem.
         self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
         options = preset_options(self.solver, len(bodies), chosen)
         defaults = set_options(prefix, given, options)
@@ -188,9 +193,7 @@ class ContactProblem:
         linear = LinearSolver(
             ksp, self.solver, self.system, chosen, pressure_preconditioner, solver != "auto"
         )
-        #: Newton's method for the system.
         self.newton = Newton(self.system, snes, linear, defaults)
-        #: Closed rows of each contact at each iteration of the last solve, over all ranks.
         self.active_history: list[list[int]] = []
 
     # --- What it is made of

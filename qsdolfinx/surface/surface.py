@@ -65,6 +65,12 @@ class Surface:
             surface is empty, not on the boundary, has coordinates that are not finite or facets
             without area.
         TypeError: If both or none of ``facet_tags`` and ``facets`` are given, or PETSc is complex.
+
+    Attributes:
+        mesh: The mesh of V.
+        largest_height: Largest distance of curved facets from the flat ones through their vertices,
+            of all ranks (length); 0 of straight facets.
+        cpp_object: The extension's surface.
     """
 
     def __init__(
@@ -87,7 +93,6 @@ class Surface:
             check_space(V, axisymmetric)
             given = given_facets(V.mesh, facet_tags, tag, facets)
         self.V = V
-        #: Whether facets stand for rings.
         self.axisymmetric = bool(axisymmetric)
         self.mesh = V.mesh
         self.facets = facets_of_owned_cells(V.mesh, given)
@@ -100,7 +105,6 @@ class Surface:
         with collective_errors(comm):
             self._layout = FacetLayout.of(V, self.facets)
             self._coordinates = self._layout.checked_coordinates(V.mesh)
-        #: The extension's surface.
         self.cpp_object: _cpp.Surface = self.twin()
         self._read_heights()
 
@@ -164,7 +168,6 @@ class Surface:
         """How far curved facets are out of the flat ones through their vertices. Collective."""
         nodes = self._coordinates[2]
         self._heights: npt.NDArray[np.float64] | None = None
-        #: Largest of these heights (length), of all ranks; 0 of straight facets.
         self.largest_height = 0.0
         if nodes is None:
             return

@@ -86,6 +86,10 @@ class RigidSurface:
 
     A tool may be part of several contacts. Its motion, position and force are set on all ranks, to
     the same values; what any rank finds wrong is raised on all of them.
+
+    Attributes:
+        version: Number of the position that the tool is at; a new one has a number that none has
+            had.
     """
 
     def __init__(self, comm: MPI.Intracomm, center: Array, shape: Shape | Facets) -> None:
@@ -96,7 +100,6 @@ class RigidSurface:
         self._displacement: Array = np.zeros(self.gdim)
         self._rotation: Array = np.zeros(1 if self.gdim == 2 else 3)
         self._driven: Driven | None = None
-        #: Number of the position that the tool is at; a new one has a number that none has had.
         self.version = 0
         self._num_positions = 0
         self._shape = shape
