@@ -389,8 +389,9 @@ class Surface:
             at_nodes = check_array("values", values, shape)
         Q = self._vertex_space(at_nodes.ndim == 1)
         out = fem.Function(Q)
-        block = out.x.array.reshape(-1, block_of(Q))
-        block[self._node_unknowns(Q) // block_of(Q)] = at_nodes.reshape(nodes, -1)
+        block = block_of(Q)
+        blocks = out.x.array.reshape(-1, block)
+        blocks[self._node_unknowns(Q) // block] = at_nodes.reshape(nodes, block)
         out.x.scatter_forward()
         return out
 
