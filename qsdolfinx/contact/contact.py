@@ -78,6 +78,13 @@ class Contact:
 
     Pairing points are found when the object is made, and again by :meth:`update`. Collective.
 
+    What is read, such as :meth:`force`, :meth:`pressure` and :meth:`gap`, is that of the last solve
+    (or of the last step of a ``qs.TimeStepper``) until the next one, whatever is changed since:
+    unknowns, tools, meshes, pairs by :meth:`update`, penalty, multipliers by :meth:`reset`; also
+    after a solve that fails. Before the first solve forces, tractions, multipliers and energies are
+    zero, and gaps those of the surfaces as they were paired. Of the present pairs are
+    :attr:`pairing`, :attr:`num_unpaired` and :attr:`search_radius`.
+
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface, or a rigid tool; or the same surface, parts of which may come to
@@ -395,7 +402,7 @@ class Contact:
 
         Displacements then count from the moved meshes, those of :meth:`set_offset` are forgotten. A
         tie of displacements keeps its pairs, and counts what meshes and tool have moved since it
-        was made.
+        was made. Forces and gaps stay those of the last solve until the next one.
 
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
@@ -640,10 +647,7 @@ class Contact:
         return results.slipping(self._shown, side)
 
     def dissipation(self, side: str = "slave") -> Array:
-        """Energy that friction took at each node of this rank in the last step, shape (nodes,).
-
-        0 after contact has paired anew.
-        """
+        """Energy that friction took at each node of this rank in the last step, shape (nodes,)."""
         return results.dissipation(self._shown, side)
 
     # --- Totals
@@ -690,7 +694,8 @@ class Contact:
 
         Returns:
             Area of the slave's nodes in contact (see :meth:`active`), Σ S_k, or points, Σ w_p (2D:
-            length), and the radius of a disc of this area (2D: half the length). Known to about
+            length), where contact was paired: of the mesh, in time steps of the body where its
+            step was expected to lead; and the radius of a disc of this area (2D: half the length). Known to about
             half a facet at the rim; grooves and dimples one or two nodes wide that are open by
             less than 1e-3 of a facet count as contact.
         """
@@ -758,9 +763,23 @@ class Contact:
                 ``"tangential"``.
 
         Returns:
-            Function of degree 1, zero off the surface. Its space is that of the surface, collapsed
-            if that is a sub-space; for displacements of degree 2 a new one of degree 1, and the
-            nodal forces f_k are then those conjugate to this space.
+            Function of degree 1, zero off the surface; its values there are
+            ``surface.node_values(traction)``. Its space is that of the surface, collapsed if that
+            is a sub-space, if it is Lagrange of degree 1, else a new one: of P1 with bubbles, and of
+            degree 2, whose nodal forces f_k are then those conjugate to this space.
+
+            It is t_k = f_k / S_k, of a ring the force on it over 2πr times a length. S_k is the area
+
+            - of a body in displacements in time steps: where it is at the end of the step, present
+              force per present area (Cauchy's traction);
+            - in other solves, with ``sliding="small"``: of the mesh, as it was when contact was
+              paired. The traction is nominal then, force per area of the mesh, as the stresses of
+              small strains are;
+            - with ``sliding="finite"``: where the body is at the end of the solve or step;
+            - of a body in velocities with small sliding: of the mesh that it was solved for on, in
+              time steps that after the part ``theta`` of the step.
+
+            It does not depend on the degree of displacements.
         """
         return results.traction(self._shown, side, part)
 
@@ -774,7 +793,9 @@ class Contact:
             side: ``"slave"`` or ``"master"``.
 
         Returns:
-            Scalar function of degree 1, zero off the surface.
+            Scalar Lagrange function of degree 1, zero off the surface; at its nodes
+            ``surface.node_values(pressure)``, shape (nodes,). Per the area that :meth:`traction`
+            is of.
 
         Raises:
             ValueError: If the side is a rigid tool.
@@ -823,14 +844,14 @@ class Contact:
         return fields.sources(self.model, side)
 
     def fields(self, side: str = "slave") -> dict[str, fem.Function]:
-        """Fields to look at: traction, gap and status. Collective.
+        """Fields to look at: traction, pressure, gap and status. Collective.
 
         Args:
             side: ``"slave"`` or ``"master"``.
 
         Returns:
-            Functions of degree 1, zero off the surface: ``"traction"`` (stress, a vector),
-            ``"gap"`` (length, the weighted one, see :meth:`gap_function`) and ``"status"``
+            Functions of degree 1, zero off the surface, whatever the space of the body:
+            ``"traction"`` (stress, a vector), ``"pressure"`` (stress), ``"gap"`` (length, the weighted one, see :meth:`gap_function`) and ``"status"``
             (0 unpaired, 1 open, 2 active, 3 slipping, see :meth:`status`). With friction also its
             parts ``"normal_traction"`` and ``"tangential_traction"``, and on a side that carries
             multipliers ``"slip"`` (length, a vector).
@@ -841,10 +862,10 @@ class Contact:
         """What the contact is and does, to print as a table. Collective.
 
         Pairing, gaps and active nodes as at the last evaluation, the places that are deepest in
-        the other side, penalty and what it means for linear solvers, nodes that no force reaches.
-        The same on all ranks; it costs about as much as pairing anew.
+        the other side, nodes that no force reaches; the penalty, and the sizes of surfaces, as they
+        are now. The same on all ranks; it costs about as much as pairing anew.
         """
-        return make_report(self._shown)
+        return make_report(self._shown, self.model.penalty)
 
     @property
     def seconds(self) -> float:

@@ -250,7 +250,11 @@ class Surface:
 
     @property
     def node_area(self) -> npt.NDArray[np.float64]:
-        """Nodal areas S_k = ∫ N_k ds of the owned nodes, shape (nodes,)."""
+        """Nodal areas S_k = ∫ N_k ds of the owned nodes, shape (nodes,).
+
+        Of the mesh where it was when coordinates were read last, by contact as it paired: in time
+        steps where a body was expected at the end of the step. Axisymmetric: ∫ N_k 2πr ds.
+        """
         return np.asarray(self.cpp_object.node_area)
 
     @property

@@ -107,6 +107,7 @@ def test_stay_those_of_the_last_solve(name, gdim):
     same(readings(contact), before)
     scene.u.x.array[:] = u
     contact.set_penalty(3e5)
+    del before["report"]  # which has the penalty
     same(readings(contact), before)
     contact.reset()
     same(readings(contact), before)
