@@ -146,9 +146,7 @@ class FieldWriter:
 
     def _add(self, name: str, field: Field, at_vertices: bool) -> None:
         first = self._made(field) if _is_source(field) else field
-        linear = isinstance(first, fem.Function) and is_lagrange(
-            first.function_space, self._degree
-        )
+        linear = isinstance(first, fem.Function) and is_lagrange(first.function_space, self._degree)
         element = ("Lagrange", self._degree) if at_vertices or linear else ("DG", 0)
         space = fem.functionspace(self._msh, (*element, first.ufl_shape))
         written = self._points if at_vertices or linear else self._cells

@@ -1,6 +1,5 @@
 """Bad input: one clear exception, the same on every rank, that names the argument."""
 
-
 from petsc4py import PETSc
 
 import numpy as np
