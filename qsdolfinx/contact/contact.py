@@ -765,8 +765,8 @@ class Contact:
         Returns:
             Function of degree 1, zero off the surface; its values there are
             ``surface.node_values(traction)``. Its space is that of the surface, collapsed if that
-            is a sub-space, if it is Lagrange of degree 1, else a new one: of P1 with bubbles, and of
-            degree 2, whose nodal forces f_k are then those conjugate to this space.
+            is a sub-space, if it is Lagrange of degree 1. Else it is a new one: for P1 with bubbles
+            and for degree 2, of which nodal forces f_k are then those conjugate to this space.
 
             It is t_k = f_k / S_k, of a ring the force on it over 2πr times a length. S_k is the area
 
