@@ -72,6 +72,11 @@ class J2Plasticity:
         plastic_strain: α at the last update.
         volume: Volume without elastic strain that a unit of volume of the mesh has.
         dx: Measure of the body's integrals.
+        mesh: The mesh of w.
+        gdim: Its geometric dimension.
+        mixed: Whether w has a pressure.
+        shear: Shear modulus, a stress.
+        bulk: Bulk modulus, a stress.
     """
 
     def __init__(
@@ -94,7 +99,6 @@ class J2Plasticity:
         V = w.function_space
         self.mesh, self.gdim = V.mesh, V.mesh.geometry.dim
         subs = [V.sub(i).num_sub_spaces for i in range(V.num_sub_spaces)]
-        #: Whether w has a pressure.
         self.mixed = subs == [self.gdim, 0]
         fits = self.gdim in _PLACES and (self.mixed or w.ufl_shape == (self.gdim,))
         require(fits, "w: must be a displacement in 2D or 3D, or a displacement and a pressure")

@@ -37,6 +37,7 @@ from qsdolfinx.contact.arguments import (
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.report import ContactReport, make_report
+from qsdolfinx.contact.shown import keep, shown
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
@@ -76,6 +77,13 @@ class Contact:
     master-slave.
 
     Pairing points are found when the object is made, and again by :meth:`update`. Collective.
+
+    What is read, such as :meth:`force`, :meth:`pressure` and :meth:`gap`, is that of the last solve
+    (or of the last step of a ``qs.TimeStepper``) until the next one, whatever is changed since:
+    unknowns, tools, meshes, pairs by :meth:`update`, penalty, multipliers by :meth:`reset`; also
+    after a solve that fails. Before the first solve forces, tractions, multipliers and energies are
+    zero, and gaps those of the surfaces as they were paired. Of the present pairs are
+    :attr:`pairing`, :attr:`num_unpaired` and :attr:`search_radius`.
 
     Args:
         slave: Surface that carries the multiplier.
@@ -168,6 +176,9 @@ class Contact:
             (the first solve warns of a finer slave, too, with a soft penalty), a tool's facets look
             turned, the surfaces penetrate each other deeply, or the chord error of facets on
             conforming surfaces is not small beside their clearance or interference.
+
+    Attributes:
+        model: The parts, for the problem and for those who extend the library.
     """
 
     def __init__(
@@ -193,7 +204,6 @@ class Contact:
         sliding: str = "small",
         of: Contact | None = None,
     ) -> None:
-        #: The parts, for the problem and for those who extend the library.
         self.model: ContactModel
         check_alone(SLAVE, slave=slave)
         if law is None:
@@ -392,7 +402,7 @@ class Contact:
 
         Displacements then count from the moved meshes, those of :meth:`set_offset` are forgotten. A
         tie of displacements keeps its pairs, and counts what meshes and tool have moved since it
-        was made.
+        was made. Forces and gaps stay those of the last solve until the next one.
 
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
@@ -410,6 +420,7 @@ class Contact:
             ValueError: If it is not from 0 to 1, the same on all ranks.
         """
         self.model.overclosure.allow(self.comm, part)
+        keep(self.model)
         overclosed.follow(self.model, self.model.paired)
 
     @property
@@ -484,6 +495,7 @@ class Contact:
         """
         with checked(self.comm) as same:
             same(POSITIVE, penalty=penalty)
+        keep(self.model)
         self.model.penalty.set(penalty)
 
     def reset(self) -> None:
@@ -492,7 +504,7 @@ class Contact:
 
     def violation(self) -> float:
         """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
-        return multipliers.violation(self.model)
+        return multipliers.violation(self._shown)
 
     # --- Motion
 
@@ -547,6 +559,11 @@ class Contact:
 
     # --- At nodes
 
+    @property
+    def _shown(self) -> ContactModel:
+        """What there is to read: the last solve, whatever has been changed since."""
+        return shown(self.model)
+
     def gap(self, side: str = "slave") -> Array:
         """Signed distance (length, positive in penetration) of this rank's nodes. Collective.
 
@@ -565,7 +582,7 @@ class Contact:
         Raises:
             ValueError: If a deformed facet has no area, or the side is a rigid tool.
         """
-        return results.gap(self.model, side)
+        return results.gap(self._shown, side)
 
     def weighted_gap(self, side: str = "slave") -> Array:
         """Weighted gap ḡ (length, positive in penetration) at the nodes of this rank.
@@ -582,14 +599,14 @@ class Contact:
             gdim). NaN where a node has no pairing point,
             or with an augmented Lagrangian hardly any of its area is covered.
         """
-        return results.weighted_gap(self.model, side)
+        return results.weighted_gap(self._shown, side)
 
     def multiplier(self, side: str = "slave") -> Array:
         """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as ḡ.
 
         λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
         """
-        return results.multiplier(self.model, side)
+        return results.multiplier(self._shown, side)
 
     def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
         """Nodes of this rank that are in contact, or have a point that is, shape (nodes,).
@@ -599,7 +616,7 @@ class Contact:
         dimples one or two nodes wide that are as flat: ``multiplier() > 0`` leaves them out.
         Collective.
         """
-        return results.active(self.model, side)
+        return results.active(self._shown, side)
 
     def tangential_multiplier(self, side: str = "slave") -> Array:
         """τ (stress) at the nodes of this rank, (nodes, gdim); friction on the slave is −τ.
@@ -610,7 +627,7 @@ class Contact:
         Raises:
             ValueError: If the contact has no friction.
         """
-        return results.tangential_multiplier(self.model, side)
+        return results.tangential_multiplier(self._shown, side)
 
     def slip(self, side: str = "slave") -> Array:
         """Slip (length) over all steps at the nodes of this rank, shape (nodes, gdim).
@@ -618,7 +635,7 @@ class Contact:
         Displacement of the slave against the master while in contact, less what is elastic with
         the penalty; see :meth:`tangential_multiplier`.
         """
-        return results.slip(self.model, side)
+        return results.slip(self._shown, side)
 
     def slipping(self, side: str = "slave") -> npt.NDArray[np.bool_]:
         """Nodes of this rank that are in contact and slip, shape (nodes,).
@@ -627,14 +644,11 @@ class Contact:
         those between closed ones (see :meth:`active`) if most of these slip. None without
         friction. Collective.
         """
-        return results.slipping(self.model, side)
+        return results.slipping(self._shown, side)
 
     def dissipation(self, side: str = "slave") -> Array:
-        """Energy that friction took at each node of this rank in the last step, shape (nodes,).
-
-        0 after contact has paired anew.
-        """
-        return results.dissipation(self.model, side)
+        """Energy that friction took at each node of this rank in the last step, shape (nodes,)."""
+        return results.dissipation(self._shown, side)
 
     # --- Totals
 
@@ -649,21 +663,21 @@ class Contact:
         Raises:
             ValueError: If a deformed facet has no area.
         """
-        return results.penetration(self.model)
+        return results.penetration(self._shown)
 
     def weighted_penetration(self) -> float:
         """Largest weighted gap (length) of the slave, 0 if all are open; of a tied one its size.
 
         Collective.
         """
-        return results.weighted_penetration(self.model)
+        return results.weighted_penetration(self._shown)
 
     def stored_energy(self) -> float:
         """Energy Φ of the gaps at the last evaluation; of the augmented Lagrangian if that is used.
 
         Over all ranks. Collective.
         """
-        return results.energy(self.model)
+        return results.energy(self._shown)
 
     @property
     def energy(self) -> float:
@@ -672,7 +686,7 @@ class Contact:
 
     def step_dissipation(self) -> float:
         """Energy that friction took in the last step. Collective."""
-        return results.step_dissipation(self.model)
+        return results.step_dissipation(self._shown)
 
     def dissipated_energy(self) -> float:
         """Energy that friction has taken in all steps that have ended. Collective."""
@@ -684,11 +698,12 @@ class Contact:
 
         Returns:
             Area of the slave's nodes in contact (see :meth:`active`), Σ S_k, or points, Σ w_p (2D:
-            length), and the radius of a disc of this area (2D: half the length). Known to about
-            half a facet at the rim; grooves and dimples one or two nodes wide that are open by
-            less than 1e-3 of a facet count as contact.
+            length), where contact was paired: of the mesh, in time steps of the body where its
+            step was expected to lead; and the radius of a disc of this area (2D: half the length).
+            Known to about half a facet at the rim; grooves and dimples one or two nodes wide that
+            are open by less than 1e-3 of a facet count as contact.
         """
-        return results.patch(self.model)
+        return results.patch(self._shown)
 
     def force(self, side: str) -> Array:
         """Total contact force on the body of one side, shape (gdim,). Collective.
@@ -696,7 +711,7 @@ class Contact:
         Args:
             side: ``"slave"`` or ``"master"``.
         """
-        return results.force(self.model, side)
+        return results.force(self._shown, side)
 
     def flow(self, side: str) -> float:
         """Of scalar fields: total flow, such as heat per time, into the body of one side.
@@ -709,7 +724,7 @@ class Contact:
         Raises:
             ValueError: If it is a contact of displacements or velocities.
         """
-        return results.flow(self.model, side)
+        return results.flow(self._shown, side)
 
     def flux(self, side: str) -> fem.Function:
         """Of scalar fields: flow per area into the body of one side, recovered. Collective.
@@ -723,7 +738,7 @@ class Contact:
         Raises:
             ValueError: If it is a contact of displacements, or the side is a rigid tool.
         """
-        return results.flux(self.model, side)
+        return results.flux(self._shown, side)
 
     def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
         """Total moment of the contact forces on the body of one side. Collective.
@@ -741,7 +756,7 @@ class Contact:
         Returns:
             Shape (3,), in 2D (1,).
         """
-        return results.moment(self.model, side, about)
+        return results.moment(self._shown, side, about)
 
     def traction(self, side: str, part: str = "whole") -> fem.Function:
         """Traction t (stress) recovered from the contact forces. Collective.
@@ -752,11 +767,25 @@ class Contact:
                 ``"tangential"``.
 
         Returns:
-            Function of degree 1, zero off the surface. Its space is that of the surface, collapsed
-            if that is a sub-space; for displacements of degree 2 a new one of degree 1, and the
-            nodal forces f_k are then those conjugate to this space.
+            Function of degree 1, zero off the surface; its values there are
+            ``surface.node_values(traction)``. Its space is that of the surface, collapsed if that
+            is a sub-space, if it is Lagrange of degree 1. Else it is a new one: for P1 with bubbles
+            and for degree 2, of which nodal forces f_k are then those conjugate to this space.
+
+            It is t_k = f_k / S_k, of a ring the force on it over 2πr times a length. S_k is the area
+
+            - of a body in displacements in time steps: where it is at the end of the step, present
+              force per present area (Cauchy's traction);
+            - in other solves, with ``sliding="small"``: of the mesh, as it was when contact was
+              paired. The traction is nominal then, force per area of the mesh, as the stresses of
+              small strains are;
+            - with ``sliding="finite"``: where the body is at the end of the solve or step;
+            - of a body in velocities with small sliding: of the mesh that it was solved for on, in
+              time steps that after the part ``theta`` of the step.
+
+            It does not depend on the degree of displacements.
         """
-        return results.traction(self.model, side, part)
+        return results.traction(self._shown, side, part)
 
     def pressure(self, side: str) -> fem.Function:
         """Contact pressure p = −t·n (stress), positive where bodies press each other. Collective.
@@ -768,12 +797,14 @@ class Contact:
             side: ``"slave"`` or ``"master"``.
 
         Returns:
-            Scalar function of degree 1, zero off the surface.
+            Scalar Lagrange function of degree 1, zero off the surface; at its nodes
+            ``surface.node_values(pressure)``, shape (nodes,). Per the area that :meth:`traction`
+            is of.
 
         Raises:
             ValueError: If the side is a rigid tool.
         """
-        return results.pressure(self.model, side)
+        return results.pressure(self._shown, side)
 
     # --- Fields
 
@@ -790,7 +821,7 @@ class Contact:
         Returns:
             Function of degree 1, zero off the surface.
         """
-        return fields.status(self.model, side)
+        return fields.status(self._shown, side)
 
     def gap_function(self, side: str = "slave") -> fem.Function:
         """The weighted gap as a Function; of tied contact the size of the jump. Collective.
@@ -803,7 +834,7 @@ class Contact:
             Function of degree 1 (length, positive in penetration), zero off the surface and where
             :meth:`status` is 0.
         """
-        return fields.gap_function(self.model, side)
+        return fields.gap_function(self._shown, side)
 
     def field_sources(self, side: str = "slave") -> dict[str, typing.Callable[[], fem.Function]]:
         """Functions that return the fields of :meth:`fields` anew, for :class:`qs.FieldWriter`.
@@ -817,14 +848,14 @@ class Contact:
         return fields.sources(self.model, side)
 
     def fields(self, side: str = "slave") -> dict[str, fem.Function]:
-        """Fields to look at: traction, gap and status. Collective.
+        """Fields to look at: traction, pressure, gap and status. Collective.
 
         Args:
             side: ``"slave"`` or ``"master"``.
 
         Returns:
-            Functions of degree 1, zero off the surface: ``"traction"`` (stress, a vector),
-            ``"gap"`` (length, the weighted one, see :meth:`gap_function`) and ``"status"``
+            Functions of degree 1, zero off the surface, whatever the space of the body:
+            ``"traction"`` (stress, a vector), ``"pressure"`` (stress), ``"gap"`` (length, the weighted one, see :meth:`gap_function`) and ``"status"``
             (0 unpaired, 1 open, 2 active, 3 slipping, see :meth:`status`). With friction also its
             parts ``"normal_traction"`` and ``"tangential_traction"``, and on a side that carries
             multipliers ``"slip"`` (length, a vector).
@@ -835,10 +866,10 @@ class Contact:
         """What the contact is and does, to print as a table. Collective.
 
         Pairing, gaps and active nodes as at the last evaluation, the places that are deepest in
-        the other side, penalty and what it means for linear solvers, nodes that no force reaches.
-        The same on all ranks; it costs about as much as pairing anew.
+        the other side, nodes that no force reaches; the penalty, and the sizes of surfaces, as they
+        are now. The same on all ranks; it costs about as much as pairing anew.
         """
-        return make_report(self.model)
+        return make_report(self._shown, self.model.penalty)
 
     @property
     def seconds(self) -> float:

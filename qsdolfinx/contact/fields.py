@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import functools
 import typing
 
 import numpy as np
@@ -14,12 +13,15 @@ from dolfinx import fem
 from qsdolfinx.contact import results
 from qsdolfinx.contact.bridged import in_contact
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.shown import shown
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.traction import nodal_forces
 from qsdolfinx.tools.rigid_surface import deformable
 
 Array = npt.NDArray[np.float64]
+
+Source = typing.Callable[[], fem.Function]
 
 #: Part of a node's area, or of what it faces, that may be rounding.
 SOME = 1e-10
@@ -75,7 +77,7 @@ def faced(p: WeightedGap, rows: Array) -> Faced:
 def status(model: ContactModel, side: str) -> fem.Function:
     """:class:`Status` of each node. Collective."""
     surface = deformable_side(model, side)
-    if model.penalty.value is None:  # nothing has been solved yet
+    if not results.is_known(model):  # nothing has been solved yet
         return _scalar(surface, np.zeros(len(surface.linear.node_area)))
     if model.with_itself:
         found = np.maximum(_of_own_rows(model, "slave"), _of_faced_rows(model, "master"))
@@ -104,40 +106,33 @@ def _faced_gap(model: ContactModel) -> Array:
     return faced(model.gaps[0], _sizes(model.gaps[0].state.values)).mean
 
 
-def sources(model: ContactModel, side: str) -> dict[str, typing.Callable[[], fem.Function]]:
+def sources(model: ContactModel, side: str) -> dict[str, Source]:
     """Functions that return the fields anew. Collective."""
-    surface = deformable_side(model, side)
-    gap = functools.partial(gap_function, model, side)
+    deformable_side(model, side)
+
+    def source(read: typing.Callable[..., fem.Function], *more: str) -> Source:
+        return lambda: read(shown(model), side, *more)
+
     if model.is_scalar:
-        return {"flux": _once_solved(model, surface, results.flux, model, side), "jump": gap}
-    traction = functools.partial(_once_solved, model, surface, results.traction, model, side)
-    out: dict[str, typing.Callable[[], fem.Function]] = {
-        "traction": traction("whole"),
-        "gap": gap,
-        "status": functools.partial(status, model, side),
+        return {"flux": source(results.flux), "jump": source(gap_function)}
+    out = {
+        "traction": source(results.traction, "whole"),
+        "pressure": source(results.pressure),
+        "gap": source(gap_function),
+        "status": source(status),
     }
     if model.slips:
         for part in ("normal", "tangential"):
-            out[f"{part}_traction"] = traction(part)
+            out[f"{part}_traction"] = source(results.traction, part)
         if results.has_multiplier(model, side):
-            out["slip"] = lambda: surface.linear.function(results.slip(model, side))
+            out["slip"] = source(slip_function)
     return out
 
 
-def _once_solved(
-    model: ContactModel,
-    surface: Surface,
-    read: typing.Callable[..., fem.Function],
-    *arguments: typing.Any,
-) -> typing.Callable[[], fem.Function]:
-    """What reads a field, which is zero as long as an automatic penalty is not known."""
-
-    def field() -> fem.Function:
-        if model.penalty.value is None:
-            return surface.linear.function(np.zeros(surface.linear.node_dofs.shape))
-        return read(*arguments)
-
-    return field
+def slip_function(model: ContactModel, side: str) -> fem.Function:
+    """Slip over all steps. Collective."""
+    surface = deformable_side(model, side)
+    return surface.linear.vertex_function(results.slip(model, side))
 
 
 def deformable_side(model: ContactModel, side: str) -> Surface:
@@ -187,8 +182,4 @@ def _sizes(values: Array) -> Array:
 
 def _scalar(surface: Surface, values: Array) -> fem.Function:
     """Function of degree 1 with these values at the nodes. Collective."""
-    if surface.is_scalar:
-        return surface.linear.function(values[:, None])
-    padded = np.zeros((len(values), surface.gdim))
-    padded[:, 0] = values
-    return surface.linear.function(padded).sub(0).collapse()
+    return surface.linear.vertex_function(values)

@@ -333,6 +333,10 @@ class ContactModel:
         self.friction_heat: FrictionHeat | None = None
         #: ``num_pairings`` at the last evaluation.
         self.evaluated_at = 0
+        #: Whether gaps have been evaluated: before that there are no forces.
+        self.is_evaluated = False
+        #: What the last evaluation has left, if parts are others since: see ``contact.shown``.
+        self.kept: ContactModel | None = None
         #: Minus the least, and the largest value of a scalar field at the slave's rows here.
         self.field_range: npt.NDArray[np.float64] = np.zeros(2)
         #: Whether there was a warning of gaps too wide to be paired, across which h conducts.
@@ -434,6 +438,10 @@ class ContactModel:
     def parts(self) -> tuple[Part, ...]:
         """All that has multipliers: gaps of the passes, then their slips."""
         return self.paired.parts
+
+    def take_parts(self, gaps: tuple[WeightedGap, ...], slips: tuple[Slip, ...]) -> None:
+        """Replace gaps and slips by others of the same pairing."""
+        self.paired = dataclasses.replace(self.paired, gaps=gaps, slips=slips)
 
     @property
     def eps(self) -> float:

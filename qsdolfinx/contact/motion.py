@@ -13,7 +13,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import FUNCTION, check, either, require
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import conduction, multipliers, overclosed, terms
+from qsdolfinx.contact import conduction, multipliers, overclosed, shown, terms
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
@@ -28,13 +28,14 @@ def pair_anew(model: ContactModel) -> None:
     """Pair where meshes and tools are now; multipliers stay at their nodes. Collective.
 
     Displacements on top of the unknowns' were those from where the meshes were before: none are
-    left.
+    left. What can be read stays that of the last evaluation.
 
     Raises:
         ValueError: If coordinates are not finite or a facet has no area.
     """
     first = model.num_pairings == 0
     model.master.check_state()
+    shown.keep(model)
     if not first and model.law.jump and not model.is_scalar:
         _follow(model)
         return

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.contact.model import ContactModel, Part
+from qsdolfinx.contact.shown import keep
 from qsdolfinx.friction.laws import Sticking
 from qsdolfinx.friction.slip import Slip
 
@@ -28,6 +29,8 @@ ROUNDING = 1e-14
 
 def violation(model: ContactModel) -> float:
     """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
+    if not model.is_evaluated:
+        return 0.0
     touching = model.paired.touching
     gaps = [gap.violation(model.eps, touching) for gap in model.gaps]
     local = max(gaps + [slip.violation(model.tangential_eps) for slip in model.slips])
@@ -130,6 +133,7 @@ def set_pressures_on_nodes(model: ContactModel, pressures: typing.Sequence[Array
 
 def reset(model: ContactModel) -> None:
     """Forget the multipliers: the next solve starts from λ̂ = 0, no friction, and the first ε."""
+    keep(model)
     model.penalty.forget_raises()
     for part in model.parts:
         part.state.augmented = np.zeros_like(part.state.augmented)

@@ -16,7 +16,7 @@ from qsdolfinx.contact.advice import chords
 from qsdolfinx.contact.depth import DeepPlace, deepest
 from qsdolfinx.contact.fields import faced
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.penalty import EXTREME, MODERATE
+from qsdolfinx.contact.penalty import EXTREME, MODERATE, Penalty
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
@@ -191,8 +191,13 @@ def _table(lines: list[tuple[str, str]]) -> str:
     return "\n".join(f"{name:13}{text}" for name, text in lines)
 
 
-def make_report(model: ContactModel) -> ContactReport:
-    """Read a contact's numbers; only sums, minima and maxima go between ranks. Collective."""
+def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
+    """Read a contact's numbers; only sums, minima and maxima go between ranks. Collective.
+
+    Args:
+        model: The contact, as the last solve left it.
+        penalty: Its penalty now.
+    """
     counts = np.array(
         [
             sum(p.points.size for p in model.gaps),
@@ -229,9 +234,9 @@ def make_report(model: ContactModel) -> ContactReport:
         _touching(model),
         slipping if model.slips else None,
         _unloaded(model),
-        model.penalty.value,
-        model.penalty.source,
-        _stiffness_ratio(model),
+        penalty.value,
+        penalty.source,
+        _stiffness_ratio(penalty),
         model.overclosure.depth,
         _treatment(model),
         model.paired.search_radius,
@@ -350,14 +355,10 @@ def _unloaded(model: ContactModel) -> int:
     return int(model.comm.allreduce(int(np.count_nonzero(alone))))
 
 
-def _stiffness_ratio(model: ContactModel) -> float | None:
-    if (
-        model.penalty.value is None
-        or not model.penalty.stiffness
-        or min(model.penalty.stiffness) == 0
-    ):
+def _stiffness_ratio(penalty: Penalty) -> float | None:
+    if penalty.value is None or not penalty.stiffness or min(penalty.stiffness) == 0:
         return None
-    return model.penalty.value / min(model.penalty.stiffness)
+    return penalty.value / min(penalty.stiffness)
 
 
 def _treatment(model: ContactModel) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import typing
 
@@ -20,10 +21,10 @@ from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import active_set, depth
 from qsdolfinx.contact.bridged import in_contact, like_neighbours
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.placement import Place
+from qsdolfinx.contact.placement import Place, ToolPlace
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.surface.affine import Affine, affine_vec, skew
+from qsdolfinx.surface.affine import Affine, affine_vec, skew, trace_positions
 from qsdolfinx.surface.traction import nodal_forces, recover
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
 
@@ -111,14 +112,24 @@ def weighted_gap(model: ContactModel, side: str) -> Array:
 def multiplier(model: ContactModel, side: str) -> Array:
     """λ, 0 where unpaired."""
     p = gap_of(model, side)
-    return typing.cast(Array, _flat(p.rows.on_nodes(p.multiplier(model.eps), 0.0)))
+    return typing.cast(Array, _flat(p.rows.on_nodes(multiplier_of(model, p), 0.0)))
 
 
 def active(model: ContactModel, side: str) -> Flags:
     """Nodes in contact. Collective."""
     agreed(model, side)
     p = gap_of(model, side)
-    return typing.cast(Flags, p.rows.on_nodes(in_contact(model, p), False))
+    return typing.cast(Flags, p.rows.on_nodes(rows_in_contact(model, p), False))
+
+
+def is_known(model: ContactModel) -> bool:
+    """Whether it can be told what is in contact: not before an automatic penalty is computed."""
+    return model.penalty.value is not None
+
+
+def rows_in_contact(model: ContactModel, p: WeightedGap) -> Flags:
+    """Rows of a pass in contact; none as long as that is not known. Collective."""
+    return in_contact(model, p) if is_known(model) else np.zeros(p.num_rows, dtype=bool)
 
 
 def tangential_multiplier(model: ContactModel, side: str) -> Array:
@@ -142,6 +153,8 @@ def slipping(model: ContactModel, side: str) -> Flags:
         return np.zeros(len(p.slave.node_area), dtype=bool)
     found = slip_of(model, side)
     slips = np.asarray(found.gap.rows.on_nodes(found.slipping, False), dtype=bool)
+    if not is_known(model):
+        return slips
     closed = np.asarray(p.rows.on_nodes(active_set.closed(model, p), False), dtype=bool)
     return like_neighbours(p.slave, closed, slips, active(model, side) & ~closed)
 
@@ -168,7 +181,7 @@ def weighted_penetration(model: ContactModel) -> float:
 
 def energy(model: ContactModel) -> float:
     """Energy Φ of the gaps. Collective."""
-    local = sum(p.energy(model.eps) for p in model.gaps)
+    local = sum(p.energy(model.eps) for p in model.gaps) if model.is_evaluated else 0.0
     return float(model.comm.allreduce(local, op=MPI.SUM))
 
 
@@ -181,7 +194,7 @@ def step_dissipation(model: ContactModel) -> float:
 def patch(model: ContactModel) -> tuple[float, float]:
     """Area of the slave nodes or points in contact, and the radius of such a disc. Collective."""
     slave, p = model.slave, model.gaps[0]
-    area = float(np.sum(p.rows.area[in_contact(model, p)]))
+    area = float(np.sum(p.rows.area[rows_in_contact(model, p)]))
     area = float(model.comm.allreduce(area, op=MPI.SUM))
     return area, area / 2 if slave.area_dim == 1 else math.sqrt(area / math.pi)
 
@@ -210,7 +223,7 @@ def flux(model: ContactModel, side: str) -> fem.Function:
     if surface is None:
         raise ValueError("side: a rigid tool has no flux; see flow, or the flux of the slave")
     with _force_vec(model, side, whole_body=True) as vec:
-        return recover(surface, vec)
+        return recover(surface, vec, _areas(model, side))
 
 
 def check_mechanical(model: ContactModel, instead: str) -> None:
@@ -266,7 +279,7 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
     turns = model.settings.sliding == "finite"
     tool = as_tool(model.master)
     at_end = turns or (tool is not None and model.offset is not None)
-    x = place.positions() if at_end else None
+    x = place.positions() if at_end else trace_positions(place.surface, place.coordinates)
     with _force_vec(model, side) as vec:
         for axis in np.eye(1 if len(about) == 2 else 3):
             A = skew(axis)  # the forces' work in a small rotation
@@ -278,10 +291,11 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
 
 def _center(model: ContactModel) -> Array:
     """Of a tool, after what is left of its motion in a time step; else the origin."""
-    tool = as_tool(model.master)
+    place = model.placement.master
+    if not isinstance(place, ToolPlace):
+        return np.asarray(model.master.center)
     stays = model.offset is None and not model.follows
-    ahead = 0.0 if tool is None or stays else tool.displacement
-    return np.asarray(model.master.center + ahead)
+    return place.tool.center_at(place.position if stays else place.now)
 
 
 def traction(model: ContactModel, side: str, part: str) -> fem.Function:
@@ -296,7 +310,7 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
             "side: a rigid tool has no traction; what acts on it is minus that of the slave"
         )
     with _force_vec(model, side, part, whole_body=True) as vec:
-        return recover(surface, vec, _areas_now(model, side) if model.follows else None)
+        return recover(surface, vec, _areas(model, side))
 
 
 def pressure(model: ContactModel, side: str) -> fem.Function:
@@ -304,27 +318,47 @@ def pressure(model: ContactModel, side: str) -> fem.Function:
     whole = traction(model, side, "normal" if model.slips else "whole")
     surface = deformable(surface_of(model, side))
     assert surface is not None
-    normal = np.asarray(_facets_now(model, side).node_normal)[:, : surface.gdim]
-    values = np.zeros_like(normal)
-    values[:, 0] = -np.sum(surface.linear.node_values(whole) * normal, axis=1)
-    return surface.linear.function(values).sub(0).collapse()
+    normal = np.asarray(_facets_at(_place(model, side)).node_normal)[:, : surface.gdim]
+    values = -np.sum(surface.linear.node_values(whole) * normal, axis=1)
+    return surface.linear.vertex_function(values)
 
 
-def _areas_now(model: ContactModel, side: str) -> Array:
-    """Areas of the vertices of one side where its facets are. Collective."""
-    return np.asarray(_facets_now(model, side).node_area)
-
-
-def _facets_now(model: ContactModel, side: str) -> _cpp.Surface:
-    """Flat facets through the vertices of one side where they are, measured. Collective."""
+def _place(model: ContactModel, side: str) -> Place:
+    """Where a deformable side is at the last evaluation."""
     place = model.placement.place(side)
     assert isinstance(place, Place)
+    return place
+
+
+def _areas(model: ContactModel, side: str) -> Array:
+    """Areas of the vertices of one side that its tractions stand for. Collective.
+
+    A body in displacements is in equilibrium as it is deformed, and its mesh is not: in time steps,
+    and where contact follows the bodies, its facets are where the last evaluation has put them.
+    Else they are where contact was paired: the mesh that the body is in equilibrium on.
+    """
+    place = _place(model, side)
+    in_steps = model.offset is not None and model.kinematics.in_displacement[SIDES.index(side)]
+    if not (model.follows or in_steps):
+        place = dataclasses.replace(place, displacement=None)
+    return np.asarray(_facets_at(place).node_area)
+
+
+def _facets_at(place: Place) -> _cpp.Surface:
+    """Flat facets through the vertices of a side where it is, measured. Collective."""
     linear = place.surface.linear
     facets = linear.twin()
     vertices = place.positions()[:, : linear.num_facet_vertices]
     facets.follow(np.ascontiguousarray(vertices))
     facets.measure_nodes()
     return facets
+
+
+def multiplier_of(model: ContactModel, p: WeightedGap) -> Array:
+    """λ at the rows of a pass; 0 before the first solve. Collective."""
+    if not model.is_evaluated:
+        return np.zeros_like(p.state.values)
+    return p.multiplier(model.eps)
 
 
 @contextlib.contextmanager
@@ -337,7 +371,7 @@ def _force_vec(
     """
     vecs = model.slave.create_vec(), model.master.create_vec()
     for p in model.gaps if part != "tangential" else ():
-        p.add_forces(p.multiplier(model.eps), model.ordered(p, vecs))
+        p.add_forces(multiplier_of(model, p), model.ordered(p, vecs))
     for slip in model.slips if part != "normal" else ():
         slip.add_forces(model.ordered(slip.gap, vecs))
     if model.friction_heat is not None:

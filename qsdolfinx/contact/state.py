@@ -26,6 +26,7 @@ class ContactState:
         self._dt = model.kinematics.dt
         self._rate = None if model.friction is None else model.friction.rate
         self._catch_up = model.catch_up
+        self._kept, self._is_evaluated = model.kept, model.is_evaluated
         self._placement, self._tool_motion = model.placement, model.tool_motion
         surfaces = [s for s in map(deformable, (model.slave, model.master)) if s is not None]
         self._surfaces = [(surface, surface.coordinates) for surface in surfaces]
@@ -51,6 +52,7 @@ class ContactState:
         if model.friction is not None:
             model.friction.rate = self._rate
         model.catch_up = self._catch_up
+        model.kept, model.is_evaluated = self._kept, self._is_evaluated
         model.placement, model.tool_motion = self._placement, self._tool_motion
         if self._offset is None:
             motion.free_offset(model)

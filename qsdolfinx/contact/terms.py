@@ -29,7 +29,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
     """Compute gaps and slips for the unknowns of the two bodies."""
     if model.is_scalar:
         conduction.look(model)
-    model.evaluated_at = model.num_pairings
+    model.evaluated_at, model.is_evaluated, model.kept = model.num_pairings, True, None
     with model.watch.stage("gap"):
         for gap in model.gaps:
             gap.evaluate(model.ordered(gap, (slave, master)))

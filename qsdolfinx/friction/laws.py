@@ -111,7 +111,12 @@ class Friction(abc.ABC):
     needs_rate: bool = False
 
     def __init__(self, **parameters: Parameter) -> None:
-        self.parameters = {name: _checked(name, value) for name, value in parameters.items()}
+        self._parameters = {name: _checked(name, value) for name, value in parameters.items()}
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """The law's numbers, Constants and Functions by name."""
+        return self._parameters
 
     def __repr__(self) -> str:
         numbers = {k: v if isinstance(v, float) else "…" for k, v in self.parameters.items()}

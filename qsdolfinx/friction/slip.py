@@ -158,6 +158,11 @@ class Slip:
         #: What helps Newton's method from stick to slip and back.
         self.stick_slip = StickSlip(friction, self.operator.num_rows, gdim)
 
+    def take_passes(self, gap: WeightedGap, of: WeightedGap) -> None:
+        """Replace the passes by copies of them."""
+        assert isinstance(gap.rows, NodeRows)
+        self.gap, self.of, self._rows = gap, of, gap.rows
+
     @property
     def slave(self) -> Surface:
         """Surface that carries the multiplier."""

@@ -42,6 +42,16 @@ class Rows(abc.ABC):
 
     def __init__(self, operator: _cpp.GapOperator, slave: Surface) -> None:
         self.operator, self.slave = operator, slave
+        self._kept_area: Array | None = None
+
+    @property
+    def node_area(self) -> Array:
+        """S_k of the owned nodes of the slave, shape (nodes,). Not collective."""
+        return self.slave.node_area if self._kept_area is None else self._kept_area
+
+    def keep_areas(self) -> None:
+        """Let :attr:`node_area` stay what it is when the slave moves."""
+        self._kept_area = self.node_area
 
     @property
     @abc.abstractmethod
@@ -107,7 +117,7 @@ class NodeRows(Rows):
     @property
     def area(self) -> Array:
         """S_k, or that of the sides of nodes in corners."""
-        of_nodes = self.slave.node_area[self._node]
+        of_nodes = self.node_area[self._node]
         return np.where(self.in_corner, self.operator.row_area, of_nodes)
 
     def dofs(self, width: int) -> tuple[list[slice], list[npt.NDArray[np.int64]]]:

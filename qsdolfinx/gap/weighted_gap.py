@@ -181,7 +181,7 @@ class WeightedGap:
         if not (self._is_augmented and KINDS[self._kind] == "cover"):
             return np.ones(self.num_rows)
         measure = self.state.measure
-        whole = self.slave.node_area if measure is None else measure.node_area
+        whole = self.rows.node_area if measure is None else measure.node_area
         return np.asarray(whole[self.operator.row_node] / self._area)
 
     def by_node(self) -> WeightedGap:

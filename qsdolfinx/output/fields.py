@@ -18,6 +18,7 @@ from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes, coordinate_element, interpolation_points
 from qsdolfinx.output import vtkhdf
+from qsdolfinx.surface.unknowns import is_lagrange
 
 #: A function, anything of UFL that can be evaluated in the cells, or what returns a new function.
 Field = typing.Any
@@ -145,9 +146,7 @@ class FieldWriter:
 
     def _add(self, name: str, field: Field, at_vertices: bool) -> None:
         first = self._made(field) if _is_source(field) else field
-        linear = isinstance(first, fem.Function) and _is_lagrange(
-            first.function_space, self._degree
-        )
+        linear = isinstance(first, fem.Function) and is_lagrange(first.function_space, self._degree)
         element = ("Lagrange", self._degree) if at_vertices or linear else ("DG", 0)
         space = fem.functionspace(self._msh, (*element, first.ufl_shape))
         written = self._points if at_vertices or linear else self._cells
@@ -246,13 +245,6 @@ def _is_source(field: Field) -> bool:
 
 def _expression(field: Field, space: fem.FunctionSpace) -> fem.Expression:
     return fem.Expression(field, interpolation_points(space))
-
-
-def _is_lagrange(V: fem.FunctionSpace, degree: int) -> bool:
-    """Whether functions are continuous and of a degree from 1 to this one."""
-    element = V.element.basix_element if not V.num_sub_spaces else V.sub(0).element.basix_element
-    lagrange = element.family == basix.ElementFamily.P and 1 <= element.degree <= degree
-    return bool(lagrange) and not bool(element.discontinuous)
 
 
 def _set_at_nodes(u: fem.Function, values: npt.NDArray[np.float64]) -> None:

@@ -33,6 +33,9 @@ class History:
 
     Raises:
         OSError: If the folder of the file is missing.
+
+    Attributes:
+        rows: All lines that were added, on every rank.
     """
 
     def __init__(
@@ -43,7 +46,6 @@ class History:
         verbose: bool = True,
         append: bool = False,
     ) -> None:
-        #: All lines that were added, on every rank.
         self.rows: list[dict[str, float]] = []
         self._comm, self._writes = comm, comm.rank == 0
         with checked(comm):

@@ -26,6 +26,7 @@ from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import begin_solve, check_held
 from qsdolfinx.contact.reach import check_reach
+from qsdolfinx.contact.shown import copy_of
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
@@ -113,6 +114,17 @@ class ContactProblem:
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
             none of the bodies, or a name is unknown, that of a type in PETSc's options included.
+
+    Attributes:
+        solver: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone. It
+            stays while a direct solver stands in: see :attr:`solver_in_use`.
+        stabilisation_shares: Share of the springs of ``stabilisation`` in the forces, after each
+            part of the last solve. The last one is that of the result: 0, unless the solve without
+            springs has failed.
+        active_history: Closed rows of each contact at each iteration of the last solve, over all
+            ranks.
+        system: Residual and tangent of the problem.
+        newton: Newton's method for the system.
     """
 
     def __init__(
@@ -152,10 +164,7 @@ class ContactProblem:
             same(either(kind_of, None), stabilisation=stabilisation)
             same(FLAG, verbose=verbose)
         self.verbose = bool(verbose)
-        #: What helps to find bodies that only contact holds; None for nothing.
         self.stabilisation = stabilisation
-        #: Share of its springs in the forces, after each part of the last solve. The last one is
-        #: that of the result: 0, unless the solve without springs has failed.
         self.stabilisation_shares: list[float] = []
         self._had_contacts = False
         self._steps_within = 0
@@ -166,15 +175,12 @@ class ContactProblem:
         remove_options(prefix)
         given = petsc_options or {}
         chosen = {*given, *PETSc.Options(prefix).getAll()}
-        #: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone. It
-        #: stays while a direct solver stands in: see :attr:`solver_in_use`.
         self.solver = _pick(solver, F, bodies, kind, chosen)
         sums = self.solver in ("amg", "schur") and "pc_type" not in chosen
         if self.solver == "fieldsplit" and len(bodies) == 1:
             kind = "mpi"  # there is nothing to split
         self._contacts = list(contacts)
         models = [contact.model for contact in contacts]
-        #: Residual and tangent of the problem.
         self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
         options = preset_options(self.solver, len(bodies), chosen)
         defaults = set_options(prefix, given, options)
@@ -191,9 +197,7 @@ class ContactProblem:
         linear = LinearSolver(
             ksp, self.solver, self.system, chosen, pressure_preconditioner, solver != "auto"
         )
-        #: Newton's method for the system.
         self.newton = Newton(self.system, snes, linear, defaults)
-        #: Closed rows of each contact at each iteration of the last solve, over all ranks.
         self.active_history: list[list[int]] = []
 
     # --- What it is made of
@@ -391,7 +395,8 @@ class ContactProblem:
             The unknowns, which hold the solution.
 
         Raises:
-            ConvergenceError: If SNES does not converge; the unknowns are then as they were before.
+            ConvergenceError: If SNES does not converge; the unknowns, and what contacts show, are
+                then as they were before.
             RuntimeError, ValueError: As :meth:`set_up`.
             KeyboardInterrupt: After Ctrl-C, on all ranks, whichever have received it; unknowns,
                 multipliers, tools and what contacts show are then as they were before.
@@ -428,6 +433,7 @@ class ContactProblem:
 
     def _solve(self) -> None:
         self._claim_contacts()
+        shown = [copy_of(contact) for contact in self.system.contacts]
         for contact in self.system.contacts:
             motion.catch_up(contact)
         state = [body.u.x.array.copy() for body in self.bodies]
@@ -468,6 +474,8 @@ class ContactProblem:
                 self.active_history = error.active_history
                 self._advise(error)
                 self.system.residual(start)  # gaps and multipliers too
+                for contact, before in zip(self.system.contacts, shown, strict=True):
+                    contact.kept = before
             for body, array in zip(self.bodies, state, strict=True):
                 body.u.x.array[:] = array
             raise

@@ -17,6 +17,7 @@ from dolfinx import fem, mesh
 
 from qsdolfinx.base.checks import require
 from qsdolfinx.compat import cell_nodes, coordinate_element, num_entity_dofs
+from qsdolfinx.materials import axisymmetric_weight
 from qsdolfinx.surface.unknowns import NUM_CELL_VERTICES, dofs_at, vertex_dofs
 from qsdolfinx.system.rigid_modes import displacement_space
 
@@ -46,12 +47,13 @@ class MeshMotion:
 
     Args:
         u: Unknown of the body; of a mixed space the first vector field with unknowns at vertices.
+        axisymmetric: Whether coordinates are (r, z), and the mesh stands for a body of revolution.
 
     Raises:
         ValueError: If there is none.
     """
 
-    def __init__(self, u: fem.Function) -> None:
+    def __init__(self, u: fem.Function, axisymmetric: bool = False) -> None:
         self.u = u
         self.mesh = u.function_space.mesh
         V = displacement_space(u.function_space)
@@ -73,7 +75,8 @@ class MeshMotion:
         self.reference: Array = np.array(self.mesh.geometry.x)
         self._sign = np.sign(self._corners(self.reference))
         one = fem.Constant(self.mesh, np.float64(1.0))
-        self._volume = fem.form(one * ufl.dx(domain=self.mesh))
+        weight = axisymmetric_weight(self.mesh) if axisymmetric else one
+        self._volume = fem.form(weight * ufl.dx(domain=self.mesh))
 
     def values(self, x: Array | None = None) -> Array:
         """Unknowns at the mesh's nodes, shape (geometry nodes, 3), in 2D with zeros.
@@ -171,7 +174,10 @@ class MeshMotion:
         return np.array(out)
 
     def volume(self) -> float:
-        """Volume (2D: area) of the mesh as it is. Collective."""
+        """Volume of the mesh as it is: in 2D its area, axisymmetric that of the whole ring.
+
+        Collective.
+        """
         local = fem.assemble_scalar(self._volume)
         return float(self.mesh.comm.allreduce(local, op=MPI.SUM))
 

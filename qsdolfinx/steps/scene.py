@@ -42,7 +42,10 @@ class Scene:
         self.problem = problem
         self.staggered = staggered
         #: How the meshes of the bodies move.
-        self.motions = [MeshMotion(u) for u in problem.u]
+        self.motions = [
+            MeshMotion(u, is_ring)
+            for u, is_ring in zip(problem.u, _are_rings(problem), strict=True)
+        ]
         tools = [tool for c in problem.contacts if (tool := as_tool(c.master)) is not None]
         #: Rigid tools, each once.
         self.tools = list({id(tool): tool for tool in tools}.values())
@@ -64,3 +67,13 @@ class Scene:
     def snapshot(self) -> Snapshot:
         """The state as it is."""
         return Snapshot(self.problem, self.motions, self.tools)
+
+
+def _are_rings(problem: ContactProblem) -> list[bool]:
+    """Whether each body is axisymmetric, as the surfaces of its contacts say."""
+    out = [False] * len(problem.u)
+    for contact, sides in zip(problem.contacts, problem.sides, strict=True):
+        for i in sides:
+            if i is not None:
+                out[i] = contact.slave.axisymmetric
+    return out

@@ -128,6 +128,22 @@ class TimeStepper:
         TypeError: If the problem is of another type.
         ValueError: If a number is out of range, or differs between ranks, or two bodies are on one
             mesh.
+
+    Attributes:
+        t: Time at the end of the last step.
+        dt: Δt that will be tried next; can be set, up to ``dt_max``.
+        last_dt: Δt of the last step; 0 before the first.
+        num_steps: Steps made.
+        num_cutbacks: Attempts that failed, so far.
+        log: All attempts so far, a row each: ``print(stepper.log)`` is a table.
+        num_iterations: Newton iterations of the last step, over its attempts and pairings.
+        total_iterations: The same of all steps so far, those that failed and remeshings included.
+        on_solved: Function without arguments that is called once a step, when it has succeeded,
+            while the meshes are where it was solved for; None, the default, for none. Can be set.
+            What it raises on one rank is raised on all.
+        remeshing: When and how bodies get new meshes; None for never.
+        remeshings: What each remeshing has changed, the last one last.
+        remeshed_at: Steps made before the last remeshing; -1 before the first.
     """
 
     def __init__(
@@ -187,30 +203,18 @@ class TimeStepper:
         self._scene = self._scene_of(problem, staggered)
         if staggered is not None:
             staggered.begin()
-        #: When and how bodies get new meshes; None for never.
         self.remeshing = remesh
-        #: What each remeshing has changed, the last one last.
         self.remeshings: list[RemeshingReport] = []
-        #: Steps made before the last one; -1 before the first.
         self.remeshed_at = -1
-        #: Time at the end of the last step.
         self.t = 0.0
-        #: Δt that will be tried next.
         self.dt = float(dt)
-        #: Δt of the last step.
         self.last_dt = 0.0
-        #: Steps made.
         self.num_steps = 0
-        #: Attempts that failed, so far.
         self.num_cutbacks = 0
-        #: All attempts so far, a row each: with ``print(stepper.log)`` a table.
         self.log = StepLog(problem.comm)
-        #: Newton iterations of the last step, over its attempts and pairings.
         self.num_iterations = 0
-        #: The same of all steps so far, those that failed and remeshings included.
         self.total_iterations = 0
         self._num_solves = 0
-        #: Called once a step, when it has succeeded, while the meshes are where it was solved for.
         self.on_solved: typing.Callable[[], None] | None = None
 
     def _scene_of(self, problem: ContactProblem, staggered: Staggered | None) -> Scene:

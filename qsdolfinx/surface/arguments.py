@@ -104,6 +104,11 @@ def is_of(tags: mesh.MeshTags, msh: mesh.Mesh) -> bool:
     return _cpp_of(tags.topology) is _cpp_of(msh.topology)
 
 
+def is_same(msh: mesh.Mesh, other: mesh.Mesh) -> bool:
+    """Whether two objects stand for the same mesh."""
+    return _cpp_of(msh.topology) is _cpp_of(other.topology)
+
+
 def _cpp_of(wrapper: typing.Any) -> typing.Any:
     """DOLFINx's C++ object; depending on its version some come without a wrapper."""
     return getattr(wrapper, "_cpp_object", wrapper)

@@ -22,11 +22,12 @@ from qsdolfinx.surface.arguments import (
     check_space,
     facets_of_owned_cells,
     given_facets,
+    is_same,
     trace_degree,
 )
 from qsdolfinx.surface.facets import FacetLayout
 from qsdolfinx.surface.geometry import Axisymmetric, Cartesian
-from qsdolfinx.surface.unknowns import block_of
+from qsdolfinx.surface.unknowns import block_of, first_vertex_unknowns, is_lagrange
 
 #: Of the facets' vertices, of a point inside each facet's cell, and, with a mesh geometry of
 #: degree 2, of the facets' nodes of degree 2.
@@ -64,6 +65,12 @@ class Surface:
             surface is empty, not on the boundary, has coordinates that are not finite or facets
             without area.
         TypeError: If both or none of ``facet_tags`` and ``facets`` are given, or PETSc is complex.
+
+    Attributes:
+        mesh: The mesh of V.
+        largest_height: Largest distance of curved facets from the flat ones through their vertices,
+            of all ranks (length); 0 of straight facets.
+        cpp_object: The extension's surface.
     """
 
     def __init__(
@@ -86,16 +93,18 @@ class Surface:
             check_space(V, axisymmetric)
             given = given_facets(V.mesh, facet_tags, tag, facets)
         self.V = V
-        #: Whether facets stand for rings.
         self.axisymmetric = bool(axisymmetric)
         self.mesh = V.mesh
         self.facets = facets_of_owned_cells(V.mesh, given)
         self._linear: Surface | None = None
+        #: Spaces of degree 1 by whether they are scalar, and the space whose unknowns at the nodes
+        #: were asked for last, with these.
+        self._vertex_spaces: dict[bool, fem.FunctionSpace] = {}
+        self._unknowns_in: tuple[fem.FunctionSpace, npt.NDArray[np.int32]] | None = None
         self._key: npt.NDArray[np.float64] | None = None
         with collective_errors(comm):
             self._layout = FacetLayout.of(V, self.facets)
             self._coordinates = self._layout.checked_coordinates(V.mesh)
-        #: The extension's surface.
         self.cpp_object: _cpp.Surface = self.twin()
         self._read_heights()
 
@@ -159,7 +168,6 @@ class Surface:
         """How far curved facets are out of the flat ones through their vertices. Collective."""
         nodes = self._coordinates[2]
         self._heights: npt.NDArray[np.float64] | None = None
-        #: Largest of these heights (length), of all ranks; 0 of straight facets.
         self.largest_height = 0.0
         if nodes is None:
             return
@@ -242,7 +250,11 @@ class Surface:
 
     @property
     def node_area(self) -> npt.NDArray[np.float64]:
-        """Nodal areas S_k = ∫ N_k ds of the owned nodes, shape (nodes,)."""
+        """Nodal areas S_k = ∫ N_k ds of the owned nodes, shape (nodes,).
+
+        Of the mesh where it was when coordinates were read last, by contact as it paired: in time
+        steps where a body was expected at the end of the step. Axisymmetric: ∫ N_k 2πr ds.
+        """
         return np.asarray(self.cpp_object.node_area)
 
     @property
@@ -361,31 +373,91 @@ class Surface:
             out.x.array[:] = vector.array[parent]
         return out
 
-    def node_values(self, function: fem.Function) -> npt.NDArray[np.float64]:
-        """Values at the owned contact nodes, shape (nodes, block); the inverse of :meth:`function`.
+    def vertex_function(self, values: npt.ArrayLike) -> fem.Function:
+        """Function of degree 1 with given values at the contact nodes, zero at others. Collective.
 
         Args:
-            function: In V, collapsed if V is a sub-space, such as ``Contact.traction``; or of
-                degree 1 if V is of degree 2, for which the first call is collective.
+            values: Values at the owned nodes, shape (nodes,) of a scalar function, (nodes, gdim) of
+                a vector.
+
+        Raises:
+            ValueError: If they are no numbers, or of another shape.
+
+        Returns:
+            Lagrange function: in V, collapsed if V is a sub-space, where that is such a space of
+            degree 1.
+        """
+        nodes = len(self.node_area)
+        with checked(self.comm):
+            shape = (nodes,) if np.ndim(values) == 1 else (nodes, self.gdim)
+            at_nodes = check_array("values", values, shape)
+        Q = self._vertex_space(at_nodes.ndim == 1)
+        out = fem.Function(Q)
+        block = block_of(Q)
+        blocks = out.x.array.reshape(-1, block)
+        blocks[self._node_unknowns(Q) // block] = at_nodes.reshape(nodes, block)
+        out.x.scatter_forward()
+        return out
+
+    def _vertex_space(self, scalar: bool) -> fem.FunctionSpace:
+        """Lagrange space of degree 1, scalar or of vectors. Collective at first."""
+        if scalar == self.is_scalar and is_lagrange(self.collapsed_space, 1):
+            return self.collapsed_space
+        if scalar not in self._vertex_spaces:
+            shape = () if scalar else (self.gdim,)
+            self._vertex_spaces[scalar] = fem.functionspace(self.mesh, ("Lagrange", 1, shape))
+        return self._vertex_spaces[scalar]
+
+    def _node_unknowns(self, Q: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+        """First local unknowns of another space at the owned contact nodes."""
+        known = self._unknowns_in
+        if known is None or known[0] is not Q:
+            index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+            own = self.node_dofs[:, 0] - index_map.local_range[0] * bs
+            self._unknowns_in = known = Q, first_vertex_unknowns(self.V, Q)[own]
+        return known[1]
+
+    def node_values(self, function: fem.Function) -> npt.NDArray[np.float64]:
+        """Values at the owned contact nodes; the inverse of :meth:`function`.
+
+        Args:
+            function: In V, collapsed if V is a sub-space; or a Lagrange function of degree 1 on the
+                same mesh, a vector such as ``Contact.traction`` or a scalar such as
+                ``Contact.pressure``.
+
+        Returns:
+            Shape (nodes, block); of a scalar function on a surface with a space of vectors
+            (nodes,).
 
         Raises:
             TypeError: If it is no Function.
             ValueError: If it is in another space.
         """
         check(FUNCTION, function=function)
-        if self.degree > 1 and trace_degree(function.function_space) == 1:
-            return self.linear.node_values(function)
-        expected = self.collapsed_space.dofmap.index_map
-        dofmap = function.function_space.dofmap
-        sizes = [(m.size_local, m.num_ghosts) for m in (expected, dofmap.index_map)]
-        fits = sizes[0] == sizes[1] and dofmap.index_map_bs == self.block
-        require(fits, "function: must be in the space of the surface")
-        index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
-        values = function.x.array
-        if self._collapsed is not None:
-            values = np.zeros((index_map.size_local + index_map.num_ghosts) * bs)
-            values[self._collapsed[1]] = function.x.array
-        return np.asarray(values[self.node_dofs - index_map.local_range[0] * bs], dtype=np.float64)
+        Q = function.function_space
+        if self._is_own(Q):
+            index_map, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+            values = function.x.array
+            if self._collapsed is not None:
+                values = np.zeros((index_map.size_local + index_map.num_ghosts) * bs)
+                values[self._collapsed[1]] = function.x.array
+            at_nodes = values[self.node_dofs - index_map.local_range[0] * bs]
+            return np.asarray(at_nodes, dtype=np.float64)
+        text = "function: must be in the space of the surface, or Lagrange of degree 1 on its mesh"
+        block = block_of(Q)
+        require(is_same(Q.mesh, self.mesh) and is_lagrange(Q, 1), text)
+        require(block in ((1,) if self.is_scalar else (1, self.gdim)), text)
+        at = self._node_unknowns(Q) // block
+        out = np.asarray(function.x.array.reshape(-1, block)[at], dtype=np.float64)
+        return out[:, 0] if block == 1 and not self.is_scalar else out
+
+    def _is_own(self, Q: fem.FunctionSpace) -> bool:
+        """Whether it is V, collapsed if that is a sub-space, or has the same unknowns."""
+        own = self.collapsed_space
+        if trace_degree(Q) != self.degree:
+            return False
+        sizes = [(m.size_local, m.num_ghosts) for m in (Q.dofmap.index_map, own.dofmap.index_map)]
+        return sizes[0] == sizes[1] and Q.dofmap.index_map_bs == self.block
 
     @functools.cached_property
     def _collapsed(self) -> tuple[fem.FunctionSpace, npt.NDArray[np.int64]] | None:

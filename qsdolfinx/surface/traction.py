@@ -60,5 +60,5 @@ def recover(surface: Surface, force: PETSc.Vec, area: Array | None = None) -> fe
         area: S_k of the nodes of ``surface.linear``; by default where the surface was read last.
     """
     f, linear = nodal_forces(surface, force), surface.linear
-    area = linear.node_area if area is None else area
-    return linear.function(f / area[:, None])
+    values = f / (linear.node_area if area is None else area)[:, None]
+    return linear.vertex_function(values[:, 0] if surface.is_scalar else values)

@@ -61,6 +61,32 @@ def vertex_dofs(V: fem.FunctionSpace, cells: Indices, vertices: Indices) -> Indi
     return dofs_at(V, cells, places[vertices])
 
 
+def is_lagrange(V: fem.FunctionSpace, degree: int) -> bool:
+    """Whether functions are continuous Lagrange's, scalar or not, of a degree from 1 to this."""
+    element = V.element.basix_element if not V.num_sub_spaces else V.sub(0).element.basix_element
+    lagrange = element.family == basix.ElementFamily.P and 1 <= element.degree <= degree
+    return bool(lagrange) and not bool(element.discontinuous)
+
+
+def first_vertex_unknowns(V: fem.FunctionSpace, Q: fem.FunctionSpace) -> Indices:
+    """For each local unknown of V that is the first of a vertex, the first local one of Q there.
+
+    Shape (local unknowns of V,); −1 of unknowns that are not at vertices.
+
+    Args:
+        V: Blocked vector space, scalar space, or such a sub-space, with unknowns at the vertices.
+        Q: Another one on the same mesh.
+    """
+    topology = V.mesh.topology
+    index_map, dofs = topology.index_map(topology.dim), V.dofmap.index_map
+    cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)[:, None]
+    vertices = np.arange(NUM_CELL_VERTICES[topology.cell_type], dtype=np.int32)[None, :]
+    size = (dofs.size_local + dofs.num_ghosts) * V.dofmap.index_map_bs
+    out = np.full(size, -1, dtype=np.int32)
+    out[vertex_dofs(V, cells, vertices)[..., 0]] = vertex_dofs(Q, cells, vertices)[..., 0]
+    return out
+
+
 def facet_places(V: fem.FunctionSpace, degree: int) -> Indices:
     """Places of the trace's nodes in a cell's dof layout, for each facet, shape (facets, nodes).
 

@@ -86,6 +86,10 @@ class RigidSurface:
 
     A tool may be part of several contacts. Its motion, position and force are set on all ranks, to
     the same values; what any rank finds wrong is raised on all of them.
+
+    Attributes:
+        version: Number of the position that the tool is at; a new one has a number that none has
+            had.
     """
 
     def __init__(self, comm: MPI.Intracomm, center: Array, shape: Shape | Facets) -> None:
@@ -96,7 +100,6 @@ class RigidSurface:
         self._displacement: Array = np.zeros(self.gdim)
         self._rotation: Array = np.zeros(1 if self.gdim == 2 else 3)
         self._driven: Driven | None = None
-        #: Number of the position that the tool is at; a new one has a number that none has had.
         self.version = 0
         self._num_positions = 0
         self._shape = shape
@@ -435,6 +438,10 @@ class RigidSurface:
     def center(self) -> Array:
         """The point of the tool that it is rotated about, where it is now, shape (gdim,)."""
         return self._pose(self._center)
+
+    def center_at(self, position: npt.ArrayLike) -> Array:
+        """The same where the tool is at this :attr:`position`."""
+        return self._pose_of(position)(self._center)
 
     @property
     def motion(self) -> Affine:

@@ -30,9 +30,12 @@ class Smooth(abc.ABC):
     """
 
     def __init__(self, shape: shapes.Shape, parameters: dict[str, typing.Any]) -> None:
-        #: Its exact distance.
-        self.shape = shape
-        self._parameters = parameters
+        self._shape, self._parameters = shape, parameters
+
+    @property
+    def shape(self) -> shapes.Shape:
+        """Its exact distance."""
+        return self._shape
 
     def __repr__(self) -> str:
         given = ", ".join(f"{name}={_plain(value)!r}" for name, value in self._parameters.items())

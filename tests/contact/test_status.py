@@ -138,7 +138,8 @@ def test_stick_and_slip(formulation):
     for side in SIDES:
         fields = contact.fields(side)
         has_slip = side == "slave" or formulation == "double-pass"
-        expected = {"traction", "gap", "status", "normal_traction", "tangential_traction"}
+        expected = {"traction", "pressure", "gap", "status"}
+        expected |= {"normal_traction", "tangential_traction"}
         assert set(fields) == expected | ({"slip"} if has_slip else set())
         parts = fields["normal_traction"].x.array + fields["tangential_traction"].x.array
         assert largest(parts - fields["traction"].x.array) < 1e-14

@@ -342,9 +342,8 @@ def test_tool_that_turns(cell, tool, quadrature):
     np.testing.assert_allclose(gap, expected, atol=1e-12)
     np.testing.assert_allclose(penetration, gathered(WORLD, gap).max(), rtol=1e-9)
     assert np.array_equal(gap, scene.contact.gap())
-    scene.contact.update()  # on the mesh as it is
-    expected = under_plane(scene, scene.surface.node_x)
-    np.testing.assert_allclose(scene.contact.gap(), expected, atol=1e-12)
+    scene.contact.update()  # pairs on the mesh as it is, where nothing is in equilibrium
+    np.testing.assert_allclose(scene.contact.gap(), gap, atol=1e-12)
 
 
 @pytest.mark.parametrize("tool", (flat, flat_facets))

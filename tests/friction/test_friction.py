@@ -164,7 +164,7 @@ def test_nothing_without_friction():
     pair.problem().solve()
     contact = pair.contact
     assert contact.friction is None and contact.model.parts == contact.model.gaps
-    assert set(contact.fields()) == {"traction", "gap", "status"}
+    assert set(contact.fields()) == {"traction", "pressure", "gap", "status"}
     assert contact.step_dissipation() == contact.dissipated_energy() == 0
     raises_everywhere(WORLD, ValueError, "friction", contact.slip)
     symmetric = pair.contact.symmetric

@@ -113,12 +113,12 @@ def test_given_up_gradually():
         scene.run(2)
         scene.contact.update()
         scene.contact.allow_overclosure(part)
-        gap = scene.contact.weighted_gap()
+        rows = scene.contact.model.gaps[0]  # what is read is still that of the last solve
+        gap = rows.state.values
         scene.contact.allow_overclosure(0.0)
-        change = scene.contact.weighted_gap() - gap
-        paired = ~np.isnan(change)
-        assert WORLD.allreduce(paired.sum()) > 5
-        assert largest(change[paired] - part * 0.01) < 1e-12
+        change = rows.state.values - gap
+        assert WORLD.allreduce(len(change)) > 5
+        assert largest(change - part * 0.01) < 1e-12
 
 
 def test_uneven():
