@@ -194,7 +194,7 @@ def find_pairs(
             rows=settings.rows,
             augmented=settings.augmented,
             following=_following(settings, first, second, radius),
-            turns=settings.sliding == "finite" and settings.law.jump,
+            turns=settings.sliding if settings.law.jump else None,
         )
         for (first, second), found in zip(roles, points, strict=True)
     )
@@ -445,7 +445,7 @@ class ContactModel:
     @property
     def is_linear(self) -> bool:
         """Whether gaps are linear functions of the unknowns."""
-        return not any(gap.following or gap.turning for gap in self.gaps)
+        return all(gap.is_linear for gap in self.gaps)
 
     @property
     def symmetric(self) -> bool:
