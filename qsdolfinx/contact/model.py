@@ -344,6 +344,8 @@ class ContactModel:
         self.reach_warned = False
         #: Whether a warning of depths between nodes has been given.
         self.depth_warned = False
+        #: Whether a warning of ties that have turned too far has been given.
+        self.turned_warned = False
         #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.
         self.held_nodes: list[HeldNodes] = []
         #: Whether a warning of these has been given.

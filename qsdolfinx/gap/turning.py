@@ -99,19 +99,30 @@ class Turning:
             plain: Operator of the jump without what turns.
             rows: What rows are, see ``WeightedGap``.
         """
-        gdim, now, turn = self._surfaces[0].gdim, np.zeros_like(self._gap), []
-        nodes_of = self._nodes(places)
-        for i, (side, nodes) in enumerate(zip(self._sides, nodes_of, strict=True)):
-            tangents, along, here = side.tangents(nodes), self._along[i], self._with[i]
-            frame, size = side.frame(tangents, along)
-            gap = np.einsum("pai,pa->pi", frame, self._local[i])
-            gap[~here] = 0.0
-            now += gap
-            turn.append(-side.variation(tangents, along, frame, size, gap)[..., :gdim, :gdim])
+        gdim, turn, nodes = self._surfaces[0].gdim, [], self._nodes(places)
+        gaps = self._turned(nodes)
+        for side, along, x, gap in zip(self._sides, self._along, nodes, gaps, strict=True):
+            turn.append(-side.variation(x, along, gap)[..., :gdim, :gdim])
         surfaces = (surface.cpp_object for surface in self._surfaces)
         points = self._points.turning(*(np.ascontiguousarray(t) for t in turn))
         operator = _cpp.GapOperator(*surfaces, points, jump=True, rows=rows)
-        return Turned(operator, -self._mean(now - self._gap, plain)[:, :gdim])
+        return Turned(operator, self._moved(gaps, plain))
+
+    def moved(self, places: Places, plain: _cpp.GapOperator) -> Array:
+        """``Turned.moved`` with the surfaces at these places. Collective."""
+        return self._moved(self._turned(self._nodes(places)), plain)
+
+    def _moved(self, gaps: list[Array], plain: _cpp.GapOperator) -> Array:
+        return -self._mean(sum(gaps) - self._gap, plain)[:, : self._surfaces[0].gdim]
+
+    def _turned(self, nodes: list[Array]) -> list[Array]:
+        """R d of the points that turn with either side, 0 of others, (points, 3)."""
+        out = []
+        for i, side in enumerate(self._sides):
+            frame = side.frame(side.tangents(nodes[i]), self._along[i])[0]
+            gap = np.einsum("pai,pa->pi", frame, self._local[i])
+            out.append(np.where(self._with[i][:, None], gap, 0.0))
+        return out
 
     def _nodes(self, places: Places) -> list[Array]:
         """Places of the nodes of each point's facets, of both sides. Collective."""
@@ -191,22 +202,19 @@ class _Side:
         e = _unit(first)
         return np.stack([e, np.cross(n, e), n], axis=1), np.linalg.norm(first, axis=1)
 
-    def variation(
-        self, tangents: Array, along: Array, frame: Array, size: Array, gap: Array
-    ) -> Array:
+    def variation(self, nodes: Array, along: Array, gap: Array) -> Array:
         """Matrices from displacements of a facet's nodes to those of R d, (points, nodes, 3, 3).
 
         R d moves by θ × R d with θ = n × δn + n δφ, δn = −Σ ∇N_j (n·u_j), and
         δφ = (R E₂·δf₁ − R E₁·δf₂) / |f₁ − n × f₂|.
 
         Args:
-            tangents: As :meth:`tangents`.
+            nodes: Places of the nodes.
             along: As for :meth:`frame`.
-            frame: What that has given.
-            size: Likewise.
             gap: R d, shape (points, 3).
         """
-        dN = self._dN.copy()
+        dN, tangents = self._dN.copy(), self.tangents(nodes)
+        frame, size = self.frame(tangents, along)
         if self._gdim == 2:
             dN[:, :, 1] = 0.0
         dN[~self.on_facet] = 0.0

@@ -266,6 +266,26 @@ class WeightedGap:
 
     # --- Gaps that turn
 
+    def turning_error(self, places: TiePlaces) -> Array:
+        """By how much rotations are too large for gaps that turn by small ones, (rows,).
+
+        Length; collective.
+
+        Args:
+            places: Where the surfaces are at the last evaluation.
+        """
+        if self.turning is None or self.tie is None or self._turns_anew:
+            return np.zeros(self.num_rows)
+        slave, master = self.tie.motion(places)
+        jump = self._own.apply(slave.handle, handle_of(master))
+        for vec in (slave, master):
+            if vec is not None:
+                vec.destroy()
+        error = self.state.values - jump - self.turning.moved(places, self._own)
+        if self.extension is not None:
+            error = np.where(self.extension.held, 0.0, error)
+        return np.asarray(np.linalg.norm(error, axis=1))
+
     def _begin_to_turn(self) -> None:
         """Let what is between tied surfaces turn, if there is anything. Collective."""
         assert self.tie is not None

@@ -26,6 +26,7 @@ from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import check_held
 from qsdolfinx.contact.reach import check_reach
+from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
@@ -460,6 +461,7 @@ class ContactProblem:
             if self._watches_reach:
                 check_reach(contact)
                 check_between_nodes(contact)
+                check_turned(contact)
             check_held(contact, *unknowns)
 
     def _put_back(self, known: list[list[Array]], measures: list[typing.Any]) -> None:

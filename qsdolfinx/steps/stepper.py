@@ -25,6 +25,7 @@ from qsdolfinx.base.checks import (
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
+from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.pairing.relief import CurvedError
@@ -529,6 +530,7 @@ class TimeStepper:
             raise _Fault(fault)
         for contact in self.problem.contacts:
             check_between_nodes(contact.model)
+            check_turned(contact.model)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):
