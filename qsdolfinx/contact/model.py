@@ -344,6 +344,10 @@ class ContactModel:
         self.reach_warned = False
         #: Whether a warning of depths between nodes has been given.
         self.depth_warned = False
+        #: Whether a warning of facets for curves has been given.
+        self.chords_warned = False
+        #: Errors of the gaps at the slave's nodes by chord errors (length); None before any solve.
+        self.chord_gaps: npt.NDArray[np.float64] | None = None
         #: Whether a warning of ties that have turned too far has been given.
         self.turned_warned = False
         #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.

@@ -23,6 +23,7 @@ from qsdolfinx.base.messages import ContactWarning, say, warn
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.between_nodes import check_between_nodes
+from qsdolfinx.contact.chord_pressure import check_chords
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import check_held
 from qsdolfinx.contact.reach import check_reach
@@ -424,8 +425,7 @@ class ContactProblem:
         self.newton.begin()
         try:
             springs = self.stabilisation
-            self._find(balance, start, springs)
-            if springs is None and is_a_body_lost(self.system, start):
+            if self._loses_a_body(balance, start):
                 say(self.comm, "a body that only contact holds was lost; springs hold it meanwhile")
                 springs = Stabilisation()
                 self._put_back(known, measures)
@@ -462,7 +462,24 @@ class ContactProblem:
                 check_reach(contact)
                 check_between_nodes(contact)
                 check_turned(contact)
+                check_chords(contact)
             check_held(contact, *unknowns)
+
+    def _loses_a_body(self, balance: ToolBalance, start: Array) -> bool:
+        """Find equilibrium; whether a body that nothing but contact holds is lost on the way.
+
+        Collective. It is lost as well where Newton's method ends with nothing in contact: then its
+        matrix is singular, and no iterate comes back.
+        """
+        try:
+            self._find(balance, start, self.stabilisation)
+        except ConvergenceError as error:
+            touches = not error.active_history or any(error.active_history[-1])
+            free = self.system.made.rigid.free_motions.shape[1] > 0
+            if self.stabilisation is not None or touches or not free:
+                raise
+            return True
+        return self.stabilisation is None and is_a_body_lost(self.system, start)
 
     def _put_back(self, known: list[list[Array]], measures: list[typing.Any]) -> None:
         """Multipliers, and areas of gaps that follow the bodies, as they were."""
