@@ -344,6 +344,8 @@ class ContactModel:
         self.reach_warned = False
         #: Whether a warning of depths between nodes has been given.
         self.depth_warned = False
+        #: Whether a warning of a body that has turned freely has been given.
+        self.unsupported_warned = False
         #: Whether a warning of facets for curves has been given.
         self.chords_warned = False
         #: Errors of the gaps at the slave's nodes by chord errors (length); None before any solve.

@@ -42,6 +42,7 @@ from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.snes import LOST, ConvergenceError, read_options, remove_options, set_options
 from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised
 from qsdolfinx.solve.summary import summary
+from qsdolfinx.solve.unsupported import check_unsupported
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.blocks import Blocks, Side
 from qsdolfinx.system.body import Body
@@ -464,6 +465,8 @@ class ContactProblem:
                 check_turned(contact)
                 check_chords(contact)
             check_held(contact, *unknowns)
+        if self._watches_reach:
+            check_unsupported(self.system, start)
 
     def _loses_a_body(self, balance: ToolBalance, start: Array) -> bool:
         """Find equilibrium; whether a body that nothing but contact holds is lost on the way.
@@ -498,7 +501,8 @@ class ContactProblem:
         if self.stabilisation is None and self.system.made.rigid.free_motions.shape[1] > 0:
             error.advise(
                 "bodies that only contact holds may have been lost on the way: "
-                "stabilisation=qs.Stabilisation() holds them by springs that are gone at the end"
+                "stabilisation=qs.Stabilisation() holds them by springs that are gone at the end; "
+                "a rotation that frictionless curved surfaces do not resist wants a condition"
             )
 
     def _has_other_rates(self) -> bool:
