@@ -33,7 +33,8 @@ def check_chords(model: ContactModel) -> None:
         return
     if model.chord_gaps is None:
         model.chord_gaps = _chord_gaps(model)
-    gap, own = model.gaps[0], model.chord_gaps
+    gap = model.gaps[0]
+    own = model.chord_gaps * gap.rows.on_nodes(_resolved(gap), 0.0)
     pressure = gap.rows.on_nodes(gap.multiplier(model.eps)[:, 0], 0.0)
     area = np.where(pressure > 0, model.slave.node_area, 0.0)
     sums = np.array([area.sum(), area @ own, area @ pressure, area @ own**2])
@@ -52,6 +53,14 @@ def check_chords(model: ContactModel) -> None:
         ContactWarning,
     )
     model.chords_warned = True
+
+
+def _resolved(gap: WeightedGap) -> Array:
+    """Part of the initial gap of each row that counts: allowances are parts of it, (rows,)."""
+    allowance = gap.state.allowance
+    depth = np.maximum(-gap.operator.initial_gap, allowance)
+    some = allowance > 0
+    return 1 - np.divide(allowance, depth, out=np.zeros_like(depth), where=some)
 
 
 def _cure(model: ContactModel) -> str:
