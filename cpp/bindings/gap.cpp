@@ -147,7 +147,8 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "side"_a,
           "Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where "
           "conditions "
-          "hold, [entry][block]; coefficients, [entry][gdim], of a jump [entry][1], or [entry][gdim * gdim] if it turns.")
+          "hold, [entry][block]; coefficients, [entry][gdim], of a jump [entry][1], or "
+          "[entry][gdim * gdim] if it turns.")
       .def_prop_ro("num_sides", &GapOperator::num_sides, "2, or 1 if the master is rigid.")
       .def(
           "apply",

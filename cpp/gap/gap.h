@@ -42,10 +42,9 @@ public:
     std::vector<PetscInt> free_dofs;  ///< the same, -1 where a Dirichlet condition holds
     std::vector<std::int64_t> offset; ///< entries of row i: [offset[i], offset[i + 1])
     std::vector<std::int32_t> column; ///< column node of each entry
-    std::vector<double>
-        coefficient;              ///< [entry][entry_size()]; master negative
-    Vec local = nullptr;          ///< values at `dofs`
-    VecScatter scatter = nullptr; ///< from the body's vector to `local`
+    std::vector<double> coefficient;  ///< [entry][entry_size()]; master negative
+    Vec local = nullptr;              ///< values at `dofs`
+    VecScatter scatter = nullptr;     ///< from the body's vector to `local`
   };
 
   /// Collective. @param master null for a rigid tool, which has no unknowns
@@ -68,7 +67,7 @@ public:
   /// Values per row: 1, or those of a node for a jump.
   int width() const { return kind_ == GapKind::normal ? 1 : block_; }
   std::size_t num_rows() const { return row_area_.size(); }
-  /// Whether a jump turns with facets, so that its components have columns of all unknowns of a node.
+  /// Whether a jump turns with facets: its components have columns of all unknowns of a node.
   bool turns() const { return turns_; }
   /// Coefficients of an entry: of the node's unknowns for the normal part, one for all components
   /// of a jump, or a matrix [component][unknown] if it turns.

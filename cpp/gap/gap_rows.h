@@ -75,7 +75,7 @@ private:
 
   std::size_t width_; ///< see GapOperator::entry_size
   std::vector<Term> terms_;
-  std::vector<double> values_; ///< Σ w N_k N_column (n) / S_k, negative for the master; [term][width]
+  std::vector<double> values_; ///< Σ w N_k N_column (n) / S_k, master negative; [term]
   std::vector<const std::int64_t*> column_dofs_; ///< unknowns of each column node
 };
 

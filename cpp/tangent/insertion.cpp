@@ -131,8 +131,7 @@ private:
     const auto num_columns = columns_.size();
     // The rows of a jump that does not turn couple each component with itself only.
     const std::size_t per_call = width();
-    const auto [begin, end]
-        = couples() ? std::pair<std::size_t, std::size_t>(0, 1) : components_;
+    const auto [begin, end] = couples() ? std::pair<std::size_t, std::size_t>(0, 1) : components_;
     for (std::size_t k = begin; k < end; ++k)
     {
       unknowns_.clear();

@@ -34,8 +34,8 @@ def check_chords(model: ContactModel) -> None:
     if model.chord_gaps is None:
         model.chord_gaps = _chord_gaps(model)
     gap = model.gaps[0]
-    own = model.chord_gaps * gap.rows.on_nodes(_resolved(gap), 0.0)
-    pressure = gap.rows.on_nodes(gap.multiplier(model.eps)[:, 0], 0.0)
+    own = model.chord_gaps * _on_nodes(gap, _resolved(gap))
+    pressure = _on_nodes(gap, gap.multiplier(model.eps)[:, 0])
     area = np.where(pressure > 0, model.slave.node_area, 0.0)
     sums = np.array([area.sum(), area @ own, area @ pressure, area @ own**2])
     model.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
@@ -53,6 +53,10 @@ def check_chords(model: ContactModel) -> None:
         ContactWarning,
     )
     model.chords_warned = True
+
+
+def _on_nodes(gap: WeightedGap, values: Array) -> Array:
+    return np.asarray(gap.rows.on_nodes(values, 0.0), dtype=np.float64)
 
 
 def _resolved(gap: WeightedGap) -> Array:

@@ -6,7 +6,6 @@ import dataclasses
 import typing
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -103,9 +102,9 @@ class Turning:
         gaps = self._turned(nodes)
         for side, along, x, gap in zip(self._sides, self._along, nodes, gaps, strict=True):
             turn.append(-side.variation(x, along, gap)[..., :gdim, :gdim])
-        surfaces = (surface.cpp_object for surface in self._surfaces)
         points = self._points.turning(*(np.ascontiguousarray(t) for t in turn))
-        operator = _cpp.GapOperator(*surfaces, points, jump=True, rows=rows)
+        slave, master = (surface.cpp_object for surface in self._surfaces)
+        operator = _cpp.GapOperator(slave, master, points, jump=True, rows=rows)
         return Turned(operator, self._moved(gaps, plain))
 
     def moved(self, places: Places, plain: _cpp.GapOperator) -> Array:
@@ -113,7 +112,7 @@ class Turning:
         return self._moved(self._turned(self._nodes(places)), plain)
 
     def _moved(self, gaps: list[Array], plain: _cpp.GapOperator) -> Array:
-        return -self._mean(sum(gaps) - self._gap, plain)[:, : self._surfaces[0].gdim]
+        return -self._mean(gaps[0] + gaps[1] - self._gap, plain)[:, : self._surfaces[0].gdim]
 
     def _turned(self, nodes: list[Array]) -> list[Array]:
         """R d of the points that turn with either side, 0 of others, (points, 3)."""
@@ -121,7 +120,7 @@ class Turning:
         for i, side in enumerate(self._sides):
             frame = side.frame(side.tangents(nodes[i]), self._along[i])[0]
             gap = np.einsum("pai,pa->pi", frame, self._local[i])
-            out.append(np.where(self._with[i][:, None], gap, 0.0))
+            out.append(np.where(np.asarray(self._with[i])[:, None], gap, 0.0))
         return out
 
     def _nodes(self, places: Places) -> list[Array]:
@@ -144,8 +143,8 @@ class Turning:
         """Weighted means of vectors at the points, (rows, 3). Collective."""
         slave = self._surfaces[0]
         if self._sums is None:
-            surfaces = (surface.cpp_object for surface in self._surfaces)
-            self._sums = _cpp.GapOperator(*surfaces, self._points, jump=False, rows=2)
+            objects = slave.cpp_object, self._surfaces[1].cpp_object
+            self._sums = _cpp.GapOperator(*objects, self._points, jump=False, rows=2)
         weighted = np.asarray(self._points.weight)[:, None] * values
         out, node = np.zeros((plain.num_rows, 3)), plain.row_node
         vec = slave.create_vec()
@@ -196,9 +195,9 @@ class _Side:
     @staticmethod
     def frame(tangents: Array, along: Array) -> tuple[Array, Array]:
         """R E₁, R E₂ and n as rows, (points, 3, 3), and |f₁ − n × f₂|, (points,)."""
-        f = along @ tangents
-        n = _unit(np.cross(f[:, 0], f[:, 1]))
-        first = f[:, 0] - np.cross(n, f[:, 1])
+        f: Array = along @ tangents
+        n = _unit(np.asarray(np.cross(f[:, 0], f[:, 1]), dtype=np.float64))
+        first = np.asarray(f[:, 0] - np.cross(n, f[:, 1]), dtype=np.float64)
         e = _unit(first)
         return np.stack([e, np.cross(n, e), n], axis=1), np.linalg.norm(first, axis=1)
 

@@ -42,8 +42,8 @@ from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.snes import LOST, ConvergenceError, read_options, remove_options, set_options
 from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised
 from qsdolfinx.solve.summary import summary
-from qsdolfinx.solve.unsupported import check_unsupported
 from qsdolfinx.solve.tool_balance import ToolBalance
+from qsdolfinx.solve.unsupported import check_unsupported
 from qsdolfinx.system.blocks import Blocks, Side
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.matrices import Form

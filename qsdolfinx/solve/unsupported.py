@@ -53,9 +53,7 @@ def _is_free(contact: ContactModel) -> bool:
     return not (slips or contact.law.jump or contact.is_scalar or contact.with_itself)
 
 
-def _turned_freely(
-    system: ContactSystem, contact: ContactModel, body: int, change: Array
-) -> float:
+def _turned_freely(system: ContactSystem, contact: ContactModel, body: int, change: Array) -> float:
     """Displacement by a rotation over the size of the body; 0 if it opens or closes gaps."""
     rigid, comm = system.made.rigid, system.comm
     modes = rigid.modes[body]

@@ -27,9 +27,9 @@ from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.chord_pressure import check_chords
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.pairing.relief import CurvedError
-from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
