@@ -39,7 +39,7 @@ def check_chords(model: ContactModel) -> None:
     area = np.where(pressure > 0, model.slave.node_area, 0.0)
     sums = np.array([area.sum(), area @ own, area @ pressure, area @ own**2])
     model.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
-    if sums[0] == 0.0:
+    if sums[0] == 0.0 or sums[3] == 0.0 or model.compliance == 0.0:  # or conditions hold all of it
         return
     delta, mean, squares = sums[1:] / sums[0]
     varies = float(np.sqrt(max(squares - delta**2, 0.0)))

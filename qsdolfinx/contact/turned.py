@@ -54,6 +54,6 @@ def turning_error(model: ContactModel) -> float:
     both_found = np.array([error, largest])
     model.comm.Allreduce(MPI.IN_PLACE, both_found, op=MPI.MAX)
     error, largest = both_found
-    if error <= NONE * model.paired.facet_size or largest == 0.0:
+    if error <= NONE * model.paired.facet_size or largest * model.compliance == 0.0:
         return 0.0
     return float(error / (model.compliance * largest))
