@@ -75,7 +75,8 @@ def _turned_freely(system: ContactSystem, contact: ContactModel, body: int, chan
     space = system.bodies[body].V
     x = space.tabulate_dof_coordinates()
     low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
-    corners = comm.allreduce(np.array([-low, high]), op=MPI.MAX)
+    corners = np.array([-low, high])
+    comm.Allreduce(MPI.IN_PLACE, corners, op=MPI.MAX)
     radius = 0.5 * float(np.max(corners[0] + corners[1]))
     motion = np.zeros(rigid.free_motions.shape[0])
     motion[first : first + len(modes)] = coefficients
@@ -87,5 +88,6 @@ def _turned_freely(system: ContactSystem, contact: ContactModel, body: int, chan
     sizes = np.array([
         opened, np.abs(rotation).max(initial=0.0), np.abs(whole).max(initial=0.0)
     ])  # fmt: skip
-    opened, turned, moved = comm.allreduce(sizes, op=MPI.MAX)
+    comm.Allreduce(MPI.IN_PLACE, sizes, op=MPI.MAX)
+    opened, turned, moved = sizes
     return 0.0 if opened > ALONG * moved else float(turned / radius)
