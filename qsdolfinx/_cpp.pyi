@@ -30,6 +30,10 @@ class GapOperator:
     @property
     def num_rows(self) -> int: ...
     @property
+    def turns(self) -> bool:
+        """Whether a jump turns with facets."""
+
+    @property
     def width(self) -> int:
         """Values per row: 1, or of a jump those of a node."""
 
@@ -64,7 +68,7 @@ class GapOperator:
         numpy.typing.NDArray[numpy.int64],
         numpy.typing.NDArray[numpy.float64],
     ]:
-        """Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where conditions hold, [entry][block]; coefficients, [entry][gdim], of a jump [entry][1]."""
+        """Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where conditions hold, [entry][block]; coefficients, [entry][gdim], of a jump [entry][1], or [entry][gdim * gdim] if it turns."""
 
     @property
     def num_sides(self) -> int:
@@ -123,6 +127,13 @@ class PairingPoints:
 
     def scaled(self, factor: numpy.typing.NDArray[numpy.float64]) -> PairingPoints:
         """The same points, their weights multiplied by factors [point]."""
+
+    def turning(
+        self,
+        slave: numpy.typing.NDArray[numpy.float64],
+        master: numpy.typing.NDArray[numpy.float64],
+    ) -> PairingPoints:
+        """The same points, jumps turning with facets: what the nodes of each side add to a jump, [point][node][block][block]."""
 
     @property
     def num_unpaired(self) -> int:

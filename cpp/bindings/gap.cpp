@@ -99,6 +99,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
       .def("covers", &GapOperator::covers, "other"_a,
            "Whether rows of another operator have no columns but those of this one's.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
+      .def_prop_ro("turns", &GapOperator::turns, "Whether a jump turns with facets.")
       .def_prop_ro("width", &GapOperator::width, "Values per row: 1, or of a jump those of a node.")
       .def_prop_ro(
           "row_node",
@@ -138,7 +139,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
               for (std::size_t k = 0; k < d; ++k)
                 unknowns.push_back(s.free_dofs[column * d + k]);
             const std::size_t entries = s.column.size();
-            const std::size_t width = g.kind() == GapKind::normal ? d : 1;
+            const std::size_t width = g.entry_size();
             return std::tuple(copy(s.offset, {s.offset.size()}),
                               copy(std::move(unknowns), {entries, d}),
                               copy(s.coefficient, {entries, width}));
@@ -146,7 +147,8 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "side"_a,
           "Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where "
           "conditions "
-          "hold, [entry][block]; coefficients, [entry][gdim], of a jump [entry][1].")
+          "hold, [entry][block]; coefficients, [entry][gdim], of a jump [entry][1], or "
+          "[entry][gdim * gdim] if it turns.")
       .def_prop_ro("num_sides", &GapOperator::num_sides, "2, or 1 if the master is rigid.")
       .def(
           "apply",

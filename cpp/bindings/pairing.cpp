@@ -85,6 +85,11 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "scaled",
           [](const PairingPoints& p, In<double> factor) { return p.scaled(factor.view()); },
           "factor"_a, "The same points, their weights multiplied by factors [point].")
+      .def(
+          "turning", [](const PairingPoints& p, In<double> slave, In<double> master)
+          { return p.turning(slave.view(), master.view()); }, "slave"_a, "master"_a,
+          "The same points, jumps turning with facets: what the nodes of each side add to a jump, "
+          "[point][node][block][block].")
       .def_ro("num_unpaired", &PairingPoints::num_unpaired,
               "Owned nodes (overlay: facets) that found no partner.")
       .def_ro("num_corners", &PairingPoints::num_corners,

@@ -20,7 +20,8 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
 {
   const int nk = points.num_multipliers, ns = points.slave.num_nodes, nm = points.master.num_nodes,
             d = points.block;
-  const int num_doubles = nk + ns + nm + 5, num_dofs = (ns + nm) * d + nk;
+  const int num_turn = points.turns ? d * d : 0;
+  const int num_doubles = nk + (ns + nm) * (1 + num_turn) + 5, num_dofs = (ns + nm) * d + nk;
   std::vector<int> dest;
   std::vector<double> doubles;
   std::vector<std::int64_t> dofs;
@@ -42,6 +43,8 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
       append_record(doubles, points.normal, p, 3);
       append_record(doubles, points.gap, p, 1);
       append_record(doubles, points.weight, p, 1);
+      append_record(doubles, points.slave.turn, p, ns * num_turn);
+      append_record(doubles, points.master.turn, p, nm * num_turn);
       append_record(dofs, points.slave.dofs, p, ns * d);
       append_record(dofs, points.master.dofs, p, nm * d);
       append_record(dofs, points.multiplier_side, p, nk);
@@ -52,6 +55,7 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
   dofs = exchange.forward<std::int64_t>(dofs, num_dofs);
 
   PairingPoints out = points.none_like();
+  out.turns = points.turns;
   for (std::size_t p = 0; p < exchange.num_received(); ++p)
   {
     const double* v = doubles.data() + p * num_doubles;
@@ -66,6 +70,8 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
     take(out.normal, 3);
     take(out.gap, 1);
     take(out.weight, 1);
+    take(out.slave.turn, ns * num_turn);
+    take(out.master.turn, nm * num_turn);
     const std::int64_t* i = dofs.data() + p * num_dofs;
     out.slave.dofs.insert(out.slave.dofs.end(), i, i + ns * d);
     out.master.dofs.insert(out.master.dofs.end(), i + ns * d, i + (ns + nm) * d);
@@ -110,6 +116,9 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pair
 {
   if (kind == GapKind::normal && points.block != points.gdim)
     throw std::invalid_argument("scalar fields have no normal gap");
+  turns_ = kind == GapKind::jump && points.turns;
+  if (turns_ && rows == GapRows::points)
+    throw std::invalid_argument("jumps that turn have rows at nodes");
   if (rows == GapRows::points)
   {
     build_points(points);
@@ -219,12 +228,12 @@ void GapOperator::name_rows(const PairingPoints& points, const Slots& slots,
 
 std::vector<double> GapOperator::slave_sum() const
 {
-  const std::size_t width = kind_ == GapKind::normal ? block_ : 1;
+  const std::size_t width = kind_ == GapKind::normal ? block_ : 1, size = entry_size();
   std::vector<double> sum(num_rows() * width, 0);
   for (std::size_t r = 0; r < num_rows(); ++r)
     for (std::int64_t e = sides_[0].offset[r]; e < sides_[0].offset[r + 1]; ++e)
-      for (std::size_t i = 0; i < width; ++i)
-        sum[r * width + i] += sides_[0].coefficient[e * width + i];
+      for (std::size_t i = 0; i < width; ++i) // what turns sums up to 0
+        sum[r * width + i] += sides_[0].coefficient[e * size + i];
   return sum;
 }
 
@@ -252,6 +261,7 @@ bool GapOperator::covers(const GapOperator& other) const
 std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 2> scale)
 {
   std::vector<double> g(num_rows() * width(), 0);
+  const auto w = static_cast<std::size_t>(width());
   for (int s = 0; s < num_sides_; ++s)
   {
     Side& side = sides_[s];
@@ -266,10 +276,11 @@ std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 
         for (int i = 0; i < block_; ++i)
         {
           const double value = scale[s] * values[side.column[e] * block_ + i];
-          if (kind_ == GapKind::normal)
-            g[r] += side.coefficient[e * block_ + i] * value;
+          if (kind_ == GapKind::jump && !turns_)
+            g[r * w + i] += side.coefficient[e] * value;
           else
-            g[r * block_ + i] += side.coefficient[e] * value;
+            for (std::size_t c = 0; c < w; ++c)
+              g[r * w + c] += side.coefficient[(e * w + c) * block_ + i] * value;
         }
       }
     }
@@ -280,7 +291,8 @@ std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 
 
 void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
 {
-  if (f.size() != num_rows() * width())
+  const auto w = static_cast<std::size_t>(width());
+  if (f.size() != num_rows() * w)
     throw std::invalid_argument("f must hold `width` values per row");
   for (int s = 0; s < num_sides_; ++s)
   {
@@ -293,9 +305,14 @@ void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
       for (std::int64_t e = side.offset[r]; e < side.offset[r + 1]; ++e)
       {
         for (int i = 0; i < block_; ++i)
-          y[side.column[e] * block_ + i] += kind_ == GapKind::normal
-                                                ? side.coefficient[e * block_ + i] * f[r]
-                                                : side.coefficient[e] * f[r * block_ + i];
+        {
+          double& to = y[side.column[e] * block_ + i];
+          if (kind_ == GapKind::jump && !turns_)
+            to += side.coefficient[e] * f[r * w + i];
+          else
+            for (std::size_t c = 0; c < w; ++c)
+              to += side.coefficient[(e * w + c) * block_ + i] * f[r * w + c];
+        }
       }
     }
     check(VecRestoreArray(side.local, &y));

@@ -15,7 +15,7 @@ namespace qsdolfinx
 enum class GapKind
 {
   normal, ///< one value a row: ḡ_k = (1/S_k) Σ w_p N_k(ξ_p) [(u_s - u_m)·n_p - δ_p]
-  jump    ///< block values a row: (1/S_k) Σ w_p N_k(ξ_p) (u_s - u_m)
+  jump    ///< block values a row: (1/S_k) Σ w_p N_k(ξ_p) (u_s - u_m), and what turns, if it does
 };
 
 /// What the rows of the operator are, and what their gaps are divided by.
@@ -42,10 +42,9 @@ public:
     std::vector<PetscInt> free_dofs;  ///< the same, -1 where a Dirichlet condition holds
     std::vector<std::int64_t> offset; ///< entries of row i: [offset[i], offset[i + 1])
     std::vector<std::int32_t> column; ///< column node of each entry
-    std::vector<double>
-        coefficient;              ///< [entry][gdim] for normal, [entry] for jump; master negative
-    Vec local = nullptr;          ///< values at `dofs`
-    VecScatter scatter = nullptr; ///< from the body's vector to `local`
+    std::vector<double> coefficient;  ///< [entry][entry_size()]; master negative
+    Vec local = nullptr;              ///< values at `dofs`
+    VecScatter scatter = nullptr;     ///< from the body's vector to `local`
   };
 
   /// Collective. @param master null for a rigid tool, which has no unknowns
@@ -68,6 +67,15 @@ public:
   /// Values per row: 1, or those of a node for a jump.
   int width() const { return kind_ == GapKind::normal ? 1 : block_; }
   std::size_t num_rows() const { return row_area_.size(); }
+  /// Whether a jump turns with facets: its components have columns of all unknowns of a node.
+  bool turns() const { return turns_; }
+  /// Coefficients of an entry: of the node's unknowns for the normal part, one for all components
+  /// of a jump, or a matrix [component][unknown] if it turns.
+  std::size_t entry_size() const
+  {
+    const auto d = static_cast<std::size_t>(block_);
+    return kind_ == GapKind::normal ? d : turns_ ? d * d : 1;
+  }
   /// Index of each row's node in the slave surface's nodes; empty if rows are points.
   const std::vector<std::int64_t>& row_node() const { return row_node_; }
   /// Smooth side of the slave that the row stands for at its node, if this is in a corner;
@@ -121,6 +129,7 @@ private:
 
   GapKind kind_;
   int block_, num_sides_;
+  bool turns_ = false;
   std::vector<std::int64_t> row_node_;
   std::vector<std::uint8_t> row_side_, row_in_corner_;
   std::vector<double> row_area_, initial_gap_;

@@ -122,27 +122,39 @@ double qsdolfinx::cover(const Patch& patch)
 
 RowTerms::RowTerms(std::span<const Patch> patches, int side, GapKind kind,
                    std::span<const double> area)
-    : width_(kind == GapKind::normal && !patches.empty() ? patches[0].points->gdim : 1)
+    : width_(1)
 {
+  const bool turns = kind == GapKind::jump && !patches.empty() && patches[0].points->turns;
+  const auto d = static_cast<std::size_t>(patches.empty() ? 1 : patches[0].points->block);
+  if (!patches.empty())
+    width_ = kind == GapKind::normal ? d : turns ? d * d : 1;
   terms_.reserve(patches.size());
+  std::vector<double> value(width_);
   KeyNumbers numbering(area.size());
   for (const Patch& patch : patches)
   {
     const PairingPoints& points = *patch.points;
     const PairingSide& columns = side == 0 ? points.slave : points.master;
     const int nc = columns.num_nodes;
-    const double sign = (side == 0 ? 1.0 : -1.0) / area[patch.slot];
+    const double sign = side == 0 ? 1.0 : -1.0;
     for (int j = 0; j < nc; ++j)
     {
-      std::array<double, 3> value{0, 0, 0};
+      std::ranges::fill(value, 0.0);
       bool any = false;
       for (std::size_t p = patch.first; p < patch.last; ++p)
       {
         const double N = patch.multiplier_value(p), M = columns.shape_values[p * nc + j];
-        const double w = sign * points.weight[p] * N * M;
-        any = any || (N != 0 && M != 0);
-        for (int i = 0; i < 3; ++i)
-          value[i] += w * (kind == GapKind::normal ? points.normal[3 * p + i] : 1.0);
+        const double w = points.weight[p] * N / area[patch.slot], wM = sign * w * M;
+        any = any || (N != 0 && (M != 0 || (turns && columns.dofs[(p * nc + j) * d] >= 0)));
+        if (turns)
+        {
+          const double* turn = &columns.turn[(p * nc + j) * width_];
+          for (std::size_t i = 0; i < width_; ++i)
+            value[i] += w * turn[i] + (i % (d + 1) == 0 ? wM : 0.0);
+        }
+        else
+          for (std::size_t i = 0; i < width_; ++i)
+            value[i] += wM * (kind == GapKind::normal ? points.normal[3 * p + i] : 1.0);
       }
       if (!any)
         continue;
@@ -150,13 +162,14 @@ RowTerms::RowTerms(std::span<const Patch> patches, int side, GapKind kind,
       const std::int32_t column = numbering(*dofs);
       if (numbering.size() > column_dofs_.size())
         column_dofs_.push_back(dofs);
-      terms_.push_back({patch.slot, column, value});
+      terms_.push_back({patch.slot, column});
+      values_.insert(values_.end(), value.begin(), value.end());
     }
   }
 }
 
 RowTerms::RowTerms(const PieceRows& rows, int side, GapKind kind, std::span<const double> area)
-    : width_(kind == GapKind::normal ? rows.gdim : 1)
+    : width_(kind == GapKind::normal ? static_cast<std::size_t>(rows.gdim) : 1)
 {
   const auto first = static_cast<std::size_t>(side == 0 ? 0 : rows.num_slave),
              last = static_cast<std::size_t>(side == 0 ? rows.num_slave : rows.num_columns()),
@@ -168,15 +181,14 @@ RowTerms::RowTerms(const PieceRows& rows, int side, GapKind kind, std::span<cons
     {
       const std::size_t e = r * columns + j;
       const double scale = 1 / area[rows.node[r]];
-      std::array<double, 3> value{scale * rows.mass[e], 0, 0};
-      if (kind == GapKind::normal)
-        for (int i = 0; i < 3; ++i)
-          value[i] = scale * rows.gradient[3 * e + i];
       const std::int64_t* dofs = &rows.dofs[e * rows.gdim];
       const std::int32_t column = numbering(*dofs);
       if (numbering.size() > column_dofs_.size())
         column_dofs_.push_back(dofs);
-      terms_.push_back({rows.node[r], column, value});
+      terms_.push_back({rows.node[r], column});
+      for (std::size_t i = 0; i < width_; ++i)
+        values_.push_back(scale
+                          * (kind == GapKind::normal ? rows.gradient[3 * e + i] : rows.mass[e]));
     }
 }
 
@@ -248,8 +260,8 @@ void RowTerms::compress(GapOperator::Side& out, int block, std::span<const std::
     {
       const Term& term = terms_[order[i]];
       double* c = &out.coefficient[place[number[term.column]] * width_];
-      for (int j = 0; j < width_; ++j)
-        c[j] += term.value[j];
+      for (std::size_t j = 0; j < width_; ++j)
+        c[j] += values_[order[i] * width_ + j];
     }
   }
 }

@@ -68,14 +68,14 @@ private:
   struct Term
   {
     std::size_t slot;
-    std::int32_t column;         ///< in the order of appearance
-    std::array<double, 3> value; ///< Σ w N_k N_column (n) / S_k, negative for the master
+    std::int32_t column; ///< in the order of appearance
   };
 
   std::vector<std::int32_t> number_columns(GapOperator::Side& out, int block) const;
 
-  int width_;
+  std::size_t width_; ///< see GapOperator::entry_size
   std::vector<Term> terms_;
+  std::vector<double> values_; ///< Σ w N_k N_column (n) / S_k, master negative; [term]
   std::vector<const std::int64_t*> column_dofs_; ///< unknowns of each column node
 };
 

@@ -185,6 +185,22 @@ PairingPoints PairingPoints::scaled(std::span<const double> factor) const
   return out;
 }
 
+PairingPoints PairingPoints::turning(std::span<const double> slave,
+                                     std::span<const double> master) const
+{
+  PairingPoints out = *this;
+  out.turns = true;
+  const auto set = [&](PairingSide& side, std::span<const double> turn)
+  {
+    if (turn.size() != side.shape_values.size() * block * block)
+      throw std::invalid_argument("turning: a matrix for each node of each point");
+    side.turn.assign(turn.begin(), turn.end());
+  };
+  set(out.slave, slave);
+  set(out.master, master);
+  return out;
+}
+
 PairingPoints PairingPoints::with_traces(int block, const Trace& slave, const Trace& master) const
 {
   PairingPoints out = *this;

@@ -18,6 +18,9 @@ struct PairingSide
   std::vector<std::int64_t> dofs;   ///< unknowns of the nodes, [point][node][block]
   std::vector<int> owner;           ///< their owners, [point][node]
   std::vector<double> shape_values; ///< trace functions, [point][node]
+  /// What the nodes add to a jump that turns with a facet, [point][node][block][block]; empty
+  /// unless PairingPoints::turns.
+  std::vector<double> turn;
 };
 
 /// Pairing points of one pass, on the rank that owns the node or facet each of them comes from. The
@@ -39,6 +42,7 @@ struct PairingPoints
   std::vector<double> normal;                ///< outward of the slave, into the master, [point][3]
   std::vector<double> gap;       ///< signed distance (x_master - x_slave)·n, positive when open
   std::vector<double> weight;    ///< area
+  bool turns = false;            ///< whether jumps have `turn` of both sides, the same on all ranks
   std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
   /// Owned nodes of both surfaces that are in corners of the other one.
   std::int64_t num_corners = 0;
@@ -81,6 +85,9 @@ struct PairingPoints
   /// The same points for such a field, without corners. @param block unknowns of a node
   /// @throws std::invalid_argument on numbers of values that do not fit
   PairingPoints with_traces(int block, const Trace& slave, const Trace& master) const;
+  /// The same points with jumps that turn with a facet. @param slave, master see PairingSide::turn
+  /// @throws std::invalid_argument on numbers of values that do not fit
+  PairingPoints turning(std::span<const double> slave, std::span<const double> master) const;
   /// The same points with other weights. @param factor by which they are multiplied, [point]
   PairingPoints scaled(std::span<const double> factor) const;
 };

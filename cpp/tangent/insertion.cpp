@@ -75,8 +75,15 @@ public:
 private:
   using Range = std::pair<std::size_t, std::size_t>;
 
-  /// Values of a column's entry: one for each component in the normal part, one in a jump.
-  std::size_t width() const { return gap_.kind() == GapKind::normal ? d_ : 1; }
+  /// Whether an entry couples all unknowns of its node: not in a jump, unless it turns.
+  bool couples() const { return gap_.kind() == GapKind::normal || gap_.turns(); }
+  /// Unknowns of a node that an entry couples.
+  std::size_t width() const { return couples() ? d_ : 1; }
+  /// Components of a row that are coupled with all unknowns.
+  std::pair<std::size_t, std::size_t> full_rows() const
+  {
+    return gap_.turns() ? components_ : std::pair<std::size_t, std::size_t>(0, 1);
+  }
 
   /// All columns of the rows in a range, ascending.
   void find_columns(const Columns& by_column, Range range)
@@ -100,19 +107,21 @@ private:
   void add_products(const GapOperator::Side& side, const Columns& by_column, Range range,
                     std::span<const double> factor)
   {
-    const std::size_t w = width(), n = columns_.size() * w;
+    const std::size_t w = width(), n = columns_.size() * w, size = gap_.entry_size();
+    const auto [first, last] = full_rows();
     values_.assign(w * n, 0.0);
     for (std::size_t i = range.first; i < range.second && !pattern_; ++i)
     {
       const std::size_t r = by_column.row[i];
-      const double* here = &side.coefficient[by_column.entry[i] * w];
+      const double* here = &side.coefficient[by_column.entry[i] * size];
       for (std::int64_t e = other_.offset[r]; e < other_.offset[r + 1]; ++e)
       {
-        const double* there = &other_.coefficient[e * w];
+        const double* there = &other_.coefficient[e * size];
         double* to = &values_[place_[other_.column[e]] * w];
-        for (std::size_t k = 0; k < w; ++k)
-          for (std::size_t l = 0; l < w; ++l)
-            to[k * n + l] += factor[r] * (here[k] * there[l]); // symmetric to the last bit
+        for (std::size_t c = first * w; c < last * w; c += w)
+          for (std::size_t k = 0; k < w; ++k)
+            for (std::size_t l = 0; l < w; ++l) // symmetric to the last bit
+              to[k * n + l] += factor[r] * (here[c + k] * there[c + l]);
       }
     }
   }
@@ -120,10 +129,9 @@ private:
   void insert(Mat block, const PetscInt* rows)
   {
     const auto num_columns = columns_.size();
-    // The rows of a jump couple each component with itself only.
-    const bool normal = gap_.kind() == GapKind::normal;
-    const std::size_t per_call = normal ? d_ : 1;
-    const auto [begin, end] = normal ? std::pair<std::size_t, std::size_t>(0, 1) : components_;
+    // The rows of a jump that does not turn couple each component with itself only.
+    const std::size_t per_call = width();
+    const auto [begin, end] = couples() ? std::pair<std::size_t, std::size_t>(0, 1) : components_;
     for (std::size_t k = begin; k < end; ++k)
     {
       unknowns_.clear();

@@ -53,7 +53,9 @@ def advise(model: ContactModel) -> None:
             warn(text, ContactWarning)
         return
     turned = find_turned(model)
-    found = [turned, _finer_master(model), chords(model)]
+    of_chords = chords(model)
+    model.chords_warned = bool(of_chords)
+    found = [turned, _finer_master(model), of_chords]
     if not turned:
         found += [_pairing(model), _overclosure(model)]
     for text in found:

@@ -216,7 +216,7 @@ def find_pairs(
             rows=settings.rows,
             augmented=settings.augmented,
             following=_following(settings, first, second, radius),
-            turns=settings.sliding == "finite" and settings.law.jump,
+            turns=settings.sliding if settings.law.jump else None,
         )
         for (first, second), found in zip(roles, points, strict=True)
     )
@@ -370,6 +370,14 @@ class ContactModel:
         self.reach_warned = False
         #: Whether a warning of depths between nodes has been given.
         self.depth_warned = False
+        #: Whether a warning of a body that has turned freely has been given.
+        self.unsupported_warned = False
+        #: Whether a warning of facets for curves has been given.
+        self.chords_warned = False
+        #: Errors of the gaps at the slave's nodes by chord errors (length); None before any solve.
+        self.chord_gaps: npt.NDArray[np.float64] | None = None
+        #: Whether a warning of ties that have turned too far has been given.
+        self.turned_warned = False
         #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.
         self.held_nodes: list[HeldNodes] = []
         #: What conditions hold of slips; see :func:`qsdolfinx.contact.held.begin_solve`.
@@ -477,7 +485,7 @@ class ContactModel:
     @property
     def is_linear(self) -> bool:
         """Whether gaps are linear functions of the unknowns."""
-        return not any(gap.following or gap.turning for gap in self.gaps)
+        return all(gap.is_linear for gap in self.gaps)
 
     @property
     def symmetric(self) -> bool:

@@ -126,7 +126,7 @@ def has_factors(model: ContactModel) -> bool:
     """Whether the tangent is Gᵀ W G with gaps G that stay while contact does not pair anew."""
     if _changes(model):
         return False
-    return not model.follows and all(slip.is_at_rows for slip in model.slips)
+    return all(gap.is_linear for gap in model.gaps) and all(slip.is_at_rows for slip in model.slips)
 
 
 def gaps_and_slips(model: ContactModel) -> list[tuple[WeightedGap | Slip, Weights]]:

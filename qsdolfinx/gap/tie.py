@@ -9,11 +9,13 @@ import numpy.typing as npt
 
 from qsdolfinx.surface.affine import Affine, affine_vec, trace_positions, trace_vec
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.trace import TraceValues
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
 #: Positions of the trace's nodes of the slave and of a deformable master, (facets, nodes, 3).
 Places = tuple[Array, Array | None]
+Vecs = tuple[PETSc.Vec | None, PETSc.Vec | None]
 
 
 class Tie:
@@ -30,6 +32,7 @@ class Tie:
     def __init__(self, slave: Surface, master: AnySurface) -> None:
         self._surfaces = slave, deformable(master)
         self._x = self.places()
+        self._values: list[TraceValues] | None = None
         self._tool = as_tool(master)
         self._pose = None if self._tool is None else self._tool.state.pose
 
@@ -37,6 +40,34 @@ class Tie:
         """Where the two surfaces were when they were last updated."""
         slave, master = self._surfaces
         return trace_positions(slave).copy(), None if master is None else trace_positions(master)
+
+    def values(self, u: Vecs) -> Places:
+        """Values of the two bodies' vectors at the nodes of the trace. Collective."""
+        if self._values is None:
+            surfaces = (s for s in self._surfaces if s is not None)
+            self._values = [TraceValues(surface) for surface in surfaces]
+        out = [None if v is None else of(v) for of, v in zip(self._values, u, strict=False)]
+        slave, master = (*out, None)[:2]
+        return np.zeros_like(self._x[0]) if slave is None else slave, master
+
+    def moved(
+        self, places: Places | None, u: Vecs, scale: tuple[float, float], offset: Places | None
+    ) -> Places:
+        """Where displacements put the surfaces. Collective.
+
+        Args:
+            places: Where they are without; None where they were tied.
+            u: Unknowns of both bodies.
+            scale: Displacement per unknown.
+            offset: Displacements on top of those, as :meth:`values` gives them; None for none.
+        """
+        out = list(places or self._x)
+        for i, moved in enumerate(self.values(u)):
+            x, more = out[i], None if offset is None else offset[i]
+            if x is not None and moved is not None:
+                out[i] = x + scale[i] * moved + (0.0 if more is None else more)
+        assert out[0] is not None
+        return out[0], out[1]
 
     def motion(self, places: Places | None) -> tuple[PETSc.Vec, PETSc.Vec | None]:
         """What makes the jump besides the unknowns: new vectors of the two bodies. Collective.

@@ -1,78 +1,238 @@
-"""Gaps between tied surfaces that turn with the slave."""
+"""Gaps between tied surfaces, which turn with the facets of the master."""
 
 from __future__ import annotations
 
-from petsc4py import PETSc
+import dataclasses
+import typing
+
+from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.surface.affine import trace_positions, trace_vec
+from qsdolfinx.gap.tie import Places
+from qsdolfinx.surface.affine import EDGES, trace_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
-from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
 
 #: Gap, in units of the smallest facet, that is none but for rounding.
 NONE = 1e-12
 
+#: Vertices of the reference facets, by their number.
+_CORNERS = {
+    2: np.array([[0.0], [1.0]]),
+    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+    4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Turned:
+    """How gaps have turned at some places of the surfaces.
+
+    Attributes:
+        operator: Derivative of the mean of x_slave − x_master − R d there.
+        moved: Mean of −(R − 1) d, shape (rows, gdim).
+    """
+
+    operator: _cpp.GapOperator
+    moved: Array
+
 
 class Turning:
-    """What is between two surfaces when they are tied: it stays, as seen from the slave.
+    """What is between two surfaces when they are tied: it turns with the master.
 
-    Facets of curved surfaces that do not match have gaps d between them, along the normals n of the
-    slave. Where both bodies turn, d does, too: R d with the rotation R that takes n to where it is
-    now. A jump that was counted from d as it was would strain bodies that only turn.
+    A point of the slave is tied to a place of the master across a gap d = x_slave − x_master. Both
+    stay material places, and the jump between them is x_slave − x_master − R d with the rotation R
+    of the master's facet there. So bodies that turn together are not strained, and a tie transmits
+    the moment of its force over the gap: the work of R d is that of a couple on the facet. A point
+    that was found for a node of the master has no facet there; its gap turns with the slave's.
+
+    R takes the facet's normal N to n. Around it, it is the rotation in the polar decomposition of
+    the facet's deformation: with E₁, E₂ orthonormal on the facet as it was and f₁, f₂ as they are
+    now, R E₁ is along f₁ − n × f₂.
 
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface.
-        operator: Of the jump x_slave − x_master, whose mean is −d.
+        points: Pairing points of the two.
+        places: Where both are.
     """
 
-    def __init__(self, slave: Surface, master: AnySurface, operator: _cpp.GapOperator) -> None:
-        self._slave, self._node = slave, operator.row_node
-        self._values = TraceValues(slave)
-        self._twin = slave.twin()
-        self._at: Array = trace_positions(slave).copy()
-        self._base = self._at
-        self._normal = self._normals(self._at)
-        self._gap = self._between(master, operator)
+    def __init__(
+        self, slave: Surface, master: Surface, points: _cpp.PairingPoints, places: Places
+    ) -> None:
+        self._surfaces, self._points = (slave, master), points
+        sides = points.slave, points.master
+        self._sides = [_Side(s, side) for s, side in zip(self._surfaces, sides, strict=True)]
+        #: Whether each point turns with the slave, and with the master.
+        on_master = self._sides[1].on_facet
+        self._with = ~on_master, on_master
+        x = self._at_points(places)
+        gap = x[0] - x[1]
+        none = NONE * min(s.facet_size_range[0] for s in self._surfaces)
+        gap[np.linalg.norm(gap, axis=1) <= none] = 0.0
+        #: d of each point in the frame of its facet, (points, 3).
+        self._local: list[Array] = []
+        #: From derivatives along the reference facet to those along E₁ and E₂, (points, 2, 2).
+        self._along: list[Array] = []
+        for side, nodes in zip(self._sides, self._nodes(places), strict=True):
+            tangents = side.tangents(nodes)
+            self._along.append(_orthonormal(tangents))
+            frame = side.frame(tangents, self._along[-1])[0]
+            self._local.append(np.einsum("pai,pi->pa", frame, gap))
+        self._gap = gap
+        largest = float(np.max(np.abs(gap), initial=0.0))
+        #: Whether there is any gap, on any rank.
+        self.any = bool(slave.comm.allreduce(largest, op=MPI.MAX) > 0)
+        self._sums: _cpp.GapOperator | None = None
 
-    def _between(self, master: AnySurface, operator: _cpp.GapOperator) -> Array:
-        """D of each row, (rows, 3)."""
-        gdim, out = self._slave.gdim, np.zeros((len(self._node), 3))
-        vecs = [trace_vec(self._slave, self._at[..., :gdim])]
-        if isinstance(master, Surface):
-            vecs.append(trace_vec(master, trace_positions(master)[..., :gdim]))
-            out[:, :gdim] = -operator.apply(*(vec.handle for vec in vecs))
-        for vec in vecs:
+    def at(self, places: Places, plain: _cpp.GapOperator, rows: int) -> Turned:
+        """How gaps have turned with the surfaces at these places. Collective.
+
+        Args:
+            places: Where both surfaces are.
+            plain: Operator of the jump without what turns.
+            rows: What rows are, see ``WeightedGap``.
+        """
+        gdim, turn, nodes = self._surfaces[0].gdim, [], self._nodes(places)
+        gaps = self._turned(nodes)
+        for side, along, x, gap in zip(self._sides, self._along, nodes, gaps, strict=True):
+            turn.append(-side.variation(x, along, gap)[..., :gdim, :gdim])
+        points = self._points.turning(*(np.ascontiguousarray(t) for t in turn))
+        slave, master = (surface.cpp_object for surface in self._surfaces)
+        operator = _cpp.GapOperator(slave, master, points, jump=True, rows=rows)
+        return Turned(operator, self._moved(gaps, plain))
+
+    def moved(self, places: Places, plain: _cpp.GapOperator) -> Array:
+        """``Turned.moved`` with the surfaces at these places. Collective."""
+        return self._moved(self._turned(self._nodes(places)), plain)
+
+    def _moved(self, gaps: list[Array], plain: _cpp.GapOperator) -> Array:
+        return -self._mean(gaps[0] + gaps[1] - self._gap, plain)[:, : self._surfaces[0].gdim]
+
+    def _turned(self, nodes: list[Array]) -> list[Array]:
+        """R d of the points that turn with either side, 0 of others, (points, 3)."""
+        out = []
+        for i, side in enumerate(self._sides):
+            frame = side.frame(side.tangents(nodes[i]), self._along[i])[0]
+            gap = np.einsum("pai,pa->pi", frame, self._local[i])
+            out.append(np.where(np.asarray(self._with[i])[:, None], gap, 0.0))
+        return out
+
+    def _nodes(self, places: Places) -> list[Array]:
+        """Places of the nodes of each point's facets, of both sides. Collective."""
+        out = []
+        for side, surface, x in zip(self._sides, self._surfaces, places, strict=True):
+            assert x is not None
+            vec = trace_vec(surface, x[..., : surface.gdim])
+            out.append(side.values(vec))
             vec.destroy()
-        return np.where(np.abs(out) > NONE * self._slave.facet_size_range[0], out, 0.0)
+        return out
 
-    def set_offset(self, offset: PETSc.Vec | None) -> None:
-        """Count displacements from where the surface was read last, and an offset. Collective."""
-        at = trace_positions(self._slave)
-        self._base = at.copy() if offset is None else at + self._values(offset)
+    def _at_points(self, places: Places) -> list[Array]:
+        return [
+            np.einsum("pj,pjd->pd", side.N, x)
+            for side, x in zip(self._sides, self._nodes(places), strict=True)
+        ]
 
-    def change(self, u: PETSc.Vec, scale: float) -> Array:
-        """What has changed of d, (rows, gdim), for unknowns of the slave. Collective."""
-        now = self._normals(self._base + scale * self._values(u))
-        return (_turned(self._normal, now, self._gap) - self._gap)[:, : self._slave.gdim]
+    def _mean(self, values: Array, plain: _cpp.GapOperator) -> Array:
+        """Weighted means of vectors at the points, (rows, 3). Collective."""
+        slave = self._surfaces[0]
+        if self._sums is None:
+            objects = slave.cpp_object, self._surfaces[1].cpp_object
+            self._sums = _cpp.GapOperator(*objects, self._points, jump=False, rows=2)
+        weighted = np.asarray(self._points.weight)[:, None] * values
+        out, node = np.zeros((plain.num_rows, 3)), plain.row_node
+        vec = slave.create_vec()
+        for i in range(slave.gdim):
+            vec.zeroEntries()
+            self._sums.add_to_nodes(np.ascontiguousarray(weighted[:, i]), vec.handle)
+            of_sides = vec.array_r[slave.node_dofs[node] - vec.owner_range[0]]
+            out[:, i] = of_sides.sum(axis=1) / plain.row_area
+        vec.destroy()
+        return out
 
-    def _normals(self, x: Array) -> Array:
-        """Normals of the rows' nodes with the facets there, (rows, 3). Collective."""
-        self._twin.follow(np.ascontiguousarray(x))
-        self._twin.measure_nodes()
-        return np.asarray(self._twin.node_normal)[self._node]
+
+class _Side:
+    """Facets of one surface that the points are on.
+
+    Args:
+        surface: The surface.
+        side: Of the pairing points.
+    """
+
+    def __init__(self, surface: Surface, side: dict[str, typing.Any]) -> None:
+        self._gdim = surface.gdim
+        dofs, self.N = np.asarray(side["dofs"]), np.asarray(side["shape_values"])
+        used = np.asarray(side["owner"]) >= 0
+        #: Whether it is on a facet, not a node by itself; shape (points,).
+        self.on_facet = used.all(axis=1)
+        known = np.where(dofs >= 0, dofs, dofs[:, :1])  # places that nothing uses
+        self.values = TraceValues(surface, known)
+        nv = surface.num_facet_vertices
+        corners = _CORNERS[nv]
+        reference = [*corners, *(corners[[a, b]].mean(axis=0) for a, b in EDGES[nv])]
+        reference.append(corners.mean(axis=0))
+        xi = self.N @ np.array(reference)[: self.N.shape[1]]
+        #: Derivatives of the trace's functions, (points, nodes, 2).
+        self._dN = np.asarray(_cpp.trace_gradients(nv, surface.degree, xi))
+
+    def tangents(self, nodes: Array) -> Array:
+        """Derivatives of places along the reference facet, (points, 2, 3); in 2D the second is z.
+
+        Points that are not on a facet have those of a facet in the plane of x and y.
+        """
+        out = np.einsum("pja,pji->pai", self._dN, nodes)
+        if self._gdim == 2:
+            out[:, 1] = [0.0, 0.0, 1.0]
+        out[~self.on_facet] = np.eye(3)[:2]
+        return np.asarray(out)
+
+    @staticmethod
+    def frame(tangents: Array, along: Array) -> tuple[Array, Array]:
+        """R E₁, R E₂ and n as rows, (points, 3, 3), and |f₁ − n × f₂|, (points,)."""
+        f: Array = along @ tangents
+        n = _unit(np.asarray(np.cross(f[:, 0], f[:, 1]), dtype=np.float64))
+        first = np.asarray(f[:, 0] - np.cross(n, f[:, 1]), dtype=np.float64)
+        e = _unit(first)
+        return np.stack([e, np.cross(n, e), n], axis=1), np.linalg.norm(first, axis=1)
+
+    def variation(self, nodes: Array, along: Array, gap: Array) -> Array:
+        """Matrices from displacements of a facet's nodes to those of R d, (points, nodes, 3, 3).
+
+        R d moves by θ × R d with θ = n × δn + n δφ, δn = −Σ ∇N_j (n·u_j), and
+        δφ = (R E₂·δf₁ − R E₁·δf₂) / |f₁ − n × f₂|.
+
+        Args:
+            nodes: Places of the nodes.
+            along: As for :meth:`frame`.
+            gap: R d, shape (points, 3).
+        """
+        dN, tangents = self._dN.copy(), self.tangents(nodes)
+        frame, size = self.frame(tangents, along)
+        if self._gdim == 2:
+            dN[:, :, 1] = 0.0
+        dN[~self.on_facet] = 0.0
+        e, n = frame[:, :2], frame[:, 2]
+        metric = np.linalg.inv(np.einsum("pai,pbi->pab", tangents, tangents))
+        gradient = np.einsum("pja,pab,pbi->pji", dN, metric, tangents)
+        tilt = np.cross(np.cross(n[:, None], gradient), gap[:, None])  # along −(n·u)
+        out = -np.einsum("pji,pk->pjik", tilt, n)
+        of_f = np.einsum("pab,pjb->pja", along, dN) / size[:, None, None]
+        turn = of_f[:, :, :1] * e[:, None, 1] - of_f[:, :, 1:] * e[:, None, 0]
+        out += np.einsum("pi,pjk->pjik", np.cross(n, gap), turn)
+        return np.asarray(out)
 
 
-def _turned(before: Array, now: Array, vectors: Array) -> Array:
-    """Vectors turned by the smallest rotations that take one normal to the other, (n, 3)."""
-    axis = np.cross(before, now)  # sin α times the axis
-    cosine = np.sum(before * now, axis=1, keepdims=True)
-    once = np.cross(axis, vectors)
-    rest = np.cross(axis, once) / np.maximum(1 + cosine, 1e-12)
-    return np.asarray(vectors + once + rest)
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+def _orthonormal(tangents: Array) -> Array:
+    """Factors of tangents (points, 2, 3) that give orthonormal ones, (points, 2, 2)."""
+    metric = np.einsum("pai,pbi->pab", tangents, tangents)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(metric)))

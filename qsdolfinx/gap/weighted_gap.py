@@ -19,7 +19,7 @@ from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
 from qsdolfinx.gap.tie import Places as TiePlaces
 from qsdolfinx.gap.tie import Tie
-from qsdolfinx.gap.turning import Turning
+from qsdolfinx.gap.turning import Turned, Turning
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface
@@ -48,6 +48,7 @@ class GapState:
         scale: Displacement per unknown of the slave's and of the master's body.
         carried: Jump (length) that meshes and a tool have made since they were tied, likewise.
         places: Where meshes had moved tied surfaces by then; None where they were tied.
+        turned: How gaps between tied surfaces have turned by then, or by the last evaluation.
         base: Where facets that follow their bodies are with unknowns 0.
         measure: Their areas.
         conductance: h of the rows, of contact that conducts; None of other laws.
@@ -61,6 +62,7 @@ class GapState:
     scale: tuple[float, float] = (1.0, 1.0)
     carried: Array | float = 0.0
     places: TiePlaces | None = None
+    turned: Turned | None = None
     base: Places | None = None
     measure: Measure | None = None
     conductance: Array | None = None
@@ -102,7 +104,8 @@ class WeightedGap:
         augmented: Whether λ̂ is going to be updated.
         following: Cuts the facets anew at each evaluation; None for gaps that are linear in u. The
             operator is then the derivative at the last evaluation, with a row for each owned node.
-        turns: Whether what is between tied surfaces turns with the slave.
+        turns: Whether what is between tied surfaces turns with the master: ``"finite"``, with each
+            evaluation, or ``"small"``, by small rotations since meshes moved; None for not.
     """
 
     def __init__(
@@ -115,7 +118,7 @@ class WeightedGap:
         rows: str,
         augmented: bool,
         following: Following | None = None,
-        turns: bool = False,
+        turns: str | None = None,
     ) -> None:
         self.slave = slave
         self.master = master
@@ -130,16 +133,22 @@ class WeightedGap:
             base = following.paired_at
             measure = following.measure(base)
             self.cut = following.cut(base, measure)
-        self.operator = self._operator(law.jump) if self.cut is None else self.cut.operator
-        zero = np.zeros((self.num_rows, self.operator.width))
+        #: Without what turns.
+        self._own = self._operator(law.jump) if self.cut is None else self.cut.operator
+        self._marked: Vecs | None = None
+        #: What turns between tied surfaces; None for nothing.
+        self.turning: Turning | None = None
+        self._turns_anew = turns == "finite"
+        self._offset: tuple[Array, Array | None] | None = None
+        zero = np.zeros((self._own.num_rows, self._own.width))
         multipliers: Array = zero
         #: How values go between the rows and the slave's nodes.
         self.rows: Rows
         if rows == "points":
-            self.rows = point_rows = PointRows(self.operator, slave)
+            self.rows = point_rows = PointRows(self._own, slave)
             multipliers = np.zeros_like(point_rows.cover_of_sides)
         else:
-            self.rows = NodeRows(self.operator, slave, points.by_sides)
+            self.rows = NodeRows(self._own, slave, points.by_sides)
         #: Components of λ̂ that conditions hold on both sides; None if there are none anywhere.
         self.extension: Extension | None = None
         #: What changes while the pairing stays.
@@ -147,13 +156,24 @@ class WeightedGap:
         self.state.base, self.state.measure = base, measure
         #: How ties count what has moved since they were made; None of other laws.
         self.tie = Tie(slave, master) if law.jump and not slave.is_scalar else None
-        #: How gaps between tied surfaces turn; None where they stay as they were.
-        self.turning = Turning(slave, master, self.operator) if turns else None
+        if turns and self.tie is not None:
+            self._begin_to_turn()
         #: Rows that are open, whatever their gap: to see where bodies would be without them.
         self.released: npt.NDArray[np.bool_] | None = None
         self._at_rows: tuple[Array, Array] = multipliers, zero
         if not law.jump:
             self.state.values = self._values_of_cut()
+
+    @property
+    def operator(self) -> _cpp.GapOperator:
+        """Derivative of the gaps, where they are linear or at the last evaluation."""
+        turned = self.state.turned
+        return self._own if turned is None else turned.operator
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether gaps are linear functions of the unknowns."""
+        return self.following is None and not (self.turning and self._turns_anew)
 
     @property
     def _area(self) -> Array:
@@ -201,7 +221,7 @@ class WeightedGap:
     @property
     def num_rows(self) -> int:
         """Rows on this rank."""
-        return self.operator.num_rows
+        return self._own.num_rows
 
     @functools.cached_property
     def cover_share(self) -> Array:
@@ -231,14 +251,71 @@ class WeightedGap:
             self._cut_at(u)
             self._augmented_at_rows()
             return
-        state.values = self.change_of(u) + state.offset + state.shift + state.carried
-        if self.turning is not None:
-            state.values = state.values + self.turning.change(u[0], state.scale[0])
+        if self.turning is not None and self._turns_anew:
+            self._turn_with(u)
+        else:
+            state.values = self.change_of(u) + state.offset
+        state.values = state.values + state.shift + state.carried
+        if state.turned is not None:
+            state.values += state.turned.moved
         if not self.law.jump:
             state.values -= (self.operator.initial_gap + state.allowance)[:, None]
         elif self.extension is not None:
             state.values = np.where(self.extension.held, 0.0, state.values)
         self._augmented_at_rows()
+
+    # --- Gaps that turn
+
+    def turning_error(self, places: TiePlaces) -> Array:
+        """By how much rotations are too large for gaps that turn by small ones, (rows,).
+
+        Length; collective.
+
+        Args:
+            places: Where the surfaces are at the last evaluation.
+        """
+        if self.turning is None or self.tie is None or self._turns_anew:
+            return np.zeros(self.num_rows)
+        slave, master = self.tie.motion(places)
+        jump = self._own.apply(slave.handle, handle_of(master))
+        for vec in (slave, master):
+            if vec is not None:
+                vec.destroy()
+        error = self.state.values - jump - self.turning.moved(places, self._own)
+        if self.extension is not None:
+            error = np.where(self.extension.held, 0.0, error)
+        return np.asarray(np.linalg.norm(error, axis=1))
+
+    def _begin_to_turn(self) -> None:
+        """Let what is between tied surfaces turn, if there is anything. Collective."""
+        assert self.tie is not None
+        if not isinstance(self.master, Surface):
+            return  # which takes along what is tied to it
+        turning = Turning(self.slave, self.master, self.points, self.tie.places())
+        if not turning.any:
+            return
+        self.turning = turning
+        self._turn_to(self.tie.places())
+
+    def _turn_to(self, places: TiePlaces) -> None:
+        """Let gaps turn as surfaces at these places tell. Collective."""
+        assert self.turning is not None
+        turned = self.turning.at(places, self._own, self._kind)
+        if self._marked is not None:
+            turned.operator.constrain(*map(handle_of, self._marked))
+        self.state.turned = turned
+
+    def _turn_with(self, u: Vecs) -> None:
+        """Let gaps turn as the unknowns tell, and find the jumps without them. Collective."""
+        state = self.state
+        self._turn_to(self._places_with(u))
+        handles = handle_of(u[0]), handle_of(u[1])
+        state.values = self._own.apply(*handles, state.scale) + state.offset
+
+    def _places_with(self, u: Vecs) -> TiePlaces:
+        """Where unknowns put tied surfaces. Collective."""
+        assert self.tie is not None
+        return self.tie.moved(self.state.places, u, self.state.scale, self._offset)
 
     def _cut_at(self, u: Vecs) -> None:
         """Cut the facets anew where the unknowns put them. Collective."""
@@ -251,13 +328,13 @@ class WeightedGap:
 
     def show(self, cut: Cut) -> None:
         """Take what an evaluation has found for the last one, but for the state."""
-        self.cut, self.operator = cut, cut.operator
+        self.cut, self._own = cut, cut.operator
         if isinstance(self.rows, NodeRows):
             self.rows.covered_nodes = cut.covered
 
     def _values_of_cut(self) -> Array:
         """ḡ of the operator alone; that of the search radius where nothing is opposite."""
-        values = -self.operator.initial_gap[:, None]
+        values = -self._own.initial_gap[:, None]
         if self.cut is None or self.following is None:
             return values
         return np.where(self.cut.covered[:, None], values, -self.following.radius)
@@ -354,13 +431,20 @@ class WeightedGap:
             base = at if self.following.tool is None or there is None else (at[0], there[1])
             self.state.base = self.following.places(base, u)
             return
-        self.state.offset = self.operator.apply(handle_of(u[0]), handle_of(u[1]))
+        operator = self._own if self._turns_anew else self.operator
+        self.state.offset = operator.apply(handle_of(u[0]), handle_of(u[1]))
         if self.turning is not None:
-            self.turning.set_offset(u[0])
+            assert self.tie is not None
+            self._offset = self.tie.values(u)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
         self.operator.constrain(handle_of(slave), handle_of(master))
+        if self.turning is not None:
+            for vec in self._marked or ():
+                if vec is not None:
+                    vec.destroy()
+            self._marked = slave.copy(), None if master is None else master.copy()
         if self.following is not None:
             self.following.constrain(slave, master)
 
@@ -483,8 +567,10 @@ class WeightedGap:
         assert self.tie is not None
         if meshes:
             self.state.places = self.tie.places()
+            if self.turning is not None:
+                self._turn_to(self.state.places)
         slave, master = self.tie.motion(self.state.places)
-        self.state.carried = self.operator.apply(slave.handle, handle_of(master))
+        self.state.carried = self._own.apply(slave.handle, handle_of(master))
         for vec in (slave, master):
             if vec is not None:
                 vec.destroy()

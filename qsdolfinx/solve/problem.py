@@ -23,10 +23,12 @@ from qsdolfinx.base.messages import ContactWarning, say, warn
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.between_nodes import check_between_nodes
+from qsdolfinx.contact.chord_pressure import check_chords
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import begin_solve, check_held
 from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.contact.shown import copy_of
+from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
@@ -42,6 +44,7 @@ from qsdolfinx.solve.snes import LOST, ConvergenceError, read_options, remove_op
 from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised
 from qsdolfinx.solve.summary import summary
 from qsdolfinx.solve.tool_balance import ToolBalance
+from qsdolfinx.solve.unsupported import check_unsupported
 from qsdolfinx.system.blocks import Blocks, Side
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.matrices import Form
@@ -446,8 +449,7 @@ class ContactProblem:
         self.newton.begin()
         try:
             springs = self.stabilisation
-            self._find(balance, start, springs)
-            if springs is None and is_a_body_lost(self.system, start):
+            if self._loses_a_body(balance, start):
                 say(self.comm, "a body that only contact holds was lost; springs hold it meanwhile")
                 springs = Stabilisation()
                 self._put_back(known, measures)
@@ -485,7 +487,27 @@ class ContactProblem:
             if self._watches_reach:
                 check_reach(contact)
                 check_between_nodes(contact)
+                check_turned(contact)
+                check_chords(contact)
             check_held(contact, *unknowns)
+        if self._watches_reach:
+            check_unsupported(self.system, start)
+
+    def _loses_a_body(self, balance: ToolBalance, start: Array) -> bool:
+        """Find equilibrium; whether a body that nothing but contact holds is lost on the way.
+
+        Collective. It is lost as well where Newton's method ends with nothing in contact: then its
+        matrix is singular, and no iterate comes back.
+        """
+        try:
+            self._find(balance, start, self.stabilisation)
+        except ConvergenceError as error:
+            touches = not error.active_history or any(error.active_history[-1])
+            free = self.system.made.rigid.free_motions.shape[1] > 0
+            if self.stabilisation is not None or touches or not free:
+                raise
+            return True
+        return self.stabilisation is None and is_a_body_lost(self.system, start)
 
     def _put_back(self, known: list[list[Array]], measures: list[typing.Any]) -> None:
         """Multipliers, and areas of gaps that follow the bodies, as they were."""
@@ -504,7 +526,8 @@ class ContactProblem:
         if self.stabilisation is None and self.system.made.rigid.free_motions.shape[1] > 0:
             error.advise(
                 "bodies that only contact holds may have been lost on the way: "
-                "stabilisation=qs.Stabilisation() holds them by springs that are gone at the end"
+                "stabilisation=qs.Stabilisation() holds them by springs that are gone at the end; "
+                "a rotation that frictionless curved surfaces do not resist wants a condition"
             )
 
     def _has_other_rates(self) -> bool:

@@ -28,7 +28,9 @@ from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
+from qsdolfinx.contact.chord_pressure import check_chords
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.pairing.relief import CurvedError
 from qsdolfinx.solve.problem import ContactProblem
@@ -574,6 +576,8 @@ class TimeStepper:
             raise _Fault(fault)
         for contact in self.problem.contacts:
             check_between_nodes(contact.model)
+            check_turned(contact.model)
+            check_chords(contact.model)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):

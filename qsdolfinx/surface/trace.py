@@ -17,10 +17,11 @@ class TraceValues:
 
     Args:
         surface: The surface.
+        dofs: Global unknowns of other nodes, shape (facets, nodes, gdim).
     """
 
-    def __init__(self, surface: Surface) -> None:
-        dofs = surface.trace_dofs[0]
+    def __init__(self, surface: Surface, dofs: npt.NDArray[np.int64] | None = None) -> None:
+        dofs = surface.trace_dofs[0] if dofs is None else dofs
         self._shape, self._block = dofs.shape, surface.block
         wanted = PETSc.IS().createGeneral(dofs.ravel().astype(PETSc.IntType), comm=PETSc.COMM_SELF)
         self._local = PETSc.Vec().createSeq(dofs.size, comm=PETSc.COMM_SELF)

@@ -194,6 +194,9 @@ def _sides(
         offset, unknowns, value = operator.entries(k)
         gap = np.repeat(np.arange(operator.num_rows), np.diff(offset))[:, None]
         row = gap * operator.width + np.arange(operator.width)
+        if operator.turns:  # each component has columns of all unknowns of a node
+            row, width = np.repeat(row, operator.width, axis=1), operator.width
+            unknowns = np.tile(unknowns, (1, width))
         shape = unknowns.shape
         every = (np.broadcast_to(a, shape).ravel() for a in (row, value))
         row, value = every

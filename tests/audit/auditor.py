@@ -378,6 +378,9 @@ def tied_gaps(joint, sides, reach, length):
     pressure = max((np.linalg.norm(s.force, axis=1) / s.area).max(initial=0.0) for s in sides)
     bound = CLOSE * length
     bound += SPIKE * pressure / joint.penalty if joint.penalty else joint.allowed_gap
+    # What is between the surfaces turns with them.
+    wide = max(np.abs(s.rest.distance[s.rest.facing]).max(initial=0.0) for s in sides)
+    bound += wide * max(s.turn.max(initial=0.0) for s in sides)
     if joint.node_by_node:
         count = sides[0].num_vertices
         jump = sides[0].jump[:count][sides[0].rest.facing[:count]]

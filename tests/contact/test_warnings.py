@@ -215,6 +215,7 @@ def test_wrong_face(quadrature):
 # --- Facets for curves
 
 
+CURVED = "shared-curvature"
 FINE, COARSE = ((64, 4), (90, 4)), ((16, 5), (22, 7))
 
 
@@ -246,6 +247,21 @@ def test_chords_that_do_not_matter():
         {"n": COARSE, "smoothing": "shared-curvature"},
     ):
         assert warned(lambda o=options: ShrinkFit(**o)) == [], options
+
+
+def test_chords_and_pressure():
+    """Facets fine beside the interference may be coarse beside what it takes to press them flat.
+
+    Not with four times the pressure, nor with the cure.
+    """
+    for misfit, smoothing, found in ((0.01, "none", 1), (0.04, "none", 0), (0.01, "shared", 0)):
+        scene = ShrinkFit(FINE, misfit=misfit, smoothing=smoothing.replace("shared", CURVED))
+        texts = warned(scene.problem().solve)
+        assert len(texts) == found, (misfit, smoothing, texts)
+        mean, scatter = scene.pressure("slave")
+        assert (scatter > 0.1 * mean) == bool(found)
+        if found:
+            assert texts[0].startswith("facets: ") and "shared-curvature" in texts[0]
 
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scenes import WORLD, box, clamp, elastic, largest, plane
 
+import basix.ufl
 import ufl
 from dolfinx import fem, mesh
 
@@ -215,3 +216,72 @@ def test_steps_by_hand():
         case.problem.solve()
         forces.append(case.contact.force("slave")[1])
     np.testing.assert_allclose(forces, 3 * RATE / (1 + 1 / STIFFNESS), rtol=1e-9)
+
+
+class Rings:
+    """Two tied rings whose facets do not match, both turned by their far sides.
+
+    Between their chords are gaps. A tie that did not let these turn would strain what only turns.
+    """
+
+    def __init__(self, sliding):
+        self.values, F, u, bcs, surfaces = [], [], [], [], []
+        for n, low, held in ((8, 0.5, 0.5), (13, 1.0, 1.5)):
+            msh = self._mesh(n, low)
+            V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+            u.append(fem.Function(V))
+            P = materials.neo_hookean(u[-1], 1.0, 1.0)
+            F.append(ufl.inner(P, ufl.grad(ufl.TestFunction(V))) * ufl.dx)
+            self.values.append(fem.Function(V))
+            dofs = fem.locate_dofs_topological(V, 1, self._at(msh, held))
+            bcs.append([fem.dirichletbc(self.values[-1], dofs)])
+            surfaces.append(qs.Surface(V, facets=self._at(msh, 1.0)))
+        self.tie = qs.Contact(*surfaces[::-1], law=qs.Tied(), sliding=sliding)
+        self.problem = qs.ContactProblem(F, u, [self.tie], bcs)
+
+    @staticmethod
+    def _mesh(n, low):
+        r, angle = np.array([low, low + 0.5]), 2 * np.pi * np.arange(n) / n
+        x = np.array([[q * np.cos(a), q * np.sin(a)] for a in angle for q in r])
+        i = 2 * np.arange(n)
+        j = 2 * ((np.arange(n) + 1) % n)
+        cells = np.stack([i, j, i + 1, j + 1], axis=1)
+        if WORLD.rank > 0:
+            x, cells = x[:0], cells[:0]
+        element = basix.ufl.element("Lagrange", "quadrilateral", 1, shape=(2,))
+        return mesh.create_mesh(WORLD, cells=cells, x=x, e=ufl.Mesh(element))
+
+    @staticmethod
+    def _at(msh, radius):
+        return mesh.locate_entities_boundary(
+            msh, 1, lambda x: np.isclose(np.hypot(x[0], x[1]), radius)
+        )
+
+    def turn(self, angle):
+        c, s = np.cos(angle), np.sin(angle)
+        R = np.array([[c - 1, -s], [s, c - 1]])
+        for value in self.values:
+            value.interpolate(lambda x: R @ x[:2])
+
+    @property
+    def traction(self):
+        return largest(self.tie.traction("slave").x.array)
+
+
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+def test_rings_turned_by_half_a_turn(sliding):
+    case = Rings(sliding)
+    stepper = qs.TimeStepper(case.problem, 1.0, lambda t, dt: case.turn(t * np.pi / 3))
+    for _ in range(3):
+        stepper.step()
+        assert case.traction < 1e-6
+    assert stepper.num_cutbacks == 0
+
+
+def test_rings_turned_by_hand():
+    """Solves without steps turn small gaps by small rotations, and say so."""
+    case = Rings("small")
+    case.turn(0.5)
+    with pytest.warns(qs.ContactWarning, match="tied surfaces with a gap"):
+        case.problem.solve()
+    assert case.traction > 1e-4

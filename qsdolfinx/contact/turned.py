@@ -1,0 +1,59 @@
+"""Ties across a gap whose bodies have turned too far for small rotations."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+
+from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.placement import Place
+
+#: Traction (over the largest one of the tie) that gaps turned by small rotations may make of
+#: themselves: test_turned_by_hand in tests/steps/test_ties.py.
+NOTICED = 0.05
+
+#: Error of a gap over the smallest facet, a strain, that is none: tests/steps/test_ties.py.
+NONE = 1e-7
+
+
+def check_turned(model: ContactModel) -> None:
+    """Warn, once and on all ranks, of a tie that has turned too far. Collective."""
+    if model.turned_warned or not model.law.jump or model.is_scalar:
+        return
+    share = turning_error(model)
+    if share <= NOTICED:
+        return
+    warn(
+        "sliding: tied surfaces with a gap between them have turned so far since they were paired "
+        f"that small rotations of this gap make {min(share, 1.0):.0%} of the largest traction: "
+        'take sliding="finite", or smaller steps of a TimeStepper',
+        ContactWarning,
+    )
+    model.turned_warned = True
+
+
+def turning_error(model: ContactModel) -> float:
+    """Traction made by the error of small rotations, over the largest. Collective.
+
+    Its gap times the stiffness of the bodies' nodes beside it; 0 of contact that is not tied.
+    """
+    if not model.law.jump or model.is_scalar or all(gap.turning is None for gap in model.gaps):
+        return 0.0
+    places = []
+    for place in (model.placement.slave, model.placement.master):
+        assert isinstance(place, Place)
+        places.append(place.positions())
+    error = largest = 0.0
+    for gap in model.gaps:
+        both = model.ordered(gap, (places[0], places[1]))
+        error = max(error, float(np.max(gap.turning_error(both), initial=0.0)))
+        traction = np.linalg.norm(gap.multiplier(model.eps), axis=1)
+        largest = max(largest, float(np.max(traction, initial=0.0)))
+    both_found = np.array([error, largest])
+    model.comm.Allreduce(MPI.IN_PLACE, both_found, op=MPI.MAX)
+    error, largest = both_found
+    if error <= NONE * model.paired.facet_size or largest * model.compliance == 0.0:
+        return 0.0
+    return float(error / (model.compliance * largest))

@@ -1,0 +1,54 @@
+"""Ties across a gap: what is between turns with the master's facets."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, Pair, clamp, elastic, gathered, plane
+from tangents import direction, near_solution, tangent_errors
+
+import qsdolfinx as qs
+
+GAP = 0.3
+
+
+def tied(cell, **options):
+    return Pair(cell, law=qs.Tied(), gap=GAP, contact_options={"search_radius": 1.0} | options)
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
+def test_moment(cell, quadrature):
+    """The moments of both sides are opposite: the force over the gap is balanced by couples."""
+    pair = tied(cell, quadrature=quadrature)
+    shift = np.zeros(pair.gdim)
+    shift[0] = 0.05
+    pair.bcs[1][:] = [clamp(pair.V[1], plane(pair.meshes[1], pair.gdim - 1, 1.0 + GAP), shift)]
+    pair.problem(solver="direct").solve()
+    moments = [pair.contact.moment(side, np.zeros(pair.gdim)) for side in ("slave", "master")]
+    force = pair.contact.force("slave")
+    assert abs(force[0]) * GAP > 1e-3
+    np.testing.assert_allclose(moments[0], -moments[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_patch(cell, sliding):
+    """Bars in series across the gap: uniform tractions."""
+    pair = tied(cell, quadrature="overlay", enforcement="augmented-lagrangian", sliding=sliding)
+    pair.F[:] = [elastic(u, E=1.0 + i, nu=0.0) for i, u in enumerate(pair.u)]
+    pair.problem(solver="direct").solve()
+    traction = gathered(WORLD, pair.slave.node_values(pair.contact.traction("slave")))
+    expected = np.zeros(pair.gdim)
+    expected[-1] = 0.1 / (1 + 1 / 2)
+    np.testing.assert_allclose(traction, np.broadcast_to(expected, traction.shape), atol=1e-8)
+
+
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_tangent(cell):
+    """It is symmetric, and what differences of the residual are."""
+    pair = tied(cell, quadrature="overlay")
+    problem = pair.problem()
+    problem.solve()
+    rng = np.random.default_rng(1)
+    x = near_solution(problem, rng, 0.01)
+    errors = tangent_errors(problem, x, direction(problem, rng), 1e-4)
+    assert errors.difference < 1e-8 and errors.asymmetry < 1e-12

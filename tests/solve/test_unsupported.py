@@ -1,0 +1,51 @@
+"""Bodies that turn where nothing but frictionless contact holds them."""
+
+import warnings
+
+import numpy as np
+import pytest
+from curved_scenes import Shell
+from scenes import WORLD
+
+import ufl
+
+import qsdolfinx as qs
+from qsdolfinx.solve.unsupported import check_unsupported
+
+
+class Held:
+    """A quarter of a ring around a rigid cylinder that touches all of it, pressed on."""
+
+    def __init__(self, **options):
+        self.ring = Shell((12, 2), (5.0, 10.0))
+        tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.0], None, 5.0)
+        self.ring.load(self.ring.outer, -ufl.SpatialCoordinate(self.ring.mesh) / 10.0)
+        surface = self.ring.surface(self.ring.inner)
+        options = {"smoothing": "shared-curvature", "search_radius": 2.0} | options
+        contact = qs.Contact(surface, tool, **options)
+        self.problem = qs.ContactProblem([self.ring.F], [self.ring.u], [contact], [[]])
+        self.problem.solve()
+
+    def warned_after(self, A):
+        """Texts if the last solve had moved the ring by A x. Collective."""
+        system, V = self.problem.system, self.ring.u.function_space
+        moved = self.ring.u.copy()
+        moved.interpolate(lambda x: np.asarray(A) @ x[:2])
+        size = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            check_unsupported(system, system.x.array_r - moved.x.array[:size])
+        texts = [str(w.message) for w in caught]
+        assert len(set(WORLD.allgather(tuple(texts)))) == 1
+        return texts
+
+
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.1)))
+def test_rotation_on_a_cylinder(friction):
+    """Of a turn about the axis, unless there is friction; not of a small one, nor of a strain."""
+    case = Held(friction=friction)
+    for A in ([[0.0, -0.001], [0.001, 0.0]], [[0.1, 0.0], [0.0, -0.1]]):
+        assert case.warned_after(A) == []
+    texts = case.warned_after([[0.0, -0.1], [0.1, 0.0]])
+    assert len(texts) == (1 if friction is None else 0)
+    assert all("hold its rotation" in text for text in texts)
