@@ -724,15 +724,17 @@ class Contact:
     def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
         """Total moment of the contact forces on the body of one side. Collective.
 
-        Forces act where nodes were paired, so that those of two bodies balance, unless they are
-        tied, or have friction, across a gap: by its length times the force along it. With
-        ``sliding="finite"`` they act where the bodies are. On a rigid tool in the steps of a
-        ``qs.TimeStepper``, which pairs before the body is where the step takes it, they act at the
-        end of the step.
+        Forces act where contact was detected, the places that their normals belong to: all of a
+        frictionless round tool go through its axis, and those of two bodies balance, unless they
+        are tied, or have friction, across a gap: by its length times the force along it. With
+        ``sliding="finite"`` that is where the bodies are. In the steps of a ``qs.TimeStepper``
+        contact with bodies in velocities is detected after the part θ of a step; forces on a rigid
+        tool then go along with its centre to the end of the step.
 
         Args:
             side: ``"slave"`` or ``"master"``.
-            about: Point, shape (gdim,); by default the centre of a rigid tool, or the origin.
+            about: Point, shape (gdim,); by default the centre of a rigid tool, in time steps at the
+                end of the step, or the origin.
 
         Returns:
             Shape (3,), in 2D (1,).
