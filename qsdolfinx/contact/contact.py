@@ -102,8 +102,9 @@ class Contact:
         normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
             (the default at nodes without friction); ``"bisector"`` of it and the mean normal at the
             node or point of the other surface (the default on the overlay, and with friction,
-            which takes closing a gap along a tilted facet's normal for slip). Those of an analytic
-            shape are always its own, at the point that is closest.
+            which takes closing a gap along a tilted facet's normal for slip). Bisectors are for two
+            deformable bodies: of a rigid tool, of facets or analytic, the normals are always its
+            own, at the point that is closest or opposite; if it is smoothed, those of its surface.
         enforcement: ``"augmented-lagrangian"``, the default where there is one: multipliers are
             updated until they leave no gap larger than the tolerance, with any penalty. (With
             direct solvers a penalty that takes too many updates is raised.) They are
