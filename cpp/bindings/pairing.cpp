@@ -157,7 +157,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
             std::vector<double> out;
             for (std::size_t i = 0; i < p.size(); ++i)
             {
-              const auto vertices = p.slave.x_of(i).first(3 * static_cast<std::size_t>(p.slave.type));
+              const auto vertices
+                  = p.slave.x_of(i).first(3 * static_cast<std::size_t>(p.slave.type));
               const double size = std::sqrt(squared_size(p.slave.type, vertices));
               out.insert(out.end(), p.points_of(i).size(), size);
             }

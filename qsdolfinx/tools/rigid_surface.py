@@ -32,8 +32,8 @@ from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix, ro
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import triangulation
 from qsdolfinx.tools.pose import Pose, padded, point_of, unit_vector
-from qsdolfinx.tools.shells import Shells
 from qsdolfinx.tools.shapes import Plane, Round, Shape
+from qsdolfinx.tools.shells import Shells
 from qsdolfinx.tools.stl import read_stl
 from qsdolfinx.tools.triangulation import Facets
 

@@ -125,7 +125,6 @@ def test_each_shell_is_oriented_by_itself(gdim, quadrature):
             assert "from (0.6, " in texts[0] and f"({2 if gdim == 3 else 1} facets" in texts[0]
 
 
-
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_shells_within_each_other(gdim):
     """A hollow tool on a body: its cavity is turned the other way, and rightly so."""
