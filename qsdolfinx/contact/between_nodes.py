@@ -54,8 +54,8 @@ def check_between_nodes(model: ContactModel) -> None:
         beyond = points.depth - limits
         if len(beyond) and beyond.max() > 0:
             i = int(np.argmax(beyond))
-            place = tuple(float(c) for c in points.x[i, : model.slave.gdim])
-            found.append((float(points.depth[i]), float(size[i]), place))
+            at = tuple(float(c) for c in points.x[i, : model.slave.gdim])
+            found.append((float(points.depth[i]), float(size[i]), at))
     all_found = [f for each in model.comm.allgather(found) for f in each]
     if not all_found:
         return
@@ -66,8 +66,8 @@ def check_between_nodes(model: ContactModel) -> None:
     place = ", ".join(f"{c:.4g}" for c in x)
     warn(
         f"constraints: a point near ({place}) is {depth:.3g} deep in the other surface, "
-        f"{depth / size_there:.2g} of the slave's facet there, and no weighted gap of a node is more "
-        f"than {weighted:.2g}: an edge or tip sharper than the facets goes in between nodes, "
+        f"{depth / size_there:.2g} of the slave's facet there, and no weighted gap of a node is "
+        f"more than {weighted:.2g}: an edge or tip sharper than the facets goes in between nodes, "
         f"perhaps without a force; take {remedy}",
         ContactWarning,
     )

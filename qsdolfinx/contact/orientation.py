@@ -77,10 +77,10 @@ def _count(comm: MPI.Intracomm, shell: Indices, turned: Flags) -> dict[int, tupl
     names, index = np.unique(shell, return_inverse=True)
     local = np.bincount(index, turned, len(names)), np.bincount(index, minlength=len(names))
     out: dict[int, tuple[int, int]] = {}
-    for found in comm.allgather(list(zip(names.tolist(), *map(np.ndarray.tolist, local)))):
-        for name, some, near in found:
-            before = out.get(name, (0, 0))
-            out[name] = before[0] + int(some), before[1] + int(near)
+    for found in comm.allgather((names, *local)):
+        for name, some, near in zip(*found, strict=True):
+            before = out.get(int(name), (0, 0))
+            out[int(name)] = before[0] + int(some), before[1] + int(near)
     return out
 
 
@@ -88,8 +88,8 @@ def _text(num_turned: int, num_near: int, num_facets: int, low: Array, high: Arr
     """The warning of one shell."""
     low_text, high_text = (", ".join(f"{c:.4g}" for c in corner) for corner in (low, high))
     return (
-        f"normals: {num_turned} of {num_near} slave facets that are near one connected shell of the "
-        f"tool ({num_facets} facets, made from ({low_text}) to ({high_text})) have a wall "
+        f"normals: {num_turned} of {num_near} slave facets that are near one connected shell of "
+        f"the tool ({num_facets} facets, made from ({low_text}) to ({high_text})) have a wall "
         "beside them that faces away, and for a partner an opposite wall or none: the shell's "
         "orientation seems to be that of a solid where it is to be a cavity, or the other way "
         "round, or else the slave's facets are on the wrong side of the body. The tool's normals "

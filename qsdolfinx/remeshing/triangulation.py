@@ -27,8 +27,8 @@ OFF_LINE = 0.05
 #: Longest and shortest edges, in units of the size wanted, that are left as they are.
 LONG, SHORT = 4 / 3, 4 / 5
 
-#: Decimals of these lengths, and of shapes, that count: edges that symmetry makes alike take turns by their numbers,
-#: and not by the last digits of a solution, which the number of ranks changes
+#: Decimals of these lengths, and of shapes, that count: edges that symmetry makes alike take turns
+#: by their numbers, and not by the last digits of a solution, which the number of ranks changes
 #: (test_ties_are_not_broken_by_rounding).
 DECIMALS = 6
 

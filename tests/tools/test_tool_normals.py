@@ -61,7 +61,7 @@ def pressed_tip(gdim, degree, kind, **options):
     ),
 )
 def test_a_flat_tool_does_not_push_sideways(gdim, degree, options):
-    """Whatever the body's facets are; the force is that of the plane but for areas of tilted facets."""
+    """Whatever the body's facets are; the force is the plane's but for areas of tilted facets."""
     force, sideways = pressed_tip(gdim, degree, "facets", **options)
     assert force < -0.01 and sideways < 1e-10 * -force
     if not {"quadrature", "smoothing"} & set(options):
