@@ -206,6 +206,9 @@ class Pieces:
     def gaps(self) -> numpy.typing.NDArray[numpy.float64]:
         """Distances along the rays, positive when open, [point]."""
 
+    def slave_sizes(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Size of the slave's facet at each point, [point]."""
+
     def x(self) -> numpy.typing.NDArray[numpy.float64]:
         """Where the points are, [point][3]."""
 
@@ -343,8 +346,9 @@ def closest_points(
     numpy.typing.NDArray[numpy.uint8],
     numpy.typing.NDArray[numpy.float64],
     numpy.typing.NDArray[numpy.float64],
+    numpy.typing.NDArray[numpy.int64],
 ]:
-    """Which points x [point][3] of a surface find a facet of another, [point], the closest points, [point][3], and means of the normals of the facets there; collective."""
+    """Which points x [point][3] of a surface find a facet of another, [point], the closest points, [point][3], means of the normals of the facets there, and the first unknowns of the facets, [point]; collective."""
 
 def conforming_points(
     slave: Surface,

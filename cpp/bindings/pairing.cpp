@@ -5,6 +5,7 @@
 #include "pairing/overlay.h"
 #include "pairing/rigid.h"
 
+#include <cmath>
 #include <nanobind/stl/pair.h>
 
 namespace nb = nanobind;
@@ -154,6 +155,21 @@ void qsdolfinx::bind_pairing(nb::module_& m)
             return copy(std::move(out), {p.points.size()});
           },
           "Distances along the rays, positive when open, [point].")
+      .def(
+          "slave_sizes",
+          [](const Pieces& p)
+          {
+            std::vector<double> out;
+            for (std::size_t i = 0; i < p.size(); ++i)
+            {
+              const auto vertices
+                  = p.slave.x_of(i).first(3 * static_cast<std::size_t>(p.slave.type));
+              const double size = std::sqrt(squared_size(p.slave.type, vertices));
+              out.insert(out.end(), p.points_of(i).size(), size);
+            }
+            return copy(std::move(out), {p.points.size()});
+          },
+          "Size of the slave's facet at each point, [point].")
       .def(
           "x",
           [](const Pieces& p)

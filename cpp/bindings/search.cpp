@@ -57,13 +57,18 @@ void qsdolfinx::bind_search(nb::module_& m)
         if (x.array.size() != normal.array.size())
           throw std::invalid_argument("closest_points: one normal for each point");
         const ClosestFacets c = closest_facets({x.view(), normal.view()}, own, surface, radius);
-        const std::size_t n = c.found.size();
-        return std::tuple(copy(c.found, {n}), copy(c.x, {n, 3}), copy(c.mean_normal, {n, 3}));
+        const std::size_t n = c.found.size(), width = n > 0 ? c.dofs.size() / n : 0;
+        std::vector<std::int64_t> first(n);
+        for (std::size_t i = 0; i < n; ++i)
+          first[i] = c.dofs[i * width];
+        return std::tuple(copy(c.found, {n}), copy(c.x, {n, 3}), copy(c.mean_normal, {n, 3}),
+                          copy(first, {n}));
       },
       "x"_a, "normal"_a, "own"_a, "surface"_a, "radius"_a,
       "Which points x [point][3] of a surface find a facet of another, [point], the closest "
       "points, "
-      "[point][3], and means of the normals of the facets there; collective.");
+      "[point][3], means of the normals of the facets there, and the first unknowns of the facets, "
+      "[point]; collective.");
   m.def(
       "closest_point",
       [](int num_vertices, In<double> vertices, std::array<double, 3> p)

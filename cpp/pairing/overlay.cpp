@@ -596,9 +596,12 @@ private:
   /// @param n of this surface, @param a of the other one, of any length and either sign
   Vec3 normal(const Vec3& n, const Vec3& a) const
   {
-    if (normals_ == Normals::facet)
+    if (normals_ == Normals::facet || (normals_ == Normals::master && !cut_is_slave_))
       return n;
-    const Vec3 sum = n + ((dot(a, n) > 0 ? 1 : -1) / norm(a)) * a;
+    const Vec3 there = ((dot(a, n) > 0 ? 1 : -1) / norm(a)) * a;
+    if (normals_ == Normals::master)
+      return there;
+    const Vec3 sum = n + there;
     return (1 / norm(sum)) * sum;
   }
 
@@ -743,7 +746,17 @@ private:
     const Lifted there
         = lifted(curved_->other.relief, nearby_.heights, other, shared_curvature(of_other, of_cut),
                  nearby_.type, z, there_.xi[p], (1 / norm(a)) * a);
-    outward = normal((1 / norm(here.normal)) * here.normal, there.normal);
+    Vec3 n_here = here.normal, n_there = there.normal;
+    // A rigid tool's normals are those of its own surface, whatever part of its curvature counts.
+    if (normals_ == Normals::master && cut_is_slave_)
+      n_there = lifted(curved_->other.relief, nearby_.heights, other, of_other, nearby_.type, z,
+                       there_.xi[p], (1 / norm(a)) * a)
+                    .normal;
+    else if (normals_ == Normals::master)
+      n_here = lifted(curved_->cut.relief, curved_->cut.relief.heights, f, of_cut, cut_.type(), v,
+                      here_.xi[p], n)
+                   .normal;
+    outward = normal((1 / norm(n_here)) * n_here, n_there);
     // Newton's step from each facet along the line to the surface over it, on which it lands but
     // for what is of third order.
     const double between = distance - here.height / dot(here.normal, outward_)

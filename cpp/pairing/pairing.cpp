@@ -49,7 +49,9 @@ public:
     { return facet_vertex(v, static_cast<int>(entry)); };
     // Into the node, as the facet's normal.
     const Vec3 of_facet = at(found.normal), of_node = -1.0 * at(normals);
-    const Vec3 sum = normals_ == Normals::facet ? of_facet : of_facet + of_node;
+    const bool one = normals_ != Normals::bisector;
+    const bool by_node = normals_ == Normals::master && !at_slave_;
+    const Vec3 sum = !one ? of_facet + of_node : by_node ? of_node : of_facet;
     const Vec3 n = (sign / norm(sum)) * sum;
     points_.normal.insert(points_.normal.end(), n.begin(), n.end());
     points_.gap.push_back(sign * dot(n, at(of.x) - at(found.x)));

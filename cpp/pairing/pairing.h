@@ -98,8 +98,9 @@ void append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int block
 /// Which normals the gap is measured along.
 enum class Normals
 {
-  facet,   ///< of the facet that was cut, or found closest to a node
-  bisector ///< bisecting the normals of both surfaces; of the node and the facet
+  facet,    ///< of the facet that was cut, or found closest to a node
+  bisector, ///< bisecting the normals of both surfaces; of the node and the facet
+  master    ///< the master's, a rigid tool's: its facet's, or its node's
 };
 
 /// Which nodes sample the gap.

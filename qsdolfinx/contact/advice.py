@@ -247,6 +247,8 @@ def chords(model: ContactModel) -> str:
     error, gap = largest[2:]
     if error <= max(COARSE * gap, STRAIGHT * model.paired.facet_size):
         return ""
+    if not _vary_with(model, found.gap, bulges[:, 0] - bulges[:, 1]):
+        return ""
     finer = _finer(model, largest[:2], COARSE * gap)
     cure = 'smoothing="shared-curvature"'
     if sampling.quadrature != "overlay":
@@ -266,6 +268,24 @@ def chords(model: ContactModel) -> str:
         f"facets: where the surfaces are curved the same way, the {chords} the gap by up to "
         f"{error:.2g}{beside}: take {finer}{cure}"
     )
+
+
+def _vary_with(model: ContactModel, gap: Array, error: Array) -> bool:
+    """Whether facets stand for curves, and not for themselves. Collective.
+
+    Bodies that are curved have the chord errors in the gap of their facets, which varies with them.
+    A pyramid is as flat as its facets, and what lies on it has no such gap. The line that fits gaps
+    over chord errors best tells: its slope is 1 or 0.
+
+    Args:
+        model: The contact.
+        gap: Between curved surfaces at points (length).
+        error: What chord errors add to it there (length).
+    """
+    measured = gap + error
+    sums = np.array([len(gap), error.sum(), measured.sum(), error @ error, error @ measured])
+    n, e, g, ee, eg = model.comm.allreduce(sums, op=MPI.SUM)
+    return bool(n * eg - e * g > 0.5 * (n * ee - e * e))
 
 
 def _finer(model: ContactModel, errors: Array, allowed: float) -> str:

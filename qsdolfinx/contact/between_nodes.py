@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import results
+from qsdolfinx.contact.advice import facet_sizes
 from qsdolfinx.contact.crossing import motion_since
 from qsdolfinx.contact.depth import depths_of_points
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
 
-#: Depth of a point, in units of the slave's smallest facet, that is not left to weighted gaps.
-#: Facets of curves and ends of contact leave some hundredths.
-NOTICED = 0.08
+Array = npt.NDArray[np.float64]
+
+#: Depth of a point, in units of the slave's facet there, that is not left to weighted gaps: that of
+#: an arc over the facet whose radius is the facet's size (test_round_and_graded). What is blunter
+#: is as well resolved as it can be; an edge or tip is sharper.
+NOTICED = 1 / 8
 
 #: The same, in units of the largest weighted gap: a soft penalty lets in all around a node.
 UNEVEN = 3.0
@@ -34,36 +43,58 @@ def check_between_nodes(model: ContactModel) -> None:
     at_nodes = settings.constraints == "nodes" and settings.sampling.quadrature == "overlay"
     if model.depth_warned or model.law.jump or not at_nodes:
         return
-    size = model.slave.facet_size_range[0]
-    limit = NOTICED * size + model.overclosure.allowed
+    limit = NOTICED * model.slave.facet_size_range[0] + model.overclosure.allowed
     if _deepest_when_paired(model) + motion_since(model, model.placement.as_paired) <= limit:
         return
     weighted = results.weighted_penetration(model)
-    limit = max(limit, UNEVEN * weighted)
-    found: list[tuple[float, tuple[float, ...]]] = []
+    found: list[tuple[float, float, tuple[float, ...]]] = []
     for gap in model.gaps:
-        points = depths_of_points(model, gap)
-        if len(points.depth) and points.depth.max() > limit:
-            i = int(np.argmax(points.depth))
-            found.append(
-                (float(points.depth[i]), tuple(float(c) for c in points.x[i, : model.slave.gdim]))
-            )
+        points, size = depths_of_points(model, gap), _facet_sizes(model, gap)
+        limits = np.maximum(NOTICED * size + model.overclosure.allowed, UNEVEN * weighted)
+        beyond = points.depth - limits
+        if len(beyond) and beyond.max() > 0:
+            i = int(np.argmax(beyond))
+            at = tuple(float(c) for c in points.x[i, : model.slave.gdim])
+            found.append((float(points.depth[i]), float(size[i]), at))
     all_found = [f for each in model.comm.allgather(found) for f in each]
     if not all_found:
         return
-    depth, x = max(all_found)
+    depth, size_there, x = max(all_found)
     remedy = 'constraints="points", or finer facets'
     if model.follows:
         remedy = "finer facets, or swap slave and master"
     place = ", ".join(f"{c:.4g}" for c in x)
     warn(
         f"constraints: a point near ({place}) is {depth:.3g} deep in the other surface, "
-        f"{depth / size:.2g} of the slave's smallest facet, and no weighted gap of a node is more "
-        f"than {weighted:.2g}: an edge or tip sharper than the facets goes in between nodes, "
+        f"{depth / size_there:.2g} of the slave's facet there, and no weighted gap of a node is "
+        f"more than {weighted:.2g}: an edge or tip sharper than the facets goes in between nodes, "
         f"perhaps without a force; take {remedy}",
         ContactWarning,
     )
     model.depth_warned = True
+
+
+def _facet_sizes(model: ContactModel, gap: WeightedGap) -> Array:
+    """Size (length) of the slave's facets at the points of ``depths_of_points``. Collective."""
+    if gap.following is not None and gap.cut is not None:
+        return gap.following.facet_sizes(gap.cut)
+    slave = gap.slave
+    x, dofs = slave.coordinates[0], slave.cpp_object.facet_dofs[..., 0].astype(PETSc.IntType)
+    sums = [slave.create_vec(), slave.create_vec()]
+    for vec, values in zip(sums, (facet_sizes(x), np.ones(len(x))), strict=True):
+        at_nodes = np.repeat(values, dofs.shape[1])
+        vec.setValues(dofs.ravel(), at_nodes, addv=PETSc.InsertMode.ADD_VALUES)
+        vec.assemble()
+    own = sums[1].array_r > 0
+    sums[0].array[own] /= sums[1].array_r[own]
+    surfaces = slave.cpp_object, gap.master.cpp_object
+    operator = _cpp.GapOperator(*surfaces, gap.points, jump=True, rows=KINDS.index("points"))
+    none = gap.master.create_vec()
+    out = operator.apply(handle_of(sums[0]), handle_of(none))[:, 0]
+    for vec in (*sums, none):
+        if vec is not None:
+            vec.destroy()
+    return np.asarray(out)
 
 
 def _deepest_when_paired(model: ContactModel) -> float:

@@ -110,8 +110,9 @@ class Contact:
         normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
             (the default at nodes without friction); ``"bisector"`` of it and the mean normal at the
             node or point of the other surface (the default on the overlay, and with friction,
-            which takes closing a gap along a tilted facet's normal for slip). Those of an analytic
-            shape are always its own, at the point that is closest.
+            which takes closing a gap along a tilted facet's normal for slip). Bisectors are for two
+            deformable bodies: of a rigid tool, of facets or analytic, the normals are always its
+            own, at the point that is closest or opposite; if it is smoothed, those of its surface.
         enforcement: ``"augmented-lagrangian"``, the default where there is one: multipliers are
             updated until they leave no gap larger than the tolerance, with any penalty. (With
             direct solvers a penalty that takes too many updates is raised.) They are
@@ -743,15 +744,17 @@ class Contact:
     def moment(self, side: str, about: npt.ArrayLike | None = None) -> Array:
         """Total moment of the contact forces on the body of one side. Collective.
 
-        Forces act where nodes were paired, so that those of two bodies balance, unless they are
-        tied, or have friction, across a gap: by its length times the force along it. With
-        ``sliding="finite"`` they act where the bodies are. On a rigid tool in the steps of a
-        ``qs.TimeStepper``, which pairs before the body is where the step takes it, they act at the
-        end of the step.
+        Forces act where contact was detected, the places that their normals belong to: all of a
+        frictionless round tool go through its axis, and those of two bodies balance, unless they
+        are tied, or have friction, across a gap: by its length times the force along it. With
+        ``sliding="finite"`` that is where the bodies are. In the steps of a ``qs.TimeStepper``
+        contact with bodies in velocities is detected after the part θ of a step; forces on a rigid
+        tool then go along with its centre to the end of the step.
 
         Args:
             side: ``"slave"`` or ``"master"``.
-            about: Point, shape (gdim,); by default the centre of a rigid tool, or the origin.
+            about: Point, shape (gdim,); by default the centre of a rigid tool, in time steps at the
+                end of the step, or the origin.
 
         Returns:
             Shape (3,), in 2D (1,).

@@ -13,6 +13,8 @@ from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
 
 #: Part of the slave's facets near the tool that it looks turned to if it is. Free sides, or facets
 #: at a corner, may be near another wall.
@@ -32,7 +34,8 @@ def find_turned(model: ContactModel) -> str:
     A surface of facets stands for what is on one side of it, and only its orientation says which.
     Oriented the wrong way, a closed one has a wall in the place of the opposite one: a body that
     touches, or has gone into, a tool finds the tool's far side in front of it, and one in a cavity
-    the cavity's far side behind it. Nearer to it there is a wall that looks away.
+    the cavity's far side behind it. Nearer to it there is a wall that looks away. Each connected
+    shell has an orientation of its own: a file may hold several, and one of them turned.
     """
     tool = as_tool(model.master)
     if tool is None or tool.is_analytic:
@@ -45,9 +48,10 @@ def find_turned(model: ContactModel) -> str:
     away = np.sum((inside - middle) * area, axis=1)
     normal = -np.copysign(1.0, away)[:, None] * area / size[:, None]
     depth = np.abs(away) / size
-    partner = _offsets(slave.cpp_object, other, middle, normal, radius)
+    partner, of_partner = _offsets(slave.cpp_object, other, middle, normal, radius)
     slave.cpp_object.move(x, 2 * middle - inside)
-    wall = -_offsets(slave.cpp_object, other, middle, -normal, radius)
+    wall, of_wall = _offsets(slave.cpp_object, other, middle, -normal, radius)
+    wall = -wall
     slave.cpp_object.move(x, inside)
     low, high = _box(model)
     extent = np.sum(normal * middle - np.minimum(normal * low, normal * high), axis=1)
@@ -59,17 +63,38 @@ def find_turned(model: ContactModel) -> str:
         of_tool = (partner > 0) & (wall >= -depth)
         of_cavity = (partner < 0) & (-partner > depth) & (extent <= WITHIN * -partner)
         turned = np.where(has_partner, further & (of_tool | of_cavity), np.abs(wall) <= depth)
-    counts = np.array([np.count_nonzero(turned), np.count_nonzero(turned | has_partner)])
-    num_turned, num_near = (int(n) for n in model.comm.allreduce(counts, op=MPI.SUM))
-    if num_turned == 0 or num_turned < MOST * num_near:
-        return ""
+    near = turned | has_partner
+    shells = tool.shells()
+    shell = shells.at(np.where(turned, of_wall, of_partner)[near] // tool.gdim)
+    for name, (num_turned, num_near) in sorted(_count(model.comm, shell, turned[near]).items()):
+        if num_turned >= MOST * num_near > 0:
+            return _text(num_turned, num_near, *shells.extent(name))
+    return ""
+
+
+def _count(comm: MPI.Intracomm, shell: Indices, turned: Flags) -> dict[int, tuple[int, int]]:
+    """Facets of all ranks near each shell that look turned, and that are near. Collective."""
+    names, index = np.unique(shell, return_inverse=True)
+    local = np.bincount(index, turned, len(names)), np.bincount(index, minlength=len(names))
+    out: dict[int, tuple[int, int]] = {}
+    for found in comm.allgather((names, *local)):
+        for name, some, near in zip(*found, strict=True):
+            before = out.get(int(name), (0, 0))
+            out[int(name)] = before[0] + int(some), before[1] + int(near)
+    return out
+
+
+def _text(num_turned: int, num_near: int, num_facets: int, low: Array, high: Array) -> str:
+    """The warning of one shell."""
+    low_text, high_text = (", ".join(f"{c:.4g}" for c in corner) for corner in (low, high))
     return (
-        f"normals: {num_turned} of {num_near} slave facets that are near the tool have a wall "
-        "beside them that faces away, and for a partner an opposite wall or none: the tool's "
+        f"normals: {num_turned} of {num_near} slave facets that are near one connected shell of "
+        f"the tool ({num_facets} facets, made from ({low_text}) to ({high_text})) have a wall "
+        "beside them that faces away, and for a partner an opposite wall or none: the shell's "
         "orientation seems to be that of a solid where it is to be a cavity, or the other way "
         "round, or else the slave's facets are on the wrong side of the body. The tool's normals "
-        "must point to the workpiece: reverse its facets, triangles[:, ::-1], or in the program "
-        "that wrote the file, or give from_mesh a point inside=... on the other side"
+        "must point to the workpiece: reverse the shell's facets, triangles[:, ::-1], or in the "
+        "program that wrote the file, or give from_mesh a point inside=... on the other side"
     )
 
 
@@ -84,8 +109,11 @@ def _box(model: ContactModel) -> tuple[Array, Array]:
 
 def _offsets(
     own: _cpp.Surface, other: _cpp.Surface, x: Array, normal: Array, radius: float
-) -> Array:
-    """How far partners of points are away along the normals, negative behind; NaN for none."""
-    found, foot, _ = _cpp.closest_points(x, np.ascontiguousarray(normal), own, other, radius)
+) -> tuple[Array, Indices]:
+    """How far partners of points are away along the normals, and first unknowns of their facets.
+
+    Negative behind; NaN for none.
+    """
+    found, foot, _, first = _cpp.closest_points(x, np.ascontiguousarray(normal), own, other, radius)
     along = np.sum((foot - x) * normal, axis=1)
-    return np.where(found.astype(bool), along, np.nan)
+    return np.where(found.astype(bool), along, np.nan), np.asarray(first)

@@ -82,6 +82,11 @@ class ToolPlace:
             return self.position
         return Pose.from_matrix(self.position, self.tool.gdim).moved(self.motion)
 
+    @property
+    def centers(self) -> tuple[Array, Array]:
+        """The tool's centre when it was paired, and after the motion, each of shape (gdim,)."""
+        return self.tool.center_at(self.position), self.tool.center_at(self.now)
+
     def moved_to(self, position: Array) -> ToolPlace:
         """The place with the motion that leads to a position."""
         d = len(position)
@@ -138,6 +143,12 @@ class Placement:
         else:
             paired = dataclasses.replace(master, displacement=None)
         return Placement(dataclasses.replace(self.slave, displacement=None), paired)
+
+    @property
+    def centers(self) -> tuple[Array, Array]:
+        """Of a rigid master, see :attr:`ToolPlace.centers`."""
+        assert isinstance(self.master, ToolPlace)
+        return self.master.centers
 
     def place(self, side: str) -> Place | ToolPlace:
         """Of one side."""

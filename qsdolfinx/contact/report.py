@@ -18,7 +18,7 @@ from qsdolfinx.contact.fields import faced
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.penalty import EXTREME, MODERATE, Penalty
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
 
@@ -240,12 +240,20 @@ def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
         model.overclosure.depth,
         _treatment(model),
         model.paired.search_radius,
-        f"{settings.formulation}, {sampling.quadrature}, {sampling.normals} normals, "
+        f"{settings.formulation}, {sampling.quadrature}, {_normals(model)}, "
         f"constraints at {settings.constraints}",
         f"{type(model.law).__name__}, {enforcement}, {friction}",
         f"{_unknowns(model)}{dt}",
         model.is_scalar,
     )
+
+
+def _normals(model: ContactModel) -> str:
+    """Along which gaps are measured; finite sliding has rays from both surfaces."""
+    settings = model.settings
+    if as_tool(model.master) is not None and settings.sliding != "finite":
+        return "the tool's normals"
+    return f"{settings.sampling.normals} normals"
 
 
 def _unknowns(model: ContactModel) -> str:

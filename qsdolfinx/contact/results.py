@@ -21,11 +21,12 @@ from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import active_set, depth
 from qsdolfinx.contact.bridged import in_contact, like_neighbours
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.placement import Place, ToolPlace
+from qsdolfinx.contact.placement import Place
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec, skew, trace_positions
 from qsdolfinx.surface.traction import nodal_forces, recover
+from qsdolfinx.tools.pose import padded
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
@@ -273,13 +274,7 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
     surface = deformable(surface_of(model, side))
     if surface is None:
         return -_moment(model, "slave", about)
-    place, out = model.placement.place(side), []
-    assert isinstance(place, Place)
-    # Of two bodies they balance where they are paired; a tool's is minus that of the slave anyway.
-    turns = model.settings.sliding == "finite"
-    tool = as_tool(model.master)
-    at_end = turns or (tool is not None and model.offset is not None)
-    x = place.positions() if at_end else trace_positions(place.surface, place.coordinates)
+    x, out = _places_of_forces(model, side), []
     with _force_vec(model, side) as vec:
         for axis in np.eye(1 if len(about) == 2 else 3):
             A = skew(axis)  # the forces' work in a small rotation
@@ -289,13 +284,34 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
     return np.array(out)
 
 
+def _places_of_forces(model: ContactModel, side: str) -> Array:
+    """Where forces act on the trace's nodes of one side, shape (facets, nodes, 3). Collective.
+
+    Gaps and normals belong to the places where contact was detected, and so do the lines along
+    which the forces act: with ``sliding="finite"`` those of the last evaluation, else those of the
+    pairing. What is pressed on a tool goes along with its centre to the end of a time step.
+    """
+    place = model.placement.place(side)
+    assert isinstance(place, Place)
+    if model.settings.sliding == "finite":
+        return place.positions()
+    x = trace_positions(place.surface, place.coordinates)
+    if _is_at_end(model):
+        paired, now = model.placement.centers
+        x = x + padded(now - paired)
+    return x
+
+
+def _is_at_end(model: ContactModel) -> bool:
+    """Whether moments are those at the end of a tool's motion: in time steps, or if gaps follow."""
+    return as_tool(model.master) is not None and (model.offset is not None or model.follows)
+
+
 def _center(model: ContactModel) -> Array:
-    """Of a tool, after what is left of its motion in a time step; else the origin."""
-    place = model.placement.master
-    if not isinstance(place, ToolPlace):
+    """Of a tool, at the end of its motion in a time step; else the origin."""
+    if as_tool(model.master) is None:
         return np.asarray(model.master.center)
-    stays = model.offset is None and not model.follows
-    return place.tool.center_at(place.position if stays else place.now)
+    return model.placement.centers[int(_is_at_end(model))]
 
 
 def traction(model: ContactModel, side: str, part: str) -> fem.Function:

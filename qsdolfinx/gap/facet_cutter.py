@@ -71,6 +71,10 @@ class FacetCutter:
         """See :class:`Cutter`."""
         return np.asarray(found.of_cutter.x()), np.asarray(found.of_cutter.gaps())
 
+    def facet_sizes(self, found: Found) -> Array:
+        """See :class:`Cutter`."""
+        return np.asarray(found.of_cutter.slave_sizes())
+
     def find_nearby(self, places: Places) -> _cpp.PieceRows:
         """See :class:`Cutter`."""
         self._put(self._moving, places)

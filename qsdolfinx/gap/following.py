@@ -98,6 +98,9 @@ class Cutter(typing.Protocol):
     def points(self, found: Found) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps along the rays, positive when open."""
 
+    def facet_sizes(self, found: Found) -> Array:
+        """Size (length) of the slave's facet at each of these points."""
+
     def find_nearby(self, places: Places) -> _cpp.PieceRows:
         """Columns of all rows that there may be, before anything moves by a margin. Collective."""
 
@@ -326,6 +329,10 @@ class Following:
     def points(self, last: Cut) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps, positive when open."""
         return self._cutter.points(last.found)
+
+    def facet_sizes(self, last: Cut) -> Array:
+        """Size (length) of the slave's facet at each of these points."""
+        return self._cutter.facet_sizes(last.found)
 
     def add_slip_forces(self, last: Cut, traction: Array, b: Vecs) -> None:
         """Add the forces of friction τ_k of the owned nodes, (nodes, gdim). Collective."""

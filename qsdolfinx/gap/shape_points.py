@@ -135,6 +135,12 @@ class ShapePoints:
         kept = found.of_cutter.weight > 0
         return found.of_cutter.x[kept], found.of_cutter.distance[kept]
 
+    def facet_sizes(self, found: Found) -> Array:
+        """See :class:`Cutter`; as the mesh was read last."""
+        kept, x = found.of_cutter.weight > 0, self._slave.coordinates[0]
+        size = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1).max(axis=(1, 2), initial=0.0)
+        return np.asarray(np.broadcast_to(size[:, None], kept.shape)[kept])
+
     def find_nearby(self, places: Places) -> _cpp.PieceRows:
         """See :class:`Cutter`: the nodes of all facets."""
         facets, nv, nt = len(places[0]), self._N.shape[1], self._T.shape[1]

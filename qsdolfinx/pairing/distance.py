@@ -60,7 +60,7 @@ def of_points(
         other: The other one.
         radius: Length beyond which nothing is in reach.
     """
-    found, foot, mean = _cpp.closest_points(x, normal, own, other, radius)
+    found, foot, mean, _ = _cpp.closest_points(x, normal, own, other, radius)
     away, reached = x - foot, found.astype(bool)
     size = np.linalg.norm(mean, axis=1)
     n = np.divide(mean, size[:, None], out=np.zeros_like(mean), where=size[:, None] > 0)

@@ -20,6 +20,8 @@ Array = npt.NDArray[np.float64]
 
 QUADRATURES = ("nodal", "overlay")
 NORMALS = ("facet", "bisector")  # in the order of Normals in cpp/pairing/pairing.h
+#: Number of the normals of the master there.
+OF_MASTER = 2
 
 
 class Sampling(typing.NamedTuple):
@@ -129,7 +131,10 @@ def _pair_facets(
     corners: bool,
 ) -> _cpp.PairingPoints:
     """Pairing points of two surfaces made of facets; see :func:`pair`."""
-    kind_of_normals = NORMALS.index(sampling.normals)
+    # Forces act along a rigid tool's own normals, as along those of an analytic shape: along any
+    # mean with the slave's, which tilt at its nodes, a flat tool would push sideways.
+    rigid = as_tool(master) is not None
+    kind_of_normals = OF_MASTER if rigid else NORMALS.index(sampling.normals)
     other = master.search_object(slave)
     if sampling.quadrature == "nodal":
         return _cpp.pair_surfaces(slave.cpp_object, other, both, radius, kind_of_normals, corners)

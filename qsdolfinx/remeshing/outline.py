@@ -76,7 +76,8 @@ def gather(
     step = 2.0 ** np.floor(np.log2(ROUNDING * float(np.ptp(points, axis=0).max())))
     points = np.round(points / step) * step
     facets, cells = (np.searchsorted(unique, index) for index in (facets, cells))
-    order = np.lexsort(np.sort(facets, axis=1).T)
+    # By their own nodes: with what is opposite two facets of a cell would be alike.
+    order = np.lexsort(np.sort(facets[:, :-1], axis=1).T)
     facets, tags = outward(points, facets[order, :-1], facets[order, -1]), tags[order]
     cells = np.sort(cells, axis=1)
     cells = cells[np.lexsort(cells.T)]

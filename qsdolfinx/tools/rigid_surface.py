@@ -33,6 +33,7 @@ from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import triangulation
 from qsdolfinx.tools.pose import Pose, padded, point_of, unit_vector
 from qsdolfinx.tools.shapes import Plane, Round, Shape
+from qsdolfinx.tools.shells import Shells
 from qsdolfinx.tools.stl import read_stl
 from qsdolfinx.tools.triangulation import Facets
 
@@ -104,6 +105,7 @@ class RigidSurface:
         self._num_positions = 0
         self._shape = shape
         self._surface: tuple[tuple[int, bool], _cpp.Surface] | None = None
+        self._shells: Shells | None = None
 
     # --- Shapes
 
@@ -551,6 +553,16 @@ class RigidSurface:
     def search_object(self, slave: Surface) -> _cpp.Surface:
         """Its facets as pairing from a slave sees them: rings where the slave's are."""
         return self.facets(slave.axisymmetric)
+
+    def shells(self) -> Shells:
+        """Connected shells of its facets. Collective at first.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        if self._shells is None:
+            self._shells = Shells(self.comm, self._facets)
+        return self._shells
 
     def check_state(self) -> None:
         """Refuse a motion or force that is not finite or differs between ranks. Collective.

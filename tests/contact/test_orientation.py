@@ -16,6 +16,11 @@ CASES = [(gdim, quadrature) for gdim in (2, 3) for quadrature in ("nodal", "over
 
 def closed_box(low, high, cavity=False, divisions=1):
     """A tool that is a box, or all that is outside of one."""
+    return qs.RigidSurface.triangulated(WORLD, *box_facets(low, high, cavity, divisions))
+
+
+def box_facets(low, high, cavity=False, divisions=1):
+    """Vertices and facets of such a tool."""
     cell = "quadrilateral" if len(low) == 2 else "tetrahedron"
     solid = box(MPI.COMM_SELF, [divisions] * len(low), cell, low, high)
     tdim = len(low) - 1
@@ -33,7 +38,7 @@ def closed_box(low, high, cavity=False, divisions=1):
         normal = np.cross(edge, x[cells[:, 2]] - x[cells[:, 0]])
     turned = (np.sum(out * normal, axis=1) < 0) != cavity
     cells[turned] = cells[turned][:, ::-1]
-    return qs.RigidSurface.triangulated(WORLD, x, cells)
+    return x, cells
 
 
 def slave(high, faces="top", n=4):
@@ -94,3 +99,41 @@ def test_no_false_alarm(gdim, quadrature):
     below = closed_box([-1.0] * gdim, [2.0] * (gdim - 1) + [0.0])
     for faces in ("all", "bottom"):
         assert texts_of(slave([1.0] * gdim, faces), below, quadrature) == []
+
+
+def sheets(gdim, turned, between=0.01):
+    """Two flat sheets side by side on top of the unit box, some of them turned."""
+    ends = ((-0.2, 0.6 - between), (0.6, 1.2))
+    if gdim == 2:
+        x = [[[a, 1.0], [b, 1.0]] for a, b in ends]
+        cells = [[[0, 1]], [[0, 1]]]
+    else:
+        x = [[[s, t, 1.0] for t in (-0.2, 1.2) for s in pair] for pair in ends]
+        cells = [[[0, 2, 1], [1, 2, 3]]] * 2
+    cells = [np.array(c) + gdim**2 // 2 * i for i, c in enumerate(cells)]
+    cells = [c[:, ::-1] if t else c for c, t in zip(cells, turned, strict=True)]
+    return qs.RigidSurface.triangulated(WORLD, np.concatenate(x), np.concatenate(cells))
+
+
+@pytest.mark.parametrize(("gdim", "quadrature"), CASES)
+def test_each_shell_is_oriented_by_itself(gdim, quadrature):
+    """Of two sheets side by side the one that is turned is named; the smaller one as well."""
+    for turned in ((False, False), (False, True), (True, False), (True, True)):
+        texts = texts_of(slave([1.0] * gdim, n=6), sheets(gdim, turned), quadrature)
+        assert len(texts) == any(turned), (turned, texts)
+        if turned == (False, True):
+            assert "from (0.6, " in texts[0] and f"({2 if gdim == 3 else 1} facets" in texts[0]
+
+
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_shells_within_each_other(gdim):
+    """A hollow tool on a body: its cavity is turned the other way, and rightly so."""
+    across = gdim - 1
+    outer = [-0.3] * across + [1.0], [1.3] * across + [1.6]
+    inner = [-0.1] * across + [1.1], [1.1] * across + [1.5]
+    for outer_turned in (False, True):
+        (x, first), (y, second) = box_facets(*outer, outer_turned), box_facets(*inner, True)
+        cells = np.concatenate([first, second + len(x)])
+        tool = qs.RigidSurface.triangulated(WORLD, np.concatenate([x, y]), cells)
+        texts = texts_of(slave([1.0] * gdim), tool, "overlay", search_radius=0.7)
+        assert len(texts) == outer_turned

@@ -71,7 +71,7 @@ def same(found, before):
         else:
             equal = np.allclose(found[name], value, rtol=1e-13, atol=1e-14, equal_nan=True)
         faults += [] if equal else [name]
-    assert not sum(WORLD.allgather(faults), []), faults
+    assert not any(WORLD.allgather(faults)), faults
 
 
 OPTIONS = {
@@ -88,7 +88,7 @@ OPTIONS = {
 @pytest.mark.parametrize("gdim", (2, 3))
 @pytest.mark.parametrize("name", OPTIONS)
 def test_stay_those_of_the_last_solve(name, gdim):
-    """After tool.advance() and update(), another penalty, reset(), and tools and u moved by hand."""
+    """After tool.advance() and update(), another penalty, reset(), tools and u moved by hand."""
     scene = Press(gdim, **OPTIONS[name])
     contact, tool = scene.contact, scene.tool
     for step in (1, 2):

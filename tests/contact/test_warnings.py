@@ -298,6 +298,39 @@ def test_chords_on_a_tool():
             assert warned(lambda s=slave, t=tool, o=options: qs.Contact(s, t, **o)) == []
 
 
+def on_cone(sides, slope, n=7, away=0.0):
+    """A block whose top has been pressed into the shape of a cone of flat facets, and the cone.
+
+    Args:
+        sides: Number of facets.
+        slope: Of the facets.
+        n: Cells of the block along its sides.
+        away: How far the cone is above the block.
+    """
+    msh = box(WORLD, [n, n, 2], "hexahedron", [-1.0, -1.0, -1.0], [1.0, 1.0, 0.0], "scattered")
+    top = plane(msh, 2, 0.0)
+    angle = 2 * np.pi * np.arange(sides) / sides + 0.1
+    normals = np.column_stack([np.cos(angle), np.sin(angle)])
+    x = msh.geometry.x
+    x[:, 2] += (1 + x[:, 2]) * slope * (x[:, :2] @ normals.T).max(axis=1)
+    middle = angle + np.pi / sides  # of the edges between two facets
+    rim = 3.0 / np.cos(np.pi / sides) * np.column_stack([np.cos(middle), np.sin(middle)])
+    corners = np.vstack([[0.0, 0.0, 0.0], np.column_stack([rim, np.full(sides, 3 * slope)])])
+    corners[:, 2] += away
+    i = np.arange(sides)
+    triangles = np.column_stack([0 * i, 1 + np.roll(i, -1), 1 + i])
+    V = vector_space(msh)
+    return qs.Surface(V, facets=top), qs.RigidSurface.triangulated(WORLD, corners, triangles)
+
+
+@pytest.mark.parametrize("sides, away", ((4, 0.0), (4, 0.1), (5, 0.01), (12, 0.0)))
+def test_flat_facets_are_no_chords(sides, away):
+    """Pyramids and cones that bodies have taken the shape of: their edges are edges."""
+    slave, tool = on_cone(sides, 0.1, away=away)
+    texts = warned(lambda: qs.Contact(slave, tool, search_radius=0.5))
+    assert [text for text in texts if text.startswith("facets")] == []
+
+
 def test_chords_of_one_side():
     """Of a mesh of degree 2, or named, no side has any; those of the other count."""
     for degrees, smoothing in (((2, 1), "none"), ((1, 1), "named")):

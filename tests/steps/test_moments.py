@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, elastic, plane, vector_space
+from scenes import WORLD, Pair, box, clamp, elastic, plane, vector_space
 
 from dolfinx import fem
 
@@ -50,3 +50,86 @@ def test_a_block_that_is_carried(kind, theta):
         # About a fixed point the force has the arm that the block has come.
         np.testing.assert_allclose(contact.moment("slave", [0.0, 0.0]), WAY * i * force, rtol=1e-8)
     np.testing.assert_allclose(floor.center, [3 * WAY, 0.0], atol=1e-12)
+
+
+def rolled(gdim, theta, friction=None, **options):
+    """A viscous block under a ball that moves and turns: stepper, contact and ball."""
+    shape = (8, 2) if gdim == 2 else (4, 3, 2)
+    cell = "triangle" if gdim == 2 else "hexahedron"
+    low, high = [-1.0, *[-0.5] * (gdim - 2), -0.5], [1.0, *[0.5] * (gdim - 2), 0.0]
+    msh = box(WORLD, shape, cell, low, high, "scattered")
+    V = vector_space(msh)
+    v = fem.Function(V)
+    ball = qs.RigidSurface.sphere(WORLD, [0.1, *[0.07] * (gdim - 2), 2.0], 2.0)
+    surface = qs.Surface(V, facets=plane(msh, gdim - 1, 0.0))
+    options |= {"unknown": "velocity", "dt": 1.0, "friction": friction}
+    contact = qs.Contact(surface, ball, **options)
+    bcs = [clamp(V, plane(msh, gdim - 1, -0.5))]
+    problem = qs.ContactProblem([elastic(v, E=1e3)], [v], [contact], [bcs])
+
+    def drive(t, dt):
+        ball.displacement = [0.04, *[0.0] * (gdim - 2), -0.05]
+        ball.rotation = [0.03] if gdim == 2 else [0.01, -0.03, 0.02]
+
+    return qs.TimeStepper(problem, 1.0, drive, theta=theta), contact, ball
+
+
+@pytest.mark.parametrize(
+    "gdim, theta, options",
+    (
+        (2, 0.5, {}),
+        (2, 0.0, {"enforcement": "penalty", "penalty": 1e4}),
+        (2, 1.0, {"constraints": "points"}),
+        (2, 0.5, {"sliding": "finite"}),
+        (3, 0.5, {"quadrature": "nodal"}),
+    ),
+)
+def test_a_round_tool_without_friction(gdim, theta, options):
+    """Every force goes through its centre, within the step and after it, wherever the mesh is."""
+    stepper, contact, ball = rolled(gdim, theta, **options)
+    seen = []
+    stepper.on_solved = lambda: seen.append(contact.moment("master"))
+    for _ in range(2):
+        stepper.step()
+        force = np.linalg.norm(contact.force("slave"))
+        assert force > 1
+        for moment in (seen[-1], contact.moment("master"), contact.moment("slave", ball.center)):
+            np.testing.assert_allclose(moment, 0, atol=1e-10 * force)
+
+
+@pytest.mark.parametrize("gdim, theta", ((2, 0.5), (3, 0.0)))
+def test_torque_is_that_of_the_friction_that_acts(gdim, theta):
+    """Torque · ω + force · v is the power of the forces at the nodes where they were found."""
+    stepper, contact, ball = rolled(gdim, theta, qs.Coulomb(0.3))
+    powers, v, omega = [], np.zeros(3), np.array([0.01, -0.03, 0.02])
+    v[[0, gdim - 1]] = 0.04, -0.05
+
+    def read():
+        surface = contact.slave
+        f, r = np.zeros((2, len(surface.node_area), 3))
+        f[:, :gdim] = surface.node_values(contact.traction("slave")) * surface.node_area[:, None]
+        r[:, :gdim] = surface.node_x[:, :gdim] - ball.center
+        spin = np.array([0.0, 0.0, 0.03]) if gdim == 2 else omega
+        powers.append(-WORLD.allreduce(np.sum(f * (v + np.cross(spin, r)))))
+
+    stepper.on_solved = read
+    for _ in range(2):
+        stepper.step()
+        spin = np.array([0.03]) if gdim == 2 else omega
+        torque, force = contact.moment("master"), contact.force("master")
+        assert np.linalg.norm(torque) > 0.1 * np.linalg.norm(force)
+        np.testing.assert_allclose(torque @ spin + force @ v[:gdim], powers[-1], rtol=1e-10)
+
+
+def test_a_surface_that_another_contact_has_read_since():
+    """Moments stay those of what was solved, whoever shares the surfaces; both sides balance."""
+    pair = Pair("triangle")
+    pair.problem().solve()
+    sides = ("slave", "master")
+    before = [pair.contact.moment(side)[0] for side in sides]
+    assert abs(before[0]) > 1e-3 and abs(sum(before)) < 1e-2 * abs(before[0])
+    for msh in pair.meshes:
+        msh.geometry.x[:, 0] += 0.5
+    qs.Contact(pair.slave, pair.master).update()
+    after = [pair.contact.moment(side)[0] for side in sides]
+    np.testing.assert_allclose(after, before, rtol=1e-10)

@@ -1,0 +1,90 @@
+"""Forces between a body and a rigid tool act along the tool's own normals, of facets or a shape."""
+
+import numpy as np
+import pytest
+from rigid_scenes import flat_facets
+from scenes import WORLD, box, clamp, elastic, largest, plane
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+from qsdolfinx.surface.affine import rotation_matrix
+
+ANGLE = {2: np.array([0.4]), 3: np.array([0.3, -0.5, 0.2])}
+
+
+def pressed_tip(gdim, degree, kind, **options):
+    """A curved, tilted face pressed without friction on a flat tool, all of it turned.
+
+    Returns:
+        Force on the body: along the tool's normal, and the size of what is across it.
+    """
+    shape = (7, 3) if gdim == 2 else (4, 3, 2)
+    cell = "triangle" if gdim == 2 else "tetrahedron"
+    msh = box(WORLD, shape, cell, [0.0] * gdim, [1.0] * gdim, "scattered")
+    top = plane(msh, gdim - 1, 1.0)
+    bottom = plane(msh, gdim - 1, 0.0)
+    x, R = msh.geometry.x, rotation_matrix(ANGLE[gdim])
+    tip = 0.4 * (x[:, 0] - 0.35) ** 2 + (0.3 * (x[:, 1] - 0.6) ** 2 if gdim == 3 else 0.0)
+    x[:, gdim - 1] -= tip * x[:, gdim - 1]
+    x[:, :gdim] = x[:, :gdim] @ R.T
+    V = fem.functionspace(msh, ("Lagrange", degree, (gdim,)))
+    u = fem.Function(V)
+    if kind == "facets":
+        tool = flat_facets(WORLD, gdim)
+        tool.position = np.column_stack([R, np.zeros(gdim)])
+    else:
+        tool = qs.RigidSurface.plane(WORLD, R @ np.ones(gdim), -R[:, -1])
+    if "dt" in options:
+        options["unknown"] = "velocity"
+    contact = qs.Contact(qs.Surface(V, facets=top), tool, search_radius=0.5, **options)
+    tool.displacement = -0.03 * R[:, -1]
+    bcs = [clamp(V, bottom)]
+    qs.ContactProblem([elastic(u, 10.0)], [u], [contact], [bcs]).solve()
+    along = R.T @ contact.force("slave")
+    return along[-1], np.linalg.norm(along[:-1])
+
+
+@pytest.mark.parametrize(
+    "gdim, degree, options",
+    (
+        (2, 1, {}),
+        (2, 1, {"constraints": "points"}),
+        (2, 1, {"formulation": "master-slave", "normals": "bisector"}),
+        (2, 1, {"sliding": "finite"}),
+        (2, 1, {"quadrature": "nodal", "friction": qs.Coulomb(0.0)}),
+        (2, 1, {"smoothing": "shared-curvature"}),
+        (2, 2, {"normals": "facet"}),
+        (2, 1, {"dt": 0.5}),
+        (3, 1, {}),
+        (3, 1, {"quadrature": "nodal"}),
+    ),
+)
+def test_a_flat_tool_does_not_push_sideways(gdim, degree, options):
+    """Whatever the body's facets are; the force is the plane's but for areas of tilted facets."""
+    force, sideways = pressed_tip(gdim, degree, "facets", **options)
+    assert force < -0.01 and sideways < 1e-10 * -force
+    if not {"quadrature", "smoothing"} & set(options):
+        assert np.isclose(force, pressed_tip(gdim, degree, "plane", **options)[0], rtol=1e-2)
+
+
+def test_a_smoothed_tool_has_the_normals_of_its_shape():
+    """Those of a circle's polygon are of its sides, unless it stands for the circle."""
+    msh = box(WORLD, (9, 3), "triangle", [-0.6, -0.5], [0.6, 0.0], "scattered")
+    facets = plane(msh, 1, 0.0)
+    msh.geometry.x[:, 1] += 0.1 * msh.geometry.x[:, 0]  # no normals of the slave's
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    center, n = np.array([0.1, 1.0]), 40
+    angle = 2 * np.pi * np.arange(n) / n
+    x = center + np.column_stack([np.cos(angle), np.sin(angle)])
+    ends = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
+    tool = qs.RigidSurface.triangulated(WORLD, x, ends, center)
+    circle = qs.smooth.Cylinder(center, None, 1.0)
+    errors = []
+    for smoothing in ((None, None), (None, circle)):
+        contact = qs.Contact(qs.Surface(V, facets=facets), tool, smoothing=smoothing)
+        points = contact.pairing
+        ray = center - points.master.x[:, :2]
+        ray /= np.linalg.norm(ray, axis=1)[:, None]
+        errors.append(largest(points.normal[:, :2] - ray))
+    assert errors[0] > 0.9 * np.pi / n and errors[1] < 0.01 * errors[0]
