@@ -20,10 +20,9 @@ from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
 
 Array = npt.NDArray[np.float64]
 
-#: Depth of a point, in units of the slave's facet there, that is not left to weighted gaps: that of
-#: an arc over the facet whose radius is the facet's size (test_round_and_graded). What is blunter
-#: is as well resolved as it can be; an edge or tip is sharper.
-NOTICED = 1 / 8
+#: Depth of a point, in units of the slave's facet there, that is not left to weighted gaps. Smooth
+#: bodies that are resolved leave some hundredths (test_round_and_graded), and so do ends of contact.
+NOTICED = 0.08
 
 #: The same, in units of the largest weighted gap: a soft penalty lets in all around a node.
 UNEVEN = 3.0

@@ -1,4 +1,4 @@
-"""Energy that friction takes in a step: the work of its forces; and the slip that it takes it at."""
+"""Energy that friction takes in a step, the work of its forces, and the slip of each row."""
 
 from __future__ import annotations
 

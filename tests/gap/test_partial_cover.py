@@ -7,6 +7,7 @@ from scenes import CELLS, WORLD, box, elastic, plane, vector_space
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.contact import terms
 
 #: Those whose facets are products of segments, so that integrals are those along x.
 PRODUCTS = ("triangle", "quadrilateral", "hexahedron")
@@ -79,6 +80,9 @@ def test_penalty_of_augmented_multipliers(cell, formulation):
         options = {"enforcement": enforcement, "penalty": eps, "formulation": formulation}
         rim = Rim(cell, lambda x: h + 0 * x, **options)
         contact, column = rim.contact, rim.column
+        terms.evaluate(
+            contact.model, *(surface.create_vec() for surface in (rim.slave, rim.master))
+        )
         gap = contact.weighted_gap()[column < N]
         cover = rim.integrals(np.ones_like) / np.array([0.5, *[1] * (N - 1), 0.5]) * N
         found[enforcement] = contact.multiplier()
