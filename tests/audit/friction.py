@@ -109,8 +109,8 @@ def energy(joint, sides, before, now, tolerance):
 
     It is the work Σ F · Δx of the tangential forces, of bodies in displacements with a force from
     that of the start of the step to that of its end. Slips are means over a node's facets, so that
-    it is known as far as they do not vary there; of nodes that conditions hold, or that close or leave
-    in the step, no more is known than that the largest force on all of the way takes more.
+    it is known as far as they do not vary there; of nodes that conditions hold, or that close or
+    leave in the step, no more is known than that the largest force on all of the way takes more.
     """
     side = sides[0]
     moved = now.jump - before.jump
