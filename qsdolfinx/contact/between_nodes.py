@@ -21,7 +21,7 @@ from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
 Array = npt.NDArray[np.float64]
 
 #: Depth of a point, in units of the slave's facet there, that is not left to weighted gaps. Smooth
-#: bodies that are resolved leave some hundredths (test_round_and_graded), and so do ends of contact.
+#: bodies that are resolved leave some hundredths, and so do ends of contact: test_round_and_graded.
 NOTICED = 0.08
 
 #: The same, in units of the largest weighted gap: a soft penalty lets in all around a node.
