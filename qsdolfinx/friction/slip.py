@@ -574,16 +574,17 @@ class Slip:
     def lost(self) -> tuple[Array, Array]:
         """Slip (length), and energy of each row, that friction took in this step.
 
-        Shapes (rows, gdim) and (rows,).
+        Shapes (rows, gdim) and (rows,). Collective.
         """
         state = self.state
         if state.evaluated is None:
             return np.zeros_like(state.start), np.zeros_like(state.pressed)
-        slip, energy = slip_and_energy(self.friction, state.evaluated)
+        with collective_errors(self.slave.comm):  # a law may be the user's
+            slip, energy = slip_and_energy(self.friction, state.evaluated)
         return slip / self.cover[:, None], self.weight * energy
 
     def dissipation(self) -> Array:
-        """Energy of each row that friction took in this step, shape (rows,)."""
+        """Energy of each row that friction took in this step, shape (rows,). Collective."""
         return self.lost()[1]
 
     def dissipation_at_nodes(self) -> Array:

@@ -373,11 +373,17 @@ class WeightedGap:
         return float(np.max(change[self.cut.covered], initial=0.0))
 
     def evaluate_kept(self, u: Vecs, kept: tuple[bool, bool]) -> None:
-        """Evaluate for those unknowns alone that are kept from step to step. Collective."""
-        state = self.state
-        scale, state.scale = state.scale, (state.scale[0] * kept[0], state.scale[1] * kept[1])
+        """Evaluate for those unknowns alone that are kept from step to step. Collective.
+
+        A rigid tool is where contact was paired: what it has moved since is of the step to come.
+        """
+        assert self.following is not None and self.state.base is not None
+        state, base, scale = self.state, self.state.base, self.state.scale
+        if self.following.tool is not None:
+            state.base = base[0], self.following.paired_at[1]
+        state.scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
         self._cut_at(u)
-        state.scale = scale
+        state.scale, state.base = scale, base
 
     def jump_of_positions(self, operator: _cpp.GapOperator, u: Vecs) -> Array:
         """Mean of x_slave − x_master, (rows, gdim), by the pairs of an operator. Collective."""

@@ -412,8 +412,8 @@ class ContactProblem:
         """
         with (
             interrupt.heeded(self.comm),
-            self.one_step(),
             self._or_as_before(),
+            self.one_step(),
             summary(self.newton, self.verbose),
         ):
             self._solve()

@@ -158,11 +158,24 @@ class BrokenFriction(qs.Coulomb):
         return super().respond(rows)
 
 
-@pytest.mark.parametrize("kind", ["law", "friction"])
+class BrokenEnergy(qs.Coulomb):
+    """Where the energy of the solve is counted."""
+
+    calls = 0
+
+    def growth(self, rows):
+        self.calls += 1
+        if self.calls == 1:
+            on_last_rank(ValueError("this law"))
+        return super().growth(rows)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("kind", ["law", "friction", "energy"])
 def test_laws_on_one_rank(kind):
     """The unknowns are as before, and the next solve succeeds."""
     law = Broken() if kind == "law" else qs.Unilateral()
-    friction = BrokenFriction(0.2) if kind == "friction" else None
+    friction = {"friction": BrokenFriction(0.2), "energy": BrokenEnergy(0.2)}.get(kind)
     pair = Pair("triangle", law=law, gap=0.02, contact_options={"friction": friction})
     problem = pair.problem()
     raises_everywhere(WORLD, ValueError, "this law", problem.solve)

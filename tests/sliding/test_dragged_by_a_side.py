@@ -1,7 +1,8 @@
 """A block that a load presses on a plane, dragged by a Dirichlet condition on its other side."""
 
 import numpy as np
-from scenes import WORLD, box, elastic_form, plane
+import pytest
+from scenes import WORLD, box, clamp, elastic_form, plane
 
 import ufl
 from dolfinx import fem, mesh
@@ -27,3 +28,25 @@ def test_limit_of_friction():
         moved.value = drag
         problem.solve()
     np.testing.assert_allclose(np.abs(contact.force("slave")), [20.0, 100.0], rtol=1e-4)
+
+
+@pytest.mark.parametrize("sliding, update", (("finite", True), ("finite", False), ("small", True)))
+def test_floor_that_is_moved_by_hand(sliding, update):
+    """Friction of a floor that slides under a block, whether contact is paired after it or not."""
+    msh = box(WORLD, (2, 2), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    bc = clamp(V, plane(msh, 1, 1.0), [0.0, -0.01])
+    floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+    bottom = qs.Surface(V, facets=plane(msh, 1, 0.0))
+    contact = qs.Contact(bottom, floor, friction=qs.Coulomb(0.2), sliding=sliding)
+    problem = qs.ContactProblem([elastic_form(u, v, 1e3, 0.0)], [u], [contact], [[bc]])
+    problem.solve()
+    for _ in range(3):
+        floor.advance()
+        if update:
+            contact.update()
+        floor.displacement = [0.1, 0.0]
+        problem.solve()
+    np.testing.assert_allclose(contact.force("slave"), [2.0, 10.0], rtol=1e-6)
+    assert np.isclose(contact.step_dissipation(), 2.0 * 0.1, rtol=1e-6)
