@@ -19,6 +19,10 @@ Edge = tuple[int, int]
 #: Part of a region's size by which its nodes may be off a plane.
 FLAT = 1e-7
 
+#: Part of a plane's extent to which its level is rounded if it is across an axis: what is 0 or
+#: another round number but for rounding is that number (test_a_mesh_that_stays_is_the_same_mesh).
+ROUNDING = 1e-14
+
 #: What angles (radians) and lengths, over those that they are compared with, are the same by: errors
 #: of solvers do not choose what is kept of a body that turns by just the angle that is asked for.
 SAME = 1e-6
@@ -245,7 +249,11 @@ def plane_of(points: Array, normal: Array) -> Plane | None:
     axis = int(np.argmax(np.abs(n)))
     if np.abs(np.delete(n, axis)).max() < ALIGNED:
         n = np.asarray(np.sign(n[axis]) * np.eye(3)[axis], dtype=np.float64)
-    heights = points @ n
-    if np.ptp(heights) > FLAT * np.linalg.norm(np.ptp(points, axis=0)):
+    heights, extent = points @ n, float(np.linalg.norm(np.ptp(points, axis=0)))
+    if np.ptp(heights) > FLAT * extent:
         return None
-    return Plane(np.asarray(n), float(np.median(heights)))
+    level = float(np.median(heights))
+    if np.count_nonzero(n) == 1:
+        step = 2.0 ** np.floor(np.log2(ROUNDING * extent))
+        level = float(np.round(level / step) * step)
+    return Plane(np.asarray(n), level)

@@ -193,8 +193,9 @@ def remesh(
 
     def make() -> _Made:
         assert outline is not None
-        how = _How(float(np.radians(feature_angle)), axisymmetric, mesher, gradation)
-        return _make(outline, how, min_quality or 0.0)
+        graded = outline if gradation is None else limit_growth(outline, gradation)
+        angle = float(np.radians(feature_angle))
+        return _make(graded, _How(angle, axisymmetric, mesher), min_quality or 0.0)
 
     made = on_root(msh.comm, make)
     parts = None if made is None else (made.x, made.cells)
@@ -236,12 +237,11 @@ def check_mesher(msh: mesh.Mesh, mesher: str) -> None:
 
 
 class _How(typing.NamedTuple):
-    """How a mesh is made: the angle of features (radians), whether it is of (r, z), by what, growth."""
+    """How a mesh is made: the angle of features (radians), whether it is of (r, z), by what."""
 
     angle: float
     axisymmetric: bool
     mesher: str
-    gradation: float | None
 
 
 class _Made(typing.NamedTuple):
@@ -263,15 +263,13 @@ class _Made(typing.NamedTuple):
 def _make(outline: Outline, how: _How, wanted: float) -> _Made:
     """Make the mesh, on one rank; if there is none as good as wanted, with slightly other sizes."""
     _check_outline(outline)
-    body, copy = on_lattice(outline)
-    if how.gradation is not None:
-        copy = limit_growth(copy, how.gradation)
-    _check_number(copy)
+    _check_number(outline)
     problems: list[RemeshError] = []
     made: list[_Made] = []
     for factor in SIZES:
         try:
-            made.append(_make_of(body, copy._replace(sizes=factor * copy.sizes), how))
+            given = outline._replace(sizes=factor * outline.sizes)
+            made.append(_make_of(*on_lattice(given), how))
         except RemeshError as error:
             problems.append(error)
             continue

@@ -130,7 +130,7 @@ def limit_growth(outline: Outline, gradation: float) -> Outline:
         new = sizes.copy()
         np.minimum.at(new, a, sizes[b] + way)
         np.minimum.at(new, b, sizes[a] + way)
-        if np.allclose(new, sizes, rtol=1e-3):
+        if np.array_equal(new, sizes):
             return outline._replace(sizes=new)
         sizes = new
 
