@@ -205,9 +205,7 @@ def _are_one(first: Plane, second: Plane, at: Array, size: float) -> bool:
     return bool(np.linalg.norm(first.normal - second.normal) < SAME and apart < FLAT * size)
 
 
-def planes_of_copy(
-    features: Features, x: Array, triangles: Indices
-) -> dict[int, Plane]:
+def planes_of_copy(features: Features, x: Array, triangles: Indices) -> dict[int, Plane]:
     """The planes that regions which are plane have where a copy of the surface is nearly plane.
 
     Args:
@@ -218,7 +216,7 @@ def planes_of_copy(
     regions_of: dict[int, list[int]] = {}
     for number, plane in features.planes.items():
         regions_of.setdefault(id(plane), []).append(number)
-    out = {}
+    out: dict[int, Plane] = {}
     for regions in regions_of.values():
         part = triangles[np.isin(features.region, regions)]
         normal = features.planes[regions[0]].normal

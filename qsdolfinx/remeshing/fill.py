@@ -136,9 +136,7 @@ _OPTIONS = (
 )
 
 
-def _fill(
-    gmsh: typing.Any, boundary: Boundary, outline: Outline, algorithm: int
-) -> Inside:
+def _fill(gmsh: typing.Any, boundary: Boundary, outline: Outline, algorithm: int) -> Inside:
     gdim = boundary.facets.shape[1]
     _set_sizes(gmsh, boundary, outline)
     draw = _draw_lines if gdim == 2 else _draw_triangles
