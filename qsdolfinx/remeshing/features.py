@@ -19,6 +19,14 @@ Edge = tuple[int, int]
 #: Part of a region's size by which its nodes may be off a plane.
 FLAT = 1e-7
 
+#: Part of a plane's extent to which its level is rounded if it is across an axis: what is 0 or
+#: another round number but for rounding is that number (test_a_mesh_that_stays_is_the_same_mesh).
+ROUNDING = 1e-14
+
+#: What angles (radians) and lengths, over those that they are compared with, are the same by: errors
+#: of solvers do not choose what is kept of a body that turns by just the angle that is asked for.
+SAME = 1e-6
+
 #: Component of a unit normal that is none but for rounding: the plane is across an axis.
 ALIGNED = 1e-6
 
@@ -36,10 +44,6 @@ class Plane(typing.NamedTuple):
 
     normal: Array
     level: float
-
-    def snapped(self, x: Array) -> Array:
-        """The points on the plane that are closest to others, (points, 3)."""
-        return np.asarray(x + (self.level - x @ self.normal)[:, None] * self.normal)
 
 
 @dataclasses.dataclass
@@ -81,7 +85,7 @@ def find_features(
     normals = normals / np.maximum(length, 1e-300)
     cosine = np.sum(normals[first] * normals[second], axis=1)
     border = tags[first] != tags[second]
-    kept = border | (cosine < np.cos(angle))
+    kept = border | (cosine < np.cos(angle + SAME))
     kept[kept] = _without_noise(x, edges[kept], border[kept], sizes)
     region = _regions(len(triangles), first[~kept], second[~kept])
     lines, corners = _lines(x, edges[kept], angle)
@@ -126,7 +130,7 @@ def _without_noise(x: Array, edges: Indices, border: npt.NDArray[np.bool_], size
                 if len(rest) != 1 or rest[0] in chain:
                     break
                 chain.append(rest[0])
-            if length < SHORT * sizes[end] and not border[chain].any():
+            if length < SHORT * sizes[end] * (1 - SAME) and not border[chain].any():
                 keep[chain] = False
                 dropped = True
         if not dropped:
@@ -158,7 +162,7 @@ def _lines(x: Array, edges: Indices, angle: float) -> tuple[dict[Edge, int], set
         if len(others) == 2:
             u, v = x[node] - x[others[0]], x[others[1]] - x[node]
             cosine = u @ v / max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-300)
-            if cosine < np.cos(angle):
+            if cosine < np.cos(angle + SAME):
                 corners.add(node)
     lines: dict[Edge, int] = {}
     number = 0
@@ -183,13 +187,45 @@ def _edge(a: int, b: int) -> Edge:
 
 
 def _planes(x: Array, triangles: Indices, region: Indices) -> dict[int, Plane]:
-    planes = {}
+    """Planes of regions; those of regions on one plane are one."""
+    planes: dict[int, Plane] = {}
+    size = float(np.linalg.norm(np.ptp(x, axis=0)))
     for number in range(int(region.max(initial=-1)) + 1):
         part = triangles[region == number]
         plane = plane_of(x[np.unique(part)], _area_vector(x, part))
         if plane is not None and (len(part) >= FEW or np.count_nonzero(plane.normal) == 1):
-            planes[number] = plane
+            same = (p for p in planes.values() if _are_one(p, plane, x[part[0]].mean(axis=0), size))
+            planes[number] = next(same, plane)
     return planes
+
+
+def _are_one(first: Plane, second: Plane, at: Array, size: float) -> bool:
+    """Whether two planes are the same near a point of the second, of a body of some size."""
+    apart = abs(first.level - first.normal @ at)
+    return bool(np.linalg.norm(first.normal - second.normal) < SAME and apart < FLAT * size)
+
+
+def planes_of_copy(features: Features, x: Array, triangles: Indices) -> dict[int, Plane]:
+    """The planes that regions which are plane have where a copy of the surface is nearly plane.
+
+    Args:
+        features: Of the surface.
+        x: Coordinates of the copy's nodes, shape (nodes, 3).
+        triangles: Of surface and copy, shape (triangles, 3).
+    """
+    regions_of: dict[int, list[int]] = {}
+    for number, plane in features.planes.items():
+        regions_of.setdefault(id(plane), []).append(number)
+    out: dict[int, Plane] = {}
+    for regions in regions_of.values():
+        part = triangles[np.isin(features.region, regions)]
+        normal = features.planes[regions[0]].normal
+        if np.count_nonzero(normal) > 1:
+            normal = _area_vector(x, part)
+            normal = normal / np.linalg.norm(normal)
+        plane = Plane(normal, float(np.median(x[np.unique(part)] @ normal)))
+        out |= dict.fromkeys(regions, plane)
+    return out
 
 
 def _area_vector(x: Array, triangles: Indices) -> Array:
@@ -211,7 +247,11 @@ def plane_of(points: Array, normal: Array) -> Plane | None:
     axis = int(np.argmax(np.abs(n)))
     if np.abs(np.delete(n, axis)).max() < ALIGNED:
         n = np.asarray(np.sign(n[axis]) * np.eye(3)[axis], dtype=np.float64)
-    heights = points @ n
-    if np.ptp(heights) > FLAT * np.linalg.norm(np.ptp(points, axis=0)):
+    heights, extent = points @ n, float(np.linalg.norm(np.ptp(points, axis=0)))
+    if np.ptp(heights) > FLAT * extent:
         return None
-    return Plane(np.asarray(n), float(np.median(heights)))
+    level = float(np.median(heights))
+    if np.count_nonzero(n) == 1:
+        step = 2.0 ** np.floor(np.log2(ROUNDING * extent))
+        level = float(np.round(level / step) * step)
+    return Plane(np.asarray(n), level)

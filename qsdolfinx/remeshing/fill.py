@@ -29,15 +29,51 @@ GOOD = 0.5
 LEAST_QUALITY = 0.01
 
 
-def fill(boundary: Boundary, outline: Outline) -> tuple[Array, Indices]:
+class Inside(typing.NamedTuple):
+    """Cells within a boundary.
+
+    Attributes:
+        x: Nodes, shape (nodes, 3), those of the boundary first.
+        cells: Shape (cells, gdim + 1).
+    """
+
+    x: Array
+    cells: Indices
+
+    def within(
+        self, boundary: Boundary, moved: typing.Callable[[Array], Array]
+    ) -> tuple[Array, Indices]:
+        """Nodes and cells in the body that the one with these nodes is a copy of.
+
+        Args:
+            boundary: Of the body.
+            moved: From places in the copy, shape (nodes, 3), to those in the body.
+
+        Raises:
+            RemeshError: If cells become flat, or are turned inside out.
+        """
+        count = len(boundary.x)
+        x = np.vstack([boundary.x, moved(self.x[count:])])
+        turned = signed_sizes(x, self.cells) * signed_sizes(self.x, self.cells) <= 0
+        if turned.any():
+            at = x[self.cells[turned]].mean(axis=1)
+            raise RemeshError.at(f"{turned.sum()} cells of the new mesh turn inside out", at)
+        check_cells(x, self.cells)
+        return x, self.cells
+
+
+def signed_sizes(x: Array, cells: Indices) -> Array:
+    """Volumes (2D: areas) of simplices times 6 (2), negative of those of the other orientation."""
+    corners = x[cells][..., : cells.shape[1] - 1]
+    return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]))
+
+
+def fill(boundary: Boundary, outline: Outline) -> Inside:
     """Nodes and cells within a boundary, whose nodes are the first ones and stay.
 
     Args:
         boundary: The boundary.
         outline: The old body, whose sizes are wanted within, too.
-
-    Returns:
-        Coordinates, shape (nodes, 3), and cells, shape (cells, gdim + 1).
 
     Raises:
         RemeshError: If gmsh fails, or makes cells that are flat or turned inside out.
@@ -48,9 +84,9 @@ def fill(boundary: Boundary, outline: Outline) -> tuple[Array, Indices]:
     for algorithm in ALGORITHMS[gdim]:
         try:
             with _gmsh() as gmsh:
-                x, cells = _fill(gmsh, boundary, outline, algorithm)
-            check_cells(x, cells)
-            return x, cells
+                inside = _fill(gmsh, boundary, outline, algorithm)
+            check_cells(*inside)
+            return inside
         except RemeshError as error:
             problems.append(error)
     raise problems[0]
@@ -100,9 +136,7 @@ _OPTIONS = (
 )
 
 
-def _fill(
-    gmsh: typing.Any, boundary: Boundary, outline: Outline, algorithm: int
-) -> tuple[Array, Indices]:
+def _fill(gmsh: typing.Any, boundary: Boundary, outline: Outline, algorithm: int) -> Inside:
     gdim = boundary.facets.shape[1]
     _set_sizes(gmsh, boundary, outline)
     draw = _draw_lines if gdim == 2 else _draw_triangles
@@ -183,7 +217,7 @@ def _in_order(facets: Indices, shell: Indices) -> list[int]:
     return loop
 
 
-def _read(gmsh: typing.Any, boundary: Boundary) -> tuple[Array, Indices]:
+def _read(gmsh: typing.Any, boundary: Boundary) -> Inside:
     """Nodes, those of the boundary first, and cells of the model."""
     gdim = boundary.facets.shape[1]
     tags, x, _ = gmsh.model.mesh.getNodes()
@@ -207,7 +241,7 @@ def _read(gmsh: typing.Any, boundary: Boundary) -> tuple[Array, Indices]:
     if len(missing) or len(cells) == 0:
         where = boundary.x[missing - 1] if len(missing) else _middle(boundary)
         raise RemeshError.at("gmsh has left out nodes of the boundary", where)
-    return out, number[cells]
+    return Inside(out, number[cells])
 
 
 def cell_quality(x: Array, cells: Indices) -> Array:

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from qsdolfinx.remeshing.errors import RemeshError
 from qsdolfinx.remeshing.features import Features
-from qsdolfinx.remeshing.fill import check_cells
+from qsdolfinx.remeshing.fill import Inside, signed_sizes
 from qsdolfinx.remeshing.outline import Outline, listed, outward
 from qsdolfinx.remeshing.reference import OldSurface
-from qsdolfinx.remeshing.retriangulate import Boundary, on_planes
+from qsdolfinx.remeshing.retriangulate import Boundary, boundary_of
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -34,40 +34,13 @@ HEAD = "MeshVersionFormatted 2\nDimension 3\n"
 SECTIONS = {"Vertices": 4, "Tetrahedra": 5, "Triangles": 4, "Edges": 3}
 
 
-class Inside(typing.NamedTuple):
-    """Cells within a boundary.
-
-    Attributes:
-        x: Nodes, shape (nodes, 3), those of the boundary first.
-        cells: Shape (cells, 4).
-    """
-
-    x: Array
-    cells: Indices
-
-    def within(self, boundary: Boundary) -> tuple[Array, Indices]:
-        """Nodes and cells, with the boundary where it is now.
-
-        Raises:
-            RemeshError: If cells are flat or turned inside out by the way of the boundary.
-        """
-        x = self.x.copy()
-        x[: len(boundary.x)] = boundary.x
-        turned = _volumes(x, self.cells) * _volumes(self.x, self.cells) <= 0
-        if turned.any():
-            at = x[self.cells[turned]].mean(axis=1)
-            raise RemeshError.at(f"{turned.sum()} cells by MMG turn inside out", at)
-        check_cells(x, self.cells)
-        return x, self.cells
-
-
 def program() -> str | None:
     """Where MMG's program is; None if it is not installed."""
     return next(filter(None, map(shutil.which, PROGRAMS)), None)
 
 
 def adapt(outline: Outline, features: Features) -> tuple[Boundary, Inside]:
-    """Let MMG adapt the cells of a body; new boundary nodes are put on the old facets.
+    """Let MMG adapt the cells of a body; new boundary nodes are put on the old facets, not on planes.
 
     Args:
         outline: The body.
@@ -91,7 +64,7 @@ def adapt(outline: Outline, features: Features) -> tuple[Boundary, Inside]:
     lines = np.hstack([number[edges[used, :2]], edges[used, 2:]])
     corner, sizes = _onto_old(of_boundary, facets, region, lines, outline, features)
     tag_of = dict(zip(listed(features.region), listed(outline.tags), strict=True))
-    boundary = on_planes(of_boundary, facets, region, corner, sizes, features, tag_of)
+    boundary = boundary_of(of_boundary, facets, region, corner, sizes, features, tag_of)
     return boundary, Inside(x, cells)
 
 
@@ -131,7 +104,7 @@ def _write(path: pathlib.Path, outline: Outline, features: Features) -> None:
     lines = lines.reshape(-1, 3).astype(np.int64)
     numbers = np.arange(1, len(lines) + 1)
     cells = outline.cells.copy()
-    left = _volumes(outline.x, cells) < 0
+    left = signed_sizes(outline.x, cells) < 0
     cells[left, 2:] = cells[left, :1:-1]
     zero = np.zeros((len(cells), 1), dtype=np.int64)
     region = features.region[:, None]
@@ -235,8 +208,3 @@ def _onto_old(
         nodes = np.flatnonzero(free & (of_node == number))
         x[nodes], sizes[nodes] = old.onto_region(int(number), x[nodes])[:2]
     return corner, sizes
-
-
-def _volumes(x: Array, cells: Indices) -> Array:
-    corners = x[cells]
-    return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]))

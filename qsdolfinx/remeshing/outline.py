@@ -15,10 +15,6 @@ from qsdolfinx.compat import cell_nodes
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: Coordinates are rounded to this part of the body's size, so that what the numbers of ranks change
-#: of them does not change the mesh.
-ROUNDING = 1e-11
-
 
 class Outline(typing.NamedTuple):
     """A closed boundary, and the cells within it.
@@ -70,18 +66,17 @@ def gather(
     every, positions, wanted, cells, facets, tags = (
         np.concatenate([part[i] for part in parts]) for i in range(6)
     )
-    unique, first = np.unique(every, return_index=True)
+    unique, first, number = np.unique(every, return_index=True, return_inverse=True)
     points = positions[first]
-    # A power of two: round numbers stay what they are.
-    step = 2.0 ** np.floor(np.log2(ROUNDING * float(np.ptp(points, axis=0).max())))
-    points = np.round(points / step) * step
+    least = np.full(len(unique), np.inf)
+    np.minimum.at(least, number.ravel(), wanted)
     facets, cells = (np.searchsorted(unique, index) for index in (facets, cells))
     # By their own nodes: with what is opposite two facets of a cell would be alike.
     order = np.lexsort(np.sort(facets[:, :-1], axis=1).T)
     facets, tags = outward(points, facets[order, :-1], facets[order, -1]), tags[order]
     cells = np.sort(cells, axis=1)
     cells = cells[np.lexsort(cells.T)]
-    return Outline(points, facets, tags, cells, wanted[first])
+    return Outline(points, facets, tags, cells, least)
 
 
 def _facets(

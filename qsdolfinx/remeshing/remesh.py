@@ -29,9 +29,10 @@ from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes, coordinate_element
 from qsdolfinx.remeshing.errors import RemeshError, on_root
-from qsdolfinx.remeshing.features import find_features
+from qsdolfinx.remeshing.features import Plane, find_features, planes_of_copy
 from qsdolfinx.remeshing.fill import cell_quality, fill
 from qsdolfinx.remeshing.intersections import check_simple
+from qsdolfinx.remeshing.lattice import FromLattice, on_lattice
 from qsdolfinx.remeshing.mmg import PROGRAMS, adapt, program
 from qsdolfinx.remeshing.outline import Outline, boundary_facets, enclosed_volume, gather
 from qsdolfinx.remeshing.respace import respace
@@ -268,7 +269,7 @@ def _make(outline: Outline, how: _How, wanted: float) -> _Made:
     for factor in SIZES:
         try:
             given = outline._replace(sizes=factor * outline.sizes)
-            made.append(_make_of(given, how))
+            made.append(_make_of(*on_lattice(given), how))
         except RemeshError as error:
             problems.append(error)
             continue
@@ -279,19 +280,23 @@ def _make(outline: Outline, how: _How, wanted: float) -> _Made:
     return max(made, key=lambda mesh: mesh.report.quality)
 
 
-def _make_of(outline: Outline, how: _How) -> _Made:
-    """Make a mesh of these sizes."""
+def _make_of(outline: Outline, copy: Outline, how: _How) -> _Made:
+    """Make a mesh of the sizes of a body's copy on a lattice: of the copy, then put into the body."""
     axisymmetric, inside = how.axisymmetric, None
     volume = enclosed_volume(outline.x, outline.facets, axisymmetric)
+    planes: dict[int, Plane] = {}
     if outline.gdim == 2:
-        boundary = respace(outline, how.angle, axisymmetric)
+        new = respace(outline, copy, how.angle, axisymmetric)
     else:
-        surface = outline.x, outline.facets, outline.tags, outline.sizes
-        features = find_features(*surface, how.angle)
+        surface = copy.x, copy.facets, copy.tags, copy.sizes
+        features = find_features(outline.x, *surface[1:], how.angle)
+        planes = planes_of_copy(features, copy.x, copy.facets)
         if how.mesher == "mmg":
-            boundary, inside = adapt(outline, features)
+            new, inside = adapt(copy, features)
         else:
-            boundary = retriangulate(*surface, features)
+            new = retriangulate(*surface, features)
+    into_body = FromLattice(outline, copy)
+    boundary = new.at(into_body(new.x), new.planes)
     unrestored = enclosed_volume(boundary.x, boundary.facets, axisymmetric) / volume - 1
     shift = restore_volume(boundary, volume, axisymmetric)
     check_simple(boundary.x, boundary.facets)
@@ -302,7 +307,11 @@ def _make_of(outline: Outline, how: _How) -> _Made:
             "for smaller cells; the body is",
             outline.x.mean(axis=0),
         )
-    x, cells = fill(boundary, outline) if inside is None else inside.within(boundary)
+    if inside is None:
+        new = new.at(new.x, planes)
+        restore_volume(new, enclosed_volume(copy.x, copy.facets, axisymmetric), axisymmetric)
+        inside = fill(new, copy)
+    x, cells = inside.within(boundary, into_body)
     _check_filled(x, cells, enclosed_volume(boundary.x, boundary.facets))
     report = RemeshReport(
         volume,

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import collections
 import itertools
+import math
 import typing
 
 import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.remeshing.errors import RemeshError
-from qsdolfinx.remeshing.features import Plane, plane_of
+from qsdolfinx.remeshing.features import SAME, Plane, plane_of
 from qsdolfinx.remeshing.outline import Outline, listed
-from qsdolfinx.remeshing.retriangulate import Boundary, onto_planes
+from qsdolfinx.remeshing.retriangulate import Boundary
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 #: Radius, over the size of the body, of what is on the axis.
-ON_AXIS = 1e-9
+ON_AXIS = 1e-7
+
+#: Part of a segment by which a chain may be too short for one more: where it is half-way between
+#: two numbers, the lattice does not choose.
+HALF = 0.01
 
 
 class _Chain(typing.NamedTuple):
@@ -33,11 +38,12 @@ class _Chain(typing.NamedTuple):
     tag: int
 
 
-def respace(outline: Outline, angle: float, axisymmetric: bool) -> Boundary:
-    """Cover a boundary by new segments; nodes are on the old ones, corners stay.
+def respace(outline: Outline, copy: Outline, angle: float, axisymmetric: bool) -> Boundary:
+    """Cover a boundary by new segments; nodes are on the old ones of the copy, corners stay.
 
     Args:
-        outline: The old body.
+        outline: The old body, which has the corners and lines.
+        copy: Its copy on a lattice.
         angle: Between neighbours (radians) from which on their common node is a corner.
         axisymmetric: Whether coordinates are (r, z): where the boundary leaves the axis is a
             corner, too.
@@ -47,7 +53,8 @@ def respace(outline: Outline, angle: float, axisymmetric: bool) -> Boundary:
     """
     positions: list[Array] = []
     sizes: list[float] = []
-    planes: list[list[Plane]] = []
+    sides: list[list[int]] = []
+    planes: dict[int, Plane] = {}
     fixed: list[bool] = []
     facets: list[tuple[int, int]] = []
     tags: list[int] = []
@@ -56,37 +63,37 @@ def respace(outline: Outline, angle: float, axisymmetric: bool) -> Boundary:
     def corner(node: int) -> int:
         if node not in corners:
             corners[node] = len(positions)
-            positions.append(outline.x[node])
-            sizes.append(float(outline.sizes[node]))
-            planes.append([])
+            positions.append(copy.x[node])
+            sizes.append(float(copy.sizes[node]))
+            sides.append([])
             fixed.append(True)
         return corners[node]
 
-    for chain in _chains(outline, angle, axisymmetric):
+    for number, chain in enumerate(_chains(outline, angle, axisymmetric)):
         closed = chain.nodes[0] == chain.nodes[-1]
         plane = None if closed else _line_of(outline.x[chain.nodes])
-        x, h = _spaced(outline, chain.nodes, 3 if closed else 1)
+        if plane is not None:
+            planes[number] = plane
+        x, h = _spaced(copy, chain.nodes, 3 if closed else 1)
         row = [corner(int(chain.nodes[0]))]
         for i in range(1, len(x) - 1):
             row.append(len(positions))
             positions.append(x[i])
             sizes.append(float(h[i]))
-            planes.append([] if plane is None else [plane])
+            sides.append([number])
             fixed.append(plane is not None)
         row.append(corner(int(chain.nodes[-1])))
         if closed:
             fixed[row[0]] = False
-        elif plane is not None:
-            planes[row[0]].append(plane)
-            planes[row[-1]].append(plane)
+        sides[row[0]].append(number)
+        sides[row[-1]].append(number)
         facets += itertools.pairwise(row)
         tags += [chain.tag] * (len(row) - 1)
-    out = np.array(positions)
-    onto_planes(out, planes)
     return Boundary(
-        out,
+        np.array(positions),
         np.array(facets, dtype=np.int64),
         np.array(tags, dtype=np.int64),
+        sides,
         planes,
         np.array(fixed),
         np.array(sizes),
@@ -114,7 +121,7 @@ def _chains(outline: Outline, angle: float, axisymmetric: bool) -> list[_Chain]:
     direction = x[facets[:, 1]] - x[facets[:, 0]]
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-300)
     following = np.array([out_of[int(b)] for b in facets[:, 1]])
-    turns = np.sum(direction * direction[following], axis=1) < np.cos(angle)
+    turns = np.sum(direction * direction[following], axis=1) < np.cos(angle + SAME)
     is_corner = {
         int(facets[i, 1]) for i in range(len(facets)) if turns[i] or kind[i] != kind[following[i]]
     }
@@ -144,7 +151,7 @@ def _spaced(outline: Outline, nodes: Indices, least: int) -> tuple[Array, Array]
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = np.where(np.abs(ratio - 1) < 1e-6, h[:-1], h[:-1] * (ratio - 1) / np.log(ratio))
     counted = np.concatenate([[0.0], np.cumsum(ways / mean)])
-    number = max(least, int(np.rint(counted[-1])))
+    number = max(least, math.floor(counted[-1] + 0.5 + HALF))
     places = np.linspace(0.0, counted[-1], number + 1)
     i = np.clip(np.searchsorted(counted, places, side="right") - 1, 0, len(ways) - 1)
     part = (places - counted[i]) / (counted[i + 1] - counted[i])

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from qsdolfinx.remeshing.errors import RemeshError
 from qsdolfinx.remeshing.outline import enclosed_volume, volume_gradient
-from qsdolfinx.remeshing.retriangulate import Boundary, onto_planes
+from qsdolfinx.remeshing.retriangulate import Boundary
 
 Array = npt.NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def restore_volume(boundary: Boundary, volume: float, axisymmetric: bool) -> flo
         if slope <= 0.0:
             break
         x += (volume - now) / slope * directions
-        onto_planes(x, boundary.planes)
+        boundary.onto_planes()
     ways = np.linalg.norm(x - start, axis=1)
     far = ways > FAR * boundary.sizes
     if far.any():
@@ -66,12 +66,10 @@ def _directions(boundary: Boundary) -> Array:
     curved = _area_vectors(x, facets)
     for i in range(facets.shape[1]):
         np.add.at(normal, facets[:, i], curved)
-    for node, planes in enumerate(boundary.planes):
-        if not planes:
-            continue
+    for planes, nodes in boundary.on_same_planes():
         basis = np.linalg.svd(np.array([plane.normal for plane in planes]))
         across = basis[2][: int(np.sum(basis[1] > 1e-9))]
-        normal[node] -= across.T @ (across @ normal[node])
+        normal[nodes] -= (normal[nodes] @ across.T) @ across
     normal[boundary.fixed] = 0.0
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     return np.asarray(np.divide(normal, size, out=np.zeros_like(normal), where=size > 0))

@@ -27,6 +27,10 @@ FEW = 2e-3
 #: Cosine of the angle between a node's normal and that of the old triangle it is put on.
 SAME_SIDE = 0.5
 
+#: Ratio of singular values of normals (their angle, nearly, in radians) below which planes are one for
+#: a node on both: their intersection is not where it was if they are moved a little.
+NEARLY_ONE = 0.05
+
 #: Shape of triangles that smoothing may not make worse.
 POOR = 0.2
 
@@ -39,7 +43,8 @@ class Boundary:
         x: Coordinates of nodes, shape (nodes, 3).
         facets: Outward facets, shape (facets, gdim).
         tags: Of the facets, shape (facets,).
-        planes: For each node the planes that it has to stay on.
+        sides: For each node the numbers of the regions that it is on.
+        planes: Of regions that are plane, by their numbers: nodes of a region have to stay on them.
         fixed: Nodes that stay where they are, shape (nodes,).
         sizes: Of cells wanted at the nodes (length), shape (nodes,).
     """
@@ -47,9 +52,44 @@ class Boundary:
     x: Array
     facets: Indices
     tags: Indices
-    planes: list[list[Plane]]
+    sides: list[list[int]]
+    planes: dict[int, Plane]
     fixed: npt.NDArray[np.bool_]
     sizes: Array
+
+    def at(self, x: Array, planes: dict[int, Plane]) -> Boundary:
+        """The boundary with its nodes elsewhere, exactly on planes.
+
+        Args:
+            x: Coordinates of nodes, shape (nodes, 3).
+            planes: Of regions, by their numbers.
+        """
+        out = dataclasses.replace(self, x=x.copy(), planes=planes)
+        out.onto_planes()
+        return out
+
+    def on_same_planes(self) -> list[tuple[list[Plane], Indices]]:
+        """Planes, and nodes that have to stay on just these."""
+        nodes_of: dict[tuple[int, ...], list[int]] = {}
+        planes_of: dict[tuple[int, ...], list[Plane]] = {}
+        for node, numbers in enumerate(self.sides):
+            found = {id(p): p for n in numbers if (p := self.planes.get(n)) is not None}
+            if found:
+                nodes_of.setdefault(tuple(found), []).append(node)
+                planes_of[tuple(found)] = list(found.values())
+        return [(planes, np.array(nodes_of[key])) for key, planes in planes_of.items()]
+
+    def onto_planes(self) -> None:
+        """Put nodes on the closest places that are on their planes, exactly on those across axes."""
+        for planes, nodes in self.on_same_planes():
+            normals = np.array([plane.normal for plane in planes])
+            levels = np.array([plane.level for plane in planes])
+            off = levels - self.x[nodes] @ normals.T
+            self.x[nodes] += off @ np.linalg.pinv(normals, rcond=NEARLY_ONE).T
+            for plane in planes:
+                if np.count_nonzero(plane.normal) == 1:
+                    axis = int(np.argmax(np.abs(plane.normal)))
+                    self.x[nodes, axis] = plane.level * plane.normal[axis]
 
 
 def retriangulate(
@@ -196,10 +236,10 @@ def _left(surface: Triangulation, features: Features, tag_of: dict[int, int]) ->
     corner = np.isin(nodes, list(surface.corners))
     sizes = np.array(surface.sizes)[nodes]
     x = np.array(surface.x)[nodes]
-    return on_planes(x, renumbered.reshape(-1, 3), region, corner, sizes, features, tag_of)
+    return boundary_of(x, renumbered.reshape(-1, 3), region, corner, sizes, features, tag_of)
 
 
-def on_planes(
+def boundary_of(
     x: Array,
     faces: Indices,
     region: Indices,
@@ -208,7 +248,7 @@ def on_planes(
     features: Features,
     tag_of: dict[int, int],
 ) -> Boundary:
-    """A boundary of nodes and triangles, nodes on their planes.
+    """A boundary of nodes and triangles.
 
     Args:
         x: Coordinates of nodes, shape (nodes, 3).
@@ -223,20 +263,9 @@ def on_planes(
     for i in range(3):
         for node, number in zip(listed(faces[:, i]), listed(region), strict=True):
             regions[node].add(number)
-    planes = [[features.planes[r] for r in sorted(of) if r in features.planes] for of in regions]
-    onto_planes(x, planes)
     curved = np.array([any(r not in features.planes for r in of) for of in regions])
     sharp = np.array([len(of - features.planes.keys()) > 1 for of in regions])
     tags = np.array([tag_of[r] for r in listed(region)], dtype=np.int64)
-    return Boundary(x, faces, tags, planes, ~curved | corner | sharp, sizes)
-
-
-def onto_planes(x: Array, planes: list[list[Plane]]) -> None:
-    """Put nodes exactly on their planes, those across axes last."""
-    for node, of in enumerate(planes):
-        for plane in sorted(of, key=lambda p: np.count_nonzero(p.normal) == 1):
-            x[node] = plane.snapped(x[node][None])[0]
-        for plane in of:
-            if np.count_nonzero(plane.normal) == 1:
-                axis = int(np.argmax(np.abs(plane.normal)))
-                x[node, axis] = plane.level * plane.normal[axis]
+    fixed = ~curved | corner | sharp
+    sides = [sorted(of) for of in regions]
+    return Boundary(x, faces, tags, sides, features.planes, fixed, sizes)

@@ -22,6 +22,7 @@ from qsdolfinx.base.checks import (
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes
+from qsdolfinx.remeshing.features import SAME
 from qsdolfinx.remeshing.outline import Outline, gather, listed
 from qsdolfinx.remeshing.reference import Triangles, closest_on_segments
 from qsdolfinx.tools.rigid_surface import RigidSurface
@@ -77,7 +78,7 @@ def nodal_sizes(msh: mesh.Mesh, x: Array, size: typing.Any) -> Array:
     if isinstance(size, (list, tuple)):
         return np.asarray(np.min([nodal_sizes(msh, x, one) for one in size], axis=0))
     if isinstance(size, fem.Function):
-        values = at_nodes(size)
+        values = _least_at_nodes(size)
     else:
         with collective_errors(msh.comm):
             found = np.asarray(size(x.T) if callable(size) else size)
@@ -88,6 +89,17 @@ def nodal_sizes(msh: mesh.Mesh, x: Array, size: typing.Any) -> Array:
         good = np.isfinite(values) & (values > 0)
         require(good.all(), "size: must be positive and finite everywhere")
     return np.array(values)
+
+
+def _least_at_nodes(size: fem.Function) -> Array:
+    """Least of the values that the cells of this rank have at the nodes of the mesh. Collective."""
+    msh = size.function_space.mesh
+    of_cells = fem.Function(fem.functionspace(msh, ("DG", 1)))
+    of_cells.interpolate(size)
+    out = np.full(len(msh.geometry.x), np.inf)
+    values = of_cells.x.array[of_cells.function_space.dofmap.list]
+    np.minimum.at(out, cell_nodes(msh), values.astype(np.float64))
+    return out
 
 
 def at_nodes(function: fem.Function) -> Array:
@@ -118,7 +130,7 @@ def limit_growth(outline: Outline, gradation: float) -> Outline:
         new = sizes.copy()
         np.minimum.at(new, a, sizes[b] + way)
         np.minimum.at(new, b, sizes[a] + way)
-        if np.allclose(new, sizes, rtol=1e-3):
+        if np.array_equal(new, sizes):
             return outline._replace(sizes=new)
         sizes = new
 
@@ -183,7 +195,7 @@ def _curved(outline: Outline, angle: float) -> Array:
             continue
         first, second = pair
         turn = float(np.arccos(np.clip(normal[first] @ normal[second], -1.0, 1.0)))
-        if 0 < turn < np.pi / 4:
+        if 0 < turn <= np.pi / 4 + SAME:
             radius = float(np.linalg.norm(middle[first] - middle[second])) / turn
             nodes = list(ridge)
             out[nodes] = np.minimum(out[nodes], angle * radius)

@@ -27,11 +27,6 @@ OFF_LINE = 0.05
 #: Longest and shortest edges, in units of the size wanted, that are left as they are.
 LONG, SHORT = 4 / 3, 4 / 5
 
-#: Decimals of these lengths, and of shapes, that count: edges that symmetry makes alike take turns
-#: by their numbers, and not by the last digits of a solution, which the number of ranks changes
-#: (test_ties_are_not_broken_by_rounding).
-DECIMALS = 6
-
 #: Angles (radians) that face an edge together from which on it is turned.
 FACING = math.pi + 1e-6
 
@@ -80,12 +75,11 @@ class Triangulation:
         """Lengths of edges in units of the size wanted there."""
         x, h, pairs = np.array(self.x), np.array(self.sizes), np.array(edges).reshape(-1, 2)
         length = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
-        return np.asarray(np.round(length / (h[pairs].mean(axis=1)), DECIMALS))
+        return np.asarray(length / (h[pairs].mean(axis=1)))
 
     def _length(self, a: int, b: int) -> float:
         """Length over the size wanted."""
-        length = math.dist(self.x[a], self.x[b]) / (0.5 * (self.sizes[a] + self.sizes[b]))
-        return round(length, DECIMALS)
+        return math.dist(self.x[a], self.x[b]) / (0.5 * (self.sizes[a] + self.sizes[b]))
 
     def neighbours(self, node: int) -> set[int]:
         """Nodes that share an edge with one."""
@@ -239,7 +233,7 @@ class Triangulation:
             old = [self.faces[first], self.faces[second]]
             new = [_replaced(old[0], b, d), _replaced(old[1], a, c)]
             worst = min(self.shape(face) for face in old)
-            if round(min(self.shape(face) for face in new) - worst, DECIMALS) <= 0:
+            if min(self.shape(face) for face in new) <= worst:
                 continue
             n = [self._normal(face) for face in (*old, *new)]
             if all(_dot(u, v) >= TURNS or not (any(u) and any(v)) for u in n[:2] for v in n[2:]):

@@ -105,21 +105,6 @@ def test_same_mesh_on_any_partition(dim):
     assert np.array_equal(all_nodes(alone.mesh), all_nodes(together.mesh))
 
 
-def test_ties_are_not_broken_by_rounding():
-    """What solvers leave of equal lengths, which the number of ranks changes, chooses no edges."""
-    meshes = []
-    for noise in (0.0, 1e-9, 3e-10):
-        msh = mesh.create_box(WORLD, [[0, 0, 0], [10, 10, 8]], [3, 3, 3])
-        x = msh.geometry.x
-        x[:, :2] *= 1 + 0.1 * np.sin(np.pi * x[:, 2:] / 8)  # as symmetric as before
-        x[:, :2] *= 1 + noise * np.sin(37 * x[:, :2] + x[:, 2:])
-        meshes.append(qs.remesh(msh, 3.0).mesh)
-    sizes = {num_cells(msh) for msh in meshes}
-    assert len(sizes) == 1, sizes
-    first, *others = map(all_nodes, meshes)
-    assert all(np.allclose(first, other, atol=1e-5) for other in others)
-
-
 def test_displaced_body_is_the_moved_one():
     msh = barrel()[0]
     u = fem.Function(fem.functionspace(msh, ("Lagrange", 1, (2,))))
