@@ -15,7 +15,7 @@ import dataclasses
 import typing
 
 import numpy as np
-from audit import friction
+from audit import friction, readings, ties
 from audit.distance import Meshed, Tool
 from audit.sides import Side, read_side
 from audit.state import BodyState, SurfaceState, read_body, read_surface
@@ -87,6 +87,7 @@ class Joint:
         reported: Function that returns the forces which the library says to act on the slave.
         dissipated: Function that returns the energy which it says friction to have taken in the
             step.
+        contact: The library's contact, whose readings are audited; None for none.
     """
 
     slave: tuple
@@ -103,6 +104,12 @@ class Joint:
     follows: bool = False
     reported: typing.Callable | None = None
     dissipated: typing.Callable | None = None
+    contact: typing.Any = None
+
+    @property
+    def finite(self):
+        """Whether forces act where bodies are, also if they are tied."""
+        return self.contact is not None and self.contact.sliding == "finite"
 
     @property
     def rubs(self):
@@ -140,6 +147,7 @@ class Auditor:
                 [read_surface(bodies[i].u.function_space, f, x[i]) for i, f in ends]
             )
         self.before: list[friction.Memory | None] = [None for _ in joints]
+        self.about = 0.7 * length * np.array([0.4, -1.0, bodies[0].u.function_space.mesh.geometry.dim - 2])
 
     def read(self):
         """States of all bodies. Collective."""
@@ -159,6 +167,7 @@ class Auditor:
         for number, joint in enumerate(self.joints):
             sides = self.sides(number, states)
             faults += joint_faults(joint, sides, tolerance, self.length)
+            faults += self.readings(number, sides, states, tolerance)
             now = friction.read_memory(sides)
             if joint.rubs and not joint.follows:  # slip is not counted from the bodies at rest
                 faults += [
@@ -167,6 +176,45 @@ class Auditor:
                 ]
             self.before[number] = now
         return faults
+
+    def read_contact(self, number):
+        """What the library says of the meshed sides of a contact, slave first. Collective."""
+        joint = self.joints[number]
+        if joint.contact is None:
+            return []
+        ends = [end for end in (joint.slave, joint.master) if not isinstance(end, Tool)]
+        return [
+            readings.read(joint.contact, name, readings.Reader(
+                self.bodies[end[0]].u.function_space, surface), self.about)
+            for name, end, surface in zip(("slave", "master"), ends, self.surfaces[number], strict=False)
+        ]
+
+    def readings(self, number, sides, states, tolerance):
+        """What is wrong with what the library says of a contact. Collective."""
+        joint, out = self.joints[number], []
+        ends = [end for end in (joint.slave, joint.master) if not isinstance(end, Tool)]
+        for name, end, side, reading in zip(
+            ("slave", "master"), ends, sides, self.read_contact(number), strict=False
+        ):
+            state = states[end[0]]
+            now = state.x + state.u
+            x = now if joint.finite else state.x
+            expected = readings.Expected(side, x, now, x, self.about)
+            for found in readings.faults(name, reading, expected, tolerance, joint.rubs):
+                out += compare(*found)
+        return out
+
+    def audit_update(self):
+        """Readings that change as contact is updated, though nothing is solved. Collective."""
+        out = []
+        for number, joint in enumerate(self.joints):
+            before = self.read_contact(number)
+            if joint.contact is not None:
+                joint.contact.update()
+            for pair in zip(before, self.read_contact(number), strict=True):
+                for found in readings.changed(*pair):
+                    out += compare(*found)
+        return out
 
     def contact_nodes(self, i, state):
         """Nodes of a body that are on any contact surface."""
@@ -271,7 +319,9 @@ def pair_balance(joint, sides, tolerance, length):
     if np.all(known):
         moment = sum(np.cross(side.nodal_x, f).sum(axis=0) for side, f in zip(sides, force))
         size = sum(np.linalg.norm(f, axis=1).sum() for f in force)
-        levers = max(side.lever(joint.tied or joint.rubs, tolerance) for side in sides)
+        levers = max(side.lever(joint.rubs, tolerance) for side in sides)
+        if joint.tied:  # couples of what is between them
+            levers = ties.arm(sides) if joint.finite else 0.0
         reach = max(np.abs(side.nodal_x).max() for side in sides) + length
         bound = slack * reach + size * levers
         out += compare("action", np.abs(moment), bound, "slave + master moment")
@@ -378,14 +428,14 @@ def tied_gaps(joint, sides, reach, length):
     pressure = max((np.linalg.norm(s.force, axis=1) / s.area).max(initial=0.0) for s in sides)
     bound = CLOSE * length
     bound += SPIKE * pressure / joint.penalty if joint.penalty else joint.allowed_gap
-    # What is between the surfaces turns with them.
-    wide = max(np.abs(s.rest.distance[s.rest.facing]).max(initial=0.0) for s in sides)
-    bound += wide * max(s.turn.max(initial=0.0) for s in sides)
+    jumps = [ties.jump(side) for side in sides]
+    # What is between the surfaces turns with them, with small sliding by small rotations.
+    bound += 0.0 if joint.finite else max(ties.second_order(s) for s in sides)
     if joint.node_by_node:
         count = sides[0].num_vertices
-        jump = sides[0].jump[:count][sides[0].rest.facing[:count]]
+        jump = jumps[0][:count][sides[0].rest.facing[:count]]
         return compare("tie", np.abs(jump).max(axis=1), bound, "jump")
-    jump = np.concatenate([sign * s.jump[s.rest.facing] for s, sign in zip(sides, (1, -1))])
+    jump = np.concatenate([sign * j[s.rest.facing] for j, s, sign in zip(jumps, sides, (1, -1))])
     x = np.concatenate([s.points[s.rest.facing] for s in sides])
     if len(jump) == 0:
         return []

@@ -272,6 +272,7 @@ class Stage:
             at_points=scene.options.get("constraints") == "points",
             follows=scene.options.get("sliding") == "finite" and not scene.tied,
             reported=lambda: self.contact.force("slave"),
+            contact=self.contact,
         )
         self.audited = [AuditedBody(b.F, b.u, b.bcs, large=scene.large) for b in self.bodies]
         stiffest = scene.E * (max(1.0, scene.ratio) if self.tool is None else 1.0)
@@ -308,11 +309,13 @@ class Stage:
 
     def steps(self):
         """Solve step after step; what is wrong after each."""
-        for step in HISTORIES[self.scene.history]:
+        path = HISTORIES[self.scene.history]
+        for number, step in enumerate(path, 1):
             self.move(*step)
             self.problem.solve()
             self.read_settings()
-            yield self.auditor.audit()
+            faults = self.auditor.audit()
+            yield faults + (self.auditor.audit_update() if number == len(path) else [])
 
     def destroy(self):
         self.problem.destroy()

@@ -12,7 +12,7 @@ import dataclasses
 from mpi4py import MPI
 
 import numpy as np
-from audit import friction
+from audit import friction, readings, ties
 from audit.auditor import (
     CLOSE,
     LEAST,
@@ -89,6 +89,7 @@ class StepAuditor:
         self.t, self.num_steps = 0.0, 0
         self.friction: tuple[np.ndarray, np.ndarray] | None = None
         self.joint = self.make_joint()
+        self.about = 0.7 * self.length * np.array([0.4, -1.0, play.up - 1])
         stiffest = self.history.E * (1.0 if self.history.has_tool else max(1.0, self.history.ratio))
         self.force = stiffest * self.history.depth * self.length**play.up
 
@@ -107,6 +108,7 @@ class StepAuditor:
             follows=history.options.get("sliding") == "finite" and not history.tied,
             reported=lambda: play.contact.force("slave"),
             dissipated=lambda: play.contact.step_dissipation(),
+            contact=play.contact,
         )
 
     # --- Reading
@@ -184,7 +186,7 @@ class StepAuditor:
         sides = self.sides(bodies, tool)
         faults += self.contact(bodies, tool, sides, tolerance)
         faults += self.driven(sides, tolerance)
-        return faults
+        return faults + self.readings(bodies, tool, sides, tolerance)
 
     def go_on(self, bodies, local, tool):
         """Take this end of a step for the start of the next."""
@@ -307,6 +309,52 @@ class StepAuditor:
         slack = tolerance * np.sqrt(len(sides[0].nodal_x))
         return compare("driven", abs(own - force), slack, "force on the tool")
 
+    # --- Readings
+
+    def ends(self):
+        """Names of the meshed sides and their bodies, slave first."""
+        if self.history.has_tool:
+            return [("slave", 0)]
+        return list(zip(("slave", "master"), (0, 1) if self.history.swapped else (1, 0), strict=True))
+
+    def read_contact(self):
+        """What the library says of the meshed sides, slave first. Collective."""
+        actors, surfaces = self.play.actors, self.surfaces
+        return [
+            readings.read(
+                self.play.contact, name,
+                readings.Reader(actors[i].nodes.V, surfaces[i]), self.about,
+            )
+            for name, i in self.ends()
+        ]  # fmt: skip
+
+    def readings(self, bodies, tool, sides, tolerance):
+        """What is wrong with what the library says of the contact. Collective.
+
+        Forces on a tool go along with its centre.
+        """
+        out, moved = [], np.zeros(3)
+        if tool is not None:
+            center = self.play.center
+            moved = tool[1](center) - tool[0](center)
+        for (name, i), side, reading in zip(self.ends(), sides, self.read_contact(), strict=False):
+            body, flows = bodies[i], self.play.actors[i].flows
+            area_x = body.solved if flows and not self.joint.finite else body.now
+            moment_x = body.now if self.joint.finite else body.paired + moved
+            expected = readings.Expected(side, area_x, body.now, moment_x, self.about)
+            for found in readings.faults(name, reading, expected, tolerance, self.joint.rubs):
+                out += compare(*found)
+        return out
+
+    def audit_update(self):
+        """Readings that change as contact is updated, though nothing is solved. Collective."""
+        before, out = self.read_contact(), []
+        self.play.contact.update()
+        for pair in zip(before, self.read_contact(), strict=True):
+            for found in readings.changed(*pair):
+                out += compare(*found)
+        return out
+
     # --- Contact
 
     def meshed(self, i, body, start):
@@ -358,19 +406,7 @@ class StepAuditor:
         """Jumps since the tie was made."""
         since = None if tool is None else (Motion.none(), tool[1])
         sides = self.sides(bodies, since, "first")
-        carried = Motion.none()
-        if not self.history.has_tool:
-            # An initial gap stays as it is, and does not turn.
-            carried = self.play.carry(self.play.stepper.t)
-        # With finite sliding it turns with the slave.
-        turns = 0.2 if self.history.options.get("sliding") == "finite" else 0.0
-        joint = dataclasses.replace(
-            self.joint,
-            allowed_gap=self.joint.allowed_gap
-            + (np.linalg.norm(carried.vector()) + turns)
-            * max(s.initial_gap.max(initial=0) for s in sides),
-        )
-        return tied_gaps(joint, sides, reach, self.length)
+        return tied_gaps(self.joint, sides, reach, self.length)
 
     def slip(self, bodies, tool, sides, tolerance):
         """Friction against the slip since the last step."""
