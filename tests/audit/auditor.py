@@ -200,8 +200,15 @@ class Auditor:
             now = state.x + state.u
             x = now if joint.finite else state.x
             expected = readings.Expected(side, x, now, x, self.about)
-            for found in readings.faults(name, reading, expected, tolerance, joint.rubs):
+            alone = joint.formulation != "double-pass"
+            for found in readings.faults(name, reading, expected, tolerance, joint.rubs, alone):
                 out += compare(*found)
+            if name == "slave" and joint.mu > 0 and not joint.finite:
+                area = readings.areas_and_normals(side.own.surface, x)[0]
+                held = friction.held_faults(
+                    joint, sides, reading, area, self.before[number], tolerance
+                )
+                out += [Fault(*fault) for fault in held]
         return out
 
     def audit_update(self):
@@ -308,8 +315,11 @@ def joint_faults(joint: Joint, sides: list[Side], tolerance, length):
     return faults
 
 
-def pair_balance(joint, sides, tolerance, length):
-    """Forces of the two sides, and their moments about rest up to lever × force."""
+def pair_balance(joint, sides, tolerance, length, arm=None):
+    """Forces of the two sides, and their moments about rest up to lever × force.
+
+    Those of a tie balance with what is between its sides: ``arm`` is what that misses.
+    """
     force = [side.nodal_force for side in sides]
     unknown = [np.any(side.nodal_held[:, : side.gdim], axis=0) for side in sides]
     known = ~np.any(unknown, axis=0)
@@ -321,7 +331,7 @@ def pair_balance(joint, sides, tolerance, length):
         size = sum(np.linalg.norm(f, axis=1).sum() for f in force)
         levers = max(side.lever(joint.rubs, tolerance) for side in sides)
         if joint.tied:  # couples of what is between them
-            levers = ties.arm(sides) if joint.finite else 0.0
+            levers = arm if arm is not None else ties.arm(sides) if joint.finite else 0.0
         reach = max(np.abs(side.nodal_x).max() for side in sides) + length
         bound = slack * reach + size * levers
         out += compare("action", np.abs(moment), bound, "slave + master moment")

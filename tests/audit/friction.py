@@ -139,3 +139,54 @@ def energy(joint, sides, before, now, tolerance):
     if taken < 0.99 * least:
         out.append(("energy", least / max(taken, 1e-300), f"{taken:.3g}, at least {least:.3g}"))
     return out
+
+
+def held_faults(joint, sides, reading, area, before, tolerance):
+    """Check, excess and text of wrong friction at the slave's nodes that conditions hold or move.
+
+    Reactions are in the bodies' own forces there, so that friction is what the library says it to
+    be: that its traction is all that acts there is seen at the other nodes.
+
+    Args:
+        joint: The contact, with Coulomb's friction.
+        sides: Its sides, slave first.
+        reading: Of the slave.
+        area: Of its vertices, that tractions stand for.
+        before: Memory of the step before.
+        tolerance: Force that is none.
+    """
+    side = sides[0]
+    now = read_memory(sides)
+    if before is None:
+        before = Memory(0 * now.jump, 0 * now.friction, 0 * now.pushed)
+    x = side.points[: side.num_vertices]
+    held = np.any(side.held[:, : side.gdim], axis=1) & side.normal_free
+    held &= side.rest.facing[: side.num_vertices]
+    force = reading.tangential * area[:, None]
+    pushed = -np.sum(reading.normal * side.normal, axis=1) * area
+    moved = now.jump - before.jump
+    moved = moved - np.sum(moved * side.normal, axis=1, keepdims=True) * side.normal
+    near = np.linalg.norm(x[:, None] - x, axis=2) <= 2 * sum(s.size for s in sides)
+    spread = np.where(near, np.linalg.norm(moved[:, None] - moved, axis=2), 0.0).max(axis=1)
+    limit = joint.friction_limit(side.area, pushed)
+    elastic = 2 * limit / (joint.penalty * side.area) if joint.penalty else 0.0
+    way, size = np.linalg.norm(moved, axis=1), np.linalg.norm(force, axis=1)
+    tilt = side.tilt_at_rest * np.abs(pushed)
+    sure = held & (pushed > 1e4 * tolerance) & (way > 3 * spread + elastic + 1e-6 * side.size)
+    sure &= ~near_closing(side, before, now, near, tolerance)
+    along = np.sum(force * moved, axis=1) > -0.5 * size * way
+    # Limits of points, and of the other side's nodes, are those of pressures near.
+    alone = joint.node_by_node or (joint.formulation == "master-slave" and not joint.at_points)
+    little = (size < STICKS * limit - tilt) if alone else size < 1e3 * tolerance
+    wrong = sure & (along | little)
+    out = []
+    if np.any(wrong):
+        out.append(("held", 2.0, f"{wrong.sum()} nodes that are moved slip without their friction"))
+    # What has never moved has no friction: a plane of symmetry.
+    rests = np.abs(now.jump).max(axis=1) <= 1e-9 * side.size
+    fixed = np.where(side.held & rests[:, None] & held[:, None], np.abs(force), 0.0)
+    fixed[:, side.gdim :] = 0.0
+    excess = fixed.max(initial=0.0) / (1e3 * tolerance + 1e-3 * limit.max(initial=0.0))
+    if excess > 1:
+        out.append(("held", float(excess), "friction at nodes that do not move"))
+    return out

@@ -342,7 +342,11 @@ class StepAuditor:
             area_x = body.solved if flows and not self.joint.finite else body.now
             moment_x = body.now if self.joint.finite else body.paired + moved
             expected = readings.Expected(side, area_x, body.now, moment_x, self.about)
-            for found in readings.faults(name, reading, expected, tolerance, self.joint.rubs):
+            alone = self.joint.formulation != "double-pass"
+            found_all = readings.faults(
+                name, reading, expected, tolerance, self.joint.rubs, alone
+            )
+            for found in found_all:
                 out += compare(*found)
         return out
 
@@ -389,7 +393,8 @@ class StepAuditor:
         forces = sides if tool is None else sides[:1]
         faults = reported_force(joint, sides, tolerance)
         if len(forces) == 2:
-            faults += pair_balance(joint, sides, tolerance, length)
+            arm = self.arm(bodies) if joint.tied else None
+            faults += pair_balance(joint, sides, tolerance, length, arm)
         reach = 2 * sum(side.size for side in sides)
         if joint.tied:
             return faults + self.tie(bodies, tool, reach)
@@ -407,6 +412,11 @@ class StepAuditor:
         since = None if tool is None else (Motion.none(), tool[1])
         sides = self.sides(bodies, since, "first")
         return tied_gaps(self.joint, sides, reach, self.length)
+
+    def arm(self, bodies):
+        """Jump of a tie between bodies where the forces are that it exerts."""
+        there = [b if self.joint.finite else dataclasses.replace(b, now=b.paired) for b in bodies]
+        return ties.arm(self.sides(there, None, "first"))
 
     def slip(self, bodies, tool, sides, tolerance):
         """Friction against the slip since the last step."""

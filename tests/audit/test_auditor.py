@@ -19,6 +19,7 @@ PLAIN = dataclasses.replace(
     tool="none",
     large=False,
     loaded=False,
+    dragged=False,
     symmetric=False,
     swapped=False,
     curvature=0.0,
