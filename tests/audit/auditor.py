@@ -29,6 +29,9 @@ ROUNDING = 1e-9
 #: Lengths that count as none, as a part of the scene's.
 CLOSE = 1e-7
 
+#: Sides of a contact.
+NAMES = ("slave", "master")
+
 #: Multiplier over the pressure that nodal forces show, where meshes do not match.
 SPIKE = 4.0
 
@@ -186,7 +189,7 @@ class Auditor:
         return [
             readings.read(joint.contact, name, readings.Reader(
                 self.bodies[end[0]].u.function_space, surface), self.about)
-            for name, end, surface in zip(("slave", "master"), ends, self.surfaces[number], strict=False)
+            for name, end, surface in zip(NAMES, ends, self.surfaces[number], strict=False)
         ]
 
     def readings(self, number, sides, states, tolerance):
@@ -218,7 +221,7 @@ class Auditor:
             before = self.read_contact(number)
             if joint.contact is not None:
                 joint.contact.update()
-            for pair in zip(before, self.read_contact(number), strict=True):
+            for pair in zip(NAMES, before, self.read_contact(number), strict=False):
                 for found in readings.changed(*pair):
                     out += compare(*found)
         return out

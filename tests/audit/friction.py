@@ -104,13 +104,15 @@ def near_closing(side, before, now, near, tolerance):
     return np.any(near & was_open & (now.pushed > tolerance), axis=1)
 
 
-def energy(joint, sides, before, now, tolerance):
+def energy(joint, sides, before, now, tolerance, means=False):
     """Check, excess and text of what is wrong with the energy that friction took in a step.
 
     It is the work Σ F · Δx of the tangential forces, of bodies in displacements with a force from
     that of the start of the step to that of its end. Slips are means over a node's facets, so that it
     is known as far as they do not vary there; of nodes that conditions hold, or that close or leave
-    in the step, no more is known than that the largest force on all of the way takes more.
+    in the step, no more is known than that the largest force on all of the way takes more. Forces
+    that are means over the step, of bodies in velocities (``means``), work on the way before nodes
+    close as well, which may be the other one.
     """
     side = sides[0]
     moved = now.jump - before.jump
@@ -134,9 +136,13 @@ def energy(joint, sides, before, now, tolerance):
     held = np.any(side.held[:, : side.gdim], axis=1)
     slips = at_end > 0.999 * joint.friction_limit(side.area, now.pushed)
     sure = slips & (at_start > 0) & ~held & (now.pushed > 1e4 * tolerance)
-    least = np.where(sure, np.minimum(at_end, at_start) * (way - 2 * spread - elastic), 0.0)
+    limit = joint.friction_limit(side.area, np.minimum(now.pushed, before.pushed))
+    # Without what is the normal force of facets beside; pushed by which it may be as much.
+    least = np.minimum(np.minimum(at_end, at_start), limit) - side.tilt_at_rest * now.pushed
+    least = np.where(sure, np.maximum(least, 0.0) * (way - 2 * spread - elastic), 0.0)
     least = float(np.sum(np.maximum(least, 0.0)))
-    if taken < 0.99 * least:
+    rounding = most if means and least == 0 else 1e-9 * most
+    if taken < 0.99 * least - rounding:
         out.append(("energy", least / max(taken, 1e-300), f"{taken:.3g}, at least {least:.3g}"))
     return out
 

@@ -194,13 +194,14 @@ def faults(name, reading: Reading, expected: Expected, tolerance, rubs, side_by_
         yield "fields", loaded & ~active, 0.5, f"force where status is open on {name}"
 
 
-def changed(before: Reading, after: Reading):
+def changed(name, before: Reading, after: Reading):
     """Check, values, bounds and text: readings that have changed though nothing was solved."""
     for field in dataclasses.fields(Reading):
         a, b = getattr(before, field.name), getattr(after, field.name)
         pairs = [(field.name, a, b)]
         if isinstance(a, dict):
-            pairs = [(name, a[name], b[name]) for name in a]
-        for name, was, now in pairs:
+            pairs = [(key, a[key], b[key]) for key in a]
+        for what, was, now in pairs:
             off = np.abs(np.asarray(now) - np.asarray(was))
-            yield "update", off, 1e-12 + 1e-9 * np.abs(was).max(), f"{name} after update()"
+            bound = 1e-12 + 1e-9 * np.abs(was).max()
+            yield "update", off, bound, f"{what} of {name} after update()"

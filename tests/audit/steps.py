@@ -16,6 +16,7 @@ from audit import friction, readings, ties
 from audit.auditor import (
     CLOSE,
     LEAST,
+    NAMES,
     PART,
     ROUNDING,
     AuditedBody,
@@ -354,7 +355,7 @@ class StepAuditor:
         """Readings that change as contact is updated, though nothing is solved. Collective."""
         before, out = self.read_contact(), []
         self.play.contact.update()
-        for pair in zip(before, self.read_contact(), strict=True):
+        for pair in zip(NAMES, before, self.read_contact(), strict=False):
             for found in readings.changed(*pair):
                 out += compare(*found)
         return out
@@ -440,7 +441,8 @@ class StepAuditor:
             tool[1].since(self.tool_before).vector()))  # fmt: skip
         found = friction.faults(self.joint, sides, before, now, tolerance, angle)
         if not self.history.options.get("formulation") == "double-pass":
-            found += friction.energy(self.joint, sides, before, now, tolerance)
+            means = any(self.history.flows)
+            found += friction.energy(self.joint, sides, before, now, tolerance, means)
         return [Fault(*fault) for fault in found]
 
     def turned(self, side, body):
