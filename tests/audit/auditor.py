@@ -436,14 +436,17 @@ def penetration(name, joint, sides, side: Side, reach, length):
     return compare("penetration", depth[kept], bound, f"{name} is inside")
 
 
-def tied_gaps(joint, sides, reach, length):
-    """Jumps of tied surfaces are zero in the mean: no component has one sign everywhere near."""
+def tied_gaps(joint, sides, reach, length, paired=(None, None)):
+    """Jumps of tied surfaces are zero in the mean: no component has one sign everywhere near.
+
+    ``paired`` are the sides where small rotations count from.
+    """
     pressure = max((np.linalg.norm(s.force, axis=1) / s.area).max(initial=0.0) for s in sides)
     bound = CLOSE * length
     bound += SPIKE * pressure / joint.penalty if joint.penalty else joint.allowed_gap
     jumps = [ties.jump(side) for side in sides]
     # What is between the surfaces turns with them, with small sliding by small rotations.
-    bound += 0.0 if joint.finite else max(ties.second_order(s) for s in sides)
+    bound += 0.0 if joint.finite else max(map(ties.second_order, sides, paired))
     if joint.node_by_node:
         count = sides[0].num_vertices
         jump = jumps[0][:count][sides[0].rest.facing[:count]]

@@ -412,7 +412,9 @@ class StepAuditor:
         """Jumps since the tie was made."""
         since = None if tool is None else (Motion.none(), tool[1])
         sides = self.sides(bodies, since, "first")
-        return tied_gaps(self.joint, sides, reach, self.length)
+        there = [dataclasses.replace(b, now=b.paired) for b in bodies]
+        paired = self.sides(there, since, "first")
+        return tied_gaps(self.joint, sides, reach, self.length, paired)
 
     def arm(self, bodies):
         """Jump of a tie between bodies where the forces are that it exerts."""

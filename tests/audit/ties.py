@@ -58,13 +58,19 @@ def tangents(corners, weights):
     return a + t[:, None] * c, b + s[:, None] * c
 
 
-def second_order(side):
-    """(R - 1 - θ×) d: what small rotations of what is between leave out (length)."""
+def second_order(side, before=None):
+    """(R - R_0 - θ × R_0) d: what small rotations of what is between leave out (length).
+
+    Args:
+        side: The side.
+        before: The side where R was R_0; None for no rotation.
+    """
     if not isinstance(side.opponent, Meshed) or side.opponent.rigid:
         return 0.0
     R = rotations(side.opponent, side.rest)[side.rest.facing]
+    R_0 = np.eye(3) if before is None else rotations(before.opponent, side.rest)[side.rest.facing]
     wide = np.abs(side.rest.distance[side.rest.facing]).max(initial=0.0)
-    return wide * np.linalg.norm(R - np.eye(3), axis=(1, 2)).max(initial=0.0) ** 2
+    return wide * np.linalg.norm(R - R_0, axis=(-2, -1)).max(initial=0.0) ** 2
 
 
 def arm(sides):
