@@ -451,8 +451,11 @@ def tied_gaps(joint, sides, reach, length, paired=(None, None)):
         count = sides[0].num_vertices
         jump = jumps[0][:count][sides[0].rest.facing[:count]]
         return compare("tie", np.abs(jump).max(axis=1), bound, "jump")
-    jump = np.concatenate([sign * j[s.rest.facing] for j, s, sign in zip(jumps, sides, (1, -1))])
-    x = np.concatenate([s.points[s.rest.facing] for s in sides])
+    # Only sides with multipliers, or with nodes where gaps are taken.
+    count = 2 if joint.nodal or joint.formulation == "double-pass" else 1
+    found = list(zip(jumps, sides, (1, -1), strict=False))[:count]
+    jump = np.concatenate([sign * j[s.rest.facing] for j, s, sign in found])
+    x = np.concatenate([s.points[s.rest.facing] for _, s, _ in found])
     if len(jump) == 0:
         return []
     near = np.linalg.norm(x[:, None] - x, axis=2) <= reach

@@ -188,11 +188,11 @@ def held_faults(joint, sides, reading, area, before, tolerance):
     out = []
     if np.any(wrong):
         out.append(("held", 2.0, f"{wrong.sum()} nodes that are moved slip without their friction"))
-    # What has never moved has no friction: a plane of symmetry.
+    # What has never moved has no friction of its own: a plane of symmetry.
     rests = np.abs(now.jump).max(axis=1) <= 1e-9 * side.size
     fixed = np.where(side.held & rests[:, None] & held[:, None], np.abs(force), 0.0)
     fixed[:, side.gdim :] = 0.0
-    excess = fixed.max(initial=0.0) / (1e3 * tolerance + 1e-3 * limit.max(initial=0.0))
-    if excess > 1:
+    excess = fixed.max(initial=0.0) / (1e3 * tolerance)
+    if excess > 1 and joint.node_by_node:
         out.append(("held", float(excess), "friction at nodes that do not move"))
     return out
