@@ -61,7 +61,8 @@ def faced(p: WeightedGap, rows: Array) -> Faced:
     assert master is not None
     operator = p.jump_operator()
     found = []
-    for of_rows in (p.operator.row_area, p.operator.row_area * rows):
+    # Its own areas: surfaces may have moved since the gaps were read.
+    for of_rows in (operator.row_area, operator.row_area * rows):
         forces = np.zeros((len(rows), p.slave.block))
         forces[:, 0] = of_rows
         vecs = p.slave.create_vec(), master.create_vec()

@@ -28,11 +28,19 @@ class Place:
         surface: The surface.
         coordinates: Of its facets, as they were paired.
         displacement: From there (length), see ``trace_values``; None for none.
+        mesh: Coordinates of the mesh that a body in velocities is solved for on, if contact has
+            been paired elsewhere in a time step.
     """
 
     surface: Surface
     coordinates: Coordinates
     displacement: Array | None = None
+    mesh: Coordinates | None = None
+
+    @property
+    def of_mesh(self) -> Place:
+        """The place of the mesh that the body is in equilibrium on."""
+        return Place(self.surface, self.mesh or self.coordinates)
 
     def moved(self, x: PETSc.Vec, scale: float, offset: PETSc.Vec | None) -> Place:
         """The place for unknowns of the body. Collective at first."""
@@ -133,6 +141,20 @@ class Placement:
             return Placement(slave, dataclasses.replace(master, motion=motion))
         assert unknowns[1] is not None
         return Placement(slave, master.moved(unknowns[1], scale[1], offset[1]))
+
+    def solved_on(self, on_mesh: tuple[bool, bool]) -> Placement:
+        """With the meshes as they are now, of the sides that are in equilibrium on them. Collective.
+
+        Args:
+            on_mesh: Whether that is so of the slave and the master.
+        """
+        sides: list[Place | ToolPlace] = [self.slave, self.master]
+        for i, (side, wanted) in enumerate(zip(sides, on_mesh, strict=True)):
+            if wanted and isinstance(side, Place):
+                sides[i] = dataclasses.replace(side, mesh=side.surface.read_coordinates())
+        slave, master = sides
+        assert isinstance(slave, Place)
+        return Placement(slave, master)
 
     @property
     def as_paired(self) -> Placement:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import math
 import typing
 
@@ -350,13 +349,13 @@ def _areas(model: ContactModel, side: str) -> Array:
     """Areas of the vertices of one side that its tractions stand for. Collective.
 
     A body in displacements is in equilibrium as it is deformed, and its mesh is not: in time steps,
-    and where contact follows the bodies, its facets are where the last evaluation has put them.
-    Else they are where contact was paired: the mesh that the body is in equilibrium on.
+    and with ``sliding="finite"``, its facets are where the last evaluation has put them.
+    Else they are those of the mesh that the body is in equilibrium on.
     """
     place = _place(model, side)
     in_steps = model.offset is not None and model.kinematics.in_displacement[SIDES.index(side)]
-    if not (model.follows or in_steps):
-        place = dataclasses.replace(place, displacement=None)
+    if not (model.settings.sliding == "finite" or in_steps):
+        place = place.of_mesh
     return np.asarray(_facets_at(place).node_area)
 
 

@@ -513,6 +513,15 @@ class Surface:
                 self._linear.touch_itself(self._key)
         return self._linear
 
+    def read_coordinates(self) -> Coordinates:
+        """See :attr:`coordinates`, of the mesh as it is now; nothing is changed. Collective.
+
+        Raises:
+            ValueError: If they are not finite or a facet has no area.
+        """
+        with collective_errors(self.comm):
+            return self._layout.checked_coordinates(self.mesh)
+
     def update(self) -> None:
         """Read the mesh coordinates again, after the mesh has moved. Collective.
 
@@ -530,7 +539,6 @@ def update_surfaces(*surfaces: Surface) -> None:
     """
     new = []
     for surface in surfaces:
-        with collective_errors(surface.comm):
-            new.append(surface._layout.checked_coordinates(surface.mesh))
+        new.append(surface.read_coordinates())
     for surface, coordinates in zip(surfaces, new, strict=True):
         surface.coordinates = coordinates

@@ -15,7 +15,7 @@ import dataclasses
 import typing
 
 import numpy as np
-from audit import friction
+from audit import friction, readings, ties
 from audit.distance import Meshed, Tool
 from audit.sides import Side, read_side
 from audit.state import BodyState, SurfaceState, read_body, read_surface
@@ -28,6 +28,9 @@ ROUNDING = 1e-9
 
 #: Lengths that count as none, as a part of the scene's.
 CLOSE = 1e-7
+
+#: Sides of a contact.
+NAMES = ("slave", "master")
 
 #: Multiplier over the pressure that nodal forces show, where meshes do not match.
 SPIKE = 4.0
@@ -87,6 +90,7 @@ class Joint:
         reported: Function that returns the forces which the library says to act on the slave.
         dissipated: Function that returns the energy which it says friction to have taken in the
             step.
+        contact: The library's contact, whose readings are audited; None for none.
     """
 
     slave: tuple
@@ -103,6 +107,12 @@ class Joint:
     follows: bool = False
     reported: typing.Callable | None = None
     dissipated: typing.Callable | None = None
+    contact: typing.Any = None
+
+    @property
+    def finite(self):
+        """Whether forces act where bodies are, also if they are tied."""
+        return self.contact is not None and self.contact.sliding == "finite"
 
     @property
     def rubs(self):
@@ -140,6 +150,7 @@ class Auditor:
                 [read_surface(bodies[i].u.function_space, f, x[i]) for i, f in ends]
             )
         self.before: list[friction.Memory | None] = [None for _ in joints]
+        self.about = 0.7 * length * np.array([0.4, -1.0, bodies[0].u.function_space.mesh.geometry.dim - 2])
 
     def read(self):
         """States of all bodies. Collective."""
@@ -159,6 +170,7 @@ class Auditor:
         for number, joint in enumerate(self.joints):
             sides = self.sides(number, states)
             faults += joint_faults(joint, sides, tolerance, self.length)
+            faults += self.readings(number, sides, states, tolerance)
             now = friction.read_memory(sides)
             if joint.rubs and not joint.follows:  # slip is not counted from the bodies at rest
                 faults += [
@@ -167,6 +179,52 @@ class Auditor:
                 ]
             self.before[number] = now
         return faults
+
+    def read_contact(self, number):
+        """What the library says of the meshed sides of a contact, slave first. Collective."""
+        joint = self.joints[number]
+        if joint.contact is None:
+            return []
+        ends = [end for end in (joint.slave, joint.master) if not isinstance(end, Tool)]
+        return [
+            readings.read(joint.contact, name, readings.Reader(
+                self.bodies[end[0]].u.function_space, surface), self.about)
+            for name, end, surface in zip(NAMES, ends, self.surfaces[number], strict=False)
+        ]
+
+    def readings(self, number, sides, states, tolerance):
+        """What is wrong with what the library says of a contact. Collective."""
+        joint, out = self.joints[number], []
+        ends = [end for end in (joint.slave, joint.master) if not isinstance(end, Tool)]
+        for name, end, side, reading in zip(
+            ("slave", "master"), ends, sides, self.read_contact(number), strict=False
+        ):
+            state = states[end[0]]
+            now = state.x + state.u
+            x = now if joint.finite else state.x
+            expected = readings.Expected(side, x, now, x, self.about)
+            alone = joint.formulation != "double-pass"
+            for found in readings.faults(name, reading, expected, tolerance, joint.rubs, alone):
+                out += compare(*found)
+            if name == "slave" and joint.mu > 0 and not joint.finite:
+                area = readings.areas_and_normals(side.own.surface, x)[0]
+                held = friction.held_faults(
+                    joint, sides, reading, area, self.before[number], tolerance
+                )
+                out += [Fault(*fault) for fault in held]
+        return out
+
+    def audit_update(self):
+        """Readings that change as contact is updated, though nothing is solved. Collective."""
+        out = []
+        for number, joint in enumerate(self.joints):
+            before = self.read_contact(number)
+            if joint.contact is not None:
+                joint.contact.update()
+            for pair in zip(NAMES, before, self.read_contact(number), strict=False):
+                for found in readings.changed(*pair):
+                    out += compare(*found)
+        return out
 
     def contact_nodes(self, i, state):
         """Nodes of a body that are on any contact surface."""
@@ -260,8 +318,11 @@ def joint_faults(joint: Joint, sides: list[Side], tolerance, length):
     return faults
 
 
-def pair_balance(joint, sides, tolerance, length):
-    """Forces of the two sides, and their moments about rest up to lever × force."""
+def pair_balance(joint, sides, tolerance, length, arm=None):
+    """Forces of the two sides, and their moments about rest up to lever × force.
+
+    Those of a tie balance with what is between its sides: ``arm`` is what that misses.
+    """
     force = [side.nodal_force for side in sides]
     unknown = [np.any(side.nodal_held[:, : side.gdim], axis=0) for side in sides]
     known = ~np.any(unknown, axis=0)
@@ -271,7 +332,9 @@ def pair_balance(joint, sides, tolerance, length):
     if np.all(known):
         moment = sum(np.cross(side.nodal_x, f).sum(axis=0) for side, f in zip(sides, force))
         size = sum(np.linalg.norm(f, axis=1).sum() for f in force)
-        levers = max(side.lever(joint.tied or joint.rubs, tolerance) for side in sides)
+        levers = max(side.lever(joint.rubs, tolerance) for side in sides)
+        if joint.tied:  # couples of what is between them
+            levers = arm if arm is not None else ties.arm(sides) if joint.finite else 0.0
         reach = max(np.abs(side.nodal_x).max() for side in sides) + length
         bound = slack * reach + size * levers
         out += compare("action", np.abs(moment), bound, "slave + master moment")
@@ -373,20 +436,26 @@ def penetration(name, joint, sides, side: Side, reach, length):
     return compare("penetration", depth[kept], bound, f"{name} is inside")
 
 
-def tied_gaps(joint, sides, reach, length):
-    """Jumps of tied surfaces are zero in the mean: no component has one sign everywhere near."""
+def tied_gaps(joint, sides, reach, length, paired=(None, None)):
+    """Jumps of tied surfaces are zero in the mean: no component has one sign everywhere near.
+
+    ``paired`` are the sides where small rotations count from.
+    """
     pressure = max((np.linalg.norm(s.force, axis=1) / s.area).max(initial=0.0) for s in sides)
     bound = CLOSE * length
     bound += SPIKE * pressure / joint.penalty if joint.penalty else joint.allowed_gap
-    # What is between the surfaces turns with them.
-    wide = max(np.abs(s.rest.distance[s.rest.facing]).max(initial=0.0) for s in sides)
-    bound += wide * max(s.turn.max(initial=0.0) for s in sides)
+    jumps = [ties.jump(side) for side in sides]
+    # What is between the surfaces turns with them, with small sliding by small rotations.
+    bound += 0.0 if joint.finite else max(map(ties.second_order, sides, paired))
     if joint.node_by_node:
         count = sides[0].num_vertices
-        jump = sides[0].jump[:count][sides[0].rest.facing[:count]]
+        jump = jumps[0][:count][sides[0].rest.facing[:count]]
         return compare("tie", np.abs(jump).max(axis=1), bound, "jump")
-    jump = np.concatenate([sign * s.jump[s.rest.facing] for s, sign in zip(sides, (1, -1))])
-    x = np.concatenate([s.points[s.rest.facing] for s in sides])
+    # Only sides with multipliers, or with nodes where gaps are taken.
+    count = 2 if joint.nodal or joint.formulation == "double-pass" else 1
+    found = list(zip(jumps, sides, (1, -1), strict=False))[:count]
+    jump = np.concatenate([sign * j[s.rest.facing] for j, s, sign in found])
+    x = np.concatenate([s.points[s.rest.facing] for _, s, _ in found])
     if len(jump) == 0:
         return []
     near = np.linalg.norm(x[:, None] - x, axis=2) <= reach

@@ -1,6 +1,7 @@
 """Distances between deformed surfaces, or to rigid tools, by brute force over all facets."""
 
 import dataclasses
+import typing
 
 import numpy as np
 from audit.state import cross_product
@@ -42,6 +43,9 @@ class Meshed:
         body: Its state.
         surface: That of the surface.
     """
+
+    #: Whether it is a tool's.
+    rigid = False
 
     def __init__(self, body, surface):
         self.body, self.surface = body, surface
@@ -134,6 +138,7 @@ class Tool:
     normal: np.ndarray | None = None
     radius: float | None = None
     shift: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    rigid: typing.ClassVar[bool] = True
 
     def find(self, points, deformed=True):
         """The closest points, where the tool is now or where it was made."""

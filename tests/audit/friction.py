@@ -104,13 +104,15 @@ def near_closing(side, before, now, near, tolerance):
     return np.any(near & was_open & (now.pushed > tolerance), axis=1)
 
 
-def energy(joint, sides, before, now, tolerance):
+def energy(joint, sides, before, now, tolerance, means=False):
     """Check, excess and text of what is wrong with the energy that friction took in a step.
 
     It is the work Σ F · Δx of the tangential forces, of bodies in displacements with a force from
     that of the start of the step to that of its end. Slips are means over a node's facets, so that
     it is known as far as they do not vary there; of nodes that conditions hold, or that close or
     leave in the step, no more is known than that the largest force on all of the way takes more.
+    Forces that are means over the step, of bodies in velocities (``means``), work on the way before
+    nodes close as well, which may be the other one.
     """
     side = sides[0]
     moved = now.jump - before.jump
@@ -134,8 +136,63 @@ def energy(joint, sides, before, now, tolerance):
     held = np.any(side.held[:, : side.gdim], axis=1)
     slips = at_end > 0.999 * joint.friction_limit(side.area, now.pushed)
     sure = slips & (at_start > 0) & ~held & (now.pushed > 1e4 * tolerance)
-    least = np.where(sure, np.minimum(at_end, at_start) * (way - 2 * spread - elastic), 0.0)
+    limit = joint.friction_limit(side.area, np.minimum(now.pushed, before.pushed))
+    # Without what is the normal force of facets beside; pushed by which it may be as much.
+    least = np.minimum(np.minimum(at_end, at_start), limit) - side.tilt_at_rest * now.pushed
+    least = np.where(sure, np.maximum(least, 0.0) * (way - 2 * spread - elastic), 0.0)
     least = float(np.sum(np.maximum(least, 0.0)))
-    if taken < 0.99 * least:
+    rounding = most if means and least == 0 else 1e-9 * most
+    if taken < 0.99 * least - rounding:
         out.append(("energy", least / max(taken, 1e-300), f"{taken:.3g}, at least {least:.3g}"))
+    return out
+
+
+def held_faults(joint, sides, reading, area, before, tolerance):
+    """Check, excess and text of wrong friction at the slave's nodes that conditions hold or move.
+
+    Reactions are in the bodies' own forces there, so that friction is what the library says it to
+    be: that its traction is all that acts there is seen at the other nodes.
+
+    Args:
+        joint: The contact, with Coulomb's friction.
+        sides: Its sides, slave first.
+        reading: Of the slave.
+        area: Of its vertices, that tractions stand for.
+        before: Memory of the step before.
+        tolerance: Force that is none.
+    """
+    side = sides[0]
+    now = read_memory(sides)
+    if before is None:
+        before = Memory(0 * now.jump, 0 * now.friction, 0 * now.pushed)
+    x = side.points[: side.num_vertices]
+    held = np.any(side.held[:, : side.gdim], axis=1) & side.normal_free
+    held &= side.rest.facing[: side.num_vertices]
+    force = reading.tangential * area[:, None]
+    pushed = -np.sum(reading.normal * side.normal, axis=1) * area
+    moved = now.jump - before.jump
+    moved = moved - np.sum(moved * side.normal, axis=1, keepdims=True) * side.normal
+    near = np.linalg.norm(x[:, None] - x, axis=2) <= 2 * sum(s.size for s in sides)
+    spread = np.where(near, np.linalg.norm(moved[:, None] - moved, axis=2), 0.0).max(axis=1)
+    limit = joint.friction_limit(side.area, pushed)
+    elastic = 2 * limit / (joint.penalty * side.area) if joint.penalty else 0.0
+    way, size = np.linalg.norm(moved, axis=1), np.linalg.norm(force, axis=1)
+    tilt = side.tilt_at_rest * np.abs(pushed)
+    sure = held & (pushed > 1e4 * tolerance) & (way > 3 * spread + elastic + 1e-6 * side.size)
+    sure &= ~near_closing(side, before, now, near, tolerance)
+    along = np.sum(force * moved, axis=1) > -0.5 * size * way
+    # Limits of points, and of the other side's nodes, are those of pressures near.
+    alone = joint.node_by_node or (joint.formulation == "master-slave" and not joint.at_points)
+    little = (size < STICKS * limit - tilt) if alone else size < 1e3 * tolerance
+    wrong = sure & (along | little)
+    out = []
+    if np.any(wrong):
+        out.append(("held", 2.0, f"{wrong.sum()} nodes that are moved slip without their friction"))
+    # What has never moved has no friction of its own: a plane of symmetry.
+    rests = np.abs(now.jump).max(axis=1) <= 1e-9 * side.size
+    fixed = np.where(side.held & rests[:, None] & held[:, None], np.abs(force), 0.0)
+    fixed[:, side.gdim :] = 0.0
+    excess = fixed.max(initial=0.0) / (1e3 * tolerance)
+    if excess > 1 and joint.node_by_node:
+        out.append(("held", float(excess), "friction at nodes that do not move"))
     return out

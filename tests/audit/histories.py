@@ -189,7 +189,7 @@ def random_history(number, units=False):
         swapped=bool(not has_tool and rng.random() < 0.4),
         curvature=float(rng.uniform(0.1, 0.5)) if upper == "sphere" or rng.random() < 0.3 else 0.0,
         wave=float(rng.choice([0, 0, 0, 0.01])),
-        gap=0.0 if tied or driven else float(rng.choice([0.0, 0.0, 0.003, 0.01])),
+        gap=gap_of(rng, tied, driven, number),
         depth=float(rng.uniform(0.005, 0.03)),
         slide=float(10 ** rng.uniform(-3, -1.5 if tied else -0.9)),
         turn=float(rng.choice([-1, 1]) * rng.uniform(0.02, 0.1 if spins else 0.03)),
@@ -213,6 +213,14 @@ def random_history(number, units=False):
         E=float(10 ** powers[0]),
         L=float(10 ** powers[1]),
     )
+
+
+def gap_of(rng, tied, driven, number):
+    """Between the bodies at first: ties reach across wide ones."""
+    if not tied:
+        return 0.0 if driven else float(rng.choice([0.0, 0.0, 0.003, 0.01]))
+    other = np.random.default_rng([SEED, number, 1])
+    return float(other.uniform(0.05, 0.3)) if other.random() < 0.5 else 0.0
 
 
 def random_path(rng, stays, driven, may_be_carried):

@@ -185,8 +185,9 @@ class Play:
         history = self.history
         down, along, turned, _, _ = self.waypoint(t)
         shift = np.zeros(3)
-        # The gap is closed on the way to where nothing is open.
-        shift[self.up] = -(down * history.depth + history.gap * min(max(down, 0.0) * 2, 1)) * self.L
+        # The gap is closed on the way to where nothing is open; ties reach across it.
+        gap = 0.0 if history.tied else history.gap
+        shift[self.up] = -(down * history.depth + gap * min(max(down, 0.0) * 2, 1)) * self.L
         shift[0] = along * history.slide * self.L
         turn = Motion.about(turned * history.turn * np.array(history.axis), self.center, shift)
         return self.carry(t).after(turn)

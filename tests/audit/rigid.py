@@ -102,6 +102,8 @@ class FacetTool(Meshed):
         now: Where it is.
     """
 
+    rigid = True
+
     def __init__(self, x, facets, outwards, paired=None, now=None):
         self.x, self._facets, self._outwards = x, facets, outwards
         self.paired, self.now = paired or Motion.none(), now or Motion.none()

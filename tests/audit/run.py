@@ -57,6 +57,8 @@ class Historian:
                 faults = self.auditor.audit()
                 if len(self.plays) > 1:
                     faults += self.compare(unit)
+                if first.stepper.t > len(first.history.path) - 1e-9:
+                    faults += self.auditor.audit_update()
                 yield faults
             if unit == self.restarted:
                 self.restart()

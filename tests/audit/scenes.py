@@ -36,6 +36,7 @@ class Scene:
         tool: ``"none"``, or the shape of the rigid tool that takes the upper body's place.
         large: Whether the material is neo-Hookean.
         loaded: Whether the upper body is pressed by a traction, and held sideways alone.
+        dragged: Whether the upper body's side is moved along x as its top is, with what it touches.
         symmetric: Whether x = 0, in 3D y = 0 as well, are planes of symmetry.
         swapped: Whether the lower body is the slave.
         curvature: Of the upper body's lower face, over 1 / L; radius of a sphere.
@@ -64,6 +65,7 @@ class Scene:
     tool: str
     large: bool
     loaded: bool
+    dragged: bool
     symmetric: bool
     swapped: bool
     curvature: float
@@ -89,7 +91,7 @@ class Scene:
         words = [f"{self.cells[0]} {self.n[0]}", upper, o["formulation"], o["quadrature"]]
         words += [o[name] for name in ("constraints", "smoothing") if name in o]
         words += [o["enforcement"], f"P{self.degree}", self.solver, self.history]
-        for name in ("large", "loaded", "symmetric", "swapped", "tied"):
+        for name in ("large", "loaded", "dragged", "symmetric", "swapped", "tied"):
             words += [name] * getattr(self, name)
         for name in ("mu", "curvature", "wave", "gap", "depth", "ratio", "nu", "stiff", "E", "L"):
             value = getattr(self, name)
@@ -127,6 +129,8 @@ def random_scene(number, units=False):
         options["constraints"] = str(more.choice(["nodes", "points"]))
     if quadrature == "overlay" and tool == "none":
         options["smoothing"] = str(more.choice(["none", "none", "none", "shared-curvature"]))
+    other = np.random.default_rng([SEED, number, 3])
+    dragged = tool == "none" and not (tied or symmetric) and other.random() < 0.3
     solvers = ["direct", "auto", "auto", "fieldsplit"] + ["amg"] * augmented
     scale = np.random.default_rng([SEED, number, 1])
     powers = scale.uniform(-1, 1, 2) * ((12, 6) if units else (0.5, 0.5)) - (0, 3 if units else 0)
@@ -141,11 +145,12 @@ def random_scene(number, units=False):
         tool=tool,
         large=large,
         loaded=bool(loaded),
+        dragged=bool(dragged),
         symmetric=symmetric,
         swapped=bool(tool == "none" and rng.random() < 0.4),
         curvature=float(rng.uniform(0.1, 0.5)) if curved else 0.0,
         wave=float(rng.choice([0, 0, 0, 0.01])),
-        gap=float(rng.choice([0.0, 0.0, 0.003, 0.01])),
+        gap=gap_of(rng, other, tied and tool == "none"),
         depth=float(rng.uniform(0.005, 0.06 if large else 0.03)),
         slide=0.0 if symmetric else float(rng.uniform(0.01, 0.06)),
         ratio=float(10 ** rng.choice([-2, -0.3, 0, 0.3, 2])),
@@ -160,6 +165,12 @@ def random_scene(number, units=False):
         E=float(10 ** powers[0]),
         L=float(10 ** powers[1]),
     )
+
+
+def gap_of(rng, other, tied):
+    """Between the bodies at first: ties reach across wide ones."""
+    gap = float(rng.choice([0.0, 0.0, 0.003, 0.01]))
+    return float(other.uniform(0.05, 0.3)) if tied and other.random() < 0.5 else gap
 
 
 class Stage:
@@ -194,6 +205,7 @@ class Stage:
         E = scene.E * (scene.ratio if i else 1.0)
         body = Body(msh, E, scene.nu, scene.large, scene.degree, rule=2 * scene.degree + 1)
         body.face, body.end = body.facets(up, contact), body.facets(up, far)
+        body.side = body.facets(0, low)
         sides = [body.facets(axis, low) for axis in range(up)]
         fade = 1 - np.abs(x[:, up]) / abs(far)
         x[:, up] += fade * random_values(msh, scene.wave, scene.number, 1)[:, 0]
@@ -217,6 +229,7 @@ class Stage:
         """Conditions on the upper body's end; returns their values, one for each component held."""
         upper = self.bodies[1]
         axes = [a for a in range(self.up + 1) if not (self.scene.loaded and a == self.up)]
+        self.side = upper.hold(upper.side, 0.0, axis=0) if self.scene.dragged else None
         return {axis: upper.hold(upper.end, 0.0, axis=axis) for axis in axes}
 
     def make_tool(self):
@@ -272,6 +285,7 @@ class Stage:
             at_points=scene.options.get("constraints") == "points",
             follows=scene.options.get("sliding") == "finite" and not scene.tied,
             reported=lambda: self.contact.force("slave"),
+            contact=self.contact,
         )
         self.audited = [AuditedBody(b.F, b.u, b.bcs, large=scene.large) for b in self.bodies]
         stiffest = scene.E * (max(1.0, scene.ratio) if self.tool is None else 1.0)
@@ -290,6 +304,8 @@ class Stage:
             return
         for axis, value in self.push.items():
             value.value = shift[axis]
+        if self.side is not None:
+            self.side.value = shift[0]
         if scene.loaded:
             upper = self.bodies[1]
             pressure = down * scene.depth * scene.E * min(1.0, scene.ratio)
@@ -308,11 +324,13 @@ class Stage:
 
     def steps(self):
         """Solve step after step; what is wrong after each."""
-        for step in HISTORIES[self.scene.history]:
+        path = HISTORIES[self.scene.history]
+        for number, step in enumerate(path, 1):
             self.move(*step)
             self.problem.solve()
             self.read_settings()
-            yield self.auditor.audit()
+            faults = self.auditor.audit()
+            yield faults + (self.auditor.audit_update() if number == len(path) else [])
 
     def destroy(self):
         self.problem.destroy()

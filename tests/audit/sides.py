@@ -82,7 +82,7 @@ class Side:
     @functools.cached_property
     def normal(self):
         """Outward normals at the vertices, as meshed: mean ones, or those against a tool's."""
-        if isinstance(self.opponent, Tool):
+        if self.opponent.rigid:
             return -self.rest.normal[: self.num_vertices]
         surface = self.own.surface
         sums = np.zeros((len(self.body.x), 3))
@@ -201,8 +201,16 @@ class Side:
         x = self.vertices_now if deformed else self.points[: self.num_vertices]
         near = np.linalg.norm(x[:, None] - centres, axis=2) <= 2 * self.size
         out = np.where(near, sine(self.normal[:, None], normals), 0.0).max(axis=1)
-        if isinstance(self.opponent, Tool) and not deformed:
+        if self.opponent.rigid and not deformed:
             out = np.zeros(self.num_vertices)  # a tool's normals are taken, whatever its own are
+        if self.opponent.rigid and isinstance(self.opponent, Meshed):
+            others = self.opponent.deformed if deformed else self.opponent.at_rest
+            centres, normals = others.mean(axis=1), self.opponent.normals(others)
+            wide = np.linalg.norm(others[:, 1:] - others[:, :1], axis=2).max()
+            near = np.linalg.norm(x[:, None] - centres, axis=2) <= 2 * self.size + wide
+            out = np.maximum(
+                out, np.where(near, sine(self.normal[:, None], normals), 0.0).max(axis=1)
+            )
         points = self.points_now if deformed else self.points
         near = np.linalg.norm(x[:, None] - points, axis=2) <= (0 if self.alone else 2 * self.size)
         near &= found.facing

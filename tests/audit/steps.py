@@ -12,10 +12,11 @@ import dataclasses
 from mpi4py import MPI
 
 import numpy as np
-from audit import friction
+from audit import friction, readings, ties
 from audit.auditor import (
     CLOSE,
     LEAST,
+    NAMES,
     PART,
     ROUNDING,
     AuditedBody,
@@ -89,6 +90,7 @@ class StepAuditor:
         self.t, self.num_steps = 0.0, 0
         self.friction: tuple[np.ndarray, np.ndarray] | None = None
         self.joint = self.make_joint()
+        self.about = 0.7 * self.length * np.array([0.4, -1.0, play.up - 1])
         stiffest = self.history.E * (1.0 if self.history.has_tool else max(1.0, self.history.ratio))
         self.force = stiffest * self.history.depth * self.length**play.up
 
@@ -107,6 +109,7 @@ class StepAuditor:
             follows=history.options.get("sliding") == "finite" and not history.tied,
             reported=lambda: play.contact.force("slave"),
             dissipated=lambda: play.contact.step_dissipation(),
+            contact=play.contact,
         )
 
     # --- Reading
@@ -184,7 +187,7 @@ class StepAuditor:
         sides = self.sides(bodies, tool)
         faults += self.contact(bodies, tool, sides, tolerance)
         faults += self.driven(sides, tolerance)
-        return faults
+        return faults + self.readings(bodies, tool, sides, tolerance)
 
     def go_on(self, bodies, local, tool):
         """Take this end of a step for the start of the next."""
@@ -307,6 +310,56 @@ class StepAuditor:
         slack = tolerance * np.sqrt(len(sides[0].nodal_x))
         return compare("driven", abs(own - force), slack, "force on the tool")
 
+    # --- Readings
+
+    def ends(self):
+        """Names of the meshed sides and their bodies, slave first."""
+        if self.history.has_tool:
+            return [("slave", 0)]
+        return list(zip(("slave", "master"), (0, 1) if self.history.swapped else (1, 0), strict=True))
+
+    def read_contact(self):
+        """What the library says of the meshed sides, slave first. Collective."""
+        actors, surfaces = self.play.actors, self.surfaces
+        return [
+            readings.read(
+                self.play.contact, name,
+                readings.Reader(actors[i].nodes.V, surfaces[i]), self.about,
+            )
+            for name, i in self.ends()
+        ]  # fmt: skip
+
+    def readings(self, bodies, tool, sides, tolerance):
+        """What is wrong with what the library says of the contact. Collective.
+
+        Forces on a tool go along with its centre.
+        """
+        out, moved = [], np.zeros(3)
+        if tool is not None:
+            center = self.play.center
+            moved = tool[1](center) - tool[0](center)
+        for (name, i), side, reading in zip(self.ends(), sides, self.read_contact(), strict=False):
+            body, flows = bodies[i], self.play.actors[i].flows
+            area_x = body.solved if flows and not self.joint.finite else body.now
+            moment_x = body.now if self.joint.finite else body.paired + moved
+            expected = readings.Expected(side, area_x, body.now, moment_x, self.about)
+            alone = self.joint.formulation != "double-pass"
+            found_all = readings.faults(
+                name, reading, expected, tolerance, self.joint.rubs, alone
+            )
+            for found in found_all:
+                out += compare(*found)
+        return out
+
+    def audit_update(self):
+        """Readings that change as contact is updated, though nothing is solved. Collective."""
+        before, out = self.read_contact(), []
+        self.play.contact.update()
+        for pair in zip(NAMES, before, self.read_contact(), strict=False):
+            for found in readings.changed(*pair):
+                out += compare(*found)
+        return out
+
     # --- Contact
 
     def meshed(self, i, body, start):
@@ -341,7 +394,8 @@ class StepAuditor:
         forces = sides if tool is None else sides[:1]
         faults = reported_force(joint, sides, tolerance)
         if len(forces) == 2:
-            faults += pair_balance(joint, sides, tolerance, length)
+            arm = self.arm(bodies) if joint.tied else None
+            faults += pair_balance(joint, sides, tolerance, length, arm)
         reach = 2 * sum(side.size for side in sides)
         if joint.tied:
             return faults + self.tie(bodies, tool, reach)
@@ -358,19 +412,14 @@ class StepAuditor:
         """Jumps since the tie was made."""
         since = None if tool is None else (Motion.none(), tool[1])
         sides = self.sides(bodies, since, "first")
-        carried = Motion.none()
-        if not self.history.has_tool:
-            # An initial gap stays as it is, and does not turn.
-            carried = self.play.carry(self.play.stepper.t)
-        # With finite sliding it turns with the slave.
-        turns = 0.2 if self.history.options.get("sliding") == "finite" else 0.0
-        joint = dataclasses.replace(
-            self.joint,
-            allowed_gap=self.joint.allowed_gap
-            + (np.linalg.norm(carried.vector()) + turns)
-            * max(s.initial_gap.max(initial=0) for s in sides),
-        )
-        return tied_gaps(joint, sides, reach, self.length)
+        there = [dataclasses.replace(b, now=b.paired) for b in bodies]
+        paired = self.sides(there, since, "first")
+        return tied_gaps(self.joint, sides, reach, self.length, paired)
+
+    def arm(self, bodies):
+        """Jump of a tie between bodies where the forces are that it exerts."""
+        there = [b if self.joint.finite else dataclasses.replace(b, now=b.paired) for b in bodies]
+        return ties.arm(self.sides(there, None, "first"))
 
     def slip(self, bodies, tool, sides, tolerance):
         """Friction against the slip since the last step."""
@@ -394,7 +443,8 @@ class StepAuditor:
             tool[1].since(self.tool_before).vector()))  # fmt: skip
         found = friction.faults(self.joint, sides, before, now, tolerance, angle)
         if not self.history.options.get("formulation") == "double-pass":
-            found += friction.energy(self.joint, sides, before, now, tolerance)
+            means = any(self.history.flows)
+            found += friction.energy(self.joint, sides, before, now, tolerance, means)
         return [Fault(*fault) for fault in found]
 
     def turned(self, side, body):

@@ -1,6 +1,7 @@
 """The auditor finds faults that are planted into a state, and none in the state itself."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ PLAIN = dataclasses.replace(
     tool="none",
     large=False,
     loaded=False,
+    dragged=False,
     symmetric=False,
     swapped=False,
     curvature=0.0,
@@ -53,6 +55,9 @@ KINDS = {
     "tied": dataclasses.replace(PLAIN, tied=True, mu=0.0, options=OVERLAY),
     "sphere": dataclasses.replace(PLAIN, tool="sphere", curvature=0.3, depth=0.03),
     "large": dataclasses.replace(PLAIN, large=True, depth=0.04),
+    "tied across a gap": dataclasses.replace(PLAIN, tied=True, mu=0.0, gap=0.3, options=OVERLAY),
+    "dragged": dataclasses.replace(PLAIN, dragged=True),
+    "plane": dataclasses.replace(PLAIN, tool="plane", mu=0.0, curvature=0.3),
 }
 
 
@@ -151,6 +156,53 @@ def not_a_number(solved, states):
     states[0].u[0, 0] = np.nan
 
 
+def tilt_forces(solved, states):
+    """Forces on a plane's opponent lean by a thousandth."""
+    i, surface = solved.slave
+    force = states[i].force
+    force[surface.nodes, 0] += 1e-3 * force[surface.nodes, 1]
+
+
+def move_couples(solved, states):
+    """The nodal forces of one body change places: their sum stays, and their moment does not."""
+    i, surface = solved.slave
+    order = surface.nodes[np.argsort(states[i].x[surface.nodes, 0])]
+    states[i].force[order] = states[i].force[order[::-1]]
+
+
+# --- What is planted into readings, by field
+
+
+def scale(field, factor=1.01):
+    """A reading of all nodes, times a factor."""
+
+    def plant(reading):
+        return dataclasses.replace(reading, **{field: factor * getattr(reading, field)})
+
+    plant.__name__ = f"scale {field}"
+    return plant
+
+
+def scale_field(field):
+    def plant(reading):
+        return dataclasses.replace(
+            reading, fields=reading.fields | {field: 1.01 * reading.fields[field]}
+        )
+
+    plant.__name__ = f"scale {field} in the fields"
+    return plant
+
+
+def open_all(reading):
+    status = np.minimum(reading.fields["status"], 1.0)
+    return dataclasses.replace(reading, fields=reading.fields | {"status": status})
+
+
+def without_friction(reading):
+    """What the library would say if friction did not act where conditions move nodes."""
+    return dataclasses.replace(reading, tangential=0 * reading.tangential)
+
+
 #: What is planted, in which kinds of scenes, and the audit that has to notice it.
 PLANTED = [
     (flip, ("node by node", "overlay", "loaded", "sphere", "large"), "tension"),
@@ -165,7 +217,21 @@ PLANTED = [
     (push_sideways, ("node by node", "overlay", "large", "sphere"), "cone"),
     (reverse_friction, ("node by node", "overlay", "3D, degree 2", "large"), "direction"),
     (halve_friction, ("node by node", "overlay", "3D, degree 2", "large"), "stick"),
+    (tilt_forces, ("plane",), "normal"),
+    (move_couples, ("tied across a gap",), "action"),
     (not_a_number, tuple(KINDS), "finite"),
+]
+
+#: What is planted into readings, in which kinds of scenes, and the audit that has to notice it.
+READINGS = [
+    (scale("traction"), tuple(KINDS), "traction"),
+    (scale("tangential"), ("node by node", "3D, degree 2", "sphere"), "traction"),
+    (scale("pressure"), tuple(KINDS), "pressure"),
+    (scale("moment"), ("node by node", "overlay", "3D, degree 2", "tied", "sphere"), "moment"),
+    (scale_field("pressure"), tuple(KINDS), "fields"),
+    (scale_field("traction"), tuple(KINDS), "fields"),
+    (open_all, ("node by node", "overlay", "3D, degree 2", "large"), "fields"),
+    (without_friction, ("dragged",), "held"),
 ]
 
 
@@ -176,6 +242,19 @@ def test_planted_faults(kind):
     for plant, kinds, check in PLANTED:
         if kind in kinds:
             assert check in solved.names(plant), plant.__name__
+    auditor = solved.stage.auditor
+    read = auditor.read_contact
+    for plant, kinds, check in READINGS:
+        if kind in kinds:
+            auditor.read_contact = lambda number, p=plant: [p(r) for r in read(number)]
+            assert check in solved.names(lambda *nothing: None), plant.__name__
+    auditor.read_contact = read
+    assert auditor.audit_update() == []
+    calls = itertools.count()
+    auditor.read_contact = lambda number: [
+        scale("force", 1 + 1e-6 * next(calls))(r) for r in read(number)
+    ]
+    assert {fault.check for fault in auditor.audit_update()} == {"update"}
 
 
 @pytest.mark.parametrize("kind", ("node by node", "3D, degree 2", "large"))

@@ -81,6 +81,20 @@ KINDS = {
         mu=0.0,
         options=OVERLAY,
     ),
+    "flat facets": dataclasses.replace(
+        PLAIN, materials=("elastic", "facets"), wave=0.01, friction="", mu=0.0, options=OVERLAY
+    ),
+    "tied across a gap": dataclasses.replace(
+        PLAIN,
+        materials=("neo", "neo"),
+        path=CARRIED,
+        carry=0.1,
+        gap=0.2,
+        tied=True,
+        friction="",
+        mu=0.0,
+        options=OVERLAY,
+    ),
     "tied to a plane": dataclasses.replace(
         PLAIN, materials=("viscous", "plane"), path=TURNED, tied=True, friction="", mu=0.0
     ),
@@ -117,6 +131,7 @@ class Made:
         try:
             return {fault.check for fault in auditor.check(bodies, tool)}
         finally:
+            vars(auditor).pop("read_contact", None)
             vars(auditor).update(kept)
 
 
@@ -252,10 +267,59 @@ def take_nothing(made, bodies):
     made.auditor.joint = dataclasses.replace(joint, dissipated=lambda: 0.0)
 
 
+def tilt_forces(made, bodies):
+    """Forces on a flat tool lean by a thousandth."""
+    force, nodes = bodies[made.slave].force, surface_nodes(made)
+    force[nodes, 0] += 1e-3 * force[nodes, 1]
+
+
+def turn_without_gap(made, bodies):
+    """The master's face turns about itself: what the slave is tied to has turned away."""
+    i = 1 - made.slave
+    now, nodes = bodies[i].now, made.auditor.surfaces[i].nodes
+    turn = Motion.about([0.0, 0.0, 0.03], now[nodes].mean(axis=0))
+    now[nodes] = turn(now[nodes])
+
+
+def swap_forces(made, bodies):
+    """The nodal forces of a body change places: their sum stays, and their moment does not."""
+    body = bodies[made.slave]
+    order = surface_nodes(made)
+    order = order[np.argsort(body.now[order, 0])]
+    body.force[order] = body.force[order[::-1]]
+
+
+def scale_reading(field, factor=1.01):
+    """What the library says of all nodes, times a factor."""
+
+    def plant(made, bodies):
+        read = type(made.auditor).read_contact
+
+        def scaled():
+            return [
+                dataclasses.replace(r, **{field: factor * getattr(r, field)})
+                for r in read(made.auditor)
+            ]
+
+        made.auditor.read_contact = scaled
+
+    plant.__name__ = f"scale {field}"
+    return plant
+
+
+def forget_fields(made, bodies):
+    """Fields are those of another time."""
+    read = type(made.auditor).read_contact
+    made.auditor.read_contact = lambda: [
+        dataclasses.replace(r, fields={k: 0 * f for k, f in r.fields.items()})
+        for r in read(made.auditor)
+    ]
+
+
 ALL = tuple(KINDS)
-TIED = ("tied", "tied to a plane")
+TIED = ("tied", "tied across a gap", "tied to a plane")
 OPEN = tuple(kind for kind in ALL if kind not in TIED)
-TOOLS = ("plane", "driven", "facets", "sticking", "tied to a plane")
+TOOLS = ("plane", "driven", "facets", "flat facets", "sticking", "tied to a plane")
 LIMITED = ("blocks", "plane", "driven")
 
 #: What is planted, in which kinds of histories, and the audit that has to notice it.
@@ -284,6 +348,13 @@ PLANTED = [
     (lose_time, ALL, "time"),
     (take_more, ("blocks", "plane", "flow"), "energy"),
     (take_nothing, ("blocks",), "energy"),
+    (tilt_forces, ("flat facets",), "normal"),
+    (turn_without_gap, ("tied across a gap",), "tie"),
+    (swap_forces, ("tied across a gap",), "action"),
+    (scale_reading("traction"), ALL, "traction"),
+    (scale_reading("pressure"), ALL, "pressure"),
+    (scale_reading("moment"), ALL, "moment"),
+    (forget_fields, ALL, "fields"),
     (swell, ("flow",), "volume"),
     (diverge, ("flow",), "volume"),
 ]

@@ -136,19 +136,30 @@ def test_in_solves(sliding, degree):
         assert scene.errors(1.0 if sliding == "small" else 1 + WIDE * t) < 1e-7
 
 
-def test_of_a_body_in_velocities():
-    """That of the mesh that velocities are found on, after half of the step."""
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+def test_of_a_tie(sliding):
+    """The same rule: that of the mesh, with finite sliding where the bodies are."""
+    scene = Stretched("triangle", 2, "plane", True, sliding=sliding, law=qs.Tied())
+    scene.drive(1.0)
+    scene.problem.solve()
+    assert scene.errors(1.0 if sliding == "small" else 1 + WIDE) < 1e-7
+
+
+@pytest.mark.parametrize("theta, num_pairings", ((0.5, 1), (0.0, 2), (1.0, 2)))
+def test_of_a_body_in_velocities(theta, num_pairings):
+    """That of the mesh that velocities are found on, after θ of the step, wherever it is paired."""
     scene = Stretched("triangle", 2, unknown="velocity", dt=1.0)
     scene.drive = lambda t, dt: (
         setattr(scene.side, "value", WIDE),
         setattr(scene.top, "value", -DEEP),
     )
-    stepper, widths = qs.TimeStepper(scene.problem, 0.5, scene.drive), []
+    options = {"theta": theta, "num_pairings": num_pairings}
+    stepper, widths = qs.TimeStepper(scene.problem, 0.5, scene.drive, **options), []
     x = scene.u.function_space.mesh.geometry.x
     stepper.on_solved = lambda: widths.append(WORLD.allreduce(x[:, 0].max(initial=0), op=MPI.MAX))
     for _ in stepper.run(1.0):
         assert scene.errors(widths[-1]) < 1e-7
-    assert np.allclose(widths, [1 + WIDE * 0.25, 1 + WIDE * 0.75], rtol=1e-2)
+    assert np.allclose(widths, [1 + WIDE * (i + theta) / 2 for i in (0, 1)], rtol=1e-2)
 
 
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
