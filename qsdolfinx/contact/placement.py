@@ -28,18 +28,23 @@ class Place:
         surface: The surface.
         coordinates: Of its facets, as they were paired.
         displacement: From there (length), see ``trace_values``; None for none.
+        solved_on: Vertices of the facets, (facets, vertices, 3), in the mesh that the body was
+            solved for on: bodies in velocities are moved on afterwards. None before any solve.
     """
 
     surface: Surface
     coordinates: Coordinates
     displacement: Array | None = None
+    solved_on: Array | None = None
 
     def moved(self, x: PETSc.Vec, scale: float, offset: PETSc.Vec | None) -> Place:
         """The place for unknowns of the body. Collective at first."""
         u = scale * trace_values(self.surface, x)
         if offset is not None:
             u = u + trace_values(self.surface, offset)
-        return dataclasses.replace(self, displacement=u)
+        return dataclasses.replace(
+            self, displacement=u, solved_on=self.surface.present_vertices
+        )
 
     def vec(self) -> PETSc.Vec:
         """The displacement as a new vector of the body, zero off the surface. Collective."""
@@ -51,6 +56,14 @@ class Place:
     def positions(self) -> Array:
         """Of the trace's nodes, shape (facets, nodes, 3). Collective."""
         return deformed_positions(self.surface, self.coordinates, self.displacement)
+
+    def vertices(self) -> Array:
+        """Of the facets, shape (facets, vertices, 3). Collective."""
+        return self.positions()[:, : self.surface.num_facet_vertices]
+
+    def vertices_of_mesh(self) -> Array:
+        """The same in the mesh that the body was solved for on; before that as it was paired."""
+        return self.coordinates[0] if self.solved_on is None else self.solved_on
 
     def facets(self) -> _cpp.Surface:
         """The surface there. Collective.

@@ -123,6 +123,11 @@ class Surface:
         self._linear = None
         self._read_heights()
 
+    @property
+    def present_vertices(self) -> npt.NDArray[np.float64]:
+        """Where the mesh has the facets' vertices now, whatever was read, (facets, vertices, 3)."""
+        return np.take(self.mesh.geometry.x, self._layout.points, axis=0)
+
     def twin(self, axisymmetric: bool | None = None) -> _cpp.Surface:
         """New object of the extension with the same facets, to be moved by itself. Collective.
 
