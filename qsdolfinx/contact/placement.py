@@ -42,9 +42,7 @@ class Place:
         u = scale * trace_values(self.surface, x)
         if offset is not None:
             u = u + trace_values(self.surface, offset)
-        return dataclasses.replace(
-            self, displacement=u, solved_on=self.surface.present_vertices
-        )
+        return dataclasses.replace(self, displacement=u, solved_on=self.surface.present_vertices)
 
     def vec(self) -> PETSc.Vec:
         """The displacement as a new vector of the body, zero off the surface. Collective."""
