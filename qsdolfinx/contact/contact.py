@@ -699,8 +699,8 @@ class Contact:
 
         Returns:
             Area of the slave's nodes in contact (see :meth:`active`), Σ S_k, or points, Σ w_p (2D:
-            length), where contact was paired: of the mesh, in time steps of the body where its
-            step was expected to lead; and the radius of a disc of this area (2D: half the length).
+            length), those that :meth:`traction` stands for; and the radius of a disc of this area
+            (2D: half the length).
             Known to about half a facet at the rim; grooves and dimples one or two nodes wide that
             are open by less than 1e-3 of a facet count as contact.
         """
@@ -816,7 +816,8 @@ class Contact:
 
         The numbers are those of ``qs.Status``. On a side without multipliers, the master of
         master-slave and quasi-symmetric contact, nodes that a force reaches are active, and
-        slipping if more than half of what they face slips.
+        slipping if more than half of what they face slips. As long as an automatic penalty is not
+        known, before the first solve, nothing is in contact and all paired nodes are open.
 
         Args:
             side: ``"slave"`` or ``"master"``.

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.contact import results
-from qsdolfinx.contact.bridged import in_contact
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.shown import shown
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -78,8 +77,6 @@ def faced(p: WeightedGap, rows: Array) -> Faced:
 def status(model: ContactModel, side: str) -> fem.Function:
     """:class:`Status` of each node. Collective."""
     surface = deformable_side(model, side)
-    if not results.is_known(model):  # nothing has been solved yet
-        return _scalar(surface, np.zeros(len(surface.linear.node_area)))
     if model.with_itself:
         found = np.maximum(_of_own_rows(model, "slave"), _of_faced_rows(model, "master"))
     elif results.has_multiplier(model, side):
@@ -163,7 +160,7 @@ def _of_faced_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
     """Status of a master's nodes, by what they face. Collective."""
     p = model.gaps[0]
     # An open gap may be at a node of which another row's force reaches a part.
-    force = faced(p, in_contact(model, p).astype(np.float64))
+    force = faced(p, results.rows_in_contact(model, p).astype(np.float64))
     status = np.where(force.reached, Status.OPEN, Status.UNPAIRED)
     active = force.mean > SOME  # not where it is NaN
     status = np.where(active, Status.ACTIVE, status)

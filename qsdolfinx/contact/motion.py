@@ -230,12 +230,6 @@ def free_offset(model: ContactModel) -> None:
     model.offset = None
 
 
-def read_meshes(model: ContactModel) -> None:
-    """Take meshes, as they are, for those that bodies in velocities are solved for on. Collective."""
-    slave, master = model.kinematics.in_displacement
-    model.placement = model.placement.solved_on((not slave, not master))
-
-
 def set_start(
     model: ContactModel,
     slave: fem.Function | None,

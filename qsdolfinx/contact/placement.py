@@ -28,26 +28,21 @@ class Place:
         surface: The surface.
         coordinates: Of its facets, as they were paired.
         displacement: From there (length), see ``trace_values``; None for none.
-        mesh: Coordinates of the mesh that a body in velocities is solved for on, if contact has
-            been paired elsewhere in a time step.
+        solved_on: Vertices of the facets, (facets, vertices, 3), in the mesh that the body was
+            solved for on: bodies in velocities are moved on afterwards. None before any solve.
     """
 
     surface: Surface
     coordinates: Coordinates
     displacement: Array | None = None
-    mesh: Coordinates | None = None
-
-    @property
-    def of_mesh(self) -> Place:
-        """The place of the mesh that the body is in equilibrium on."""
-        return Place(self.surface, self.mesh or self.coordinates)
+    solved_on: Array | None = None
 
     def moved(self, x: PETSc.Vec, scale: float, offset: PETSc.Vec | None) -> Place:
         """The place for unknowns of the body. Collective at first."""
         u = scale * trace_values(self.surface, x)
         if offset is not None:
             u = u + trace_values(self.surface, offset)
-        return dataclasses.replace(self, displacement=u)
+        return dataclasses.replace(self, displacement=u, solved_on=self.surface.present_vertices)
 
     def vec(self) -> PETSc.Vec:
         """The displacement as a new vector of the body, zero off the surface. Collective."""
@@ -59,6 +54,14 @@ class Place:
     def positions(self) -> Array:
         """Of the trace's nodes, shape (facets, nodes, 3). Collective."""
         return deformed_positions(self.surface, self.coordinates, self.displacement)
+
+    def vertices(self) -> Array:
+        """Of the facets, shape (facets, vertices, 3). Collective."""
+        return self.positions()[:, : self.surface.num_facet_vertices]
+
+    def vertices_of_mesh(self) -> Array:
+        """The same in the mesh that the body was solved for on; before that as it was paired."""
+        return self.coordinates[0] if self.solved_on is None else self.solved_on
 
     def facets(self) -> _cpp.Surface:
         """The surface there. Collective.
@@ -141,20 +144,6 @@ class Placement:
             return Placement(slave, dataclasses.replace(master, motion=motion))
         assert unknowns[1] is not None
         return Placement(slave, master.moved(unknowns[1], scale[1], offset[1]))
-
-    def solved_on(self, on_mesh: tuple[bool, bool]) -> Placement:
-        """With the meshes as they are now, of the sides that are in equilibrium on them. Collective.
-
-        Args:
-            on_mesh: Whether that is so of the slave and the master.
-        """
-        sides: list[Place | ToolPlace] = [self.slave, self.master]
-        for i, (side, wanted) in enumerate(zip(sides, on_mesh, strict=True)):
-            if wanted and isinstance(side, Place):
-                sides[i] = dataclasses.replace(side, mesh=side.surface.read_coordinates())
-        slave, master = sides
-        assert isinstance(slave, Place)
-        return Placement(slave, master)
 
     @property
     def as_paired(self) -> Placement:

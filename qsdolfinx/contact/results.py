@@ -24,6 +24,7 @@ from qsdolfinx.contact.placement import Place
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec, skew, trace_positions
+from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.traction import nodal_forces, recover
 from qsdolfinx.tools.pose import padded
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
@@ -192,9 +193,14 @@ def step_dissipation(model: ContactModel) -> float:
 
 
 def patch(model: ContactModel) -> tuple[float, float]:
-    """Area of the slave nodes or points in contact, and the radius of such a disc. Collective."""
+    """Area of the slave nodes or points in contact, and the radius of such a disc. Collective.
+
+    Areas are those that tractions stand for.
+    """
     slave, p = model.slave, model.gaps[0]
-    area = float(np.sum(p.rows.area[rows_in_contact(model, p)]))
+    paired = _measured(_place(model, "slave").surface, _place(model, "slave").coordinates[0])
+    row_area = p.rows.areas(_areas(model, "slave"), np.asarray(paired.node_area))
+    area = float(np.sum(row_area[rows_in_contact(model, p)]))
     area = float(model.comm.allreduce(area, op=MPI.SUM))
     return area, area / 2 if slave.area_dim == 1 else math.sqrt(area / math.pi)
 
@@ -348,22 +354,28 @@ def _place(model: ContactModel, side: str) -> Place:
 def _areas(model: ContactModel, side: str) -> Array:
     """Areas of the vertices of one side that its tractions stand for. Collective.
 
-    A body in displacements is in equilibrium as it is deformed, and its mesh is not: in time steps,
-    and with ``sliding="finite"``, its facets are where the last evaluation has put them.
-    Else they are those of the mesh that the body is in equilibrium on.
+    They are those of the configuration in which the body is in equilibrium: for one in velocities
+    its mesh, where it was when it was solved for, however often a step has paired and however
+    contact follows. A body in displacements is in equilibrium as it is deformed: in time steps, and
+    where contact follows the bodies, its facets are where the last evaluation has put them. Else,
+    as with small strains, they are those of its mesh.
     """
     place = _place(model, side)
-    in_steps = model.offset is not None and model.kinematics.in_displacement[SIDES.index(side)]
-    if not (model.settings.sliding == "finite" or in_steps):
-        place = place.of_mesh
-    return np.asarray(_facets_at(place).node_area)
+    in_displacement = model.kinematics.in_displacement[SIDES.index(side)]
+    follows = model.settings.sliding == "finite"
+    deforms = in_displacement and (follows or model.offset is not None)
+    vertices = place.vertices() if deforms else place.vertices_of_mesh()
+    return np.asarray(_measured(place.surface, vertices).node_area)
 
 
 def _facets_at(place: Place) -> _cpp.Surface:
     """Flat facets through the vertices of a side where it is, measured. Collective."""
-    linear = place.surface.linear
-    facets = linear.twin()
-    vertices = place.positions()[:, : linear.num_facet_vertices]
+    return _measured(place.surface, place.vertices())
+
+
+def _measured(surface: Surface, vertices: Array) -> _cpp.Surface:
+    """Flat facets of a surface through other vertices, measured. Collective."""
+    facets = surface.linear.twin()
     facets.follow(np.ascontiguousarray(vertices))
     facets.measure_nodes()
     return facets

@@ -74,10 +74,14 @@ class Rows(abc.ABC):
         """What :meth:`largest_on_nodes` gave, perhaps for other rows, at the rows."""
         return self.from_nodes(values)
 
-    @property
     @abc.abstractmethod
-    def area(self) -> Array:
-        """Area of the slave that each row stands for, shape (rows,). Not collective."""
+    def areas(self, now: Array, paired: Array) -> Array:
+        """Area of the slave that each row stands for, shape (rows,).
+
+        Args:
+            now: Areas of the owned nodes where those of rows are asked for, shape (nodes,).
+            paired: The same where the rows were found.
+        """
 
 
 class NodeRows(Rows):
@@ -114,11 +118,13 @@ class NodeRows(Rows):
             return np.asarray(self._node[self.covered_nodes])
         return np.unique(self._node) if self.in_corner.any() else self._node
 
-    @property
-    def area(self) -> Array:
-        """S_k, or that of the sides of nodes in corners."""
-        of_nodes = self.node_area[self._node]
-        return np.where(self.in_corner, self.operator.row_area, of_nodes)
+    def areas(self, now: Array, paired: Array) -> Array:
+        """Those of the nodes; of nodes in corners as much of it as the row's side has."""
+        of_nodes = now[self._node]
+        if not self.in_corner.any():
+            return np.asarray(of_nodes)
+        share = self.operator.row_area / paired[self._node]
+        return np.where(self.in_corner, share * of_nodes, of_nodes)
 
     def dofs(self, width: int) -> tuple[list[slice], list[npt.NDArray[np.int64]]]:
         """Unknowns of the slave whose places hold values of rows in its vectors. Collective.
@@ -227,10 +233,9 @@ class PointRows(Rows):
         #: Sides of nodes that points cover some of, of that shape.
         self.covered: Flags = self.cover_of_sides > _SOME * slave.node_area[:, None]
 
-    @property
-    def area(self) -> Array:
-        """Weights of the points."""
-        return self.operator.row_area
+    def areas(self, now: Array, paired: Array) -> Array:
+        """Weights of the points, Σ_k N_k of which has grown as the area of node k has."""
+        return np.asarray(self.operator.row_area * self.from_nodes(now / paired))
 
     @property
     def reached(self) -> npt.NDArray[np.int64]:

@@ -11,7 +11,7 @@ from dolfinx import fem
 
 from qsdolfinx.base import interrupt
 from qsdolfinx.contact.contact import Contact
-from qsdolfinx.contact.motion import follow_meshes, read_meshes, set_start
+from qsdolfinx.contact.motion import follow_meshes, set_start
 from qsdolfinx.contact.turned import turning_error
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.steps.mesh_motion import MeshMotion
@@ -196,9 +196,6 @@ class Pairings:
             set_start(contact.model, starts[s], None if m is None else starts[m], moved_tool)
         for motion, flows, known in zip(self._motions, self._in_velocity, self._known, strict=True):
             motion.move(motion.values(known * self._theta * self._dt) if flows else 0.0)
-        for contact, _ in self._sides():
-            if not contact.model.follows:
-                read_meshes(contact.model)
         interrupt.look(self._problem.comm)
 
     def _follow(self) -> None:

@@ -123,6 +123,11 @@ class Surface:
         self._linear = None
         self._read_heights()
 
+    @property
+    def present_vertices(self) -> npt.NDArray[np.float64]:
+        """Where the mesh has the facets' vertices now, whatever was read, (facets, vertices, 3)."""
+        return np.take(self.mesh.geometry.x, self._layout.points, axis=0)
+
     def twin(self, axisymmetric: bool | None = None) -> _cpp.Surface:
         """New object of the extension with the same facets, to be moved by itself. Collective.
 
@@ -513,15 +518,6 @@ class Surface:
                 self._linear.touch_itself(self._key)
         return self._linear
 
-    def read_coordinates(self) -> Coordinates:
-        """See :attr:`coordinates`, of the mesh as it is now; nothing is changed. Collective.
-
-        Raises:
-            ValueError: If they are not finite or a facet has no area.
-        """
-        with collective_errors(self.comm):
-            return self._layout.checked_coordinates(self.mesh)
-
     def update(self) -> None:
         """Read the mesh coordinates again, after the mesh has moved. Collective.
 
@@ -539,6 +535,7 @@ def update_surfaces(*surfaces: Surface) -> None:
     """
     new = []
     for surface in surfaces:
-        new.append(surface.read_coordinates())
+        with collective_errors(surface.comm):
+            new.append(surface._layout.checked_coordinates(surface.mesh))
     for surface, coordinates in zip(surfaces, new, strict=True):
         surface.coordinates = coordinates

@@ -163,7 +163,10 @@ def test_before_the_first_solve(name):
     scene.contact.update()
     found = readings(scene.contact)
     geometry = ("gap", "weighted_gap", "field gap", "penetration", "weighted_penetration", "report")
-    touching = ("active", "status", "patch", "field status") if name == "penalty" else ()
+    touching = ("active", "patch") if name == "penalty" else ()
+    for key in ("status", "field status"):
+        paired = qs.Status.ACTIVE if name == "penalty" else qs.Status.OPEN
+        assert largest(found.pop(key)) == paired, key
     for key, value in found.items():
         if key not in geometry and key not in touching:
             assert largest(value) == 0, key

@@ -146,6 +146,16 @@ def test_stick_and_slip(formulation):
         assert largest(fields["tangential_traction"].x.array) > 1e-3
 
 
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("penalty", ("auto", 10.0))
+def test_before_the_first_solve(penalty, formulation):
+    """Paired nodes of surfaces with a gap between them are open, not unpaired."""
+    pair = Pair("triangle", formulation, n=(5, 3), gap=0.01, penalty=penalty)
+    for side, surface in zip(SIDES, (pair.slave, pair.master), strict=True):
+        status = at_nodes(surface, pair.contact.status(side))
+        assert largest(status - qs.Status.OPEN) == 0
+
+
 def test_tied_and_degree_two():
     """The size of the jump; displacements of degree 2 have fields of degree 1."""
 

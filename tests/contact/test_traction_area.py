@@ -118,11 +118,22 @@ def test_in_time_steps(name):
         wide = 1 + WIDE * t
         area = np.pi * wide**2 if name.startswith("axi") else wide
         assert scene.errors(area) < 1e-7
+        assert scene.contact.patch()[0] == pytest.approx(area)
     # The mesh of a body in displacements stays; its ring is whole, as forces are.
     whole = np.pi if name.startswith("axi") else 1.0
     assert qs.step_row(stepper)["volume_0"] == pytest.approx(whole)
     scene.contact.update()
     assert scene.errors(area) < 1e-7
+
+
+@pytest.mark.parametrize("options", ({"sliding": "finite"}, {"constraints": "points"}))
+@pytest.mark.parametrize("both", (False, True))
+def test_area_in_contact(both, options):
+    """In time steps that of the body at their end, in ``step_row`` too."""
+    scene = Stretched("triangle", 1, both=both, **options)
+    stepper = qs.TimeStepper(scene.problem, 0.5, scene.drive)
+    for t in stepper.run(1.0):
+        assert qs.step_row(stepper)["area_0"] == pytest.approx(1 + WIDE * t)
 
 
 @pytest.mark.parametrize("degree", (1, 2))
@@ -133,7 +144,9 @@ def test_in_solves(sliding, degree):
     for t in (0.5, 1.0):
         scene.drive(t)
         scene.problem.solve()
-        assert scene.errors(1.0 if sliding == "small" else 1 + WIDE * t) < 1e-7
+        area = 1.0 if sliding == "small" else 1 + WIDE * t
+        assert scene.errors(area) < 1e-7
+        assert scene.contact.patch()[0] == pytest.approx(area)
 
 
 @pytest.mark.parametrize("sliding", ("small", "finite"))
@@ -160,6 +173,23 @@ def test_of_a_body_in_velocities(theta, num_pairings):
     for _ in stepper.run(1.0):
         assert scene.errors(widths[-1]) < 1e-7
     assert np.allclose(widths, [1 + WIDE * (i + theta) / 2 for i in (0, 1)], rtol=1e-2)
+
+
+@pytest.mark.parametrize("num_pairings", (1, 2))
+@pytest.mark.parametrize("theta", (0.0, 0.5, 1.0))
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+def test_of_a_body_in_velocities_that_pairs_again(sliding, theta, num_pairings):
+    """That of the mesh that it was solved for on last, wherever contact has paired then."""
+    options = {"unknown": "velocity", "dt": 1.0, "sliding": sliding}
+    scene = Stretched("triangle", 2, **options)
+    scene.side.value, scene.top.value = WIDE, -DEEP
+    pairs_again = {"theta": theta, "num_pairings": num_pairings}
+    stepper, widths = qs.TimeStepper(scene.problem, 0.5, **pairs_again), []
+    x = scene.u.function_space.mesh.geometry.x
+    stepper.on_solved = lambda: widths.append(WORLD.allreduce(x[:, 0].max(initial=0), op=MPI.MAX))
+    for _ in stepper.run(1.0):
+        assert scene.errors(widths[-1]) < 1e-7
+        assert scene.contact.patch()[0] == pytest.approx(widths[-1])
 
 
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
