@@ -421,9 +421,18 @@ class TimeStepper:
                         f"succeeds; the last attempt: {error}"
                     ) from error
                 dt *= self.cutback
-            except BaseException:
+            except BaseException as error:
+                self._note_ended(attempt, t, dt, before, error)
                 self._restore(start)
                 raise
+
+    def _note_ended(
+        self, attempt: int, t: float, dt: float, before: int, error: BaseException
+    ) -> None:
+        """Add an attempt that an exception has ended, such as one of ``drive``, to the log."""
+        iterations, reason = self.num_iterations - before, f"ended by {type(error).__name__}"
+        row = Attempt(self.num_steps + 1, attempt, t, dt, iterations, FAILED, reason, ())
+        self.log.add(row)
 
     def _note(
         self,
