@@ -153,7 +153,9 @@ class ContactReport:
         parts = [f"{self.points} points, {100 * self.covered:.4g} % of the slave's area"]
         if self.missed_facets:
             parts.append(f"{self.missed_facets} facets without a partner")
-        active = f"{'?' if self.active is None else self.active} of {self.rows} rows"
+        active = f"not solved yet, {self.rows} rows"
+        if self.active is not None:
+            active = f"{self.active} of {self.rows} rows"
         if self.touching is not None:
             ends = ["(" + ", ".join(f"{x:.4g}" for x in corner) + ")" for corner in self.touching]
             active += f", from {ends[0]} to {ends[1]}"

@@ -61,7 +61,8 @@ def rough_surfaces(
     k, H = _harmonic("conductivity", conductivity), _harmonic("hardness", hardness)
     check(NOT_NEGATIVE, gas=gas, radiation=radiation)
     check(either(POSITIVE, None), roughness=roughness)
-    require(gas == 0 or roughness is not None, "roughness: needed with gas, which it keeps finite")
+    text = "roughness: give it with gas; without it gas / (g + roughness) is infinite at no gap"
+    require(gas == 0 or roughness is not None, text)
     delta = 1.0 if roughness is None else float(roughness)
 
     def of_contact(p: Array, g: Array) -> Array:

@@ -13,7 +13,8 @@ def step_row(stepper: TimeStepper) -> dict[str, float]:
         Step, time, Δt, Newton iterations and failed attempts; for each contact the force on the
         slave, the area in contact and the deepest penetration; the volume of each mesh. Of 2D
         bodies these are per length, in plane volumes are areas; of axisymmetric ones they are those
-        of the whole ring, 2π ∫ r dA. A body is axisymmetric if a surface of its contacts is.
+        of the whole ring, 2π ∫ r dA. The volume of a body in displacements is that of its reference
+        mesh, which does not change. A body is axisymmetric if a surface of its contacts is.
     """
     check(instance(TimeStepper, "a TimeStepper"), stepper=stepper)
     row: dict[str, float] = {

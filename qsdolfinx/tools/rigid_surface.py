@@ -224,7 +224,8 @@ class RigidSurface:
         """A tool from an STL file, ASCII or binary, read by rank 0. Collective.
 
         Vertices with equal coordinates are one. Orientation is that of the vertices; normals in the
-        file are ignored. All solids of a file are one tool. Triangles without area are left out.
+        file are ignored. All solids of a file are one tool; they may share edges and walls. Triangles
+        without area are left out.
 
         Args:
             comm: Communicator of the bodies' meshes.
@@ -249,7 +250,9 @@ class RigidSurface:
         if advice:
             warn(advice, ContactWarning)
         x, triangles = (None, None) if stl is None else (stl.x, stl.triangles)
-        return cls.triangulated(comm, x, triangles, center)
+        name = f"filename: {os.fspath(filename)!r}"
+        facets, middle = triangulation.scatter(comm, x, triangles, center, name)
+        return cls(comm, middle, facets)
 
     @classmethod
     def from_mesh(

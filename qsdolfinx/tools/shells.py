@@ -7,6 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.tools.touching import components
 from qsdolfinx.tools.triangulation import Facets
 
 Array = npt.NDArray[np.float64]
@@ -29,7 +30,7 @@ class Shells:
         self._ends = np.cumsum([0, *comm.allgather(facets.num_owned)])
         number, cells = np.unique(facets.vertices, return_inverse=True)
         cells = cells.reshape(facets.vertices.shape)
-        roots = _components(cells, len(number))
+        roots = components(cells, len(number))
         mine: Indices = np.arange(self._ends[comm.rank], self._ends[comm.rank + 1])
         name = number.copy()
         while True:
@@ -82,17 +83,3 @@ class Shells:
         count = self._comm.allreduce(int(np.count_nonzero(inside)), op=MPI.SUM)
         low, high = np.split(corners, 2)
         return count, low, -high
-
-
-def _components(cells: npt.NDArray[np.int_], count: int) -> npt.NDArray[np.int_]:
-    """Smallest vertex that each of the vertices is connected to by cells."""
-    parent = np.arange(count)
-    while True:
-        low = np.broadcast_to(parent[cells].min(axis=1, keepdims=True), cells.shape)
-        new = parent.copy()
-        np.minimum.at(new, parent[cells], low)
-        while np.any(new[new] != new):
-            new = new[new]
-        if np.array_equal(new, parent):
-            return parent
-        parent = new

@@ -18,9 +18,10 @@ from dolfinx import mesh
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check_vector, require
-from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.base.collective import checked
 from qsdolfinx.compat import cell_nodes, coordinate_element
 from qsdolfinx.surface.facets import area_vectors
+from qsdolfinx.tools.touching import separate
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -70,8 +71,16 @@ def scatter(
     x: npt.ArrayLike | None,
     triangles: npt.ArrayLike | None,
     center: npt.ArrayLike | None,
+    name: str = "triangles",
 ) -> tuple[Facets, Array]:
     """Spread rank 0's facets over the ranks, as DOLFINx does with cells. Collective.
+
+    Args:
+        comm: Communicator of the tool.
+        x: Vertices, shape (vertices, gdim).
+        triangles: Indices of the vertices of each facet, shape (facets, gdim).
+        center: What the tool is rotated about, shape (gdim,), or None.
+        name: What errors about the facets name.
 
     Returns:
         The facets of this rank, and the center or else the mean vertex, shape (gdim,).
@@ -89,7 +98,9 @@ def scatter(
     if comm.rank > 0:
         points, cells = np.zeros((0, gdim)), np.zeros((0, gdim), dtype=np.int64)
     # Checked first: what DOLFINx does with an edge of three triangles depends on its version.
-    _check_orientation(comm, "triangles", cells, np.ones(len(cells)))
+    if gdim == 3 and comm.rank == 0:
+        points, cells = separate(points, cells)
+    _check_orientation(comm, name, cells, padded(points)[cells], np.ones(len(cells)))
     kind = "interval" if gdim == 2 else "triangle"
     element = basix.ufl.element("Lagrange", kind, 1, shape=(gdim,))
     msh = mesh.create_mesh(comm, cells=cells, x=points, e=ufl.Mesh(element))
@@ -120,9 +131,13 @@ def _checked(x: npt.ArrayLike | None, triangles: npt.ArrayLike | None) -> tuple[
     fits = given.min() >= 0 and given.max() < len(points)
     require(fits, f"triangles: indices must be from 0 to {len(points) - 1}")
     cells = given.astype(np.int64)
-    padded = np.column_stack([points, np.zeros((len(points), 3 - gdim))])
-    check_areas("triangles", padded[cells])
+    check_areas("triangles", padded(points)[cells])
     return points, cells
+
+
+def padded(x: Array) -> Array:
+    """Points with three coordinates, shape (n, 3)."""
+    return np.column_stack([x, np.zeros((len(x), 3 - x.shape[1]))])
 
 
 def without_area(x: Array) -> npt.NDArray[np.bool_]:
@@ -138,25 +153,48 @@ def check_areas(name: str, x: Array) -> None:
     require(not flat.any(), f"{name}: {np.count_nonzero(flat)} facets have no area")
 
 
-def _check_orientation(comm: MPI.Intracomm, name: str, vertices: Indices, sign: Array) -> None:
+def _check_orientation(
+    comm: MPI.Intracomm, name: str, vertices: Indices, x: Array, sign: Array
+) -> None:
     """Refuse neighbours of opposite orientation. Collective.
 
     Facets that agree pass their common edge once in each direction; segments that do, leave and
     reach a vertex once.
+
+    Args:
+        comm: Communicator of the tool.
+        name: What the error names.
+        vertices: Global numbers of the vertices, shape (facets, vertices).
+        x: Their coordinates, shape (facets, vertices, 3).
+        sign: −1 where a facet's orientation is to be turned, else 1, shape (facets,).
     """
     n = vertices.shape[1]
+    ring = [0, 1, 3, 2] if n == 4 else [*range(n)]
+    turned = np.where(sign[:, None] < 0, vertices[:, ring[::-1]], vertices[:, ring])
     if n == 2:
-        turned = np.where(sign[:, None] < 0, vertices[:, ::-1], vertices)
         passed = np.concatenate([turned[:, [i, i]] * [1, 0] + [0, i] for i in range(2)])
     else:
-        ring = vertices[:, [0, 1, 2] if n == 3 else [0, 1, 3, 2]]
-        edges = np.stack([ring, np.roll(ring, -1, axis=1)], axis=-1)
-        passed = np.where(sign[:, None, None] < 0, edges[..., ::-1], edges).reshape(-1, 2)
+        passed = np.stack([turned, np.roll(turned, -1, axis=1)], axis=-1).reshape(-1, 2)
     to = passed.min(axis=1) % comm.size if n > 2 else passed[:, 0] % comm.size
     received = np.concatenate(comm.alltoall([passed[to == rank] for rank in range(comm.size)]))
-    with collective_errors(comm):
-        once = len(np.unique(received, axis=0)) == len(received)
-        require(once, f"{name}: neighbours are oriented in opposite ways, or overlap")
+    found, count = np.unique(received, axis=0, return_counts=True)
+    repeated = [tuple(pair) for pair in found[count > 1][:1].tolist()]
+    first = min((pair for pairs in comm.allgather(repeated) for pair in pairs), default=None)
+    if first is None:
+        return
+    ends = [number for number in first if n > 2] or [first[0]]
+    mine = {number: x[vertices == number][:1].tolist() for number in ends}
+    known = comm.allgather(mine)
+    places = [next(at[number][0] for at in known if at[number]) for number in ends]
+    texts = ["({:.6g}, {:.6g}, {:.6g})".format(*place) for place in places]
+    kind, remedy = "edge from " + " to ".join(texts), "facets there must pass it once each way"
+    if n == 2:
+        kind, remedy = f"vertex {texts[0]}", "one segment there must begin at it, the other end"
+    raise ValueError(
+        f"{name}: neighbours at the {kind} are oriented in opposite ways, or overlap; {remedy}: "
+        "turn facets round, remove repeated ones, and unite solids that overlap or write each to "
+        "a tool of its own"
+    )
 
 
 def of_mesh(
@@ -192,7 +230,7 @@ def of_mesh(
         [np.full(index_map.size_local, comm.rank, dtype=np.int32), index_map.owners]
     )
     vertices = index_map.local_to_global(cells.ravel()).reshape(cells.shape).astype(np.int64)
-    _check_orientation(comm, "msh", vertices, sign)
+    _check_orientation(comm, "msh", vertices, x, sign)
     total = comm.allreduce(geometry.x[: index_map.size_local, :gdim].sum(axis=0), op=MPI.SUM)
     facets = Facets(x, vertices, owners[cells].astype(np.int32), int(index_map.size_local), sign)
     mean = typing.cast(Array, total / index_map.size_global)

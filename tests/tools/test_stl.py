@@ -10,6 +10,7 @@ from scenes import WORLD, raises_everywhere
 
 import qsdolfinx as qs
 from qsdolfinx.tools.stl import read_stl
+from qsdolfinx.tools.touching import components, separate
 
 #: A tetrahedron, outward.
 X = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
@@ -182,3 +183,53 @@ def test_without_area(folder):
     WORLD.barrier()
     call = lambda: qs.RigidSurface.from_stl(WORLD, file)  # noqa: E731
     raises_everywhere(WORLD, ValueError, "no STL file with triangles", call)
+
+
+def brick(low, high):
+    """Corners of the outward triangles of a box, shape (12, 3, 3)."""
+    x = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]]
+                  for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # fmt: skip
+    sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    return x[[[s[0], *pair] for s in sides for pair in ((s[1], s[2]), (s[2], s[3]))]]
+
+
+#: Boxes that share walls and edges, by their corners.
+TOUCHING = {
+    "wall": [([0, 0, 0], [1, 1, 1]), ([1, 0, 0], [2.5, 1, 1])],
+    "edge": [([0, 0, 0], [1, 1, 1]), ([1, 1, 0], [2, 2, 1])],
+    "four around an edge": [([i, j, 0], [i + 1, j + 1, 1]) for i in (0.0, 1.0) for j in (0.0, 1.0)],
+}
+
+
+@pytest.mark.parametrize("scene", TOUCHING)
+def test_solids_that_touch(folder, scene):
+    """Each solid of a file is a shell of its own, wherever the file stands in space."""
+    c, s = np.cos(0.3), np.sin(0.3)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ [[1, 0, 0], [0, c, -s], [0, s, c]]
+    corners = np.concatenate([brick(low, high) for low, high in TOUCHING[scene]]) @ turn.T + 2.7
+    if WORLD.rank == 0:
+        write_stl(folder / "touching.stl", corners, True)
+    WORLD.barrier()
+    qs.RigidSurface.from_stl(WORLD, folder / "touching.stl")
+    stl = read_stl(folder / "touching.stl")
+    x, triangles = separate(stl.x, stl.triangles)
+    np.testing.assert_array_equal(x[triangles], stl.x[stl.triangles])
+    shells = components(triangles, len(x))[triangles]
+    assert np.all(shells == shells[:, :1])
+    assert np.unique(shells[:, 0], return_counts=True)[1].tolist() == [12] * len(TOUCHING[scene])
+
+
+def test_wrong_orientation_says_where(folder):
+    """A file whose triangles are not those of solids, and the same one twice."""
+    turned = X[TRIANGLES].copy()
+    turned[0] = turned[0][::-1]
+    for corners in (turned, np.concatenate([X[TRIANGLES], X[TRIANGLES]])):
+        if WORLD.rank == 0:
+            write_stl(folder / "turned.stl", corners, False)
+        WORLD.barrier()
+        raises_everywhere(
+            WORLD,
+            ValueError,
+            "turned.stl': neighbours at the edge from (0, 0, 0) to (",
+            lambda: qs.RigidSurface.from_stl(WORLD, folder / "turned.stl"),
+        )
