@@ -127,9 +127,9 @@ def remesh(
     """Mesh a body anew as it is now. Collective.
 
     Rank 0 alone makes the mesh: boundary and cells are gathered there, and the new ones handed
-    out. It is the same from any partition of the old one, and for nodes that differ by the errors of
-    solvers: what decides is a copy of the body whose nodes are rounded to less than a thousandth of
-    the size of the cells there. New nodes are put from the copy into the body.
+    out. It is the same from any partition of the old one, and for nodes that differ by the errors
+    of solvers: what decides is a copy of the body whose nodes are rounded to less than a thousandth
+    of the size of the cells there. New nodes are put from the copy into the body.
 
     New boundary nodes are on the old boundary facets. Corners stay, and so do edges at which
     facets turn by more than ``feature_angle`` and borders between facet tags: they get new nodes,
