@@ -23,8 +23,9 @@ FLAT = 1e-7
 #: another round number but for rounding is that number (test_a_mesh_that_stays_is_the_same_mesh).
 ROUNDING = 1e-14
 
-#: What angles (radians) and lengths, over those that they are compared with, are the same by: errors
-#: of solvers do not choose what is kept of a body that turns by just the angle that is asked for.
+#: Differences of angles (radians), and of lengths over those that they are compared with, that are
+#: none: errors of solvers do not choose corners of a body that turns by just the angle asked for
+#: (test_angles_that_are_just_those_asked_for).
 SAME = 1e-6
 
 #: Component of a unit normal that is none but for rounding: the plane is across an axis.

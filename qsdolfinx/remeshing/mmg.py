@@ -40,7 +40,7 @@ def program() -> str | None:
 
 
 def adapt(outline: Outline, features: Features) -> tuple[Boundary, Inside]:
-    """Let MMG adapt the cells of a body; new boundary nodes are put on the old facets, not on planes.
+    """Let MMG adapt the cells of a body; new boundary nodes are put on the old facets.
 
     Args:
         outline: The body.

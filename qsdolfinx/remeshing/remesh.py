@@ -127,7 +127,9 @@ def remesh(
     """Mesh a body anew as it is now. Collective.
 
     Rank 0 alone makes the mesh: boundary and cells are gathered there, and the new ones handed
-    out. It is the same from any partition of the old one.
+    out. It is the same from any partition of the old one, and for nodes that differ by the errors
+    of solvers: what decides is a copy of the body whose nodes are rounded to less than a thousandth
+    of the size of the cells there. New nodes are put from the copy into the body.
 
     New boundary nodes are on the old boundary facets. Corners stay, and so do edges at which
     facets turn by more than ``feature_angle`` and borders between facet tags: they get new nodes,
@@ -281,7 +283,7 @@ def _make(outline: Outline, how: _How, wanted: float) -> _Made:
 
 
 def _make_of(outline: Outline, copy: Outline, how: _How) -> _Made:
-    """Make a mesh of the sizes of a body's copy on a lattice: of the copy, then put into the body."""
+    """Mesh the copy of a body on a lattice, and put the new nodes into the body."""
     axisymmetric, inside = how.axisymmetric, None
     volume = enclosed_volume(outline.x, outline.facets, axisymmetric)
     planes: dict[int, Plane] = {}

@@ -27,8 +27,8 @@ FEW = 2e-3
 #: Cosine of the angle between a node's normal and that of the old triangle it is put on.
 SAME_SIDE = 0.5
 
-#: Ratio of singular values of normals (their angle, nearly, in radians) below which planes are one for
-#: a node on both: their intersection is not where it was if they are moved a little.
+#: Ratio of singular values of normals (half of their angle, in radians) below which two planes are
+#: one for a node on both: where they meet moves far if they move a little.
 NEARLY_ONE = 0.05
 
 #: Shape of triangles that smoothing may not make worse.
@@ -80,7 +80,7 @@ class Boundary:
         return [(planes, np.array(nodes_of[key])) for key, planes in planes_of.items()]
 
     def onto_planes(self) -> None:
-        """Put nodes on the closest places that are on their planes, exactly on those across axes."""
+        """Put nodes on the closest places that are on their planes, exactly if across axes."""
         for planes, nodes in self.on_same_planes():
             normals = np.array([plane.normal for plane in planes])
             levels = np.array([plane.level for plane in planes])
