@@ -224,8 +224,8 @@ class RigidSurface:
         """A tool from an STL file, ASCII or binary, read by rank 0. Collective.
 
         Vertices with equal coordinates are one. Orientation is that of the vertices; normals in the
-        file are ignored. All solids of a file are one tool; they may share edges and walls. Triangles
-        without area are left out.
+        file are ignored. All solids of a file are one tool; they may share edges and walls.
+        Triangles without area are left out.
 
         Args:
             comm: Communicator of the bodies' meshes.
