@@ -775,7 +775,8 @@ class Contact:
             is a sub-space, if it is Lagrange of degree 1. Else it is a new one: for P1 with bubbles
             and for degree 2, of which nodal forces f_k are then those conjugate to this space.
 
-            It is t_k = f_k / S_k, of a ring the force on it over 2πr times a length. S_k is the area
+            It is t_k = f_k / S_k, of a ring the force on it over 2πr times a length. S_k is the
+            area
 
             - of a body in displacements in time steps: where it is at the end of the step, present
               force per present area (Cauchy's traction);
@@ -858,8 +859,9 @@ class Contact:
 
         Returns:
             Functions of degree 1, zero off the surface, whatever the space of the body:
-            ``"traction"`` (stress, a vector), ``"pressure"`` (stress), ``"gap"`` (length, the weighted one, see :meth:`gap_function`) and ``"status"``
-            (0 unpaired, 1 open, 2 active, 3 slipping, see :meth:`status`). With friction also its
+            ``"traction"`` (stress, a vector), ``"pressure"`` (stress), ``"gap"`` (length,
+            the weighted one, see :meth:`gap_function`) and ``"status"`` (0 unpaired, 1 open,
+            2 active, 3 slipping, see :meth:`status`). With friction also its
             parts ``"normal_traction"`` and ``"tangential_traction"``, and on a side that carries
             multipliers ``"slip"`` (length, a vector).
         """

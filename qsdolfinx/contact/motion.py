@@ -231,7 +231,7 @@ def free_offset(model: ContactModel) -> None:
 
 
 def read_meshes(model: ContactModel) -> None:
-    """Take meshes, as they are, for those that bodies in velocities are solved for on. Collective."""
+    """Take meshes as those that bodies in velocities are solved for on. Collective."""
     slave, master = model.kinematics.in_displacement
     model.placement = model.placement.solved_on((not slave, not master))
 

@@ -143,7 +143,7 @@ class Placement:
         return Placement(slave, master.moved(unknowns[1], scale[1], offset[1]))
 
     def solved_on(self, on_mesh: tuple[bool, bool]) -> Placement:
-        """With the meshes as they are now, of the sides that are in equilibrium on them. Collective.
+        """With meshes as they are now, of the sides that are in equilibrium on them. Collective.
 
         Args:
             on_mesh: Whether that is so of the slave and the master.

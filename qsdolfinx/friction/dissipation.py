@@ -1,4 +1,4 @@
-"""Energy that friction takes in a step: the work of its forces; and the slip that it takes it at."""
+"""Energy that friction takes in a step, the work of its forces; and the slip it takes it at."""
 
 from __future__ import annotations
 

@@ -66,6 +66,8 @@ class Turning:
         self, slave: Surface, master: Surface, points: _cpp.PairingPoints, places: Places
     ) -> None:
         self._surfaces, self._points = (slave, master), points
+        #: The slave as it is now: jumps stay means over the areas that it has when it is tied.
+        self._tied_slave = slave.twin()
         sides = points.slave, points.master
         self._sides = [_Side(s, side) for s, side in zip(self._surfaces, sides, strict=True)]
         #: Whether each point turns with the slave, and with the master.
@@ -103,7 +105,7 @@ class Turning:
         for side, along, x, gap in zip(self._sides, self._along, nodes, gaps, strict=True):
             turn.append(-side.variation(x, along, gap)[..., :gdim, :gdim])
         points = self._points.turning(*(np.ascontiguousarray(t) for t in turn))
-        slave, master = (surface.cpp_object for surface in self._surfaces)
+        slave, master = self._tied_slave, self._surfaces[1].cpp_object
         operator = _cpp.GapOperator(slave, master, points, jump=True, rows=rows)
         return Turned(operator, self._moved(gaps, plain))
 

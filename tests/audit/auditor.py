@@ -150,7 +150,9 @@ class Auditor:
                 [read_surface(bodies[i].u.function_space, f, x[i]) for i, f in ends]
             )
         self.before: list[friction.Memory | None] = [None for _ in joints]
-        self.about = 0.7 * length * np.array([0.4, -1.0, bodies[0].u.function_space.mesh.geometry.dim - 2])
+        self.about = (
+            0.7 * length * np.array([0.4, -1.0, bodies[0].u.function_space.mesh.geometry.dim - 2])
+        )
 
     def read(self):
         """States of all bodies. Collective."""
@@ -187,8 +189,12 @@ class Auditor:
             return []
         ends = [end for end in (joint.slave, joint.master) if not isinstance(end, Tool)]
         return [
-            readings.read(joint.contact, name, readings.Reader(
-                self.bodies[end[0]].u.function_space, surface), self.about)
+            readings.read(
+                joint.contact,
+                name,
+                readings.Reader(self.bodies[end[0]].u.function_space, surface),
+                self.about,
+            )
             for name, end, surface in zip(NAMES, ends, self.surfaces[number], strict=False)
         ]
 

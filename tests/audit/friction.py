@@ -108,11 +108,11 @@ def energy(joint, sides, before, now, tolerance, means=False):
     """Check, excess and text of what is wrong with the energy that friction took in a step.
 
     It is the work Σ F · Δx of the tangential forces, of bodies in displacements with a force from
-    that of the start of the step to that of its end. Slips are means over a node's facets, so that it
-    is known as far as they do not vary there; of nodes that conditions hold, or that close or leave
-    in the step, no more is known than that the largest force on all of the way takes more. Forces
-    that are means over the step, of bodies in velocities (``means``), work on the way before nodes
-    close as well, which may be the other one.
+    that of the start of the step to that of its end. Slips are means over a node's facets, so that
+    it is known as far as they do not vary there; of nodes that conditions hold, or that close or
+    leave in the step, no more is known than that the largest force on all of the way takes more.
+    Forces that are means over the step, of bodies in velocities (``means``), work on the way before
+    nodes close as well, which may be the other one.
     """
     side = sides[0]
     moved = now.jump - before.jump

@@ -316,7 +316,9 @@ class StepAuditor:
         """Names of the meshed sides and their bodies, slave first."""
         if self.history.has_tool:
             return [("slave", 0)]
-        return list(zip(("slave", "master"), (0, 1) if self.history.swapped else (1, 0), strict=True))
+        return list(
+            zip(("slave", "master"), (0, 1) if self.history.swapped else (1, 0), strict=True)
+        )
 
     def read_contact(self):
         """What the library says of the meshed sides, slave first. Collective."""
@@ -344,9 +346,7 @@ class StepAuditor:
             moment_x = body.now if self.joint.finite else body.paired + moved
             expected = readings.Expected(side, area_x, body.now, moment_x, self.about)
             alone = self.joint.formulation != "double-pass"
-            found_all = readings.faults(
-                name, reading, expected, tolerance, self.joint.rubs, alone
-            )
+            found_all = readings.faults(name, reading, expected, tolerance, self.joint.rubs, alone)
             for found in found_all:
                 out += compare(*found)
         return out

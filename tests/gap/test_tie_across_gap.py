@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import WORLD, Pair, clamp, elastic, gathered, plane
+from scenes import WORLD, Pair, clamp, elastic, gathered, largest, plane
 from tangents import direction, near_solution, tangent_errors
 
 import qsdolfinx as qs
@@ -52,3 +52,17 @@ def test_tangent(cell):
     x = near_solution(problem, rng, 0.01)
     errors = tangent_errors(problem, x, direction(problem, rng), 1e-4)
     assert errors.difference < 1e-8 and errors.asymmetry < 1e-12
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+def test_meshes_that_have_been_stretched(quadrature):
+    """If its mesh has put the slave by t, displacements by -t leave no jump, whatever its area."""
+    pair = tied("triangle", quadrature=quadrature)
+    t = np.array([0.0, 0.05])
+    pair.bcs[1][:] = [clamp(pair.V[1], plane(pair.meshes[1], 1, 1.0 + GAP), -t)]
+    for msh in pair.meshes:
+        msh.geometry.x[:, 0] *= 1.5
+    pair.meshes[1].geometry.x[:, :2] += t
+    pair.contact.update()
+    pair.problem(solver="direct").solve()
+    assert largest(pair.u[1].x.array.reshape(-1, 2) + t, pair.u[0].x.array) < 1e-12
