@@ -75,5 +75,5 @@ def second_order(side, before=None):
 
 def arm(sides):
     """Largest jump of points, by which forces that are opposite are apart (length)."""
-    jumps = [np.linalg.norm(jump(s), axis=1)[s.rest.facing].max(initial=0.0) for s in sides]
+    jumps = [np.linalg.norm(jump(s), axis=1).max(initial=0.0) for s in sides]
     return max(jumps)
