@@ -117,10 +117,11 @@ def test_conditions_of_one_rank_alone():
 
 
 def test_fields_before_the_first_solve():
-    """Zero, to a writer and when it is asked for by itself."""
+    """Forces are zero, to a writer and when they are asked for by themselves; nodes are open."""
     pair = Pair("triangle", penalty="auto")
     sources = pair.contact.field_sources("slave")
-    assert not any(sources[name]().x.array.any() for name in ("traction", "status"))
+    assert not any(sources[name]().x.array.any() for name in ("traction", "pressure"))
+    assert np.all(pair.slave.node_values(sources["status"]()) == 1)
     assert not pair.contact.traction("slave").x.array.any()
     assert not pair.contact.force("slave").any()
     pair.problem().set_up()
