@@ -457,9 +457,9 @@ def tied_gaps(joint, sides, reach, length, paired=(None, None)):
         count = sides[0].num_vertices
         jump = jumps[0][:count][sides[0].rest.facing[:count]]
         return compare("tie", np.abs(jump).max(axis=1), bound, "jump")
-    # Only sides with multipliers, or with nodes where gaps are taken.
-    count = 2 if joint.nodal or joint.formulation == "double-pass" else 1
-    found = list(zip(jumps, sides, (1, -1), strict=False))[:count]
+    # Of a slave that is covered all over, and alone has multipliers, its own points tell.
+    alone = not joint.nodal and joint.formulation != "double-pass" and np.all(sides[0].rest.facing)
+    found = list(zip(jumps, sides, (1, -1), strict=False))[: 1 if alone else 2]
     jump = np.concatenate([sign * j[s.rest.facing] for j, s, sign in found])
     x = np.concatenate([s.points[s.rest.facing] for _, s, _ in found])
     if len(jump) == 0:
