@@ -60,6 +60,8 @@ def pytest_collection_finish():
     """From here on, collecting garbage takes a moment: all that pytest knows is left out."""
     gc.collect()
     gc.freeze()
+    if comm.size > 1:
+        gc.disable()  # see pytest_runtest_teardown
 
 
 @pytest.hookimpl(trylast=True)
