@@ -229,11 +229,11 @@ def test_only_vtk_changes_meshes(folder):
 
 
 def test_before_the_first_solve(folder):
-    """Tractions and status are zero; they were asked for a penalty that is not known yet."""
+    """Tractions are zero, and nodes open or unpaired: no penalty is known yet."""
     upset = Upset()
     contact = qs.Contact(upset.upper, upset.tool)
     fields = contact.field_sources("slave")
     with qs.FieldWriter(folder / "out.xdmf", upset.upper.mesh, fields) as writer:
         writer.write(0.0)
-    for name in ("traction", "status"):
-        assert np.all(fields[name]().x.array == 0.0)
+    assert np.all(fields["traction"]().x.array == 0.0)
+    assert np.all(upset.upper.node_values(fields["status"]()) == 1.0)  # paired, and open
