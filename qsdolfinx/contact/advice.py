@@ -253,8 +253,9 @@ def chords(model: ContactModel) -> str:
     cure = 'smoothing="shared-curvature"'
     if sampling.quadrature != "overlay":
         cure += ' with quadrature="overlay"'
+    cures = [cure, finer]
     if model.settings.sliding == "finite":
-        finer, cure = finer.removesuffix(", or "), "" if finer else "finer facets"
+        cures = [finer or "finer facets"]
     beside = "; there is no clearance or interference beside it"
     if gap > STRAIGHT * error:
         beside = f", {error / gap:.2g} of the clearance or interference ({gap:.3g})"
@@ -266,7 +267,7 @@ def chords(model: ContactModel) -> str:
     )
     return (
         f"facets: where the surfaces are curved the same way, the {chords} the gap by up to "
-        f"{error:.2g}{beside}: take {finer}{cure}"
+        f"{error:.2g}{beside}: take {', or '.join(filter(None, cures))}"
     )
 
 
@@ -289,10 +290,10 @@ def _vary_with(model: ContactModel, gap: Array, error: Array) -> bool:
 
 
 def _finer(model: ContactModel, errors: Array, allowed: float) -> str:
-    """Facets whose chord errors are as small as allowed, as the start of an advice."""
+    """Facets whose chord errors are as small as allowed, as a part of an advice."""
     analytic = model.master.is_analytic
     sizes = (sum(model.slave.facet_size_range) / 2,) if analytic else local_sizes(model)
     coarser = int(np.argmax(errors))
     if sizes is None or allowed <= STRAIGHT * errors[coarser]:
         return ""
-    return f"facets of size {sizes[coarser] * np.sqrt(allowed / errors[coarser]):.2g}, or "
+    return f"facets of size {sizes[coarser] * np.sqrt(allowed / errors[coarser]):.2g}"

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import basix
+import ufl
 from dolfinx import fem, io, mesh
 from ufl.core.expr import Expr
 
@@ -27,9 +28,9 @@ Field = typing.Any
 class FieldWriter:
     """Writes fields of one body at several times, to XDMF, VTK or, with ADIOS2, VTX, or VTK-HDF.
 
-    Functions of degree 1 are written at the vertices, other fields at the cells' midpoints unless
-    they are given as continuous; of a curved mesh, whose geometry has degree 2, functions of degree
-    1 or 2 at its nodes. A field such as ``lambda: contact.traction("master")`` is called for each
+    Functions of continuous spaces are written at the vertices, other fields at the cells' midpoints
+    unless they are given as continuous; of a curved mesh, whose geometry has degree 2, at its nodes
+    instead of the vertices. A field such as ``lambda: contact.traction("master")`` is called for each
     time. In XDMF the mesh is that of the first time, and the field ``displacement`` says where its
     nodes have moved (ParaView: Warp By Vector), unless a field of this name is given, such as the
     unknown of a body in displacements, whose mesh stays; in VTK and VTX the mesh moves, and in VTK
@@ -42,7 +43,7 @@ class FieldWriter:
         filename: Ends in ``.xdmf``, ``.pvd``, ``.bp`` or ``.vtkhdf``.
         msh: The mesh.
         fields: Name and function, or UFL expression, of each field.
-        continuous: More of them, that have one value at a vertex, such as ``ufl.split(w)[0]``.
+        continuous: More of them, of UFL, that have one value at a vertex: ``ufl.split(w)[0]``.
 
     Raises:
         ValueError: If the file name ends in something else, DOLFINx has no ADIOS2 for VTX, or a
@@ -147,9 +148,10 @@ class FieldWriter:
     def _add(self, name: str, field: Field, at_vertices: bool) -> None:
         first = self._made(field) if _is_source(field) else field
         linear = isinstance(first, fem.Function) and is_lagrange(first.function_space, self._degree)
-        element = ("Lagrange", self._degree) if at_vertices or linear else ("DG", 0)
+        at_vertices = at_vertices or linear or _is_continuous(first)
+        element = ("Lagrange", self._degree) if at_vertices else ("DG", 0)
         space = fem.functionspace(self._msh, (*element, first.ufl_shape))
-        written = self._points if at_vertices or linear else self._cells
+        written = self._points if at_vertices else self._cells
         if not linear and not _is_source(field):
             field = _expression(field, space)
         written.append((fem.Function(space, name=name), field))
@@ -241,6 +243,11 @@ def _check_fields(argument: str, fields: typing.Mapping[str, Field], msh: mesh.M
 def _is_source(field: Field) -> bool:
     """Whether it is to be called for the function; those of UFL can be called, too."""
     return callable(field) and not isinstance(field, fem.Expression | fem.Function | Expr)
+
+
+def _is_continuous(field: Field) -> bool:
+    """Whether it is a function of a space in H¹, such as Lagrange of any degree."""
+    return isinstance(field, fem.Function) and field.function_space.ufl_element() in ufl.H1
 
 
 def _expression(field: Field, space: fem.FunctionSpace) -> fem.Expression:

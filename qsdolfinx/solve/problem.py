@@ -23,7 +23,6 @@ from qsdolfinx.base.messages import ContactWarning, say, warn
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.between_nodes import check_between_nodes
-from qsdolfinx.contact.chord_pressure import check_chords
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import begin_solve, check_held
 from qsdolfinx.contact.reach import check_reach
@@ -35,6 +34,7 @@ from qsdolfinx.linear.solver import LinearSolver, preset_options
 from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
 from qsdolfinx.solve.augmented import AugmentedLagrangian
 from qsdolfinx.solve.before import Before
+from qsdolfinx.solve.chord_pressure import check_chords
 from qsdolfinx.solve.closing import Closings
 from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
@@ -488,7 +488,7 @@ class ContactProblem:
                 check_reach(contact)
                 check_between_nodes(contact)
                 check_turned(contact)
-                check_chords(contact)
+                check_chords(self.newton, contact)
             check_held(contact, *unknowns)
         if self._watches_reach:
             check_unsupported(self.system, start)

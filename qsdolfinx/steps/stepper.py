@@ -28,11 +28,11 @@ from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
-from qsdolfinx.contact.chord_pressure import check_chords
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.pairing.relief import CurvedError
+from qsdolfinx.solve.chord_pressure import check_chords
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.end_of_step import Place, pair_at
@@ -577,7 +577,7 @@ class TimeStepper:
         for contact in self.problem.contacts:
             check_between_nodes(contact.model)
             check_turned(contact.model)
-            check_chords(contact.model)
+            check_chords(self.problem.newton, contact.model)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):

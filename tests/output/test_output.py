@@ -228,6 +228,23 @@ def test_only_vtk_changes_meshes(folder):
             writer.change_mesh(msh, {"T": T})
 
 
+def test_degree_two(folder):
+    """A function of degree 2 is written at the vertices, one without continuity in the cells."""
+    msh = box(WORLD, (3, 2), "triangle", [0.0, 0.0], [1.0, 1.0])
+    u = fem.Function(fem.functionspace(msh, ("Lagrange", 2)))
+    v = fem.Function(fem.functionspace(msh, ("DG", 2)))
+    for function in (u, v):
+        function.interpolate(lambda x: x[0] ** 2 + 2 * x[1])
+    with qs.FieldWriter(folder / "out.xdmf", msh, {"u": u, "v": v}) as writer:
+        writer.write(0.0)
+    WORLD.barrier()
+    x = stored(folder / "out.h5", "Mesh/mesh/geometry").reshape(-1, 2)
+    at_vertices = dataset(folder / "out.h5", "Function/u/0")
+    assert at_vertices == pytest.approx(np.sort(x[:, 0] ** 2 + 2 * x[:, 1]), abs=1e-14)
+    num_cells = msh.topology.index_map(2).size_global
+    assert len(dataset(folder / "out.h5", "Function/v/0")) == num_cells
+
+
 def test_before_the_first_solve(folder):
     """Tractions are zero, and nodes open or unpaired: no penalty is known yet."""
     upset = Upset()
