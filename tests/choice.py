@@ -35,10 +35,11 @@ def chosen(cases):
 
 #: Folders of tests with one rank: they read files, run scripts of one rank, or start programs.
 ALONE = ("bench", "project")
-#: Folders whose files are dealt as a whole, to 1 and 2 ranks: their tests look at the same solves.
-TOGETHER = ("problems",)
-#: Of ten tests, how many `make test` runs with 1, 2 and 3 ranks.
-DEAL = (5, 3, 2)
+#: Of twenty tests, how many `make test` runs with 1, 2 and 3 ranks; one with 2 ranks takes some
+#: four times as long as with 1, where two run at a time.
+DEAL = (17, 2, 1)
+#: Of five tests that only several ranks can fail.
+SEVERAL = (0, 3, 2)
 
 
 def needs_several(item):
@@ -48,16 +49,12 @@ def needs_several(item):
 
 def ranks_of(item):
     """Number of ranks with which `make test` runs a test: by its name, so that it stays."""
-    path = pathlib.Path(item.path)
-    if path.parent.name in ALONE or item.get_closest_marker("one_rank"):
+    folder, name = pathlib.Path(item.path).parent.name, item.name.partition("[")[0]
+    if folder in ALONE or item.get_closest_marker("one_rank"):
         return 1
-    together = path.parent.name in TOGETHER
-    if together:
-        several = any("ranks" in name for name in vars(item.module))
-    else:
-        several = needs_several(item) or "ranks" in item.name
-    shares = DEAL[:2] if together else DEAL
-    shares = (0, *shares[1:]) if several else shares
-    name = path.name if together else item.nodeid
-    place = zlib.crc32(name.encode()) % sum(shares)
+    several = needs_several(item) or "ranks" in name
+    if folder == "problems":  # demos, which are long
+        return 2 if several else 1
+    shares = SEVERAL if several else DEAL
+    place = zlib.crc32(item.nodeid.encode()) % sum(shares)
     return next(n for n, end in enumerate(itertools.accumulate(shares), 1) if place < end)

@@ -9,7 +9,7 @@ from audit.scenes import random_scene
 
 SIZE = MPI.COMM_WORLD.size
 #: Scenes and histories on 1, 2 and 3 ranks, which take several times as long each.
-SCENES, HISTORIES = {1: 40, 2: 20}.get(SIZE, 10), {1: 20, 2: 10}.get(SIZE, 5)
+SCENES, HISTORIES = {1: 20, 2: 10}.get(SIZE, 5), {1: 8, 2: 5}.get(SIZE, 3)
 
 
 def check(numbers, units=False, draw=random_scene):

@@ -28,6 +28,8 @@ LIMIT = 120
 
 RANKS = [1, pytest.param(2, marks=pytest.mark.skipif(not shutil.which("mpirun"), reason="mpirun"))]
 
+TWO = [pytest.param(1, marks=pytest.mark.long), RANKS[1]]
+
 alone = pytest.mark.one_rank
 
 
@@ -359,7 +361,7 @@ def test_interrupt_from_outside(tmp_path, ranks):
 
 
 @alone
-@pytest.mark.parametrize("ranks", RANKS)
+@pytest.mark.parametrize("ranks", TWO)
 def test_killed_during_a_checkpoint(tmp_path, ranks):
     """The checkpoint before is found, by one rank and by two, and the next one replaces it."""
     code, text = run("killed", tmp_path, ranks)
@@ -373,7 +375,7 @@ def test_killed_during_a_checkpoint(tmp_path, ranks):
 
 
 @alone
-@pytest.mark.parametrize("ranks", RANKS)
+@pytest.mark.parametrize("ranks", TWO)
 def test_full_disk(tmp_path, ranks):
     """Each writer says so; what was there before stays."""
     code, text = run("full_disk", tmp_path, ranks)

@@ -70,9 +70,9 @@ def closest(nodes, facets, outline):
 @pytest.mark.parametrize("partitions", (("forward", "backward"), ("scattered", "last")))
 @pytest.mark.parametrize("cell", ("tetrahedron", "triangle"))
 def test_brute_force(cell, partitions):
-    """10^4 nodes on random curved surfaces: no mismatch in either direction."""
+    """Up to 10^4 nodes on random curved surfaces: no mismatch in either direction."""
     d = 2 if cell == "tetrahedron" else 1
-    counts = ([70, 71], [75, 64]) if d == 2 else ([6000], [4500])
+    counts = ([70, 71], [75, 64]) if d == 2 else ([2000], [1500])
     low, high = np.zeros(d), np.ones(d)
     slave = curved(WORLD, cell, counts[0], low, high, 0.3, 1, 0.1, partitions[0])
     master = curved(WORLD, cell, counts[1], low - 0.2, high + 0.1, -0.3, 2, 0.1, partitions[1])

@@ -67,7 +67,7 @@ def test_mirror_image():
     assert middle.shift == 0 and abs(middle.fx) < 1e-6 * abs(middle.fy)
 
 
-@pytest.mark.parametrize("friction", (0.0, 0.3))
+@pytest.mark.parametrize("friction", (0.0, pytest.param(0.3, marks=pytest.mark.long)))
 def test_point_reflection(friction):
     """Either beam is the point reflection of the other, with friction as well."""
     _, energies = pushed(friction=friction)
@@ -82,6 +82,7 @@ def test_meshes():
     assert kink(finer) < kink(rows) < 2e-3
 
 
+@pytest.mark.long
 def test_friction():
     """It takes energy at any time, and all the work in the end."""
     (rows, _), (smooth, _) = pushed(friction=0.3), pushed()
@@ -100,7 +101,7 @@ def test_results():
     assert result["snes_iterations"] == 2 * sum(row.iterations for row in rows)
 
 
-@pytest.mark.parametrize("friction", (pytest.param(0.0, marks=pytest.mark.long), 0.3))
+@pytest.mark.parametrize("friction", (0.0, pytest.param(0.3, marks=pytest.mark.long)))
 def test_ranks_do_not_matter(friction):
     rows, _ = pushed(friction=friction)
     alone = push(dataclasses.replace(SMALL, friction=friction), MPI.COMM_SELF)

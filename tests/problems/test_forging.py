@@ -82,6 +82,7 @@ def test_swap():
     assert abs(forces[1] / forces[0] - 1) < 5e-3
 
 
+@pytest.mark.long
 def test_enforcement(monkeypatch):
     """The penalty costs little: the dies are where they should be to its compliance."""
     monkeypatch.setitem(forging.SIZES, "coarse", CELLS)  # it is less than that of larger cells

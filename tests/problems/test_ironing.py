@@ -25,10 +25,18 @@ def iron(formulation, quadrature):
     return result, p, rows, forces
 
 
+QUICK = (
+    *(("quasi-symmetric", q) for q in ("nodal", "overlay")),
+    ("master-slave", "nodal"),
+    ("double-pass", "overlay"),
+)
 CASES = [(f, q) for f in FORMULATIONS for q in ("nodal", "overlay")]
 
 
-@pytest.mark.parametrize(("formulation", "quadrature"), CASES)
+@pytest.mark.parametrize(
+    ("formulation", "quadrature"),
+    [pytest.param(*case, marks=[pytest.mark.long] * (case not in QUICK)) for case in CASES],
+)
 def test_every_formulation(formulation, quadrature):
     """No cutback, the force ratio of Coulomb's law, and the books of the energy."""
     result, p, rows, forces = iron(formulation, quadrature)

@@ -77,7 +77,7 @@ def test_turned(cell, load, contact):
 def test_quasi_symmetric_halves_the_error(load, jitter, penalty):
     """Master finer than slave, at any penalty."""
     options = {"jitter": jitter, "load": load, "penalty": penalty}
-    for master, slave in ((4, 3), (5, 3), (5, 4), (8, 3)):
+    for master, slave in ((4, 3), (8, 3)):
         quasi, single = (
             run(newtonian(master, slave, formulation=formulation, **options))[0]
             for formulation in ("quasi-symmetric", "master-slave")

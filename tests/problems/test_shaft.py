@@ -32,6 +32,7 @@ def test_friction(formulation, cell):
     assert max(row.iterations for row in rows[-3:]) < 25
 
 
+@pytest.mark.long
 def test_steps():
     """Torque does not depend on their number; the error of the work goes with their square."""
     few, many = (turn(mu=0.2, steps=steps)[0] for steps in (9, 18))

@@ -70,7 +70,7 @@ def test_temperatures_go_on_as_on_one_mesh():
     assert case.content() == pytest.approx(before, rel=1e-12)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_restart_after_a_remeshing(folder, dim):
     """From a checkpoint with another mesh than at first: as if it had gone on."""
     case = heated(dim, remesh={"every": 3})

@@ -54,6 +54,7 @@ def test_upsetting_goes_on_as_on_one_mesh(dim, size, friction, within):
         assert "every = 3" in str(report)
 
 
+@pytest.mark.several_ranks
 def test_forces_are_the_same_on_any_partition():
     """On one rank and on all."""
     alone, together = (
