@@ -25,8 +25,8 @@ sys.path[:0] = [str(here), *map(str, programs)]
 
 from choice import chosen, indices, ranks_of  # noqa: E402
 
-import basix.ufl  # noqa: E402
 import ffcx.codegeneration.jit as ffcx_jit  # noqa: E402
+import ufl.cell  # noqa: E402
 from dolfinx import jit  # noqa: E402
 
 import qsdolfinx as qs  # noqa: E402
@@ -54,8 +54,7 @@ def keep_loaded(load):
 ffcx_jit.get_cached_module = keep_loaded(ffcx_jit.get_cached_module)
 
 # A cell makes all of its facets, edges and vertices anew each time that UFL asks an element for it.
-make_cell = functools.cache(basix.ufl._ElementBase.cell.fget.__globals__["_ufl"].cell.Cell)
-basix.ufl._ElementBase.cell = property(lambda element: make_cell(element._cellname))
+ufl.cell.Cell = functools.cache(ufl.cell.Cell)
 
 #: Tests after which garbage is collected, and the count of them.
 GARBAGE, finished = 10, itertools.count(1)
