@@ -33,13 +33,45 @@ def chosen(cases):
     return sorted(kept)
 
 
+#: Slow tests, or cases of tests, whose fact quicker ones share: they are ``long``, too.
+SLOW = (
+    "base/test_reliability.py::test_full_disk",
+    "base/test_reliability.py::test_no_communicator_on_one_rank[no_unknowns-2]",
+    "friction/test_dissipation.py::test_energy_balance_of_sliding[penalty]",
+    "linear/test_inexact_solves.py::test_active_sets_that_change",
+    "linear/test_rescue.py::test_rotation_of_a_quadratic_block",
+    "linear/test_soft_motions.py::test_blocks[fieldsplit]",
+    "problems/test_engineering_1.py::test_limits[gear_pair]",
+    "problems/test_engineering_2.py::test_stl_forging",
+    "problems/test_forging.py::test_every_formulation",
+    "problems/test_hertz.py::test_cylinders",
+    "problems/test_plots.py::test_forging_animated",
+    "problems/test_plots.py::test_picture[ironing]",
+    "problems/test_plots.py::test_picture[sliding_wedge]",
+    "problems/test_shaft.py::test_direction",
+    "problems/test_upsetting.py",
+    "sliding/test_finite_steps.py::test_bodies_in_velocities[True]",
+    "solve/test_lost.py::test_ring_between_blocks_stays",
+    "solve/test_press_again.py::test_billet[augmented-lagrangian-0.2",
+    "solve/test_stabilisation.py::test_no_part_in_the_result[settings1]",
+    "steps/test_friction_restart.py::test_goes_on_as_if_uninterrupted[corner",
+    "test_plasticity.py::test_energy[3D]",
+    "test_plasticity.py::test_from_the_deformed_mesh[3D]",
+    "test_plasticity.py::test_goes_on_from_a_checkpoint[True]",
+)
+
 #: Folders of tests with one rank: they read files, run scripts of one rank, or start programs.
 ALONE = ("bench", "project")
-#: Of twenty tests, how many `make test` runs with 1, 2 and 3 ranks; one with 2 ranks takes some
+#: Of forty tests, how many `make test` runs with 1, 2 and 3 ranks; one with 2 ranks takes some
 #: four times as long as with 1, where two run at a time.
-DEAL = (17, 2, 1)
+DEAL = (36, 3, 1)
 #: Of five tests that only several ranks can fail.
 SEVERAL = (0, 3, 2)
+
+
+def is_slow(item):
+    """Whether a test is one of those."""
+    return item.nodeid.removeprefix("tests/").startswith(SLOW)
 
 
 def needs_several(item):

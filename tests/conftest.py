@@ -23,7 +23,7 @@ here = pathlib.Path(__file__).resolve().parent
 programs = [here.parent / folder for folder in ("demos", "demos/engineering", "bench")]
 sys.path[:0] = [str(here), *map(str, programs)]
 
-from choice import chosen, indices, ranks_of  # noqa: E402
+from choice import chosen, indices, is_slow, ranks_of  # noqa: E402
 
 import ffcx.codegeneration.jit as ffcx_jit  # noqa: E402
 import ufl.cell  # noqa: E402
@@ -113,6 +113,8 @@ def pytest_addoption(parser):
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
     """Mark as long what no run after each change needs; deal the rest to 1, 2 and 3 ranks."""
+    for item in filter(is_slow, items):
+        item.add_marker(pytest.mark.long)
     if not config.getoption("all_cases", False):
         groups = collections.defaultdict(list)
         for item in (item for item in items if not item.get_closest_marker("long")):

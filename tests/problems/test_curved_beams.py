@@ -33,8 +33,13 @@ KEYS = (
 SMALL = Parameters(cells=3, steps=48)
 
 
+def pushed(friction=0.0, **options):
+    """See :func:`run`."""
+    return run(friction=friction, **options)
+
+
 @functools.cache
-def pushed(**options):
+def run(**options):
     """Rows of one mesh, and the elastic energies of both beams."""
     energies = []
     rows = push(

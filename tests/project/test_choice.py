@@ -46,3 +46,12 @@ def test_every_test_has_a_number_of_ranks(request):
         assert ranks in (1, 2, 3)
         assert ranks > 1 or not item.get_closest_marker("several_ranks")
         assert ranks == 1 or pathlib.Path(item.path).parent.name not in choice.ALONE
+
+
+def test_slow_tests_are_there():
+    """Each line of the list is the name of a test, or how names of cases begin."""
+    folder = pathlib.Path(choice.__file__).parent
+    for name in choice.SLOW:
+        path, _, test = name.partition("::")
+        text = (folder / path).read_text()
+        assert not test or f"def {test.partition('[')[0]}(" in text, name
