@@ -342,7 +342,7 @@ class StepAuditor:
             moved = tool[1](center) - tool[0](center)
         for (name, i), side, reading in zip(self.ends(), sides, self.read_contact(), strict=False):
             body, flows = bodies[i], self.play.actors[i].flows
-            area_x = body.solved if flows and not self.joint.finite else body.now
+            area_x = body.solved if flows else body.now
             moment_x = body.now if self.joint.finite else body.paired + moved
             expected = readings.Expected(side, area_x, body.now, moment_x, self.about)
             alone = self.joint.formulation != "double-pass"
