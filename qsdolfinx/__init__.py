@@ -36,6 +36,7 @@ from qsdolfinx.steps.stepper import StepError, TimeStepper
 from qsdolfinx.steps.stored_mesh import load_meshes
 from qsdolfinx.surface.repartition import repartition
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.system.equations import Equations
 from qsdolfinx.tools import smooth
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
@@ -52,6 +53,7 @@ __all__ = [
     "ConvergenceError",
     "Coulomb",
     "CoulombTresca",
+    "Equations",
     "FieldWriter",
     "Friction",
     "History",

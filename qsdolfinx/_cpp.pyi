@@ -549,6 +549,14 @@ def sample_facets(
 def sample_nodes(slave: Surface) -> PairingPoints:
     """Points at the nodes, without a master."""
 
+def set_places(
+    matrix: int, rows: numpy.typing.NDArray[numpy.int64], columns: numpy.typing.NDArray[numpy.int64]
+) -> None:
+    """Fix the pattern of a matrix; places may be on any rank's rows and repeat. Collective."""
+
+def set_values(matrix: int, values: numpy.typing.NDArray[numpy.float64]) -> None:
+    """Replace the entries of a matrix, in the order of its places. Collective."""
+
 def share_out_hardly_covered(points: PairingPoints, slave: Surface, least: float) -> int:
     """Let neighbours carry the multipliers of nodes that are hardly covered; collective."""
 

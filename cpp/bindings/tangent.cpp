@@ -93,4 +93,13 @@ void qsdolfinx::bind_tangent(nb::module_& m)
         return copy(counts, {2, counts.size() / 2});
       },
       "block"_a, "Number of entries in own and in other columns, [2][row].");
+  m.def(
+      "set_places", [](Handle matrix, In<std::int64_t> rows, In<std::int64_t> columns)
+      { set_places(reinterpret_cast<Mat>(matrix), rows.view(), columns.view()); }, "matrix"_a,
+      "rows"_a, "columns"_a,
+      "Fix the pattern of a matrix; places may be on any rank's rows and repeat. Collective.");
+  m.def(
+      "set_values", [](Handle matrix, In<double> values)
+      { set_values(reinterpret_cast<Mat>(matrix), values.view()); }, "matrix"_a, "values"_a,
+      "Replace the entries of a matrix, in the order of its places. Collective.");
 }

@@ -75,3 +75,15 @@ std::vector<std::int32_t> qsdolfinx::count_entries(Mat block)
   }
   return counts;
 }
+
+void qsdolfinx::set_places(Mat matrix, std::span<const std::int64_t> rows,
+                           std::span<const std::int64_t> columns)
+{
+  std::vector<PetscInt> i(rows.begin(), rows.end()), j(columns.begin(), columns.end());
+  check(MatSetPreallocationCOO(matrix, static_cast<PetscCount>(i.size()), i.data(), j.data()));
+}
+
+void qsdolfinx::set_values(Mat matrix, std::span<const double> values)
+{
+  check(MatSetValuesCOO(matrix, values.data(), INSERT_VALUES));
+}

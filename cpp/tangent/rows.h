@@ -39,4 +39,12 @@ void put_rows(Mat block, Mat matrix, std::span<const std::int32_t> rows,
 /// rows, then in others for all rows.
 std::vector<std::int32_t> count_entries(Mat block);
 
+/// Fix the pattern of a matrix with sizes and type: places of entries, on any rank's rows; those
+/// that are there several times are added up. Collective.
+void set_places(Mat matrix, std::span<const std::int64_t> rows,
+                std::span<const std::int64_t> columns);
+
+/// Replace the entries of a matrix, in the order of the places, and assemble it. Collective.
+void set_values(Mat matrix, std::span<const double> values);
+
 } // namespace qsdolfinx

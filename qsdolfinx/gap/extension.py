@@ -13,6 +13,7 @@ from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
 
 #: Facets between a node and the next whose multiplier may be an unknown: in a corner all nodes of a
 #: triangle are held.
@@ -95,6 +96,51 @@ class Extension:
             back = self._around(np.where(sweep.new, out * sweep.part, 0.0))
             out = np.where(sweep.new, 0.0, out) + np.where(sweep.known, back, 0.0)
         return np.where(self.held, 0.0, out)
+
+    def means(self, values: Array) -> Array:
+        """At held multipliers what they ought to be, of values that the others, and they, have.
+
+        Of the same shape as the values, 0 elsewhere.
+        """
+        out = np.zeros_like(values)
+        for sweep in self._sweeps:
+            out += self._around(np.where(sweep.known, values, 0.0)) * sweep.part
+        return out
+
+    def entries(self, numbers: Indices, factor: Array) -> tuple[Indices, Indices, Array]:
+        """Derivative of a factor times :meth:`means`: rows, columns and values of this rank.
+
+        Args:
+            numbers: Of the multipliers in a larger system, of their shape.
+            factor: Likewise.
+        """
+        found = []
+        for sweep in self._sweeps:
+            for columns in self._columns:
+                number = self._at_corners(numbers[:, columns].astype(np.float64) + 1.0)
+                part = self._at_corners((factor * sweep.part)[:, columns])
+                known = self._at_corners(sweep.known[:, columns].astype(np.float64)) > 0
+                shape = (*number.shape[:2], *number.shape[1:])
+                row = np.broadcast_to(number[:, :, None], shape).astype(np.int64) - 1
+                column = np.broadcast_to(number[:, None], shape).astype(np.int64) - 1
+                value = np.where(known[:, None], part[:, :, None], 0.0)
+                some = value != 0
+                found.append((row[some], column[some], value[some]))
+        row, column, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+        return row, column, value
+
+    def _at_corners(self, values: Array) -> Array:
+        """Values of multipliers at the vertices of this rank's facets, 0 where there are none."""
+        vec = self._slave.create_vec()
+        local = PETSc.Vec().createSeq(len(self._corners), comm=PETSc.COMM_SELF)
+        here = PETSc.IS().createGeneral(self._corners.astype(PETSc.IntType), PETSc.COMM_SELF)
+        scatter = PETSc.Scatter().create(vec, here, local, None)
+        vec.array[self._at - vec.owner_range[0]] = values
+        scatter.scatter(vec, local)
+        out = np.array(local.array_r).reshape(self._shape)
+        for thing in (vec, local, here, scatter):
+            thing.destroy()
+        return out
 
     def _around(self, values: Array) -> Array:
         """Sums over the facets around of the values at their vertices: a symmetric matrix."""

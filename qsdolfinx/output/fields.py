@@ -30,14 +30,14 @@ class FieldWriter:
 
     Functions of continuous spaces are written at the vertices, other fields at the cells' midpoints
     unless they are given as continuous; of a curved mesh, whose geometry has degree 2, at its nodes
-    instead of the vertices. A field such as ``lambda: contact.traction("master")`` is called for each
-    time. In XDMF the mesh is that of the first time, and the field ``displacement`` says where its
-    nodes have moved (ParaView: Warp By Vector), unless a field of this name is given, such as the
-    unknown of a body in displacements, whose mesh stays; in VTK and VTX the mesh moves, and in VTK
-    it may be replaced by another one, see :meth:`change_mesh`. VTK is a ``.pvd`` file with a
-    ``.vtu`` file for each time and rank, as text, which everything reads. VTX has one kind of
-    field per file: those of the cells go to a second one, ``NAME_cells.bp``. VTK-HDF, with a
-    DOLFINx that has it, has a file per field, ``NAME_FIELD.vtkhdf``, and the first time's mesh.
+    instead of the vertices. A field such as ``lambda: contact.traction("master")`` is called for
+    each time. In XDMF the mesh is that of the first time, and the field ``displacement`` says where
+    its nodes have moved (ParaView: Warp By Vector), unless a field of this name is given, such as
+    the unknown of a body in displacements, whose mesh stays; in VTK and VTX the mesh moves, and in
+    VTK it may be replaced by another one, see :meth:`change_mesh`. VTK is a ``.pvd`` file with a
+    ``.vtu`` file for each time and rank, as text, which everything reads. VTX has one kind of field
+    per file: those of the cells go to a second one, ``NAME_cells.bp``. VTK-HDF, with a DOLFINx that
+    has it, has a file per field, ``NAME_FIELD.vtkhdf``, and the first time's mesh.
 
     Args:
         filename: Ends in ``.xdmf``, ``.pvd``, ``.bp`` or ``.vtkhdf``.

@@ -74,13 +74,14 @@ def _response(newton: Newton, model: ContactModel, change: Array) -> Array:
     slope = active_set.slope(model, gap)
     vecs = [body.create_vec() for body in system.bodies]
     sides = system.sides[system.contacts.index(model)]
-    slave, master = model.ordered(gap, tuple(None if i is None else vecs[i] for i in sides))
+    of_bodies = vecs[sides[0]], None if sides[1] is None else vecs[sides[1]]
+    slave, master = model.ordered(gap, of_bodies)
     assert slave is not None
     try:
         gap.add_forces((-slope * change)[:, None], (slave, master))
         parts = []
         for body, vec in zip(system.bodies, vecs, strict=True):
-            part = np.zeros(body.num_owned)
+            part: Array = np.zeros(body.num_owned)
             part[body.free] = vec.array_r[body.free]
             parts.append(part)
         if not system.tangent_fits():

@@ -437,6 +437,13 @@ class Newton:
             error.advise(self._context.unseen)
         raise error
 
+    def error_of(self, text: str) -> ConvergenceError:
+        """The error of another iteration on the system, which says where it stood."""
+        reason = int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
+        error = ConvergenceError(reason, self.record.residuals, [], 0, [], False)
+        error.advise(text)
+        return error
+
     def _iterate(self, attempt: int) -> None:
         """Newton's method, with full steps or else with a line search.
 

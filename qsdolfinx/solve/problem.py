@@ -47,6 +47,7 @@ from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.solve.unsupported import check_unsupported
 from qsdolfinx.system.blocks import Blocks, Side
 from qsdolfinx.system.body import Body
+from qsdolfinx.system.equations import Equations, check_equations
 from qsdolfinx.system.matrices import Form
 from qsdolfinx.system.system import ContactSystem
 
@@ -202,6 +203,7 @@ class ContactProblem:
         )
         self.newton = Newton(self.system, snes, linear, defaults)
         self.active_history: list[list[int]] = []
+        self._equations: Equations | None = None
 
     # --- What it is made of
 
@@ -313,6 +315,42 @@ class ContactProblem:
             stages of PETSc's ``-log_view`` are the same.
         """
         return self.system.timings
+
+    # --- For other solvers
+
+    def equations(self) -> Equations:
+        """All unknowns in one system R(z) = 0, for solvers of one's own. Collective.
+
+        See :class:`qs.Equations`. They are those of the present pairs, loads and conditions: after
+        one of these has changed they are to be asked for again.
+
+        Raises:
+            RuntimeError, ValueError: As :meth:`set_up`; of scalar fields, and of contact with
+                constraints at points.
+        """
+        with checked(self.comm):
+            check_equations(self.system.contacts)
+        self.set_up()
+        if self._equations is not None:
+            self._equations.destroy()
+        self._equations = Equations(self.system)
+        return self._equations
+
+    def residual(self, z: Array) -> Array:
+        """R(z) of the last :meth:`equations`, or of new ones. Collective.
+
+        Args:
+            z: This rank's part of the unknowns.
+        """
+        return (self._equations or self.equations()).residual(z)
+
+    def tangent(self, z: Array) -> PETSc.Mat:
+        """Its derivative, an AIJ matrix that stays the problem's. Collective.
+
+        Args:
+            z: As for :meth:`residual`.
+        """
+        return (self._equations or self.equations()).tangent(z)
 
     # --- Solving
 
@@ -634,6 +672,8 @@ class ContactProblem:
         if self.system.is_destroyed:
             return
         self.newton.linear.destroy()
+        if self._equations is not None:
+            self._equations.destroy()
         remove_options(self.snes.getOptionsPrefix())
         self.newton.snes.destroy()
         self.system.destroy()

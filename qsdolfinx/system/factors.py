@@ -16,10 +16,12 @@ from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.blocks import Side, Sides
 from qsdolfinx.system.factored import Factored
-from qsdolfinx.system.numbering import Numbering, numbering
+from qsdolfinx.system.numbering import numbering
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+#: Numbers in a larger system of global unknowns of a body; -1 stays.
+Number = typing.Callable[[Indices], Indices]
 
 
 class Entries(typing.NamedTuple):
@@ -60,7 +62,7 @@ class ContactFactors:
         scales: typing.Sequence[float],
     ) -> None:
         self._contacts = list(contacts)
-        self._numbers = numbering(matrices)
+        self._numbers: list[Number] = [body.__call__ for body in numbering(matrices)]
         self._comm = matrices[0].comm
         sizes = [K.getLocalSize()[0] for K in matrices]
         parts: list[_Part] = []
@@ -162,7 +164,7 @@ class _Part:
         contact: ContactModel,
         side: Side,
         of: WeightedGap | Slip,
-        numbers: typing.Sequence[Numbering],
+        numbers: typing.Sequence[Number],
     ) -> None:
         self.of = of
         gap = of.gap if isinstance(of, Slip) else of
@@ -185,7 +187,7 @@ class _Part:
 def _sides(
     operator: _cpp.GapOperator,
     bodies: typing.Sequence[int | None],
-    numbers: typing.Sequence[Numbering],
+    numbers: typing.Sequence[Number],
 ) -> list[Entries]:
     """Entries of both sides, of jumps with a row for each component."""
     out = []
@@ -202,6 +204,18 @@ def _sides(
         row, value = every
         out.append(Entries(row.astype(np.int64), numbers[body](unknowns.ravel()), value))
     return out
+
+
+def entries_of(
+    operator: _cpp.GapOperator,
+    bodies: typing.Sequence[int | None],
+    numbers: typing.Sequence[Number],
+    scales: typing.Sequence[float],
+) -> Entries:
+    """Entries of both sides together, times the scale of each body."""
+    sides = _sides(operator, bodies, numbers)
+    pairs = zip(sides, bodies, strict=False)
+    return _joined([e._replace(value=scales[i] * e.value) for e, i in pairs if i is not None])
 
 
 def _joined(parts: typing.Sequence[Entries]) -> Entries:

@@ -1,0 +1,207 @@
+"""One semismooth Newton's method on bodies, multipliers and driven tools."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.linear.presets import EXTRA_MEMORY
+from qsdolfinx.system.equations import Equations, State
+
+Array = npt.NDArray[np.float64]
+
+#: Halvings of a step, and what the merit has to fall by over what a equations step promises.
+MAX_HALVINGS, FALL = 8, 1e-4
+
+#: Accuracy: unbalanced forces over contact forces, gaps times c over the largest multiplier, and
+#: unbalanced force of a tool over the force that drives it.
+RTOL, RTOL_TOOLS = 1e-9, 1e-8
+
+#: What rounding leaves of forces and gaps, in units in the last place of the largest coordinate.
+ROUNDING = 50 * np.finfo(np.float64).eps
+
+
+class NoConvergence(RuntimeError):
+    """The iteration has not converged; the text says where it stood."""
+
+
+class Iterate(typing.NamedTuple):
+    """One iteration.
+
+    Attributes:
+        residual: |R_u|.
+        forces: The same over the contact forces.
+        constraints: Largest complementarity residual over the largest multiplier.
+        tools: Largest unbalanced force of a tool over the force that drives it.
+        active: Closed rows over all ranks.
+        sticking: Of these those that stick.
+        step: Part of the step that was taken to get here.
+    """
+
+    residual: float
+    forces: float
+    constraints: float
+    tools: float
+    active: int
+    sticking: int
+    step: float
+
+
+class OneNewton:
+    """Finds R(z) = 0 by a semismooth Newton's method with a line search.
+
+    The merit is m² = |R_u|² + Σ W² (λ − [λ + c ḡ*]₊)² + the same of τ + |R_s|², which is continuous
+    where sets change. A step is halved as long as the residual is not finite, a gap cannot be
+    evaluated, or the merit has not fallen. In the first iteration what has λ > 0 stays closed, and
+    what is closed without any τ sticks.
+
+    Args:
+        equations: The equations.
+        max_it: Most iterations.
+    """
+
+    def __init__(self, equations: Equations, max_it: int = 40) -> None:
+        self.equations, self.max_it = equations, max_it
+        #: Largest coordinate of each body: what is much larger is no displacement.
+        self._sizes = [
+            float(body.comm.allreduce(np.abs(body.V.mesh.geometry.x).max(initial=0.0), op=MPI.MAX))
+            for body in equations.system.bodies
+        ]
+        #: Iterations of the last solve.
+        self.history: list[Iterate] = []
+        self._ksp: PETSc.KSP | None = None
+
+    @property
+    def num_iterations(self) -> int:
+        """Linear systems of the last solve."""
+        return max(len(self.history) - 1, 0)
+
+    def solve(self, z: Array) -> Array:
+        """Solution, from z on. Collective.
+
+        Raises:
+            NoConvergence: If none is found.
+        """
+        self.history, step = [], 1.0
+        at = self.equations.evaluate(z, first=True)
+        for iteration in range(self.max_it + 1):
+            if self._has_converged(at, step):
+                return z
+            if iteration == self.max_it:
+                break
+            R = self.equations.residual_of(at)
+            matrix = self.equations.tangent_of(at, exact=False)
+            z, at, step = self._search(z, at, self._solve(matrix, -R), iteration == 0)
+        raise NoConvergence(f"no convergence in {self.max_it} iterations: {self.history[-1]}")
+
+    # --- The linear system
+
+    def _solve(self, matrix: PETSc.Mat, rhs: Array) -> Array:
+        if self._ksp is None:
+            self._ksp = PETSc.KSP().create(self.equations.system.comm)
+            self._ksp.setType(PETSc.KSP.Type.PREONLY)
+            pc = self._ksp.getPC()
+            pc.setType(PETSc.PC.Type.LU)
+            pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+            self._ksp.setOperators(matrix)
+            pc.setFactorSetUpSolverType()
+            pc.getFactorMatrix().setMumpsIcntl(14, EXTRA_MEMORY)
+        self._ksp.setOperators(matrix)
+        self._ksp.setUp()
+        x, b = matrix.createVecs()
+        b.array[:] = rhs
+        self._ksp.solve(b, x)
+        out = np.array(x.array_r)
+        x.destroy()
+        b.destroy()
+        if not self._all(bool(np.isfinite(out).all())):
+            info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
+            raise NoConvergence(f"the linear system is singular (MUMPS: INFOG(1) = {info})")
+        return out
+
+    # --- The line search
+
+    def _search(
+        self, z: Array, at: State, change: Array, first: bool
+    ) -> tuple[Array, State, float]:
+        """As much of the step as makes the merit fall. Collective."""
+        before, step, found = self._merit(at), 1.0, None
+        for _ in range(MAX_HALVINGS):
+            try:
+                there = self.equations.evaluate(z + step * change)
+                merit = self._merit(there)
+            except NoGapError:
+                merit = np.inf
+            if np.isfinite(merit):
+                found = z + step * change, there, step
+                if merit <= (1 - FALL * step) * before:
+                    return found
+            step /= 2
+        if found is None:
+            raise NoConvergence("no residual can be evaluated along the step")
+        return found[0], self.equations.evaluate(found[0]), found[2]
+
+    def _merit(self, at: State) -> float:
+        equations = self.equations
+        sums = float(np.sum(equations.forces_of(at) ** 2))
+        for p, e in zip(equations.passes, at.passes, strict=True):
+            sums += sum(float(np.sum(r**2)) for r in p.rows.complementarity(e))
+        total = self.equations.system.comm.allreduce(sums, op=MPI.SUM)
+        return float(np.sqrt(total + np.sum(at.tools**2)))
+
+    # --- The end
+
+    def _has_converged(self, at: State, step: float) -> bool:
+        """Whether z solves the equations; notes the iterate. Collective."""
+        equations, comm = self.equations, self.equations.system.comm
+        R, f = equations.forces_of(at), at.contact
+        bodies = equations.system.bodies
+        rounding = [
+            body.diagonal[body.free] * np.minimum(np.abs(equations.part(at.z, i)[body.free]), most)
+            for i, (body, most) in enumerate(zip(bodies, self._sizes, strict=True))
+        ]
+        sums = np.array([R @ R, f @ f, sum(float(r @ r) for r in rounding)])
+        comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        residual, forces, rounded = np.sqrt(sums)
+        largest = np.zeros(3)
+        counts: npt.NDArray[np.int64] = np.zeros(2, dtype=np.int64)
+        for p, e in zip(equations.passes, at.passes, strict=True):
+            weight = p.gap.weight[:, None]
+            for r in p.rows.complementarity(e):
+                largest[0] = max(largest[0], float(np.max(np.abs(r) / weight, initial=0.0)))
+            largest[1] = max(largest[1], float(np.max(np.abs(e.multipliers.normal), initial=0.0)))
+            largest[2] = max(largest[2], p.rows.rounding())
+            slipping = np.zeros_like(e.active) if e.response is None else e.response.slipping
+            counts += np.sum(e.active), np.sum(e.active & ~slipping)
+        comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
+        driving = [tool.driven.force for tool in equations.tools if tool.driven is not None]
+        tools = float(np.max(np.abs(at.tools / np.array(driving)), initial=0.0))
+        found = Iterate(
+            float(residual),
+            residual / forces if forces > 0 else float(residual > 0),
+            largest[0] / largest[1] if largest[1] > 0 else 0.0,
+            tools,
+            int(counts[0]),
+            int(counts[1]),
+            step,
+        )
+        self.history.append(found)
+        balanced = residual <= max(RTOL * forces, ROUNDING * rounded)
+        closed = largest[0] <= max(RTOL * largest[1], ROUNDING * largest[2])
+        return bool(balanced and closed and tools <= RTOL_TOOLS)
+
+    def _all(self, here: bool) -> bool:
+        return bool(self.equations.system.comm.allreduce(here, op=MPI.LAND))
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        if self._ksp is not None:
+            self._ksp.destroy()
+            self._ksp = None

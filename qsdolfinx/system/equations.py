@@ -1,0 +1,536 @@
+"""Bodies, multipliers and driven tools as one system of equations, R(z) = 0."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.checks import require
+from qsdolfinx.contact import motion, terms
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.surface.affine import Affine
+from qsdolfinx.system.blocks import Blocks
+from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated, Multipliers
+from qsdolfinx.system.factors import Entries, entries_of
+from qsdolfinx.system.system import ContactSystem
+from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class Pass(typing.NamedTuple):
+    """One pass of a contact and its constraints.
+
+    Attributes:
+        model: The contact.
+        bodies: Of the side with multipliers and of the other one; None of a rigid tool.
+        rows: Its constraints.
+        tool: Number of the driven tool that it presses on; None if there is none.
+    """
+
+    model: ContactModel
+    bodies: tuple[int | None, int | None]
+    rows: ConstraintRows
+    tool: int | None
+
+    @property
+    def gap(self) -> WeightedGap:
+        """The pass itself."""
+        return self.rows.gap
+
+    @property
+    def slip(self) -> Slip | None:
+        """Its slip; None without friction."""
+        return self.rows.slip
+
+
+class State(typing.NamedTuple):
+    """What the last evaluation has found.
+
+    Attributes:
+        z: Unknowns of this rank.
+        bulk: Residual of the bulk forms with conditions, owned unknowns.
+        contact: Forces of contact on the owned unknowns, with reactions of conditions.
+        passes: Constraints of each pass.
+        tools: Σ (∂ḡ/∂s · S λ + ∂g/∂s · S τ) − force of each driven tool (force).
+    """
+
+    z: Array
+    bulk: Array
+    contact: Array
+    passes: list[Evaluated]
+    tools: Array
+
+
+def check_equations(contacts: typing.Sequence[ContactModel]) -> None:
+    """Refuse contacts that have no rows in the equations.
+
+    Raises:
+        ValueError: If one is of a scalar field, or its constraints are at points.
+    """
+    for contact in contacts:
+        require(not contact.is_scalar, "contacts: equations are of bodies, not of scalar fields")
+        at_points = any(gap.rows.are_points for gap in contact.gaps)
+        require(not at_points, 'contacts: equations need constraints="nodes"')
+
+
+class Equations:
+    """R(z) = 0 for z = (u_i, λ, τ, s), and its derivative.
+
+        R_u = F(u) + Gᵀ W λ + Lᵀ W τ,   R_λ, R_τ: see ``ConstraintRows``,
+        R_s = Σ W λ ∂ḡ/∂s + Σ W τ ∂g/∂s − force
+
+    u_i are the bodies' unknowns, λ and τ the multipliers of all passes, and s the displacements of
+    rigid tools that forces drive. W λ are forces at nodes, G and J the derivatives of gaps and
+    slips; L is what τ works on, J but in finite sliding. R depends on z and on the state at the
+    start of the step alone. A rank has the rows of its owned unknowns, then those of its
+    multipliers, then, the first one, those of tools.
+
+    The system must have been set up: penalties are known, and tools where they start.
+
+    Args:
+        system: The bodies and contacts; no scalar fields, rows of contact at nodes.
+    """
+
+    def __init__(self, system: ContactSystem) -> None:
+        self.system = system
+        self.tools: list[RigidSurface] = []
+        self.passes: list[Pass] = []
+        for contact, side in zip(system.contacts, system.sides, strict=True):
+            tool = self._number_of(contact)
+            for j, gap in enumerate(contact.gaps):
+                slip = contact.slips[j] if contact.slips else None
+                bodies = side if gap.slave is contact.slave else side[::-1]
+                rows = ConstraintRows(contact, gap, slip)
+                self.passes.append(Pass(contact, bodies, rows, tool))
+        self._starts = [tool.displacement.copy() for tool in self.tools]
+        self._count()
+        self._blocks: Blocks | None = None
+        self._matrix: PETSc.Mat | None = None
+        self._pattern: tuple[Indices, Indices] | None = None
+        self._at: State | None = None
+
+    def _number_of(self, contact: ContactModel) -> int | None:
+        """Number of the driven tool of a contact, added if it is new."""
+        tool = as_tool(contact.master)
+        if tool is None or tool.driven is None:
+            return None
+        for i, known in enumerate(self.tools):
+            if known is tool:
+                return i
+        self.tools.append(tool)
+        return len(self.tools) - 1
+
+    def _count(self) -> None:
+        """Where this rank's unknowns of bodies, passes and tools are, and their numbers."""
+        comm = self.system.comm
+        sizes = [body.num_owned for body in self.system.bodies]
+        sizes += [p.rows.num_unknowns for p in self.passes]
+        sizes.append(len(self.tools) if comm.rank == 0 else 0)
+        self._ends = np.cumsum([0, *sizes])
+        every = np.array(comm.allgather(self._ends), dtype=np.int64).reshape(comm.size, -1)
+        first = np.append(0, np.cumsum(every[:, -1]))
+        #: First number of each part on every rank.
+        self._first = first[:-1, None] + every
+        self._ranges = [
+            np.append(0, np.cumsum(np.diff(every, axis=1)[:, i]))
+            for i in range(len(self.system.bodies))
+        ]
+        self.num_local, self.start = int(self._ends[-1]), int(first[comm.rank])
+        self.size = int(first[-1])
+
+    # --- Unknowns
+
+    def part(self, z: Array, i: int) -> Array:
+        """Body i's part of this rank's unknowns."""
+        return z[self._ends[i] : self._ends[i + 1]]
+
+    def bodies_of(self, z: Array) -> Array:
+        """That of all bodies."""
+        return z[: self._ends[len(self.system.bodies)]]
+
+    def multipliers(self, z: Array) -> list[Multipliers]:
+        """λ and τ of each pass."""
+        first = len(self.system.bodies)
+        return [
+            p.rows.split(z[self._ends[first + i] : self._ends[first + i + 1]])
+            for i, p in enumerate(self.passes)
+        ]
+
+    def displacements(self, z: Array) -> Array:
+        """Displacement (length) of each driven tool since the start, on all ranks. Collective."""
+        out = np.zeros(len(self.tools))
+        if self.system.comm.rank == 0:
+            out[:] = z[self._ends[-2] :]
+        if self.tools:
+            self.system.comm.Bcast(out, root=0)
+        return out
+
+    def join(
+        self, x: Array, multipliers: typing.Sequence[Multipliers], displacements: Array
+    ) -> Array:
+        """This rank's unknowns z."""
+        parts = [x]
+        for values in multipliers:
+            parts.append(values.normal.ravel())
+            if values.tangential is not None:
+                parts.append(values.tangential.ravel())
+        if self.system.comm.rank == 0:
+            parts.append(displacements)
+        return np.concatenate(parts)
+
+    def first(self) -> Array:
+        """Unknowns where bodies and tools are, with what is known of multipliers. Collective.
+
+        λ of an augmented Lagrangian's last solve, and ε [ḡ]₊ of nodes that had none.
+        """
+        x = self.unknowns_of([body.u.x.array for body in self.system.bodies])
+        self.system.residual(x)
+        return self.join(x, [p.rows.first() for p in self.passes], np.zeros(len(self.tools)))
+
+    def unknowns_of(self, arrays: typing.Sequence[Array]) -> Array:
+        """Owned unknowns of all bodies, with conditions in place if they are linear.
+
+        Args:
+            arrays: Of each body, ghosts included.
+        """
+        parts = []
+        for body, array in zip(self.system.bodies, arrays, strict=True):
+            values = array[: body.num_owned]
+            parts.append(body.with_conditions(values) if body.linear else values)
+        return np.concatenate(parts)
+
+    def accept(self, z: Array) -> None:
+        """Let bodies, contacts and tools be at a solution. Collective.
+
+        Args:
+            z: Unknowns of this rank, R(z) = 0.
+        """
+        for p, e in zip(self.passes, self.evaluate(z).passes, strict=True):
+            if not p.model.augmented:
+                continue
+            p.gap.state.augmented = np.where(e.active[:, None], e.multipliers.normal, 0.0)
+            if p.slip is not None and e.multipliers.tangential is not None:
+                tangential = np.where(e.active[:, None], e.multipliers.tangential, 0.0)
+                p.slip.state.augmented = p.slip.tangential(tangential)
+        self.system.x.array[:] = self.bodies_of(z)
+        self.system.residual(self.system.x.array_r)
+        self._at = None
+
+    # --- Residual
+
+    def residual(self, z: Array) -> Array:
+        """R at this rank's unknowns z. Collective."""
+        return self.residual_of(self.evaluate(z))
+
+    def residual_of(self, at: State) -> Array:
+        """R where it was evaluated."""
+        parts = [self.forces_of(at)]
+        parts += [p.rows.residual(e) for p, e in zip(self.passes, at.passes, strict=True)]
+        if self.system.comm.rank == 0:
+            parts.append(at.tools)
+        return np.concatenate(parts)
+
+    def forces_of(self, at: State) -> Array:
+        """R_u where it was evaluated."""
+        out = at.bulk.copy()
+        for i, body in enumerate(self.system.bodies):
+            part, forces = self.part(out, i), self.part(at.contact, i)
+            part[body.free] += forces[body.free]
+        return out
+
+    def evaluate(self, z: Array, first: bool = False) -> State:
+        """Everything that residual and tangent need at z. Collective.
+
+        Args:
+            z: Unknowns of this rank.
+            first: As for ``ConstraintRows.evaluate``.
+        """
+        if not first and self._is_at(z):
+            assert self._at is not None
+            return self._at
+        system, multipliers = self.system, self.multipliers(z)
+        self._move_tools(self.displacements(z))
+        bulk = [body.residual(self.part(z, i)) for i, body in enumerate(system.bodies)]
+        for contact, (s, m) in zip(system.contacts, system.sides, strict=True):
+            vecs = system.bodies[s].x, None if m is None else system.bodies[m].x
+            terms.evaluate(contact, *vecs)
+        both = list(zip(self.passes, multipliers, strict=True))
+        passes = [p.rows.evaluate(values, first) for p, values in both]
+        for body in system.bodies:
+            body.force.zeroEntries()
+        for p, values in both:
+            self._add_forces(p, values)
+        forces = np.concatenate([body.force.array_r for body in system.bodies])
+        tools = self._on_tools(multipliers)
+        at = State(z.copy(), np.concatenate(bulk), forces, passes, tools)
+        self._at = None if first else at
+        return at
+
+    def _is_at(self, z: Array) -> bool:
+        """Whether the last evaluation was at z. Collective."""
+        same = self._at is not None and np.array_equal(self._at.z, z)
+        return self.system.comm.allreduce(same, op=MPI.LAND)
+
+    def _forces_of(self, p: Pass) -> tuple[PETSc.Vec, PETSc.Vec | None]:
+        slave, master = p.bodies
+        assert slave is not None
+        bodies = self.system.bodies
+        return bodies[slave].force, None if master is None else bodies[master].force
+
+    def _add_forces(self, p: Pass, values: Multipliers) -> None:
+        vecs = self._forces_of(p)
+        p.gap.add_forces(values.normal, vecs)
+        if p.slip is None or values.tangential is None:
+            return
+        tangential = p.slip.tangential(values.tangential)
+        if p.gap.following is not None:
+            p.gap.add_slip_forces(tangential, vecs)
+            return
+        handles = [0 if vec is None else vec.handle for vec in vecs]
+        force = np.ascontiguousarray(p.slip.weight[:, None] * tangential)
+        p.slip.operator.add_transpose(force, *handles)
+
+    # --- Driven tools
+
+    def _move_tools(self, displacements: Array) -> None:
+        for tool, start, s in zip(self.tools, self._starts, displacements, strict=True):
+            assert tool.driven is not None
+            tool.displacement = start + s * tool.driven.direction
+        for contact in {id(p.model): p.model for p in self.passes if p.tool is not None}.values():
+            motion.move_tool(contact)
+
+    def _changes(self, p: Pass) -> tuple[Array, Array | None]:
+        """∂ḡ/∂s and ∂g/∂s of the rows of a pass with a driven tool. Collective."""
+        assert p.tool is not None
+        driven = self.tools[p.tool].driven
+        assert driven is not None
+        gdim = p.gap.slave.gdim
+        field = Affine(np.zeros((gdim, gdim)), driven.direction)
+        slip = None if p.slip is None else p.slip.tangential(p.slip.change(field))
+        return p.gap.change(field), slip
+
+    def _on_tools(self, multipliers: typing.Sequence[Multipliers]) -> Array:
+        """R_s on all ranks. Collective."""
+        if not self.tools:
+            return np.zeros(0)
+        out = np.zeros(len(self.tools))
+        for p, values in zip(self.passes, multipliers, strict=True):
+            if p.tool is None:
+                continue
+            gap, slip = self._changes(p)
+            weight = p.gap.weight[:, None]
+            out[p.tool] += np.sum(weight * values.normal * gap)
+            if slip is not None and values.tangential is not None:
+                out[p.tool] += np.sum(weight * values.tangential * slip)
+        self.system.comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
+        forces = [tool.driven.force for tool in self.tools if tool.driven is not None]
+        return out - np.array(forces)
+
+    # --- Tangent
+
+    def tangent(self, z: Array, exact: bool = True) -> PETSc.Mat:
+        """Derivative of the residual at z, an AIJ matrix that stays this object's. Collective.
+
+        Args:
+            z: Unknowns of this rank.
+            exact: As for ``ConstraintRows.derivative``.
+        """
+        return self.tangent_of(self.evaluate(z), exact)
+
+    def tangent_of(self, at: State, exact: bool = True) -> PETSc.Mat:
+        """The same where the last evaluation was. Collective."""
+        found = [*self._bulk(), *self._curvature(at)]
+        for i, p in enumerate(self.passes):
+            found += self._of_pass(i, p, at.passes[i], exact)
+        row, column, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+        keep = (row >= 0) & (column >= 0)
+        row, column, value = row[keep], column[keep], value[keep]
+        known = self._pattern
+        same = known is not None and all(map(np.array_equal, known, (row, column)))
+        if not self.system.comm.allreduce(same, op=MPI.LAND):
+            self._allocate(row, column)
+        assert self._matrix is not None
+        _cpp.set_values(self._matrix.handle, value)
+        return self._matrix
+
+    def _allocate(self, row: Indices, column: Indices) -> None:
+        if self._matrix is not None:
+            self._matrix.destroy()
+        sizes = (self.num_local, self.size), (self.num_local, self.size)
+        self._matrix = PETSc.Mat().create(comm=self.system.comm)
+        self._matrix.setSizes(sizes)
+        self._matrix.setType(PETSc.Mat.Type.AIJ)
+        _cpp.set_places(self._matrix.handle, row, column)
+        self._pattern = row, column
+
+    def _numbers(self, i: int, unknowns: Indices) -> Indices:
+        """Numbers in z of global unknowns of body i; −1 stays."""
+        ranges = self._ranges[i]
+        owner = np.clip(np.searchsorted(ranges, unknowns, side="right") - 1, 0, len(ranges) - 2)
+        return np.where(unknowns < 0, -1, unknowns - ranges[owner] + self._first[owner, i])
+
+    def _of_matrix(self, mat: PETSc.Mat, i: int, j: int) -> Entries:
+        """Entries of the block of bodies i and j."""
+        aij = mat if "aij" in mat.getType() and "b" not in mat.getType() else mat.convert("aij")
+        starts, columns, values = aij.getValuesCSR()
+        first = self._ranges[i][self.system.comm.rank]
+        rows = first + np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts))
+        out = self._numbers(i, rows), self._numbers(j, columns.astype(np.int64)), values.copy()
+        if aij is not mat:
+            aij.destroy()
+        return Entries(*out)
+
+    def _bulk(self) -> list[Entries]:
+        bodies = enumerate(self.system.bodies)
+        diagonal = np.arange(self.start, self.start + self.num_local, dtype=np.int64)
+        # Every row has an entry on the diagonal, which direct solvers want.
+        all_ = Entries(diagonal, diagonal, np.zeros(self.num_local))
+        return [all_, *(self._of_matrix(body.matrix(), i, i) for i, body in bodies)]
+
+    def _curvature(self, at: State) -> list[Entries]:
+        """Σ λ ∂²G, and how the forces of τ change with τ held, of gaps that follow. Collective."""
+        if not any(p.gap.following is not None for p in self.passes):
+            return []
+        bodies = self.system.bodies
+        blocks = {}
+        for p in self.passes:
+            if p.gap.following is None:
+                continue
+            s, m = p.bodies
+            assert s is not None
+            of = [(s, s), (s, m), (m, s), (m, m)]
+            for i, j in of:
+                if i is not None and j is not None and (i, j) not in blocks:
+                    blocks[i, j] = _any_entries(bodies[i].num_owned, bodies[j].num_owned, self)
+            given = [blocks.get((i, j)) for i, j in of]  # type: ignore[arg-type]
+            e = at.passes[self.passes.index(p)]
+            p.gap.add_curvature(e.multipliers.normal, given)
+            if p.slip is not None and e.multipliers.tangential is not None:
+                p.gap.add_slip_curvature(p.slip.tangential(e.multipliers.tangential), given)
+        found = []
+        for (i, j), mat in blocks.items():
+            mat.assemble()
+            found.append(self._of_matrix(mat, i, j))
+            mat.destroy()
+        return found
+
+    def _entries(self, operator: typing.Any, p: Pass, first: int, scaled: bool) -> Entries:
+        """Of G or J with its rows from a number on; by displacements or by the unknowns."""
+        numbers = [lambda dofs, i=i: self._numbers(i, dofs) for i in range(len(self._ranges))]
+        scale = self.system.scales if scaled else [1.0] * len(self._ranges)
+        found = entries_of(operator, p.bodies, numbers, scale)
+        return found._replace(row=found.row + first)
+
+    def _of_pass(self, i: int, p: Pass, at: Evaluated, exact: bool) -> list[Entries]:
+        """Entries that the constraints of a pass have a part in. Collective."""
+        rank, rows = self.system.comm.rank, p.rows
+        first = int(self._first[rank, len(self.system.bodies) + i])
+        by = rows.derivative(at, exact)
+        own = first + np.arange(rows.num_rows * rows.width)
+        left, right = (self._entries(p.gap.operator, p, first, scaled) for scaled in (False, True))
+        weight = np.repeat(p.gap.weight, rows.width)
+        found = [
+            Entries(left.column, left.row, left.value * weight[left.row - first]),
+            right._replace(value=right.value * by.normal_by_gap.ravel()[right.row - first]),
+            Entries(own, own, by.normal_by_normal.ravel()),
+        ]
+        if p.gap.extension is not None:
+            shape = rows.num_rows, rows.width
+            found.append(Entries(*rows.entries_of_means(at, own.reshape(shape))))
+        if p.tool is not None:
+            found += self._with_tool(p, own, weight, by.normal_by_gap, self._changes(p)[0])
+        if p.slip is not None:
+            found += self._of_slip(p, by, own)
+        return found
+
+    def _with_tool(
+        self, p: Pass, own: Indices, weight: Array, by_gap: Array, change: Array
+    ) -> list[Entries]:
+        """Entries of a driven tool and of multipliers."""
+        assert p.tool is not None
+        tool = np.full(len(own), self._first[0, -2] + p.tool)
+        return [
+            Entries(tool, own, weight * change.ravel()),
+            Entries(own, tool, (by_gap * change).ravel()),
+        ]
+
+    def _of_slip(self, p: Pass, by: typing.Any, normal: Indices) -> list[Entries]:
+        """Entries of τ. Collective."""
+        assert p.slip is not None
+        num, gdim = p.rows.num_rows, p.gap.slave.gdim
+        first = int(normal[0] + len(normal)) if len(normal) else 0
+        own = first + np.arange(num * gdim).reshape(num, gdim)
+        row = np.repeat(own[:, :, None], gdim, axis=2)
+        column = np.repeat(own[:, None, :], gdim, axis=1)
+        shape = num, gdim
+        weight = np.repeat(p.slip.weight, gdim)
+        J = self._entries(p.slip.operator, p, 0, True)
+        by_slip = by.by_slip @ p.slip.projector
+        rows = J.row // gdim, J.row % gdim
+        found = [Entries(row.ravel(), column.ravel(), by.by_tangential.ravel())]
+        for k in range(gdim):  # D J, a component of the rows after the other
+            found.append(Entries(own[rows[0], k], J.column, by_slip[rows[0], k, rows[1]] * J.value))
+        pressure = np.broadcast_to(normal.reshape(num, 1), shape)
+        found.append(Entries(own.ravel(), pressure.ravel(), by.by_normal.ravel()))
+        for k, works in enumerate(self._works_on(p)):
+            factor = p.slip.projector[:, k, :] * p.slip.weight[:, None]
+            for j in range(gdim):
+                found.append(
+                    Entries(works.column, own[works.row, j], works.value * factor[works.row, j])
+                )
+        if p.tool is not None:
+            change = self._changes(p)[1]
+            assert change is not None
+            pushed = np.einsum("rij,rj->ri", by_slip, change)
+            ones = np.ones(shape)
+            found += self._with_tool(p, own.ravel(), weight, ones, change)[:1]
+            found += self._with_tool(p, own.ravel(), weight, ones, pushed)[1:]
+        return found
+
+    def _works_on(self, p: Pass) -> list[Entries]:
+        """What each component of the tangential force works on, over the weight. Collective."""
+        assert p.slip is not None
+        gdim = p.gap.slave.gdim
+        operators = p.gap.slip_operators()
+        if operators:
+            return [self._entries(operator, p, 0, False) for operator in operators]
+        J = self._entries(p.slip.operator, p, 0, False)
+        out = []
+        for k in range(gdim):
+            of = J.row % gdim == k
+            out.append(Entries(J.row[of] // gdim, J.column[of], J.value[of]))
+        return out
+
+    def restart(self) -> None:
+        """Count displacements of driven tools from where they are now."""
+        self._starts = [tool.displacement.copy() for tool in self.tools]
+        self._at = None
+
+    def forget(self) -> None:
+        """Evaluate anew, since the state has been changed."""
+        self._at = None
+
+    def destroy(self) -> None:
+        """Free the matrix. Collective."""
+        if self._matrix is not None:
+            self._matrix.destroy()
+            self._matrix = None
+
+
+def _any_entries(rows: int, columns: int, equations: Equations) -> PETSc.Mat:
+    """Empty matrix that takes any entries, until it is assembled."""
+    mat = PETSc.Mat().create(comm=equations.system.comm)
+    mat.setSizes(((rows, PETSc.DETERMINE), (columns, PETSc.DETERMINE)))
+    mat.setType(PETSc.Mat.Type.AIJ)
+    mat.setUp()
+    return mat

@@ -1,0 +1,125 @@
+"""R(z) of bodies, multipliers and tools as one system: its derivative, and that it is pure."""
+
+import numpy as np
+import pytest
+from friction.test_friction import LAWS, quadratic_space
+from scenes import WORLD, Pair, clamp, largest, plane, vector_space
+
+import qsdolfinx as qs
+from qsdolfinx.system.equations import Equations
+
+EXACT = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
+SOFT = {"enforcement": "penalty"}
+
+
+def away(equations, seed=0, size=0.02):
+    """Unknowns of no order, the same on any number of ranks only by their statistics."""
+    rng = np.random.default_rng((seed, WORLD.rank))
+    scale = np.ones(equations.num_local)
+    bodies = equations.bodies_of(scale)
+    bodies[:] = size
+    for values in equations.multipliers(scale):
+        values.normal[:] = 0.1
+        if values.tangential is not None:
+            values.tangential[:] = 0.03
+    equations.displacements(scale)
+    return scale * rng.uniform(-1, 1, equations.num_local), scale
+
+
+def errors(equations, z, scale, exact=True, seed=1):
+    """By how much the tangent and differences of the residual disagree, by parts of z."""
+    matrix, rng = equations.tangent(z, exact), np.random.default_rng((seed, WORLD.rank))
+    direction = scale * rng.uniform(-1, 1, len(z))
+    for i, body in enumerate(equations.system.bodies):
+        equations.part(direction, i)[body.owned_constrained] = 0.0
+    x, y = matrix.createVecs()
+    x.array[:] = direction
+    matrix.mult(x, y)
+    step = 1e-6
+    ahead, behind = (equations.residual(z + sign * step * direction) for sign in (1, -1))
+    difference = (ahead - behind) / (2 * step)
+    equations.residual(z)
+    return largest(y.array_r - difference) / largest(difference)
+
+
+def equations_of(pair):
+    problem = pair.problem()
+    problem.set_up()
+    equations = Equations(problem.system)
+    return problem, equations
+
+
+@pytest.mark.parametrize("options", (EXACT, SOFT), ids=("exact", "soft"))
+@pytest.mark.parametrize("space", (vector_space, quadratic_space), ids=("P1", "P2"))
+@pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
+@pytest.mark.parametrize("law", [None, *LAWS])
+def test_derivative(law, cell, space, options):
+    friction = {} if law is None else {"friction": LAWS[law]()}
+    if law == "norton":
+        friction["dt"] = 0.5
+    pair = Pair(cell, space=space, contact_options=options | friction, wave=0.02)
+    _, equations = equations_of(pair)
+    z, scale = away(equations)
+    assert errors(equations, z, scale) < 1e-7
+
+
+def test_function_of_its_arguments_alone():
+    """To be elsewhere in between changes nothing but the order of sums over ranks."""
+    pair = Pair("triangle", contact_options=EXACT | {"friction": LAWS["coulomb"]()}, wave=0.02)
+    _, equations = equations_of(pair)
+    z, scale = away(equations)
+    first, matrix = equations.residual(z), equations.tangent(z).copy()
+    equations.residual(away(equations, seed=5)[0])
+    again, scale = equations.residual(z), largest(first)
+    assert largest(again - first) <= 1e-14 * scale
+    assert (equations.tangent(z) - matrix).norm() <= 1e-14 * matrix.norm()
+
+
+@pytest.mark.parametrize("law", (None, "coulomb", "sticking"))
+@pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
+def test_driven_tool(cell, law):
+    """The tool's own row, and what its displacement changes."""
+    pair = Pair(cell)
+    gdim, up = pair.gdim, np.eye(pair.gdim)[-1]
+    tool = qs.RigidSurface.plane(WORLD, np.zeros(gdim), -up)
+    tool.drive(0.1, -up)
+    friction = {} if law is None else {"friction": LAWS[law]()}
+    options = EXACT | friction
+    contact = qs.Contact(pair.master, tool, **options)
+    problem = qs.ContactProblem(pair.F[:1], pair.u[:1], [contact], pair.bcs[:1])
+    problem.set_up()
+    equations = Equations(problem.system)
+    z, scale = away(equations)
+    assert (
+        equations.size == equations.system.comm.allreduce(equations.num_local)
+        and len(equations.tools) == 1
+    )
+    assert errors(equations, z, scale) < 1e-7
+
+
+@pytest.mark.parametrize("tied", (False, True))
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_held_on_both_sides(cell, tied):
+    """Multipliers of nodes that conditions hold on both sides are means of those around."""
+    pair = Pair(cell, law=qs.Tied() if tied else None, contact_options=EXACT)
+    for i in range(2):
+        pair.bcs[i].append(clamp(pair.V[i], plane(pair.meshes[i], 0, 0.0)))
+    problem, equations = equations_of(pair)
+    assert problem.contacts[0].model.gaps[0].extension is not None
+    z, scale = away(equations)
+    assert errors(equations, z, scale) < 1e-7
+
+
+@pytest.mark.parametrize("law", (None, "coulomb"))
+def test_ties_and_passes(law):
+    """Ties, and both passes of a contact that pairs twice."""
+    friction = {} if law is None else {"friction": LAWS[law]()}
+    for formulation, options in (
+        ("double-pass", SOFT | friction),
+        ("quasi-symmetric", EXACT if law is None else EXACT | friction),
+    ):
+        tie = qs.Tied() if law is None else None
+        pair = Pair("triangle", formulation, law=tie, contact_options=options, wave=0.01)
+        _, equations = equations_of(pair)
+        z, scale = away(equations)
+        assert errors(equations, z, scale) < 1e-7, formulation
