@@ -99,6 +99,14 @@ class Equations:
 
     Args:
         system: The bodies and contacts; no scalar fields, rows of contact at nodes.
+
+    Attributes:
+        system: As given.
+        tools: Rigid tools that forces drive, in the order of s.
+        passes: Passes of the contacts, in the order of their multipliers.
+        num_local: Unknowns of this rank.
+        start: Number of the first of them.
+        size: Unknowns of all ranks.
     """
 
     def __init__(self, system: ContactSystem) -> None:
