@@ -395,7 +395,9 @@ class StepAuditor:
         faults = reported_force(joint, sides, tolerance)
         if len(forces) == 2:
             arm = self.arm(bodies) if joint.tied else None
-            faults += pair_balance(joint, sides, tolerance, length, arm)
+            # Forces of ties act where surfaces are, or, in small sliding, where they were paired.
+            there = self.sides(bodies, None, "now") if joint.tied and joint.finite else sides
+            faults += pair_balance(joint, there, tolerance, length, arm)
         reach = 2 * sum(side.size for side in sides)
         if joint.tied:
             return faults + self.tie(bodies, tool, reach)
