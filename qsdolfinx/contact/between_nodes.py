@@ -15,14 +15,20 @@ from qsdolfinx.contact import results
 from qsdolfinx.contact.advice import facet_sizes
 from qsdolfinx.contact.crossing import motion_since
 from qsdolfinx.contact.depth import depths_of_points
+from qsdolfinx.contact.depth import gap as gap_at_nodes
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
+from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
 
 #: Depth of a point, in units of the slave's facet there, that is not left to weighted gaps. Smooth
 #: bodies that are resolved leave some hundredths, and so do ends of contact: test_round_and_graded.
 NOTICED = 0.08
+
+#: Sum of the normals of a node's facets over their number, of facets that turn by 30° there: a
+#: corner for which no quadrature point stands.
+SMOOTH = float(np.cos(np.pi / 12))
 
 #: The same, in units of the largest weighted gap: a soft penalty lets in all around a node.
 UNEVEN = 3.0
@@ -38,6 +44,7 @@ def check_between_nodes(model: ContactModel) -> None:
     Args:
         model: The contact, solved.
     """
+    _check_corners(model)
     settings = model.settings
     at_nodes = settings.constraints == "nodes" and settings.sampling.quadrature == "overlay"
     if model.depth_warned or model.law.jump or not at_nodes:
@@ -71,6 +78,51 @@ def check_between_nodes(model: ContactModel) -> None:
         ContactWarning,
     )
     model.depth_warned = True
+
+
+def _check_corners(model: ContactModel) -> None:
+    """Warn of corners of the slave that are deep: their sides' weighted gaps see them late."""
+    sharp = _sharp_nodes(model.slave)
+    none = model.law.jump or model.with_itself or model.slave.degree > 1
+    if model.depth_warned or none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
+        return
+    limit = NOTICED * model.slave.facet_size_range[0] + model.overclosure.allowed
+    limit = max(limit, UNEVEN * results.weighted_penetration(model))
+    depth = np.where(sharp, np.nan_to_num(gap_at_nodes(model, "slave"), nan=0.0), 0.0)
+    deepest = float(depth.max(initial=0.0))
+    x = model.slave.node_x[int(np.argmax(depth))] if len(depth) else np.zeros(3)
+    deepest, _, at = max(model.comm.allgather((deepest, model.comm.rank, tuple(map(float, x)))))
+    if deepest <= limit:
+        return
+    place = ", ".join(f"{c:.4g}" for c in at[: model.slave.gdim])
+    warn(
+        f"constraints: a corner of the slave near ({place}) is {deepest:.3g} deep in the other "
+        "surface, and gaps are means over the facets beside it: it bears too little, or nothing, "
+        "until it is some quarter of a facet deep; take finer facets there, or a rounding of "
+        "several facets",
+        ContactWarning,
+    )
+    model.depth_warned = True
+
+
+def _sharp_nodes(slave: Surface) -> npt.NDArray[np.bool_]:
+    """Owned nodes whose facets' normals are apart by more than some 30°. Collective."""
+    x, inside = slave.coordinates[0], slave.coordinates[1]
+    along = x[:, 1] - x[:, 0]
+    across = np.array([0.0, 0.0, 1.0]) if slave.gdim == 2 else x[:, 2] - x[:, 0]
+    normal = np.cross(along, np.broadcast_to(across, along.shape))
+    normal *= np.sign(np.sum((x.mean(axis=1) - inside) * normal, axis=1))[:, None]
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    dofs = slave.cpp_object.facet_dofs[..., 0].astype(PETSc.IntType)
+    sums = []
+    for values in (*normal.T, np.ones(len(x))):
+        vec = slave.create_vec()
+        at_nodes = np.repeat(values, dofs.shape[1])
+        vec.setValues(dofs.ravel(), at_nodes, addv=PETSc.InsertMode.ADD_VALUES)
+        vec.assemble()
+        sums.append(vec.array_r[slave.node_dofs[:, 0] - vec.owner_range[0]].copy())
+        vec.destroy()
+    return np.asarray(np.linalg.norm(sums[:3], axis=0) < SMOOTH * sums[3])
 
 
 def _facet_sizes(model: ContactModel, gap: WeightedGap) -> Array:

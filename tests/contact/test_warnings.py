@@ -15,7 +15,9 @@ from scenes import (
     WORLD,
     Pair,
     box,
+    clamp,
     drag_top,
+    elastic,
     largest,
     plane,
     vector_space,
@@ -446,3 +448,25 @@ def test_shown_in_spite_of_ffcx(monkeypatch, capfd):
     said = capfd.readouterr().err
     assert (said.count("ContactWarning: quadrature: ") == 1) == (WORLD.rank == 0)
     assert "of another library" not in said
+
+
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+@pytest.mark.parametrize("depth, found", ((0.02, False), (0.15, True)))
+def test_a_corner_that_sinks(depth, found, sliding):
+    """A square on its corner: the mean gaps of the nodes are open until it is .23 facets deep."""
+    n = 8
+    msh = box(WORLD, [n, n], "quadrilateral", [0.0, 0.0], [1.0, 1.0])
+    low = np.concatenate([plane(msh, axis, 0.0) for axis in (0, 1)])
+    far = np.concatenate([plane(msh, axis, 1.0) for axis in (0, 1)])
+    x, c = msh.geometry.x, np.sqrt(0.5)
+    x[:, 0], x[:, 1] = c * (x[:, 0] - x[:, 1]), c * (x[:, 0] + x[:, 1])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+    contact = qs.Contact(qs.Surface(V, facets=np.unique(low)), floor, sliding=sliding)
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, far)]])
+    floor.displacement = [0.0, depth / n]
+    texts = warned(problem.solve)
+    assert [text.startswith("constraints: a corner of the slave") for text in texts] == [
+        True
+    ] * found
