@@ -84,7 +84,7 @@ def _check_corners(model: ContactModel) -> None:
     """Warn of corners of the slave that are deep: their sides' weighted gaps see them late."""
     sharp = _sharp_nodes(model.slave)
     none = model.law.jump or model.with_itself or model.slave.degree > 1
-    if model.depth_warned or none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
+    if model.corner_warned or none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
         return
     limit = NOTICED * model.slave.facet_size_range[0] + model.overclosure.allowed
     limit = max(limit, UNEVEN * results.weighted_penetration(model))
@@ -102,7 +102,7 @@ def _check_corners(model: ContactModel) -> None:
         "several facets",
         ContactWarning,
     )
-    model.depth_warned = True
+    model.corner_warned = True
 
 
 def _sharp_nodes(slave: Surface) -> npt.NDArray[np.bool_]:

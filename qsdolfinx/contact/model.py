@@ -370,6 +370,8 @@ class ContactModel:
         self.reach_warned = False
         #: Whether a warning of depths between nodes has been given.
         self.depth_warned = False
+        #: Whether a warning of corners of the slave has been given.
+        self.corner_warned = False
         #: Whether a warning of a body that has turned freely has been given.
         self.unsupported_warned = False
         #: Whether a warning of facets for curves has been given.
