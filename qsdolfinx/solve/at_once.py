@@ -81,7 +81,7 @@ class AtOnce:
                 z = loop.solve(self._begin_again(equations, z))
             count += loop.num_iterations
             for _ in range(MAX_MEASURES):
-                if not self._have_areas_changed():
+                if not system.have_areas_changed(SAME_AREA):
                     break
                 equations.forget()
                 z = loop.solve(z)
@@ -141,17 +141,3 @@ class AtOnce:
             assert isinstance(p.gap.rows, NodeRows)
             normal = np.where(e.active[:, None], e.multipliers.normal, 0.0)
             self._known.append(p.gap.rows.on_sides(normal))
-
-    def _have_areas_changed(self) -> bool:
-        """Measure areas of gaps that follow anew; whether they are others. Collective."""
-        system = self.problem.system
-        gaps = [gap for gap in system.gaps if gap.following is not None]
-        if not gaps:
-            return False
-        before = [gap.state.measure for gap in gaps]
-        change = max([gap.measure_all() for gap in gaps])
-        if system.comm.allreduce(change > SAME_AREA, op=MPI.LOR):
-            return True
-        for gap, measure in zip(gaps, before, strict=True):
-            gap.state.measure = measure
-        return False

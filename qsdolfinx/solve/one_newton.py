@@ -16,7 +16,7 @@ from qsdolfinx.system.equations import Equations, State
 
 Array = npt.NDArray[np.float64]
 
-#: Halvings of a step, and what the merit has to fall by over what a equations step promises.
+#: Halvings of a step, and what the merit has to fall by over what a whole step promises.
 MAX_HALVINGS, FALL = 8, 1e-4
 
 #: Accuracy: unbalanced forces over contact forces, gaps times c over the largest multiplier, and

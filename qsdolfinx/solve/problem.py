@@ -342,7 +342,7 @@ class ContactProblem:
         Args:
             z: This rank's part of the unknowns.
         """
-        return (self._equations or self.equations()).residual(z)
+        return self._equations_for(z).residual(z)
 
     def tangent(self, z: Array) -> PETSc.Mat:
         """Its derivative, an AIJ matrix that stays the problem's. Collective.
@@ -350,7 +350,17 @@ class ContactProblem:
         Args:
             z: As for :meth:`residual`.
         """
-        return (self._equations or self.equations()).tangent(z)
+        return self._equations_for(z).tangent(z)
+
+    def _equations_for(self, z: Array) -> Equations:
+        """The last equations, or new ones where contact has paired since. Collective."""
+        equations = self._equations
+        if equations is None or not equations.is_current:
+            equations = self.equations()
+        with checked(self.comm):
+            shape = (equations.num_local,)
+            require(np.shape(z) == shape, f"z: must be of shape {shape}, this rank's unknowns")
+        return equations
 
     # --- Solving
 
@@ -621,7 +631,7 @@ class ContactProblem:
         contacts, gaps = self.system.contacts, self.system.gaps
         for attempt in range(MAX_MEASURES):
             measures = [gap.state.measure for gap in gaps]
-            if not self._have_areas_changed():
+            if not self.system.have_areas_changed(SAME_AREA):
                 return
             x = self.system.x.array_r.copy()
             known = [multipliers.known(contact) for contact in contacts]
@@ -644,22 +654,6 @@ class ContactProblem:
         self.system.x.array[:] = x
         self.system.residual(x)
         warn(UNSETTLED, ContactWarning)
-
-    def _have_areas_changed(self) -> bool:
-        """Measure areas of gaps that follow the bodies anew; whether they are others. Collective.
-
-        Otherwise they are left as they are.
-        """
-        gaps = [gap for gap in self.system.gaps if gap.following is not None]
-        if not gaps:
-            return False
-        before = [gap.state.measure for gap in gaps]
-        change = max([gap.measure_all() for gap in gaps])
-        if self.comm.allreduce(change > SAME_AREA, op=MPI.LOR):
-            return True
-        for gap, kept in zip(gaps, before, strict=True):
-            gap.state.measure = kept
-        return False
 
     def destroy(self) -> None:
         """Free PETSc's objects and options; whoever uses them then is told so. Collective.

@@ -156,6 +156,14 @@ class Equations:
         self.num_local, self.start = int(self._ends[-1]), int(first[comm.rank])
         self.size = int(first[-1])
 
+    @property
+    def is_current(self) -> bool:
+        """Whether contacts have not paired since."""
+        gaps = self.system.gaps
+        return len(gaps) == len(self.passes) and all(
+            p.gap is gap for p, gap in zip(self.passes, gaps, strict=True)
+        )
+
     # --- Unknowns
 
     def part(self, z: Array, i: int) -> Array:

@@ -160,6 +160,25 @@ class ContactSystem:
         for contact in self.contacts:
             contact.with_curvature = counts
 
+    def have_areas_changed(self, same: float) -> bool:
+        """Measure areas of gaps that follow the bodies anew; whether they are others. Collective.
+
+        Otherwise they are left as they are.
+
+        Args:
+            same: Change over the area of a node that is none.
+        """
+        gaps = [gap for gap in self.gaps if gap.following is not None]
+        if not gaps:
+            return False
+        before = [gap.state.measure for gap in gaps]
+        change = max([gap.measure_all() for gap in gaps])
+        if self.comm.allreduce(change > same, op=MPI.LOR):
+            return True
+        for gap, kept in zip(gaps, before, strict=True):
+            gap.state.measure = kept
+        return False
+
     def fits_pattern(self) -> bool:
         """Whether matrices have room for contact where the bodies are now. Collective."""
         following = [gap for c in self.contacts if c.follows for gap in c.gaps]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from friction.test_friction import LAWS, quadratic_space
-from scenes import WORLD, Pair, clamp, largest, plane, vector_space
+from scenes import WORLD, Pair, clamp, largest, plane, raises_everywhere, vector_space
 
 import qsdolfinx as qs
 from qsdolfinx.system.equations import Equations
@@ -123,3 +123,14 @@ def test_ties_and_passes(law):
         _, equations = equations_of(pair)
         z, scale = away(equations)
         assert errors(equations, z, scale) < 1e-7, formulation
+
+
+def test_unknowns_of_another_pairing():
+    """After contact has paired again the equations are new ones; wrong shapes are refused."""
+    pair = Pair("triangle", contact_options=EXACT, wave=0.02)
+    problem = pair.problem()
+    z = problem.equations().first()
+    before = problem.residual(z)
+    pair.contact.update()
+    np.testing.assert_allclose(problem.residual(z), before, atol=1e-12 * largest(before))
+    raises_everywhere(WORLD, ValueError, "z: must be of shape", lambda: problem.tangent(z[:-1]))
