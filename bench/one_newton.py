@@ -1,8 +1,9 @@
 """Newton iterations: multipliers updated around a penalty, and all unknowns in one Newton's method.
 
-Each demo is run twice, as it is and with ``AtOnce`` in place of ``problem.solve``. Printed are the
-iterations of each step in the median, at 90 % and at worst, their sum, all attempts included, the
-steps that were cut back, and by how much the last contact force differs.
+Each demo is run twice: as it is, by one Newton's method, and without it. Printed are the iterations
+of each step in the median, at 90 % and at worst, their sum, all attempts included, the steps that
+were cut back, the solves that one Newton's method gave up, and by how much the last contact force
+differs.
 
     python3 bench/one_newton.py [--scenes block roller …]
 """
@@ -23,6 +24,7 @@ import numpy as np
 import qsdolfinx as qs
 from qsdolfinx.solve.at_once import AtOnce
 
+
 DEMOS = pathlib.Path(__file__).resolve().parents[1] / "demos"
 SCENES = {
     "block": ("block_on_block.py",),
@@ -40,29 +42,25 @@ class Counted:
     """Counts the iterations of all solves of problems that are made meanwhile.
 
     Args:
-        at_once: Whether ``AtOnce`` solves.
+        at_once: Whether one Newton's method solves.
     """
 
     def __init__(self, at_once):
         self.at_once = at_once
         #: Iterations of each step or solve, of attempts that failed, and the last force.
-        self.steps, self.cutbacks, self.force = [], 0, np.zeros(2)
+        self.steps, self.cutbacks, self.given_up, self.force = [], 0, 0, np.zeros(2)
         self._within = None
 
     @contextlib.contextmanager
     def counting(self):
         """All solves inside the block are counted."""
-        make, solve, step = qs.ContactProblem.__init__, qs.ContactProblem.solve, qs.TimeStepper.step
-
-        def init(problem, *args, **kwargs):
-            make(problem, *args, **kwargs)
-            problem.at_once = AtOnce(problem) if self.at_once else None
+        solve, step, fits = qs.ContactProblem.solve, qs.TimeStepper.step, AtOnce.fits
+        try_at_once = AtOnce.solve
 
         def counted(problem, *args):
-            solver = problem.at_once
             before = 0 if self._within is None else self._within
             try:
-                found = solve(problem) if solver is None else solver.solve() or problem.u
+                found = solve(problem, *args)
             finally:
                 count = before + problem.num_iterations
                 self._within, count = (count, 0) if self._within is not None else (None, count)
@@ -72,8 +70,6 @@ class Counted:
             return found
 
         def stepped(stepper, *args, **kwargs):
-            if stepper.problem.at_once is not None:
-                stepper.problem.at_once.begin_step()
             cutbacks, self._within = stepper.num_cutbacks, 0
             out = step(stepper, *args, **kwargs)
             self.steps.append(self._within)
@@ -81,17 +77,19 @@ class Counted:
             self.cutbacks += stepper.num_cutbacks - cutbacks
             return out
 
-        patched = {"__init__": init, "solve": counted}
-        kept = {"__init__": make, "solve": solve}
-        for name, function in patched.items():
-            setattr(qs.ContactProblem, name, function)
-        qs.TimeStepper.step = stepped
+        def tried(solver):
+            done = try_at_once(solver)
+            self.given_up += not done
+            return done
+
+        qs.ContactProblem.solve, qs.TimeStepper.step, AtOnce.solve = counted, stepped, tried
+        if not self.at_once:
+            AtOnce.fits = False
         try:
             yield self
         finally:
-            for name, function in kept.items():
-                setattr(qs.ContactProblem, name, function)
-            qs.TimeStepper.step = step
+            qs.ContactProblem.solve, qs.TimeStepper.step = solve, step
+            AtOnce.fits, AtOnce.solve = fits, try_at_once
 
     def _note(self, problem):
         force = np.asarray(problem.contacts[0].force("slave"))
@@ -122,7 +120,7 @@ def line(name, who, counted, end, seconds):
     steps = counted.steps or [0]
     found = f"{np.median(steps):.0f} | {np.percentile(steps, 90):.0f} | {max(steps)}"
     return (
-        f"| {name} | {who} | {len(steps)} | {found} | {sum(steps)} | {counted.cutbacks} "
+        f"| {name} | {who} | {len(steps)} | {found} | {sum(steps)} | {counted.cutbacks} | {counted.given_up} "
         f"| {seconds:.1f} | {end or 'ended'} |"
     )
 
@@ -133,8 +131,8 @@ def main():
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
     names = parser.parse_args().scenes
     show = print if MPI.COMM_WORLD.rank == 0 else lambda *_: None
-    show("| scene | solver | steps | median | 90 % | worst | all | cut back | s | |")
-    show("|---|---|---|---|---|---|---|---|---|---|")
+    show("| scene | solver | steps | median | 90 % | worst | all | cut back | given up | s | |")
+    show("|---|---|---|---|---|---|---|---|---|---|---|")
     warnings.simplefilter("ignore")
     for name in names:
         both = [run(SCENES[name], at_once) for at_once in (False, True)]

@@ -299,10 +299,10 @@ class Slip:
         )
         with collective_errors(self.slave.comm):  # a law may be the user's
             means = not all(in_displacement)
-            state.response = self._respond(rows, means)
+            state.response = self.respond(rows, means)
             state.stuck = self.stick_slip.made_to_stick(state.response)
             if state.stuck.any():
-                state.response = self._respond(rows._replace(unlimited=state.stuck), means)
+                state.response = self.respond(rows._replace(unlimited=state.stuck), means)
         leaving = ~closed & (state.slipped > 0) & ~self.stick_slip.without_friction
         state.evaluated = Evaluated(
             rows,
@@ -417,7 +417,7 @@ class Slip:
         """Rows that had no pressure when the step began."""
         return np.asarray(self.state.pressed <= NO_PRESSURE * self.state.pressure)
 
-    def _respond(self, rows: Rows, means: bool) -> Response:
+    def respond(self, rows: Rows, means: bool) -> Response:
         """What the law answers for the time in which rows are in contact.
 
         Args:

@@ -41,7 +41,8 @@ class GapState:
     Attributes:
         values: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
         augmented: λ̂, of the same shape; with rows at points for the sides of all owned nodes,
-            shape (nodes, gdim), see ``PointRows``.
+            shape (nodes, gdim), see ``PointRows``. With a penalty alone λ of the last solution,
+            where the next solve begins.
         offset: Gap of displacements on top of those of the unknowns, of the same shape.
         shift: What a rigid tool's motion adds to ḡ, of the same shape.
         allowance: Gap (length) at each row that counts as none: overclosure that is not resolved.
@@ -546,7 +547,9 @@ class WeightedGap:
         return self.state.values + self._augmented_at_rows() / eps[:, None]
 
     def _augmented_at_rows(self) -> Array:
-        """λ̂ at the rows, found anew when it has been replaced. Collective."""
+        """λ̂ at the rows, 0 with a penalty alone; found anew when it has been replaced. Collective."""
+        if not self._is_augmented:
+            return np.zeros_like(self.state.values)
         augmented = self.state.augmented
         if not isinstance(self.rows, PointRows):
             return augmented

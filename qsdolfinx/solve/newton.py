@@ -131,6 +131,7 @@ class Context:
         curvature: Of gaps that follow the bodies.
         unseen: Why the residual could not be evaluated somewhere; empty if it always could.
         failure: What a callback has raised: PETSc would make an error of its own of it.
+        active: Closed rows of each contact on this rank, of an iteration on other unknowns.
     """
 
     system: ContactSystem
@@ -151,6 +152,7 @@ class Context:
     curvature: Curvature = dataclasses.field(default_factory=Curvature)
     unseen: str = ""
     failure: BaseException | None = None
+    active: list[int] | None = None
 
 
 def _callback(function: typing.Callable[..., None]) -> typing.Callable[..., None]:
@@ -213,7 +215,8 @@ def _is_near(context: Context) -> bool:
 @_callback
 def monitor(snes: PETSc.SNES, iteration: int, norm: float, context: Context) -> None:
     """Record an iteration."""
-    context.record.add(norm, context.system.num_active_local())
+    active = context.active
+    context.record.add(norm, context.system.num_active_local() if active is None else active)
 
 
 def converged(
@@ -436,6 +439,39 @@ class Newton:
         if self._context.unseen:
             error.advise(self._context.unseen)
         raise error
+
+    def note(self, iteration: int, x: Array, norm: float, active: list[int]) -> None:
+        """Record an iteration on other unknowns, and let monitors see it. Collective.
+
+        Args:
+            iteration: Its number.
+            x: Unknowns of the bodies.
+            norm: Of their residual.
+            active: Closed rows of each contact on this rank.
+
+        Raises:
+            KeyboardInterrupt: After Ctrl-C.
+        """
+        self._context.active = active
+        self.system.x.array[:] = x
+        try:
+            self.snes.setSolution(self.system.x)
+            self.snes.setIterationNumber(iteration)
+            self.snes.setFunctionNorm(norm)
+            self.snes.monitor(iteration, norm)
+        except BaseException:  # which leaves vectors locked
+            self.system.replace_vectors()
+            failure, self._context.failure = self._context.failure, None
+            if failure is None:
+                raise
+            raise failure from None
+        finally:
+            self._context.active = None
+        interrupt.look(self.system.comm)
+
+    def end_at(self, reason: int) -> None:
+        """Let SNES say that it has ended for this reason."""
+        self.snes.setConvergedReason(reason)
 
     def error_of(self, text: str) -> ConvergenceError:
         """The error of another iteration on the system, which says where it stood."""

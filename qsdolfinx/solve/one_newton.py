@@ -11,7 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.linear.factors_again import OF_A_LIBRARY
 from qsdolfinx.linear.presets import EXTRA_MEMORY
+from qsdolfinx.solve.newton import Newton
+from qsdolfinx.solve.onset import Onset
 from qsdolfinx.system.equations import Equations, State
 
 Array = npt.NDArray[np.float64]
@@ -19,9 +22,12 @@ Array = npt.NDArray[np.float64]
 #: Halvings of a step, and what the merit has to fall by over what a whole step promises.
 MAX_HALVINGS, FALL = 8, 1e-4
 
+#: Springs of bodies that no condition holds, over their diagonal: least and most.
+SPRINGS = 1e-9, 1e-2
+
 #: Accuracy: unbalanced forces over contact forces, gaps times c over the largest multiplier, and
 #: unbalanced force of a tool over the force that drives it.
-RTOL, RTOL_TOOLS = 1e-9, 1e-8
+RTOL_TOOLS = 1e-8
 
 #: What rounding leaves of forces and gaps, in units in the last place of the largest coordinate.
 ROUNDING = 50 * np.finfo(np.float64).eps
@@ -63,11 +69,12 @@ class OneNewton:
 
     Args:
         equations: The equations.
-        max_it: Most iterations.
+        newton: Whose record, monitors and tolerances it has.
     """
 
-    def __init__(self, equations: Equations, max_it: int = 40) -> None:
-        self.equations, self.max_it = equations, max_it
+    def __init__(self, equations: Equations, newton: Newton) -> None:
+        self.equations, self._newton = equations, newton
+        self._rtol, self._atol, _, self.max_it = newton.snes.getTolerances()
         #: Largest coordinate of each body: what is much larger is no displacement.
         self._sizes = [
             float(body.comm.allreduce(np.abs(body.V.mesh.geometry.x).max(initial=0.0), op=MPI.MAX))
@@ -76,31 +83,74 @@ class OneNewton:
         #: Iterations of the last solve.
         self.history: list[Iterate] = []
         self._ksp: PETSc.KSP | None = None
+        self._was_in_floor = False
 
     @property
     def num_iterations(self) -> int:
         """Linear systems of the last solve."""
         return max(len(self.history) - 1, 0)
 
-    def solve(self, z: Array) -> Array:
+    def solve(self, z: Array, begins: bool = True) -> Array:
         """Solution, from z on. Collective.
+
+        Args:
+            z: Unknowns of this rank.
+            begins: Whether it is to be found where slip counts from.
 
         Raises:
             NoConvergence: If none is found.
         """
         self.history, step = [], 1.0
+        self._was_in_floor = False
+        z = z.copy()
+        free = self._free_step(z) if begins else None
         at = self.equations.evaluate(z, first=True)
         for iteration in range(self.max_it + 1):
             if self._has_converged(at, step):
                 return z
             if iteration == self.max_it:
                 break
-            R = self.equations.residual_of(at)
-            matrix = self.equations.tangent_of(at, exact=False)
-            z, at, step = self._search(z, at, self._solve(matrix, -R), iteration == 0)
+            change = self._change(at) if free is None else free
+            z, at, step = self._search(z, at, change)
+            if self.equations.measure():
+                at = self.equations.evaluate(z)
+            free = None
         raise NoConvergence(f"no convergence in {self.max_it} iterations: {self.history[-1]}")
 
+    def _free_step(self, z: Array) -> Array | None:
+        """Find where slip counts from, see :class:`Onset`. Collective.
+
+        Returns:
+            The first step, if no row closes; it is another one if some do.
+        """
+        onset = Onset(self.equations)
+        if not onset.counts:
+            return None
+        try:
+            change = self._change(self.equations.evaluate(z, opened=onset.open))
+        except NoConvergence:  # the bodies are held by these rows alone
+            onset.forget()
+            return None
+        return None if onset.find(change) else change
+
     # --- The linear system
+
+    def _change(self, at: State) -> Array:
+        """Newton's step from the last evaluation. Collective."""
+        matrix = self.equations.tangent_of(at, exact=False, shift=self._shift())
+        out = self._solve(matrix, -self.equations.residual_of(at))
+        self._newton.record.iterations += 1
+        self._newton.record.linear_iterations += 1
+        return out
+
+    def _shift(self) -> float:
+        """Of bodies that contact alone holds: springs that vanish with the residual."""
+        if len(self.history) < 2:  # it begins where springs have put them
+            return SPRINGS[0]
+        now, first = self.history[-1], self.history[0]
+        fallen = now.residual / first.residual if first.residual > 0 else 1.0
+        left = min(1.0, fallen, now.forces + now.constraints)
+        return max(SPRINGS[0], SPRINGS[1] * left)
 
     def _solve(self, matrix: PETSc.Mat, rhs: Array) -> Array:
         if self._ksp is None:
@@ -116,7 +166,12 @@ class OneNewton:
         self._ksp.setUp()
         x, b = matrix.createVecs()
         b.array[:] = rhs
-        self._ksp.solve(b, x)
+        try:
+            self._ksp.solve(b, x)
+        except PETSc.Error as error:
+            if error.ierr != OF_A_LIBRARY:
+                raise
+            x.set(np.nan)
         out = np.array(x.array_r)
         x.destroy()
         b.destroy()
@@ -127,9 +182,7 @@ class OneNewton:
 
     # --- The line search
 
-    def _search(
-        self, z: Array, at: State, change: Array, first: bool
-    ) -> tuple[Array, State, float]:
+    def _search(self, z: Array, at: State, change: Array) -> tuple[Array, State, float]:
         """As much of the step as makes the merit fall. Collective."""
         before, step, found = self._merit(at), 1.0, None
         for _ in range(MAX_HALVINGS):
@@ -172,9 +225,7 @@ class OneNewton:
         largest = np.zeros(3)
         counts: npt.NDArray[np.int64] = np.zeros(2, dtype=np.int64)
         for p, e in zip(equations.passes, at.passes, strict=True):
-            weight = p.gap.weight[:, None]
-            for r in p.rows.complementarity(e):
-                largest[0] = max(largest[0], float(np.max(np.abs(r) / weight, initial=0.0)))
+            largest[0] = max(largest[0], p.rows.violation(e))
             largest[1] = max(largest[1], float(np.max(np.abs(e.multipliers.normal), initial=0.0)))
             largest[2] = max(largest[2], p.rows.rounding())
             slipping = np.zeros_like(e.active) if e.response is None else e.response.slipping
@@ -193,9 +244,24 @@ class OneNewton:
             step,
         )
         self.history.append(found)
-        balanced = residual <= max(RTOL * forces, ROUNDING * rounded)
-        closed = largest[0] <= max(RTOL * largest[1], ROUNDING * largest[2])
-        return bool(balanced and closed and tools <= RTOL_TOOLS)
+        number, x = len(self.history) - 1, equations.bodies_of(at.z)
+        self._newton.note(number, x, found.residual, self._num_closed(at))
+        limits = self._rtol * forces, self._rtol * largest[1]
+        floors = max(limits[0], ROUNDING * rounded), max(limits[1], ROUNDING * largest[2])
+        in_floor = bool(residual <= floors[0] and largest[0] <= floors[1])
+        # An iteration more, as a refinement, makes the most of what rounding leaves.
+        if in_floor and (self._was_in_floor or largest[1] == 0):
+            limits = floors
+        self._was_in_floor = in_floor
+        balanced = residual <= max(limits[0], self._atol)
+        return bool(balanced and largest[0] <= limits[1] and tools <= RTOL_TOOLS)
+
+    def _num_closed(self, at: State) -> list[int]:
+        """Closed rows of each contact on this rank."""
+        closed = {id(contact): 0 for contact in self.equations.system.contacts}
+        for p, e in zip(self.equations.passes, at.passes, strict=True):
+            closed[id(p.model)] += int(np.sum(e.active))
+        return list(closed.values())
 
     def _all(self, here: bool) -> bool:
         return bool(self.equations.system.comm.allreduce(here, op=MPI.LAND))

@@ -31,6 +31,7 @@ from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
+from qsdolfinx.solve.at_once import AtOnce
 from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
 from qsdolfinx.solve.augmented import AugmentedLagrangian
 from qsdolfinx.solve.before import Before
@@ -202,8 +203,10 @@ class ContactProblem:
             ksp, self.solver, self.system, chosen, pressure_preconditioner, solver != "auto"
         )
         self.newton = Newton(self.system, snes, linear, defaults)
+        self._at_once = AtOnce(self.newton, chosen)
         self.active_history: list[list[int]] = []
         self._equations: Equations | None = None
+        self._is_at_once = False
 
     # --- What it is made of
 
@@ -376,6 +379,8 @@ class ContactProblem:
                 :class:`ReachWarning`: who looks for them at the end of the step can do without.
         """
         self.system.check_alive()
+        if self._steps_within == 0:
+            self._at_once.begin_step()
         self._steps_within += 1
         before, self._watches_reach = self._watches_reach, watch and self._watches_reach
         try:
@@ -399,6 +404,8 @@ class ContactProblem:
         self.system.check_alive()
         self._claim_contacts()
         with interrupt.heeded(self.comm):
+            if not self.system.is_stale and not self.system.fits_pattern():
+                self.system.make_stale()
             self._set_up()
 
     def _set_up(self) -> None:
@@ -491,13 +498,16 @@ class ContactProblem:
         known = [multipliers.known(contact) for contact in self.system.contacts]
         measures = [gap.state.measure for gap in self.system.gaps]
         self._begin_slips()
-        self.set_up()
+        with interrupt.heeded(self.comm):
+            self._set_up()
         balance = ToolBalance(self.system)
         start = self._starting_point()
         self.newton.begin()
         try:
             springs = self.stabilisation
-            if self._loses_a_body(balance, start):
+            if self._is_found_at_once(balance, start):
+                pass
+            elif self._loses_a_body(balance, start):
                 say(self.comm, "a body that only contact holds was lost; springs hold it meanwhile")
                 springs = Stabilisation()
                 self._put_back(known, measures)
@@ -506,8 +516,10 @@ class ContactProblem:
                 for body, array in zip(self.bodies, state, strict=True):
                     body.u.x.array[:] = array
                 self._find(balance, self._starting_point(), springs)
-            closings = Closings(self.newton)
+            closings = None if self._is_at_once else Closings(self.newton)
             for _ in range(MAX_RATES):
+                if closings is None:
+                    break
                 if not (closings.have_changed() or self._has_other_rates()):
                     break
                 self._find(balance, self._starting_point(), springs)
@@ -540,6 +552,26 @@ class ContactProblem:
             check_held(contact, *unknowns)
         if self._watches_reach:
             check_unsupported(self.system, start)
+
+    def _is_found_at_once(self, balance: ToolBalance, start: Array) -> bool:
+        """Whether one Newton's method on all unknowns finds the solution. Collective."""
+        self._is_at_once = self.stabilisation is None and self._at_once.fits
+        if not self._is_at_once:
+            return False
+        for _ in range(MAX_RATES + 1):
+            self._is_at_once = self._at_once.solve()
+            if not (self._is_at_once and self._has_other_rates()):
+                break
+        if self._is_at_once and not is_a_body_lost(self.system, start):
+            self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
+            return True
+        self._is_at_once = False
+        balance.restore()
+        self._begin_slips()
+        count = self.newton.record.iterations
+        self.newton.begin()
+        self.newton.record.iterations = count
+        return False
 
     def _loses_a_body(self, balance: ToolBalance, start: Array) -> bool:
         """Find equilibrium; whether a body that nothing but contact holds is lost on the way.

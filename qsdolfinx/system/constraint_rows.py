@@ -21,6 +21,13 @@ Indices = npt.NDArray[np.int64]
 #: influence over eight decades; where pairs change 0.1 to 1 fails at times for c_n.
 C_NORMAL, C_TANGENTIAL = 1e-2, 1.0
 
+#: Compliance of closed rows in the inexact derivative, over that of the penalty: where constraints
+#: are redundant, as of a node in two contacts with one plane, their multipliers change least.
+PROXIMAL = 1e-10
+
+#: Penalty over the bodies' stiffness from which on the factors are of that, times this.
+USUAL = 100.0
+
 
 class Multipliers(typing.NamedTuple):
     """Unknowns of the constraints of one pass.
@@ -100,12 +107,20 @@ class ConstraintRows:
         self.model, self.gap, self.slip = model, gap, slip
         stiffness = model.eps * gap.relative_penalty
         exact = model.augmented
+        #: ε, and what turns gaps into stress of the stiffest body: a part of what is read as λ.
+        self._eps: Array = stiffness
+        stiffest = max((k for k in model.penalty.stiffness if k < np.inf), default=0.0)
+        self._stiffest: Array = np.maximum(stiffness, stiffest)
+        usual = min(1.0, USUAL / model.penalty.ratio) if model.penalty.ratio > 0 else 1.0
         self._compliance: Array = np.zeros_like(stiffness) if exact else 1 / stiffness
-        self._c: Array = C_NORMAL * stiffness
+        self._proximal: Array = exact * PROXIMAL / self._stiffest
+        self._c: Array = C_NORMAL * usual * stiffness
         if slip is not None:
             tangential = model.tangential_eps * gap.relative_penalty
+            self._stiffest_t: Array = np.maximum(tangential, stiffest)
             self._compliance_t: Array = np.zeros_like(tangential) if exact else 1 / tangential
-            self._ct: Array = C_TANGENTIAL * tangential
+            self._proximal_t: Array = exact * PROXIMAL / self._stiffest_t
+            self._ct: Array = C_TANGENTIAL * usual * tangential
 
     @property
     def num_rows(self) -> int:
@@ -135,24 +150,24 @@ class ConstraintRows:
 
     def first(self) -> Multipliers:
         """What is known of the nodes, ε [ḡ]₊ where nothing is, where gaps were evaluated last."""
-        gap, model = self.gap, self.model
-        if not model.augmented:
-            normal = gap.multiplier(model.eps)
-        else:
-            known, law = gap.state.augmented, gap.law
-            eps = model.eps * gap.relative_penalty
-            new = 0.0 if law.jump else law.multiplier(gap.state.values, eps)
-            normal = np.where(known == 0, new, known)
+        gap = self.gap
+        known, law = gap.state.augmented, gap.law
+        new = 0.0 if law.jump else law.multiplier(gap.state.values, self._eps)
+        normal = np.where(known == 0, new, known)
         if self.slip is None:
             return Multipliers(normal, None)
         return Multipliers(normal, self.slip.turned(self.slip.state.augmented))
 
-    def evaluate(self, at: Multipliers, first: bool = False) -> Evaluated:
+    def evaluate(
+        self, at: Multipliers, first: bool = False, opened: Flags | None = None
+    ) -> Evaluated:
         """The constraints where gap and slip were evaluated last. Collective.
 
         Args:
             at: λ and τ.
-            first: Whether what has λ > 0 counts as closed, and what is closed without τ sticks.
+            first: Whether what has λ > 0 counts as closed, and what is closed sticks, but where
+                it slipped when the step began.
+            opened: Rows that count as open; none by default.
         """
         gap = self.gap.state.values - self._compliance[:, None] * at.normal
         trial = at.normal + self._c[:, None] * gap
@@ -160,14 +175,18 @@ class ConstraintRows:
         active = np.ones(self.num_rows, dtype=bool) if jump else trial[:, 0] > 0
         if first and not jump:
             active |= (at.normal[:, 0] > 0) | (trial[:, 0] >= -self._c * self.model.paired.touching)
+        if opened is not None:
+            active &= ~opened
         rows = response = None
         if self.slip is not None:
             assert at.tangential is not None
             rows = self._told(self.slip, at, active)
             if first:
-                rows = rows._replace(unlimited=active & ~np.any(at.tangential, axis=1))
+                slipped = np.any(at.tangential, axis=1) & (self.slip.state.slipped > 0)
+                rows = rows._replace(unlimited=active & ~slipped)
             with collective_errors(self.model.comm):  # a law may be the user's
-                response = self.slip.friction.respond(rows)
+                means = not all(self.model.kinematics.in_displacement)
+                response = self.slip.respond(rows, means)
         held, means = self._means(at)
         return Evaluated(gap, trial, active, rows, response, at, held, means)
 
@@ -213,8 +232,8 @@ class ConstraintRows:
             dt,
             self.model.friction.slow(dt, self.model.paired.facet_size),
             slip.parameters,
-            np.ones(self.num_rows),
-            np.maximum(at.normal[:, 0], 0.0),
+            state.share,
+            np.where(slip.is_fresh, 0.0, state.pressed),
         )
 
     def residual(self, at: Evaluated) -> Array:
@@ -240,18 +259,37 @@ class ConstraintRows:
             return [normal]
         return [normal, self._ct[:, None] * parts.tangential]
 
+    def violation(self, at: Evaluated) -> float:
+        """Largest stress on this rank by which complementarity is violated.
+
+        That of closed gaps is ε ḡ*, which is a part of what is read as λ, or what they stand for
+        in the stiffest body.
+        """
+        weight, parts = self.gap.weight[:, None], self.complementarity(at)
+        factor = np.where(at.active, np.maximum(self._stiffest / self._c, 1.0), 1.0)
+        found = [parts[0] / weight * factor[:, None]]
+        if at.response is not None:
+            sticks = at.active & ~at.response.slipping
+            factor = np.where(sticks, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
+            found.append(parts[1] / weight * factor[:, None])
+        return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
+
     def rounding(self) -> float:
         """Stress that stands for gaps as large as coordinates: rounding is a part of it."""
         size = float(np.abs(self.gap.slave.mesh.geometry.x).max(initial=0.0))
-        return size * float(np.max(self._ct if self.slip is not None else self._c, initial=0.0))
+        factors = [self._c, self._stiffest]
+        if self.slip is not None:
+            factors += [self._ct, self._stiffest_t]
+        return size * max(float(np.max(f, initial=0.0)) for f in factors)
 
     def derivative(self, at: Evaluated, exact: bool) -> Derivative:
         """Derivative of :meth:`residual` where it was evaluated.
 
         Args:
             at: The constraints there.
-            exact: Whether that of friction is the law's own. Otherwise, for laws with a limit, the
-                direction of the trial is taken with that of τ, which does not cycle at nodes.
+            exact: Whether it is. Otherwise friction with a limit takes the direction of the trial
+                with that of τ, which does not cycle at nodes, and closed rows are a little soft, so
+                that redundant ones have one solution.
         """
         weight, width = self.gap.weight, self.width
         closed = weight * at.active
@@ -260,6 +298,8 @@ class ConstraintRows:
         own = (weight / self._c) * soft
         if self.gap.law.jump:
             own = -weight * self._compliance
+        if not exact:
+            own = own - weight * at.active * self._proximal
         own = np.repeat(own[:, None], width, axis=1)
         if at.held is not None:
             by_gap = np.where(at.held, 0.0, by_gap)
@@ -277,6 +317,8 @@ class ConstraintRows:
             part = (1 - self._ct * self._compliance_t) / self._ct
             by_tau = part[:, None, None] * (stiffness @ self.slip.projector)
         by_tau = (weight / self._ct)[:, None, None] * (by_tau - np.eye(gdim))
+        if not exact:
+            by_tau -= (weight * self._proximal_t)[:, None, None] * np.eye(gdim)
         positive = at.multipliers.normal[:, 0] > 0
         by_normal = (weight / self._ct * positive)[:, None] * at.response.coupling
         return Derivative(by_gap, own, by_slip, by_tau, by_normal)

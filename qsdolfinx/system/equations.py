@@ -25,6 +25,7 @@ from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
 
 
 class Pass(typing.NamedTuple):
@@ -122,6 +123,8 @@ class Equations:
                 self.passes.append(Pass(contact, bodies, rows, tool))
         self._starts = [tool.displacement.copy() for tool in self.tools]
         self._count()
+        #: Numbers of the bodies that no condition holds along some rigid motion.
+        self.free_bodies = system.free_bodies
         self._blocks: Blocks | None = None
         self._matrix: PETSc.Mat | None = None
         self._pattern: tuple[Indices, Indices] | None = None
@@ -232,12 +235,11 @@ class Equations:
             z: Unknowns of this rank, R(z) = 0.
         """
         for p, e in zip(self.passes, self.evaluate(z).passes, strict=True):
-            if not p.model.augmented:
-                continue
             p.gap.state.augmented = np.where(e.active[:, None], e.multipliers.normal, 0.0)
-            if p.slip is not None and e.multipliers.tangential is not None:
+            slip = p.slip if p.model.augmented else None
+            if slip is not None and e.multipliers.tangential is not None:
                 tangential = np.where(e.active[:, None], e.multipliers.tangential, 0.0)
-                p.slip.state.augmented = p.slip.tangential(tangential)
+                slip.state.augmented = slip.tangential(tangential)
         self.system.x.array[:] = self.bodies_of(z)
         self.system.residual(self.system.x.array_r)
         self._at = None
@@ -264,13 +266,17 @@ class Equations:
             part[body.free] += forces[body.free]
         return out
 
-    def evaluate(self, z: Array, first: bool = False) -> State:
+    def evaluate(
+        self, z: Array, first: bool = False, opened: typing.Sequence[Flags] | None = None
+    ) -> State:
         """Everything that residual and tangent need at z. Collective.
 
         Args:
             z: Unknowns of this rank.
             first: As for ``ConstraintRows.evaluate``.
+            opened: Rows of each pass that count as open; none by default.
         """
+        first = first or opened is not None
         if not first and self._is_at(z):
             assert self._at is not None
             return self._at
@@ -281,7 +287,10 @@ class Equations:
             vecs = system.bodies[s].x, None if m is None else system.bodies[m].x
             terms.evaluate(contact, *vecs)
         both = list(zip(self.passes, multipliers, strict=True))
-        passes = [p.rows.evaluate(values, first) for p, values in both]
+        passes = [
+            p.rows.evaluate(values, first, None if opened is None else opened[i])
+            for i, (p, values) in enumerate(both)
+        ]
         for body in system.bodies:
             body.force.zeroEntries()
         for p, values in both:
@@ -325,7 +334,7 @@ class Equations:
         for contact in {id(p.model): p.model for p in self.passes if p.tool is not None}.values():
             motion.move_tool(contact)
 
-    def _changes(self, p: Pass) -> tuple[Array, Array | None]:
+    def changes(self, p: Pass) -> tuple[Array, Array | None]:
         """∂ḡ/∂s and ∂g/∂s of the rows of a pass with a driven tool. Collective."""
         assert p.tool is not None
         driven = self.tools[p.tool].driven
@@ -343,7 +352,7 @@ class Equations:
         for p, values in zip(self.passes, multipliers, strict=True):
             if p.tool is None:
                 continue
-            gap, slip = self._changes(p)
+            gap, slip = self.changes(p)
             weight = p.gap.weight[:, None]
             out[p.tool] += np.sum(weight * values.normal * gap)
             if slip is not None and values.tangential is not None:
@@ -363,9 +372,16 @@ class Equations:
         """
         return self.tangent_of(self.evaluate(z), exact)
 
-    def tangent_of(self, at: State, exact: bool = True) -> PETSc.Mat:
-        """The same where the last evaluation was. Collective."""
-        found = [*self._bulk(), *self._curvature(at)]
+    def tangent_of(self, at: State, exact: bool = True, shift: float = 0.0) -> PETSc.Mat:
+        """The same where the last evaluation was. Collective.
+
+        Args:
+            at: That evaluation.
+            exact: As for ``ConstraintRows.derivative``.
+            shift: Part of its magnitude that is added to the diagonal of bodies that no condition
+                holds along some rigid motion.
+        """
+        found = [*self._bulk(), *self._curvature(at), *self._shift(shift)]
         for i, p in enumerate(self.passes):
             found += self._of_pass(i, p, at.passes[i], exact)
         row, column, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
@@ -412,6 +428,15 @@ class Equations:
         # Every row has an entry on the diagonal, which direct solvers want.
         all_ = Entries(diagonal, diagonal, np.zeros(self.num_local))
         return [all_, *(self._of_matrix(body.matrix(), i, i) for i, body in bodies)]
+
+    def _shift(self, part: float) -> list[Entries]:
+        if part == 0:
+            return []
+        found = []
+        for i in self.free_bodies:
+            rows = self.start + np.arange(self._ends[i], self._ends[i + 1], dtype=np.int64)
+            found.append(Entries(rows, rows, part * self.system.bodies[i].diagonal))
+        return found
 
     def _curvature(self, at: State) -> list[Entries]:
         """Σ λ ∂²G, and how the forces of τ change with τ held, of gaps that follow. Collective."""
@@ -464,7 +489,7 @@ class Equations:
             shape = rows.num_rows, rows.width
             found.append(Entries(*rows.entries_of_means(at, own.reshape(shape))))
         if p.tool is not None:
-            found += self._with_tool(p, own, weight, by.normal_by_gap, self._changes(p)[0])
+            found += self._with_tool(p, own, weight, by.normal_by_gap, self.changes(p)[0])
         if p.slip is not None:
             found += self._of_slip(p, by, own)
         return found
@@ -505,7 +530,7 @@ class Equations:
                     Entries(works.column, own[works.row, j], works.value * factor[works.row, j])
                 )
         if p.tool is not None:
-            change = self._changes(p)[1]
+            change = self.changes(p)[1]
             assert change is not None
             pushed = np.einsum("rij,rj->ri", by_slip, change)
             ones = np.ones(shape)
@@ -531,6 +556,18 @@ class Equations:
         """Count displacements of driven tools from where they are now."""
         self._starts = [tool.displacement.copy() for tool in self.tools]
         self._at = None
+
+    def measure(self) -> bool:
+        """Measure areas of gaps that follow at the last evaluation; whether there are any.
+
+        Collective. R takes them as given: the derivative leaves out how they change.
+        """
+        following = [p.gap for p in self.passes if p.gap.following is not None]
+        for gap in following:
+            gap.measure_now()
+        if following:
+            self._at = None
+        return bool(following)
 
     def forget(self) -> None:
         """Evaluate anew, since the state has been changed."""

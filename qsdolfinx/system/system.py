@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import itertools
 import typing
 
 from mpi4py import MPI
@@ -24,6 +25,9 @@ from qsdolfinx.system.matrices import Form, Matrices
 from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
+
+#: Part of a motion's amplitude in a body that is none of it.
+NOT_IN_IT = 1e-8
 
 
 def _is_driven(contact: ContactModel) -> bool:
@@ -178,6 +182,15 @@ class ContactSystem:
         for gap, kept in zip(gaps, before, strict=True):
             gap.state.measure = kept
         return False
+
+    @property
+    def free_bodies(self) -> list[int]:
+        """Numbers of the bodies that no condition holds along some rigid motion."""
+        rigid = self.made.rigid
+        ends = np.cumsum([0, *(len(modes) for modes in rigid.modes)])
+        motions = rigid.free_motions
+        free = [np.abs(motions[a:b]).max(initial=0.0) for a, b in itertools.pairwise(ends)]
+        return [i for i, size in enumerate(free) if size > NOT_IN_IT]
 
     def fits_pattern(self) -> bool:
         """Whether matrices have room for contact where the bodies are now. Collective."""

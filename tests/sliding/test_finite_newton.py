@@ -139,9 +139,9 @@ def test_ends_at_nodes(start):
         ("tetrahedron", "master-slave", 5.0, 0.06, "augmented-lagrangian"),
     ],
 )
-def test_loads_put_on_gradually(cell, formulation, mu, depth, enforcement, caplog):
-    """Where elements would turn over in the first iterations; the result is that of two steps."""
-    forces, said = [], []
+def test_one_step_or_two(cell, formulation, mu, depth, enforcement):
+    """Where elements would turn over in the first iterations with full steps."""
+    forces = []
     for steps in (1, 2):
         gdim = 2 if cell == "triangle" else 3
         n = ((6, 3), (4, 4)) if gdim == 2 else ((4, 3, 2), (2, 2, 2))
@@ -157,7 +157,4 @@ def test_loads_put_on_gradually(cell, formulation, mu, depth, enforcement, caplo
             top.value[-1] = -depth * (i + 1) / steps
             problem.solve()
         forces.append(contact.force("slave"))
-        said.append("loads are put on gradually" in caplog.text)
-        caplog.clear()
-    assert said[0] or WORLD.size > 1  # where chaos begins depends on the numbering
     assert np.linalg.norm(forces[0] - forces[1]) < 0.05 * np.linalg.norm(forces[1])

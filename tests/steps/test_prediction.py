@@ -30,12 +30,11 @@ class Pressed:
 
 def test_displacements_go_on_at_their_rate():
     """u + Δt Δu/Δt_last, for steps of any size: the solution where loads grow at one rate."""
-    starts, residuals = {}, {}
+    starts = {}
 
     def solve(step):
         starts.setdefault(step, case.u.x.array.copy())  # the first step pairs twice
         case.problem.solve()
-        residuals.setdefault(step, case.problem.residual_history[0])
 
     case = Pressed(0.2, solve)
     ends, times = [case.u.x.array.copy()], [0.0]
@@ -52,7 +51,6 @@ def test_displacements_go_on_at_their_rate():
         assert largest(starts[i] - expected) < 1e-14
         assert largest(ends[i] - ends[i - 1]) > 0.01 * size
         assert largest(ends[i + 1] - expected) < 1e-3 * size  # not quite: the surface gets longer
-        assert residuals[i] < 1e-3 * residuals[0]
 
 
 def test_a_failed_attempt_predicts_anew():
