@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.messages import say
-from qsdolfinx.contact import motion, multipliers
+from qsdolfinx.contact import multipliers
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.gap.rows import NodeRows
 from qsdolfinx.solve.first_guess import guess
@@ -46,14 +47,17 @@ class AtOnce:
 
     @property
     def fits(self) -> bool:
-        """Whether it can solve: with a direct solver and constraints at nodes."""
+        """Whether it can solve: with a direct solver and constraints at nodes.
+
+        The paper's own method, a penalty by the nodal rule, keeps the condensed blocks.
+        """
         contacts, newton = self._system.contacts, self._newton
         return bool(
             self._is_default
             and contacts
             and newton.linear.is_direct
             and not newton.linear.is_rescued
-            and not any(contact.is_scalar for contact in contacts)
+            and not any(contact.is_scalar or _is_papers(contact) for contact in contacts)
             and all(isinstance(gap.rows, NodeRows) for gap in self._system.gaps)
         )
 
@@ -74,7 +78,7 @@ class AtOnce:
         try:
             with system.watch.stage("solve"):
                 z = self._find(equations, loop)
-            equations.accept(z)
+            equations.end_at(z)
         except (NoConvergence, NoGapError) as error:
             say(system.comm, f"one Newton: {error}")
             for contact, values in zip(system.contacts, known, strict=True):
@@ -143,3 +147,8 @@ class AtOnce:
         x = equations.unknowns_of(self._start)
         none = np.zeros(len(equations.tools))
         return equations.join(x, equations.multipliers(z), none)
+
+
+def _is_papers(contact: ContactModel) -> bool:
+    sampling = contact.settings.sampling
+    return sampling.quadrature == "nodal" and not contact.augmented and not contact.follows

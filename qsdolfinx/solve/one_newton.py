@@ -18,12 +18,13 @@ from qsdolfinx.solve.onset import Onset
 from qsdolfinx.system.equations import Equations, State
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 #: Halvings of a step, and what the merit has to fall by over what a whole step promises.
 MAX_HALVINGS, FALL = 8, 1e-4
 
 #: Springs of bodies that no condition holds, over their diagonal: least and most.
-SPRINGS = 1e-9, 1e-2
+SPRINGS = 1e-11, 1e-2
 
 #: Accuracy: unbalanced forces over contact forces, gaps times c over the largest multiplier, and
 #: unbalanced force of a tool over the force that drives it.
@@ -126,12 +127,14 @@ class OneNewton:
         onset = Onset(self.equations)
         if not onset.counts:
             return None
-        try:
-            change = self._change(self.equations.evaluate(z, opened=onset.open))
-        except NoConvergence:  # the bodies are held by these rows alone
-            onset.forget()
-            return None
-        return None if onset.find(change) else change
+
+        def step(opened: list[Flags]) -> Array | None:
+            try:
+                return self._change(self.equations.evaluate(z, opened=opened))
+            except NoConvergence:
+                return None
+
+        return onset.find(step)
 
     # --- The linear system
 

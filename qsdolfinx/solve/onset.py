@@ -20,84 +20,194 @@ Flags = npt.NDArray[np.bool_]
 #: Least part of a step that is left when a row closes: slip rates are slip over that.
 LEAST_SHARE = 1e-2
 
+#: Approach of rows that close, in search radii, that is a flight: nothing else holds a body.
+WILD = 10.0
+
+#: Straight parts of a way at most, by how much more rows are closed at the end of each at least,
+#: and how many times of closing are told apart.
+MAX_PARTS, MORE, NUM_TIMES = 4, 2.0, 64
+
+
+class _Way:
+    """The way of the rows of a pass through a step, and when those close that were open.
+
+    Args:
+        p: The pass.
+        slip: Its slip, at the last evaluation.
+
+    Attributes:
+        open: Rows that were open when the step began and are not closed yet on the way so far.
+        closing: Part of the step after which they close, at most 1; 0 of others.
+    """
+
+    def __init__(self, p: Pass, slip: Slip) -> None:
+        self.p, self.slip = p, slip
+        self._gap = slip.gap_at_start(p.gap.state.values[:, 0])
+        self._jump = np.zeros_like(slip.state.jump)
+        self.open: Flags = slip.is_fresh & (self._gap < -p.model.paired.touching)
+        self._began_open = self.open.copy()
+        self.closing: Array = self.open.astype(np.float64)
+        self._until: Array = np.zeros_like(self._jump)
+
+    @property
+    def num_closed(self) -> int:
+        """Rows on this rank that were closed when the step began."""
+        return int(np.count_nonzero(self.slip.state.closed & ~self._began_open))
+
+    def go_on(self, now: float, gap: Array, jump: Array) -> None:
+        """Let the way lead straight from where it is.
+
+        Args:
+            now: Part of the step that is behind.
+            gap: At its end without rows that are open (length).
+            jump: Change of the jump in the step until then (length).
+        """
+        self._to_gap, self._to_jump = gap, jump
+        closes = self.open & (gap > np.maximum(self._gap, 0.0))
+        part = np.ones_like(gap)
+        part[closes] = -self._gap[closes] / (gap - self._gap)[closes]
+        part = np.clip(part, 0.0, 1.0)
+        self.closing = np.where(self.open, now + (1 - now) * part, self.closing)
+        reached = self._jump + part[:, None] * (jump - self._jump)
+        self._until = np.where(self.open[:, None], reached, self._until)
+
+    def approach(self) -> float:
+        """Largest approach of a row that closes on this rank (length)."""
+        closes = self.open & (self.closing < 1)
+        return float(np.max((self._to_gap - self._gap)[closes], initial=0.0))
+
+    def advance(self, now: float, to: float) -> None:
+        """Go on to a part of the step: what closes until then is closed."""
+        part = (to - now) / (1 - now)
+        self._gap = self._gap + part * (self._to_gap - self._gap)
+        self._jump = self._jump + part * (self._to_jump - self._jump)
+        self.open = self.open & (self.closing > to)
+
+    def count(self, all_: bool = True) -> None:
+        """Let slip count from where rows close on this way.
+
+        Args:
+            all_: Whether that of others counts from its end, and not from the start of the step.
+        """
+        rows = self._began_open & (all_ | (self.closing < 1))
+        share = np.where(rows, np.maximum(1 - self.closing, LEAST_SHARE), 1.0)
+        self.slip.count_from(np.where(rows[:, None], self._until, 0.0), share)
+
 
 class Onset:
     """Finds for each row that closes in a step when it does so, and how it has moved until then.
 
     Such a row has no friction before it is closed. The end of the step does not tell when that is:
-    its gap is closed, whatever the way was. So the first iteration is made with all rows open that
-    were open when the step began: it leads to a gap ḡ_free > 0 and a jump J_free, where bodies
-    would have gone without them. On a straight way, rows close after the part
+    its gap is closed, whatever the way was. So a Newton's step is made with all rows open that were
+    open when the step began: it leads to a gap ḡ_free > 0 and a jump J_free, where bodies would
+    have gone without them. On a straight way, rows close after the part
 
         s = ḡ_0 / (ḡ_0 − ḡ_free)
 
     of the step, with the jump J_0 + s (J_free − J_0), from which slip counts in all that follows.
+    Each row that closes bends the way of the others. So it is straight only until twice as many
+    rows are closed as at its beginning; from there on it leads to where bodies are with those
+    closed, and so on. Where hardly anything but rows that close holds a body, it is the way to
+    where the solve begins.
 
     Args:
         equations: The equations, at the last evaluation.
-
-    Attributes:
-        open: Rows of each pass that were open when the step began, and have friction.
     """
 
     def __init__(self, equations: Equations) -> None:
-        self._equations = equations
-        self.open = [_were_open(p) for p in equations.passes]
-        any_ = any(bool(rows.any()) for rows in self.open)
-        #: Whether there are any.
-        self.counts: bool = equations.system.comm.allreduce(any_, op=MPI.LOR)
+        self._equations, self._comm = equations, equations.system.comm
+        self._ways = [None if p.slip is None else _Way(p, p.slip) for p in equations.passes]
+        found = any(bool(way.open.any()) for way in self._with_friction)
+        #: Whether there are rows that were open.
+        self.counts: bool = self._comm.allreduce(found, op=MPI.LOR)
 
-    def find(self, change: Array) -> bool:
-        """Let slip count from where rows close; whether any does. Collective.
+    @property
+    def _with_friction(self) -> list[_Way]:
+        return [way for way in self._ways if way is not None]
+
+    def find(self, step: typing.Callable[[list[Flags]], Array | None]) -> Array | None:
+        """Let slip count from where rows close. Collective.
 
         Args:
-            change: Of this rank's unknowns, from the last evaluation to where they end without the
-                rows that were open.
+            step: Newton's step with given rows of each pass open, from the last evaluation; None
+                where they alone hold a body.
+
+        Returns:
+            The first step, if no row closes on it.
         """
-        equations, closing = self._equations, False
+        now, closed = 0.0, self._sum(way.num_closed for way in self._with_friction)
+        rows = self._sum(int(np.count_nonzero(way.open)) for way in self._with_friction)
+        more = max(MORE, (1 + rows / max(closed, 1)) ** (1 / MAX_PARTS))
+        for part in range(MAX_PARTS):
+            change = step(self._open())
+            if change is not None:
+                self._go_on(now, change)
+            if change is None or self._is_wild():
+                if part == 0:
+                    self._go_on(0.0, np.zeros(self._equations.num_local))
+                    self._count(False)
+                return None
+            to, closing, left = self._until((more - 1) * max(closed, 1))
+            self._count()
+            if left == 0:
+                return change if part == 0 and closing == 0 else None
+            for way in self._with_friction:
+                way.advance(now, to)
+            now, closed = to, closed + closing
+        return None
+
+    def _open(self) -> list[Flags]:
+        rows = zip(self._equations.passes, self._ways, strict=True)
+        return [
+            np.zeros(p.rows.num_rows, dtype=bool) if way is None else way.open for p, way in rows
+        ]
+
+    def _count(self, all_: bool = True) -> None:
+        for way in self._with_friction:
+            way.count(all_)
+
+    def _go_on(self, now: float, change: Array) -> None:
+        equations = self._equations
         displacements = equations.displacements(change)
         with _vectors(equations, change) as vecs:
-            for p, rows in zip(equations.passes, self.open, strict=True):
-                if p.slip is not None:
-                    closing |= self._count(p, p.slip, rows, vecs, displacements)
-        return bool(equations.system.comm.allreduce(closing, op=MPI.LOR))
+            for way in self._with_friction:
+                p, slip = way.p, way.slip
+                slave, master = p.bodies
+                assert slave is not None
+                u = vecs[slave], None if master is None else vecs[master]
+                gap = p.gap.state.values[:, 0] + p.gap.change_of(u)[:, 0]
+                jump = slip.state.jump - slip.state.start + slip.jump_of(u)
+                if p.tool is not None:
+                    by_gap, by_jump = equations.changes(p)
+                    gap = gap + by_gap[:, 0] * displacements[p.tool]
+                    if by_jump is not None:
+                        jump = jump + by_jump * displacements[p.tool]
+                way.go_on(now, gap, jump)
 
-    def _count(
-        self, p: Pass, slip: Slip, rows: Flags, vecs: list[PETSc.Vec], displacements: Array
-    ) -> bool:
-        """The same of one pass, on this rank."""
-        slave, master = p.bodies
-        assert slave is not None
-        u = vecs[slave], None if master is None else vecs[master]
-        gap = p.gap.state.values[:, 0]
-        before = slip.gap_at_start(gap)
-        after = gap + p.gap.change_of(u)[:, 0]
-        jump = slip.state.jump - slip.state.start + slip.jump_of(u)
-        if p.tool is not None:
-            by_gap, by_jump = self._equations.changes(p)
-            after = after + by_gap[:, 0] * displacements[p.tool]
-            if by_jump is not None:
-                jump = jump + by_jump * displacements[p.tool]
-        closes = rows & (after > 0)
-        part = np.where(rows, 1.0, 0.0)
-        part[closes] = -before[closes] / (after - before)[closes]
-        share = np.where(rows, np.maximum(1 - part, LEAST_SHARE), 1.0)
-        slip.count_from(part[:, None] * jump, share)
-        return bool(closes.any())
+    def _is_wild(self) -> bool:
+        wild = any(
+            way.approach() > WILD * way.p.model.paired.search_radius for way in self._with_friction
+        )
+        return bool(self._comm.allreduce(wild, op=MPI.LOR))
 
-    def forget(self) -> None:
-        """Count slip from the start of the step at all rows."""
-        for p in self._equations.passes:
-            if p.slip is not None:
-                p.slip.count_whole_step()
+    def _until(self, many: float) -> tuple[float, int, int]:
+        """Until when a number of rows has closed. Collective.
 
+        Returns:
+            Part of the step, how many rows close until then, and how many later in the step.
+        """
+        parts = np.concatenate([
+            way.closing[way.open & (way.closing < 1)] for way in self._with_friction
+        ])  # fmt: skip
+        first = self._comm.allreduce(float(parts.min(initial=1.0)), op=MPI.MIN)
+        times = first + (1 - first) * np.arange(1, NUM_TIMES + 1) / NUM_TIMES
+        by_then = np.array([np.count_nonzero(parts <= time) for time in times], dtype=np.int64)
+        self._comm.Allreduce(MPI.IN_PLACE, by_then, op=MPI.SUM)
+        i = min(int(np.searchsorted(by_then, many)), NUM_TIMES - 1)
+        return float(times[i]), int(by_then[i]), int(by_then[-1] - by_then[i])
 
-def _were_open(p: Pass) -> Flags:
-    """Rows of a pass that were open at the start of the step. Collective."""
-    if p.slip is None:
-        return np.zeros(p.rows.num_rows, dtype=bool)
-    before = p.slip.gap_at_start(p.gap.state.values[:, 0])
-    return np.asarray(p.slip.is_fresh & (before < -p.model.paired.touching))
+    def _sum(self, counts: typing.Iterable[int]) -> int:
+        return int(self._comm.allreduce(int(sum(counts)), op=MPI.SUM))
 
 
 @contextlib.contextmanager

@@ -337,6 +337,7 @@ class ContactProblem:
         if self._equations is not None:
             self._equations.destroy()
         self._equations = Equations(self.system)
+        self._equations.one_step = self.one_step
         return self._equations
 
     def residual(self, z: Array) -> Array:
@@ -345,7 +346,7 @@ class ContactProblem:
         Args:
             z: This rank's part of the unknowns.
         """
-        return self._equations_for(z).residual(z)
+        return self._current_equations().residual(z)
 
     def tangent(self, z: Array) -> PETSc.Mat:
         """Its derivative, an AIJ matrix that stays the problem's. Collective.
@@ -353,17 +354,13 @@ class ContactProblem:
         Args:
             z: As for :meth:`residual`.
         """
-        return self._equations_for(z).tangent(z)
+        return self._current_equations().tangent(z)
 
-    def _equations_for(self, z: Array) -> Equations:
+    def _current_equations(self) -> Equations:
         """The last equations, or new ones where contact has paired since. Collective."""
-        equations = self._equations
-        if equations is None or not equations.is_current:
-            equations = self.equations()
-        with checked(self.comm):
-            shape = (equations.num_local,)
-            require(np.shape(z) == shape, f"z: must be of shape {shape}, this rank's unknowns")
-        return equations
+        if self._equations is None or not self._equations.is_current:
+            return self.equations()
+        return self._equations
 
     # --- Solving
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import typing
 
 from mpi4py import MPI
@@ -12,6 +13,8 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import require
+from qsdolfinx.base.collective import checked
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import motion, terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
@@ -26,6 +29,9 @@ from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
+
+#: Residual over contact forces from which on unknowns are no solution.
+UNBALANCED = 1e-3
 
 
 class Pass(typing.NamedTuple):
@@ -96,6 +102,11 @@ class Equations:
     start of the step alone. A rank has the rows of its owned unknowns, then those of its
     multipliers, then, the first one, those of tools.
 
+    While u misses values of conditions, R_u of a body whose form is not linear also has K(u) (g − u),
+    g being these values; the derivative takes K there as given. It is exact where conditions are met,
+    as they are after one full step. R counts slip from the start of the step; ``problem.solve()``
+    counts that of rows that close in the step from where they do, see ``solve/onset.py``.
+
     The system must have been set up: penalties are known, and tools where they start.
 
     Args:
@@ -108,6 +119,7 @@ class Equations:
         num_local: Unknowns of this rank.
         start: Number of the first of them.
         size: Unknowns of all ranks.
+        one_step: Within which :meth:`accept` ends a step of friction's history: the problem's.
     """
 
     def __init__(self, system: ContactSystem) -> None:
@@ -122,6 +134,9 @@ class Equations:
                 rows = ConstraintRows(contact, gap, slip)
                 self.passes.append(Pass(contact, bodies, rows, tool))
         self._starts = [tool.displacement.copy() for tool in self.tools]
+        self.one_step: typing.Callable[[], contextlib.AbstractContextManager[None]] = (
+            contextlib.nullcontext
+        )
         self._count()
         #: Numbers of the bodies that no condition holds along some rigid motion.
         self.free_bodies = system.free_bodies
@@ -229,11 +244,36 @@ class Equations:
         return np.concatenate(parts)
 
     def accept(self, z: Array) -> None:
-        """Let bodies, contacts and tools be at a solution. Collective.
+        """Let bodies, contacts and tools be at a solution: a step's end, see ``one_step``.
+
+        Collective.
 
         Args:
             z: Unknowns of this rank, R(z) = 0.
+
+        Raises:
+            ValueError, RuntimeError: As :meth:`residual`.
+
+        Warns:
+            ContactWarning: If forces are not balanced there.
         """
+        z = self._checked(z)
+        self._at = None
+        at = self.evaluate(z)
+        sums = np.array([float(np.sum(f**2)) for f in (self.forces_of(at), at.contact)])
+        self.system.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        residual, forces = np.sqrt(sums)
+        if residual > UNBALANCED * forces > 0:
+            warn(
+                f"z: no solution: |R_u| is {residual / forces:.2g} of the contact forces; iterate "
+                "further before equations.accept(z)",
+                ContactWarning,
+            )
+        with self.one_step():
+            self.end_at(z)
+
+    def end_at(self, z: Array) -> None:
+        """Let bodies, contacts and tools be at z, which is known to be a solution. Collective."""
         for p, e in zip(self.passes, self.evaluate(z).passes, strict=True):
             p.gap.state.augmented = np.where(e.active[:, None], e.multipliers.normal, 0.0)
             slip = p.slip if p.model.augmented else None
@@ -247,8 +287,32 @@ class Equations:
     # --- Residual
 
     def residual(self, z: Array) -> Array:
-        """R at this rank's unknowns z. Collective."""
+        """R at this rank's unknowns z, with loads and conditions as they are now. Collective.
+
+        Raises:
+            ValueError: If z is not of this rank's unknowns, or not finite.
+            RuntimeError: If contact has paired since: ``problem.equations()`` gives new ones.
+        """
+        z = self._checked(z)
+        self._at = None
+        for body in self.system.bodies:
+            body.begin_solve()
         return self.residual_of(self.evaluate(z))
+
+    def _checked(self, z: typing.Any) -> Array:
+        """Unknowns of the caller's. Collective."""
+        with checked(self.system.comm):
+            if not self.is_current:
+                raise RuntimeError(
+                    "contacts have paired since these equations were made: ask for new ones, by "
+                    "problem.equations()"
+                )
+            values = np.asarray(z)
+            shape = (self.num_local,)
+            require(values.shape == shape, f"z: must be of shape {shape}, this rank's unknowns")
+            require(np.isrealobj(values), "z: must be real")
+            require(bool(np.isfinite(values).all()), "z: must be finite")
+        return np.array(values, dtype=np.float64)
 
     def residual_of(self, at: State) -> Array:
         """R where it was evaluated."""
@@ -369,8 +433,11 @@ class Equations:
         Args:
             z: Unknowns of this rank.
             exact: As for ``ConstraintRows.derivative``.
+
+        Raises:
+            ValueError, RuntimeError: As :meth:`residual`.
         """
-        return self.tangent_of(self.evaluate(z), exact)
+        return self.tangent_of(self.evaluate(self._checked(z)), exact)
 
     def tangent_of(self, at: State, exact: bool = True, shift: float = 0.0) -> PETSc.Mat:
         """The same where the last evaluation was. Collective.

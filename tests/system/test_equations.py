@@ -1,9 +1,23 @@
 """R(z) of bodies, multipliers and tools as one system: its derivative, and that it is pure."""
 
+from petsc4py import PETSc
+
 import numpy as np
 import pytest
 from friction.test_friction import LAWS, quadratic_space
-from scenes import WORLD, Pair, clamp, largest, plane, raises_everywhere, vector_space
+from scenes import (
+    WORLD,
+    Pair,
+    clamp,
+    drag_top,
+    largest,
+    plane,
+    raises_everywhere,
+    vector_space,
+)
+
+import ufl
+from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.system.equations import Equations
@@ -134,3 +148,74 @@ def test_unknowns_of_another_pairing():
     pair.contact.update()
     np.testing.assert_allclose(problem.residual(z), before, atol=1e-12 * largest(before))
     raises_everywhere(WORLD, ValueError, "z: must be of shape", lambda: problem.tangent(z[:-1]))
+
+
+def test_what_the_caller_gives():
+    """Refused on all ranks: other shapes on one of them, what is not finite, and what is of before."""
+    pair = Pair("triangle", contact_options=EXACT, wave=0.02)
+    problem = pair.problem(solver="direct")
+    problem.solve()
+    equations = problem.equations()
+    z, force = equations.first(), pair.contact.force("slave")
+    wrong = z[:-1] if WORLD.rank == WORLD.size - 1 else z
+    for call in (equations.residual, equations.tangent, equations.accept):
+        raises_everywhere(WORLD, ValueError, "z: must be of shape", lambda c=call: c(wrong))
+        raises_everywhere(WORLD, ValueError, "z: must be finite", lambda c=call: c(np.inf * (z + 1)))
+    with pytest.warns(qs.ContactWarning, match="z: no solution"):
+        equations.accept(2 * z)
+    equations.accept(z)
+    np.testing.assert_allclose(pair.contact.force("slave"), force, rtol=1e-8, atol=1e-12)
+    pair.contact.update()
+    raises_everywhere(WORLD, RuntimeError, "have paired since", lambda: equations.residual(z))
+
+
+def test_loads_of_now():
+    """R is that of the present loads, also where it was evaluated before."""
+    pair = Pair("triangle", contact_options=EXACT, wave=0.02)
+    load = fem.Constant(pair.meshes[1], 1.0)
+    pair.F[1] += load * ufl.TestFunction(pair.V[1])[0] * ufl.dx
+    problem = pair.problem()
+    z = problem.equations().first()
+    before = problem.residual(z)
+    load.value = 2.0
+    after, there = problem.residual(z), problem.residual(z + 1e-13)
+    assert largest(after - before) > 1e-3 and largest(after - there) < 1e-9
+
+
+def test_accepting_is_a_step():
+    """Friction's history goes on as by problem.solve(), without a word of one_step()."""
+    energies = []
+    for own in (True, False):
+        pair = Pair("triangle", contact_options=EXACT | {"friction": qs.Coulomb(0.2)}, load=-0.05)
+        problem = pair.problem(solver="direct")
+        for shift in (0.0, 0.05, 0.1):
+            drag_top(pair, shift, -0.05)
+            if own:
+                twin = problem.equations()
+                z = _newton(twin)
+                twin.accept(z)
+            else:
+                problem.solve()
+        energies.append(pair.contact.dissipated_energy())
+        problem.destroy()
+    assert energies[1] > 0
+    np.testing.assert_allclose(energies[0], energies[1], rtol=1e-6)
+
+
+def _newton(equations):
+    """A solution, by full steps."""
+    z = equations.first()
+    ksp = PETSc.KSP().create(WORLD)
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("mumps")
+    for _ in range(30):
+        R = equations.residual(z)
+        if WORLD.allreduce(R @ R) < 1e-26:
+            break
+        ksp.setOperators(equations.tangent(z, exact=False))
+        b, x = ksp.getOperators()[0].createVecs()
+        b.array[:] = -R
+        ksp.solve(b, x)
+        z = z + x.array
+    return z
