@@ -24,7 +24,6 @@ import numpy as np
 import qsdolfinx as qs
 from qsdolfinx.solve.at_once import AtOnce
 
-
 DEMOS = pathlib.Path(__file__).resolve().parents[1] / "demos"
 SCENES = {
     "block": ("block_on_block.py",),

@@ -31,8 +31,8 @@ from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
-from qsdolfinx.solve.at_once import AtOnce
 from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
+from qsdolfinx.solve.at_once import AtOnce
 from qsdolfinx.solve.augmented import AugmentedLagrangian
 from qsdolfinx.solve.before import Before
 from qsdolfinx.solve.chord_pressure import check_chords

@@ -113,13 +113,13 @@ class ConstraintRows:
         self._stiffest: Array = np.maximum(stiffness, stiffest)
         usual = min(1.0, USUAL / model.penalty.ratio) if model.penalty.ratio > 0 else 1.0
         self._compliance: Array = np.zeros_like(stiffness) if exact else 1 / stiffness
-        self._proximal: Array = exact * PROXIMAL / self._stiffest
+        self._proximal: Array = np.asarray(exact * PROXIMAL / self._stiffest)
         self._c: Array = C_NORMAL * usual * stiffness
         if slip is not None:
             tangential = model.tangential_eps * gap.relative_penalty
             self._stiffest_t: Array = np.maximum(tangential, stiffest)
             self._compliance_t: Array = np.zeros_like(tangential) if exact else 1 / tangential
-            self._proximal_t: Array = exact * PROXIMAL / self._stiffest_t
+            self._proximal_t: Array = np.asarray(exact * PROXIMAL / self._stiffest_t)
             self._ct: Array = C_TANGENTIAL * usual * tangential
 
     @property
@@ -185,8 +185,8 @@ class ConstraintRows:
                 slipped = np.any(at.tangential, axis=1) & (self.slip.state.slipped > 0)
                 rows = rows._replace(unlimited=active & ~slipped)
             with collective_errors(self.model.comm):  # a law may be the user's
-                means = not all(self.model.kinematics.in_displacement)
-                response = self.slip.respond(rows, means)
+                flows = not all(self.model.kinematics.in_displacement)
+                response = self.slip.respond(rows, flows)
         held, means = self._means(at)
         return Evaluated(gap, trial, active, rows, response, at, held, means)
 

@@ -102,10 +102,11 @@ class Equations:
     start of the step alone. A rank has the rows of its owned unknowns, then those of its
     multipliers, then, the first one, those of tools.
 
-    While u misses values of conditions, R_u of a body whose form is not linear also has K(u) (g − u),
-    g being these values; the derivative takes K there as given. It is exact where conditions are met,
-    as they are after one full step. R counts slip from the start of the step; ``problem.solve()``
-    counts that of rows that close in the step from where they do, see ``solve/onset.py``.
+    While u misses values of conditions, R_u of a body whose form is not linear also has
+    K(u) (g − u), g being these values; the derivative takes K there as given. It is exact where
+    conditions are met, as they are after one full step. R counts slip from the start of the step;
+    ``problem.solve()`` counts that of rows that close in the step from where they do, see
+    ``solve/onset.py``.
 
     The system must have been set up: penalties are known, and tools where they start.
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import operator
 import itertools
+import operator
 import typing
 
 from mpi4py import MPI

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from following import Boxes, total
-from scenes import WORLD, largest
+from scenes import largest
 
 import qsdolfinx as qs
 

@@ -126,7 +126,7 @@ def test_gap_is_closed_at_any_penalty(cell, law):
 @pytest.mark.parametrize("law", (qs.Unilateral, qs.Tied))
 @pytest.mark.parametrize("n", ((2, 6), (5, 4)))
 def test_any_penalty_will_do(n, law, monkeypatch):
-    """However soft: where multipliers are updated it is raised where many updates would be needed, and comes back by a reset."""
+    """However soft: it is raised where many updates would be needed, and comes back by a reset."""
     monkeypatch.setattr(AtOnce, "fits", False)
     given = {"wave": 0.03, "n": n}
     forces = []

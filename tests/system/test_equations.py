@@ -151,7 +151,7 @@ def test_unknowns_of_another_pairing():
 
 
 def test_what_the_caller_gives():
-    """Refused on all ranks: other shapes on one of them, what is not finite, and what is of before."""
+    """Refused on all ranks: another shape on one of them, what is not finite, what is of before."""
     pair = Pair("triangle", contact_options=EXACT, wave=0.02)
     problem = pair.problem(solver="direct")
     problem.solve()
@@ -160,7 +160,9 @@ def test_what_the_caller_gives():
     wrong = z[:-1] if WORLD.rank == WORLD.size - 1 else z
     for call in (equations.residual, equations.tangent, equations.accept):
         raises_everywhere(WORLD, ValueError, "z: must be of shape", lambda c=call: c(wrong))
-        raises_everywhere(WORLD, ValueError, "z: must be finite", lambda c=call: c(np.inf * (z + 1)))
+        raises_everywhere(
+            WORLD, ValueError, "z: must be finite", lambda c=call: c(np.inf * (z + 1))
+        )
     with pytest.warns(qs.ContactWarning, match="z: no solution"):
         equations.accept(2 * z)
     equations.accept(z)
