@@ -547,7 +547,7 @@ class WeightedGap:
         return self.state.values + self._augmented_at_rows() / eps[:, None]
 
     def _augmented_at_rows(self) -> Array:
-        """λ̂ at the rows, 0 with a penalty alone; found anew when it has been replaced. Collective."""
+        """λ̂ at the rows, found anew when it is replaced; 0 with a penalty alone. Collective."""
         if not self._is_augmented:
             return np.zeros_like(self.state.values)
         augmented = self.state.augmented
