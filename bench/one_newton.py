@@ -117,9 +117,9 @@ def run(arguments, at_once):
 def line(name, who, counted, end, seconds):
     """A line of the table."""
     steps = counted.steps or [0]
-    found = f"{np.median(steps):.0f} | {np.percentile(steps, 90):.0f} | {max(steps)}"
+    found = f"{np.median(steps):.0f} | {np.percentile(steps, 90):.0f} | {max(steps)} | {sum(steps)}"
     return (
-        f"| {name} | {who} | {len(steps)} | {found} | {sum(steps)} | {counted.cutbacks} | {counted.given_up} "
+        f"| {name} | {who} | {len(steps)} | {found} | {counted.cutbacks} | {counted.given_up} "
         f"| {seconds:.1f} | {end or 'ended'} |"
     )
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import typing
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.messages import say
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
@@ -44,6 +44,8 @@ class AtOnce:
             name == "snes_type" or name.startswith(("ksp_", "pc_", "mat_")) for name in chosen
         )
         self._start: list[Array] | None = None
+        #: Why the last solve has failed, one of PETSc's reasons.
+        self.reason = int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
 
     @property
     def fits(self) -> bool:
@@ -80,7 +82,9 @@ class AtOnce:
                 z = self._find(equations, loop)
             equations.end_at(z)
         except (NoConvergence, NoGapError) as error:
-            say(system.comm, f"one Newton: {error}")
+            reasons = PETSc.SNES.ConvergedReason
+            late = not isinstance(error, NoConvergence) or error.is_late
+            self.reason = int(reasons.DIVERGED_MAX_IT if late else reasons.DIVERGED_LINEAR_SOLVE)
             for contact, values in zip(system.contacts, known, strict=True):
                 multipliers.set_known(contact, values)
             for gap, measure in zip(system.gaps, measures, strict=True):

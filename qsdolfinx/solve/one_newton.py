@@ -35,7 +35,15 @@ ROUNDING = 50 * np.finfo(np.float64).eps
 
 
 class NoConvergence(RuntimeError):
-    """The iteration has not converged; the text says where it stood."""
+    """The iteration has not converged; the text says where it stood.
+
+    Attributes:
+        is_late: Whether it has come to its limit, and no linear solve has failed.
+    """
+
+    def __init__(self, text: str, is_late: bool = True) -> None:
+        super().__init__(text)
+        self.is_late = is_late
 
 
 class Iterate(typing.NamedTuple):
@@ -180,7 +188,7 @@ class OneNewton:
         b.destroy()
         if not self._all(bool(np.isfinite(out).all())):
             info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
-            raise NoConvergence(f"the linear system is singular (MUMPS: INFOG(1) = {info})")
+            raise NoConvergence(f"singular (MUMPS: INFOG(1) = {info})", False)
         return out
 
     # --- The line search

@@ -130,6 +130,8 @@ class ContactProblem:
             ranks.
         system: Residual and tangent of the problem.
         newton: Newton's method for the system.
+        hands_over: Whether solves that Newton's method on all unknowns gives up go on with updates
+            of multipliers; else they fail. Not in a TimeStepper that can take a smaller step.
     """
 
     def __init__(
@@ -174,6 +176,7 @@ class ContactProblem:
         self._had_contacts = False
         self._steps_within = 0
         self._watches_reach = True
+        self.hands_over = True
         bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
         prefix = f"qsdolfinx_{next(_counter)}_" if petsc_options_prefix is None else ""
         prefix = petsc_options_prefix or prefix
@@ -562,6 +565,8 @@ class ContactProblem:
         if self._is_at_once and not is_a_body_lost(self.system, start):
             self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
             return True
+        if not (self._is_at_once or self.hands_over):
+            self.newton.fail(self._at_once.reason)
         self._is_at_once = False
         balance.restore()
         self._begin_slips()

@@ -498,12 +498,16 @@ class Equations:
         return [all_, *(self._of_matrix(body.matrix(), i, i) for i, body in bodies)]
 
     def _shift(self, part: float) -> list[Entries]:
-        if part == 0:
+        """Springs of bodies that no condition holds, no stiffer than the softest body. Collective."""
+        if part == 0 or not self.free_bodies:
             return []
-        found = []
+        bodies, found = self.system.bodies, []
+        sums = np.array([[np.sum(b.diagonal[b.free]), np.sum(b.diagonal[b.free] > 0)] for b in bodies])
+        self.system.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        softest = np.min(sums[:, 0] / np.maximum(sums[:, 1], 1.0))
         for i in self.free_bodies:
             rows = self.start + np.arange(self._ends[i], self._ends[i + 1], dtype=np.int64)
-            found.append(Entries(rows, rows, part * self.system.bodies[i].diagonal))
+            found.append(Entries(rows, rows, part * np.minimum(bodies[i].diagonal, softest)))
         return found
 
     def _curvature(self, at: State) -> list[Entries]:

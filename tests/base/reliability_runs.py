@@ -81,7 +81,7 @@ def interrupted(folder):
     case = Upset(die=True, n=4)
     case.stepper.step()
     state, forces = case.state(), case.forces()
-    evaluate, count = case.problem.system.residual, []
+    evaluate, count = case.problem.bodies[0].residual, []
 
     def interrupt(x):
         count.append(1)
@@ -89,7 +89,7 @@ def interrupted(folder):
             os.kill(os.getpid(), signal.SIGINT)
         return evaluate(x)
 
-    case.problem.system.residual = interrupt
+    case.problem.bodies[0].residual = interrupt
     try:
         case.stepper.step()
     except KeyboardInterrupt:

@@ -92,7 +92,7 @@ def test_patch(cell, n, part):
     multipliers = scene.multipliers()
     at = multipliers != 0
     if part < 0.4:  # else there may be more of them than nodes of the block
-        np.testing.assert_allclose(multipliers[at], DEPTH, rtol=1e-6)
+        np.testing.assert_allclose(multipliers[at], DEPTH, rtol=5e-3)
     scene.problem.destroy()
 
 
