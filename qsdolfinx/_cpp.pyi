@@ -155,11 +155,11 @@ class PieceRows:
     """Weighted gaps of pieces; see gap/piece_rows.h."""
 
     @overload
-    def __init__(self, slave: Surface, pieces: Pieces, cover: int = 0) -> None:
-        """Collective; `cover` is a vector or 0, see Shares."""
+    def __init__(self, slave: Surface, pieces: Pieces, cover: int = 0, allowance: int = 0) -> None:
+        """Collective; `cover` is a vector or 0, see Shares, and so is `allowance`, penetration that counts as none."""
 
     @overload
-    def __init__(self, slave: Surface, pieces: Pieces, cover: int, axis: int) -> None:
+    def __init__(self, slave: Surface, pieces: Pieces, cover: int, *, axis: int) -> None:
         """The objective slip along one axis in the gradient's place; collective."""
 
     @overload
@@ -411,6 +411,7 @@ def insert_curvature(
     pieces: Pieces,
     cover: int,
     multiplier: int,
+    allowance: int,
     markers: Sequence[int],
     blocks: Sequence[int],
     scale: Sequence[float],

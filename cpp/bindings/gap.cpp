@@ -25,14 +25,20 @@ void qsdolfinx::bind_gap(nb::module_& m)
 {
   nb::class_<PieceRows>(m, "PieceRows", "Weighted gaps of pieces; see gap/piece_rows.h.")
       .def(
-          "__init__", [](PieceRows* self, const Surface& slave, Pieces& pieces, Handle cover)
-          { new (self) PieceRows(slave, pieces, reinterpret_cast<Vec>(cover)); }, "slave"_a,
-          "pieces"_a, "cover"_a = 0, "Collective; `cover` is a vector or 0, see Shares.")
+          "__init__",
+          [](PieceRows* self, const Surface& slave, Pieces& pieces, Handle cover, Handle allowance)
+          {
+            new (self) PieceRows(slave, pieces, reinterpret_cast<Vec>(cover),
+                                 reinterpret_cast<Vec>(allowance));
+          },
+          "slave"_a, "pieces"_a, "cover"_a = 0, "allowance"_a = 0,
+          "Collective; `cover` is a vector or 0, see Shares, and so is `allowance`, penetration "
+          "that counts as none.")
       .def(
           "__init__",
           [](PieceRows* self, const Surface& slave, const Pieces& pieces, Handle cover, int axis)
           { new (self) PieceRows(slave, pieces, reinterpret_cast<Vec>(cover), axis); }, "slave"_a,
-          "pieces"_a, "cover"_a, "axis"_a,
+          "pieces"_a, "cover"_a, nb::kw_only(), "axis"_a,
           "The objective slip along one axis in the gradient's place; collective.")
       .def(
           "__init__",

@@ -135,7 +135,8 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         if (multipliers.view().size() != nk)
           throw nb::value_error("one multiplier for each vertex of the slave's facet");
         std::vector<double> hessian(9 * nodes * nodes);
-        add_curvature(pair, points.points, multipliers.view(), hessian);
+        const std::vector<double> none(nk);
+        add_curvature(pair, points.points, {multipliers.view(), none}, hessian);
         return copy(std::move(hessian), {3 * nodes, 3 * nodes});
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "multipliers"_a,

@@ -63,14 +63,17 @@ void qsdolfinx::bind_tangent(nb::module_& m)
   m.def(
       "insert_curvature",
       [](const Surface* master, const Pieces& pieces, Handle cover, Handle multiplier,
-         std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
+         Handle allowance, std::array<Handle, 2> markers, std::array<Handle, 4> blocks,
+         std::array<double, 2> scale)
       {
         return insert_curvature(
             master, pieces, reinterpret_cast<Vec>(cover), reinterpret_cast<Vec>(multiplier),
+            reinterpret_cast<Vec>(allowance),
             {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
             contact_blocks(blocks), scale);
       },
-      "master"_a.none(), "pieces"_a, "cover"_a, "multiplier"_a, "markers"_a, "blocks"_a, "scale"_a,
+      "master"_a.none(), "pieces"_a, "cover"_a, "multiplier"_a, "allowance"_a, "markers"_a,
+      "blocks"_a, "scale"_a,
       "Add the sum of multipliers times second derivatives of gaps to the blocks (ss, sm, ms, mm); "
       "whether that is symmetric but for the scale. Collective.");
   m.def(

@@ -12,27 +12,37 @@ namespace
 /// Sums over the points of a piece, for all multipliers.
 struct PieceSums
 {
-  std::vector<double> cover, gap, jump, gradient, mass;
+  std::vector<double> cover, gap, jump, gradient, mass, cover_gradient;
 
   PieceSums(std::size_t multipliers, std::size_t columns)
       : cover(multipliers), gap(multipliers), jump(multipliers * 3),
-        gradient(multipliers * columns * 3), mass(multipliers * columns)
+        gradient(multipliers * columns * 3), mass(multipliers * columns),
+        cover_gradient(multipliers * columns * 3)
   {
   }
 
   /// Whether all rays meet the other facet.
   bool compute(const Pieces& pieces, std::size_t piece, std::span<RayPoint> points)
   {
-    for (auto* values : {&cover, &gap, &jump, &gradient, &mass})
+    for (auto* values : {&cover, &gap, &jump, &gradient, &mass, &cover_gradient})
       std::ranges::fill(*values, 0.0);
     const RayPair pair = pair_of(pieces, piece);
     if (!solve_rays(pair, points))
       return false;
-    add_gap(pair, points, {cover, gap, jump, gradient});
+    add_gap(pair, points, {cover, gap, jump, gradient, cover_gradient});
     for (const RayPoint& point : points)
       pair.cut_is_slave ? add_mass(pair.cut, pair.other, point.xi, point.zeta, point.weight)
                         : add_mass(pair.other, pair.cut, point.zeta, point.xi, point.weight);
     return true;
+  }
+
+  /// Let penetration that counts as none be no part of the gap whose gradient it is.
+  /// @param allowance a_k, [k]
+  void allow(std::span<const double> allowance)
+  {
+    const std::size_t width = gradient.size() / cover.size();
+    for (std::size_t i = 0; i < gradient.size(); ++i)
+      gradient[i] -= allowance[i / width] * cover_gradient[i];
   }
 
 private:
@@ -91,10 +101,15 @@ struct Records
   std::vector<std::int64_t> integers;
 
   /// @param sums of the piece; what hardly covered nodes have is shared out
-  void append(const Pieces& pieces, std::size_t piece, const Shares& shares, PieceSums& sums)
+  /// @param allowance of all pieces, [piece][k], or empty
+  void append(const Pieces& pieces, std::size_t piece, const Shares& shares, PieceSums& sums,
+              std::span<const double> allowance)
   {
-    for (auto* values : {&sums.cover, &sums.gap, &sums.jump, &sums.gradient, &sums.mass})
+    for (auto* values :
+         {&sums.cover, &sums.gap, &sums.jump, &sums.gradient, &sums.mass, &sums.cover_gradient})
       shares.share_out(piece, *values);
+    if (!allowance.empty())
+      sums.allow(allowance.subspan(piece * sums.cover.size(), sums.cover.size()));
     const auto d = static_cast<std::size_t>(pieces.gdim),
                num_slave = static_cast<std::size_t>(pieces.slave.num_nodes),
                num_master = static_cast<std::size_t>(pieces.master.num_nodes);
@@ -111,18 +126,20 @@ struct Records
 };
 } // namespace
 
-PieceRows::PieceRows(const Surface& slave, Pieces& pieces, Vec covered)
+PieceRows::PieceRows(const Surface& slave, Pieces& pieces, Vec covered, Vec allowance)
     : gdim(pieces.gdim), num_slave(pieces.slave.num_nodes), num_master(pieces.master.num_nodes)
 {
   const auto nk = static_cast<std::size_t>(pieces.num_multipliers),
              columns = static_cast<std::size_t>(num_columns());
   PieceSums sums(nk, columns);
   const Shares shares(pieces, covered);
+  const std::vector<double> allowed
+      = allowance ? values_at(allowance, first_dofs(pieces)) : std::vector<double>{};
   Records records;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     if (sums.compute(pieces, i, pieces.points_of(i)) && solve_rim(pieces, i))
-      records.append(pieces, i, shares, sums);
+      records.append(pieces, i, shares, sums, allowed);
     else
       ++num_missed;
   }
@@ -141,7 +158,7 @@ PieceRows::PieceRows(const Surface& slave, const Pieces& pieces, Vec covered, in
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     compute_slip(pieces, i, axis, slip, sums);
-    records.append(pieces, i, shares, sums);
+    records.append(pieces, i, shares, sums, {});
   }
   append_received(slave, records.dest, records.doubles, records.integers);
 }

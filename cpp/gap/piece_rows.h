@@ -15,8 +15,9 @@ namespace qsdolfinx
 struct PieceRows
 {
   /// Solves for where the rays of all points meet the other facets; these places are updated.
-  /// Collective. @param cover see Shares
-  PieceRows(const Surface& slave, Pieces& pieces, Vec cover);
+  /// Collective. @param cover see Shares @param allowance a_k at the first unknown of each node, a
+  /// vector of the slave's body: penetration that counts as none; null for none
+  PieceRows(const Surface& slave, Pieces& pieces, Vec cover, Vec allowance);
 
   /// The objective slip of each multiplier along one axis, see add_slip: its variation takes the
   /// gradient's place, the other sums are none. Collective. @param pieces as the above left them
@@ -37,7 +38,7 @@ struct PieceRows
   std::vector<double> cover;       ///< Σ_p w_p N_k, [row]
   std::vector<double> gap;         ///< G_k, positive in penetration, [row]
   std::vector<double> jump;        ///< Σ_p w_p N_k (x_slave − x_master), [row][3]
-  std::vector<double> gradient;    ///< of G_k, [row][column][3]
+  std::vector<double> gradient;    ///< of G_k − a_k Σ_p w_p N_k, [row][column][3]
   std::vector<double> mass;        ///< Σ_p w_p N_k T_j, negative for the master, [row][column]
   std::vector<std::int64_t> dofs;  ///< [row][column][gdim]
 

@@ -28,6 +28,10 @@ inline Vec3 cross(const Vec3& a, const Vec3& b)
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
+/// A line meets a facet that it misses by less than this part of the facet's size: through the seam
+/// of two facets it meets one of them in spite of rounding.
+inline constexpr double seam_tolerance = 1e-9;
+
 /// Facet shapes. The number of vertices identifies the shape: 2, 3, 4.
 enum class FacetType : int
 {

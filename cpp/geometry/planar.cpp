@@ -11,6 +11,27 @@ constexpr int inverse_max_iterations = 30;
 constexpr double outside_tolerance = 1e-12; // part of a side's length
 constexpr double fold_tolerance = 1e-6;     // smallest Jacobian over the largest
 
+/// Square of a polygon's longest side.
+double squared_size(const Polygon& p)
+{
+  double out = 0;
+  for (std::size_t i = 0; i < p.size(); ++i)
+  {
+    const Vec2 t = p[i + 1 < p.size() ? i + 1 : 0] - p[i];
+    out = std::max(out, t[0] * t[0] + t[1] * t[1]);
+  }
+  return out;
+}
+
+/// Whether a point is beyond the side of a polygon from a to b by more than rounding.
+bool is_beyond(const Polygon& p, const Vec2& a, const Vec2& b, const Vec2& q)
+{
+  const Vec2 t = b - a;
+  const double c = cross(t, q - a);
+  return c < 0
+         && c * c > seam_tolerance * seam_tolerance * squared_size(p) * (t[0] * t[0] + t[1] * t[1]);
+}
+
 bool is_interval(const Polygon& p) { return p.size() == 2; }
 
 /// Keep the part of `in` to the left of the line from a to b.
@@ -68,9 +89,12 @@ void qsdolfinx::intersect(const Polygon& a, const Polygon& b, Polygon& out)
 bool qsdolfinx::contains(const Polygon& p, const Vec2& q)
 {
   if (is_interval(p))
-    return p[0][0] <= q[0] && q[0] <= p[1][0];
+  {
+    const double tolerance = seam_tolerance * (p[1][0] - p[0][0]);
+    return p[0][0] - tolerance <= q[0] && q[0] <= p[1][0] + tolerance;
+  }
   for (std::size_t i = 0; i < p.size(); ++i)
-    if (cross(p[(i + 1) % p.size()] - p[i], q - p[i]) < 0)
+    if (is_beyond(p, p[i], p[i + 1 < p.size() ? i + 1 : 0], q))
       return false;
   return true;
 }

@@ -57,7 +57,8 @@ double measure(const Polygon& polygon);
 /// Intersection of two convex polygons (Sutherland & Hodgman) or intervals; empty if there is none.
 void intersect(const Polygon& a, const Polygon& b, Polygon& out);
 
-/// Whether a convex polygon or interval contains a point.
+/// Whether a convex polygon or interval contains a point. One beyond a side by rounding counts, so
+/// that a point on the seam of two polygons is in one of them.
 bool contains(const Polygon& polygon, const Vec2& q);
 
 /// Whether one side of a polygon has all the points outside, but for rounding: then their hull and

@@ -221,6 +221,10 @@ struct Piece
   bool faces; ///< whether it is paired, see facing_cosine; otherwise it only hides others
 };
 
+/// A facet whose normal is this near to be across a line of sight, by the cosine, is seen edge-on:
+/// the line does not meet it but in rounding, and meets its neighbours.
+constexpr double edge_on_cosine = 1e-6;
+
 /// A facet that a line of sight may meet.
 struct Screen
 {
@@ -402,6 +406,8 @@ private:
     for (std::size_t g : candidates_)
     {
       const Vec3 outward = nearby_.outward(g);
+      if (is_edge_on(outward))
+        continue;
       const bool opposed = dot(outward, outward_) < 0;
       if (of_itself_ && !opposed && same(nearby_.facet_x(g), cut_.facet_x(f)))
         continue; // not the other side of a closed slit, which is at the same place
@@ -458,13 +464,22 @@ private:
     own_tree_.near(box_of_lines(f, frame), 0, candidates_);
     for (std::size_t g : candidates_)
     {
-      if (apart(planar.polygon(), own_.facet_x(g), frame) || same(own_.facet_x(g), cut_.facet_x(f)))
+      if (is_edge_on(own_.outward(g)) || apart(planar.polygon(), own_.facet_x(g), frame)
+          || same(own_.facet_x(g), cut_.facet_x(f)))
         continue;
       PlanarFacet other(own_.type, own_.facet_x(g), frame);
       if (other.unfolded() && !has_outside(other.polygon(), planar.polygon().corners()))
         own_screens_.push_back({g, std::move(other), dot(own_.outward(g), outward_) > 0});
     }
   }
+
+  /// Whether a facet is seen edge-on along the lines from the one that is cut. @param outward of
+  /// any length
+  bool is_edge_on(const Vec3& outward) const
+  {
+    return std::abs(dot(outward, outward_)) < edge_on_cosine * norm(outward);
+  }
+
   /// Whether all of a facet, projected, lies beside a polygon. May miss that it does.
   static bool apart(const Polygon& polygon, std::span<const double> x, const Frame& frame)
   {
@@ -514,7 +529,7 @@ private:
     const double s = dot(y - x, outward_);
     crossings_.clear();
     for (const Piece& p : pieces_)
-      if (&p != &piece && contains(p.polygon, q))
+      if (&p != &piece && contains(p.planar.polygon(), q))
         crossings_.push_back({place(nearby_, p.other, p.planar, q, x), true,
                               comes_first(nearby_.facet_x(p.other), nearby_.facet_x(piece.other))});
     for (const Screen& b : backs_)
@@ -535,9 +550,12 @@ private:
   bool is_anything_behind(std::size_t f, const Vec2& q, const Vec3& x) const
   {
     const double flush = flush_tolerance * cut_.facets().size[f];
-    return std::ranges::any_of(
-        pieces_, [&](const Piece& p)
-        { return contains(p.polygon, q) && place(nearby_, p.other, p.planar, q, x) < -flush; });
+    return std::ranges::any_of(pieces_,
+                               [&](const Piece& p)
+                               {
+                                 return contains(p.planar.polygon(), q)
+                                        && place(nearby_, p.other, p.planar, q, x) < -flush;
+                               });
   }
 
   /// Whether a point of a piece is not what x, on the same surface, touches: that is the first
@@ -556,7 +574,7 @@ private:
     const auto nearer = [&](double at) { return way * at > -flush && way * at < way * s - tie_; };
     for (const Piece& p : pieces_)
     {
-      if (&p == &piece || !contains(p.polygon, q))
+      if (&p == &piece || !contains(p.planar.polygon(), q))
         continue;
       const double at = place(nearby_, p.other, p.planar, q, x);
       if (nearer(at)

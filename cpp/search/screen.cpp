@@ -6,9 +6,6 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// A ray through the seam of two facets meets one of them in spite of rounding.
-constexpr double seam_tolerance = 1e-9;
-
 /// Where the line x + t d meets the segment from a to b, in the xy-plane.
 std::optional<double> meet_segment(const Vec3& x, const Vec3& d, const Vec3& a, const Vec3& b)
 {

@@ -194,10 +194,11 @@ struct Ray
   {
   }
 
-  /// The c of Σ_k λ_k w ∂(N_k g) = c·v, with w Σ_k λ_k N_k and its gradient.
-  Vec3 of_gap(double pressure, const Vec2& gradient) const
+  /// The c of Σ_k λ_k w ∂(N_k (g − a_k)) = c·v. @param pressure w Σ_k λ_k N_k @param slope of
+  /// w Σ_k λ_k N_k (g − a_k) by ζ, g held
+  Vec3 of_gap(double pressure, const Vec2& slope) const
   {
-    return (-t * gradient[0]) * A.zeta[0] + (-t * gradient[1]) * A.zeta[1] - pressure * A.t;
+    return slope[0] * A.zeta[0] + slope[1] * A.zeta[1] - pressure * A.t;
   }
 
   /// Add the form c·v but for the turning of the normal, which adds t c·δn.
@@ -239,26 +240,32 @@ struct Multipliers
   std::array<Vec2, max_trace> dN{};
 };
 
-/// w Σ_k λ_k N_k at a ray with its derivatives by ζ.
+/// w Σ_k λ_k N_k at a ray, and w Σ_k λ_k N_k (g − a_k) with g held, with their derivatives by ζ.
 struct Pressure
 {
-  Pressure(const RayPair& pair, const RayPoint& point, std::span<const double> lambda)
+  Pressure(const RayPair& pair, const RayPoint& point, const RayForces& forces)
   {
+    constexpr std::array<double, 4> corners{1, -1, -1, 1};
     const Multipliers k(pair, point);
     const bool bilinear = !pair.cut_is_slave && pair.other.type == FacetType::quadrilateral;
-    if (bilinear)
-      mixed = point.weight * (lambda[0] - lambda[1] - lambda[2] + lambda[3]);
     for (int i = 0; i < pair.slave().num_vertices(); ++i)
     {
-      value += point.weight * lambda[i] * k.N[i];
+      const double lambda = point.weight * forces.lambda[i];
+      const double work = -point.t * lambda - point.weight * forces.allowed[i];
+      value += lambda * k.N[i];
+      if (bilinear)
+        mixed += corners[i] * work;
       for (int d = 0; d < 2; ++d)
-        gradient[d] += point.weight * lambda[i] * k.dN[i][d];
+      {
+        gradient[d] += lambda * k.dN[i][d];
+        slope[d] += work * k.dN[i][d];
+      }
     }
   }
 
   double value = 0;
-  Vec2 gradient{};
-  double mixed = 0;
+  Vec2 gradient{}, slope{};
+  double mixed = 0; ///< second derivative by ζ₁ and ζ₂ of the latter
 };
 
 /// c·∂²x_z/∂ζ², [∂₁∂₁, ∂₁∂₂, ∂₂∂₂].
@@ -349,14 +356,13 @@ public:
     std::fill_n(half_.begin(), n_ * n_, 0.0);
   }
 
-  /// The terms with δζ of w Σ_k λ_k N_k g, and the sums that those with δn need.
-  void add_point(const RayPoint& point, std::span<const double> lambda)
+  /// The terms with δζ of w Σ_k λ_k N_k (g − a_k), and the sums that those with δn need.
+  void add_point(const RayPoint& point, const RayForces& pressures)
   {
     const Ray ray(pair_, normal_, point);
-    const Pressure L(pair_, point, lambda);
+    const Pressure L(pair_, point, pressures);
     const RayForms forms(ray, columns_, normal_, dim_);
-    add_second_variation(ray, point.zeta, forms, ray.of_gap(L.value, L.gradient), L.gradient,
-                         -ray.t * L.mixed);
+    add_second_variation(ray, point.zeta, forms, ray.of_gap(L.value, L.slope), L.gradient, L.mixed);
   }
 
   /// The same of Σ_α s_α δζ_α for constant s_α.
@@ -495,7 +501,8 @@ void qsdolfinx::add_gap(const RayPair& pair, std::span<const RayPoint> points, c
   const Normal normal(pair.cut);
   const Columns columns(pair);
   const int nk = pair.slave().num_vertices();
-  std::array<Vec3, 4> lever{};
+  const bool with_cover = !sums.cover_gradient.empty() && !pair.cut_is_slave;
+  std::array<Vec3, 4> lever{}, cover_lever{};
   for (const RayPoint& point : points)
   {
     const Multipliers multipliers(pair, point);
@@ -519,30 +526,37 @@ void qsdolfinx::add_gap(const RayPair& pair, std::span<const RayPoint> points, c
       const Vec3 c = -ray.weight * (ray.t * moved + multipliers.N[k] * ray.A.t);
       ray.add_to(columns, c, &sums.gradient[k * columns.size()]);
       lever[k] = lever[k] + ray.t * c;
+      if (!with_cover)
+        continue;
+      const Vec3 d = ray.weight * moved;
+      ray.add_to(columns, d, &sums.cover_gradient[k * columns.size()]);
+      cover_lever[k] = cover_lever[k] + ray.t * d;
     }
   }
   for (int k = 0; k < nk && !sums.gradient.empty(); ++k)
     normal.add_to(lever[k], &sums.gradient[k * columns.size() + 3 * columns.cut]);
+  for (int k = 0; k < nk && with_cover; ++k)
+    normal.add_to(cover_lever[k], &sums.cover_gradient[k * columns.size() + 3 * columns.cut]);
 }
 
 void qsdolfinx::add_curvature(const RayPair& pair, std::span<const RayPoint> points,
-                              std::span<const double> lambda, std::span<double> hessian)
+                              const RayForces& forces, std::span<double> hessian)
 {
   HalfHessian half(pair);
   for (const RayPoint& point : points)
-    half.add_point(point, lambda);
+    half.add_point(point, forces);
   half.add_normal();
   half.add_to(hessian);
 }
 
-void qsdolfinx::add_rim(const RayPair& pair, std::span<const RimPoint> rim,
-                        std::span<const double> lambda, std::span<double> hessian)
+void qsdolfinx::add_rim(const RayPair& pair, std::span<const RimPoint> rim, const RayForces& forces,
+                        std::span<double> hessian)
 {
   add_rim_of(pair, rim, hessian,
              [&](const Ray& ray, const RayPoint& point, const Vec3&)
              {
-               const Pressure L(pair, point, lambda);
-               return ray.of_gap(L.value, L.gradient);
+               const Pressure L(pair, point, forces);
+               return ray.of_gap(L.value, L.slope);
              });
 }
 

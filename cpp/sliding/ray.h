@@ -59,24 +59,31 @@ bool solve_rays(const RayPair& pair, std::span<RayPoint> points);
 /// it. Only the sums that have room are added to.
 struct RaySums
 {
-  std::span<double> cover;    ///< Σ w N_k, [k]
-  std::span<double> gap;      ///< G_k = Σ w N_k g, [k]
-  std::span<double> jump;     ///< V_k = Σ w N_k (x_slave − x_master), [k][3]
-  std::span<double> gradient; ///< ∂G_k by the nodes of both, ξ and w fixed, [k][node][3]
+  std::span<double> cover;            ///< Σ w N_k, [k]
+  std::span<double> gap;              ///< G_k = Σ w N_k g, [k]
+  std::span<double> jump;             ///< V_k = Σ w N_k (x_slave − x_master), [k][3]
+  std::span<double> gradient;         ///< ∂G_k by the nodes of both, ξ and w fixed, [k][node][3]
+  std::span<double> cover_gradient{}; ///< the same of the cover, [k][node][3]
 };
 void add_gap(const RayPair& pair, std::span<const RayPoint> points, const RaySums& sums);
 
-/// Add Σ_k λ_k ∂²G_k, ξ and w fixed. What is added is symmetric to the last bit.
-/// @param lambda [k]
+/// Multipliers of gaps less what counts as none, Σ_k λ_k (G_k − a_k Σ w N_k).
+struct RayForces
+{
+  std::span<const double> lambda;  ///< λ_k, [k]
+  std::span<const double> allowed; ///< λ_k a_k, [k]
+};
+
+/// Add their second derivative, ξ and w fixed. What is added is symmetric to the last bit.
 /// @param hessian [node][3][node][3]
-void add_curvature(const RayPair& pair, std::span<const RayPoint> points,
-                   std::span<const double> lambda, std::span<double> hessian);
+void add_curvature(const RayPair& pair, std::span<const RayPoint> points, const RayForces& forces,
+                   std::span<double> hessian);
 
 /// Add what the motion of the rim across the facet adds to the derivative of Σ_k λ_k ∂G_k: the
-/// integral along the rim of Σ_k λ_k ∂(N_k g) times that motion. Where another piece begins all of
-/// it is symmetric together, and nothing where facets are flat; at open ends it is neither.
+/// integral along the rim of Σ_k λ_k ∂(N_k (g − a_k)) times that motion. Where another piece begins
+/// all of it is symmetric together, and nothing where facets are flat; at open ends it is neither.
 /// @param hessian [node][3][node][3], rows are those of ∂G_k
-void add_rim(const RayPair& pair, std::span<const RimPoint> rim, std::span<const double> lambda,
+void add_rim(const RayPair& pair, std::span<const RimPoint> rim, const RayForces& forces,
              std::span<double> hessian);
 
 /// Add the objective slip of a variation: D δx_slave − M δx_master − δV, with D and M those of the

@@ -3,6 +3,7 @@
 #include "parallel/petsc.h"
 
 #include <algorithm>
+#include <functional>
 
 using namespace qsdolfinx;
 
@@ -135,11 +136,15 @@ bool is_zero(double value) { return value == 0; }
 } // namespace
 
 bool qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Vec cover, Vec lambda,
-                                 std::array<Vec, 2> markers, ContactBlocks blocks,
+                                 Vec allowance, std::array<Vec, 2> markers, ContactBlocks blocks,
                                  std::array<double, 2> scale)
 {
   const Shares shares(pieces, cover);
   std::vector<double> multipliers = values_at(lambda, first_dofs(pieces));
+  std::vector<double> works(multipliers.size());
+  if (allowance)
+    std::ranges::transform(multipliers, values_at(allowance, first_dofs(pieces)), works.begin(),
+                           std::multiplies<>());
   Insertion insertion(master, pieces, markers, blocks, scale);
   const auto nk = static_cast<std::size_t>(pieces.num_multipliers);
   std::vector<double> H(insertion.size() * insertion.size());
@@ -147,14 +152,16 @@ bool qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Ve
   Asymmetry asymmetry;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
-    const auto of_piece = std::span(multipliers).subspan(i * nk, nk);
+    const auto of_piece = std::span(multipliers).subspan(i * nk, nk),
+               allowed = std::span(works).subspan(i * nk, nk);
     shares.gather(i, of_piece);
+    shares.gather(i, allowed);
     if (std::ranges::all_of(of_piece, is_zero))
       continue;
     std::ranges::fill(H, 0.0);
     const RayPair pair = pair_of(pieces, i);
-    add_curvature(pair, pieces.points_of(i), of_piece, H);
-    add_rim(pair, pieces.rim_of(i), of_piece, H);
+    add_curvature(pair, pieces.points_of(i), {of_piece, allowed}, H);
+    add_rim(pair, pieces.rim_of(i), {of_piece, allowed}, H);
     insertion.number(i, numbers);
     asymmetry.add(H, insertion.size(), numbers);
     insertion.insert(i, H);

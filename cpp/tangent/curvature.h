@@ -14,11 +14,13 @@ namespace qsdolfinx
 /// @param master null for a rigid tool
 /// @param cover see Shares
 /// @param lambda λ_k at the first unknown of each node, a vector of the slave's body
+/// @param allowance a_k, likewise, penetration that counts as none: forces are λ_k times
+/// derivatives of G_k − a_k Σ w N_k; null for none
 /// @param markers vectors of the bodies, nonzero at unknowns with Dirichlet conditions
 /// @param scale displacement per unknown of each body
 /// @return whether it is symmetric but for the scale: no rim with a pressure is an open end
 bool insert_curvature(const Surface* master, const Pieces& pieces, Vec cover, Vec lambda,
-                      std::array<Vec, 2> markers, ContactBlocks blocks,
+                      Vec allowance, std::array<Vec, 2> markers, ContactBlocks blocks,
                       std::array<double, 2> scale);
 
 /// Add how the forces Σ_k τ_k·slip_k of friction, see add_slip_forces, change with tractions held,

@@ -26,6 +26,9 @@ Array = npt.NDArray[np.float64]
 #: bodies that are resolved leave some hundredths, and so do ends of contact: test_round_and_graded.
 NOTICED = 0.08
 
+#: The same of a corner where nothing else carries anything: it should bear from the first touch on.
+ALONE = 0.01
+
 #: Sum of the normals of a node's facets over their number, of facets that turn by 30° there: a
 #: corner for which no quadrature point stands.
 SMOOTH = float(np.cos(np.pi / 12))
@@ -86,7 +89,9 @@ def _check_corners(model: ContactModel) -> None:
     none = model.law.jump or model.with_itself or model.slave.degree > 1
     if model.corner_warned or none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
         return
-    limit = NOTICED * model.slave.facet_size_range[0] + model.overclosure.allowed
+    closed = any(bool(np.any(gap.multiplier(model.eps) > 0)) for gap in model.gaps)
+    noticed = NOTICED if model.comm.allreduce(closed, op=MPI.LOR) else ALONE
+    limit = noticed * model.slave.facet_size_range[0] + model.overclosure.allowed
     limit = max(limit, UNEVEN * results.weighted_penetration(model))
     depth = np.where(sharp, np.nan_to_num(gap_at_nodes(model, "slave"), nan=0.0), 0.0)
     deepest = float(depth.max(initial=0.0))

@@ -35,6 +35,7 @@ def read(model: ContactModel, paired: Paired) -> None:
     overclosure = model.overclosure
     seen = _seen(model)
     overclosure.read(paired.gaps, seen, paired.facet_size)
+    overclosure.follow(paired.gaps, seen)  # what bodies slide to before they are paired anew
     overclosure.apply(paired.gaps)
     if not model.law.jump and overclosure.depth > TOLERANCE * paired.facet_size:
         nodes = overclosure.deep_nodes

@@ -15,7 +15,8 @@ from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
 
 Array = npt.NDArray[np.float64]
 
-#: Change of what is covered of a node's area, over the whole, that is none.
+#: Change in a step of the covered part of a node's area, over that part, up to which it is the
+#: same: curved surfaces cover each other by a little more or less wherever they are.
 SAME_COVER = 1e-2
 
 

@@ -16,7 +16,7 @@ from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.laws import Friction, Response, Rows
-from qsdolfinx.friction.objective import PairsAtStart, objective_slip
+from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
 from qsdolfinx.friction.stick_slip import StickSlip
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.frames import Frames, turned
@@ -28,10 +28,6 @@ from qsdolfinx.surface.surface import Surface
 Array = npt.NDArray[np.float64]
 #: Pressure at the start of a step, relative to that at its end, that is none but for rounding.
 NO_PRESSURE = 1e-6
-
-#: Change in a step of the covered part of a node's area, over that part, up to which it is the
-#: same: curved surfaces cover each other by a little more or less wherever they are.
-SAME_COVER = 1e-2
 
 
 class Place(typing.NamedTuple):

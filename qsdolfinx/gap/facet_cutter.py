@@ -57,15 +57,21 @@ class FacetCutter:
         self._measured[0].measure_nodes()
         return np.asarray(self._measured[0].node_area)
 
-    def find(self, places: Places, measured: Places, cover: PETSc.Vec | None) -> Found:
+    def find(
+        self,
+        places: Places,
+        measured: Places,
+        cover: PETSc.Vec | None,
+        allowance: PETSc.Vec | None = None,
+    ) -> Found:
         """See :class:`Cutter`."""
         self._measure_at(measured)
         self._put(self._moving, places)
         pieces = _cpp.overlay_pieces(
             *self._moving, *self._measured, self._both, self._radius, *self._rules
         )
-        rows = _cpp.PieceRows(self._slave, pieces, handle_of(cover))
-        return Found(cover, rows, pieces)
+        rows = _cpp.PieceRows(self._slave, pieces, handle_of(cover), handle_of(allowance))
+        return Found(cover, allowance, rows, pieces)
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""
@@ -97,6 +103,7 @@ class FacetCutter:
             found.of_cutter,
             handle_of(found.cover),
             multiplier.handle,
+            handle_of(found.allowance),
             [handle_of(vec) for vec in markers],
             [handle_of(mat) for mat in blocks],
             scale,
@@ -115,7 +122,7 @@ class FacetCutter:
         if self._tool is not None:
             return []
         cover, axes = handle_of(found.cover), range(found.of_cutter.gdim)
-        return [_cpp.PieceRows(self._slave, found.of_cutter, cover, axis) for axis in axes]
+        return [_cpp.PieceRows(self._slave, found.of_cutter, cover, axis=axis) for axis in axes]
 
     def add_slip_curvature(
         self,

@@ -27,8 +27,8 @@ Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 #: Part of a node's area below which what its points cover does not count: D_k is at least that.
 LEAST_COVER = 0.01
 
-#: Measures that are kept, of which vectors are.
-MAX_COVERS = 8
+#: Measures and allowances that are kept, of which vectors are.
+MAX_KEPT = 16
 
 #: Part below which neighbours carry its multiplier; as in cpp/gap/piece_forces.cpp.
 HARDLY_COVERED = 0.1
@@ -71,11 +71,13 @@ class Found(typing.NamedTuple):
 
     Attributes:
         cover: As given.
+        allowance: As given.
         rows: What it gives to the nodes of the slave.
         of_cutter: What else the cutter wants to know of it.
     """
 
     cover: PETSc.Vec | None
+    allowance: PETSc.Vec | None
     rows: _cpp.PieceRows
     of_cutter: typing.Any
 
@@ -86,13 +88,20 @@ class Cutter(typing.Protocol):
     def node_area(self, places: Places) -> Array:
         """S_k of the slave there. Collective."""
 
-    def find(self, places: Places, measured: Places, cover: PETSc.Vec | None) -> Found:
+    def find(
+        self,
+        places: Places,
+        measured: Places,
+        cover: PETSc.Vec | None,
+        allowance: PETSc.Vec | None = None,
+    ) -> Found:
         """What is opposite to what at these places, with the areas of others. Collective.
 
         Args:
             places: The places.
             measured: Those where areas are measured.
             cover: ``Measure.cover`` at the unknowns of each node.
+            allowance: a_k, likewise; None for none.
         """
 
     def points(self, found: Found) -> tuple[Array, Array]:
@@ -139,15 +148,22 @@ class Cut:
         places: Where the facets are.
         measure: With which areas.
         found: What is opposite to what.
-        operator: Derivative of the gaps G_k/D_k; its ``initial_gap`` is −G_k/D_k.
-        covered: Owned nodes that anything is opposite to.
+        operator: Derivative of the gaps (G_k − a_k C_k)/D_k; its ``initial_gap`` is −G_k/D_k.
+        share: C_k/D_k of each owned node, C_k what is covered of it there.
+        allowance: a_k, penetration (length) of each owned node that counts as none.
     """
 
     places: Places
     measure: Measure
     found: Found
     operator: _cpp.GapOperator
-    covered: npt.NDArray[np.bool_]
+    share: Array
+    allowance: Array
+
+    @property
+    def covered(self) -> npt.NDArray[np.bool_]:
+        """Owned nodes that anything is opposite to."""
+        return self.share > 0
 
     @property
     def jump(self) -> Array:
@@ -160,7 +176,9 @@ class Following:
     """Gaps of one pass as nonlinear functions of the unknowns: ḡ_k = G_k / D_k.
 
     Areas in G_k and D_k are those of the last measure. Forces are derivatives of G_k with points
-    that keep their places on the facets: each of them conserves momentum and moment.
+    that keep their places on the facets: each of them conserves momentum and moment. Of penetration
+    a_k that counts as none nothing is left in either: with C_k = Σ w N_k they are those of
+    G_k − a_k C_k.
 
     Args:
         slave: Surface that carries the multiplier.
@@ -182,7 +200,7 @@ class Following:
         self._last: Cut | None = None
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
         self._of_base: tuple[_cpp.GapOperator, Array, Array | None, Array] | None = None
-        self._covers: list[tuple[Array, PETSc.Vec]] = []
+        self._kept: list[tuple[Array, PETSc.Vec]] = []
         self._marked: Vecs | None = None
         #: Columns of each row that the tangent has room for; None before there is one.
         self.pattern: _cpp.GapOperator | None = None
@@ -222,7 +240,7 @@ class Following:
         """
         node_area = self._cutter.node_area(places)
         cover = self._hardly_covered(places, node_area) if kept is None else kept.cover
-        found = self._cutter.find(places, places, self._cover_vec(cover))
+        found = self._cutter.find(places, places, self._kept_vec(cover))
         covered = found.rows.cover(len(node_area))
         area = np.where(covered > 0, np.maximum(covered, LEAST_COVER * node_area), node_area)
         return Measure(places, area, node_area, cover)
@@ -241,35 +259,54 @@ class Following:
         closest = np.arange(covered.shape[1]) == depth.argmax(axis=1)[:, None]
         return np.where(closest, share[:, None], 0.0)
 
-    def _cover_vec(self, cover: Array | None) -> PETSc.Vec | None:
-        """``Measure.cover`` as a vector of the slave's body; the same for the same. Collective."""
-        if cover is None:
+    def _kept_vec(self, values: Array | None) -> PETSc.Vec | None:
+        """Values of owned nodes as a vector of the slave's body. Collective.
+
+        Args:
+            values: ``Measure.cover`` or allowances, (nodes, gdim) or (nodes,); None for none. The
+                same vector for the same array.
+        """
+        if values is None:
             return None
-        for known, vec in self._covers:
-            if known is cover:
+        for i, (known, vec) in enumerate(self._kept):
+            if known is values:
+                self._kept.append(self._kept.pop(i))
                 return vec
         vec = self._slave.create_vec()
-        vec.array[self._slave.node_dofs - vec.owner_range[0]] = cover
-        self._covers.append((cover, vec))
-        if len(self._covers) > MAX_COVERS:  # the last cut and the areas before may need theirs
-            self._covers.pop(0)[1].destroy()
+        vec.array[self._slave.node_dofs - vec.owner_range[0]] = values.reshape(len(values), -1)
+        self._kept.append((values, vec))
+        if len(self._kept) > MAX_KEPT:  # the last cut and the areas before may need theirs
+            self._kept.pop(0)[1].destroy()
         return vec
 
-    def cut(self, places: Places, measure: Measure) -> Cut:
+    def cut(self, places: Places, measure: Measure, allowance: Array | None = None) -> Cut:
         """Gaps and their derivative with the facets at these places. Collective.
+
+        Args:
+            places: The places.
+            measure: Areas.
+            allowance: a_k, penetration (length) of each owned node that counts as none; None for 0.
 
         Raises:
             NoGapError: If places are not finite, or a ray of a curved facet meets no other.
         """
         last, comm = self._last, self._slave.comm
+        allowed = np.zeros(len(measure.area)) if allowance is None else allowance
         same = last is not None and last.measure is measure and _equal(last.places, places)
+        same = same and last is not None and np.array_equal(last.allowance, allowed)
         if comm.allreduce(same, op=MPI.LAND):
             assert last is not None
             return last
         finite = all(np.isfinite(x).all() for x in places)
         if not comm.allreduce(finite, op=MPI.LAND):
             raise NoGapError("displacements of contact facets are not finite (NaN, infinity)")
-        found = self._cutter.find(places, measure.places, self._cover_vec(measure.cover))
+        some = comm.allreduce(bool(np.any(allowed != 0)), op=MPI.LOR)
+        found = self._cutter.find(
+            places,
+            measure.places,
+            self._kept_vec(measure.cover),
+            self._kept_vec(allowed if some else None),
+        )
         missed = comm.allreduce(found.rows.num_missed, op=MPI.SUM)
         if missed:
             raise NoGapError(
@@ -278,8 +315,8 @@ class Following:
             )
         operator = _cpp.GapOperator(*self._objects, found.rows, measure.area, jump=False)
         self._constrain(operator)
-        covered = np.asarray(found.rows.cover(len(measure.area)) > 0)
-        self._last = Cut(places, measure, found, operator, covered)
+        share = np.asarray(found.rows.cover(len(measure.area))) / measure.area
+        self._last = Cut(places, measure, found, operator, share, allowed)
         return self._last
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:

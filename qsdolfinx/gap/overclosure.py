@@ -97,9 +97,8 @@ class Overclosure:
         if low <= high:
             self.least = low
             self.is_even = high - low <= max(EVEN * high, TOLERANCE * facet_size)
-        # A node is reached by what is up to a facet away from it.
         self._zones = [
-            _box(comm, x[_of_nodes(depth) > 0], max(self.depth, p.slave.facet_size_range[1]))
+            _box(comm, x[_of_nodes(depth) > 0], max(self.depth, _reach(p)))
             for p, x, depth in zip(passes, seen, self._at_first, strict=True)
         ]
 
@@ -130,7 +129,8 @@ class Overclosure:
         """Allow the passes, perhaps paired anew, the part that is not resolved. Collective."""
         for p, depth in zip(passes, self._at_nodes, strict=True):
             if not p.law.jump:  # a tie keeps any gap
-                share = p.cover_share if self.allowed > 0 else 1.0
+                # What gaps that follow are covered by is known where they are evaluated.
+                share = p.cover_share if self.allowed > 0 and p.following is None else 1.0
                 p.allow(self.part * p.rows.from_largest(np.nan_to_num(depth)) * share)
 
     @property
@@ -161,6 +161,16 @@ def _depths(p: WeightedGap) -> Array:
     gap = np.divide(-p.operator.initial_gap, share, out=np.zeros(p.num_rows), where=some)
     has_partner = p.rows.largest_on_nodes(some.astype(np.float64)) > 0
     return np.where(has_partner, p.rows.largest_on_nodes(gap), np.nan)
+
+
+def _reach(p: WeightedGap) -> float:
+    """How far (length) beyond the nodes that have a partner others may be that are to have one.
+
+    A node is reached by what is up to a facet away from it. Where gaps follow the bodies, what
+    reaches it may end a facet beyond the outermost node that has a partner, and slides on before
+    contact pairs anew.
+    """
+    return (1 if p.following is None else 3) * float(p.slave.facet_size_range[1])
 
 
 def _of_nodes(depths: Array) -> Array:

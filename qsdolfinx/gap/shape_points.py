@@ -107,8 +107,14 @@ class ShapePoints:
         parts = (well / well.sum(axis=1, keepdims=True))[:, None]
         return np.where(well[:, None], out + shared * parts, 0.0)
 
-    def find(self, places: Places, measured: Places, cover: PETSc.Vec | None) -> Found:
-        """See :class:`Cutter`."""
+    def find(
+        self,
+        places: Places,
+        measured: Places,
+        cover: PETSc.Vec | None,
+        allowance: PETSc.Vec | None = None,
+    ) -> Found:
+        """See :class:`Cutter`; points and their functions are fixed, whatever is allowed."""
         N, T, (nodes, position) = self._functions(cover), self._T, places
         x = np.einsum("pj,fjd->fpd", T, nodes)
         distance, normal = (
@@ -128,7 +134,7 @@ class ShapePoints:
             -np.einsum("fpk,pj,fpd->fkjd", wN, T, normal),
             np.einsum("fpk,pj->fkj", wN, T),
         )
-        return Found(cover, rows, Points(x, distance, weight, position, N))
+        return Found(cover, allowance, rows, Points(x, distance, weight, position, N))
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""

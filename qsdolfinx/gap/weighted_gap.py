@@ -228,8 +228,11 @@ class WeightedGap:
     def cover_share(self) -> Array:
         """ḡ of a gap that is 1 everywhere, shape (rows,). Collective at first.
 
-        Σ_p w_p N_k over what a row's gap is divided by: 1, unless that is the area of a node.
+        Σ_p w_p N_k over what a row's gap is divided by: 1, unless that is the area of a node, or
+        hardly anything is covered of that where gaps follow the bodies.
         """
+        if self.cut is not None:
+            return self.cut.share
         if KINDS[self._kind] != "area":
             return np.ones(self.num_rows)
         cover = self._operator(False, KINDS.index("cover")).row_area
@@ -324,8 +327,12 @@ class WeightedGap:
         assert self.following is not None
         assert state.base is not None and state.measure is not None
         places = self.following.places(state.base, u, state.scale)
-        self.show(self.following.cut(places, state.measure))
-        state.values = self._values_of_cut() - state.allowance[:, None]
+        self.show(self.following.cut(places, state.measure, state.allowance))
+        state.values = self._values_of_cut() - self._counted(state.allowance)[:, None]
+
+    def _counted(self, allowance: Array) -> Array:
+        """What allowances take from the gaps of the rows, of gaps that follow at the last cut."""
+        return allowance if self.cut is None else allowance * self.cut.share
 
     def show(self, cut: Cut) -> None:
         """Take what an evaluation has found for the last one, but for the state."""
@@ -472,7 +479,8 @@ class WeightedGap:
 
     def allow(self, allowance: Array) -> None:
         """Set the gaps (length) of the rows that count as none."""
-        self.state.values = self.state.values + (self.state.allowance - allowance)[:, None]
+        more = self._counted(self.state.allowance - allowance)
+        self.state.values = self.state.values + more[:, None]
         self.state.allowance = allowance
 
     def change(self, field: Affine) -> Array:

@@ -174,3 +174,58 @@ def test_the_other_face_of_a_die():
     upper = surface.node_x[:, 1] > 1.0
     assert WORLD.allreduce(upper.sum()) == 5
     assert largest(contact.weighted_gap()) < 1e-12
+
+
+def slid(over, lower, is_slave, gdim=2, slide=0.3, steps=4):
+    """Ratio of friction to pressure, and pressure, of a block that slides with friction 0.2."""
+    n, m, axis = 6 if gdim == 2 else 3, 14 if gdim == 2 else 7, gdim - 1
+    low, high = [0.0] * axis + [-over], [1.0] * axis + [1 - over]
+    cell = "quadrilateral" if gdim == 2 else "hexahedron"
+    msh = box(WORLD, [n] * axis + [n if gdim == 2 else 2], cell, low, high)
+    V = vector_space(msh)
+    u, motion = [fem.Function(V)], fem.Constant(msh, (0.0,) * gdim)
+    dofs = fem.locate_dofs_topological(V, axis, plane(msh, axis, 1 - over))
+    bcs = [[fem.dirichletbc(motion, dofs, V)]]
+    surfaces = [qs.Surface(V, facets=plane(msh, axis, -over))]
+    if lower == "facets":
+        x, i = np.linspace(-1.0, 2.0, m + 1), np.arange(m)
+        points, cells = np.stack([x, 0 * x], axis=1), np.stack([i + 1, i], axis=1)
+        surfaces.append(qs.RigidSurface.triangulated(WORLD, points, cells))
+    else:
+        low, high = [-1.0] * gdim, [2.0] * axis + [0.0]
+        below = box(WORLD, [m] * axis + [5 if gdim == 2 else 2], cell, low, high)
+        W = vector_space(below)
+        u.append(fem.Function(W))
+        bcs.append([clamp(W, plane(below, axis, -1.0))])
+        surfaces.append(qs.Surface(W, facets=plane(below, axis, 0.0)))
+    options = {"initial_overclosure": "ignore", "friction": qs.Coulomb(0.2)}
+    pair = surfaces if is_slave else surfaces[::-1]
+    contact = qs.Contact(*pair, sliding="finite", **options)
+    problem = qs.ContactProblem([elastic(f, E) for f in u], u, [contact], bcs)
+    out = []
+    for step in range(steps + 1):
+        motion.value[0], motion.value[-1] = slide * step / steps, -0.01
+        problem.solve()
+        force = contact.force("slave" if is_slave else "master")
+        out.append((-force[0] / force[-1], force[-1]))
+    return np.array(out)
+
+
+@pytest.mark.one_rank
+@pytest.mark.parametrize(
+    ("lower", "is_slave"), [("facets", True), ("block", True), ("block", False)]
+)
+def test_friction_of_bodies_that_are_in_each_other(lower, is_slave):
+    """What is ignored adds no forces along the surface, and nodes that are slid to have it too."""
+    none, some = (slid(over, lower, is_slave) for over in (0.0, 0.02))
+    np.testing.assert_allclose(some[1:, 0], 0.2, rtol=0.01)
+    np.testing.assert_allclose(some[:, 1], none[:, 1], rtol=3e-3)
+
+
+@pytest.mark.one_rank
+@pytest.mark.parametrize("is_slave", (True, False))
+def test_friction_of_blocks_that_are_in_each_other(is_slave):
+    """The same in 3D, of quadrilaterals."""
+    none, some = (slid(over, "block", is_slave, 3, 0.06, 2) for over in (0.0, 0.02))
+    np.testing.assert_allclose(some[1:, 0], none[1:, 0], rtol=0.01)
+    np.testing.assert_allclose(some[:, 1], none[:, 1], rtol=5e-3)

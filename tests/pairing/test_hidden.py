@@ -183,3 +183,85 @@ def test_beside_a_near_plate_and_before_a_far_one(gdim):
     x = points.slave.x[:, 0]
     np.testing.assert_allclose(points.gap, np.where(x < 0.6, 0.02, 0.3), atol=1e-14)
     assert unpaired == 0
+
+
+def turn(rng):
+    """A map of points to a random scale, micrometres to kilometres, and turned at random."""
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    q[:, 0] *= np.linalg.det(q)
+    scale = 10 ** rng.uniform(-6, 3)
+    return scale, lambda x: scale * np.asarray(x) @ q.T
+
+
+def shells(place, behind):
+    """A tool of two triangles a side, with a smaller one in it that looks the same way."""
+    x, triangles = hollow([-0.5, -0.5, 0.01], [1.5, 1.5, 0.6], 0.2)
+    triangles = np.array(triangles)
+    triangles[12:] = triangles[12:, ::-1]  # a body within the body
+    return qs.RigidSurface.triangulated(WORLD, place(x), triangles[: 24 if behind else 12])
+
+
+def layers(place, behind, cell, n):
+    """The lower faces of a plate, or of two that are one above the other."""
+    msh = box(WORLD, [n, n, 3], cell, [-0.2, -0.2, 0.01], [1.2, 1.2, 0.31])
+    ends = [
+        mesh.locate_entities(msh, 3, lambda x: x[2] < 0.11 + 1e-9),
+        mesh.locate_entities(msh, 3, lambda x: x[2] > 0.21 - 1e-9),
+    ]
+    plates = mesh.create_submesh(msh, 3, np.sort(np.concatenate(ends)))[0]
+    faces = [plane(plates, 2, z) for z in ((0.01, 0.21) if behind else (0.01,))]
+    plates.geometry.x[:] = place(plates.geometry.x)
+    return qs.Surface(vector_space(plates), facets=np.sort(np.concatenate(faces)))
+
+
+def covered(seed, behind):
+    """Covered part of a square before a plate, and gaps there, of a random scene.
+
+    Behind the front of two triangles, or of a grid, there may be another one that looks the same
+    way. Many of the points are on the edges of the front but for rounding.
+    """
+    rng = np.random.default_rng(seed)
+    scale, place = turn(rng)
+    n, m, kind = rng.choice([3, 4, 5, 6]), rng.choice([2, 3, 4, 5, 7]), rng.integers(3)
+    msh = box(WORLD, [n, n, 1], "hexahedron", [0.0, 0.0, -0.3], [1.0, 1.0, 0.0])
+    bottom = plane(msh, 2, 0.0)
+    msh.geometry.x[:] = place(msh.geometry.x)
+    cell = ("tetrahedron", "hexahedron")[kind % 2]
+    master = shells(place, behind) if kind == 2 else layers(place, behind, cell, m)
+    slave = qs.Surface(vector_space(msh), facets=bottom)
+    options = {"search_radius": 0.4 * scale, "quadrature": "overlay", "penalty": 1.0}
+    points = qs.Contact(slave, master, "master-slave", **options).pairing
+    return points.weight.sum() / scale**2, points.gap / scale
+
+
+@pytest.mark.one_rank
+def test_nothing_is_seen_through_edges():
+    """At any scale and turn a square is covered once, by the front alone."""
+    for seed in range(60):
+        for behind in (False, True):
+            share, gap = covered(seed, behind)
+            np.testing.assert_allclose(share, 1, rtol=1e-9, err_msg=f"{seed} {behind}")
+            np.testing.assert_allclose(gap, 0.01, rtol=1e-6, err_msg=f"{seed} {behind}")
+
+
+@pytest.mark.one_rank
+def test_force_of_the_front_alone():
+    """What is within a tool, behind its front, adds nothing to its force, at any scale."""
+    for seed in (1, 30, 41, 55):
+        forces = []
+        for behind in (False, True):
+            rng = np.random.default_rng(seed)
+            scale, place = turn(rng)
+            n = rng.choice([4, 5, 6])
+            msh = box(WORLD, [n, n, 2], "hexahedron", [0.0, 0.0, -0.6], [1.0, 1.0, 0.0])
+            top, bottom = plane(msh, 2, 0.0), plane(msh, 2, -0.6)
+            msh.geometry.x[:] = place(msh.geometry.x)
+            V, tool = vector_space(msh), shells(place, behind)
+            u, surface = fem.Function(V), qs.Surface(V, facets=top)
+            contact = qs.Contact(surface, tool, search_radius=0.4 * scale)
+            problem = qs.ContactProblem([elastic(u, 1e3)], [u], [contact], [[clamp(V, bottom)]])
+            tool.displacement = place([[0.0, 0.0, -0.04]])[0]
+            problem.solve()
+            forces.append(contact.force("slave") / scale**2)
+        assert np.linalg.norm(forces[0]) > 10
+        np.testing.assert_allclose(forces[1], forces[0], atol=1e-7 * np.abs(forces[0]).max())

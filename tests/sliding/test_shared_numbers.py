@@ -78,7 +78,7 @@ class Pass:
         multiplier.array[:: self.gdim] = self.multiplier
         none = [PETSc.Vec().createSeq(n) for n in self.sizes]
         _cpp.insert_curvature(
-            self.still[1], self.pieces, 0, multiplier.handle, [v.handle for v in none], handles,
+            self.still[1], self.pieces, 0, multiplier.handle, 0, [v.handle for v in none], handles,
             (1.0, 1.0)
         )  # fmt: skip
         for mat in mats:
