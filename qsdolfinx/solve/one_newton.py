@@ -23,7 +23,8 @@ Flags = npt.NDArray[np.bool_]
 #: Halvings of a step, and what the merit has to fall by over what a whole step promises.
 MAX_HALVINGS, FALL = 8, 1e-4
 
-#: Springs of bodies that no condition holds, over their diagonal: least and most.
+#: Springs of bodies that conditions leave a rigid motion, over their diagonal, and most of those that
+#: have no condition at all.
 SPRINGS = 1e-11, 1e-2
 
 #: Accuracy: unbalanced forces over contact forces, gaps times c over the largest multiplier, and
@@ -148,14 +149,14 @@ class OneNewton:
 
     def _change(self, at: State) -> Array:
         """Newton's step from the last evaluation. Collective."""
-        matrix = self.equations.tangent_of(at, exact=False, shift=self._shift())
+        matrix = self.equations.tangent_of(at, exact=False, shift=(SPRINGS[0], self._springs()))
         out = self._solve(matrix, -self.equations.residual_of(at))
         self._newton.record.iterations += 1
         self._newton.record.linear_iterations += 1
         return out
 
-    def _shift(self) -> float:
-        """Of bodies that contact alone holds: springs that vanish with the residual."""
+    def _springs(self) -> float:
+        """Springs of bodies that contact alone holds, which vanish with the residual."""
         if len(self.history) < 2:  # it begins where springs have put them
             return SPRINGS[0]
         now, first = self.history[-1], self.history[0]

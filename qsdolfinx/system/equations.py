@@ -440,14 +440,16 @@ class Equations:
         """
         return self.tangent_of(self.evaluate(self._checked(z)), exact)
 
-    def tangent_of(self, at: State, exact: bool = True, shift: float = 0.0) -> PETSc.Mat:
+    def tangent_of(
+        self, at: State, exact: bool = True, shift: tuple[float, float] = (0.0, 0.0)
+    ) -> PETSc.Mat:
         """The same where the last evaluation was. Collective.
 
         Args:
             at: That evaluation.
             exact: As for ``ConstraintRows.derivative``.
-            shift: Part of its magnitude that is added to the diagonal of bodies that no condition
-                holds along some rigid motion.
+            shift: Part of its magnitude that is added to the diagonal of bodies that conditions
+                leave some rigid motion, and of those that have no condition at all.
         """
         found = [*self._bulk(), *self._curvature(at), *self._shift(shift)]
         for i, p in enumerate(self.passes):
@@ -497,16 +499,20 @@ class Equations:
         all_ = Entries(diagonal, diagonal, np.zeros(self.num_local))
         return [all_, *(self._of_matrix(body.matrix(), i, i) for i, body in bodies)]
 
-    def _shift(self, part: float) -> list[Entries]:
+    def _shift(self, parts: tuple[float, float]) -> list[Entries]:
         """Springs of bodies that no condition holds, no stiffer than the softest body. Collective."""
-        if part == 0 or not self.free_bodies:
+        if not (any(parts) and self.free_bodies):
             return []
         bodies, found = self.system.bodies, []
-        sums = np.array([[np.sum(b.diagonal[b.free]), np.sum(b.diagonal[b.free] > 0)] for b in bodies])
+        sums = np.array([
+            [np.sum(b.diagonal[b.free]), np.sum(b.diagonal[b.free] > 0), len(b.owned_constrained)]
+            for b in bodies
+        ])  # fmt: skip
         self.system.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
         softest = np.min(sums[:, 0] / np.maximum(sums[:, 1], 1.0))
         for i in self.free_bodies:
             rows = self.start + np.arange(self._ends[i], self._ends[i + 1], dtype=np.int64)
+            part = parts[int(sums[i, 2] == 0)]
             found.append(Entries(rows, rows, part * np.minimum(bodies[i].diagonal, softest)))
         return found
 
