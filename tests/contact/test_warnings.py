@@ -28,6 +28,7 @@ from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx._cpp import SearchRadius
+from qsdolfinx.contact.between_nodes import _sharp_nodes
 from qsdolfinx.pairing.pair import find_conforming
 
 
@@ -485,23 +486,69 @@ def test_shown_in_spite_of_ffcx(monkeypatch, capfd):
     assert "of another library" not in said
 
 
-@pytest.mark.parametrize("sliding", ("small", "finite"))
-@pytest.mark.parametrize("depth, found", ((0.005, False), (0.02, True), (0.15, True)))
-def test_a_corner_that_sinks(depth, found, sliding):
-    """A square on its corner: mean gaps of nodes are open, without force, until .23 facets."""
-    n = 8
+def on_its_corner(n, degree=1, **options):
+    """A square on its corner above a floor: problem and floor."""
     msh = box(WORLD, [n, n], "quadrilateral", [0.0, 0.0], [1.0, 1.0])
     low = np.concatenate([plane(msh, axis, 0.0) for axis in (0, 1)])
     far = np.concatenate([plane(msh, axis, 1.0) for axis in (0, 1)])
     x, c = msh.geometry.x, np.sqrt(0.5)
     x[:, 0], x[:, 1] = c * (x[:, 0] - x[:, 1]), c * (x[:, 0] + x[:, 1])
-    V = vector_space(msh)
+    V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
     u = fem.Function(V)
     floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
-    contact = qs.Contact(qs.Surface(V, facets=np.unique(low)), floor, sliding=sliding)
+    contact = qs.Contact(qs.Surface(V, facets=np.unique(low)), floor, **options)
+    return qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, far)]]), floor
+
+
+def corners(texts):
+    """Which of the warnings are those of corners."""
+    return [text.startswith("constraints: a corner of the slave") for text in texts]
+
+
+@pytest.mark.parametrize("degree", (1, 2))
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+@pytest.mark.parametrize("depth, found", ((0.005, False), (0.02, True), (0.15, True)))
+def test_a_corner_that_sinks(depth, found, sliding, degree):
+    """A square on its corner: mean gaps of nodes are open, without force, until .23 facets."""
+    problem, floor = on_its_corner(8, degree, sliding=sliding)
+    floor.displacement = [0.0, depth / 8]
+    assert corners(warned(problem.solve)) == [True] * found
+
+
+@pytest.mark.parametrize("degree", (1, 2))
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
+def test_a_corner_that_sinks_by_much(constraints, degree):
+    """With some force at last, more of points than of nodes, and too little of both."""
+    problem, floor = on_its_corner(8, degree, constraints=constraints)
+    floor.displacement = [0.0, 0.5 / 8]
+    assert corners(warned(problem.solve)) == [True]
+    assert problem.contacts[0].force("slave")[1] > 0
+
+
+@pytest.mark.parametrize("degree", (1, 2))
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
+def test_a_corner_of_a_cube_that_sinks(constraints, degree):
+    """A cube on its corner is a third of an edge deep without a force at nodes."""
+    n = 4
+    msh = box(WORLD, [n, n, n], "hexahedron", [0.0] * 3, [1.0] * 3)
+    low = np.concatenate([plane(msh, axis, 0.0) for axis in range(3)])
+    far = np.concatenate([plane(msh, axis, 1.0) for axis in range(3)])
+    V = fem.functionspace(msh, ("Lagrange", degree, (3,)))
+    u, up = fem.Function(V), np.ones(3) / np.sqrt(3)
+    floor = qs.RigidSurface.plane(WORLD, [0.0] * 3, up)
+    surface = qs.Surface(V, facets=np.unique(low))
+    contact = qs.Contact(surface, floor, constraints=constraints)
     problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, far)]])
-    floor.displacement = [0.0, depth / n]
-    texts = warned(problem.solve)
-    assert [text.startswith("constraints: a corner of the slave") for text in texts] == [
-        True
-    ] * found
+    floor.displacement = 0.32 / n * up
+    texts = [text for text in warned(problem.solve) if corners([text])[0]]
+    assert len(texts) == 1
+    assert (abs(contact.force("slave") @ up) < 1e-9) == (constraints == "nodes")
+
+
+@pytest.mark.parametrize("degrees, found", (((1, 1), True), ((2, 1), False), ((2, 2), False)))
+def test_curved_facets_have_no_corners(degrees, found):
+    """A coarse roller: chords turn by 45°, the arcs of a mesh of degree 2 meet smoothly."""
+    shell = Shell((2, 1), (0.4, 1.0), degrees=degrees)
+    x = shell.mesh.geometry.x
+    x[:, 0], x[:, 1] = (x[:, 0] + x[:, 1]) / np.sqrt(2), (x[:, 0] - x[:, 1]) / np.sqrt(2)
+    assert WORLD.allreduce(int(_sharp_nodes(shell.surface(shell.outer)).sum())) == found
