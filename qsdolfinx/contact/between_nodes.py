@@ -87,7 +87,7 @@ def check_between_nodes(model: ContactModel) -> None:
 
 def _check_corners(model: ContactModel) -> None:
     """Warn of corners of the slave that are deep: their sides' weighted gaps see them late."""
-    sharp = _sharp_nodes(model.slave)
+    sharp = sharp_nodes(model.slave)
     none = model.law.jump or model.with_itself
     if model.corner_warned or none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
         return
@@ -125,7 +125,7 @@ def _deepest_mean(model: ContactModel) -> float:
     return float(model.comm.allreduce(float(np.max(means, initial=0.0)), op=MPI.MAX))
 
 
-def _sharp_nodes(slave: Surface) -> npt.NDArray[np.bool_]:
+def sharp_nodes(slave: Surface) -> npt.NDArray[np.bool_]:
     """Owned nodes whose facets' normals are apart by more than some 30°. Collective."""
     normals = _normals_at_vertices(slave).reshape(-1, 3)
     dofs = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices, 0].astype(PETSc.IntType)

@@ -28,7 +28,7 @@ from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx._cpp import SearchRadius
-from qsdolfinx.contact.between_nodes import _sharp_nodes
+from qsdolfinx.contact.between_nodes import sharp_nodes
 from qsdolfinx.pairing.pair import find_conforming
 
 
@@ -551,4 +551,4 @@ def test_curved_facets_have_no_corners(degrees, found):
     shell = Shell((2, 1), (0.4, 1.0), degrees=degrees)
     x = shell.mesh.geometry.x
     x[:, 0], x[:, 1] = (x[:, 0] + x[:, 1]) / np.sqrt(2), (x[:, 0] - x[:, 1]) / np.sqrt(2)
-    assert WORLD.allreduce(int(_sharp_nodes(shell.surface(shell.outer)).sum())) == found
+    assert WORLD.allreduce(int(sharp_nodes(shell.surface(shell.outer)).sum())) == found
