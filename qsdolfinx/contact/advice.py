@@ -14,7 +14,7 @@ from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.orientation import find_turned
 from qsdolfinx.pairing.pair import check_quadrature, find_conforming
-from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
 
@@ -231,7 +231,7 @@ def chords(model: ContactModel) -> str:
     sampling, master = model.settings.sampling, model.master
     smoothing, analytic = sampling.smoothing, master.is_analytic
     assert smoothing is not None
-    sides = (model.slave,) if analytic else (model.slave, master)
+    sides: tuple[AnySurface, ...] = (model.slave,) if analytic else (model.slave, master)
     flat = np.array([not smoothing.covers(side) for side in sides] + [False] * analytic)
     exact = analytic and sampling.quadrature == "nodal"
     if model.law.jump or exact or not flat.any():
@@ -255,7 +255,7 @@ def chords(model: ContactModel) -> str:
         cure += ' with quadrature="overlay"'
     cures = [cure, finer]
     if model.settings.sliding == "finite":
-        cures = [finer or "finer facets"]
+        cures = [_bent(sides, flat), finer or "finer facets"]
     beside = "; there is no clearance or interference beside it"
     if gap > STRAIGHT * error:
         beside = f", {error / gap:.2g} of the clearance or interference ({gap:.3g})"
@@ -287,6 +287,22 @@ def _vary_with(model: ContactModel, gap: Array, error: Array) -> bool:
     sums = np.array([len(gap), error.sum(), measured.sum(), error @ error, error @ measured])
     n, e, g, ee, eg = model.comm.allreduce(sums, op=MPI.SUM)
     return bool(n * eg - e * g > 0.5 * (n * ee - e * e))
+
+
+def _bent(sides: typing.Sequence[AnySurface], flat: npt.NDArray[np.bool_]) -> str:
+    """Remedies that let facets be as curved as their meshes are, as a part of an advice.
+
+    Args:
+        sides: Slave and master.
+        flat: Which of them contact takes for flat facets.
+    """
+    bodies = [deformable(side) for side, is_flat in zip(sides, flat, strict=False) if is_flat]
+    if not all(body is not None and body.largest_height > 0 for body in bodies):
+        return ""
+    return (
+        'displacements of degree 2, since sliding="finite" takes facets for flat where these are '
+        'of degree 1, or sliding="small"'
+    )
 
 
 def _finer(model: ContactModel, errors: Array, allowed: float) -> str:

@@ -18,6 +18,8 @@ from qsdolfinx.contact.depth import depths_of_points
 from qsdolfinx.contact.depth import gap as gap_at_nodes
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
+from qsdolfinx.surface.affine import EDGES
+from qsdolfinx.surface.deformed import DegenerateFacetsError
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
@@ -85,15 +87,19 @@ def check_between_nodes(model: ContactModel) -> None:
 
 def _check_corners(model: ContactModel) -> None:
     """Warn of corners of the slave that are deep: their sides' weighted gaps see them late."""
-    sharp = _sharp_nodes(model.slave)
-    none = model.law.jump or model.with_itself or model.slave.degree > 1
+    sharp = sharp_nodes(model.slave)
+    none = model.law.jump or model.with_itself
     if model.corner_warned or none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
         return
     closed = any(bool(np.any(gap.multiplier(model.eps) > 0)) for gap in model.gaps)
     noticed = NOTICED if model.comm.allreduce(closed, op=MPI.LOR) else ALONE
     limit = noticed * model.slave.facet_size_range[0] + model.overclosure.allowed
-    limit = max(limit, UNEVEN * results.weighted_penetration(model))
-    depth = np.where(sharp, np.nan_to_num(gap_at_nodes(model, "slave"), nan=0.0), 0.0)
+    limit = max(limit, UNEVEN * _deepest_mean(model))
+    try:
+        at_nodes = gap_at_nodes(model, "slave")
+    except DegenerateFacetsError:  # there is no distance to them
+        return
+    depth = np.where(sharp, np.nan_to_num(at_nodes, nan=0.0), 0.0)
     deepest = float(depth.max(initial=0.0))
     x = model.slave.node_x[int(np.argmax(depth))] if len(depth) else np.zeros(3)
     deepest, _, at = max(model.comm.allgather((deepest, model.comm.rank, tuple(map(float, x)))))
@@ -110,24 +116,45 @@ def _check_corners(model: ContactModel) -> None:
     model.corner_warned = True
 
 
-def _sharp_nodes(slave: Surface) -> npt.NDArray[np.bool_]:
+def _deepest_mean(model: ContactModel) -> float:
+    """Largest weighted gap of a node, also where constraints are at points. Collective."""
+    gap = model.gaps[0]
+    if not gap.rows.are_points:
+        return results.weighted_penetration(model)
+    means = gap.rows.on_nodes(gap.state.values[:, 0], 0.0)
+    return float(model.comm.allreduce(float(np.max(means, initial=0.0)), op=MPI.MAX))
+
+
+def sharp_nodes(slave: Surface) -> npt.NDArray[np.bool_]:
     """Owned nodes whose facets' normals are apart by more than some 30°. Collective."""
-    x, inside = slave.coordinates[0], slave.coordinates[1]
-    along = x[:, 1] - x[:, 0]
-    across = np.array([0.0, 0.0, 1.0]) if slave.gdim == 2 else x[:, 2] - x[:, 0]
-    normal = np.cross(along, np.broadcast_to(across, along.shape))
-    normal *= np.sign(np.sum((x.mean(axis=1) - inside) * normal, axis=1))[:, None]
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    dofs = slave.cpp_object.facet_dofs[..., 0].astype(PETSc.IntType)
+    normals = _normals_at_vertices(slave).reshape(-1, 3)
+    dofs = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices, 0].astype(PETSc.IntType)
     sums = []
-    for values in (*normal.T, np.ones(len(x))):
+    for values in (*normals.T, np.ones(len(normals))):
         vec = slave.create_vec()
-        at_nodes = np.repeat(values, dofs.shape[1])
-        vec.setValues(dofs.ravel(), at_nodes, addv=PETSc.InsertMode.ADD_VALUES)
+        vec.setValues(dofs.ravel(), values, addv=PETSc.InsertMode.ADD_VALUES)
         vec.assemble()
         sums.append(vec.array_r[slave.node_dofs[:, 0] - vec.owner_range[0]].copy())
         vec.destroy()
     return np.asarray(np.linalg.norm(sums[:3], axis=0) < SMOOTH * sums[3])
+
+
+def _normals_at_vertices(slave: Surface) -> Array:
+    """Outward unit normals of the facets, curved as their mesh is, (facets, vertices, 3)."""
+    x, inside, nodes = slave.coordinates
+    count = slave.num_facet_vertices
+    tangents: list[list[Array]] = [[] for _ in range(count)]
+    for at, (i, j) in enumerate(EDGES[count], start=count):
+        middle = (x[:, i] + x[:, j]) / 2 if nodes is None else nodes[:, at]
+        tangents[i].append(4 * middle - 3 * x[:, i] - x[:, j])
+        tangents[j].append(4 * middle - 3 * x[:, j] - x[:, i])
+    out = np.empty_like(x)
+    for i, (along, *others) in enumerate(tangents):
+        across = others[0] if others else np.broadcast_to([0.0, 0.0, 1.0], along.shape)
+        out[:, i] = np.cross(along, across)
+    outward = x.mean(axis=1) - inside
+    out *= np.sign(np.sum(outward[:, None] * out, axis=2))[..., None]
+    return np.asarray(out / np.maximum(np.linalg.norm(out, axis=2), 1e-300)[..., None])
 
 
 def _facet_sizes(model: ContactModel, gap: WeightedGap) -> Array:

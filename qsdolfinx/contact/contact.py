@@ -272,12 +272,13 @@ class Contact:
         augmented = enforcement == "augmented-lagrangian"
         if itself:
             slave, master = boundary_of(slave), boundary_of(slave)
+        follows = sliding == "finite" and not law.jump
         settings = Settings(
             slave,
             master,
             formulation,
             law,
-            Sampling(quadrature, degree, normals, Smoothing(slave, master, sides)),
+            Sampling(quadrature, degree, normals, Smoothing(slave, master, sides, follows)),
             search_radius
             if search_radius is None or isinstance(search_radius, str)
             else float(search_radius),

@@ -78,13 +78,21 @@ class Smoothing:
         slave: Surface that carries the multiplier.
         master: The other surface, or a rigid tool.
         sides: Of each, from :func:`sides_of`.
+        follows: Whether facets are cut where displacements put their vertices: they are flat then,
+            where these are of degree 1, whatever the mesh is.
 
     Raises:
         ValueError: If vertices are not on the shape that is named for them. Collective.
     """
 
-    def __init__(self, slave: Surface, master: AnySurface, sides: tuple[Side, Side]) -> None:
-        self._master = master
+    def __init__(
+        self,
+        slave: Surface,
+        master: AnySurface,
+        sides: tuple[Side, Side],
+        follows: bool = False,
+    ) -> None:
+        self._master, self._follows = master, follows
         self._sides = sides
         self._shaped: list[Array | None] = [None, None]
         for i, (surface, name) in enumerate(((slave, "slave"), (master, "master"))):
@@ -111,7 +119,8 @@ class Smoothing:
             found = typing.cast(Surface, surface).heights
         if found is not None:
             # Displacements that are linear on a facet cannot flatten its bulge.
-            lift = "shared" if surface.degree == 1 else "own"
+            straight = "none" if self._follows else "shared"
+            lift = straight if surface.degree == 1 else "own"
             return Relief(LIFTS.index(lift), True, found)
         return Relief.unknown("none" if self._sides[i] is None else "shared")
 

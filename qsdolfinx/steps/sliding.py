@@ -10,8 +10,10 @@ import numpy.typing as npt
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.placement import Place
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.surface.affine import Affine, affine_vec
+from qsdolfinx.surface.affine import Affine, affine_vec, rotation_vector
+from qsdolfinx.surface.facets import area_vectors
 
 Array = npt.NDArray[np.float64]
 Ways = tuple[Array | None, Array | None]
@@ -25,7 +27,9 @@ def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine |
 
     Points, normals and weights are those of the pairing: what has slid by much of a facet presses
     where the other surface has been. Nodes that touched there count even if they are open now:
-    points of a round surface that turns in place go away from where they were, and others come.
+    points of a round surface that turns in place go away from where they were, and others come. So
+    do nodes that are open by less than that may have made of their gaps: normals that turn by φ,
+    while points go s along them, open gaps by up to s φ that others close.
 
     Args:
         model: The contact.
@@ -35,23 +39,43 @@ def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine |
     """
     if model.law.jump:  # a tie keeps its pairs
         return 0.0
-    local = max(_slid(model, gap, (slave, master), tool) for gap in model.gaps)
+    turn = _turn(model, tool)
+    local = max(_slid(model, gap, (slave, master), tool, turn) for gap in model.gaps)
     return float(model.comm.allreduce(local, op=MPI.MAX))
 
 
-def _slid(model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None) -> float:
+def _turn(model: ContactModel, tool: Affine | None) -> float:
+    """Largest angle (radians) by which facets, or a tool, have turned since. Collective."""
+    largest = 0.0
+    if tool is not None:
+        largest = float(np.linalg.norm(rotation_vector(tool.A + np.eye(len(tool.A)))))
+    for place in (model.placement.slave, model.placement.master):
+        if isinstance(place, Place):
+            first, now = area_vectors(place.coordinates[0]), area_vectors(place.vertices())
+            sine = np.linalg.norm(np.cross(first, now), axis=1)
+            angles = np.arctan2(sine, np.sum(first * now, axis=1))
+            largest = max(largest, float(np.max(angles, initial=0.0)))
+    return float(model.comm.allreduce(largest, op=MPI.MAX))
+
+
+def _slid(
+    model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None, turn: float
+) -> float:
     touched = (
         gap.operator.initial_gap + gap.state.allowance < TOUCHING * gap.slave.facet_size_range[0]
     )
-    closed = np.asarray(
+    counts = np.asarray(
         gap.rows.on_nodes(active_set.closed(model, gap) | touched, False), dtype=bool
     )
     mean_jump = _mean_jump(gap, model.ordered(gap, ways), tool)
     jump = np.asarray(gap.rows.on_nodes(mean_jump, 0.0), dtype=np.float64)
     normal = gap.slave.node_normal[:, : gap.slave.gdim]
     along = jump - np.sum(jump * normal, axis=1)[:, None] * normal
-    ways_along = np.linalg.norm(along, axis=1) / gap.slave.node_size
-    return float(np.max(ways_along[closed], initial=0.0))
+    length = np.linalg.norm(along, axis=1)
+    opened = gap.rows.from_nodes(turn * length)
+    may_touch = gap.rows.largest_on_nodes(gap.state.values[:, 0] + opened) > 0
+    counts |= np.any(may_touch.reshape(len(counts), -1), axis=1)  # of any side
+    return float(np.max((length / gap.slave.node_size)[counts], initial=0.0))
 
 
 def _mean_jump(gap: WeightedGap, ways: Ways, tool: Affine | None) -> Array:

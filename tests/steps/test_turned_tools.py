@@ -5,6 +5,7 @@ import pytest
 from rigid_scenes import TOOLS
 from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 
+import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
@@ -120,3 +121,91 @@ def test_roll_that_turns_under_a_fluid(theta, num_pairings):
     assert np.all(found[0][:, 1] > 0.3)
     for forces in found[1:]:
         np.testing.assert_allclose(forces, found[0], rtol=2e-3, atol=1e-3)
+
+
+ROLLER = np.array([0.5, -1.0])
+
+
+def pressed_block():
+    """A block on the roller: residual, displacement, its top's and conditions, and its surface."""
+    msh = box(WORLD, (6, 6), "quadrilateral", [0.0, 0.0], [1.0, 1.0], "scattered")
+    V = vector_space(msh)
+    u, top = fem.Function(V), fem.Constant(msh, (0.0, 0.0))
+    dofs = fem.locate_dofs_topological(V, 1, plane(msh, 1, 1.0))
+    bcs = [fem.dirichletbc(top, dofs, V)]
+    return (elastic(u, E=1e3), u, bcs), top, qs.Surface(V, facets=plane(msh, 1, 0.0))
+
+
+def rigid_roller(shape):
+    """A round tool of radius 1: with facets of 0.05 it is the same again when it has turned."""
+    if shape == "cylinder":
+        return qs.RigidSurface.cylinder(WORLD, ROLLER, None, 1.0)
+    i = np.arange(126)
+    x = np.column_stack([np.cos(2 * np.pi * i / 126), np.sin(2 * np.pi * i / 126)]) + ROLLER
+    return qs.RigidSurface.triangulated(WORLD, x, np.column_stack([i, (i + 1) % 126]), ROLLER)
+
+
+def elastic_roller():
+    """Half of such a ring: residual, displacement and conditions, its hub's, and its surface."""
+    msh = box(WORLD, (4, 63), "quadrilateral", [0.5, 0.0], [1.0, 63 * 0.05])
+    outside, inside = plane(msh, 0, 1.0), plane(msh, 0, 0.5)
+    radius, angle = msh.geometry.x[:, 0].copy(), msh.geometry.x[:, 1] + np.pi / 2 - 31.5 * 0.05
+    msh.geometry.x[:, :2] = ROLLER + (radius * np.stack([np.cos(angle), np.sin(angle)])).T
+    V = vector_space(msh)
+    u, hub, v = fem.Function(V), fem.Function(V), ufl.TestFunction(V)
+    bcs = [fem.dirichletbc(hub, fem.locate_dofs_topological(V, 1, inside))]
+    F = ufl.inner(qs.materials.neo_hookean(u, 4e4, 6e4), ufl.grad(v)) * ufl.dx(degree=3)
+    return (F, u, bcs), hub, qs.Surface(V, facets=outside)
+
+
+def forces(contact, problem, drive):
+    """Of three steps."""
+    stepper = qs.TimeStepper(problem, 1.0, drive)
+    return np.array([contact.force("slave")[1] for _ in stepper.run(3.0)])
+
+
+@pytest.mark.parametrize("depths", ((0.02, 0.02, 0.02), (0.005, 0.01, 0.02)))
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
+@pytest.mark.parametrize("shape", ("cylinder", "facets"))
+def test_a_roller_that_turns_as_it_begins_to_press(shape, friction, depths):
+    """Its turn opens linear gaps by R φ²/2, 0.12 facets, where it is as close as it was."""
+
+    def pressed(angle):
+        (F, u, bcs), top, surface = pressed_block()
+        tool = rigid_roller(shape)
+        contact = qs.Contact(surface, tool, friction=friction)
+
+        def drive(t, dt):
+            top.value[1], tool.rotation = -depths[round(t) - 1], angle
+
+        return forces(contact, qs.ContactProblem([F], [u], [contact], [bcs]), drive)
+
+    turn = 4 * 2 * np.pi / 126
+    rests = pressed(0.0 if friction is None else turn / 4)
+    assert np.all(rests > 1.0)
+    np.testing.assert_allclose(pressed(turn), rests, rtol=1e-2)
+    np.testing.assert_allclose(pressed(-turn), rests, rtol=1e-2)
+
+
+@pytest.mark.parametrize("role", ("slave", "master"))
+def test_a_body_that_turns_as_it_begins_to_press(role):
+    """The same of a roller that is a body turned by its hub."""
+
+    def pressed(angle):
+        (F, u, bcs), top, surface = pressed_block()
+        (F_roller, u_roller, bcs_roller), hub, outside = elastic_roller()
+        both = [outside, surface] if role == "slave" else [surface, outside]
+        contact = qs.Contact(*both, "master-slave")
+
+        def drive(t, dt):
+            top.value[1] = -0.01 * t
+            c, s = np.cos(angle * t) - 1, np.sin(angle * t)
+            hub.interpolate(lambda x: np.array([[c, -s], [s, c]]) @ (x[:2] - ROLLER[:, None]))
+
+        forms, unknowns = [F, F_roller], [u, u_roller]
+        problem = qs.ContactProblem(forms, unknowns, [contact], [bcs, bcs_roller])
+        return np.abs(forces(contact, problem, drive))
+
+    rests = pressed(0.0)
+    assert np.all(rests > 1.0)
+    np.testing.assert_allclose(pressed(0.2), rests, rtol=1e-2)
