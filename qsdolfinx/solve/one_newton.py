@@ -138,8 +138,12 @@ class OneNewton:
             return None
 
         def step(opened: list[Flags]) -> Array | None:
+            at = self.equations.evaluate(z, opened=opened)
+            hold = self.equations.system.made.hold
+            if hold.free_motions([e.active for e in at.passes]).shape[1]:
+                return None
             try:
-                return self._change(self.equations.evaluate(z, opened=opened))
+                return self._change(at)
             except NoConvergence:
                 return None
 

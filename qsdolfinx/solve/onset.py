@@ -20,9 +20,6 @@ Flags = npt.NDArray[np.bool_]
 #: Least part of a step that is left when a row closes: slip rates are slip over that.
 LEAST_SHARE = 1e-2
 
-#: Approach of rows that close, in search radii, that is a flight: nothing else holds a body.
-WILD = 10.0
-
 #: Straight parts of a way at most, by how much more rows are closed at the end of each at least,
 #: and how many times of closing are told apart.
 MAX_PARTS, MORE, NUM_TIMES = 4, 2.0, 64
@@ -71,11 +68,6 @@ class _Way:
         reached = self._jump + part[:, None] * (jump - self._jump)
         self._until = np.where(self.open[:, None], reached, self._until)
 
-    def approach(self) -> float:
-        """Largest approach of a row that closes on this rank (length)."""
-        closes = self.open & (self.closing < 1)
-        return float(np.max((self._to_gap - self._gap)[closes], initial=0.0))
-
     def advance(self, now: float, to: float) -> None:
         """Go on to a part of the step: what closes until then is closed."""
         part = (to - now) / (1 - now)
@@ -83,15 +75,10 @@ class _Way:
         self._jump = self._jump + part * (self._to_jump - self._jump)
         self.open = self.open & (self.closing > to)
 
-    def count(self, all_: bool = True) -> None:
-        """Let slip count from where rows close on this way.
-
-        Args:
-            all_: Whether that of others counts from its end, and not from the start of the step.
-        """
-        rows = self._began_open & (all_ | (self.closing < 1))
-        share = np.where(rows, np.maximum(1 - self.closing, LEAST_SHARE), 1.0)
-        self.slip.count_from(np.where(rows[:, None], self._until, 0.0), share)
+    def count(self) -> None:
+        """Let slip count from where rows close on this way, and that of others from its end."""
+        share = np.where(self._began_open, np.maximum(1 - self.closing, LEAST_SHARE), 1.0)
+        self.slip.count_from(np.where(self._began_open[:, None], self._until, 0.0), share)
 
 
 class Onset:
@@ -107,8 +94,8 @@ class Onset:
     of the step, with the jump J_0 + s (J_free − J_0), from which slip counts in all that follows.
     Each row that closes bends the way of the others. So it is straight only until twice as many
     rows are closed as at its beginning; from there on it leads to where bodies are with those
-    closed, and so on. Where hardly anything but rows that close holds a body, it is the way to
-    where the solve begins.
+    closed, and so on. Where rows that close alone hold a body, nothing tells where it was going, and
+    slip counts from the start of the step.
 
     Args:
         equations: The equations, at the last evaluation.
@@ -140,15 +127,12 @@ class Onset:
         more = max(MORE, (1 + rows / max(closed, 1)) ** (1 / MAX_PARTS))
         for part in range(MAX_PARTS):
             change = step(self._open())
-            if change is not None:
-                self._go_on(now, change)
-            if change is None or self._is_wild():
-                if part == 0:
-                    self._go_on(0.0, np.zeros(self._equations.num_local))
-                    self._count(False)
+            if change is None:
                 return None
+            self._go_on(now, change)
             to, closing, left = self._until((more - 1) * max(closed, 1))
-            self._count()
+            for way in self._with_friction:
+                way.count()
             if left == 0:
                 return change if part == 0 and closing == 0 else None
             for way in self._with_friction:
@@ -161,10 +145,6 @@ class Onset:
         return [
             np.zeros(p.rows.num_rows, dtype=bool) if way is None else way.open for p, way in rows
         ]
-
-    def _count(self, all_: bool = True) -> None:
-        for way in self._with_friction:
-            way.count(all_)
 
     def _go_on(self, now: float, change: Array) -> None:
         equations = self._equations
@@ -183,12 +163,6 @@ class Onset:
                     if by_jump is not None:
                         jump = jump + by_jump * displacements[p.tool]
                 way.go_on(now, gap, jump)
-
-    def _is_wild(self) -> bool:
-        wild = any(
-            way.approach() > WILD * way.p.model.paired.search_radius for way in self._with_friction
-        )
-        return bool(self._comm.allreduce(wild, op=MPI.LOR))
 
     def _until(self, many: float) -> tuple[float, int, int]:
         """Until when a number of rows has closed. Collective.

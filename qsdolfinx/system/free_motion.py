@@ -18,6 +18,7 @@ from qsdolfinx.system.rigid_modes import RigidMotion, displacement_space
 from qsdolfinx.system.tangent import Tangent
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 #: What is added to the diagonal of the tangent, relative to its mean.
 SHIFT = 1e-9
@@ -64,21 +65,27 @@ class Hold:
                 changes.append(rigid.gap_changes(p, contact.ordered(p, side)) @ self._motions)
             self._changes.append(changes)
 
-    def free_motions(self) -> Array:
+    def free_motions(self, closed: typing.Sequence[Flags] | None = None) -> Array:
         """Motions that closed contacts do not resist either, (modes of all bodies, motions).
 
         Collective.
+
+        Args:
+            closed: Closed rows of each pass; by default those of the last evaluation.
         """
         count = self._motions.shape[1]
         stiffness, whole = np.zeros((count, count)), np.zeros((count, count))
         if count == 0:
             return self._motions
-        for contact, changes in zip(self._contacts, self._changes, strict=True):
-            for p, change in zip(contact.gaps, changes, strict=True):
-                weight = np.repeat(p.weight * contact.eps, p.operator.width)
-                closed = np.repeat(active_set.closed(contact, p), p.operator.width)
-                whole += (change.T * weight) @ change
-                stiffness += (change.T * (weight * closed)) @ change
+        passes = [(c, p) for c in self._contacts for p in c.gaps]
+        if closed is None:
+            closed = [active_set.closed(contact, p) for contact, p in passes]
+        changes = [change for of_contact in self._changes for change in of_contact]
+        for (contact, p), change, rows in zip(passes, changes, closed, strict=True):
+            weight = np.repeat(p.weight * contact.eps, p.operator.width)
+            resisting = weight * np.repeat(rows, p.operator.width)
+            whole += (change.T * weight) @ change
+            stiffness += (change.T * resisting) @ change
         comm: MPI.Intracomm = self._bodies[0].comm
         stiffness, whole = comm.allreduce(np.array([stiffness, whole]), op=MPI.SUM)
         values, vectors = np.linalg.eigh(stiffness)
