@@ -94,6 +94,8 @@ class OneNewton:
         self.history: list[Iterate] = []
         self._ksp: PETSc.KSP | None = None
         self._was_in_floor = False
+        #: Largest residual, contact forces and multiplier of the solve so far.
+        self._seen: Array = np.zeros(3)
 
     @property
     def num_iterations(self) -> int:
@@ -111,7 +113,7 @@ class OneNewton:
             NoConvergence: If none is found.
         """
         self.history, step = [], 1.0
-        self._was_in_floor = False
+        self._was_in_floor, self._seen = False, np.zeros(3)
         z = z.copy()
         free = self._free_step(z) if begins else None
         at = self.equations.evaluate(z, first=True)
@@ -179,16 +181,19 @@ class OneNewton:
             pc.setFactorSetUpSolverType()
             pc.getFactorMatrix().setMumpsIcntl(14, EXTRA_MEMORY)
         self._ksp.setOperators(matrix)
-        self._ksp.setUp()
         x, b = matrix.createVecs()
-        b.array[:] = rhs
         try:
+            self._ksp.setUp()
+            b.array[:] = rhs
             self._ksp.solve(b, x)
+            out = np.array(x.array_r)
+            b.array[:] = self.equations.softened * out  # takes back what makes it regular
+            self._ksp.solve(b, x)
+            out += x.array_r
         except PETSc.Error as error:
             if error.ierr != OF_A_LIBRARY:
                 raise
-            x.set(np.nan)
-        out = np.array(x.array_r)
+            out = np.full(self.equations.num_local, np.nan)
         x.destroy()
         b.destroy()
         if not self._all(bool(np.isfinite(out).all())):
@@ -199,8 +204,8 @@ class OneNewton:
     # --- The line search
 
     def _search(self, z: Array, at: State, change: Array) -> tuple[Array, State, float]:
-        """As much of the step as makes the merit fall. Collective."""
-        before, step, found = self._merit(at), 1.0, None
+        """As much of the step as makes the merit fall, or else all of it. Collective."""
+        before, step, largest = self._merit(at), 1.0, None
         for _ in range(MAX_HALVINGS):
             try:
                 there = self.equations.evaluate(z + step * change)
@@ -208,13 +213,14 @@ class OneNewton:
             except NoGapError:
                 merit = np.inf
             if np.isfinite(merit):
-                found = z + step * change, there, step
                 if merit <= (1 - FALL * step) * before:
-                    return found
+                    return z + step * change, there, step
+                largest = largest or step
             step /= 2
-        if found is None:
+        if largest is None:
             raise NoConvergence("no residual can be evaluated along the step")
-        return found[0], self.equations.evaluate(found[0]), found[2]
+        found = z + largest * change
+        return found, self.equations.evaluate(found), largest
 
     def _merit(self, at: State) -> float:
         equations = self.equations
@@ -263,6 +269,8 @@ class OneNewton:
         number, x = len(self.history) - 1, equations.bodies_of(at.z)
         self._newton.note(number, x, found.residual, self._num_closed(at))
         limits = self._rtol * forces, self._rtol * largest[1]
+        self._seen = np.maximum(self._seen, [residual, forces, largest[1]])
+        rounded, largest[2] = max(rounded, *self._seen[:2]), max(largest[2], self._seen[2])
         floors = max(limits[0], ROUNDING * rounded), max(limits[1], ROUNDING * largest[2])
         in_floor = bool(residual <= floors[0] and largest[0] <= floors[1])
         # An iteration more, as a refinement, makes the most of what rounding leaves.

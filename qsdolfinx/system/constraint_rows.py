@@ -323,6 +323,18 @@ class ConstraintRows:
         by_normal = (weight / self._ct * positive)[:, None] * at.response.coupling
         return Derivative(by_gap, own, by_slip, by_tau, by_normal)
 
+    def softened(self, at: Evaluated) -> Array:
+        """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
+        normal = -self.gap.weight * at.active * self._proximal
+        rows = np.repeat(normal[:, None], self.width, axis=1)
+        if at.held is not None:
+            rows = np.where(at.held, 0.0, rows)
+        if self.slip is None:
+            return np.asarray(rows.ravel())
+        tangential = -self.gap.weight * self._proximal_t
+        gdim = self.gap.slave.gdim
+        return np.concatenate([rows.ravel(), np.repeat(tangential, gdim)])
+
     @staticmethod
     def _with_direction_of_tau(at: Evaluated) -> Array:
         """D with (I − τ/max(κ, |τ|) ⊗ d) in place of (I − d ⊗ d) where rows slip."""

@@ -141,6 +141,8 @@ class Equations:
         self._count()
         #: Numbers of the bodies that no condition holds along some rigid motion.
         self.free_bodies = system.free_bodies
+        #: What the last derivative has on its diagonal to be regular, beside R's.
+        self.softened: Array = np.zeros(self.num_local)
         self._blocks: Blocks | None = None
         self._matrix: PETSc.Mat | None = None
         self._pattern: tuple[Indices, Indices] | None = None
@@ -451,9 +453,14 @@ class Equations:
             shift: Part of its magnitude that is added to the diagonal of bodies that conditions
                 leave some rigid motion, and of those that have no condition at all.
         """
+        self.softened = np.zeros(self.num_local)
         found = [*self._bulk(), *self._curvature(at), *self._shift(shift)]
         for i, p in enumerate(self.passes):
             found += self._of_pass(i, p, at.passes[i], exact)
+            if not exact:
+                first = int(self._ends[len(self.system.bodies) + i])
+                soft = p.rows.softened(at.passes[i])
+                self.softened[first : first + len(soft)] = soft
         row, column, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
         keep = (row >= 0) & (column >= 0)
         row, column, value = row[keep], column[keep], value[keep]
@@ -512,8 +519,9 @@ class Equations:
         softest = np.min(sums[:, 0] / np.maximum(sums[:, 1], 1.0))
         for i in self.free_bodies:
             rows = self.start + np.arange(self._ends[i], self._ends[i + 1], dtype=np.int64)
-            part = parts[int(sums[i, 2] == 0)]
-            found.append(Entries(rows, rows, part * np.minimum(bodies[i].diagonal, softest)))
+            part, held = parts[int(sums[i, 2] == 0)], np.minimum(bodies[i].diagonal, softest)
+            found.append(Entries(rows, rows, part * held))
+            self.softened[rows - self.start] = parts[0] * held
         return found
 
     def _curvature(self, at: State) -> list[Entries]:
