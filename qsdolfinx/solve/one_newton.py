@@ -25,7 +25,7 @@ MAX_HALVINGS, FALL = 8, 1e-4
 
 #: Springs of bodies that conditions leave a rigid motion, over their diagonal, and most of those that
 #: have no condition at all.
-SPRINGS = 1e-11, 1e-2
+SPRINGS = 1e-11, 1e-4
 
 #: Accuracy: unbalanced forces over contact forces, gaps times c over the largest multiplier, and
 #: unbalanced force of a tool over the force that drives it.

@@ -121,6 +121,8 @@ class Equations:
         start: Number of the first of them.
         size: Unknowns of all ranks.
         one_step: Within which :meth:`accept` ends a step of friction's history: the problem's.
+        free_bodies: Numbers of the bodies that conditions leave some rigid motion.
+        softened: What the last inexact derivative has on its diagonal to be regular.
     """
 
     def __init__(self, system: ContactSystem) -> None:
@@ -139,9 +141,7 @@ class Equations:
             contextlib.nullcontext
         )
         self._count()
-        #: Numbers of the bodies that no condition holds along some rigid motion.
         self.free_bodies = system.free_bodies
-        #: What the last derivative has on its diagonal to be regular, beside R's.
         self.softened: Array = np.zeros(self.num_local)
         self._blocks: Blocks | None = None
         self._matrix: PETSc.Mat | None = None
