@@ -23,8 +23,8 @@ Flags = npt.NDArray[np.bool_]
 #: Halvings of a step, and what the merit has to fall by over what a whole step promises.
 MAX_HALVINGS, FALL = 8, 1e-4
 
-#: Springs of bodies that conditions leave a rigid motion, over their diagonal, and most of those that
-#: have no condition at all.
+#: Springs of bodies that conditions leave a rigid motion, over their diagonal, and most of those
+#: that have no condition at all.
 SPRINGS = 1e-11, 1e-4
 
 #: Accuracy: unbalanced forces over contact forces, gaps times c over the largest multiplier, and

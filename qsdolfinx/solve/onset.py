@@ -94,8 +94,8 @@ class Onset:
     of the step, with the jump J_0 + s (J_free − J_0), from which slip counts in all that follows.
     Each row that closes bends the way of the others. So it is straight only until twice as many
     rows are closed as at its beginning; from there on it leads to where bodies are with those
-    closed, and so on. Where rows that close alone hold a body, nothing tells where it was going, and
-    slip counts from the start of the step.
+    closed, and so on. Where rows that close alone hold a body, nothing tells where it was going,
+    and slip counts from the start of the step.
 
     Args:
         equations: The equations, at the last evaluation.

@@ -507,7 +507,7 @@ class Equations:
         return [all_, *(self._of_matrix(body.matrix(), i, i) for i, body in bodies)]
 
     def _shift(self, parts: tuple[float, float]) -> list[Entries]:
-        """Springs of bodies that no condition holds, no stiffer than the softest body. Collective."""
+        """Springs of free bodies, no stiffer than the softest body. Collective."""
         if not (any(parts) and self.free_bodies):
             return []
         bodies, found = self.system.bodies, []
