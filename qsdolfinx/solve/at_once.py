@@ -44,6 +44,8 @@ class AtOnce:
             name == "snes_type" or name.startswith(("ksp_", "pc_", "mat_")) for name in chosen
         )
         self._start: list[Array] | None = None
+        #: Whether the last solve was of the same step.
+        self._again = False
         #: Why the last solve has failed, one of PETSc's reasons.
         self.reason = int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
 
@@ -66,6 +68,7 @@ class AtOnce:
     def begin_step(self) -> None:
         """Remember the unknowns: solves of the step that fail are begun again from there."""
         self._start = [body.u.x.array.copy() for body in self._system.bodies]
+        self._again = False
 
     def solve(self) -> bool:
         """Solve from the system's unknowns; whether it has found a solution. Collective.
@@ -76,11 +79,12 @@ class AtOnce:
         known = [multipliers.known(contact) for contact in system.contacts]
         measures = [gap.state.measure for gap in system.gaps]
         equations, before = Equations(system), system.x.array.copy()
-        loop = OneNewton(equations, newton)
+        loop = OneNewton(equations, newton, self._again)
         try:
             with system.watch.stage("solve"):
                 z = self._find(equations, loop)
             equations.end_at(z)
+            self._again = True
         except (NoConvergence, NoGapError) as error:
             reasons = PETSc.SNES.ConvergedReason
             late = not isinstance(error, NoConvergence) or error.is_late
@@ -90,6 +94,7 @@ class AtOnce:
             for gap, measure in zip(system.gaps, measures, strict=True):
                 gap.state.measure = measure
             system.x.array[:] = before
+            self._again = False
             return False
         finally:
             loop.destroy()

@@ -80,10 +80,11 @@ class OneNewton:
     Args:
         equations: The equations.
         newton: Whose record, monitors and tolerances it has.
+        again: Whether the step has been solved before, with other pairs.
     """
 
-    def __init__(self, equations: Equations, newton: Newton) -> None:
-        self.equations, self._newton = equations, newton
+    def __init__(self, equations: Equations, newton: Newton, again: bool = False) -> None:
+        self.equations, self._newton, self._again = equations, newton, again
         self._rtol, self._atol, _, self.max_it = newton.snes.getTolerances()
         #: Largest coordinate of each body: what is much larger is no displacement.
         self._sizes = [
@@ -116,7 +117,7 @@ class OneNewton:
         self._was_in_floor, self._seen = False, np.zeros(3)
         z = z.copy()
         free = self._free_step(z) if begins else None
-        at = self.equations.evaluate(z, first=True)
+        at = self.equations.evaluate(z, first=True, again=self._again)
         for iteration in range(self.max_it + 1):
             if self._has_converged(at, step):
                 return z
@@ -140,7 +141,7 @@ class OneNewton:
             return None
 
         def step(opened: list[Flags]) -> Array | None:
-            at = self.equations.evaluate(z, opened=opened)
+            at = self.equations.evaluate(z, opened=opened, again=self._again)
             hold = self.equations.system.made.hold
             if hold.free_motions([e.active for e in at.passes]).shape[1]:
                 return None

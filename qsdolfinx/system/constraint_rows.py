@@ -159,7 +159,11 @@ class ConstraintRows:
         return Multipliers(normal, self.slip.turned(self.slip.state.augmented))
 
     def evaluate(
-        self, at: Multipliers, first: bool = False, opened: Flags | None = None
+        self,
+        at: Multipliers,
+        first: bool = False,
+        opened: Flags | None = None,
+        again: bool = False,
     ) -> Evaluated:
         """The constraints where gap and slip were evaluated last. Collective.
 
@@ -168,6 +172,7 @@ class ConstraintRows:
             first: Whether what has λ > 0 counts as closed, and what is closed sticks, but where
                 it slipped when the step began.
             opened: Rows that count as open; none by default.
+            again: Whether the step has been solved before, so that what has τ is what it seems.
         """
         gap = self.gap.state.values - self._compliance[:, None] * at.normal
         trial = at.normal + self._c[:, None] * gap
@@ -182,7 +187,7 @@ class ConstraintRows:
             assert at.tangential is not None
             rows = self._told(self.slip, at, active)
             if first:
-                slipped = np.any(at.tangential, axis=1) & (self.slip.state.slipped > 0)
+                slipped = np.any(at.tangential, axis=1) & (again | (self.slip.state.slipped > 0))
                 rows = rows._replace(unlimited=active & ~slipped)
             with collective_errors(self.model.comm):  # a law may be the user's
                 flows = not all(self.model.kinematics.in_displacement)

@@ -334,7 +334,11 @@ class Equations:
         return out
 
     def evaluate(
-        self, z: Array, first: bool = False, opened: typing.Sequence[Flags] | None = None
+        self,
+        z: Array,
+        first: bool = False,
+        opened: typing.Sequence[Flags] | None = None,
+        again: bool = False,
     ) -> State:
         """Everything that residual and tangent need at z. Collective.
 
@@ -342,6 +346,7 @@ class Equations:
             z: Unknowns of this rank.
             first: As for ``ConstraintRows.evaluate``.
             opened: Rows of each pass that count as open; none by default.
+            again: As for ``ConstraintRows.evaluate``.
         """
         first = first or opened is not None
         if not first and self._is_at(z):
@@ -355,7 +360,7 @@ class Equations:
             terms.evaluate(contact, *vecs)
         both = list(zip(self.passes, multipliers, strict=True))
         passes = [
-            p.rows.evaluate(values, first, None if opened is None else opened[i])
+            p.rows.evaluate(values, first, None if opened is None else opened[i], again)
             for i, (p, values) in enumerate(both)
         ]
         for body in system.bodies:
