@@ -74,7 +74,8 @@ def _slid(
     length = np.linalg.norm(along, axis=1)
     opened = gap.rows.from_nodes(turn * length)
     may_touch = gap.rows.largest_on_nodes(gap.state.values[:, 0] + opened) > 0
-    counts |= np.any(may_touch.reshape(len(counts), -1), axis=1)  # of any side
+    sides = may_touch.size // max(len(counts), 1)
+    counts |= np.any(may_touch.reshape(len(counts), sides), axis=1)
     return float(np.max((length / gap.slave.node_size)[counts], initial=0.0))
 
 
