@@ -13,12 +13,11 @@ import numpy.typing as npt
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
-from qsdolfinx.gap.rows import NodeRows
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.one_newton import NoConvergence, OneNewton
 from qsdolfinx.solve.tool_balance import ToolBalance
-from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.equations import Equations, has_equations
 
 Array = npt.NDArray[np.float64]
 
@@ -61,8 +60,7 @@ class AtOnce:
             and contacts
             and newton.linear.is_direct
             and not newton.linear.is_rescued
-            and not any(contact.is_scalar or _is_papers(contact) for contact in contacts)
-            and all(isinstance(gap.rows, NodeRows) for gap in self._system.gaps)
+            and all(has_equations(contact) and not _is_papers(contact) for contact in contacts)
         )
 
     def begin_step(self) -> None:

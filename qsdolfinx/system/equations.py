@@ -18,6 +18,7 @@ from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import motion, terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.laws import Tied, Unilateral
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.system.blocks import Blocks
@@ -29,6 +30,9 @@ from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
+
+#: Laws that the rows of λ stand for; others are a user's.
+LAWS = Unilateral, Tied
 
 #: Residual over contact forces from which on unknowns are no solution.
 UNBALANCED = 1e-3
@@ -82,12 +86,23 @@ def check_equations(contacts: typing.Sequence[ContactModel]) -> None:
     """Refuse contacts that have no rows in the equations.
 
     Raises:
-        ValueError: If one is of a scalar field, or its constraints are at points.
+        ValueError: If one is of a scalar field, its constraints are at points, or its law is
+            another one than unilateral contact or a tie.
     """
     for contact in contacts:
         require(not contact.is_scalar, "contacts: equations are of bodies, not of scalar fields")
-        at_points = any(gap.rows.are_points for gap in contact.gaps)
-        require(not at_points, 'contacts: equations need constraints="nodes"')
+        require(not _is_at_points(contact), 'contacts: equations need constraints="nodes"')
+        known = type(contact.law) in LAWS
+        require(known, "contacts: equations need law=qs.Unilateral() or qs.Tied(), no other one")
+
+
+def has_equations(contact: ContactModel) -> bool:
+    """Whether a contact has rows in the equations."""
+    return not (contact.is_scalar or _is_at_points(contact)) and type(contact.law) in LAWS
+
+
+def _is_at_points(contact: ContactModel) -> bool:
+    return any(gap.rows.are_points for gap in contact.gaps)
 
 
 class Equations:
@@ -495,7 +510,11 @@ class Equations:
 
     def _of_matrix(self, mat: PETSc.Mat, i: int, j: int) -> Entries:
         """Entries of the block of bodies i and j."""
-        aij = mat if "aij" in mat.getType() and "b" not in mat.getType() else mat.convert("aij")
+        aij = (
+            mat
+            if "aij" in mat.getType() and "b" not in mat.getType()
+            else mat.convert("aij", PETSc.Mat())
+        )
         starts, columns, values = aij.getValuesCSR()
         first = self._ranges[i][self.system.comm.rank]
         rows = first + np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts))

@@ -171,6 +171,29 @@ def test_what_the_caller_gives():
     raises_everywhere(WORLD, RuntimeError, "have paired since", lambda: equations.residual(z))
 
 
+class Softened(qs.Unilateral):
+    """A user's own law."""
+
+    def multiplier(self, gap, penalty):
+        return 0.5 * super().multiplier(gap, penalty)
+
+    def slope(self, gap, penalty, touching):
+        return 0.5 * super().slope(gap, penalty, touching)
+
+
+def test_laws_of_the_users_own():
+    """They have no rows: refused here, and solves are those of before, with their forces."""
+    forces = []
+    for law, penalty in ((Softened(), 200.0), (qs.Unilateral(), 100.0)):
+        pair = Pair("triangle", law=law, penalty=penalty, contact_options=SOFT)
+        problem = pair.problem(solver="direct")
+        problem.solve()
+        forces.append(pair.contact.force("slave"))
+        if isinstance(law, Softened):
+            raises_everywhere(WORLD, ValueError, "no other one", problem.equations)
+    np.testing.assert_allclose(forces[0], forces[1], rtol=1e-9)
+
+
 def test_loads_of_now():
     """R is that of the present loads, also where it was evaluated before."""
     pair = Pair("triangle", contact_options=EXACT, wave=0.02)
