@@ -273,7 +273,9 @@ class Following:
                 self._kept.append(self._kept.pop(i))
                 return vec
         vec = self._slave.create_vec()
-        vec.array[self._slave.node_dofs - vec.owner_range[0]] = values[:, None] if values.ndim == 1 else values
+        vec.array[self._slave.node_dofs - vec.owner_range[0]] = (
+            values[:, None] if values.ndim == 1 else values
+        )
         self._kept.append((values, vec))
         if len(self._kept) > MAX_KEPT:  # the last cut and the areas before may need theirs
             self._kept.pop(0)[1].destroy()
