@@ -102,8 +102,8 @@ FAULTS = [
     Fault(
         "mass of hardly covered",
         "cpp/gap/piece_rows.cpp",
-        "{&sums.cover, &sums.gap, &sums.jump, &sums.gradient, &sums.mass})",
-        "{&sums.cover, &sums.gap, &sums.jump, &sums.gradient})",
+        "{&sums.cover, &sums.gap, &sums.jump, &sums.gradient, &sums.mass, &sums.cover_gradient})",
+        "{&sums.cover, &sums.gap, &sums.jump, &sums.gradient, &sums.cover_gradient})",
         "finite sliding: jumps of hardly covered nodes are not handed to their neighbours",
         ("tests/sliding/test_turning.py::test_with_friction",),
     ),
