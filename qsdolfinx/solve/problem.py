@@ -131,7 +131,8 @@ class ContactProblem:
         system: Residual and tangent of the problem.
         newton: Newton's method for the system.
         hands_over: Whether solves that Newton's method on all unknowns gives up go on with updates
-            of multipliers; else they fail. Not in a TimeStepper that can take a smaller step.
+            of multipliers; else they fail, unless the matrix was singular. Not in a TimeStepper that
+            can take a smaller step.
     """
 
     def __init__(
@@ -565,7 +566,8 @@ class ContactProblem:
         if self._is_at_once and not is_a_body_lost(self.system, start):
             self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
             return True
-        if not (self._is_at_once or self.hands_over):
+        singular = self._at_once.reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
+        if not (self._is_at_once or self.hands_over or singular):
             self.newton.fail(self._at_once.reason)
         self._is_at_once = False
         balance.restore()
