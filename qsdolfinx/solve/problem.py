@@ -131,8 +131,8 @@ class ContactProblem:
         system: Residual and tangent of the problem.
         newton: Newton's method for the system.
         hands_over: Whether solves that Newton's method on all unknowns gives up go on with updates
-            of multipliers; else they fail, unless the matrix was singular. Not in a TimeStepper that
-            can take a smaller step.
+            of multipliers; else they fail, unless the matrix was singular. Not in a TimeStepper
+            that can take a smaller step.
     """
 
     def __init__(
