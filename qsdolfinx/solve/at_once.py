@@ -21,7 +21,8 @@ from qsdolfinx.system.equations import Equations, has_equations
 
 Array = npt.NDArray[np.float64]
 
-#: Times that areas are measured anew, and change over the area of a node that is none.
+#: Times that a solve goes on with areas measured anew, and change over the area of a node that is
+#: none.
 MAX_MEASURES, SAME_AREA = 5, 1e-3
 
 

@@ -473,13 +473,6 @@ class Newton:
         """Let SNES say that it has ended for this reason."""
         self.snes.setConvergedReason(reason)
 
-    def error_of(self, text: str) -> ConvergenceError:
-        """The error of another iteration on the system, which says where it stood."""
-        reason = int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
-        error = ConvergenceError(reason, self.record.residuals, [], 0, [], False)
-        error.advise(text)
-        return error
-
     def _iterate(self, attempt: int) -> None:
         """Newton's method, with full steps or else with a line search.
 

@@ -98,11 +98,6 @@ class OneNewton:
         #: Largest residual, contact forces and multiplier of the solve so far.
         self._seen: Array = np.zeros(3)
 
-    @property
-    def num_iterations(self) -> int:
-        """Linear systems of the last solve."""
-        return max(len(self.history) - 1, 0)
-
     def solve(self, z: Array, begins: bool = True) -> Array:
         """Solution, from z on. Collective.
 

@@ -32,7 +32,7 @@ from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
 from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
-from qsdolfinx.solve.at_once import AtOnce
+from qsdolfinx.solve.at_once import MAX_MEASURES, SAME_AREA, AtOnce
 from qsdolfinx.solve.augmented import AugmentedLagrangian
 from qsdolfinx.solve.before import Before
 from qsdolfinx.solve.chord_pressure import check_chords
@@ -62,10 +62,6 @@ told: set[str] = set()
 #: Times that a step is solved again since bodies slip at other rates than friction has assumed, or
 #: from other places.
 MAX_RATES = 4
-
-#: Times that areas are measured anew with a penalty, and change over the area of a node that is
-#: none.
-MAX_MEASURES, SAME_AREA = 5, 1e-3
 
 #: Part of the residuals that a solve with other areas leaves, at most, though more were allowed.
 FALL = 1e-2
