@@ -29,7 +29,9 @@ class Hierarchy:
     """
 
     def __init__(self, ksp: PETSc.KSP, bodies: typing.Sequence[Body]) -> None:
-        self._ksp, self._bodies = ksp, bodies
+        #: The linear solver.
+        self.ksp = ksp
+        self._bodies = bodies
         self._multigrid: Multigrid | None = None
         self._spaces: dict[int, Aggregates] = {}
         self._states: list[int] = []
@@ -98,11 +100,11 @@ class Hierarchy:
 
     def _is_stale(self) -> bool:
         """Whether the last solve was slower than the first one with these spaces."""
-        iterations = self._ksp.getIterationNumber()
+        iterations = self.ksp.getIterationNumber()
         linear = all(body.linear for body in self._bodies)
         if linear or self._multigrid is None or iterations == 0:
             return False
-        digits = -np.log10(max(self._ksp.getTolerances()[0], TIGHTEST))
+        digits = -np.log10(max(self.ksp.getTolerances()[0], TIGHTEST))
         pace = iterations / digits
         if self._first_pace is None:
             self._first_pace = pace

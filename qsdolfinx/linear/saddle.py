@@ -1,4 +1,4 @@
-"""Unknowns and augmented multipliers from one linear system, while the active set stays."""
+"""Newton's step for bodies, multipliers and tools by a Krylov solver."""
 
 from __future__ import annotations
 
@@ -11,194 +11,211 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base import interrupt
-from qsdolfinx.contact import active_set, multipliers
-from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.linear.krylov import SAFETY_LINEAR
 from qsdolfinx.linear.presets import GMRES_RESTART
+from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.linear.stop import Stop
-from qsdolfinx.system.blocks import Side
-from qsdolfinx.system.body import Body
+from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.equations import Equations, State
+from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
 
-#: Mean gap that a solve leaves over the largest one that is allowed.
-CLOSED = 0.1
-
-#: Iterations after which a solve is given up, without a restart before.
-MAX_ITERATIONS = GMRES_RESTART
-
 
 class SaddlePoint:
-    """Solves [A, Gᵀ W; E W G, 0] [dx; dλ̂] = −[R; W (λ − λ̂)] for bodies that are linear.
+    """Solves [K, Lᵀ F; D R, C] [du; dm] = −[R_u; R_m], m being multipliers, F, D and C of few rows.
 
-    A is the tangent with the penalty's part Gᵀ W E G, E = diag(ε), of the closed rows, R the
-    residual with λ, and W the rows' weights. With dλ̂ no gap is left at these rows. Both equations
-    are forces, so that one tolerance ends both. Uzawa's method needs a solve with A for each update
-    of λ̂, this is one in all: GMRES with the preconditioner [V, ·; 0, −W], V being multigrid's cycle
-    for A. The Schur complement −E W G A⁻¹ Gᵀ W tends to −W as ε grows (Benzi & Olshanskii, 2006).
+    L and R have the gaps and slips of all rows as functions of the bodies' unknowns; F, D and C are
+    blocks of the rows of a node, see :class:`RowBlocks`. GMRES is preconditioned with factors of
+    the matrix in which closed rows have the compliance of a penalty, C_γ: with S = −F C_γ⁻¹ D
+
+        [I, 0; D R V, I]⁻¹ · diag(V, C_γ)⁻¹ · [I, Lᵀ F C_γ⁻¹; 0, I]⁻¹,   V ≈ (K + Lᵀ S R)⁻¹.
+
+    V is multigrid's cycle, or that of the Schur complement. With V exact all eigenvalues are 1, but
+    for those of closed rows without a compliance, which tend to 1 as the penalty grows (Benzi &
+    Olshanskii, 2006). Driven tools are eliminated last, by their Schur complement with V.
 
     Args:
-        bodies: The bodies.
-        contacts: Contacts with an augmented Lagrangian, without friction, of a single pass each.
-        sides: Bodies of the slave and the master of each of these contacts.
-        ksp: The solver whose matrix is A, with its preconditioner V.
+        equations: The equations; contacts whose gaps stay while they do not pair anew.
+        linear: A multigrid preset, and a tangent that is a sum.
     """
 
-    def __init__(
-        self,
-        bodies: typing.Sequence[Body],
-        contacts: typing.Sequence[ContactModel],
-        sides: typing.Sequence[Side],
-        ksp: PETSc.KSP,
-    ) -> None:
-        self._bodies = bodies
-        self._contacts, self._sides = contacts, sides
-        self._A, self._V = ksp.getOperators()[0], ksp.getPC()
-        self._ends = np.cumsum([body.num_owned for body in bodies])
-        self._passes = [contact.gaps[0] for contact in contacts]
-        #: Components that have a λ̂, of shape (rows, width).
-        self._unknown = [
-            active_set.closed(c, p)[:, None] & _components(p)
-            for c, p in zip(contacts, self._passes, strict=True)
-        ]
-        self._closed = [
-            active_set.closed(c, p) for c, p in zip(contacts, self._passes, strict=True)
-        ]
-        widths = [np.ones((1, p.operator.width)) for p in self._passes]
-        weights = [p.weight[:, None] * w for p, w in zip(self._passes, widths, strict=True)]
-        self._weight = self._at_closed(weights)
-        eps = [c.eps * p.relative_penalty for c, p in zip(contacts, self._passes, strict=True)]
-        penalties = [e[:, None] * w for e, w in zip(eps, widths, strict=True)]
-        self._stiffness = self._weight * self._at_closed(penalties)
-        self._x, self._y = self._A.createVecs()
-        #: Whether the last solve has converged, its iterations, and the part of b that is left.
-        self.converged, self.num_iterations, self.left = False, 0, np.inf
-        #: Whether a direct solver would have been faster, of "auto".
-        self.crawls = False
-        #: Changes of the owned unknowns that it found.
-        self.change: Array = np.zeros(0)
-        #: λ̂ of each contact that it found, zero at open rows.
-        self.multipliers: list[Array] = []
+    def __init__(self, equations: Equations, linear: LinearSolver) -> None:
+        self._equations, self._linear = equations, linear
+        tangent = equations.system.made.tangent
+        assert isinstance(tangent, Additive)
+        self._tangent = tangent
+        self._num_u = sum(body.num_owned for body in equations.system.bodies)
+        self._comm = equations.system.comm
+        self._L, self._R = tangent.factors.product.left, tangent.factors.product.right
+        self._m, self._n = self._L.createVecLeft(), self._L.createVecLeft()
+        self._u, self._f = self._L.createVecRight(), self._L.createVecRight()
+        self._blocks = RowBlocks(equations)
+        #: Of tools: ∂m/∂s with D, forces at rows, V b and the Schur complement.
+        self._rigid: Array = np.zeros((0, 0))
+        self._before: list[bytes] | None = None
+        #: Norms of the right-hand sides of the solve.
+        self._norms: list[float] = []
+        size = (equations.num_local, equations.size)
+        matrix = PETSc.Mat().createPython((size, size), self, self._comm)
+        matrix.setUp()
+        self._ksp = PETSc.KSP().create(self._comm)
+        self._ksp.setOperators(matrix)
+        is_flow = linear.schur is not None
+        self._ksp.setType(PETSc.KSP.Type.FGMRES if is_flow else PETSc.KSP.Type.GMRES)
+        self._ksp.setGMRESRestart(GMRES_RESTART)
+        self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        self._ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+        self._ksp.getPC().setPythonContext(self)
+        self._stop = Stop(self._ksp, self._comm)
+        self._matrix = matrix
 
-    def solve(
-        self,
-        residual: Array,
-        final: float,
-        rounding: float,
-        part: float = 0.0,
-        longest: int = MAX_ITERATIONS,
-    ) -> None:
-        """Find ``change`` and ``multipliers``. Once; collective.
+    def solve(self, at: State, springs: Array, until: float, exact: bool = False) -> Array | None:
+        """Newton's step from an evaluation; None if it is not found. Collective.
 
         Args:
-            residual: R, owned values.
-            final: Norm of the residual that a solution may have.
-            rounding: Norm of the residual that cannot be got below.
-            part: What may be left of both residuals, relative to what they are.
-            longest: Iterations after which it is given up.
+            at: The evaluation, the last one.
+            springs: On top of the diagonal of the bodies' matrices, owned unknowns.
+            until: Norm of forces, and of gaps times a stiffness, with which Newton's method ends.
+            exact: Whether to solve with a small tolerance, whatever Newton's method needs.
         """
-        comm = self._bodies[0].comm
-        square = comm.allreduce(float(self._stiffness @ self._stiffness), op=MPI.SUM)
-        allowed = min(multipliers.allowed(contact) for contact in self._contacts)
-        tolerance = max(
-            min(SAFETY_LINEAR * final, CLOSED * allowed * float(np.sqrt(square))), rounding
-        )
-        known = self._at_closed([p.state.augmented for p in self._passes])
-        image = [c.gaps[0].multiplier(c.eps) for c in self._contacts]
-        rows = -self._weight * (self._at_closed(image) - known)
+        equations, linear, ksp = self._equations, self._linear, self._ksp
+        self._blocks.take(at)
+        rhs = -equations.residual_of(at)
+        rhs[self._num_u :] *= self._blocks.scale
+        norm = float(np.sqrt(self._comm.allreduce(float(rhs @ rhs), op=MPI.SUM)))
+        if norm == 0:
+            return np.zeros(equations.num_local)
+        self._norms.append(norm)
+        tangent = [*(body.fingerprint for body in equations.system.bodies), self._blocks.digest]
+        same = self._comm.allreduce(tangent == self._before, op=MPI.LAND)
+        self._before = typing.cast(list[bytes], tangent)
+        tolerance, longest = linear.tolerance(self._norms, until, not same, exact)
+        self._tangent.assemble_with(self._blocks.stiffness(), springs if np.any(springs) else None)
+        linear.precondition(ksp)
+        self._find_rigid()
+        b = PETSc.Vec().createWithArray(rhs, comm=self._comm)
+        x = b.duplicate()
+        ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=longest)
+        ksp.setUp()
+        ksp.solve(b, x)
+        self._stop.look(ksp)
+        out: Array = x.array_r.copy()
+        for vec in (b, x):
+            vec.destroy()
+        interrupt.look(self._comm)
+        fine = ksp.getConvergedReason() > 0 and bool(np.isfinite(out).all())
+        return out if self._comm.allreduce(fine, op=MPI.LAND) else None
 
-        b = PETSc.Vec().createWithArray(np.concatenate([-residual, rows]), comm=comm)
-        y = b.duplicate()
-        matrix = PETSc.Mat().createPython([b.getSizes()] * 2, self, comm)
-        matrix.setUp()
-        ksp = PETSc.KSP().create(comm)
-        ksp.setOperators(matrix)
-        ksp.setType(PETSc.KSP.Type.GMRES)
-        ksp.setGMRESRestart(MAX_ITERATIONS)
-        ksp.setPCSide(PETSc.PC.Side.RIGHT)
-        ksp.setTolerances(rtol=part, atol=tolerance, max_it=min(longest, MAX_ITERATIONS))
-        ksp.getPC().setType(PETSc.PC.Type.PYTHON)
-        ksp.getPC().setPythonContext(self)
-        Stop(ksp, comm)
-        ksp.solve(b, y)
-        self.converged = ksp.getConvergedReason() > 0
-        self.num_iterations = ksp.getIterationNumber()
-        self.left = ksp.getResidualNorm() / (b.norm() or 1.0)
-        self.change, rows = (part.copy() for part in np.split(y.array_r, [self._ends[-1]]))
-        self.multipliers = self._on_rows(known + rows)
-        for thing in (ksp, matrix, b, y, self._x, self._y):
-            thing.destroy()
-        interrupt.look(comm)
+    @property
+    def num_iterations(self) -> int:
+        """Iterations of the last solve."""
+        return int(self._ksp.getIterationNumber())
+
+    @property
+    def reason(self) -> str:
+        """Why the last solve has ended."""
+        kinds = PETSc.KSP.ConvergedReason
+        found = self._ksp.getConvergedReason()
+        names = (n for n in dir(kinds) if n.isupper() and getattr(kinds, n) == found)
+        return next(names, str(found))
 
     # --- What PETSc calls
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """The product of the matrix."""
-        here, rows = np.split(x.array_r, [self._ends[-1]])
-        self._x.array[:] = here
-        self._A.mult(self._x, self._y)
-        forces = self._y.array_r + self._forces(rows)
-        y.array[:] = np.concatenate([forces, self._stiffness * self._gaps(here)])
+        u, m, s = self._split(x.array_r)
+        self._u.array[:] = u
+        self._tangent.sum.multiply_bodies(self._u, self._f)
+        forces, gaps = self._f.array_r.copy(), self._gaps(u) + self._rigid.T @ s
+        y.array[: self._num_u] = forces + self._forces(m)
+        y.array[self._num_u : self._num_u + len(m)] = self._blocks.by_gaps(gaps) + (
+            self._blocks.by_multipliers(m)
+        )
+        self._put_tools(y, self._of_tools(m))
 
     def apply(self, _: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """The product of the preconditioner."""
-        here, rows = np.split(r.array_r, [self._ends[-1]])
-        change = -rows / self._weight
-        self._x.array[:] = here - self._forces(change)
-        self._V.apply(self._x, self._y)
-        z.array[:] = np.concatenate([self._y.array_r, change])
+        u, m, s = self._split(r.array_r)
+        known = self._blocks.solve(m)
+        du = self._cycle(u - self._forces(known))
+        ds = np.zeros(len(s))
+        if len(s):
+            pushed = self._blocks.condensed(self._gaps(du))
+            left = s - self._of_tools(known) - self._of_tools(pushed)
+            ds = np.linalg.solve(self._schur, left)
+            du -= ds @ self._moved
+        dm = known + self._blocks.condensed(self._gaps(du) + self._rigid.T @ ds)
+        z.array[: self._num_u] = du
+        z.array[self._num_u : self._num_u + len(m)] = dm
+        self._put_tools(z, ds)
 
     # --- Parts of it
 
-    def _forces(self, values: Array) -> Array:
-        """Gᵀ W of multipliers at the closed rows, zero at constrained unknowns. Collective."""
-        forces = [body.force for body in self._bodies]
-        for force in forces:
-            force.zeroEntries()
-        parts = zip(self._contacts, self._passes, self._sides, self._on_rows(values), strict=True)
-        for contact, p, (s, m), multiplier in parts:
-            vecs = forces[s], None if m is None else forces[m]
-            p.add_forces(multiplier, contact.ordered(p, vecs))
-        for body in self._bodies:
-            body.force.array[body.owned_constrained] = 0
-        return np.concatenate([force.array_r for force in forces])
+    def _split(self, x: Array) -> tuple[Array, Array, Array]:
+        """Unknowns of bodies and multipliers, and those of tools on all ranks. Collective."""
+        count = len(self._equations.tools)
+        s = np.zeros(count)
+        if count == 0:
+            return x[: self._num_u], x[self._num_u :], s
+        end = len(x) - (count if self._comm.rank == 0 else 0)
+        s[: len(x) - end] = x[end:]
+        self._comm.Bcast(s, root=0)
+        return x[: self._num_u], x[self._num_u : end], s
 
-    def _gaps(self, values: Array) -> Array:
-        """G of owned unknowns, at the closed rows. Collective."""
-        parts = np.split(values, self._ends[:-1])
-        for body, part in zip(self._bodies, parts, strict=True):
-            body.force.array[:] = part
-            body.force.array[body.owned_constrained] = 0
-        gaps = []
-        for contact, p, (s, m) in zip(self._contacts, self._passes, self._sides, strict=True):
-            vecs = self._bodies[s].force, None if m is None else self._bodies[m].force
-            gaps.append(p.change_of(contact.ordered(p, vecs)))
-        return self._at_closed(gaps)
+    def _put_tools(self, x: PETSc.Vec, s: Array) -> None:
+        if len(s) and self._comm.rank == 0:
+            x.array[-len(s) :] = s
 
-    def _at_closed(self, values: typing.Sequence[Array]) -> Array:
-        """Values at the closed rows of all contacts, one after the other."""
-        return np.concatenate(
-            [v[unknown] for v, unknown in zip(values, self._unknown, strict=True)]
-        )
+    def _forces(self, m: Array) -> Array:
+        """Lᵀ F m. Collective."""
+        self._m.array[:] = self._blocks.forces(m)
+        self._L.multTranspose(self._m, self._f)
+        return self._f.array_r.copy()
 
-    def _on_rows(self, values: Array) -> list[Array]:
-        """The inverse: an array for each contact; components that are no unknowns follow.
+    def _gaps(self, u: Array) -> Array:
+        """R u. Collective."""
+        self._u.array[:] = u
+        self._R.mult(self._u, self._n)
+        return self._n.array_r.copy()
 
-        Collective.
-        """
-        out, start = [], 0
-        for p, unknown, closed in zip(self._passes, self._unknown, self._closed, strict=True):
-            on_rows = np.zeros_like(p.state.augmented)
-            end = start + np.count_nonzero(unknown)
-            on_rows[unknown] = values[start:end]
-            out.append(on_rows if p.extension is None else p.extension.fill(on_rows, closed))
-            start = end
-        return out
+    def _cycle(self, f: Array) -> Array:
+        """V f. Collective."""
+        self._u.array[:] = f
+        self._linear.ksp.getPC().apply(self._u, self._f)
+        return self._f.array_r.copy()
 
+    def _of_tools(self, m: Array) -> Array:
+        """Forces of multipliers on tools, on all ranks. Collective."""
+        out = self._rigid @ self._blocks.forces(m)
+        if len(out):
+            self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
+        return np.asarray(out)
 
-def _components(p: WeightedGap) -> npt.NDArray[np.bool_]:
-    """Components of the multipliers that are unknowns, shape (rows, width)."""
-    if p.extension is None:
-        return np.ones_like(p.state.augmented, dtype=bool)
-    return ~p.extension.held
+    def _find_rigid(self) -> None:
+        """What tools need: their gaps, and their Schur complement with V. Collective."""
+        equations = self._equations
+        self._rigid = np.zeros((len(equations.tools), len(self._m.array_r)))
+        if not equations.tools:
+            return
+        first = 0
+        for p in equations.passes:
+            end = first + p.rows.num_unknowns
+            if p.tool is not None:
+                gap, slip = equations.changes(p)
+                parts = [gap.ravel()] if slip is None else [gap.ravel(), slip.ravel()]
+                self._rigid[p.tool, first:end] = np.concatenate(parts)
+            first = end
+        reached = [self._blocks.condensed(gaps) for gaps in self._rigid]
+        #: V Lᵀ F of what multipliers change by with each tool, (tools, unknowns).
+        self._moved: Array = np.array([self._cycle(self._forces(m)) for m in reached])
+        self._schur: Array = np.array(
+            [
+                self._of_tools(m) - self._of_tools(self._blocks.condensed(self._gaps(u)))
+                for m, u in zip(reached, self._moved, strict=True)
+            ]
+        ).T
+
+    def free(self) -> None:
+        """Free PETSc's objects. Collective."""
+        for thing in (self._ksp, self._matrix, self._m, self._n, self._u, self._f):
+            thing.destroy()

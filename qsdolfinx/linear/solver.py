@@ -9,10 +9,11 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.messages import say
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.linear.factors_again import OF_A_LIBRARY, begin_afresh
 from qsdolfinx.linear.hierarchy import Hierarchy
-from qsdolfinx.linear.krylov import LEAST_TOGETHER, Krylov
+from qsdolfinx.linear.krylov import Krylov
 from qsdolfinx.linear.presets import (
     AGGREGATION,
     BLOCK,
@@ -23,7 +24,6 @@ from qsdolfinx.linear.presets import (
     patience,
 )
 from qsdolfinx.linear.rescue import Rescue
-from qsdolfinx.linear.saddle import MAX_ITERATIONS, SaddlePoint
 from qsdolfinx.linear.schur import Forms, Schur
 from qsdolfinx.linear.soft_motions import SoftMotions
 from qsdolfinx.linear.stop import Stop
@@ -231,6 +231,7 @@ class LinearSolver:
             elif self._hierarchy is not None:
                 assert isinstance(system.made.tangent, Additive)
                 pc, modes = self.ksp.getPC(), system.made.rigid.modes
+                self._hierarchy.ksp = self.ksp
                 self._hierarchy.update(pc, system.made.tangent.sum, modes)
 
     def prepare(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:
@@ -289,44 +290,71 @@ class LinearSolver:
         """
         self._stop.look(self.ksp)
 
-    @property
-    def has_saddle_point(self) -> bool:
-        """Whether unknowns and multipliers can be solved for together, see SaddlePoint."""
-        if not (self.chooses_tolerance and isinstance(self._system.made.tangent, Additive)):
-            return False
-        augmented = [c for c in self._system.contacts if c.augmented]
-        passes = [gap for c in augmented for gap in c.gaps]
-        at_nodes = not any(gap.rows.are_points for gap in passes)
-        return self._system.linear and len(passes) == len(augmented) and at_nodes
+    # --- Newton's method on bodies and multipliers at once
 
-    def solve_saddle_point(
-        self, residual: Array, final: float, rounding: float, part: float = 0.0
-    ) -> SaddlePoint | None:
-        """Solve for changes of unknowns and multipliers as if the active set stayed. Collective.
+    @property
+    def is_given_up(self) -> bool:
+        """Whether factors are to be taken where a Krylov solver has failed, see ``give_up``."""
+        return self._waits > 0
+
+    def give_up(self, reason: str) -> bool:
+        """Let a direct solver do the rest of the solve, and some more of them. Collective.
 
         Args:
-            residual: At the last evaluation, owned values; the tangent is that of there.
-            final: Norm of the residual that a solution may have.
-            rounding: What rounding may leave of it.
-            part: What may be left of residual and gaps, relative to what they are.
+            reason: What is said.
 
         Returns:
-            The system, solved or not; None where free motions are held by the tangent alone.
+            Whether it is; not if the problem is too large.
         """
-        system = self._system
+        if not Rescue.is_small_enough(self._system):
+            return False
+        say(self._system.comm, f"linear solver: {reason}; a direct solver takes over")
+        self._waits, self._failures = 2**self._failures, min(self._failures + 1, MAX_FAILURES)
+        return True
+
+    def end_solve(self) -> None:
+        """Count a solve since a Krylov solver failed, or that none has."""
+        if self._waits:
+            self._waits -= 1
+        else:
+            self._failures = 0
+
+    def tolerance(
+        self, norms: typing.Sequence[float], until: float, changed: bool, exact: bool
+    ) -> tuple[float, int]:
+        """Relative tolerance of the next linear solve, and its iterations at most.
+
+        Args:
+            norms: Norms of the right-hand sides of the solve so far.
+            until: Norm with which Newton's method ends.
+            changed: Whether the matrix is another than that of the last linear solve.
+            exact: Whether it is to be :data:`EXACT`, whatever Newton's method needs.
+        """
+        assert self.krylov is not None
+        if exact:
+            self.krylov.set(EXACT)
+        else:
+            self.krylov.set_tolerance(norms, until, changed)
+        tolerance, _, _, longest = self.ksp.getTolerances()
+        return float(tolerance), int(longest)
+
+    def precondition(self, ksp: PETSc.KSP) -> None:
+        """Let multigrid follow the sum as it is now. Collective.
+
+        Args:
+            ksp: The solver that it is for.
+        """
+        system, pc = self._system, self.ksp.getPC()
         assert isinstance(system.made.tangent, Additive)
-        if system.made.tangent.sum.shift is not None or self._rescue is not None:
-            return None
-        self.ksp.setOperators(system.matrix, system.matrix)
-        pairs = zip(system.contacts, system.sides, strict=True)
-        contacts, sides = zip(*((c, s) for c, s in pairs if c.augmented), strict=True)
         with self.watch.stage("solve"):
+            self.soft.forget()
+            if self.schur is not None:
+                self.schur.update()
+            elif self._hierarchy is not None:
+                self._hierarchy.ksp = ksp
+                self._hierarchy.update(pc, system.made.tangent.sum, system.made.rigid.modes)
+            self.ksp.setOperators(system.matrix, system.matrix)
             self.ksp.setUp()
-            saddle = SaddlePoint(system.bodies, contacts, sides, self.ksp)
-            longest = self.krylov and self.krylov.longest(part or EXACT, LEAST_TOGETHER)
-            saddle.solve(residual, final, rounding, part, longest or MAX_ITERATIONS)
-            saddle.crawls = longest is not None and not saddle.converged
-        return saddle
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""

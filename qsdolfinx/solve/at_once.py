@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact import multipliers
+from qsdolfinx.contact import multipliers, terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.first_guess import guess
@@ -18,6 +18,7 @@ from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.one_newton import NoConvergence, OneNewton
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.equations import Equations, has_equations
+from qsdolfinx.system.matrices import Form
 
 Array = npt.NDArray[np.float64]
 
@@ -59,10 +60,16 @@ class AtOnce:
         return bool(
             self._is_default
             and contacts
-            and newton.linear.is_direct
             and not newton.linear.is_rescued
+            and (newton.linear.is_direct or self._is_summed)
             and all(has_equations(contact) and not _is_papers(contact) for contact in contacts)
         )
+
+    @property
+    def _is_summed(self) -> bool:
+        """Whether there is multigrid for bodies with contact beside them in factors."""
+        is_sum = self._newton.linear.krylov is not None and self._system.form is Form.SUM
+        return is_sum and all(terms.has_factors(contact) for contact in self._system.contacts)
 
     def begin_step(self) -> None:
         """Remember the unknowns: solves of the step that fail are begun again from there."""
@@ -97,6 +104,8 @@ class AtOnce:
             return False
         finally:
             loop.destroy()
+            newton.linear.end_solve()
+            system.forget_tangent()
             equations.destroy()
         newton.record.violations += [
             multipliers.violation(contact) for contact in system.contacts if contact.augmented

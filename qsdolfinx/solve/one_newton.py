@@ -5,14 +5,12 @@ from __future__ import annotations
 import typing
 
 from mpi4py import MPI
-from petsc4py import PETSc
-
 import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.gap.following import NoGapError
-from qsdolfinx.linear.factors_again import OF_A_LIBRARY
-from qsdolfinx.linear.presets import EXTRA_MEMORY
+from qsdolfinx.linear.saddle import SaddlePoint
+from qsdolfinx.linear.saddle_factors import SaddleFactors
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.onset import Onset
 from qsdolfinx.system.equations import Equations, State
@@ -93,7 +91,11 @@ class OneNewton:
         ]
         #: Iterations of the last solve.
         self.history: list[Iterate] = []
-        self._ksp: PETSc.KSP | None = None
+        self._factors: SaddleFactors | None = None
+        self._saddle: SaddlePoint | None = None
+        self._is_iterative = newton.linear.krylov is not None
+        #: Norm of forces with which the solve ends.
+        self._until = 0.0
         self._was_in_floor = False
         #: Largest residual, contact forces and multiplier of the solve so far.
         self._seen: Array = np.zeros(3)
@@ -141,7 +143,7 @@ class OneNewton:
             if hold.free_motions([e.active for e in at.passes]).shape[1]:
                 return None
             try:
-                return self._change(at)
+                return self._change(at, exact=True)
             except NoConvergence:
                 return None
 
@@ -149,12 +151,35 @@ class OneNewton:
 
     # --- The linear system
 
-    def _change(self, at: State) -> Array:
-        """Newton's step from the last evaluation. Collective."""
-        matrix = self.equations.tangent_of(at, exact=False, shift=(SPRINGS[0], self._springs()))
-        out = self._solve(matrix, -self.equations.residual_of(at))
-        self._newton.record.iterations += 1
-        self._newton.record.linear_iterations += 1
+    def _change(self, at: State, exact: bool = False) -> Array:
+        """Newton's step from the last evaluation. Collective.
+
+        Args:
+            at: The evaluation.
+            exact: Whether an iterative solver is to find it whatever Newton's method needs.
+        """
+        record, shift = self._newton.record, (SPRINGS[0], self._springs())
+        record.iterations += 1
+        out = None
+        if self._is_iterative and not self._newton.linear.is_given_up:
+            out = self._iterated(at, shift, exact)
+        if out is None:
+            self._factors = self._factors or SaddleFactors(self.equations)
+            out = self._factors.solve(at, shift)
+            record.linear_iterations += 1
+        if out is None:
+            assert self._factors is not None
+            raise NoConvergence(self._factors.reason, False)
+        return out
+
+    def _iterated(self, at: State, shift: tuple[float, float], exact: bool) -> Array | None:
+        """The same by a Krylov solver, whose place a direct one takes if it fails. Collective."""
+        newton = self._newton
+        self._saddle = self._saddle or SaddlePoint(self.equations, newton.linear)
+        out = self._saddle.solve(at, self.equations.springs(shift), self._until, exact)
+        newton.record.linear_iterations += self._saddle.num_iterations
+        if out is None and not newton.linear.give_up(self._saddle.reason):
+            raise NoConvergence(f"linear solver: {self._saddle.reason}", False)
         return out
 
     def _springs(self) -> float:
@@ -165,37 +190,6 @@ class OneNewton:
         fallen = now.residual / first.residual if first.residual > 0 else 1.0
         left = min(1.0, fallen, now.forces + now.constraints)
         return max(SPRINGS[0], SPRINGS[1] * left)
-
-    def _solve(self, matrix: PETSc.Mat, rhs: Array) -> Array:
-        if self._ksp is None:
-            self._ksp = PETSc.KSP().create(self.equations.system.comm)
-            self._ksp.setType(PETSc.KSP.Type.PREONLY)
-            pc = self._ksp.getPC()
-            pc.setType(PETSc.PC.Type.LU)
-            pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
-            self._ksp.setOperators(matrix)
-            pc.setFactorSetUpSolverType()
-            pc.getFactorMatrix().setMumpsIcntl(14, EXTRA_MEMORY)
-        self._ksp.setOperators(matrix)
-        x, b = matrix.createVecs()
-        try:
-            self._ksp.setUp()
-            b.array[:] = rhs
-            self._ksp.solve(b, x)
-            out = np.array(x.array_r)
-            b.array[:] = self.equations.softened * out  # takes back what makes it regular
-            self._ksp.solve(b, x)
-            out += x.array_r
-        except PETSc.Error as error:
-            if error.ierr != OF_A_LIBRARY:
-                raise
-            out = np.full(self.equations.num_local, np.nan)
-        x.destroy()
-        b.destroy()
-        if not self._all(bool(np.isfinite(out).all())):
-            info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
-            raise NoConvergence(f"singular (MUMPS: INFOG(1) = {info})", False)
-        return out
 
     # --- The line search
 
@@ -265,8 +259,10 @@ class OneNewton:
         number, x = len(self.history) - 1, equations.bodies_of(at.z)
         self._newton.note(number, x, found.residual, self._num_closed(at))
         limits = self._rtol * forces, self._rtol * largest[1]
+        self._until = max(float(limits[0]), self._atol)
         self._seen = np.maximum(self._seen, [residual, forces, largest[1]])
         rounded, largest[2] = max(rounded, *self._seen[:2]), max(largest[2], self._seen[2])
+        self._until = max(self._until, float(ROUNDING * rounded))
         floors = max(limits[0], ROUNDING * rounded), max(limits[1], ROUNDING * largest[2])
         in_floor = bool(residual <= floors[0] and largest[0] <= floors[1])
         # An iteration more, as a refinement, makes the most of what rounding leaves.
@@ -288,6 +284,8 @@ class OneNewton:
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
-        if self._ksp is not None:
-            self._ksp.destroy()
-            self._ksp = None
+        if self._factors is not None:
+            self._factors.destroy()
+        if self._saddle is not None:
+            self._saddle.free()
+        self._factors = self._saddle = None

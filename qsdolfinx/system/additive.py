@@ -12,6 +12,8 @@ import numpy.typing as npt
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.contact import terms
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.blocks import Blocks, Sides, is_symmetric
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.factored import Formed
@@ -63,16 +65,46 @@ class Additive:
         self.sum = Sum(parts, self._contact.product, self._symmetric_matrices())
         self.matrix = self.sum.matrix
 
+    @property
+    def factors(self) -> ContactFactors:
+        """Contact in factors."""
+        assert isinstance(self._contact, ContactFactors)
+        return self._contact
+
+    @property
+    def has_factors(self) -> bool:
+        """Whether contact is in factors."""
+        return isinstance(self._contact, ContactFactors)
+
     def assemble(self) -> None:
         """Update to the bodies' and the contacts' present state. Collective."""
+        self._follow_bodies()
+        self._contact.update()
+        self.sum.renew()
+
+    def assemble_with(
+        self,
+        stiffness: typing.Sequence[tuple[WeightedGap | Slip, terms.Weights]],
+        shift: Array | None,
+    ) -> None:
+        """Update to the bodies' present state, and to given stiffnesses of rows. Collective.
+
+        Args:
+            stiffness: Of passes and slips.
+            shift: On top of the diagonal, owned unknowns.
+        """
+        self._follow_bodies()
+        self.factors.set(stiffness)
+        self.sum.renew(shift)
+
+    def _follow_bodies(self) -> None:
+        """Ask bodies for their matrices. Collective."""
         for i, body in enumerate(self._bodies):
             K = body.matrix()
             if body.num_assemblies != self._asked[i]:  # what convects is symmetric at rest alone
                 self.are_symmetric[i] = is_symmetric(K)
                 self._asked[i] = body.num_assemblies
         self.sum.symmetric[:] = self._symmetric_matrices()
-        self._contact.update()
-        self.sum.renew()
 
     def _symmetric_matrices(self) -> list[PETSc.Mat | None]:
         """Those of the bodies that are symmetric, up to date. Collective."""

@@ -205,6 +205,16 @@ class ConstraintRows:
             means = np.where(self.gap.state.values >= -self.model.paired.touching, means, 0.0)
         return extension.held, means
 
+    def by_means(self, at: Evaluated, normal: Array) -> Array:
+        """Derivative of W/c_n λ̄ times changes of λ, of their shape. Collective."""
+        extension = self.gap.extension
+        if extension is None or at.held is None:
+            return np.zeros_like(normal)
+        means = extension.means(normal)
+        if not self.gap.law.jump:
+            means = np.where(self.gap.state.values >= -self.model.paired.touching, means, 0.0)
+        return np.where(at.held, (self.gap.weight / self._c)[:, None] * means, 0.0)
+
     def entries_of_means(self, at: Evaluated, numbers: Indices) -> tuple[Indices, Indices, Array]:
         """Derivative of W/c_n λ̄ by λ: rows, columns and values. Collective.
 
@@ -278,6 +288,24 @@ class ConstraintRows:
             factor = np.where(sticks, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
             found.append(parts[1] / weight * factor[:, None])
         return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
+
+    def scales(self, at: Evaluated) -> tuple[Array, Array]:
+        """What makes forces of R_λ and R_τ: c, or a stiffness of the stiffest body if closed."""
+        closed = np.maximum(self._stiffest, self._c)
+        normal = np.where(at.active, closed, self._c)
+        if self.slip is None or at.response is None:
+            return normal, normal
+        sticks = at.active & ~at.response.slipping
+        return normal, np.where(sticks, np.maximum(self._stiffest_t, self._ct), self._ct)
+
+    def usual_compliances(self, at: Evaluated) -> tuple[Array, Array]:
+        """What the usual penalty would add to the compliance of closed rows, of λ and of τ."""
+        usual = self._c / C_NORMAL
+        normal = at.active * np.maximum(1 / usual - self._compliance, 0.0)
+        if self.slip is None:
+            return normal, normal
+        usual = self._ct / C_TANGENTIAL
+        return normal, at.active * np.maximum(1 / usual - self._compliance_t, 0.0)
 
     def rounding(self) -> float:
         """Stress that stands for gaps as large as coordinates: rounding is a part of it."""

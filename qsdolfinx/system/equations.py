@@ -530,11 +530,16 @@ class Equations:
         all_ = Entries(diagonal, diagonal, np.zeros(self.num_local))
         return [all_, *(self._of_matrix(body.matrix(), i, i) for i, body in bodies)]
 
-    def _shift(self, parts: tuple[float, float]) -> list[Entries]:
-        """Springs of free bodies, no stiffer than the softest body. Collective."""
+    def springs(self, parts: tuple[float, float]) -> Array:
+        """Springs of free bodies, no stiffer than the softest body, owned unknowns. Collective.
+
+        Args:
+            parts: Of the diagonal of bodies that conditions leave some rigid motion, and of those
+                that have no condition at all.
+        """
+        bodies, out = self.system.bodies, np.zeros(int(self._ends[len(self.system.bodies)]))
         if not (any(parts) and self.free_bodies):
-            return []
-        bodies, found = self.system.bodies, []
+            return out
         sums = np.array([
             [np.sum(b.diagonal[b.free]), np.sum(b.diagonal[b.free] > 0), len(b.owned_constrained)]
             for b in bodies
@@ -542,11 +547,17 @@ class Equations:
         self.system.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
         softest = np.min(sums[:, 0] / np.maximum(sums[:, 1], 1.0))
         for i in self.free_bodies:
-            rows = self.start + np.arange(self._ends[i], self._ends[i + 1], dtype=np.int64)
-            part, held = parts[int(sums[i, 2] == 0)], np.minimum(bodies[i].diagonal, softest)
-            found.append(Entries(rows, rows, part * held))
-            self.softened[rows - self.start] = parts[0] * held
-        return found
+            part = parts[int(sums[i, 2] == 0)]
+            self.part(out, i)[:] = part * np.minimum(bodies[i].diagonal, softest)
+        return out
+
+    def _shift(self, parts: tuple[float, float]) -> list[Entries]:
+        """Springs of free bodies on the diagonal. Collective."""
+        values = self.springs(parts)
+        rows = self.start + np.arange(len(values), dtype=np.int64)
+        self.softened[: len(values)] = np.minimum(values, self.springs((parts[0], parts[0])))
+        keep = values != 0
+        return [Entries(rows[keep], rows[keep], values[keep])]
 
     def _curvature(self, at: State) -> list[Entries]:
         """Σ λ ∂²G, and how the forces of τ change with τ held, of gaps that follow. Collective."""

@@ -45,7 +45,8 @@ class Entries(typing.NamedTuple):
 class ContactFactors:
     """Lᵀ W R of all contacts: L stays while contact does not pair anew, W follows their state.
 
-    A pass has a row for each of its gaps, a slip one for each component of each of its jumps.
+    A pass has a row for each of its gaps, a slip one for each component of each of its jumps; the
+    rows of a slip follow those of its pass.
 
     Args:
         contacts: Contacts with the penalty already known, all with ``terms.has_factors``.
@@ -67,8 +68,7 @@ class ContactFactors:
         sizes = [K.getLocalSize()[0] for K in matrices]
         parts: list[_Part] = []
         for contact, side in zip(contacts, sides, strict=True):
-            of_contact: list[WeightedGap | Slip] = [*contact.gaps, *contact.slips]
-            parts += [_Part(contact, side, part, self._numbers) for part in of_contact]
+            parts += [_Part(contact, side, part, self._numbers) for part in _in_order(contact)]
         #: First row of each part, and the number of rows of this rank.
         self._starts = np.cumsum([0, *(part.num_rows for part in parts)])
         self._parts = parts
@@ -123,12 +123,14 @@ class ContactFactors:
 
     def update(self) -> None:
         """Follow the contacts. Collective."""
-        of_contacts = [terms.gaps_and_slips(contact) for contact in self._contacts]
+        self.set([pair for contact in self._contacts for pair in terms.gaps_and_slips(contact)])
+
+    def set(self, given: typing.Sequence[tuple[WeightedGap | Slip, terms.Weights]]) -> None:
+        """Take these stiffnesses of passes and slips. Collective."""
+        found = {id(of): stiffness for of, stiffness in given}
         values, beside = [np.zeros(0)], [np.zeros(0)]
-        for part, (of, stiffness) in zip(
-            self._parts, (pair for pairs in of_contacts for pair in pairs), strict=True
-        ):
-            assert part.of is of
+        for part in self._parts:
+            of, stiffness = part.of, found[id(part.of)]
             coupling = np.zeros(part.num_rows)
             if isinstance(stiffness, tuple):
                 block, change = stiffness
@@ -147,6 +149,14 @@ class ContactFactors:
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
         self.product.destroy()
+
+
+def _in_order(contact: ContactModel) -> list[WeightedGap | Slip]:
+    """Passes, each with its slip behind it."""
+    out: list[WeightedGap | Slip] = []
+    for j, gap in enumerate(contact.gaps):
+        out += [gap, *contact.slips[j : j + 1]]
+    return out
 
 
 class _Part:

@@ -57,6 +57,10 @@ class Sum:
         self._product.shift = shift
         self.matrix.assemble()  # its state tells solvers that it is another
 
+    def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write to y the product of x and the sum without contact. Collective."""
+        self._product.multiply_bodies(x, y, PETSc.Mat.mult)
+
     def weighted_diagonal(self, weight: float) -> PETSc.Vec:
         """New vector, the diagonal with contact's part of it times a weight. Collective."""
         diagonal, contact = self.matrix.getDiagonal(), self.contact.diagonal()
@@ -103,14 +107,14 @@ class _Product:
         self.shift: Array | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._add_bodies(x, y, PETSc.Mat.mult)
+        self.multiply_bodies(x, y, PETSc.Mat.mult)
         self._contact.add_product(x, y)
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._add_bodies(x, y, PETSc.Mat.multTranspose)
+        self.multiply_bodies(x, y, PETSc.Mat.multTranspose)
         self._contact.add_transposed(x, y)
 
-    def _add_bodies(self, x: PETSc.Vec, y: PETSc.Vec, mult: typing.Callable[..., None]) -> None:
+    def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec, mult: typing.Callable[..., None]) -> None:
         there, here = x.array_r, y.array
         for (K, part, xi, yi), half in zip(self._bodies, self._symmetric, strict=True):
             xi.placeArray(there[part])

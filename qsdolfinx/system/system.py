@@ -372,6 +372,10 @@ class ContactSystem:
         self._assembled, self._assembled_at = state, discrete
         return True
 
+    def forget_tangent(self) -> None:
+        """Let the tangent be assembled anew when it is asked for."""
+        self._assembled = None
+
     def tangent_fits(self) -> bool:
         """Whether the tangent was assembled with the active set that there is now. Collective."""
         same = self._assembled is not None and self._assembled_at == self._discrete_state()

@@ -1,0 +1,74 @@
+"""Newton's step for bodies, multipliers and tools by a direct solver."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.linear.factors_again import OF_A_LIBRARY
+from qsdolfinx.linear.presets import EXTRA_MEMORY
+from qsdolfinx.system.equations import Equations, State
+
+Array = npt.NDArray[np.float64]
+
+
+class SaddleFactors:
+    """Solves with the inexact derivative, formed as one AIJ matrix, by MUMPS.
+
+    A second solve with the same factors takes back what makes the matrix regular.
+
+    Args:
+        equations: The equations.
+    """
+
+    def __init__(self, equations: Equations) -> None:
+        self._equations, self._ksp = equations, PETSc.KSP().create(equations.system.comm)
+        self._ksp.setType(PETSc.KSP.Type.PREONLY)
+        self._is_new = True
+
+    def solve(self, at: State, shift: tuple[float, float]) -> Array | None:
+        """Newton's step from an evaluation; None if the matrix is singular. Collective.
+
+        Args:
+            at: The evaluation, the last one.
+            shift: As for ``Equations.tangent_of``.
+        """
+        equations = self._equations
+        matrix = equations.tangent_of(at, exact=False, shift=shift)
+        self._ksp.setOperators(matrix)
+        if self._is_new:
+            pc = self._ksp.getPC()
+            pc.setType(PETSc.PC.Type.LU)
+            pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+            pc.setFactorSetUpSolverType()
+            pc.getFactorMatrix().setMumpsIcntl(14, EXTRA_MEMORY)
+            self._is_new = False
+        x, b = matrix.createVecs()
+        try:
+            self._ksp.setUp()
+            b.array[:] = -equations.residual_of(at)
+            self._ksp.solve(b, x)
+            out = np.array(x.array_r)
+            b.array[:] = equations.softened * out
+            self._ksp.solve(b, x)
+            out += x.array_r
+        except PETSc.Error as error:
+            if error.ierr != OF_A_LIBRARY:
+                raise
+            out = np.full(equations.num_local, np.nan)
+        x.destroy()
+        b.destroy()
+        fine = bool(np.isfinite(out).all())
+        return out if equations.system.comm.allreduce(fine, op=MPI.LAND) else None
+
+    @property
+    def reason(self) -> str:
+        """Why there was no solution."""
+        return f"singular (MUMPS: INFOG(1) = {self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)})"
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        self._ksp.destroy()
