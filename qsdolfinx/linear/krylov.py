@@ -10,9 +10,9 @@ import numpy as np
 
 from qsdolfinx.linear.presets import EXACT, GMRES_RESTART, TIGHTEST
 
-#: Relative tolerance of a linear solve after which the active set may still change; where nothing
-#: else does, neither bodies nor slip; and with bodies in velocity and pressure, whose viscosities
-#: let Newton's method diverge from what 1e-4 leaves.
+#: Relative tolerance of a linear solve after which sets may still change; of bodies that are
+#: linear; and with bodies in velocity and pressure, whose viscosities let Newton's method diverge
+#: from what 1e-4 leaves.
 LOOSE, LOOSE_OF_LINEAR, LOOSE_OF_FLOW = 1e-3, 3e-2, 1e-6
 
 #: Norm that a linear solve leaves, relative to what Newton's method may end with.
@@ -61,8 +61,9 @@ class Krylov:
         self._loose = LOOSE
         if is_flow and not linear:
             self._loose = LOOSE_OF_FLOW
-        elif linear and not slips:
+        elif linear:
             self._loose = LOOSE_OF_LINEAR
+        self._slips = slips
         self._patience = patience
         self._chooses_type = "ksp_type" not in given
         #: Whether the user leaves the tolerance of linear solves to this class.
@@ -103,7 +104,7 @@ class Krylov:
             tolerance = SAFETY_LINEAR * until / norms[-1]
         elif last >= NEAR:
             tolerance = last
-        elif self._linear or len(norms) < 2:
+        elif len(norms) < 2 or (self._linear and not self._slips):
             tolerance = self._loose
         else:
             tolerance = max(last, min(self._loose, (norms[-1] / norms[-2]) ** 2))

@@ -19,6 +19,8 @@ from qsdolfinx.system.equations import Equations, State
 from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
+#: Part of what Newton's method may end with that a linear solve leaves, at the last.
+PART = 0.3
 
 
 class SaddlePoint:
@@ -52,7 +54,11 @@ class SaddlePoint:
         self._blocks = RowBlocks(equations)
         #: Of tools: ∂m/∂s with D, forces at rows, V b and the Schur complement.
         self._rigid: Array = np.zeros((0, 0))
-        self._before: list[bytes] | None = None
+        self._before = b""
+        #: Whether rows close, open or slip.
+        self._may_change = any(
+            not p.gap.law.jump or p.slip is not None for p in equations.passes
+        )
         #: Norms of the right-hand sides of the solve.
         self._norms: list[float] = []
         size = (equations.num_local, equations.size)
@@ -69,7 +75,14 @@ class SaddlePoint:
         self._stop = Stop(self._ksp, self._comm)
         self._matrix = matrix
 
-    def solve(self, at: State, springs: Array, until: float, exact: bool = False) -> Array | None:
+    def solve(
+        self,
+        at: State,
+        springs: Array,
+        until: float,
+        exact: bool = False,
+        guess: Array | None = None,
+    ) -> Array | None:
         """Newton's step from an evaluation; None if it is not found. Collective.
 
         Args:
@@ -77,6 +90,7 @@ class SaddlePoint:
             springs: On top of the diagonal of the bodies' matrices, owned unknowns.
             until: Norm of forces, and of gaps times a stiffness, with which Newton's method ends.
             exact: Whether to solve with a small tolerance, whatever Newton's method needs.
+            guess: What the step may be like.
         """
         equations, linear, ksp = self._equations, self._linear, self._ksp
         self._blocks.take(at)
@@ -86,19 +100,29 @@ class SaddlePoint:
         if norm == 0:
             return np.zeros(equations.num_local)
         self._norms.append(norm)
-        tangent = [*(body.fingerprint for body in equations.system.bodies), self._blocks.digest]
-        same = self._comm.allreduce(tangent == self._before, op=MPI.LAND)
-        self._before = typing.cast(list[bytes], tangent)
-        tolerance, longest = linear.tolerance(self._norms, until, not same, exact)
+        digest = self._blocks.digest
+        same = self._comm.allreduce(not self._may_change or digest == self._before, op=MPI.LAND)
+        self._before = digest
+        tolerance, longest = linear.tolerance(self._norms, PART * until, not same, exact)
         self._tangent.assemble_with(self._blocks.stiffness(), springs if np.any(springs) else None)
-        linear.precondition(ksp)
+        free = equations.system.made.hold.free_motions([e.active for e in at.passes])
+        linear.precondition(ksp, free)
         self._find_rigid()
         b = PETSc.Vec().createWithArray(rhs, comm=self._comm)
         x = b.duplicate()
+        if guess is not None:
+            x.array[:] = guess
+        ksp.setInitialGuessNonzero(guess is not None)
         ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=longest)
         ksp.setUp()
         ksp.solve(b, x)
         self._stop.look(ksp)
+        if linear.soft.count:
+            y = b.duplicate()
+            self.mult(self._matrix, x, y)
+            left = b.array_r - y.array_r
+            x.array[: self._num_u] += linear.soft.change(left[: self._num_u])
+            y.destroy()
         out: Array = x.array_r.copy()
         for vec in (b, x):
             vec.destroy()

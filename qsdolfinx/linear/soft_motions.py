@@ -47,10 +47,16 @@ class SoftMotions:
         """There is no tangent, or one for a direct solver."""
         self._motions = np.zeros((0, 0))
 
-    def find(self) -> None:
-        """Find them for the tangent that has been assembled. Collective."""
+    def find(self, free: Array | None = None) -> None:
+        """Find them for the tangent that has been assembled. Collective.
+
+        Args:
+            free: Motions that closed contacts do not resist, as ``Hold.free_motions`` has them; by
+                default those for which something was added last.
+        """
         self.forget()
-        system, free = self._system, self._system.made.hold.held
+        system = self._system
+        free = system.made.hold.held if free is None else free
         if free.shape[1] == 0:
             return
         rigid = system.made.rigid
@@ -89,6 +95,12 @@ class SoftMotions:
         """Correct a solution: called by PETSc at the end of a linear solve. Collective."""
         if self.count == 0 or ksp.getConvergedReason() < 0:
             return
-        local = self._motions @ (b.array_r - self.product(x.array_r))
-        left = self._system.comm.allreduce(local, op=MPI.SUM)
-        x.array[:] += (self._inverse @ left) @ self._motions
+        x.array[:] += self.change(b.array_r - self.product(x.array_r))
+
+    def change(self, residual: Array) -> Array:
+        """What a solution that leaves this residual lacks of the motions, owned values.
+
+        Collective.
+        """
+        left = self._system.comm.allreduce(self._motions @ residual, op=MPI.SUM)
+        return np.asarray((self._inverse @ left) @ self._motions)

@@ -338,16 +338,17 @@ class LinearSolver:
         tolerance, _, _, longest = self.ksp.getTolerances()
         return float(tolerance), int(longest)
 
-    def precondition(self, ksp: PETSc.KSP) -> None:
+    def precondition(self, ksp: PETSc.KSP, free: Array) -> None:
         """Let multigrid follow the sum as it is now. Collective.
 
         Args:
             ksp: The solver that it is for.
+            free: Motions that closed contacts do not resist, as ``Hold.free_motions`` has them.
         """
         system, pc = self._system, self.ksp.getPC()
         assert isinstance(system.made.tangent, Additive)
         with self.watch.stage("solve"):
-            self.soft.forget()
+            self.soft.find(free)
             if self.schur is not None:
                 self.schur.update()
             elif self._hierarchy is not None:

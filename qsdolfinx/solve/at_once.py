@@ -41,9 +41,7 @@ class AtOnce:
 
     def __init__(self, newton: Newton, chosen: typing.Collection[str]) -> None:
         self._newton, self._system = newton, newton.system
-        self._is_default = newton.has_full_steps and not any(
-            name == "snes_type" or name.startswith(("ksp_", "pc_", "mat_")) for name in chosen
-        )
+        self._is_default = newton.has_full_steps and not any(map(_is_of_another, chosen))
         self._start: list[Array] | None = None
         #: Whether the last solve was of the same step.
         self._again = False
@@ -164,6 +162,13 @@ class AtOnce:
         x = equations.unknowns_of(self._start)
         none = np.zeros(len(equations.tools))
         return equations.join(x, equations.multipliers(z), none)
+
+
+def _is_of_another(name: str) -> bool:
+    """Whether a PETSc option asks for another nonlinear or linear solver."""
+    if name in ("snes_type", "ksp_type", "pc_type"):
+        return True
+    return name.startswith(("pc_factor_", "mat_"))
 
 
 def _is_papers(contact: ContactModel) -> bool:

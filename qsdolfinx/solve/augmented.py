@@ -15,7 +15,6 @@ from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.solve.anderson import Augmentation
 from qsdolfinx.solve.equilibrium import Equilibrium
-from qsdolfinx.solve.primal_dual import PrimalDual
 from qsdolfinx.solve.snes import NOT_CLOSED
 
 Array = npt.NDArray[np.float64]
@@ -38,12 +37,6 @@ INNER, INNER_WITH_FRICTION = 1e-4, 1e-2
 
 #: Gap over the one that a much stiffer body asks for which is told of.
 WARN = 10.0
-
-#: Times that unknowns and multipliers are solved for together, if gaps are open after the first.
-MAX_SADDLE_POINTS = 4
-
-#: Residual, relative to the first one, from which on that is tried.
-FIRST = 1e-2
 
 
 class AugmentedLagrangian:
@@ -72,14 +65,11 @@ class AugmentedLagrangian:
             and self._contacts
             and not equilibrium.balance.tools
         )
-        self._primal_dual = PrimalDual(self._newton, self._contacts)
-        together = self._is_loose and not slips and linear.has_saddle_point
-        self._together = MAX_SADDLE_POINTS if together else 0
 
     def first_accuracy(self) -> contextlib.AbstractContextManager[None]:
         """Of the solve before the first update of multipliers: of viscosities an exact one."""
         if self._is_loose and self._newton.linear.schur is None:
-            return self._newton.accuracy(of_first=FIRST if self._together else self._inner)
+            return self._newton.accuracy(of_first=self._inner)
         return contextlib.nullcontext()
 
     def close_gaps(self) -> None:
@@ -92,9 +82,8 @@ class AugmentedLagrangian:
             return
         newton, contacts = self._newton, self._contacts
         augmentation = Augmentation(contacts)
-        first, loose, together = newton.record.residuals[0], self._is_loose, self._together
+        loose = self._is_loose
         self._since = 0
-        stays = self._has_stayed()
         while True:
             gaps = [multipliers.violation(contact) for contact in contacts]
             newton.record.violations.append(max(gaps))
@@ -102,7 +91,7 @@ class AugmentedLagrangian:
             closed = all(g <= limit for g, limit in zip(gaps, limits, strict=True))
             if closed and (not loose or self._is_balanced()):
                 return
-            if closed and not together:
+            if closed:
                 loose = False
                 self._equilibrium.find()
                 continue
@@ -114,16 +103,6 @@ class AugmentedLagrangian:
                     self._equilibrium.find()
                 self._warn_of_stiffer(gaps, limits)
                 return
-            if together:
-                together -= 1
-                before = self._system.x.array.copy(), [multipliers.known(c) for c in contacts]
-                if not (self._primal_dual.close(stays) and together):
-                    together = 0  # Uzawa's method starts from the solution for its multipliers
-                    if self._primal_dual.crawls and newton.hand_over("linear solver: crawls"):
-                        self._go_back(*before)
-                    with newton.accuracy(loose=self._inner * first):
-                        self._equilibrium.find()
-                continue
             augmentation.update()
             self._measure_anew()
             if self._raise_penalties(gaps, limits):
@@ -175,12 +154,6 @@ class AugmentedLagrangian:
         """Whether the ε of a contact may be raised."""
         return contact.penalty.bears(RAISE, contact.friction is not None, multigrid)
 
-    def _go_back(self, x: Array, known: typing.Sequence[list[Array]]) -> None:
-        """Put back unknowns and multipliers, which inexact solves have taken elsewhere."""
-        self._system.x.array[:] = x
-        for contact, values in zip(self._contacts, known, strict=True):
-            multipliers.set_known(contact, values)
-
     def _warn_of_stiffer(
         self, gaps: typing.Sequence[float], limits: typing.Sequence[float]
     ) -> None:
@@ -200,12 +173,6 @@ class AugmentedLagrangian:
         """Whether the residual is small enough for a solution. Collective."""
         measures, limits = self._newton.measure()
         return bool(np.all(measures.residuals <= limits))
-
-    def _has_stayed(self) -> bool:
-        """Whether all iterations so far had the same numbers of closed rows. Collective."""
-        counts = self._newton.record.active
-        changed = counts != counts[:1] * len(counts)
-        return not self._system.comm.allreduce(changed, op=MPI.LOR)
 
     def _solve_again(self, loose: bool) -> None:
         """Solve after an update; what it adds is to be solved for, however small it is."""

@@ -94,6 +94,7 @@ class OneNewton:
         self._factors: SaddleFactors | None = None
         self._saddle: SaddlePoint | None = None
         self._is_iterative = newton.linear.krylov is not None
+        self._guess: Array | None = None
         #: Norm of forces with which the solve ends.
         self._until = 0.0
         self._was_in_floor = False
@@ -176,7 +177,8 @@ class OneNewton:
         """The same by a Krylov solver, whose place a direct one takes if it fails. Collective."""
         newton = self._newton
         self._saddle = self._saddle or SaddlePoint(self.equations, newton.linear)
-        out = self._saddle.solve(at, self.equations.springs(shift), self._until, exact)
+        out = self._saddle.solve(at, self.equations.springs(shift), self._until, exact, self._guess)
+        self._guess = out if exact else None  # of where bodies would go without some rows
         newton.record.linear_iterations += self._saddle.num_iterations
         if out is None and not newton.linear.give_up(self._saddle.reason):
             raise NoConvergence(f"linear solver: {self._saddle.reason}", False)
