@@ -16,6 +16,7 @@ from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.linear.stop import Stop
 from qsdolfinx.system.additive import Additive
 from qsdolfinx.system.equations import Equations, State
+from qsdolfinx.system.numbering import numbering
 from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
@@ -48,10 +49,18 @@ class SaddlePoint:
         self._tangent = tangent
         self._num_u = sum(body.num_owned for body in equations.system.bodies)
         self._comm = equations.system.comm
-        self._L, self._R = tangent.factors.product.left, tangent.factors.product.right
+        self._blocks = RowBlocks(equations)
+        #: Whether gaps are other functions of the unknowns each time.
+        self._moves = not tangent.has_factors
+        #: Σ λ ∂²G of gaps that follow the bodies.
+        self._H: PETSc.Mat | None = None
+        if self._moves:
+            self._numbers = numbering([body.matrix() for body in equations.system.bodies])
+            self._L, self._R = self._factors()
+        else:
+            self._L, self._R = tangent.factors.product.left, tangent.factors.product.right
         self._m, self._n = self._L.createVecLeft(), self._L.createVecLeft()
         self._u, self._f = self._L.createVecRight(), self._L.createVecRight()
-        self._blocks = RowBlocks(equations)
         #: Of tools: ∂m/∂s with D, forces at rows, V b and the Schur complement.
         self._rigid: Array = np.zeros((0, 0))
         self._before = b""
@@ -104,7 +113,13 @@ class SaddlePoint:
         same = self._comm.allreduce(not self._may_change or digest == self._before, op=MPI.LAND)
         self._before = digest
         tolerance, longest = linear.tolerance(self._norms, PART * until, not same, exact)
-        self._tangent.assemble_with(self._blocks.stiffness(), springs if np.any(springs) else None)
+        if self._moves:
+            self._forget_factors()
+            self._L, self._R = self._factors()
+            self._H = self._curvature(at)
+            self._tangent.assemble_beside(self._contact(), springs)
+        else:
+            self._tangent.assemble_with(self._blocks.stiffness(), springs)
         free = equations.system.made.hold.free_motions([e.active for e in at.passes])
         linear.precondition(ksp, free)
         self._find_rigid()
@@ -150,6 +165,8 @@ class SaddlePoint:
         u, m, s = self._split(x.array_r)
         self._u.array[:] = u
         self._tangent.sum.multiply_bodies(self._u, self._f)
+        if self._H is not None:
+            self._H.multAdd(self._u, self._f, self._f)
         forces, gaps = self._f.array_r.copy(), self._gaps(u) + self._rigid.T @ s
         y.array[: self._num_u] = forces + self._forces(m)
         y.array[self._num_u : self._num_u + len(m)] = self._blocks.by_gaps(gaps) + (
@@ -208,6 +225,50 @@ class SaddlePoint:
         self._linear.ksp.getPC().apply(self._u, self._f)
         return self._f.array_r.copy()
 
+    # --- Gaps that follow the bodies
+
+    def _factors(self) -> tuple[PETSc.Mat, PETSc.Mat]:
+        """New L and R at the last evaluation. Collective."""
+        rows, num = self._equations.rows(self._numbers), self._blocks.num_rows
+        left, right = (entries.matrix(num, self._num_u, self._comm) for entries in rows)
+        return left, right
+
+    def _curvature(self, at: State) -> PETSc.Mat | None:
+        """New matrix of all bodies. Collective."""
+        blocks = self._equations.curvature(at)
+        if not blocks:
+            return None
+        bodies = range(len(self._equations.system.bodies))
+        nest = PETSc.Mat().createNest(
+            [[blocks.get((i, j)) for j in bodies] for i in bodies], comm=self._comm
+        )
+        out: PETSc.Mat = nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+        for mat in (nest, *blocks.values()):
+            mat.destroy()
+        return out
+
+    def _contact(self) -> PETSc.Mat:
+        """Lᵀ S R + Σ λ ∂²G as a new matrix. Collective."""
+        num = self._blocks.num_rows
+        first = self._L.getOwnershipRange()[0]
+        weights = self._blocks.matrix_entries(first).matrix(num, num, self._comm)
+        half = weights.matMult(self._R)
+        out: PETSc.Mat = self._L.transposeMatMult(half)
+        if self._H is not None:
+            out.axpy(1.0, self._H, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        weights.destroy()
+        half.destroy()
+        return out
+
+    def _forget_factors(self) -> None:
+        """Free L, R and the curvature. Collective."""
+        for mat in (self._L, self._R, self._H):
+            if mat is not None:
+                mat.destroy()
+        self._H = None
+
+    # --- Driven tools
+
     def _of_tools(self, m: Array) -> Array:
         """Forces of multipliers on tools, on all ranks. Collective."""
         out = self._rigid @ self._blocks.forces(m)
@@ -241,5 +302,7 @@ class SaddlePoint:
 
     def free(self) -> None:
         """Free PETSc's objects. Collective."""
+        if self._moves:
+            self._forget_factors()
         for thing in (self._ksp, self._matrix, self._m, self._n, self._u, self._f):
             thing.destroy()

@@ -216,10 +216,21 @@ class LinearSolver:
             self.follow()
         return changed
 
+    def _forget_pattern(self) -> None:
+        """Make multigrid anew, but for the bodies' spaces, if contact's pattern has changed."""
+        tangent = self._system.made.tangent
+        if self._rescue is not None or not isinstance(tangent, Additive):
+            return
+        if tangent.has_other_pattern:
+            self._forget_multigrid()
+            self.set_up()
+            tangent.has_other_pattern = False
+
     def follow(self) -> None:
         """Let multigrid follow a tangent that has changed. Collective."""
         system = self._system
         with self.watch.stage("solve"):
+            self._forget_pattern()
             if self.is_direct:
                 self.soft.forget()
             else:
@@ -348,6 +359,7 @@ class LinearSolver:
         system, pc = self._system, self.ksp.getPC()
         assert isinstance(system.made.tangent, Additive)
         with self.watch.stage("solve"):
+            self._forget_pattern()
             self.soft.find(free)
             if self.schur is not None:
                 self.schur.update()

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact import multipliers, terms
+from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.first_guess import guess
@@ -65,9 +65,8 @@ class AtOnce:
 
     @property
     def _is_summed(self) -> bool:
-        """Whether there is multigrid for bodies with contact beside them in factors."""
-        is_sum = self._newton.linear.krylov is not None and self._system.form is Form.SUM
-        return is_sum and all(terms.has_factors(contact) for contact in self._system.contacts)
+        """Whether there is multigrid for bodies with contact beside them."""
+        return self._newton.linear.krylov is not None and self._system.form is Form.SUM
 
     def begin_step(self) -> None:
         """Remember the unknowns: solves of the step that fail are begun again from there."""

@@ -60,6 +60,8 @@ class Additive:
                 self._contact = ContactFactors(contacts, sides, matrices, scales)
         else:
             self._contact = ContactFormed(bodies, contacts, sides, matrices, watch)
+        #: Whether contact has another pattern since multigrid has seen it.
+        self.has_other_pattern = False
         parts = [(K, body.linear) for K, body in zip(matrices, bodies, strict=True)]
         #: Its terms.
         self.sum = Sum(parts, self._contact.product, self._symmetric_matrices())
@@ -79,6 +81,8 @@ class Additive:
     def assemble(self) -> None:
         """Update to the bodies' and the contacts' present state. Collective."""
         self._follow_bodies()
+        if isinstance(self._contact, ContactFormed) and self._contact.is_other:
+            self.has_other_pattern = True
         self._contact.update()
         self.sum.renew()
 
@@ -95,6 +99,19 @@ class Additive:
         """
         self._follow_bodies()
         self.factors.set(stiffness)
+        self.sum.renew(shift)
+
+    def assemble_beside(self, contact: PETSc.Mat, shift: Array | None) -> None:
+        """Update to the bodies' present state, and to contact as a matrix. Collective.
+
+        Args:
+            contact: AIJ, which becomes this object's; its pattern may be another than before.
+            shift: On top of the diagonal, owned unknowns.
+        """
+        self._follow_bodies()
+        assert isinstance(self._contact, ContactFormed)
+        self._contact.product.replace(contact)
+        self._contact.is_other = self.has_other_pattern = True
         self.sum.renew(shift)
 
     def _follow_bodies(self) -> None:
@@ -156,14 +173,19 @@ class ContactFormed:
     ) -> None:
         self._blocks, self._watch = Blocks(bodies, contacts, sides, matrices, bulk=False), watch
         with watch.stage("conversion"):
-            #: The matrix.
+            #: The matrix, and whether its pattern is another than that of blocks.
+            self.is_other = False
             self.product = Formed(self._blocks.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
 
     def update(self) -> None:
         """Follow the contacts. Collective."""
         self._blocks.assemble()
         with self._watch.stage("conversion"):
-            self._blocks.matrix.convert(PETSc.Mat.Type.AIJ, self.product.matrix)
+            if self.is_other:
+                self.product.replace(self._blocks.matrix.convert("aij", PETSc.Mat()))
+                self.is_other = False
+            else:
+                self._blocks.matrix.convert(PETSc.Mat.Type.AIJ, self.product.matrix)
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""

@@ -23,7 +23,7 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.system.blocks import Blocks
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated, Multipliers
-from qsdolfinx.system.factors import Entries, entries_of
+from qsdolfinx.system.factors import Entries, Number, entries_of, joined
 from qsdolfinx.system.system import ContactSystem
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
@@ -561,8 +561,16 @@ class Equations:
 
     def _curvature(self, at: State) -> list[Entries]:
         """Σ λ ∂²G, and how the forces of τ change with τ held, of gaps that follow. Collective."""
-        if not any(p.gap.following is not None for p in self.passes):
-            return []
+        found = []
+        for (i, j), mat in self.curvature(at).items():
+            found.append(self._of_matrix(mat, i, j))
+            mat.destroy()
+        return found
+
+    def curvature(self, at: State) -> dict[tuple[int, int], PETSc.Mat]:
+        """The same as new AIJ matrices for pairs of bodies; none without such gaps. Collective."""
+        if not self.follows:
+            return {}
         bodies = self.system.bodies
         blocks = {}
         for p in self.passes:
@@ -579,16 +587,47 @@ class Equations:
             p.gap.add_curvature(e.multipliers.normal, given)
             if p.slip is not None and e.multipliers.tangential is not None:
                 p.gap.add_slip_curvature(p.slip.tangential(e.multipliers.tangential), given)
-        found = []
-        for (i, j), mat in blocks.items():
+        for mat in blocks.values():
             mat.assemble()
-            found.append(self._of_matrix(mat, i, j))
-            mat.destroy()
-        return found
+        return blocks
 
-    def _entries(self, operator: typing.Any, p: Pass, first: int, scaled: bool) -> Entries:
+    @property
+    def follows(self) -> bool:
+        """Whether there are gaps that follow the bodies."""
+        return any(p.gap.following is not None for p in self.passes)
+
+    def rows(self, numbers: typing.Sequence[Number]) -> tuple[Entries, Entries]:
+        """What forces of λ and τ work on, and gaps and slips as functions of the unknowns.
+
+        Rows are those of the multipliers of this rank. Collective.
+
+        Args:
+            numbers: For each body what numbers its global unknowns in columns.
+        """
+        left, right, first = [], [], 0
+        for p in self.passes:
+            for found, scaled in ((left, False), (right, True)):
+                found.append(self._entries(p.gap.operator, p, first, scaled, numbers))
+            of_slip = first + p.rows.num_rows * p.rows.width
+            if p.slip is not None:
+                gdim = p.gap.slave.gdim
+                right.append(self._entries(p.slip.operator, p, of_slip, True, numbers))
+                for k, works in enumerate(self._works_on(p, numbers)):
+                    left.append(works._replace(row=of_slip + gdim * works.row + k))
+            first += p.rows.num_unknowns
+        return joined(left), joined(right)
+
+    def _entries(
+        self,
+        operator: typing.Any,
+        p: Pass,
+        first: int,
+        scaled: bool,
+        numbers: typing.Sequence[Number] | None = None,
+    ) -> Entries:
         """Of G or J with its rows from a number on; by displacements or by the unknowns."""
-        numbers = [lambda dofs, i=i: self._numbers(i, dofs) for i in range(len(self._ranges))]
+        if numbers is None:
+            numbers = [lambda dofs, i=i: self._numbers(i, dofs) for i in range(len(self._ranges))]
         scale = self.system.scales if scaled else [1.0] * len(self._ranges)
         found = entries_of(operator, p.bodies, numbers, scale)
         return found._replace(row=found.row + first)
@@ -659,14 +698,16 @@ class Equations:
             found += self._with_tool(p, own.ravel(), weight, ones, pushed)[1:]
         return found
 
-    def _works_on(self, p: Pass) -> list[Entries]:
+    def _works_on(
+        self, p: Pass, numbers: typing.Sequence[Number] | None = None
+    ) -> list[Entries]:
         """What each component of the tangential force works on, over the weight. Collective."""
         assert p.slip is not None
         gdim = p.gap.slave.gdim
         operators = p.gap.slip_operators()
         if operators:
-            return [self._entries(operator, p, 0, False) for operator in operators]
-        J = self._entries(p.slip.operator, p, 0, False)
+            return [self._entries(operator, p, 0, False, numbers) for operator in operators]
+        J = self._entries(p.slip.operator, p, 0, False, numbers)
         out = []
         for k in range(gdim):
             of = J.row % gdim == k

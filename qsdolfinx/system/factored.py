@@ -183,6 +183,11 @@ class Formed:
         """Local and global numbers of rows and columns, as PETSc has them."""
         return self.matrix.getSizes()
 
+    def replace(self, matrix: PETSc.Mat) -> None:
+        """Take another matrix, of any pattern, in the place of this one. Collective."""
+        self.matrix.destroy()
+        self.matrix = matrix
+
     def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Y += C x. Collective."""
         self.matrix.multAdd(x, y, y)

@@ -184,14 +184,14 @@ class _Part:
         self.width, self.num_gaps = of.operator.width, of.operator.num_rows
         self.num_rows = self.width * self.num_gaps
         #: Of L, and with their squares.
-        self.entries = _joined(sided)
+        self.entries = joined(sided)
         self.squares = self.entries._replace(value=self.entries.value**2)
         #: Products of the entries of a slip with those of its pass; none of a pass.
-        self.mixed = _joined([])
+        self.mixed = joined([])
         if isinstance(of, Slip):
             normal = _sides(of.gap.operator, bodies, numbers)
             pairs = zip(sided, normal, strict=True)
-            self.mixed = _joined([J._replace(value=J.value * G.value) for J, G in pairs])
+            self.mixed = joined([J._replace(value=J.value * G.value) for J, G in pairs])
 
 
 def _sides(
@@ -225,10 +225,10 @@ def entries_of(
     """Entries of both sides together, times the scale of each body."""
     sides = _sides(operator, bodies, numbers)
     pairs = zip(sides, bodies, strict=False)
-    return _joined([e._replace(value=scales[i] * e.value) for e, i in pairs if i is not None])
+    return joined([e._replace(value=scales[i] * e.value) for e, i in pairs if i is not None])
 
 
-def _joined(parts: typing.Sequence[Entries]) -> Entries:
+def joined(parts: typing.Sequence[Entries]) -> Entries:
     """All entries."""
     none = Entries(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
     return Entries(*(np.concatenate(arrays) for arrays in zip(none, *parts, strict=True)))
@@ -237,4 +237,4 @@ def _joined(parts: typing.Sequence[Entries]) -> Entries:
 def _stacked(parts: typing.Sequence[Entries], starts: Indices) -> Entries:
     """All entries, rows one part below the other."""
     pairs = zip(parts, starts, strict=False)
-    return _joined([part._replace(row=part.row + start) for part, start in pairs])
+    return joined([part._replace(row=part.row + start) for part, start in pairs])

@@ -13,6 +13,7 @@ from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.constraint_rows import Derivative, Evaluated
 from qsdolfinx.system.equations import Equations, Pass, State
+from qsdolfinx.system.factors import Entries, joined
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -59,6 +60,23 @@ class RowBlocks:
     def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
         """Of S = −F C_γ⁻¹ D the blocks of passes and slips."""
         return [pair for of in self._of for pair in of.stiffness()]
+
+    @property
+    def num_rows(self) -> int:
+        """Rows of multipliers on this rank."""
+        return int(self._ends[-1])
+
+    def matrix_entries(self, first: int) -> Entries:
+        """Of S, with global columns.
+
+        Args:
+            first: Number of this rank's first row.
+        """
+        parts = []
+        for of, start in zip(self._of, self._ends, strict=False):
+            part = of.entries()
+            parts.append(Entries(start + part.row, first + start + part.column, part.value))
+        return joined(parts)
 
     def forces(self, m: Array) -> Array:
         """F m."""
@@ -159,6 +177,21 @@ class _Blocks:
         if not self._has_slip:
             return self._joined(out, None)
         return self._joined(out, _times(self._inverse, tangential - self._by_normal * out))
+
+    def entries(self) -> Entries:
+        """Of S, in the numbers of this pass."""
+        stiffness, (num, width) = self.stiffness(), self._shape
+        normal, end = np.arange(num * width), num * width
+        found = [Entries(normal, normal, np.asarray(stiffness[0][1]).ravel())]
+        if self._has_slip:
+            block, coupling = stiffness[1][1]
+            gdim = block.shape[1]
+            own = end + np.arange(num * gdim).reshape(num, gdim)
+            row, column = (np.repeat(own[:, :, None], gdim, 2), np.repeat(own[:, None, :], gdim, 1))
+            found.append(Entries(row.ravel(), column.ravel(), block.ravel()))
+            beside = np.repeat(normal, gdim)
+            found.append(Entries(own.ravel(), beside, coupling.ravel()))
+        return joined(found)
 
     def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
         ratio = -self._by_gap / self._regular
