@@ -29,13 +29,13 @@ class Hierarchy:
     """
 
     def __init__(self, ksp: PETSc.KSP, bodies: typing.Sequence[Body]) -> None:
-        #: The linear solver.
-        self.ksp = ksp
-        self._bodies = bodies
+        self._ksp, self._bodies = ksp, bodies
         self._multigrid: Multigrid | None = None
         self._spaces: dict[int, Aggregates] = {}
         self._states: list[int] = []
         self._first_pace: float | None = None
+        #: Iterations per digit of the last solve of another solver; None if it was this one's.
+        self.pace: float | None = None
 
     def forget(self) -> None:
         """Free multigrid, but not the spaces: there is, or will be, a new tangent. Collective."""
@@ -100,12 +100,13 @@ class Hierarchy:
 
     def _is_stale(self) -> bool:
         """Whether the last solve was slower than the first one with these spaces."""
-        iterations = self.ksp.getIterationNumber()
         linear = all(body.linear for body in self._bodies)
-        if linear or self._multigrid is None or iterations == 0:
+        if linear or self._multigrid is None:
             return False
-        digits = -np.log10(max(self.ksp.getTolerances()[0], TIGHTEST))
-        pace = iterations / digits
+        digits = -np.log10(max(self._ksp.getTolerances()[0], TIGHTEST))
+        pace = self._ksp.getIterationNumber() / digits if self.pace is None else self.pace
+        if pace == 0:
+            return False
         if self._first_pace is None:
             self._first_pace = pace
         return bool(pace > STALE * self._first_pace)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import typing
 
 from mpi4py import MPI
@@ -10,11 +11,10 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base import interrupt
+from qsdolfinx.linear.condensation import Rows, condensation_of
 from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.linear.stop import Stop
-from qsdolfinx.system.additive import Additive
 from qsdolfinx.system.equations import Equations, State
 from qsdolfinx.system.numbering import numbering
 from qsdolfinx.system.row_blocks import RowBlocks
@@ -35,7 +35,9 @@ class SaddlePoint:
 
     V is multigrid's cycle, or that of the Schur complement. With V exact all eigenvalues are 1, but
     for those of closed rows without a compliance, which tend to 1 as the penalty grows (Benzi &
-    Olshanskii, 2006). Driven tools are eliminated last, by their Schur complement with V.
+    Olshanskii, 2006). Driven tools are eliminated last, by their Schur complement with V. Where
+    all closed rows have a compliance and the matrix is symmetric, conjugate gradients with V solve
+    instead of V alone.
 
     Args:
         equations: The equations; contacts whose gaps stay while they do not pair anew.
@@ -44,45 +46,40 @@ class SaddlePoint:
 
     def __init__(self, equations: Equations, linear: LinearSolver) -> None:
         self._equations, self._linear = equations, linear
-        tangent = equations.system.made.tangent
-        assert isinstance(tangent, Additive)
-        self._tangent = tangent
-        self._num_u = sum(body.num_owned for body in equations.system.bodies)
         self._comm = equations.system.comm
-        self._blocks = RowBlocks(equations)
-        #: Whether gaps are other functions of the unknowns each time.
-        self._moves = not tangent.has_factors
-        #: Σ λ ∂²G of gaps that follow the bodies.
-        self._H: PETSc.Mat | None = None
-        if self._moves:
-            self._numbers = numbering([body.matrix() for body in equations.system.bodies])
-            self._L, self._R = self._factors()
-        else:
-            self._L, self._R = tangent.factors.product.left, tangent.factors.product.right
-        self._m, self._n = self._L.createVecLeft(), self._L.createVecLeft()
-        self._u, self._f = self._L.createVecRight(), self._L.createVecRight()
-        #: Of tools: ∂m/∂s with D, forces at rows, V b and the Schur complement.
-        self._rigid: Array = np.zeros((0, 0))
+        bodies = equations.system.bodies
+        self._num_u = sum(body.num_owned for body in bodies)
+        self._numbers = numbering([body.matrix() for body in bodies])
+        self._condensation = condensation_of(equations.system, linear)
+        blocks = RowBlocks(equations)
+        self._rows = Rows(*self._factors(blocks), None, blocks)
+        self._m, self._n = self._rows.L.createVecLeft(), self._rows.L.createVecLeft()
+        self._u, self._f = self._rows.L.createVecRight(), self._rows.L.createVecRight()
+        #: Of tools: how rows move with them, (tools, rows).
+        self._rigid: Array = np.zeros((len(equations.tools), blocks.num_rows))
         self._before = b""
         #: Whether rows close, open or slip.
         self._may_change = any(
             not p.gap.law.jump or p.slip is not None for p in equations.passes
         )
+        #: What a callback has raised: PETSc would make an error of its own of it.
+        self._failure: BaseException | None = None
         #: Norms of the right-hand sides of the solve.
         self._norms: list[float] = []
         size = (equations.num_local, equations.size)
-        matrix = PETSc.Mat().createPython((size, size), self, self._comm)
-        matrix.setUp()
+        self._matrix: PETSc.Mat = PETSc.Mat().createPython((size, size), self, self._comm)
+        self._matrix.setUp()
         self._ksp = PETSc.KSP().create(self._comm)
-        self._ksp.setOperators(matrix)
-        is_flow = linear.schur is not None
-        self._ksp.setType(PETSc.KSP.Type.FGMRES if is_flow else PETSc.KSP.Type.GMRES)
-        self._ksp.setGMRESRestart(GMRES_RESTART)
-        self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        self._ksp.setOptionsPrefix(linear.ksp.getOptionsPrefix())
+        self._ksp.setFromOptions()
+        self._ksp.setOperators(self._matrix)
+        self._choose_type()
+        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         self._ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         self._ksp.getPC().setPythonContext(self)
+        if not linear.is_inner:
+            linear.copy_monitors(self._ksp)
         self._stop = Stop(self._ksp, self._comm)
-        self._matrix = matrix
 
     def solve(
         self,
@@ -101,27 +98,27 @@ class SaddlePoint:
             exact: Whether to solve with a small tolerance, whatever Newton's method needs.
             guess: What the step may be like.
         """
-        equations, linear, ksp = self._equations, self._linear, self._ksp
-        self._blocks.take(at)
+        equations, linear, ksp, blocks = (
+            self._equations,
+            self._linear,
+            self._ksp,
+            self._rows.blocks,
+        )
+        blocks.take(at)
         rhs = -equations.residual_of(at)
-        rhs[self._num_u :] *= self._blocks.scale
+        rhs[self._num_u :] *= blocks.scale
         norm = float(np.sqrt(self._comm.allreduce(float(rhs @ rhs), op=MPI.SUM)))
         if norm == 0:
             return np.zeros(equations.num_local)
         self._norms.append(norm)
-        digest = self._blocks.digest
-        same = self._comm.allreduce(not self._may_change or digest == self._before, op=MPI.LAND)
-        self._before = digest
-        tolerance, longest = linear.tolerance(self._norms, PART * until, not same, exact)
-        if self._moves:
-            self._forget_factors()
-            self._L, self._R = self._factors()
-            self._H = self._curvature(at)
-            self._tangent.assemble_beside(self._contact(), springs)
-        else:
-            self._tangent.assemble_with(self._blocks.stiffness(), springs)
+        condensed = not equations.tools and linear.system.symmetric
+        condensed &= self._comm.allreduce(blocks.is_condensed, op=MPI.LAND)
+        linear.choose_inner(condensed)
+        self._choose_type()
+        tolerance, longest = linear.tolerance(self._norms, PART * until, self._has_changed(), exact)
+        self._follow(at)
         free = equations.system.made.hold.free_motions([e.active for e in at.passes])
-        linear.precondition(ksp, free)
+        self._condensation.update(self._rows, springs, free)
         self._find_rigid()
         b = PETSc.Vec().createWithArray(rhs, comm=self._comm)
         x = b.duplicate()
@@ -129,9 +126,11 @@ class SaddlePoint:
             x.array[:] = guess
         ksp.setInitialGuessNonzero(guess is not None)
         ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=longest)
-        ksp.setUp()
-        ksp.solve(b, x)
+        linear.inner_iterations = 0
+        with linear.watch.stage("solve"):
+            self._call(b, x)
         self._stop.look(ksp)
+        self._note_pace(norm)
         if linear.soft.count:
             y = b.duplicate()
             self.mult(self._matrix, x, y)
@@ -141,14 +140,48 @@ class SaddlePoint:
         out: Array = x.array_r.copy()
         for vec in (b, x):
             vec.destroy()
-        interrupt.look(self._comm)
         fine = ksp.getConvergedReason() > 0 and bool(np.isfinite(out).all())
         return out if self._comm.allreduce(fine, op=MPI.LAND) else None
 
+    def _choose_type(self) -> None:
+        """GMRES, or its flexible form where the preconditioner is another each time."""
+        linear, kinds = self._linear, PETSc.KSP.Type
+        kind = kinds.FGMRES if linear.schur is not None or linear.is_inner else kinds.GMRES
+        if self._ksp.getType() != kind:
+            self._ksp.setType(kind)
+        self._ksp.setGMRESRestart(GMRES_RESTART)
+        self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
+
+    def _call(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Let PETSc solve; what a callback raises is raised as it is. Collective."""
+        try:
+            self._ksp.solve(b, x)
+        except PETSc.Error:
+            self._equations.system.make_stale()  # what PETSc was in the midst of
+            failure, self._failure = self._failure, None
+            if failure is None:
+                raise
+            raise failure from None
+
+    def _has_changed(self) -> bool:
+        """Whether blocks of rows are others than at the last solve. Collective."""
+        if not self._may_change:
+            return False
+        digest = self._rows.blocks.digest
+        same = self._comm.allreduce(digest == self._before, op=MPI.LAND)
+        self._before = digest
+        return not same
+
+    def _note_pace(self, norm: float) -> None:
+        left = self._ksp.getResidualNorm()
+        if self._ksp.getConvergedReason() > 0 and 0 < left < norm:
+            self._linear.note_pace(self.num_iterations / np.log10(norm / left))
+
     @property
     def num_iterations(self) -> int:
-        """Iterations of the last solve."""
-        return int(self._ksp.getIterationNumber())
+        """Iterations of the last solve, of the inner solver if there is one."""
+        inner = self._linear.inner_iterations
+        return inner if self._linear.is_inner else int(self._ksp.getIterationNumber())
 
     @property
     def reason(self) -> str:
@@ -162,30 +195,49 @@ class SaddlePoint:
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """The product of the matrix."""
-        u, m, s = self._split(x.array_r)
-        self._u.array[:] = u
-        self._tangent.sum.multiply_bodies(self._u, self._f)
-        if self._H is not None:
-            self._H.multAdd(self._u, self._f, self._f)
-        forces, gaps = self._f.array_r.copy(), self._gaps(u) + self._rigid.T @ s
-        y.array[: self._num_u] = forces + self._forces(m)
-        y.array[self._num_u : self._num_u + len(m)] = self._blocks.by_gaps(gaps) + (
-            self._blocks.by_multipliers(m)
-        )
-        self._put_tools(y, self._of_tools(m))
+        with self._kept():
+            self._multiply(x, y)
 
     def apply(self, _: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """The product of the preconditioner."""
+        with self._kept():
+            self._precondition(r, z)
+
+    @contextlib.contextmanager
+    def _kept(self) -> typing.Iterator[None]:
+        """Keep what is raised in the block."""
+        try:
+            yield
+        except BaseException as error:
+            self._failure = error
+            raise
+
+    # --- Products
+
+    def _multiply(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        u, m, s = self._split(x.array_r)
+        self._u.array[:] = u
+        self._condensation.multiply_bodies(self._u, self._f)
+        if self._rows.H is not None:
+            self._rows.H.multAdd(self._u, self._f, self._f)
+        forces, gaps = self._f.array_r.copy(), self._gaps(u) + self._rigid.T @ s
+        y.array[: self._num_u] = forces + self._forces(m)
+        y.array[self._num_u : self._num_u + len(m)] = self._rows.blocks.by_gaps(gaps) + (
+            self._rows.blocks.by_multipliers(m)
+        )
+        self._put_tools(y, self._of_tools(m))
+
+    def _precondition(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         u, m, s = self._split(r.array_r)
-        known = self._blocks.solve(m)
+        known = self._rows.blocks.solve(m)
         du = self._cycle(u - self._forces(known))
         ds = np.zeros(len(s))
         if len(s):
-            pushed = self._blocks.condensed(self._gaps(du))
+            pushed = self._rows.blocks.condensed(self._gaps(du))
             left = s - self._of_tools(known) - self._of_tools(pushed)
             ds = np.linalg.solve(self._schur, left)
             du -= ds @ self._moved
-        dm = known + self._blocks.condensed(self._gaps(du) + self._rigid.T @ ds)
+        dm = known + self._rows.blocks.condensed(self._gaps(du) + self._rigid.T @ ds)
         z.array[: self._num_u] = du
         z.array[self._num_u : self._num_u + len(m)] = dm
         self._put_tools(z, ds)
@@ -209,28 +261,36 @@ class SaddlePoint:
 
     def _forces(self, m: Array) -> Array:
         """Lᵀ F m. Collective."""
-        self._m.array[:] = self._blocks.forces(m)
-        self._L.multTranspose(self._m, self._f)
+        self._m.array[:] = self._rows.blocks.forces(m)
+        self._rows.L.multTranspose(self._m, self._f)
         return self._f.array_r.copy()
 
     def _gaps(self, u: Array) -> Array:
         """R u. Collective."""
         self._u.array[:] = u
-        self._R.mult(self._u, self._n)
+        self._rows.R.mult(self._u, self._n)
         return self._n.array_r.copy()
 
     def _cycle(self, f: Array) -> Array:
         """V f. Collective."""
         self._u.array[:] = f
-        self._linear.ksp.getPC().apply(self._u, self._f)
+        self._condensation.solve(self._u, self._f)
         return self._f.array_r.copy()
 
-    # --- Gaps that follow the bodies
+    # --- L, R and how forces change with multipliers held
 
-    def _factors(self) -> tuple[PETSc.Mat, PETSc.Mat]:
+    def _follow(self, at: State) -> None:
+        """Follow gaps that follow the bodies. Collective."""
+        if not self._equations.moves:
+            return
+        blocks = self._rows.blocks
+        self._forget_rows()
+        self._rows = Rows(*self._factors(blocks), self._curvature(at), blocks)
+
+    def _factors(self, blocks: RowBlocks) -> tuple[PETSc.Mat, PETSc.Mat]:
         """New L and R at the last evaluation. Collective."""
-        rows, num = self._equations.rows(self._numbers), self._blocks.num_rows
-        left, right = (entries.matrix(num, self._num_u, self._comm) for entries in rows)
+        rows = self._equations.rows(self._numbers)
+        left, right = (e.matrix(blocks.num_rows, self._num_u, self._comm) for e in rows)
         return left, right
 
     def _curvature(self, at: State) -> PETSc.Mat | None:
@@ -247,31 +307,17 @@ class SaddlePoint:
             mat.destroy()
         return out
 
-    def _contact(self) -> PETSc.Mat:
-        """Lᵀ S R + Σ λ ∂²G as a new matrix. Collective."""
-        num = self._blocks.num_rows
-        first = self._L.getOwnershipRange()[0]
-        weights = self._blocks.matrix_entries(first).matrix(num, num, self._comm)
-        half = weights.matMult(self._R)
-        out: PETSc.Mat = self._L.transposeMatMult(half)
-        if self._H is not None:
-            out.axpy(1.0, self._H, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        weights.destroy()
-        half.destroy()
-        return out
-
-    def _forget_factors(self) -> None:
-        """Free L, R and the curvature. Collective."""
-        for mat in (self._L, self._R, self._H):
+    def _forget_rows(self) -> None:
+        """Free L, R and H. Collective."""
+        for mat in self._rows[:3]:
             if mat is not None:
                 mat.destroy()
-        self._H = None
 
     # --- Driven tools
 
     def _of_tools(self, m: Array) -> Array:
         """Forces of multipliers on tools, on all ranks. Collective."""
-        out = self._rigid @ self._blocks.forces(m)
+        out = self._rigid @ self._rows.blocks.forces(m)
         if len(out):
             self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
         return np.asarray(out)
@@ -290,19 +336,19 @@ class SaddlePoint:
                 parts = [gap.ravel()] if slip is None else [gap.ravel(), slip.ravel()]
                 self._rigid[p.tool, first:end] = np.concatenate(parts)
             first = end
-        reached = [self._blocks.condensed(gaps) for gaps in self._rigid]
+        reached = [self._rows.blocks.condensed(gaps) for gaps in self._rigid]
         #: V Lᵀ F of what multipliers change by with each tool, (tools, unknowns).
         self._moved: Array = np.array([self._cycle(self._forces(m)) for m in reached])
         self._schur: Array = np.array(
             [
-                self._of_tools(m) - self._of_tools(self._blocks.condensed(self._gaps(u)))
+                self._of_tools(m) - self._of_tools(self._rows.blocks.condensed(self._gaps(u)))
                 for m, u in zip(reached, self._moved, strict=True)
             ]
         ).T
 
     def free(self) -> None:
         """Free PETSc's objects. Collective."""
-        if self._moves:
-            self._forget_factors()
+        self._forget_rows()
+        self._condensation.free()
         for thing in (self._ksp, self._matrix, self._m, self._n, self._u, self._f):
             thing.destroy()

@@ -10,24 +10,39 @@ import numpy.typing as npt
 
 from qsdolfinx.linear.factors_again import OF_A_LIBRARY
 from qsdolfinx.linear.presets import EXTRA_MEMORY
+from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.system.equations import Equations, State
 
 Array = npt.NDArray[np.float64]
 
 
 class SaddleFactors:
-    """Solves with the inexact derivative, formed as one AIJ matrix, by MUMPS.
+    """Solves with the inexact derivative, formed as one AIJ matrix, by MUMPS or as options say.
 
     A second solve with the same factors takes back what makes the matrix regular.
 
     Args:
         equations: The equations.
+        linear: The problem's linear solver, whose options are taken if it is a direct one.
     """
 
-    def __init__(self, equations: Equations) -> None:
-        self._equations, self._ksp = equations, PETSc.KSP().create(equations.system.comm)
-        self._ksp.setType(PETSc.KSP.Type.PREONLY)
+    def __init__(self, equations: Equations, linear: LinearSolver) -> None:
+        self._equations, self._linear = equations, linear
+        self._ksp = self._new_ksp()
+        #: Why there was no solution.
+        self.reason = ""
+
+    def _new_ksp(self) -> PETSc.KSP:
+        ksp: PETSc.KSP = PETSc.KSP().create(self._equations.system.comm)
+        ksp.setType(PETSc.KSP.Type.PREONLY)
+        pc = ksp.getPC()
+        pc.setType(PETSc.PC.Type.LU)
+        pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        if self._linear.has_factors:
+            ksp.setOptionsPrefix(self._linear.ksp.getOptionsPrefix())
+            ksp.setFromOptions()
         self._is_new = True
+        return ksp
 
     def solve(self, at: State, shift: tuple[float, float]) -> Array | None:
         """Newton's step from an evaluation; None if the matrix is singular. Collective.
@@ -39,13 +54,10 @@ class SaddleFactors:
         equations = self._equations
         matrix = equations.tangent_of(at, exact=False, shift=shift)
         self._ksp.setOperators(matrix)
-        if self._is_new:
-            pc = self._ksp.getPC()
-            pc.setType(PETSc.PC.Type.LU)
-            pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
-            pc.setFactorSetUpSolverType()
-            pc.getFactorMatrix().setMumpsIcntl(14, EXTRA_MEMORY)
-            self._is_new = False
+        if self._is_new and self._is_mumps:
+            self._ksp.getPC().setFactorSetUpSolverType()
+            self._ksp.getPC().getFactorMatrix().setMumpsIcntl(14, EXTRA_MEMORY)
+        self._is_new = False
         x, b = matrix.createVecs()
         try:
             self._ksp.setUp()
@@ -62,12 +74,19 @@ class SaddleFactors:
         x.destroy()
         b.destroy()
         fine = bool(np.isfinite(out).all())
-        return out if equations.system.comm.allreduce(fine, op=MPI.LAND) else None
+        if equations.system.comm.allreduce(fine, op=MPI.LAND):
+            return out
+        self.reason = "singular"
+        if self._is_mumps:
+            info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
+            self.reason = f"singular (MUMPS: INFOG(1) = {info})"
+        self._ksp.destroy()  # an error leaves a preconditioner of no more use
+        self._ksp = self._new_ksp()
+        return None
 
     @property
-    def reason(self) -> str:
-        """Why there was no solution."""
-        return f"singular (MUMPS: INFOG(1) = {self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)})"
+    def _is_mumps(self) -> bool:
+        return bool(self._ksp.getPC().getFactorSolverType() == PETSc.Mat.SolverType.MUMPS)
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import typing
 
 from petsc4py import PETSc
@@ -19,6 +20,7 @@ from qsdolfinx.linear.presets import (
     BLOCK,
     EXACT,
     ITERATIVE,
+    GMRES_RESTART,
     KRYLOV,
     PRESETS,
     patience,
@@ -33,12 +35,11 @@ from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
+#: Iterations around a solver of the condensed tangent, which are hardly more than one.
+FEW = 5
+
 #: Failures in a row that count: a direct solver then stays for 2^this pairings.
 MAX_FAILURES = 6
-
-#: Penalty over the bodies' stiffness from which on multigrid takes several times the iterations,
-#: and unknowns up to which a direct solver is then the faster one.
-STIFF, LARGE_IF_STIFF = 300.0, 40_000
 
 
 def preset_options(
@@ -60,6 +61,37 @@ def preset_options(
         for i in range(num_bodies):
             options |= {f"fieldsplit_{i}_{key}": value for key, value in BLOCK.items()}
     return options
+
+
+@dataclasses.dataclass
+class GivenUp:
+    """How long a direct solver stands in for one that has failed.
+
+    Until contact pairs anew, after another failure then for twice as many pairings.
+
+    Attributes:
+        is_now: Whether it does.
+        failures: Failures that have not been followed by a success.
+        pairings: Pairings for which it still will.
+    """
+
+    is_now: bool = False
+    failures: int = 0
+    pairings: int = 0
+
+    def begin(self) -> None:
+        """There was a failure."""
+        self.is_now, self.pairings = True, 2**self.failures - 1
+        self.failures = min(self.failures + 1, MAX_FAILURES)
+
+    def pair(self) -> None:
+        """Contact has paired."""
+        if not self.is_now:
+            self.failures = 0
+        elif self.pairings == 0:
+            self.is_now = False
+        else:
+            self.pairings -= 1
 
 
 class LinearSolver:
@@ -101,7 +133,14 @@ class LinearSolver:
         elif name == "schur" and system.form is Form.SUM:
             self.schur = Schur(ksp, system.bodies, pressure_preconditioner)
         self._may_be_rescued = name in ITERATIVE and not {"ksp_type", "pc_type"} & set(chosen)
-        self._may_avoid = name == "amg" and not is_named
+        self._is_named = self.krylov is None or "ksp_type" in chosen
+        #: Whether the Krylov solver is one for the condensed tangent: options name it, or there is
+        #: nothing else to solve for.
+        self.is_inner = self._is_named
+        #: Iterations of that solver in the last linear solve.
+        self.inner_iterations = 0
+        #: Direct solves in its place.
+        self.given_up = GivenUp()
         self._rescue: Rescue | None = None
         # Failures that have not been followed by a success, and pairings with a direct solver left.
         self._failures = self._waits = 0
@@ -112,6 +151,23 @@ class LinearSolver:
             ksp.setPostSolve(self.soft.solve)
 
     @property
+    def system(self) -> ContactSystem:
+        """The system."""
+        return self._system
+
+    def choose_inner(self, is_condensed: bool) -> None:
+        """Take conjugate gradients for a symmetric tangent that is condensed exactly.
+
+        Args:
+            is_condensed: Whether it is.
+        """
+        if self._is_named or self.krylov is None or self.schur is not None:
+            return
+        self.is_inner = is_condensed
+        if is_condensed:
+            self.krylov.choose_type(True)
+
+    @property
     def watch(self) -> Stopwatch:
         """Counts the time of the stage "solve"."""
         return self._system.watch
@@ -120,6 +176,11 @@ class LinearSolver:
     def is_direct(self) -> bool:
         """Whether a linear solve is one with factors, whatever the condition of the matrix."""
         return str(self.ksp.getType()) == PETSc.KSP.Type.PREONLY
+
+    @property
+    def has_factors(self) -> bool:
+        """Whether a linear solve is one with LU factors, which any matrix has."""
+        return self.is_direct and self.ksp.getPC().getType() == PETSc.PC.Type.LU
 
     @property
     def is_rescued(self) -> bool:
@@ -158,19 +219,6 @@ class LinearSolver:
         self._waits -= 1
         return self._take_over()
 
-    def avoid_stiff(self) -> PETSc.Mat | None:
-        """A direct solver where penalties are stiff and nobody named multigrid. Collective.
-
-        Returns:
-            What is factorised in the place of the tangent, until :meth:`forget`; or None.
-        """
-        system = self._system
-        stiffest = max((contact.penalty.ratio for contact in system.contacts), default=0.0)
-        is_small = system.x.getSize() <= LARGE_IF_STIFF
-        if not (self._may_avoid and self._may_be_rescued and is_small and stiffest > STIFF):
-            return None
-        return self._take_over()
-
     def _take_over(self) -> PETSc.Mat:
         self._forget_multigrid()
         with self.watch.stage("solve"):
@@ -179,6 +227,7 @@ class LinearSolver:
 
     def forget(self) -> None:
         """Free what was made for the matrices, which are about to be freed. Collective."""
+        self.given_up.pair()
         if self._rescue is not None:
             self._rescue.end()
             self._rescue = None
@@ -199,13 +248,16 @@ class LinearSolver:
         if self.schur is not None:
             assert isinstance(tangent, Additive)
             self.schur.set_up(pc, tangent.sum, self._system.scales)
-        if pc.getType() != PETSc.PC.Type.FIELDSPLIT:
-            return
+        if pc.getType() == PETSc.PC.Type.FIELDSPLIT:
+            self._split(pc)
+
+    def _split(self, pc: PETSc.PC) -> None:
+        """Let fields be the bodies."""
+        blocks = self._system.made.blocks
+        assert blocks is not None  # PCFIELDSPLIT is not for sums
         # A reset takes the options from the splits: start from scratch.
         pc.setType(PETSc.PC.Type.NONE)
         pc.setFromOptions()
-        blocks = self._system.made.blocks
-        assert blocks is not None  # PCFIELDSPLIT is not for sums
         index_sets = blocks.matrix.getNestISs()[0]
         pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
 
@@ -242,7 +294,7 @@ class LinearSolver:
             elif self._hierarchy is not None:
                 assert isinstance(system.made.tangent, Additive)
                 pc, modes = self.ksp.getPC(), system.made.rigid.modes
-                self._hierarchy.ksp = self.ksp
+                self._hierarchy.pace = None
                 self._hierarchy.update(pc, system.made.tangent.sum, modes)
 
     def prepare(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:
@@ -303,32 +355,20 @@ class LinearSolver:
 
     # --- Newton's method on bodies and multipliers at once
 
-    @property
-    def is_given_up(self) -> bool:
-        """Whether factors are to be taken where a Krylov solver has failed, see ``give_up``."""
-        return self._waits > 0
-
     def give_up(self, reason: str) -> bool:
-        """Let a direct solver do the rest of the solve, and some more of them. Collective.
+        """Let a direct solver stand in, until contact pairs anew or longer. Collective.
 
         Args:
             reason: What is said.
 
         Returns:
-            Whether it is; not if the problem is too large.
+            Whether it does; not if the problem is too large, or options name the solver.
         """
-        if not Rescue.is_small_enough(self._system):
+        if not (self._may_be_rescued and Rescue.is_small_enough(self._system)):
             return False
         say(self._system.comm, f"linear solver: {reason}; a direct solver takes over")
-        self._waits, self._failures = 2**self._failures, min(self._failures + 1, MAX_FAILURES)
+        self.given_up.begin()
         return True
-
-    def end_solve(self) -> None:
-        """Count a solve since a Krylov solver failed, or that none has."""
-        if self._waits:
-            self._waits -= 1
-        else:
-            self._failures = 0
 
     def tolerance(
         self, norms: typing.Sequence[float], until: float, changed: bool, exact: bool
@@ -341,19 +381,40 @@ class LinearSolver:
             changed: Whether the matrix is another than that of the last linear solve.
             exact: Whether it is to be :data:`EXACT`, whatever Newton's method needs.
         """
-        assert self.krylov is not None
+        if self._is_named or self.krylov is None:
+            return EXACT, GMRES_RESTART
         if exact:
             self.krylov.set(EXACT)
         else:
             self.krylov.set_tolerance(norms, until, changed)
         tolerance, _, _, longest = self.ksp.getTolerances()
-        return float(tolerance), int(longest)
+        return float(tolerance), FEW if self.is_inner else int(longest)
 
-    def precondition(self, ksp: PETSc.KSP, free: Array) -> None:
+    def copy_monitors(self, ksp: PETSc.KSP) -> None:
+        """Let another solver call the user's monitors."""
+        own = self._stop.monitor
+        for function, args, options in self.ksp.getMonitor() or ():
+            if function != own:
+                ksp.setMonitor(function, args, options)
+
+    def apply(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write to y nearly what solves with the condensed tangent for x. Collective."""
+        if self.is_inner:
+            self.ksp.solve(x, y)
+            self.inner_iterations += self.ksp.getIterationNumber()
+            self.look()
+        else:
+            self.ksp.getPC().apply(x, y)
+
+    def note_pace(self, pace: float) -> None:
+        """Tell multigrid how many iterations a digit has taken."""
+        if self._hierarchy is not None:
+            self._hierarchy.pace = pace
+
+    def precondition(self, free: Array) -> None:
         """Let multigrid follow the sum as it is now. Collective.
 
         Args:
-            ksp: The solver that it is for.
             free: Motions that closed contacts do not resist, as ``Hold.free_motions`` has them.
         """
         system, pc = self._system, self.ksp.getPC()
@@ -364,9 +425,19 @@ class LinearSolver:
             if self.schur is not None:
                 self.schur.update()
             elif self._hierarchy is not None:
-                self._hierarchy.ksp = ksp
                 self._hierarchy.update(pc, system.made.tangent.sum, system.made.rigid.modes)
             self.ksp.setOperators(system.matrix, system.matrix)
+            self.ksp.setUp()
+
+    def precondition_formed(self, matrix: PETSc.Mat) -> None:
+        """Let the preconditioner follow this matrix. Collective."""
+        with self.watch.stage("solve"):
+            self.soft.forget()
+            pc = self.ksp.getPC()
+            if pc.getType() == PETSc.PC.Type.FIELDSPLIT:
+                pc.reset()
+                self._split(pc)
+            self.ksp.setOperators(matrix, matrix)
             self.ksp.setUp()
 
     def destroy(self) -> None:

@@ -24,9 +24,10 @@ class Stop:
     def __init__(self, ksp: PETSc.KSP, comm: MPI.Intracomm) -> None:
         self._comm = comm
         self._limit: int | None = None
-        ksp.setMonitor(self._monitor)
+        ksp.setMonitor(self.monitor)
 
-    def _monitor(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
+    def monitor(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
+        """Look whether to end: what PETSc calls at each iteration. Collective."""
         if self._limit is None and iteration % EVERY == 0 and interrupt.requested(self._comm):
             self._limit = ksp.getTolerances()[3]
             ksp.setTolerances(max_it=max(iteration, 1))

@@ -18,7 +18,6 @@ from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.one_newton import NoConvergence, OneNewton
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.equations import Equations, has_equations
-from qsdolfinx.system.matrices import Form
 
 Array = npt.NDArray[np.float64]
 
@@ -41,7 +40,7 @@ class AtOnce:
 
     def __init__(self, newton: Newton, chosen: typing.Collection[str]) -> None:
         self._newton, self._system = newton, newton.system
-        self._is_default = newton.has_full_steps and not any(map(_is_of_another, chosen))
+        self._is_default = newton.has_full_steps and "snes_type" not in chosen
         self._start: list[Array] | None = None
         #: Whether the last solve was of the same step.
         self._again = False
@@ -59,14 +58,8 @@ class AtOnce:
             self._is_default
             and contacts
             and not newton.linear.is_rescued
-            and (newton.linear.is_direct or self._is_summed)
             and all(has_equations(contact) and not _is_papers(contact) for contact in contacts)
         )
-
-    @property
-    def _is_summed(self) -> bool:
-        """Whether there is multigrid for bodies with contact beside them."""
-        return self._newton.linear.krylov is not None and self._system.form is Form.SUM
 
     def begin_step(self) -> None:
         """Remember the unknowns: solves of the step that fail are begun again from there."""
@@ -101,7 +94,6 @@ class AtOnce:
             return False
         finally:
             loop.destroy()
-            newton.linear.end_solve()
             system.forget_tangent()
             equations.destroy()
         newton.record.violations += [
@@ -161,13 +153,6 @@ class AtOnce:
         x = equations.unknowns_of(self._start)
         none = np.zeros(len(equations.tools))
         return equations.join(x, equations.multipliers(z), none)
-
-
-def _is_of_another(name: str) -> bool:
-    """Whether a PETSc option asks for another nonlinear or linear solver."""
-    if name in ("snes_type", "ksp_type", "pc_type"):
-        return True
-    return name.startswith(("pc_factor_", "mat_"))
 
 
 def _is_papers(contact: ContactModel) -> bool:

@@ -344,7 +344,7 @@ class Newton:
         self.snes.setFunction(residual, self.system.r, (self._context,))
         matrix = self.system.matrix
         self.linear.set_up()
-        factorised = self.linear.rescue_again() or self.linear.avoid_stiff() or matrix
+        factorised = self.linear.rescue_again() or matrix
         self.snes.setJacobian(tangent, matrix, factorised, (self._context,))
         self._context.convergence = Convergence(self.system)
 

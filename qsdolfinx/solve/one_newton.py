@@ -93,7 +93,7 @@ class OneNewton:
         self.history: list[Iterate] = []
         self._factors: SaddleFactors | None = None
         self._saddle: SaddlePoint | None = None
-        self._is_iterative = newton.linear.krylov is not None
+        self._is_iterative = not newton.linear.has_factors
         self._guess: Array | None = None
         #: Norm of forces with which the solve ends.
         self._until = 0.0
@@ -162,10 +162,10 @@ class OneNewton:
         record, shift = self._newton.record, (SPRINGS[0], self._springs())
         record.iterations += 1
         out = None
-        if self._is_iterative and not self._newton.linear.is_given_up:
+        if self._is_iterative and not self._newton.linear.given_up.is_now:
             out = self._iterated(at, shift, exact)
         if out is None:
-            self._factors = self._factors or SaddleFactors(self.equations)
+            self._factors = self._factors or SaddleFactors(self.equations, self._newton.linear)
             out = self._factors.solve(at, shift)
             record.linear_iterations += 1
         if out is None:
@@ -180,8 +180,10 @@ class OneNewton:
         out = self._saddle.solve(at, self.equations.springs(shift), self._until, exact, self._guess)
         self._guess = out if exact else None  # of where bodies would go without some rows
         newton.record.linear_iterations += self._saddle.num_iterations
-        if out is None and not newton.linear.give_up(self._saddle.reason):
-            raise NoConvergence(f"linear solver: {self._saddle.reason}", False)
+        if out is None:
+            newton.record.restarts += 1
+            if not newton.linear.give_up(self._saddle.reason):
+                raise NoConvergence(f"linear solver: {self._saddle.reason}", False)
         return out
 
     def _springs(self) -> float:

@@ -265,7 +265,8 @@ class ContactProblem:
     @property
     def solver_in_use(self) -> str:
         """What :attr:`solver` is, or ``"direct"`` as long as a direct solver stands in for it."""
-        return "direct" if self.newton.linear.is_rescued else self.solver
+        linear = self.newton.linear
+        return "direct" if linear.is_rescued or linear.given_up.is_now else self.solver
 
     @property
     def has_full_steps(self) -> bool:

@@ -25,8 +25,9 @@ C_NORMAL, C_TANGENTIAL = 1e-2, 1.0
 #: are redundant, as of a node in two contacts with one plane, their multipliers change least.
 PROXIMAL = 1e-10
 
-#: Penalty over the bodies' stiffness from which on the factors are of that, times this.
-USUAL = 100.0
+#: Penalty over the bodies' stiffness from which on the factors are of that, times this; and up to
+#: which they are, of an augmented Lagrangian.
+USUAL, LEAST = 100.0, 5.0
 
 
 class Multipliers(typing.NamedTuple):
@@ -111,13 +112,19 @@ class ConstraintRows:
         self._eps: Array = stiffness
         stiffest = max((k for k in model.penalty.stiffness if k < np.inf), default=0.0)
         self._stiffest: Array = np.maximum(stiffness, stiffest)
-        usual = min(1.0, USUAL / model.penalty.ratio) if model.penalty.ratio > 0 else 1.0
+        ratio = model.penalty.ratio
+        usual = min(1.0, USUAL / ratio) if ratio > 0 else 1.0
+        if exact and ratio > 0:  # the result does not depend on the penalty
+            usual = max(usual, LEAST / ratio)
+        #: What gaps are multiplied with to be told from rounding: no stiffer than the usual one.
+        self._usual: Array = np.maximum(usual * stiffness, stiffest)
         self._compliance: Array = np.zeros_like(stiffness) if exact else 1 / stiffness
         self._proximal: Array = np.asarray(exact * PROXIMAL / self._stiffest)
         self._c: Array = C_NORMAL * usual * stiffness
         if slip is not None:
             tangential = model.tangential_eps * gap.relative_penalty
             self._stiffest_t: Array = np.maximum(tangential, stiffest)
+            self._usual_t: Array = np.maximum(usual * tangential, stiffest)
             self._compliance_t: Array = np.zeros_like(tangential) if exact else 1 / tangential
             self._proximal_t: Array = np.asarray(exact * PROXIMAL / self._stiffest_t)
             self._ct: Array = C_TANGENTIAL * usual * tangential
@@ -277,26 +284,25 @@ class ConstraintRows:
     def violation(self, at: Evaluated) -> float:
         """Largest stress on this rank by which complementarity is violated.
 
-        That of closed gaps is ε ḡ*, which is a part of what is read as λ, or what they stand for
+        That of closed gaps is ε ḡ*, ε being no stiffer than the usual one, or what they stand for
         in the stiffest body.
         """
         weight, parts = self.gap.weight[:, None], self.complementarity(at)
-        factor = np.where(at.active, np.maximum(self._stiffest / self._c, 1.0), 1.0)
+        factor = np.where(at.active, np.maximum(self._usual / self._c, 1.0), 1.0)
         found = [parts[0] / weight * factor[:, None]]
         if at.response is not None:
             sticks = at.active & ~at.response.slipping
-            factor = np.where(sticks, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
+            factor = np.where(sticks, np.maximum(self._usual_t / self._ct, 1.0), 1.0)
             found.append(parts[1] / weight * factor[:, None])
         return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
 
     def scales(self, at: Evaluated) -> tuple[Array, Array]:
         """What makes forces of R_λ and R_τ: c, or a stiffness of the stiffest body if closed."""
-        closed = np.maximum(self._stiffest, self._c)
-        normal = np.where(at.active, closed, self._c)
+        normal = np.where(at.active, self._usual, self._c)
         if self.slip is None or at.response is None:
             return normal, normal
         sticks = at.active & ~at.response.slipping
-        return normal, np.where(sticks, np.maximum(self._stiffest_t, self._ct), self._ct)
+        return normal, np.where(sticks, self._usual_t, self._ct)
 
     def usual_compliances(self, at: Evaluated) -> tuple[Array, Array]:
         """What the usual penalty would add to the compliance of closed rows, of λ and of τ."""
@@ -310,9 +316,9 @@ class ConstraintRows:
     def rounding(self) -> float:
         """Stress that stands for gaps as large as coordinates: rounding is a part of it."""
         size = float(np.abs(self.gap.slave.mesh.geometry.x).max(initial=0.0))
-        factors = [self._c, self._stiffest]
+        factors = [self._c, self._usual]
         if self.slip is not None:
-            factors += [self._ct, self._stiffest_t]
+            factors += [self._ct, self._usual_t]
         return size * max(float(np.max(f, initial=0.0)) for f in factors)
 
     def derivative(self, at: Evaluated, exact: bool) -> Derivative:

@@ -596,6 +596,11 @@ class Equations:
         """Whether there are gaps that follow the bodies."""
         return any(p.gap.following is not None for p in self.passes)
 
+    @property
+    def moves(self) -> bool:
+        """Whether gaps are other functions of the unknowns where bodies are elsewhere."""
+        return not all(p.gap.is_linear for p in self.passes)
+
     def rows(self, numbers: typing.Sequence[Number]) -> tuple[Entries, Entries]:
         """What forces of λ and τ work on, and gaps and slips as functions of the unknowns.
 

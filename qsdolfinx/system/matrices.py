@@ -75,19 +75,24 @@ class Matrices:
 
     @property
     def bulk_symmetric(self) -> bool:
-        """Whether the bulk blocks are symmetric: of a sum as they are now."""
+        """Whether the bulk blocks are symmetric: of a sum as they are now. Collective."""
         if isinstance(self.tangent, Additive):
             return all(self.tangent.are_symmetric)
+        self._ask()
         return all(self._are_symmetric)
 
     def assemble(self) -> None:
         """The tangent for the bodies' and the contacts' present state. Collective."""
-        bodies = () if isinstance(self.tangent, Additive) else self._bodies  # a sum asks itself
-        for i, body in enumerate(bodies):
+        if not isinstance(self.tangent, Additive):  # which asks itself
+            self._ask()
+        self.tangent.assemble()
+
+    def _ask(self) -> None:
+        """Find out whether blocks of linear bodies, which may be others, are symmetric."""
+        for i, body in enumerate(self._bodies):
             if body.linear and body.num_assemblies != self._asked[i]:  # a Constant is another one
                 self._are_symmetric[i] = is_symmetric(body.matrix())
                 self._asked[i] = body.num_assemblies
-        self.tangent.assemble()
 
     @property
     def matrix(self) -> PETSc.Mat:
@@ -102,14 +107,23 @@ class Matrices:
         self.rigid.destroy()
 
     def _set_near_nullspaces(self) -> None:
-        """Rigid modes of each body on its block, and of all together on the AIJ matrix."""
-        for i, modes in enumerate(self.rigid.modes):
+        for i in range(len(self.rigid.modes)):
             block = None if self.blocks is None else self.blocks.block(i, i)
-            if modes and block is not None:
-                set_near_nullspace(block, modes)
-        if self._form is not Form.MPI or not all(self.rigid.modes):
+            if block is not None:
+                self.set_near_nullspace(i, block)
+        if self._form is Form.MPI:
+            self.set_near_nullspaces(self.matrix)
+
+    def set_near_nullspace(self, i: int, block: PETSc.Mat) -> None:
+        """Rigid modes of body i on its block. Collective."""
+        if self.rigid.modes[i]:
+            set_near_nullspace(block, self.rigid.modes[i])
+
+    def set_near_nullspaces(self, matrix: PETSc.Mat) -> None:
+        """Those of all bodies together on the AIJ matrix, if all have some. Collective."""
+        if not all(self.rigid.modes):
             return
         gdim = self._bodies[0].V.mesh.geometry.dim
         if all(body.V.dofmap.index_map_bs == gdim for body in self._bodies):
-            self.matrix.setBlockSize(gdim)  # multigrid's
-        set_modes(self.matrix, np.hstack([rigid_modes(body) for body in self._bodies]))
+            matrix.setBlockSize(gdim)  # multigrid's
+        set_modes(matrix, np.hstack([rigid_modes(body) for body in self._bodies]))

@@ -50,6 +50,11 @@ class RowBlocks:
         return np.concatenate([*parts, np.ones(self._tools if self._is_first else 0)])
 
     @property
+    def is_condensed(self) -> bool:
+        """Whether C_γ is C on this rank: closed rows have a compliance, and none is held."""
+        return all(of.is_condensed for of in self._of)
+
+    @property
     def digest(self) -> bytes:
         """Digest of D and C."""
         out = hashlib.blake2b()
@@ -117,6 +122,8 @@ class _Blocks:
         self._by_gap: Array = normal[:, None] * by.normal_by_gap
         self._own: Array = normal[:, None] * by.normal_by_normal
         self._regular: Array = self._own - (normal * weight * soft[0])[:, None] * _unless(at.held)
+        #: Whether C_γ is C.
+        self.is_condensed = at.held is None and not any(np.any(part) for part in soft)
         #: What the rows are multiplied with.
         self.scale: Array = np.repeat(normal, width)
         self._normal = normal

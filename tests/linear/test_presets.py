@@ -32,11 +32,9 @@ def test_same_solution(cell, solver, friction):
     found, problem = solution(cell, solver, friction)
     ksp = problem.snes.getKSP()
     kinds = direct.snes.getKSP().getPC().getType(), ksp.getPC().getType()
-    symmetric, kind = problem.symmetric, ksp.getType()
     error = largest(found - expected) / largest(expected)
     per_step = problem.num_linear_iterations / problem.num_iterations
     assert kinds == ("lu", "mg" if solver == "amg" else "fieldsplit")
-    assert kind == ("cg" if symmetric else "gmres") and (symmetric or friction)
     assert error < 1e-7
     assert 1 < per_step < 100
 
@@ -81,10 +79,8 @@ def test_multigrid_over_the_size(law):
         options = {"law": law(), "quadrature": "overlay", "enforcement": "augmented-lagrangian"}
         pair.contact = qs.Contact(pair.slave, pair.master, **options)
         problem = pair.problem(solver="amg", petsc_options={"ksp_rtol": 1e-8})
-        counts = []
-        problem.snes.getKSP().setMonitor(lambda ksp, i, norm, counts=counts: counts.append(i))
         problem.solve()
-        most.append(max(counts))
+        most.append(problem.num_linear_iterations / problem.num_iterations)
         assemblies += [body.num_assemblies for body in problem.bodies]
         problem.destroy()
     assert 3 < most[0] and most[1] < min(2.2 * most[0], 60)  # cells are flat slabs

@@ -1,0 +1,160 @@
+"""The bodies' tangent with contact condensed, and what solves with it nearly."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.linear.solver import LinearSolver
+from qsdolfinx.system.additive import Additive
+from qsdolfinx.system.factored import Formed
+from qsdolfinx.system.matrices import Form
+from qsdolfinx.system.row_blocks import RowBlocks
+from qsdolfinx.system.sum import Sum, diagonal_blocks
+from qsdolfinx.system.system import ContactSystem
+
+Array = npt.NDArray[np.float64]
+
+
+class Rows(typing.NamedTuple):
+    """Contact, at one evaluation.
+
+    Attributes:
+        L: What forces of multipliers work on, rows by unknowns.
+        R: Gaps and slips as functions of the unknowns, likewise.
+        H: How forces change with multipliers held; None if they do not.
+        blocks: What there is at the rows.
+    """
+
+    L: PETSc.Mat
+    R: PETSc.Mat
+    H: PETSc.Mat | None
+    blocks: RowBlocks
+
+    def contact(self) -> PETSc.Mat:
+        """Lᵀ S R + H as a new matrix. Collective."""
+        num = self.blocks.num_rows
+        first = self.L.getOwnershipRange()[0]
+        weights = self.blocks.matrix_entries(first).matrix(num, num, self.L.comm)
+        half = weights.matMult(self.R)
+        out: PETSc.Mat = self.L.transposeMatMult(half)
+        if self.H is not None:
+            out.axpy(1.0, self.H, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        weights.destroy()
+        half.destroy()
+        return out
+
+
+class Condensation(typing.Protocol):
+    """K + Lᵀ S R + H, and V that solves with it nearly."""
+
+    def update(self, rows: Rows, springs: Array, free: Array) -> None:
+        """Follow bodies and contact. Collective.
+
+        Args:
+            rows: Contact.
+            springs: On top of the diagonal, owned unknowns.
+            free: Motions that closed contacts do not resist, as ``Hold.free_motions`` has them.
+        """
+
+    def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write K x to y, with springs. Collective."""
+
+    def solve(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write V x to y. Collective."""
+
+    def free(self) -> None:
+        """Free PETSc's objects. Collective."""
+
+
+def condensation_of(system: ContactSystem, linear: LinearSolver) -> Condensation:
+    """That of a problem's linear solver."""
+    is_sum = isinstance(system.made.tangent, Additive)
+    return _OfSum(system, linear) if is_sum else _OfMatrix(system, linear)
+
+
+class _OfSum:
+    """A sum that is never formed, with multigrid or the Schur complement of pressures."""
+
+    def __init__(self, system: ContactSystem, linear: LinearSolver) -> None:
+        assert isinstance(system.made.tangent, Additive)
+        self._tangent, self._linear = system.made.tangent, linear
+
+    def update(self, rows: Rows, springs: Array, free: Array) -> None:
+        if self._tangent.has_factors:
+            self._tangent.assemble_with(rows.blocks.stiffness(), springs)
+        else:
+            self._tangent.assemble_beside(rows.contact(), springs)
+        self._linear.precondition(free)
+
+    def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._tangent.sum.multiply_bodies(x, y)
+
+    def solve(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._linear.apply(x, y)
+
+    def free(self) -> None:
+        """The sum is the system's."""
+
+
+class _OfMatrix:
+    """One AIJ matrix or a MatNest, with the preconditioner of a preset or a solver by options."""
+
+    def __init__(self, system: ContactSystem, linear: LinearSolver) -> None:
+        self._system, self._linear = system, linear
+        self._sum: Sum | None = None
+        self._own: list[PETSc.Mat] = []
+
+    def update(self, rows: Rows, springs: Array, free: Array) -> None:
+        self._forget()
+        bodies = self._system.bodies
+        bulk = [body.matrix() for body in bodies]
+        contact = Formed(rows.contact())
+        parts = [(K, body.linear) for K, body in zip(bulk, bodies, strict=True)]
+        self._sum = Sum(parts, contact, [None] * len(parts))
+        self._sum.renew(springs)
+        whole = self._sum.formed()
+        self._own = [contact.matrix, whole]
+        if self._system.form is Form.NEST:
+            whole = self._as_nest(whole)
+        else:
+            self._system.made.set_near_nullspaces(whole)
+        self._linear.precondition_formed(whole)
+
+    def _as_nest(self, whole: PETSc.Mat) -> PETSc.Mat:
+        """The same in blocks of bodies. Collective."""
+        sizes = [body.num_owned for body in self._system.bodies]
+        ends = whole.getOwnershipRange()[0] + np.cumsum([0, *sizes])
+        sets = [
+            PETSc.IS().createStride(n, int(first), 1, comm=whole.comm)
+            for n, first in zip(sizes, ends, strict=False)
+        ]
+        blocks = [[whole.createSubMatrix(i, j) for j in sets] for i in sets]
+        nest = PETSc.Mat().createNest(blocks, comm=whole.comm)
+        for i, body_blocks in enumerate(blocks):
+            self._system.made.set_near_nullspace(i, body_blocks[i])
+        self._own += [nest, *(block for of in blocks for block in of)]
+        for index_set in sets:
+            index_set.destroy()
+        return nest
+
+    def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        assert self._sum is not None
+        self._sum.multiply_bodies(x, y)
+
+    def solve(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._linear.apply(x, y)
+
+    def _forget(self) -> None:
+        if self._sum is not None:
+            self._sum.destroy()
+        for mat in self._own:
+            mat.destroy()
+        self._sum, self._own = None, []
+
+    def free(self) -> None:
+        self._forget()
