@@ -14,7 +14,7 @@ from qsdolfinx.system.additive import Additive
 from qsdolfinx.system.factored import Formed
 from qsdolfinx.system.matrices import Form
 from qsdolfinx.system.row_blocks import RowBlocks
-from qsdolfinx.system.sum import Sum, diagonal_blocks
+from qsdolfinx.system.sum import Sum
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]

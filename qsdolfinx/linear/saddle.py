@@ -16,12 +16,18 @@ from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.linear.stop import Stop
 from qsdolfinx.system.equations import Equations, State
+from qsdolfinx.system.factors import Number
 from qsdolfinx.system.numbering import numbering
 from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
-#: Part of what Newton's method may end with that a linear solve leaves, at the last.
-PART = 0.3
+
+#: Iterations of GMRES from which on a symmetric matrix is left to conjugate gradients.
+CRAWLING = 2 * GMRES_RESTART
+
+#: Part of what Newton's method may end with that a linear solve leaves, at the last; and the least
+#: where gaps have to be closed for bodies that are much stiffer than the softest one.
+PART, LEAST_PART = 0.3, 1e-2
 
 
 class SaddlePoint:
@@ -49,7 +55,8 @@ class SaddlePoint:
         self._comm = equations.system.comm
         bodies = equations.system.bodies
         self._num_u = sum(body.num_owned for body in bodies)
-        self._numbers = numbering([body.matrix() for body in bodies])
+        of_bodies = numbering([body.matrix() for body in bodies])
+        self._numbers: list[Number] = [number.__call__ for number in of_bodies]
         self._condensation = condensation_of(equations.system, linear)
         blocks = RowBlocks(equations)
         self._rows = Rows(*self._factors(blocks), None, blocks)
@@ -58,10 +65,13 @@ class SaddlePoint:
         #: Of tools: how rows move with them, (tools, rows).
         self._rigid: Array = np.zeros((len(equations.tools), blocks.num_rows))
         self._before = b""
+        #: Whether GMRES is too slow.
+        self._crawls = False
         #: Whether rows close, open or slip.
-        self._may_change = any(
-            not p.gap.law.jump or p.slip is not None for p in equations.passes
-        )
+        self._may_change = any(not p.gap.law.jump or p.slip is not None for p in equations.passes)
+        softest = min((p.rows.softness for p in equations.passes), default=1.0)
+        #: Part of what Newton's method may end with that a linear solve leaves, at the last.
+        self._part = PART * max(LEAST_PART, self._comm.allreduce(softest, op=MPI.MIN))
         #: What a callback has raised: PETSc would make an error of its own of it.
         self._failure: BaseException | None = None
         #: Norms of the right-hand sides of the solve.
@@ -98,50 +108,66 @@ class SaddlePoint:
             exact: Whether to solve with a small tolerance, whatever Newton's method needs.
             guess: What the step may be like.
         """
-        equations, linear, ksp, blocks = (
-            self._equations,
-            self._linear,
-            self._ksp,
-            self._rows.blocks,
-        )
+        equations, blocks = self._equations, self._rows.blocks
         blocks.take(at)
-        rhs = -equations.residual_of(at)
+        rhs: Array = -equations.residual_of(at)
         rhs[self._num_u :] *= blocks.scale
         norm = float(np.sqrt(self._comm.allreduce(float(rhs @ rhs), op=MPI.SUM)))
         if norm == 0:
             return np.zeros(equations.num_local)
         self._norms.append(norm)
-        condensed = not equations.tools and linear.system.symmetric
-        condensed &= self._comm.allreduce(blocks.is_condensed, op=MPI.LAND)
-        linear.choose_inner(condensed)
-        self._choose_type()
-        tolerance, longest = linear.tolerance(self._norms, PART * until, self._has_changed(), exact)
-        self._follow(at)
-        free = equations.system.made.hold.free_motions([e.active for e in at.passes])
-        self._condensation.update(self._rows, springs, free)
-        self._find_rigid()
+        self._follow(at, springs)
         b = PETSc.Vec().createWithArray(rhs, comm=self._comm)
         x = b.duplicate()
         if guess is not None:
             x.array[:] = guess
-        ksp.setInitialGuessNonzero(guess is not None)
-        ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=longest)
+        self._ksp.setInitialGuessNonzero(guess is not None)
+        self._iterate(b, x, until, exact)
+        self._note_pace(norm)
+        self._correct(b, x)
+        out: Array = x.array_r.copy()
+        b.destroy()
+        x.destroy()
+        fine = self._ksp.getConvergedReason() > 0 and bool(np.isfinite(out).all())
+        return out if self._comm.allreduce(fine, op=MPI.LAND) else None
+
+    def _iterate(self, b: PETSc.Vec, x: PETSc.Vec, until: float, exact: bool) -> None:
+        """GMRES, and conjugate gradients inside where they do and it is slow. Collective."""
+        linear, ksp = self._linear, self._ksp
+        condensed = self._comm.allreduce(self._rows.blocks.is_condensed, op=MPI.LAND)
+        symmetric = linear.system.symmetric and not self._equations.tools
+        linear.choose_inner(symmetric and (condensed or self._crawls))
+        self._choose_type()
+        part = self._part * until
+        tolerance, longest = linear.tolerance(self._norms, part, self._has_changed(), exact)
+        if linear.is_inner and not condensed:
+            longest = linear.loosen_inner(tolerance)
+        may_crawl = symmetric and not linear.is_inner and longest > CRAWLING
+        most = CRAWLING if may_crawl else longest
+        ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=most)
         linear.inner_iterations = 0
         with linear.watch.stage("solve"):
             self._call(b, x)
+            late = ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+            self._crawls |= may_crawl and late
+            if may_crawl and late:
+                linear.choose_inner(True)
+                self._choose_type()
+                ksp.setTolerances(max_it=linear.loosen_inner(tolerance))
+                ksp.setInitialGuessNonzero(True)
+                self._call(b, x)
         self._stop.look(ksp)
-        self._note_pace(norm)
-        if linear.soft.count:
-            y = b.duplicate()
-            self.mult(self._matrix, x, y)
-            left = b.array_r - y.array_r
-            x.array[: self._num_u] += linear.soft.change(left[: self._num_u])
-            y.destroy()
-        out: Array = x.array_r.copy()
-        for vec in (b, x):
-            vec.destroy()
-        fine = ksp.getConvergedReason() > 0 and bool(np.isfinite(out).all())
-        return out if self._comm.allreduce(fine, op=MPI.LAND) else None
+
+    def _correct(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve exactly for motions that next to nothing resists. Collective."""
+        soft = self._linear.soft
+        if not soft.count:
+            return
+        y = b.duplicate()
+        self.mult(self._matrix, x, y)
+        left = b.array_r - y.array_r
+        x.array[: self._num_u] += soft.change(left[: self._num_u])
+        y.destroy()
 
     def _choose_type(self) -> None:
         """GMRES, or its flexible form where the preconditioner is another each time."""
@@ -231,11 +257,11 @@ class SaddlePoint:
         u, m, s = self._split(r.array_r)
         known = self._rows.blocks.solve(m)
         du = self._cycle(u - self._forces(known))
-        ds = np.zeros(len(s))
+        ds: Array = np.zeros(len(s))
         if len(s):
             pushed = self._rows.blocks.condensed(self._gaps(du))
             left = s - self._of_tools(known) - self._of_tools(pushed)
-            ds = np.linalg.solve(self._schur, left)
+            ds = np.asarray(np.linalg.solve(self._schur, left))
             du -= ds @ self._moved
         dm = known + self._rows.blocks.condensed(self._gaps(du) + self._rigid.T @ ds)
         z.array[: self._num_u] = du
@@ -279,13 +305,15 @@ class SaddlePoint:
 
     # --- L, R and how forces change with multipliers held
 
-    def _follow(self, at: State) -> None:
-        """Follow gaps that follow the bodies. Collective."""
-        if not self._equations.moves:
-            return
-        blocks = self._rows.blocks
-        self._forget_rows()
-        self._rows = Rows(*self._factors(blocks), self._curvature(at), blocks)
+    def _follow(self, at: State, springs: Array) -> None:
+        """Follow bodies, contact and tools. Collective."""
+        blocks, system = self._rows.blocks, self._equations.system
+        if self._equations.moves:
+            self._forget_rows()
+            self._rows = Rows(*self._factors(blocks), self._curvature(at), blocks)
+        free = system.made.hold.free_motions([e.active for e in at.passes])
+        self._condensation.update(self._rows, springs, free)
+        self._find_rigid()
 
     def _factors(self, blocks: RowBlocks) -> tuple[PETSc.Mat, PETSc.Mat]:
         """New L and R at the last evaluation. Collective."""
@@ -317,7 +345,7 @@ class SaddlePoint:
 
     def _of_tools(self, m: Array) -> Array:
         """Forces of multipliers on tools, on all ranks. Collective."""
-        out = self._rigid @ self._rows.blocks.forces(m)
+        out: Array = self._rigid @ self._rows.blocks.forces(m)
         if len(out):
             self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
         return np.asarray(out)
@@ -336,15 +364,16 @@ class SaddlePoint:
                 parts = [gap.ravel()] if slip is None else [gap.ravel(), slip.ravel()]
                 self._rigid[p.tool, first:end] = np.concatenate(parts)
             first = end
-        reached = [self._rows.blocks.condensed(gaps) for gaps in self._rigid]
+        blocks, tools = self._rows.blocks, range(len(equations.tools))
+        reached = [blocks.condensed(np.asarray(self._rigid[i])) for i in tools]
+        moved = [self._cycle(self._forces(m)) for m in reached]
+        left = [
+            self._of_tools(m) - self._of_tools(blocks.condensed(self._gaps(u)))
+            for m, u in zip(reached, moved, strict=True)
+        ]
         #: V Lᵀ F of what multipliers change by with each tool, (tools, unknowns).
-        self._moved: Array = np.array([self._cycle(self._forces(m)) for m in reached])
-        self._schur: Array = np.array(
-            [
-                self._of_tools(m) - self._of_tools(self._rows.blocks.condensed(self._gaps(u)))
-                for m, u in zip(reached, self._moved, strict=True)
-            ]
-        ).T
+        self._moved: Array = np.array(moved)
+        self._schur: Array = np.array(left).T
 
     def free(self) -> None:
         """Free PETSc's objects. Collective."""

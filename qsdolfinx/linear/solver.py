@@ -19,8 +19,8 @@ from qsdolfinx.linear.presets import (
     AGGREGATION,
     BLOCK,
     EXACT,
-    ITERATIVE,
     GMRES_RESTART,
+    ITERATIVE,
     KRYLOV,
     PRESETS,
     patience,
@@ -37,6 +37,9 @@ Array = npt.NDArray[np.float64]
 
 #: Iterations around a solver of the condensed tangent, which are hardly more than one.
 FEW = 5
+
+#: Relative tolerance of that solver where others depend on it.
+INNER = 1e-2
 
 #: Failures in a row that count: a direct solver then stays for 2^this pairings.
 MAX_FAILURES = 6
@@ -166,6 +169,16 @@ class LinearSolver:
         self.is_inner = is_condensed
         if is_condensed:
             self.krylov.choose_type(True)
+
+    def loosen_inner(self, tolerance: float) -> int:
+        """Let inner solves be inexact: iterations around them at most.
+
+        Args:
+            tolerance: Of those.
+        """
+        if not self._is_named:
+            self.ksp.setTolerances(rtol=max(tolerance, INNER))
+        return GMRES_RESTART
 
     @property
     def watch(self) -> Stopwatch:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import typing
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typing
 
 from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
@@ -274,7 +275,13 @@ class OneNewton:
             limits = floors
         self._was_in_floor = in_floor
         balanced = residual <= max(limits[0], self._atol)
-        return bool(balanced and largest[0] <= limits[1] and tools <= RTOL_TOOLS)
+        closed = largest[0] <= limits[1] and self._are_closed(at)
+        return bool(balanced and closed and tools <= RTOL_TOOLS)
+
+    def _are_closed(self, at: State) -> bool:
+        """Whether no multiplier leaves a gap that is more than its contact allows. Collective."""
+        passes = zip(self.equations.passes, at.passes, strict=True)
+        return self._all(all(p.rows.open_gap(e) <= p.model.allowed_gap for p, e in passes))
 
     def _num_closed(self, at: State) -> list[int]:
         """Closed rows of each contact on this rank."""

@@ -118,12 +118,17 @@ class ConstraintRows:
             usual = max(usual, LEAST / ratio)
         #: What gaps are multiplied with to be told from rounding: no stiffer than the usual one.
         self._usual: Array = np.maximum(usual * stiffness, stiffest)
+        soft = LEAST / ratio if ratio > 0 else 1.0
+        soft = soft if exact else min(soft, 1.0)
+        #: Least compliance of closed rows where a linear solver is to see no stiff ones.
+        self._softness: Array = 1 / (soft * stiffness)
         self._compliance: Array = np.zeros_like(stiffness) if exact else 1 / stiffness
         self._proximal: Array = np.asarray(exact * PROXIMAL / self._stiffest)
         self._c: Array = C_NORMAL * usual * stiffness
         if slip is not None:
             tangential = model.tangential_eps * gap.relative_penalty
             self._stiffest_t: Array = np.maximum(tangential, stiffest)
+            self._softness_t: Array = 1 / (soft * tangential)
             self._usual_t: Array = np.maximum(usual * tangential, stiffest)
             self._compliance_t: Array = np.zeros_like(tangential) if exact else 1 / tangential
             self._proximal_t: Array = np.asarray(exact * PROXIMAL / self._stiffest_t)
@@ -296,22 +301,37 @@ class ConstraintRows:
             found.append(parts[1] / weight * factor[:, None])
         return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
 
+    def open_gap(self, at: Evaluated) -> float:
+        """Gap (length) of closed rows that multipliers are to close: the largest on this rank."""
+        if not self.model.augmented:
+            return 0.0
+        gaps = np.where(at.active[:, None], np.abs(at.gap), 0.0)
+        if at.held is not None:
+            gaps = np.where(at.held, 0.0, gaps)
+        return float(np.max(gaps, initial=0.0))
+
     def scales(self, at: Evaluated) -> tuple[Array, Array]:
-        """What makes forces of R_λ and R_τ: c, or a stiffness of the stiffest body if closed."""
-        normal = np.where(at.active, self._usual, self._c)
+        """What makes forces of R_λ and R_τ: c, or the usual penalty where they are closed."""
+        normal = np.where(at.active, 1 / self._softness, self._c)
         if self.slip is None or at.response is None:
             return normal, normal
         sticks = at.active & ~at.response.slipping
-        return normal, np.where(sticks, self._usual_t, self._ct)
+        return normal, np.where(sticks, 1 / self._softness_t, self._ct)
+
+    @property
+    def softness(self) -> float:
+        """Usual penalty over what gaps stand for in the stiffest body: the least on this rank."""
+        parts = [1 / (self._softness * self._usual)]
+        if self.slip is not None:
+            parts.append(1 / (self._softness_t * self._usual_t))
+        return min(float(np.min(part, initial=1.0)) for part in parts)
 
     def usual_compliances(self, at: Evaluated) -> tuple[Array, Array]:
-        """What the usual penalty would add to the compliance of closed rows, of λ and of τ."""
-        usual = self._c / C_NORMAL
-        normal = at.active * np.maximum(1 / usual - self._compliance, 0.0)
+        """What closed rows lack of the usual penalty's compliance, of λ and of τ."""
+        normal = at.active * np.maximum(self._softness - self._compliance, 0.0)
         if self.slip is None:
             return normal, normal
-        usual = self._ct / C_TANGENTIAL
-        return normal, at.active * np.maximum(1 / usual - self._compliance_t, 0.0)
+        return normal, at.active * np.maximum(self._softness_t - self._compliance_t, 0.0)
 
     def rounding(self) -> float:
         """Stress that stands for gaps as large as coordinates: rounding is a part of it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import typing
 
 from mpi4py import MPI
@@ -609,7 +610,9 @@ class Equations:
         Args:
             numbers: For each body what numbers its global unknowns in columns.
         """
-        left, right, first = [], [], 0
+        left: list[Entries] = []
+        right: list[Entries] = []
+        first = 0
         for p in self.passes:
             for found, scaled in ((left, False), (right, True)):
                 found.append(self._entries(p.gap.operator, p, first, scaled, numbers))
@@ -632,7 +635,7 @@ class Equations:
     ) -> Entries:
         """Of G or J with its rows from a number on; by displacements or by the unknowns."""
         if numbers is None:
-            numbers = [lambda dofs, i=i: self._numbers(i, dofs) for i in range(len(self._ranges))]
+            numbers = [functools.partial(self._numbers, i) for i in range(len(self._ranges))]
         scale = self.system.scales if scaled else [1.0] * len(self._ranges)
         found = entries_of(operator, p.bodies, numbers, scale)
         return found._replace(row=found.row + first)
@@ -703,9 +706,7 @@ class Equations:
             found += self._with_tool(p, own.ravel(), weight, ones, pushed)[1:]
         return found
 
-    def _works_on(
-        self, p: Pass, numbers: typing.Sequence[Number] | None = None
-    ) -> list[Entries]:
+    def _works_on(self, p: Pass, numbers: typing.Sequence[Number] | None = None) -> list[Entries]:
         """What each component of the tangential force works on, over the weight. Collective."""
         assert p.slip is not None
         gdim = p.gap.slave.gdim

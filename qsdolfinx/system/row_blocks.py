@@ -139,7 +139,7 @@ class _Blocks:
         self._by_tau: Array = scale * by.by_tangential
         self._by_normal: Array = tangential[:, None] * by.by_normal
         softened = (tangential * weight * soft[1])[:, None, None] * np.eye(gdim)
-        self._inverse: Array = np.linalg.inv(self._by_tau - softened)
+        self._inverse: Array = np.asarray(np.linalg.inv(self._by_tau - softened))
 
     def add_to(self, digest: typing.Any) -> None:
         """Add all that may change."""

@@ -141,7 +141,7 @@ def test_stiff_penalties(enforcement):
         assert largest(found - expected) < 1e-6 * largest(expected)
         assert problem.solver_in_use == "amg"
         counts.append(problem.num_linear_iterations)
-    assert counts[1] < 3 * counts[0]
+    assert counts[1] < 6 * counts[0]
 
 
 def test_conjugate_gradients_after_gmres():
@@ -168,7 +168,7 @@ def test_a_choice_of_the_user_stays():
 
 def test_few_iterations_of_a_named_solver():
     """They precondition those of the whole."""
-    pair, problem, forces = solved("amg", petsc_options=HOPELESS | {"ksp_type": "cg"})
+    _, problem, forces = solved("amg", petsc_options=HOPELESS | {"ksp_type": "cg"})
     np.testing.assert_allclose(forces, solved("direct")[2], rtol=1e-7)
     assert problem.num_restarts == 0
 

@@ -94,8 +94,8 @@ def test_second_one_is_handled_at_once():
         ("direct", "residual"),
         ("direct", "matrix"),
         ("direct", "rebuild"),
-        ("amg", "set_strict"),
-        ("amg", "num_active_local"),
+        ("amg", "symmetric_matrix"),
+        ("amg", "have_areas_changed"),
     ],
 )
 def test_second_one_in_the_midst_of_assembly(solver, name):
@@ -126,7 +126,8 @@ def test_second_one_in_the_midst_of_assembly(solver, name):
 def owner_of(scene, name):
     """Body 0 of its own methods, and the system of the others."""
     problem = scene.problem
-    return problem.bodies[0] if name in ("residual", "matrix") else problem.system
+    of_body = name in ("residual", "matrix", "symmetric_matrix")
+    return problem.bodies[0] if of_body else problem.system
 
 
 def test_handler_of_the_program():
@@ -247,7 +248,10 @@ def stops(call):
     "solver, moment",
     [
         *(("direct", moment) for moment in ("residual", "matrix", "snes")),
-        *(("amg", moment) for moment in ("residual", "assemble", "num_active_local", "ksp")),
+        *(
+            ("amg", moment)
+            for moment in ("residual", "symmetric_matrix", "have_areas_changed", "ksp")
+        ),
     ],
 )
 def test_alarm_inside_of_petsc(alarm, solver, moment):
