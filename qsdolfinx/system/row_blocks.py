@@ -127,7 +127,7 @@ class _Blocks:
         #: What the rows are multiplied with.
         self.scale: Array = np.repeat(normal, width)
         self._normal = normal
-        self._has_slip = by.by_slip is not None
+        self._has_slip, self._gdim = by.by_slip is not None, p.gap.slave.gdim
         if by.by_slip is None or by.by_tangential is None or by.by_normal is None:
             return
         assert p.slip is not None
@@ -153,7 +153,7 @@ class _Blocks:
         """Normal and tangential parts; the latter is empty without friction."""
         end = self._shape[0] * self._shape[1]
         normal, rest = values[:end].reshape(self._shape), values[end:]
-        return normal, rest.reshape(self._shape[0], -1) if len(rest) else rest.reshape(0, 0)
+        return normal, rest.reshape(self._shape[0], self._gdim if self._has_slip else 0)
 
     def _joined(self, normal: Array, tangential: Array | None) -> Array:
         if tangential is None:
