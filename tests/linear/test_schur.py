@@ -66,7 +66,7 @@ def problem_of(bodies, solver, friction=None, tight=True, **options):
         friction=friction,
         quadrature="nodal" if all(body[3].degree == 1 for body in bodies) else "overlay",
     )
-    tight = {"ksp_rtol": 1e-11} if solver == "schur" and tight else {}
+    tight = {"ksp_rtol": 1e-11, "snes_rtol": 1e-11} if solver == "schur" and tight else {}
     forms, unknowns, bcs = ([body[i] for body in bodies] for i in range(3))
     return qs.ContactProblem(
         forms, unknowns, [contact], bcs, solver=solver, petsc_options=tight, **options
