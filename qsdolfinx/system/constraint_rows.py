@@ -116,8 +116,6 @@ class ConstraintRows:
         usual = min(1.0, USUAL / ratio) if ratio > 0 else 1.0
         if exact and ratio > 0:  # the result does not depend on the penalty
             usual = max(usual, LEAST / ratio)
-        #: What gaps are multiplied with to be told from rounding: no stiffer than the usual one.
-        self._usual: Array = np.maximum(usual * stiffness, stiffest)
         soft = LEAST / ratio if ratio > 0 else 1.0
         soft = soft if exact else min(soft, 1.0)
         #: Least compliance of closed rows where a linear solver is to see no stiff ones.
@@ -129,7 +127,6 @@ class ConstraintRows:
             tangential = model.tangential_eps * gap.relative_penalty
             self._stiffest_t: Array = np.maximum(tangential, stiffest)
             self._softness_t: Array = 1 / (soft * tangential)
-            self._usual_t: Array = np.maximum(usual * tangential, stiffest)
             self._compliance_t: Array = np.zeros_like(tangential) if exact else 1 / tangential
             self._proximal_t: Array = np.asarray(exact * PROXIMAL / self._stiffest_t)
             self._ct: Array = C_TANGENTIAL * usual * tangential
@@ -289,15 +286,15 @@ class ConstraintRows:
     def violation(self, at: Evaluated) -> float:
         """Largest stress on this rank by which complementarity is violated.
 
-        That of closed gaps is ε ḡ*, ε being no stiffer than the usual one, or what they stand for
+        That of closed gaps is ε ḡ*, which is a part of what is read as λ, or what they stand for
         in the stiffest body.
         """
         weight, parts = self.gap.weight[:, None], self.complementarity(at)
-        factor = np.where(at.active, np.maximum(self._usual / self._c, 1.0), 1.0)
+        factor = np.where(at.active, np.maximum(self._stiffest / self._c, 1.0), 1.0)
         found = [parts[0] / weight * factor[:, None]]
         if at.response is not None:
             sticks = at.active & ~at.response.slipping
-            factor = np.where(sticks, np.maximum(self._usual_t / self._ct, 1.0), 1.0)
+            factor = np.where(sticks, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
             found.append(parts[1] / weight * factor[:, None])
         return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
 
@@ -321,9 +318,9 @@ class ConstraintRows:
     @property
     def softness(self) -> float:
         """Usual penalty over what gaps stand for in the stiffest body: the least on this rank."""
-        parts = [1 / (self._softness * self._usual)]
+        parts = [1 / (self._softness * self._stiffest)]
         if self.slip is not None:
-            parts.append(1 / (self._softness_t * self._usual_t))
+            parts.append(1 / (self._softness_t * self._stiffest_t))
         return min(float(np.min(part, initial=1.0)) for part in parts)
 
     def usual_compliances(self, at: Evaluated) -> tuple[Array, Array]:
@@ -336,9 +333,9 @@ class ConstraintRows:
     def rounding(self) -> float:
         """Stress that stands for gaps as large as coordinates: rounding is a part of it."""
         size = float(np.abs(self.gap.slave.mesh.geometry.x).max(initial=0.0))
-        factors = [self._c, self._usual]
+        factors = [self._c, self._stiffest]
         if self.slip is not None:
-            factors += [self._ct, self._usual_t]
+            factors += [self._ct, self._stiffest_t]
         return size * max(float(np.max(f, initial=0.0)) for f in factors)
 
     def derivative(self, at: Evaluated, exact: bool) -> Derivative:
