@@ -22,7 +22,7 @@ Parameter: typing.TypeAlias = float | fem.Constant | fem.Function
 ON_LIMIT = 1e-10
 
 #: Most of |τ|/λ, so that a law whose limit does not vanish with the pressure is continuous.
-STEEP = 100.0
+STEEP = 10.0
 
 #: Parts of a step at which limits of a changing pressure are averaged.
 CHANGING = (np.arange(8) + 0.5) / 8
@@ -91,7 +91,7 @@ class Friction(abc.ABC):
 
     A law with a limit that does not vanish with the pressure would let τ jump to zero when a node
     opens, and a node could be neither open nor closed: without the whole of τ it would close, and
-    open with it. So |τ| is no more than 100 λ, between nothing and the law's limit where λ is
+    open with it. So |τ| is no more than 10 λ, between nothing and the law's limit where λ is
     next to none (the jump's filled graph, but for this slope).
 
     The virtual work of contact is Σ S_k (λ_k δḡ_k + τ_k · δg_k), g_k being the tangential part of
@@ -105,7 +105,7 @@ class Friction(abc.ABC):
         TypeError: If a parameter is neither a number nor a scalar Constant or Function.
     """
 
-    #: Whether τ has a potential in g, so that the tangent is symmetric.
+    #: Whether τ has a potential in g, so that the tangent is symmetric: not if the pressure matters.
     symmetric: bool = True
     #: Whether the law alone lets τ jump to zero when a node opens.
     jumps: bool = True
@@ -212,11 +212,13 @@ class Coulomb(Limited):
 
 
 class Tresca(Limited):
-    """Tresca's law |τ| ≤ κ at nodes in contact, and no more than 100 λ.
+    """Tresca's law |τ| ≤ κ at nodes in contact, and no more than 10 λ.
 
     Args:
         limit: κ, stress.
     """
+
+    symmetric = False
 
     def __init__(self, limit: Parameter) -> None:
         super().__init__(limit=limit)
@@ -265,7 +267,7 @@ class Sticking(Limited):
 class Norton(Friction):
     """Viscoplastic friction τ = α K |Δv|^(q−1) Δv at nodes in contact, −τ acting on the slave.
 
-    |τ| is no more than 100 λ.
+    |τ| is no more than 10 λ.
     |Δv| is regularised as √(|Δv|² + v₀²), so that the law is linear for slip rates well below v₀,
     and τ changes by a factor of less than 1 + ½ |q − 1| (v₀/|Δv|)² above.
 
@@ -279,6 +281,7 @@ class Norton(Friction):
     """
 
     needs_dt = True
+    symmetric = False
 
     def __init__(self, alpha: Parameter, K: Parameter, q: float, v0: float | None = None) -> None:
         check(POSITIVE, q=q)
