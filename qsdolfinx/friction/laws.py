@@ -21,9 +21,6 @@ Parameter: typing.TypeAlias = float | fem.Constant | fem.Function
 #: next step on its limit, where rounding would decide whether Newton's method sets out from stick.
 ON_LIMIT = 1e-10
 
-#: Most of |τ|/λ, so that a law whose limit does not vanish with the pressure is continuous.
-STEEP = 10.0
-
 #: Parts of a step at which limits of a changing pressure are averaged.
 CHANGING = (np.arange(8) + 0.5) / 8
 
@@ -89,10 +86,9 @@ class Response(typing.NamedTuple):
 class Friction(abc.ABC):
     """Tangential multipliers τ_k on the slave nodes; they act through the weighted jump.
 
-    A law with a limit that does not vanish with the pressure would let τ jump to zero when a node
-    opens, and a node could be neither open nor closed: without the whole of τ it would close, and
-    open with it. So |τ| is no more than 10 λ, between nothing and the law's limit where λ is
-    next to none (the jump's filled graph, but for this slope).
+    A law with a limit that does not vanish with the pressure lets τ jump to zero when a node opens.
+    Where such a node can be neither open nor closed with the whole of τ, it is closed without any:
+    see ``StickSlip``.
 
     The virtual work of contact is Σ S_k (λ_k δḡ_k + τ_k · δg_k), g_k being the tangential part of
     (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), Δu the displacement since the step began.
@@ -105,9 +101,9 @@ class Friction(abc.ABC):
         TypeError: If a parameter is neither a number nor a scalar Constant or Function.
     """
 
-    #: Whether τ has a potential in g, so that the tangent is symmetric: not if the pressure matters.
+    #: Whether τ has a potential in g, so that the tangent is symmetric.
     symmetric: bool = True
-    #: Whether the law alone lets τ jump to zero when a node opens.
+    #: Whether τ jumps to zero when a node opens.
     jumps: bool = True
     #: Whether τ depends on the slip rate, and so on Δt.
     needs_dt: bool = False
@@ -152,18 +148,9 @@ class Limited(Friction):
     def limit(self, rows: Rows) -> tuple[Array, Array]:
         """κ (stress) and ∂κ/∂λ, (rows,) each."""
 
-    def _continuous(self, rows: Rows) -> tuple[Array, Array]:
-        """κ and ∂κ/∂λ, κ no more than STEEP λ if it is finite."""
-        limit, slope = self.limit(rows)
-        if not self.jumps:
-            return limit, slope
-        most = STEEP * rows.pressure
-        steep = np.isfinite(limit) & (limit > most)
-        return np.where(steep, most, limit), np.where(steep, STEEP, slope)
-
     def respond(self, rows: Rows) -> Response:
         """τ and its derivatives."""
-        limit, slope = self._continuous(rows)
+        limit, slope = self.limit(rows)
         limit = np.where(rows.unlimited, np.inf, limit)
         eps = rows.penalty[:, None]
         trial = rows.traction + eps * rows.slip
@@ -185,9 +172,9 @@ class Limited(Friction):
 
     def growth(self, rows: Rows) -> Array:
         """Mean of the limit over that at the end, if the pressure changes at a constant rate."""
-        end, change = self._continuous(rows)[0], rows.pressure - rows.pressed
+        end, change = self.limit(rows)[0], rows.pressure - rows.pressed
         between = [rows.pressed + x * change for x in CHANGING]
-        limits = [self._continuous(rows._replace(pressure=p))[0] for p in between]
+        limits = [self.limit(rows._replace(pressure=pressure))[0] for pressure in between]
         usual = np.isfinite(end) & (end > 0)
         return np.asarray(np.divide(np.mean(limits, axis=0), end, np.ones_like(end), where=usual))
 
@@ -212,13 +199,11 @@ class Coulomb(Limited):
 
 
 class Tresca(Limited):
-    """Tresca's law |τ| ≤ κ at nodes in contact, and no more than 10 λ.
+    """Tresca's law |τ| ≤ κ at nodes in contact.
 
     Args:
         limit: κ, stress.
     """
-
-    symmetric = False
 
     def __init__(self, limit: Parameter) -> None:
         super().__init__(limit=limit)
@@ -267,7 +252,6 @@ class Sticking(Limited):
 class Norton(Friction):
     """Viscoplastic friction τ = α K |Δv|^(q−1) Δv at nodes in contact, −τ acting on the slave.
 
-    |τ| is no more than 10 λ.
     |Δv| is regularised as √(|Δv|² + v₀²), so that the law is linear for slip rates well below v₀,
     and τ changes by a factor of less than 1 + ½ |q − 1| (v₀/|Δv|)² above.
 
@@ -281,7 +265,6 @@ class Norton(Friction):
     """
 
     needs_dt = True
-    symmetric = False
 
     def __init__(self, alpha: Parameter, K: Parameter, q: float, v0: float | None = None) -> None:
         check(POSITIVE, q=q)
@@ -311,29 +294,6 @@ class Norton(Friction):
             rows.slip,
             viscosity * per_slip,
         )
-
-
-def continuous(response: Response, rows: Rows) -> Response:
-    """A response with |τ| no more than STEEP λ; see :class:`Friction`."""
-    size = np.linalg.norm(response.traction, axis=1)
-    most = STEEP * rows.pressure
-    steep = rows.closed & (size > most)
-    if not steep.any():
-        return response
-    factor = np.where(steep, most / np.where(steep, size, 1.0), 1.0)
-    direction = response.traction / np.where(size > 0, size, 1.0)[:, None]
-    across = np.eye(direction.shape[1]) - direction[:, :, None] * direction[:, None, :]
-    stiffness = factor[:, None, None] * (across @ response.stiffness)
-    coupling = STEEP * direction + factor[:, None] * np.einsum(
-        "rij,rj->ri", across, response.coupling
-    )
-    return response._replace(
-        traction=factor[:, None] * response.traction,
-        stiffness=np.where(steep[:, None, None], stiffness, response.stiffness),
-        coupling=np.where(steep[:, None], coupling, response.coupling),
-        slipping=response.slipping | steep,
-        secant=factor * response.secant,
-    )
 
 
 def _checked(name: str, value: Parameter) -> Parameter:

@@ -15,7 +15,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
-from qsdolfinx.friction.laws import Friction, Limited, Response, Rows, continuous
+from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
 from qsdolfinx.friction.stick_slip import StickSlip
 from qsdolfinx.gap.extension import Extension
@@ -282,7 +282,7 @@ class Slip:
             self.values,
             augmented,
             pressure,
-            closed,
+            closed & ~self.stick_slip.without_friction,
             np.zeros_like(closed),
             penalty * self.gap.relative_penalty,
             self.projector,
@@ -299,7 +299,7 @@ class Slip:
             state.stuck = self.stick_slip.made_to_stick(state.response)
             if state.stuck.any():
                 state.response = self.respond(rows._replace(unlimited=state.stuck), means)
-        leaving = ~closed & (state.slipped > 0)
+        leaving = ~closed & (state.slipped > 0) & ~self.stick_slip.without_friction
         state.evaluated = Evaluated(
             rows,
             state.response,
@@ -422,9 +422,9 @@ class Slip:
                 in contact they are larger then.
         """
         if not means or np.all(rows.share == 1):
-            return self._answer(rows)
+            return self.friction.respond(rows)
         share, of_vectors = rows.share, rows.share[:, None]
-        response = self._answer(
+        response = self.friction.respond(
             rows._replace(
                 traction=rows.traction / of_vectors,
                 pressure=rows.pressure / share,
@@ -436,13 +436,6 @@ class Slip:
             stiffness=response.stiffness * of_vectors[:, None],
             secant=response.secant * share,
         )
-
-    def _answer(self, rows: Rows) -> Response:
-        """What the law answers, continuous where rows open."""
-        response = self.friction.respond(rows)
-        if isinstance(self.friction, Limited) or not self.friction.jumps:
-            return response
-        return continuous(response, rows)
 
     def gap_at_start(self, gap: Array) -> Array:
         """ḡ (length) of the pass' rows at the start of the step, given that now. Collective.
@@ -480,11 +473,11 @@ class Slip:
 
     def note(self) -> None:
         """Announce that a tangent at the last evaluation follows."""
-        self.stick_slip.note(self.state.response, self.state.stuck)
+        self.stick_slip.note(self.state.response, self.state.closed, self.state.stuck)
 
     def unsettled(self) -> bool:
-        """Whether rows were made to stick: the solve has to go on."""
-        return bool(self.state.stuck.any())
+        """Whether rows were made to stick or are given friction back: the solve has to go on."""
+        return bool(self.state.stuck.any()) | self.stick_slip.give_back(self.state.closed)
 
     def image(self) -> Array:
         """τ at the last evaluation as the next τ̂. Collective."""
@@ -596,8 +589,8 @@ class Slip:
 
     @property
     def slipping(self) -> npt.NDArray[np.bool_]:
-        """Rows in contact that slip."""
-        return self.state.response.slipping
+        """Rows in contact that slip, those included that have lost their friction."""
+        return self.state.response.slipping | (self.state.closed & self.stick_slip.without_friction)
 
     def slipping_state(self) -> bytes:
         """Which rows of this rank slip."""

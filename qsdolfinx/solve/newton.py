@@ -524,6 +524,7 @@ class Newton:
             left_out: What of the residual is; the run ends with a few digits then.
         """
         for slip in self.system.slips:
+            slip.stick_slip.begin_attempt()
             slip.stick_slip.begin_iterations(False)
         forget_failure(self.snes)
         self.update_matrices()
@@ -543,6 +544,7 @@ class Newton:
         first_guess.copy(self.system.x)
         forget_failure(self.snes)
         for slip in self.system.slips:
+            slip.stick_slip.begin_attempt()
             slip.stick_slip.begin_iterations(may_stick)
 
     def _is_rescued(self, newton_failed: bool) -> bool:

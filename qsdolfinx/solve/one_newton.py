@@ -22,10 +22,6 @@ Flags = npt.NDArray[np.bool_]
 #: Halvings of a step, and what the merit has to fall by over what a whole step promises.
 MAX_HALVINGS, FALL = 8, 1e-4
 
-#: A search that is jammed takes the whole step, but each of that many, which takes the part that
-#: leaves the least merit: whole steps may go round in circles.
-JAMS = 3
-
 #: Springs of bodies that conditions leave a rigid motion, over their diagonal, and most of those
 #: that have no condition at all.
 SPRINGS = 1e-11, 1e-4
@@ -117,7 +113,6 @@ class OneNewton:
             NoConvergence: If none is found.
         """
         self.history, step = [], 1.0
-        self._jams = 0
         self._was_in_floor, self._seen = False, np.zeros(3)
         z = z.copy()
         free = self._free_step(z) if begins else None
@@ -205,7 +200,7 @@ class OneNewton:
 
     def _search(self, z: Array, at: State, change: Array) -> tuple[Array, State, float]:
         """As much of the step as makes the merit fall, or else all of it. Collective."""
-        before, step, merits = self._merit(at), 1.0, {}
+        before, step, largest = self._merit(at), 1.0, None
         for _ in range(MAX_HALVINGS):
             try:
                 there = self.equations.evaluate(z + step * change)
@@ -215,14 +210,12 @@ class OneNewton:
             if np.isfinite(merit):
                 if merit <= (1 - FALL * step) * before:
                     return z + step * change, there, step
-                merits[step] = merit
+                largest = largest or step
             step /= 2
-        if not merits:
+        if largest is None:
             raise NoConvergence("no residual can be evaluated along the step")
-        self._jams += 1
-        taken = max(merits) if self._jams % JAMS else min(merits, key=lambda s: merits[s])
-        found = z + taken * change
-        return found, self.equations.evaluate(found), taken
+        found = z + largest * change
+        return found, self.equations.evaluate(found), largest
 
     def _merit(self, at: State) -> float:
         equations = self.equations

@@ -624,6 +624,7 @@ class ContactProblem:
 
     def _begin_slips(self) -> None:
         for slip in self.system.slips:
+            slip.stick_slip.begin_solve()
             slip.count_whole_step()
 
     def _starting_point(self) -> Array:

@@ -10,14 +10,11 @@ from scenes import (
     WORLD,
     Pair,
     allowed,
-    box,
     drag_top,
-    elastic,
     largest,
     mini_space,
     plane,
     raises_everywhere,
-    vector_space,
 )
 from tangents import direction, near_solution, tangent_errors
 
@@ -325,28 +322,3 @@ def test_function_on_the_other_side(quadrature):
     rows = WORLD.allreduce(len(x))
     # The slave's nodes have means over two facets, which are exact but at the ends.
     assert rows == 13 and error < 0.04
-
-
-@pytest.mark.parametrize("law", (qs.Tresca(2.0), qs.Norton(0.3, 10.0, 0.4)))
-def test_a_law_that_jumps_where_nodes_open(law):
-    """Between nothing and its limit at next to no pressure, where with all of it a node opens."""
-    msh = box(WORLD, (16, 8), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
-    V = vector_space(msh)
-    u, top = fem.Function(V), fem.Constant(msh, (0.0, -0.0125))
-    held = fem.locate_dofs_topological(V, 1, plane(msh, 1, 1.0))
-    tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
-    surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
-    dt = 0.25 if law.needs_dt else None
-    contact = qs.Contact(surface, tool, dt=dt, friction=law)
-    bcs = [fem.dirichletbc(top, held, V)]
-    problem = qs.ContactProblem([elastic(u, E=100.0)], [u], [contact], [bcs])
-    problem.hands_over, partly = False, 0
-    for step in range(1, 9):
-        top.value[:] = 0.05 * step, -0.0125 - 0.005 * step
-        problem.solve()
-        assert problem.num_iterations < 30
-        pressure = np.abs(contact.multiplier().reshape(-1))
-        friction = np.linalg.norm(contact.tangential_multiplier(), axis=1)
-        assert np.all(friction <= 10 * pressure * (1 + 1e-9) + 1e-12)
-        partly += int(np.count_nonzero((friction > 0) & (friction > 9.99 * pressure)))
-    assert WORLD.allreduce(partly) > 0
