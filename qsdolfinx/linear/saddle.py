@@ -119,9 +119,7 @@ class SaddlePoint:
         self._follow(at, springs)
         b = PETSc.Vec().createWithArray(rhs, comm=self._comm)
         x = b.duplicate()
-        if guess is not None:
-            x.array[:] = guess
-        self._ksp.setInitialGuessNonzero(guess is not None)
+        self._ksp.setInitialGuessNonzero(self._begin(b, x, guess))
         self._iterate(b, x, until, exact)
         self._note_pace(norm)
         self._correct(b, x)
@@ -130,6 +128,25 @@ class SaddlePoint:
         x.destroy()
         fine = self._ksp.getConvergedReason() > 0 and bool(np.isfinite(out).all())
         return out if self._comm.allreduce(fine, op=MPI.LAND) else None
+
+    def _begin(self, b: PETSc.Vec, x: PETSc.Vec, guess: Array | None) -> bool:
+        """Begin with a guess, if it is better than none; whether it is. Collective."""
+        if guess is None:
+            return False
+        x.array[:] = guess
+        left = self._left(b, x)
+        helps = bool(left.norm() < b.norm())
+        left.destroy()
+        if not helps:
+            x.zeroEntries()
+        return helps
+
+    def _left(self, b: PETSc.Vec, x: PETSc.Vec) -> PETSc.Vec:
+        """New vector of what x leaves of b. Collective."""
+        out = b.duplicate()
+        self.mult(self._matrix, x, out)
+        out.aypx(-1.0, b)
+        return out
 
     def _iterate(self, b: PETSc.Vec, x: PETSc.Vec, until: float, exact: bool) -> None:
         """GMRES, and conjugate gradients inside where they do and it is slow. Collective."""
@@ -163,11 +180,9 @@ class SaddlePoint:
         soft = self._linear.soft
         if not soft.count:
             return
-        y = b.duplicate()
-        self.mult(self._matrix, x, y)
-        left = b.array_r - y.array_r
-        x.array[: self._num_u] += soft.change(left[: self._num_u])
-        y.destroy()
+        left = self._left(b, x)
+        x.array[: self._num_u] += soft.change(left.array_r[: self._num_u])
+        left.destroy()
 
     def _choose_type(self) -> None:
         """GMRES, or its flexible form where the preconditioner is another each time."""
@@ -202,6 +217,11 @@ class SaddlePoint:
         left = self._ksp.getResidualNorm()
         if self._ksp.getConvergedReason() > 0 and 0 < left < norm:
             self._linear.note_pace(self.num_iterations / np.log10(norm / left))
+
+    @property
+    def row_scale(self) -> Array:
+        """What rows of multipliers and of tools were multiplied with to be forces."""
+        return self._rows.blocks.scale
 
     @property
     def num_iterations(self) -> int:

@@ -25,6 +25,9 @@ C_NORMAL, C_TANGENTIAL = 1e-2, 1.0
 #: are redundant, as of a node in two contacts with one plane, their multipliers change least.
 PROXIMAL = 1e-10
 
+#: What rounding leaves of slips, over coordinates.
+OF_RATES = 10 * np.finfo(np.float64).eps
+
 #: Penalty over the bodies' stiffness from which on the factors are of that, times this; and up to
 #: which they are, of an augmented Lagrangian.
 USUAL, LEAST = 100.0, 5.0
@@ -295,7 +298,8 @@ class ConstraintRows:
         if at.response is not None:
             sticks = at.active & ~at.response.slipping
             factor = np.where(sticks, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
-            found.append(parts[1] / weight * factor[:, None])
+            stress = np.abs(parts[1] / weight * factor[:, None])
+            found.append(np.maximum(stress - self._of_rates(at.response)[:, None], 0.0))
         return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
 
     def open_gap(self, at: Evaluated) -> float:
@@ -306,6 +310,16 @@ class ConstraintRows:
         if at.held is not None:
             gaps = np.where(at.held, 0.0, gaps)
         return float(np.max(gaps, initial=0.0))
+
+    def _of_rates(self, response: Response) -> Array:
+        """Stress that rounding makes of slips by a law that slip rates steer, (rows,).
+
+        It may be much stiffer than penalties and bodies; 0 of other laws.
+        """
+        if self.slip is None or not self.slip.friction.needs_dt:
+            return np.zeros(self.num_rows)
+        size = float(np.abs(self.gap.slave.mesh.geometry.x).max(initial=0.0))
+        return np.asarray(OF_RATES * size * response.secant)
 
     def scales(self, at: Evaluated) -> tuple[Array, Array]:
         """What makes forces of R_λ and R_τ: c, or the usual penalty where they are closed."""

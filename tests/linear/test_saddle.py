@@ -1,0 +1,141 @@
+"""Newton's step for bodies, multipliers and tools: by GMRES as by factors of the whole."""
+
+import numpy as np
+import pytest
+from scenes import Pair, drag_top, largest
+
+import ufl
+
+import qsdolfinx as qs
+from qsdolfinx.linear.saddle import SaddlePoint
+from qsdolfinx.linear.saddle_factors import SaddleFactors
+
+AUGMENTED, PENALTY = "augmented-lagrangian", "penalty"
+
+#: Options of contacts; what follows the bodies, or is tied where conditions hold both sides.
+KINDS = {
+    "frictionless": {"enforcement": AUGMENTED},
+    "friction": {"enforcement": AUGMENTED, "friction": qs.Coulomb(0.3)},
+    "soft": {"enforcement": PENALTY, "friction": qs.Tresca(0.01)},
+    "stiff": {"enforcement": PENALTY, "penalty": 1e4},
+    "tied": {"enforcement": AUGMENTED, "law": qs.Tied()},
+    "finite": {"enforcement": AUGMENTED, "friction": qs.Coulomb(0.3), "sliding": "finite"},
+    "double-pass": {"formulation": "double-pass", "friction": qs.Coulomb(0.3)},
+}
+
+
+def scene(cell, kind, solver, **options):
+    """Blocks that are pressed and dragged, and their problem."""
+    pair = Pair(cell, n=(5, 4) if cell == "hexahedron" else (8, 6), wave=0.02)
+    pair.contact = qs.Contact(pair.slave, pair.master, **KINDS[kind])
+    drag_top(pair, 0.02)
+    return pair, pair.problem(solver=solver, **options)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_as_by_factors(cell, kind):
+    """The same unknowns and forces, wherever rows close, stick or slip."""
+    (pair, direct), (other, amg) = (scene(cell, kind, solver) for solver in ("direct", "amg"))
+    for problem in (direct, amg):
+        problem.hands_over = False
+        problem.solve()
+    assert amg.num_linear_iterations > amg.num_iterations and amg.solver_in_use == "amg"
+    for u, v in zip(pair.u, other.u, strict=True):
+        assert largest(u.x.array - v.x.array) < 1e-7 * largest(u.x.array)
+    forces = [p.contact.force("slave") for p in (pair, other)]
+    assert largest(forces[0] - forces[1]) < 1e-7 * largest(forces[0])
+
+
+@pytest.mark.parametrize("options", ({"ksp_type": "gmres", "pc_type": "jacobi"}, {}))
+@pytest.mark.parametrize("kind", ("frictionless", "friction", "tied"))
+def test_by_options(kind, options):
+    """What options name, or a MatNest, is for the bodies with contact condensed."""
+    pair, direct = scene("triangle", kind, "direct")
+    given = {"petsc_options": options | {"ksp_rtol": 1e-9}} if options else {}
+    other, problem = scene("triangle", kind, "auto" if options else "fieldsplit", **given)
+    direct.solve()
+    problem.hands_over = False
+    problem.solve()
+    for u, v in zip(pair.u, other.u, strict=True):
+        assert largest(u.x.array - v.x.array) < 1e-7 * largest(u.x.array)
+
+
+@pytest.mark.parametrize("kind", ("friction", "tied", "finite", "double-pass"))
+def test_product(kind):
+    """That of the inexact derivative, its rows scaled to forces."""
+    _, problem = scene("triangle", kind, "amg")
+    problem.solve()
+    equations = problem.equations()
+    z = equations.first()
+    at = equations.evaluate(z)
+    saddle = SaddlePoint(equations, problem.newton.linear)
+    saddle.solve(at, np.zeros(len(equations.bodies_of(z))), 1.0)
+    matrix = equations.tangent_of(at, exact=False)
+    x, y = matrix.createVecs()
+    x.array[:] = np.sin(1.3 * np.arange(*x.owner_range))
+    expected, found = y.duplicate(), y
+    matrix.mult(x, expected)
+    saddle.mult(None, x, found)
+    scale = np.ones(equations.num_local)
+    scale[len(equations.bodies_of(z)) :] = saddle.row_scale
+    error = largest(found.array_r - scale * expected.array_r)
+    assert error < 1e-9 * largest(scale * expected.array_r)
+    saddle.free()
+
+
+def test_factors_after_some_that_failed(monkeypatch):
+    """A singular matrix leaves a solver that goes on."""
+    _, problem = scene("triangle", "friction", "direct")
+    problem.set_up()
+    equations = problem.equations()
+    at = equations.evaluate(equations.first())
+    factors, form = SaddleFactors(equations, problem.newton.linear), equations.tangent_of
+    expected = factors.solve(at, (0.0, 0.0))
+    assert expected is not None
+
+    def singular(*args, **kwargs):
+        matrix = form(*args, **kwargs)
+        empty = matrix.duplicate()
+        empty.zeroEntries()
+        empty.assemble()
+        return empty
+
+    for _ in range(3):
+        with monkeypatch.context() as patch:
+            patch.setattr(equations, "tangent_of", singular)
+            assert factors.solve(at, (0.0, 0.0)) is None and "singular" in factors.reason
+    np.testing.assert_allclose(factors.solve(at, (0.0, 0.0)), expected, rtol=1e-9, atol=1e-12)
+    factors.destroy()
+
+
+def test_guesses():
+    """One that is worse than none does no harm."""
+    _, problem = scene("triangle", "friction", "amg")
+    problem.solve()
+    equations = problem.equations()
+    z = equations.first()
+    z += 1e-4 * np.sin(np.arange(len(z)))
+    at, none = equations.evaluate(z), np.zeros(len(equations.bodies_of(z)))
+    saddle, found = SaddlePoint(equations, problem.newton.linear), []
+    for guess in (None, 1e9 * np.cos(np.arange(len(z)))):
+        found.append(saddle.solve(at, none, 0.0, exact=True, guess=guess))
+    np.testing.assert_array_equal(*found)
+    count = saddle.num_iterations
+    saddle.solve(at, none, 0.0, exact=True, guess=found[0])
+    assert saddle.num_iterations < 2 < count
+    saddle.free()
+
+
+def test_nonlinear_bodies():
+    """Few digits at first, and the coarse spaces chosen anew where they do not fit."""
+    found = []
+    for solver in ("direct", "amg"):
+        pair, _ = scene("hexahedron", "friction", solver)
+        for i, u in enumerate(pair.u):
+            stress = qs.materials.neo_hookean(u, 1.0, 1.0)
+            pair.F[i] = ufl.inner(stress, ufl.grad(ufl.TestFunction(pair.V[i]))) * ufl.dx
+        problem = pair.problem(solver=solver)
+        problem.solve()
+        found.append(np.concatenate([u.x.array for u in pair.u]))
+    assert largest(found[0] - found[1]) < 1e-7 * largest(found[0])
