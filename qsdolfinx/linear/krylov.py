@@ -28,9 +28,6 @@ NEAR = 1e-5
 #: Iterations that any solve is given.
 LEAST = 30
 
-#: The same of one together with multipliers, of which the first digit takes 3 or 4 as a rule.
-LEAST_TOGETHER = 20
-
 #: Upper bound of the relative tolerance of a linear solve.
 _LOOSEST = 0.1
 

@@ -11,10 +11,12 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.reasons import reason_name
 from qsdolfinx.linear.condensation import ContactRows, condensation_of
 from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.linear.stop import Stop
+from qsdolfinx.system.additive import Additive
 from qsdolfinx.system.equations import Equations, State
 from qsdolfinx.system.factors import Number
 from qsdolfinx.system.numbering import numbering
@@ -39,15 +41,15 @@ class SaddlePoint:
 
         [I, 0; D R V, I]⁻¹ · diag(V, C_γ)⁻¹ · [I, Lᵀ F C_γ⁻¹; 0, I]⁻¹,   V ≈ (K + Lᵀ S R)⁻¹.
 
-    V is multigrid's cycle, or that of the Schur complement. With V exact all eigenvalues are 1, but
-    for those of closed rows without a compliance, which tend to 1 as the penalty grows (Benzi &
-    Olshanskii, 2006). Driven tools are eliminated last, by their Schur complement with V. Where
+    V is multigrid's cycle, that of the Schur complement, or a solver that options name. With V
+    exact all eigenvalues are 1, but for those of closed rows without a compliance, which tend to 1
+    as the penalty grows (Benzi & Olshanskii, 2006). Driven tools are eliminated last, by their Schur complement with V. Where
     all closed rows have a compliance and the matrix is symmetric, conjugate gradients with V solve
     instead of V alone.
 
     Args:
-        equations: The equations; contacts whose gaps stay while they do not pair anew.
-        linear: A multigrid preset, and a tangent that is a sum.
+        equations: The equations.
+        linear: The problem's linear solver, not one with factors.
     """
 
     def __init__(self, equations: Equations, linear: LinearSolver) -> None:
@@ -58,8 +60,14 @@ class SaddlePoint:
         of_bodies = numbering([body.matrix() for body in bodies])
         self._numbers: list[Number] = [number.__call__ for number in of_bodies]
         self._condensation = condensation_of(equations.system, linear)
-        blocks = RowBlocks(equations)
-        self._rows = ContactRows(*self._factors(blocks), None, blocks)
+        blocks, tangent = RowBlocks(equations), equations.system.made.tangent
+        #: L and R that multigrid has already, as long as contact does not pair anew.
+        self._kept_rows = isinstance(tangent, Additive) and tangent.has_factors
+        if isinstance(tangent, Additive) and tangent.has_factors:
+            product = tangent.factors.product
+            self._rows = ContactRows(product.left, product.right, None, blocks)
+        else:
+            self._rows = ContactRows(*self._factors(blocks), None, blocks)
         self._m, self._n = self._rows.L.createVecLeft(), self._rows.L.createVecLeft()
         self._u, self._f = self._rows.L.createVecRight(), self._rows.L.createVecRight()
         #: Of tools: how rows move with them, (tools, rows).
@@ -232,10 +240,7 @@ class SaddlePoint:
     @property
     def reason(self) -> str:
         """Why the last solve has ended."""
-        kinds = PETSc.KSP.ConvergedReason
-        found = self._ksp.getConvergedReason()
-        names = (n for n in dir(kinds) if n.isupper() and getattr(kinds, n) == found)
-        return next(names, str(found))
+        return reason_name(PETSc.KSP.ConvergedReason, self._ksp.getConvergedReason())
 
     # --- What PETSc calls
 
@@ -356,8 +361,8 @@ class SaddlePoint:
         return out
 
     def _forget_rows(self) -> None:
-        """Free L, R and H. Collective."""
-        for mat in self._rows[:3]:
+        """Free L, R and H, unless they are the tangent's. Collective."""
+        for mat in () if self._kept_rows else self._rows[:3]:
             if mat is not None:
                 mat.destroy()
 

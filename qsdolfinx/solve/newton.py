@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.messages import say
+from qsdolfinx.base.reasons import reason_name
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.linear.factors_again import OF_A_LIBRARY, begin_afresh
 from qsdolfinx.linear.solver import LinearSolver
@@ -26,7 +27,6 @@ from qsdolfinx.solve.snes import (
     ConvergenceError,
     forget_failure,
     line_search,
-    reason_name,
 )
 from qsdolfinx.system.system import ContactSystem
 

@@ -7,6 +7,8 @@ import typing
 
 from petsc4py import PETSc
 
+from qsdolfinx.base.reasons import reason_name
+
 #: Defaults of the nonlinear solver. Full steps make Newton's method an active-set method, which
 #: ends within a few steps where the bodies are linear; the residual may grow by orders of magnitude
 #: when contacts close. "snes_rtol" is in units of each body's contact forces and reactions.
@@ -136,12 +138,6 @@ class ConvergenceError(RuntimeError):
         """Say first, of what may help, this."""
         self._remedies.insert(0, text)
         self.args = (self._message(),)
-
-
-def reason_name(reasons: type, value: int) -> str:
-    """Name of a PETSc reason, the longest of its names."""
-    names = [n for n, v in vars(reasons).items() if v == value and n.isupper()]
-    return max(names, key=len, default="UNKNOWN")
 
 
 def forget_failure(snes: PETSc.SNES) -> None:

@@ -23,8 +23,8 @@ class RowBlocks:
     """F, D and C of [K, Lᵀ F; D R, C], see ``linear/saddle.py``, for the rows of all passes.
 
     F makes forces of multipliers, D and C are the derivatives of the rows by gaps and slips and by
-    multipliers. Rows are scaled to forces, those of closed gaps to what the gaps stand for in the
-    stiffest body, so that one tolerance is for all. C_γ is C where closed rows have at least the
+    multipliers. Rows are scaled to forces, those of closed gaps by the usual penalty, so that one
+    tolerance is for all. C_γ is C where closed rows have at least the
     compliance of the usual penalty, without what couples nodes that conditions hold.
 
     Args:
@@ -35,7 +35,6 @@ class RowBlocks:
         self._passes = equations.passes
         self._of: list[_Blocks] = []
         self._ends = np.cumsum([0, *(p.rows.num_unknowns for p in self._passes)])
-        self._has_tools = bool(equations.tools)
         self._is_first = equations.system.comm.rank == 0
         self._tools = len(equations.tools)
 

@@ -1,0 +1,9 @@
+"""Why PETSc's solvers have ended, in its words."""
+
+from __future__ import annotations
+
+
+def reason_name(reasons: type, value: int) -> str:
+    """Name of a PETSc reason, the longest of its names."""
+    names = [n for n, v in vars(reasons).items() if v == value and n.isupper()]
+    return max(names, key=len, default="UNKNOWN")
