@@ -43,9 +43,9 @@ class SaddlePoint:
 
     V is multigrid's cycle, that of the Schur complement, or a solver that options name. With V
     exact all eigenvalues are 1, but for those of closed rows without a compliance, which tend to 1
-    as the penalty grows (Benzi & Olshanskii, 2006). Driven tools are eliminated last, by their Schur complement with V. Where
-    all closed rows have a compliance and the matrix is symmetric, conjugate gradients with V solve
-    instead of V alone.
+    as the penalty grows (Benzi & Olshanskii, 2006). Driven tools are eliminated last, by
+    their Schur complement with V. Where all closed rows have a compliance and the matrix is
+    symmetric, conjugate gradients with V solve instead of V alone.
 
     Args:
         equations: The equations.
