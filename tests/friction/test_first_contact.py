@@ -300,3 +300,16 @@ def test_contact_goes_on_in_another_problem():
         found.append([*pair.contact.force("slave"), energy, slip])
     assert min(found[0][2:]) > 1e-5
     np.testing.assert_allclose(found[0], found[1], rtol=1e-7)
+
+
+@pytest.mark.parametrize("options", (PENALTY, AUGMENTED))
+def test_stiff_rates_converge(options, monkeypatch):
+    """Where rounding of slips is more than the tolerance of τ, Newton's method still ends."""
+    monkeypatch.setitem(LAWS, "norton", lambda: qs.Norton(0.3, 0.02, 0.1, v0=1e-13))
+    scene, counts = Landing("norton", master="block", **options), []
+    for depth in (0.0004, 0.0014, 0.0024):
+        scene.top.value[1] = -DISTANCE - depth
+        scene.problem.solve()
+        counts.append(scene.problem.snes.getIterationNumber())
+    assert counts[0] > 0
+    assert max(counts) <= 14
