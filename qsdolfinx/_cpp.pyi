@@ -84,6 +84,16 @@ class GapOperator:
     ) -> None:
         """Add the transposed operator times f; collective."""
 
+    @property
+    def functions(
+        self,
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.float64],
+    ]:
+        """N_k at points: first entry of each row, unknowns of sides of nodes, and values."""
+
     def at_points(self, nodal: int) -> numpy.typing.NDArray[numpy.float64]:
         """Values at the points of a field on the slave, a component for each side; collective."""
 

@@ -169,6 +169,21 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "add_transpose", [](GapOperator& g, In<double> f, Handle slave, Handle master)
           { g.add_transpose(f.view(), vecs(slave, master)); }, "f"_a, "slave"_a, "master"_a,
           "Add the transposed operator times f; collective.")
+      .def_prop_ro(
+          "functions",
+          [](const GapOperator& g)
+          {
+            const GapOperator::Side& s = g.multipliers();
+            std::vector<std::int64_t> unknowns;
+            unknowns.reserve(s.column.size());
+            for (std::int32_t column : s.column)
+              unknowns.push_back(s.dofs[column]);
+            return std::tuple(copy(s.offset, {s.offset.size()}),
+                              copy(std::move(unknowns), {s.column.size()}),
+                              copy(s.coefficient, {s.coefficient.size()}));
+          },
+          "N_k at points: first entry of each row, [row + 1]; unknowns that stand for a side of a "
+          "node, and values, [entry].")
       .def(
           "at_points", [](GapOperator& g, Handle nodal)
           { return copy(g.at_points(reinterpret_cast<Vec>(nodal)), {g.num_rows()}); }, "nodal"_a,

@@ -95,6 +95,8 @@ public:
   int num_sides() const { return num_sides_; }
   /// 0: slave, 1: master.
   const Side& side(int i) const { return sides_[i]; }
+  /// N_k at the points, of a component for each side of a node; empty if rows are not points.
+  const Side& multipliers() const { return multipliers_; }
 
   /// Whether each row of another operator has no columns but those of this one's. Local.
   bool covers(const GapOperator& other) const;

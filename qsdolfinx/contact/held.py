@@ -235,14 +235,7 @@ def _extension(
     held, clamped = (
         np.asarray(by_node.rows.on_nodes(flags, False), dtype=bool) for flags in (held, clamped)
     )
-    sides = slave.cpp_object.vertex_side[:, :, None].astype(np.int64)  # each has a multiplier
-    of_facets = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices]
-    places, there = (
-        [slave.node_dofs, np.take_along_axis(of_facets, sides, axis=2)],
-        gap.rows.covered,
-    )
-    every = [slice(0, slave.block)]
-    return Extension(slave, every, places, held & there, clamped & there, ~there)
+    return gap.rows.extension(held, clamped)
 
 
 def _held_on_both_sides(

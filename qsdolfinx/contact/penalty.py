@@ -26,7 +26,7 @@ AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
 #: The same with constraints at points, in units of the slave's facets, to which the multipliers
 #: belong. What these cannot follow of the gaps between polygons a stiffer one would press out of a
 #: finer master's traction; a softer one takes more updates.
-POINTS_FACTOR = 5.0
+POINTS_FACTOR = 1.5
 
 #: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
 #: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,

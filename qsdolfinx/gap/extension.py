@@ -65,6 +65,8 @@ class Extension:
     ) -> None:
         #: Multipliers that are no unknowns, shape (rows, width).
         self.held = held
+        #: Those of them that have the mean of their neighbours, likewise.
+        self.clamped = clamped
         self._slave, self._columns = slave, columns
         self._at, corners = places
         self._shape, self._corners = corners.shape, np.ascontiguousarray(corners).ravel()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import abc
+import functools
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -255,9 +257,7 @@ class PointRows(Rows):
 
     def largest_on_nodes(self, values: Array) -> Array:
         """The largest value of the points beside each node."""
-        vec = self.slave.create_vec()
-        self.operator.raise_nodes(np.ascontiguousarray(values), vec.handle)
-        return np.asarray(self._read(vec).max(axis=1))
+        return np.asarray(self.largest_of_sides(values).max(axis=1))
 
     def from_nodes(self, values: Array) -> Array:
         """Values of the function Σ_k N_k v_k."""
@@ -270,6 +270,73 @@ class PointRows(Rows):
         out = self.operator.at_points(vec.handle)
         vec.destroy()
         return np.asarray(out)
+
+    def sums(self, values: Array) -> Array:
+        """Σ_p w_p N_k(ξ_p) c_p of values of shape (rows,), for the sides of the owned nodes."""
+        return self._sums(values)
+
+    def largest_of_sides(self, values: Array) -> Array:
+        """The largest of the values of the points beside each side of an owned node."""
+        vec = self.slave.create_vec()
+        self.operator.raise_nodes(np.ascontiguousarray(values), vec.handle)
+        return self._read(vec)
+
+    def least_from_sides(self, values: Array) -> Array:
+        """The least of what the sides have that a point sees, shape (rows,)."""
+        offset, unknowns, _ = self.operator.functions
+        vec, local = self.slave.create_vec(), PETSc.Vec().createSeq(len(unknowns))
+        here = PETSc.IS().createGeneral(unknowns.astype(PETSc.IntType), PETSc.COMM_SELF)
+        vec.array[self._own(vec)] = values
+        scatter = PETSc.Scatter().create(vec, here, local, None)
+        scatter.scatter(vec, local)
+        out = np.minimum.reduceat(local.array_r, offset[:-1]) if len(unknowns) else np.zeros(0)
+        for thing in (vec, local, here, scatter):
+            thing.destroy()
+        return np.asarray(out)
+
+    @functools.cached_property
+    def area_of_sides(self) -> Array:
+        """∫ N_k of the sides of the owned nodes, shape (nodes, block)."""
+        slave = self.slave
+        corners = slave.coordinates[0][:, : slave.num_facet_vertices]
+        if slave.num_facet_vertices == 2:
+            area = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+        else:  # of quadrilaterals, whose vertices count row by row, that of both halves
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            area = np.linalg.norm(normals, axis=1) * (slave.num_facet_vertices - 2) / 2
+        shares = np.repeat(area / slave.num_facet_vertices, slave.num_facet_vertices)
+        vec = slave.create_vec()
+        vec.setValues(
+            self._corners.ravel().astype(PETSc.IntType), shares, PETSc.InsertMode.ADD_VALUES
+        )
+        vec.assemble()
+        return self._read(vec)
+
+    @property
+    def _corners(self) -> npt.NDArray[np.int64]:
+        """Unknowns that stand for the sides of the vertices of facets, shape (facets, vertices)."""
+        slave = self.slave
+        sides = slave.cpp_object.vertex_side[:, :, None].astype(np.int64)
+        of_facets = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices]
+        return np.asarray(np.take_along_axis(of_facets, sides, axis=2)[:, :, 0])
+
+    def extension(
+        self, held: Flags, clamped: Flags, known: Extension | None = None
+    ) -> Extension | None:
+        """Of sides that conditions hold, or that hardly anything covers; None without any.
+
+        Args:
+            held: Sides whose multipliers are no unknowns, shape (nodes, block).
+            clamped: Those of them that have the mean of their neighbours.
+            known: Another one that it is to be added to.
+        """
+        if not self.slave.comm.allreduce(bool(held.any()), op=MPI.LOR):
+            return known
+        if known is not None:
+            held, clamped = held | known.held, clamped | known.clamped
+        there = self.covered
+        places, every = [self.slave.node_dofs, self._corners[:, :, None]], slice(0, self.slave.block)
+        return Extension(self.slave, [every], places, held & there, clamped & there, ~there)
 
     def project(self, values: Array, extension: Extension | None) -> Array:
         """Nearly the function Σ_k N_k v_k that is closest to values of the points, of all sides.

@@ -53,6 +53,8 @@ class GapState:
         base: Where facets that follow their bodies are with unknowns 0.
         measure: Their areas.
         conductance: h of the rows, of contact that conducts; None of other laws.
+        closed: With rows at points, the closed part of what each side of an owned node covers at
+            the last solution, (nodes, gdim); None before any.
     """
 
     values: Array
@@ -67,6 +69,7 @@ class GapState:
     base: Places | None = None
     measure: Measure | None = None
     conductance: Array | None = None
+    closed: Array | None = None
 
 
 class WeightedGap:
@@ -181,6 +184,11 @@ class WeightedGap:
         """What each row's gap is divided by."""
         measure = self.state.measure
         return self.operator.row_area if measure is None else measure.area
+
+    @property
+    def share(self) -> float:
+        """Part of the energy that the pass stands for."""
+        return self._share
 
     @property
     def weight(self) -> Array:
@@ -568,16 +576,26 @@ class WeightedGap:
     # --- λ̂ at all owned nodes, the same when contact pairs anew
 
     def augmented_on_nodes(self) -> Array:
-        """λ̂ at all owned nodes, in corners and at points of their sides; 0 where there is none."""
-        if not isinstance(self.rows, NodeRows):
-            return self.state.augmented
-        return self.rows.on_sides(self.state.augmented)
+        """λ̂ at all owned nodes, in corners and at points of their sides; 0 where there is none.
+
+        At points with the closed parts of the sides.
+        """
+        augmented = self.state.augmented
+        if isinstance(self.rows, NodeRows):
+            return self.rows.on_sides(augmented)
+        closed = self.state.closed
+        closed = np.asarray(augmented > 0, dtype=np.float64) if closed is None else closed
+        return np.concatenate([augmented, closed], axis=1)
 
     def set_augmented_on_nodes(self, values: Array) -> None:
         """Put back what :meth:`augmented_on_nodes` gave."""
-        values = np.asarray(values, dtype=np.float64)
-        rows = self.rows
-        self.state.augmented = rows.from_sides(values) if isinstance(rows, NodeRows) else values
+        values, rows = np.asarray(values, dtype=np.float64), self.rows
+        if isinstance(rows, NodeRows):
+            self.state.augmented = rows.from_sides(values)
+            return
+        block = self.slave.block
+        self.state.augmented = np.ascontiguousarray(values[:, :block])
+        self.state.closed = np.ascontiguousarray(values[:, block:])
 
     def carry(self, meshes: bool) -> None:
         """Let a tie count how a tool, and perhaps meshes, have moved since then. Collective."""

@@ -243,10 +243,10 @@ class OneNewton:
         counts: npt.NDArray[np.int64] = np.zeros(2, dtype=np.int64)
         for p, e in zip(equations.passes, at.passes, strict=True):
             largest[0] = max(largest[0], p.rows.violation(e))
-            largest[1] = max(largest[1], float(np.max(np.abs(e.multipliers.normal), initial=0.0)))
+            largest[1] = max(largest[1], float(np.max(np.abs(e.pressure), initial=0.0)))
             largest[2] = max(largest[2], p.rows.rounding())
-            slipping = np.zeros_like(e.active) if e.response is None else e.response.slipping
-            counts += np.sum(e.active), np.sum(e.active & ~slipping)
+            slipping = np.zeros_like(e.closed) if e.response is None else e.response.slipping
+            counts += np.sum(e.active), np.sum(e.closed & ~slipping)
         comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
         driving = [tool.driven.force for tool in equations.tools if tool.driven is not None]

@@ -55,6 +55,7 @@ class Evaluated(typing.NamedTuple):
         of_friction: What the law was told; None without friction.
         response: What it answered.
         multipliers: λ and τ.
+        pressure: Stress that makes forces, of a row of the gaps: λ, or at points [λ_h + γ g]₊.
         held: Components of λ that conditions hold on both sides; None if there are none anywhere.
         means: λ̄ of these, of the same shape.
     """
@@ -65,8 +66,14 @@ class Evaluated(typing.NamedTuple):
     of_friction: Rows | None
     response: Response | None
     multipliers: Multipliers
+    pressure: Array
     held: Flags | None
     means: Array | None
+
+    @property
+    def closed(self) -> Flags:
+        """Rows of friction in contact, or else those of the gaps."""
+        return self.active if self.of_friction is None else self.of_friction.closed
 
 
 class Derivative(typing.NamedTuple):
@@ -127,7 +134,7 @@ class ConstraintRows:
         self._proximal: Array = np.asarray(exact * PROXIMAL / self._stiffest)
         self._c: Array = C_NORMAL * usual * stiffness
         if slip is not None:
-            tangential = model.tangential_eps * gap.relative_penalty
+            tangential = model.tangential_eps * slip.gap.relative_penalty
             self._stiffest_t: Array = np.maximum(tangential, stiffest)
             self._softness_t: Array = 1 / (soft * tangential)
             self._compliance_t: Array = np.zeros_like(tangential) if exact else 1 / tangential
@@ -136,8 +143,13 @@ class ConstraintRows:
 
     @property
     def num_rows(self) -> int:
-        """Rows of λ on this rank."""
+        """Rows of the gaps on this rank."""
         return self.gap.num_rows
+
+    @property
+    def num_multipliers(self) -> int:
+        """Unknowns λ on this rank."""
+        return self.num_rows * self.width
 
     @property
     def width(self) -> int:
@@ -147,16 +159,17 @@ class ConstraintRows:
     @property
     def num_unknowns(self) -> int:
         """Unknowns on this rank: those of λ, then those of τ."""
-        gdim = 0 if self.slip is None else self.gap.slave.gdim
-        return self.num_rows * (self.width + gdim)
+        of_slip = 0 if self.slip is None else self.slip.operator.num_rows * self.gap.slave.gdim
+        return self.num_multipliers + of_slip
 
     def split(self, values: Array) -> Multipliers:
         """λ and τ in an array of the unknowns."""
-        end = self.num_rows * self.width
-        normal = values[:end].reshape(self.num_rows, self.width)
+        end, width, gdim = self.num_multipliers, self.width, self.gap.slave.gdim
+        normal = values[:end].reshape(end // width, width)
         if self.slip is None:
             return Multipliers(normal, None)
-        return Multipliers(normal, values[end:].reshape(self.num_rows, self.gap.slave.gdim))
+        rows = self.slip.operator.num_rows
+        return Multipliers(normal, values[end:].reshape(rows, gdim))
 
     # --- Evaluation
 
@@ -186,26 +199,43 @@ class ConstraintRows:
             opened: Rows that count as open; none by default.
             again: Whether the step has been solved before, so that what has τ is what it seems.
         """
-        gap = self.gap.state.values - self._compliance[:, None] * at.normal
-        trial = at.normal + self._c[:, None] * gap
-        jump = self.gap.law.jump
-        active = np.ones(self.num_rows, dtype=bool) if jump else trial[:, 0] > 0
-        if first and not jump:
-            active |= (at.normal[:, 0] > 0) | (trial[:, 0] >= -self._c * self.model.paired.touching)
+        gap, trial, active = self._normal(at, first)
         if opened is not None:
             active &= ~opened
-        rows = response = None
-        if self.slip is not None:
-            assert at.tangential is not None
-            rows = self._told(self.slip, at, active)
-            if first:
-                slipped = np.any(at.tangential, axis=1) & (again | (self.slip.state.slipped > 0))
-                rows = rows._replace(unlimited=active & ~slipped)
-            with collective_errors(self.model.comm):  # a law may be the user's
-                flows = not all(self.model.kinematics.in_displacement)
-                response = self.slip.respond(rows, flows)
+        pressure = self._pressure(at, trial, active)
+        rows, response = self._friction(at, active, pressure, first, again)
         held, means = self._means(at)
-        return Evaluated(gap, trial, active, rows, response, at, held, means)
+        return Evaluated(gap, trial, active, rows, response, at, pressure, held, means)
+
+    def _normal(self, at: Multipliers, first: bool) -> tuple[Array, Array, Flags]:
+        """ḡ*, y_n and which rows are closed."""
+        gap = self.gap.state.values - self._compliance[:, None] * at.normal
+        trial = at.normal + self._c[:, None] * gap
+        if self.gap.law.jump:
+            return gap, trial, np.ones(self.num_rows, dtype=bool)
+        active = trial[:, 0] > 0
+        if first:
+            active |= (at.normal[:, 0] > 0) | (trial[:, 0] >= -self._c * self.model.paired.touching)
+        return gap, trial, active
+
+    def _pressure(self, at: Multipliers, trial: Array, active: Flags) -> Array:
+        """What makes forces at the rows of the gaps: λ."""
+        return at.normal
+
+    def _friction(
+        self, at: Multipliers, active: Flags, pressure: Array, first: bool, again: bool
+    ) -> tuple[Rows | None, Response | None]:
+        """What the law of friction is told and answers. Collective."""
+        if self.slip is None:
+            return None, None
+        assert at.tangential is not None
+        rows = self._told(self.slip, at, self.slip.at_nodes(active), pressure)
+        if first:
+            slipped = np.any(at.tangential, axis=1) & (again | (self.slip.state.slipped > 0))
+            rows = rows._replace(unlimited=rows.closed & ~slipped)
+        with collective_errors(self.model.comm):  # a law may be the user's
+            flows = not all(self.model.kinematics.in_displacement)
+            return rows, self.slip.respond(rows, flows)
 
     def _means(self, at: Multipliers) -> tuple[Flags | None, Array | None]:
         """What is held on both sides, and λ̄ there. Collective."""
@@ -241,8 +271,8 @@ class ConstraintRows:
             factor = np.where(self.gap.state.values >= -self.model.paired.touching, factor, 0.0)
         return extension.entries(numbers, factor)
 
-    def _told(self, slip: Slip, at: Multipliers, active: Flags) -> Rows:
-        """What the law of friction is told."""
+    def _told(self, slip: Slip, at: Multipliers, closed: Flags, pressure: Array) -> Rows:
+        """What the law of friction is told, given what is closed of its rows. Collective."""
         assert self.model.friction is not None and at.tangential is not None
         state, dt = slip.state, self.model.kinematics.dt
         start = slip.turned(state.augmented) if self.gap.following else state.augmented
@@ -250,9 +280,9 @@ class ConstraintRows:
         return Rows(
             slip.values,
             slip.tangential(at.tangential - elastic),
-            np.maximum(at.normal[:, 0], 0.0),
-            active,
-            np.zeros_like(active),
+            slip.at_nodes(np.maximum(pressure[:, 0], 0.0)),
+            closed,
+            np.zeros_like(closed),
             self._ct,
             slip.projector,
             slip.cover,
@@ -265,18 +295,24 @@ class ConstraintRows:
 
     def residual(self, at: Evaluated) -> Array:
         """R_λ, then R_τ: area times length, (unknowns,)."""
-        weight, (normal, tangential) = self.gap.weight, at.multipliers
+        rows, tangential = self._normal_residual(at), at.multipliers.tangential
+        if at.response is None or tangential is None or self.slip is None:
+            return np.asarray(rows.ravel())
+        weight = self.slip.weight / self._ct
+        of_friction = weight[:, None] * (at.response.traction - tangential)
+        return np.concatenate([rows.ravel(), of_friction.ravel()])
+
+    def _normal_residual(self, at: Evaluated) -> Array:
+        """R_λ. Collective."""
+        weight, normal = self.gap.weight, at.multipliers.normal
         if self.gap.law.jump:
             rows = weight[:, None] * at.gap
         else:
             trial = np.where(at.active[:, None], at.trial, 0.0)
             rows = (weight / self._c)[:, None] * (trial - normal)
-        if at.held is not None and at.means is not None:
-            rows = np.where(at.held, (weight / self._c)[:, None] * (at.means - normal), rows)
-        if at.response is None or tangential is None:
-            return np.asarray(rows.ravel())
-        of_friction = (weight / self._ct)[:, None] * (at.response.traction - tangential)
-        return np.concatenate([rows.ravel(), of_friction.ravel()])
+        if at.held is None or at.means is None:
+            return np.asarray(rows)
+        return np.where(at.held, (weight / self._c)[:, None] * (at.means - normal), rows)
 
     def complementarity(self, at: Evaluated) -> list[Array]:
         """The same in forces, c R: continuous where sets change."""
@@ -292,15 +328,24 @@ class ConstraintRows:
         That of closed gaps is ε ḡ*, which is a part of what is read as λ, or what they stand for
         in the stiffest body.
         """
-        weight, parts = self.gap.weight[:, None], self.complementarity(at)
-        factor = np.where(at.active, np.maximum(self._stiffest / self._c, 1.0), 1.0)
-        found = [parts[0] / weight * factor[:, None]]
-        if at.response is not None:
-            sticks = at.active & ~at.response.slipping
+        parts = self.complementarity(at)
+        found = [self._of_gaps(at, parts[0])]
+        if at.response is not None and self.slip is not None:
+            sticks = at.closed & ~at.response.slipping
             factor = np.where(sticks, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
-            stress = np.abs(parts[1] / weight * factor[:, None])
+            stress = np.abs(parts[1] / self.slip.weight[:, None] * factor[:, None])
             found.append(np.maximum(stress - self._of_rates(at.response)[:, None], 0.0))
         return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
+
+    def _of_gaps(self, at: Evaluated, forces: Array) -> Array:
+        """Stress of forces by which complementarity of pressure and gap is violated."""
+        factor = np.where(at.active, np.maximum(self._stiffest / self._c, 1.0), 1.0)
+        return np.asarray(forces / self.gap.weight[:, None] * factor[:, None])
+
+    def keep(self, at: Evaluated) -> None:
+        """Let the pass know λ. Collective."""
+        normal = at.multipliers.normal
+        self.gap.state.augmented = np.where(at.active[:, None], normal, 0.0)
 
     def open_gap(self, at: Evaluated) -> float:
         """Gap (length) of closed rows that multipliers are to close: the largest on this rank."""
@@ -317,7 +362,7 @@ class ConstraintRows:
         It may be much stiffer than penalties and bodies; 0 of other laws.
         """
         if self.slip is None or not self.slip.friction.needs_dt:
-            return np.zeros(self.num_rows)
+            return np.zeros_like(response.secant)
         size = float(np.abs(self.gap.slave.mesh.geometry.x).max(initial=0.0))
         return np.asarray(OF_RATES * size * response.secant)
 
@@ -326,7 +371,7 @@ class ConstraintRows:
         normal = np.where(at.active, 1 / self._softness, self._c)
         if self.slip is None or at.response is None:
             return normal, normal
-        sticks = at.active & ~at.response.slipping
+        sticks = at.closed & ~at.response.slipping
         return normal, np.where(sticks, 1 / self._softness_t, self._ct)
 
     @property
@@ -342,7 +387,7 @@ class ConstraintRows:
         normal = at.active * np.maximum(self._softness - self._compliance, 0.0)
         if self.slip is None:
             return normal, normal
-        return normal, at.active * np.maximum(self._softness_t - self._compliance_t, 0.0)
+        return normal, at.closed * np.maximum(self._softness_t - self._compliance_t, 0.0)
 
     def rounding(self) -> float:
         """Stress that stands for gaps as large as coordinates: rounding is a part of it."""
@@ -361,6 +406,28 @@ class ConstraintRows:
                 with that of τ, which does not cycle at nodes, and closed rows are a little soft, so
                 that redundant ones have one solution.
         """
+        by_gap, own = self._normal_derivative(at, exact)
+        if at.response is None or at.of_friction is None or self.slip is None:
+            return Derivative(by_gap, own, None, None, None)
+        weight, stiffness = self.slip.weight, at.response.stiffness
+        if not exact and isinstance(self.slip.friction, Limited):
+            stiffness = self._with_direction_of_tau(at)
+        gdim = stiffness.shape[1]
+        by_slip = (weight / self._ct)[:, None, None] * stiffness
+        by_tau = np.zeros_like(stiffness)
+        if isinstance(self.slip.friction, Limited):
+            # The trial has τ less what a penalty stores of it.
+            part = (1 - self._ct * self._compliance_t) / self._ct
+            by_tau = part[:, None, None] * (stiffness @ self.slip.projector)
+        by_tau = (weight / self._ct)[:, None, None] * (by_tau - np.eye(gdim))
+        if not exact:
+            by_tau -= (weight * self._proximal_t)[:, None, None] * np.eye(gdim)
+        positive = at.of_friction.pressure > 0
+        by_normal = (weight / self._ct * positive)[:, None] * at.response.coupling
+        return Derivative(by_gap, own, by_slip, by_tau, by_normal)
+
+    def _normal_derivative(self, at: Evaluated, exact: bool) -> tuple[Array, Array]:
+        """Derivatives of R_λ by ḡ and by its own λ."""
         weight, width = self.gap.weight, self.width
         closed = weight * at.active
         by_gap = np.repeat(closed[:, None], width, axis=1)
@@ -374,36 +441,23 @@ class ConstraintRows:
         if at.held is not None:
             by_gap = np.where(at.held, 0.0, by_gap)
             own = np.where(at.held, -(weight / self._c)[:, None], own)
-        if at.response is None or at.of_friction is None or self.slip is None:
-            return Derivative(by_gap, own, None, None, None)
-        stiffness = at.response.stiffness
-        if not exact and isinstance(self.slip.friction, Limited):
-            stiffness = self._with_direction_of_tau(at)
-        gdim = stiffness.shape[1]
-        by_slip = (weight / self._ct)[:, None, None] * stiffness
-        by_tau = np.zeros_like(stiffness)
-        if isinstance(self.slip.friction, Limited):
-            # The trial has τ less what a penalty stores of it.
-            part = (1 - self._ct * self._compliance_t) / self._ct
-            by_tau = part[:, None, None] * (stiffness @ self.slip.projector)
-        by_tau = (weight / self._ct)[:, None, None] * (by_tau - np.eye(gdim))
-        if not exact:
-            by_tau -= (weight * self._proximal_t)[:, None, None] * np.eye(gdim)
-        positive = at.multipliers.normal[:, 0] > 0
-        by_normal = (weight / self._ct * positive)[:, None] * at.response.coupling
-        return Derivative(by_gap, own, by_slip, by_tau, by_normal)
+        return by_gap, own
 
     def softened(self, at: Evaluated) -> Array:
         """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
+        normal = self._normal_softened(at)
+        if self.slip is None:
+            return normal
+        tangential = -self.slip.weight * self._proximal_t
+        gdim = self.gap.slave.gdim
+        return np.concatenate([normal, np.repeat(tangential, gdim)])
+
+    def _normal_softened(self, at: Evaluated) -> Array:
         normal = -self.gap.weight * at.active * self._proximal
         rows = np.repeat(normal[:, None], self.width, axis=1)
         if at.held is not None:
             rows = np.where(at.held, 0.0, rows)
-        if self.slip is None:
-            return np.asarray(rows.ravel())
-        tangential = -self.gap.weight * self._proximal_t
-        gdim = self.gap.slave.gdim
-        return np.concatenate([rows.ravel(), np.repeat(tangential, gdim)])
+        return np.asarray(rows.ravel())
 
     @staticmethod
     def _with_direction_of_tau(at: Evaluated) -> Array:

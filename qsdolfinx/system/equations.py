@@ -25,6 +25,8 @@ from qsdolfinx.surface.affine import Affine
 from qsdolfinx.system.blocks import Blocks
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated, Multipliers
 from qsdolfinx.system.factors import Entries, Number, entries_of, joined
+from qsdolfinx.system.point_matrices import PointMatrices
+from qsdolfinx.system.point_rows import PointConstraints
 from qsdolfinx.system.system import ContactSystem
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
@@ -92,18 +94,13 @@ def check_equations(contacts: typing.Sequence[ContactModel]) -> None:
     """
     for contact in contacts:
         require(not contact.is_scalar, "contacts: equations are of bodies, not of scalar fields")
-        require(not _is_at_points(contact), 'contacts: equations need constraints="nodes"')
         known = type(contact.law) in LAWS
         require(known, "contacts: equations need law=qs.Unilateral() or qs.Tied(), no other one")
 
 
 def has_equations(contact: ContactModel) -> bool:
     """Whether a contact has rows in the equations."""
-    return not (contact.is_scalar or _is_at_points(contact)) and type(contact.law) in LAWS
-
-
-def _is_at_points(contact: ContactModel) -> bool:
-    return any(gap.rows.are_points for gap in contact.gaps)
+    return not contact.is_scalar and type(contact.law) in LAWS
 
 
 class Equations:
@@ -150,7 +147,8 @@ class Equations:
             for j, gap in enumerate(contact.gaps):
                 slip = contact.slips[j] if contact.slips else None
                 bodies = side if gap.slave is contact.slave else side[::-1]
-                rows = ConstraintRows(contact, gap, slip)
+                kind = PointConstraints if gap.rows.are_points else ConstraintRows
+                rows = kind(contact, gap, slip)
                 self.passes.append(Pass(contact, bodies, rows, tool))
         self._starts = [tool.displacement.copy() for tool in self.tools]
         self.one_step: typing.Callable[[], contextlib.AbstractContextManager[None]] = (
@@ -163,6 +161,7 @@ class Equations:
         self._matrix: PETSc.Mat | None = None
         self._pattern: tuple[Indices, Indices] | None = None
         self._at: State | None = None
+        self._of_points: dict[ConstraintRows, PointMatrices] = {}
 
     def _number_of(self, contact: ContactModel) -> int | None:
         """Number of the driven tool of a contact, added if it is new."""
@@ -294,10 +293,10 @@ class Equations:
     def end_at(self, z: Array) -> None:
         """Let bodies, contacts and tools be at z, which is known to be a solution. Collective."""
         for p, e in zip(self.passes, self.evaluate(z).passes, strict=True):
-            p.gap.state.augmented = np.where(e.active[:, None], e.multipliers.normal, 0.0)
+            p.rows.keep(e)
             slip = p.slip if p.model.augmented else None
             if slip is not None and e.multipliers.tangential is not None:
-                tangential = np.where(e.active[:, None], e.multipliers.tangential, 0.0)
+                tangential = np.where(e.closed[:, None], e.multipliers.tangential, 0.0)
                 slip.state.augmented = slip.tangential(tangential)
         self.system.x.array[:] = self.bodies_of(z)
         self.system.residual(self.system.x.array_r)
@@ -381,10 +380,10 @@ class Equations:
         ]
         for body in system.bodies:
             body.force.zeroEntries()
-        for p, values in both:
-            self._add_forces(p, values)
+        for p, e in zip(self.passes, passes, strict=True):
+            self._add_forces(p, e)
         forces = np.concatenate([body.force.array_r for body in system.bodies])
-        tools = self._on_tools(multipliers)
+        tools = self._on_tools(passes)
         at = State(z.copy(), np.concatenate(bulk), forces, passes, tools)
         self._at = None if first else at
         return at
@@ -400,9 +399,9 @@ class Equations:
         bodies = self.system.bodies
         return bodies[slave].force, None if master is None else bodies[master].force
 
-    def _add_forces(self, p: Pass, values: Multipliers) -> None:
-        vecs = self._forces_of(p)
-        p.gap.add_forces(values.normal, vecs)
+    def _add_forces(self, p: Pass, at: Evaluated) -> None:
+        vecs, values = self._forces_of(p), at.multipliers
+        p.gap.add_forces(at.pressure, vecs)
         if p.slip is None or values.tangential is None:
             return
         tangential = p.slip.tangential(values.tangential)
@@ -432,19 +431,19 @@ class Equations:
         slip = None if p.slip is None else p.slip.tangential(p.slip.change(field))
         return p.gap.change(field), slip
 
-    def _on_tools(self, multipliers: typing.Sequence[Multipliers]) -> Array:
+    def _on_tools(self, passes: typing.Sequence[Evaluated]) -> Array:
         """R_s on all ranks. Collective."""
         if not self.tools:
             return np.zeros(0)
         out = np.zeros(len(self.tools))
-        for p, values in zip(self.passes, multipliers, strict=True):
+        for p, e in zip(self.passes, passes, strict=True):
             if p.tool is None:
                 continue
             gap, slip = self.changes(p)
-            weight = p.gap.weight[:, None]
-            out[p.tool] += np.sum(weight * values.normal * gap)
-            if slip is not None and values.tangential is not None:
-                out[p.tool] += np.sum(weight * values.tangential * slip)
+            out[p.tool] += np.sum(p.gap.weight[:, None] * e.pressure * gap)
+            if slip is not None and p.slip is not None and e.multipliers.tangential is not None:
+                weight = p.slip.weight[:, None]
+                out[p.tool] += np.sum(weight * e.multipliers.tangential * slip)
         self.system.comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
         forces = [tool.driven.force for tool in self.tools if tool.driven is not None]
         return out - np.array(forces)
@@ -645,7 +644,12 @@ class Equations:
         rank, rows = self.system.comm.rank, p.rows
         first = int(self._first[rank, len(self.system.bodies) + i])
         by = rows.derivative(at, exact)
-        own = first + np.arange(rows.num_rows * rows.width)
+        own = first + np.arange(rows.num_multipliers)
+        if isinstance(rows, PointConstraints):
+            found = [self._matrices(p, rows, own).normal(at)]
+            if not exact:
+                found.append(Entries(own, own, rows.softened(at)[: len(own)]))
+            return found if p.slip is None else found + self._of_slip(p, at, by, own)
         left, right = (self._entries(p.gap.operator, p, first, scaled) for scaled in (False, True))
         weight = np.repeat(p.gap.weight, rows.width)
         found = [
@@ -659,8 +663,22 @@ class Equations:
         if p.tool is not None:
             found += self._with_tool(p, own, weight, by.normal_by_gap, self.changes(p)[0])
         if p.slip is not None:
-            found += self._of_slip(p, by, own)
+            found += self._of_slip(p, at, by, own)
         return found
+
+    def _matrices(self, p: Pass, rows: PointConstraints, own: Indices) -> PointMatrices:
+        """Derivatives at points, which stay while contact does not pair anew. Collective."""
+        if p.rows not in self._of_points:
+            gaps = []
+            for scaled in (False, True):
+                found = [self._entries(p.gap.operator, p, 0, scaled)]
+                if p.tool is not None:
+                    row = np.arange(rows.num_rows)
+                    tool = np.full(len(row), self._first[0, -2] + p.tool)
+                    found.append(Entries(row, tool, self.changes(p)[0].ravel()))
+                gaps.append(joined(found))
+            self._of_points[p.rows] = PointMatrices(rows, *gaps, own, self.num_local)
+        return self._of_points[p.rows]
 
     def _with_tool(
         self, p: Pass, own: Indices, weight: Array, by_gap: Array, change: Array
@@ -673,11 +691,12 @@ class Equations:
             Entries(own, tool, (by_gap * change).ravel()),
         ]
 
-    def _of_slip(self, p: Pass, by: typing.Any, normal: Indices) -> list[Entries]:
+    def _of_slip(self, p: Pass, at: Evaluated, by: typing.Any, normal: Indices) -> list[Entries]:
         """Entries of τ. Collective."""
         assert p.slip is not None
-        num, gdim = p.rows.num_rows, p.gap.slave.gdim
-        first = int(normal[0] + len(normal)) if len(normal) else 0
+        num, gdim = p.slip.operator.num_rows, p.gap.slave.gdim
+        i = len(self.system.bodies) + self.passes.index(p)
+        first = int(self._first[self.system.comm.rank, i]) + len(normal)
         own = first + np.arange(num * gdim).reshape(num, gdim)
         row = np.repeat(own[:, :, None], gdim, axis=2)
         column = np.repeat(own[:, None, :], gdim, axis=1)
@@ -689,8 +708,7 @@ class Equations:
         found = [Entries(row.ravel(), column.ravel(), by.by_tangential.ravel())]
         for k in range(gdim):  # D J, a component of the rows after the other
             found.append(Entries(own[rows[0], k], J.column, by_slip[rows[0], k, rows[1]] * J.value))
-        pressure = np.broadcast_to(normal.reshape(num, 1), shape)
-        found.append(Entries(own.ravel(), pressure.ravel(), by.by_normal.ravel()))
+        found += self._of_pressure(p, at, by, normal, own)
         for k, works in enumerate(self._works_on(p)):
             factor = p.slip.projector[:, k, :] * p.slip.weight[:, None]
             for j in range(gdim):
@@ -705,6 +723,23 @@ class Equations:
             found += self._with_tool(p, own.ravel(), weight, ones, change)[:1]
             found += self._with_tool(p, own.ravel(), weight, ones, pushed)[1:]
         return found
+
+    def _of_pressure(
+        self, p: Pass, at: Evaluated, by: typing.Any, normal: Indices, own: Indices
+    ) -> list[Entries]:
+        """Entries of τ that its limit has by pressures. Collective."""
+        num, gdim = own.shape
+        if not isinstance(p.rows, PointConstraints):
+            pressure = np.repeat(normal[:, None], gdim, axis=1)
+            return [Entries(own.ravel(), pressure.ravel(), by.by_normal.ravel())]
+        assert p.slip is not None
+        if p.slip.friction.symmetric:
+            return []
+        of = self._matrices(p, p.rows, normal).pressures(at)
+        return [
+            Entries(own[of.row, k], of.column, by.by_normal[of.row, k] * of.value)
+            for k in range(gdim)
+        ]
 
     def _works_on(self, p: Pass, numbers: typing.Sequence[Number] | None = None) -> list[Entries]:
         """What each component of the tangential force works on, over the weight. Collective."""
@@ -746,6 +781,9 @@ class Equations:
         if self._matrix is not None:
             self._matrix.destroy()
             self._matrix = None
+        for matrices in self._of_points.values():
+            matrices.destroy()
+        self._of_points = {}
 
 
 def _any_entries(rows: int, columns: int, equations: Equations) -> PETSc.Mat:

@@ -36,8 +36,13 @@ class Entries(typing.NamedTuple):
         keep = self.column >= 0
         row, column, value = self.row[keep], self.column[keep], self.value[keep]
         order = np.lexsort((column, row))
+        row, column, value = row[order], column[order], value[order]
+        if len(row) > 0:  # a surface that meets itself may have a place twice
+            new = np.append(True, (np.diff(row) != 0) | (np.diff(column) != 0))
+            row, column = row[new], column[new]
+            value = np.add.reduceat(value, np.flatnonzero(new))
         pointer = np.append(0, np.cumsum(np.bincount(row, minlength=num_rows)))
-        csr = pointer.astype(np.int32), column[order].astype(np.int32), value[order]
+        csr = pointer.astype(np.int32), column.astype(np.int32), value
         sizes = (num_rows, PETSc.DETERMINE), (num_columns, PETSc.DETERMINE)
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
 

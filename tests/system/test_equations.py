@@ -24,6 +24,8 @@ from qsdolfinx.system.equations import Equations
 
 EXACT = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
 SOFT = {"enforcement": "penalty"}
+POINTS = EXACT | {"constraints": "points"}
+SOFT_POINTS = {"quadrature": "overlay", "constraints": "points"}
 
 
 def away(equations, seed=0, size=0.02):
@@ -63,7 +65,11 @@ def equations_of(pair):
     return problem, equations
 
 
-@pytest.mark.parametrize("options", (EXACT, SOFT), ids=("exact", "soft"))
+@pytest.mark.parametrize(
+    "options",
+    (EXACT, SOFT, POINTS, SOFT_POINTS),
+    ids=("exact", "soft", "points", "soft points"),
+)
 @pytest.mark.parametrize("space", (vector_space, quadratic_space), ids=("P1", "P2"))
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
 @pytest.mark.parametrize("law", [None, *LAWS])

@@ -1,0 +1,168 @@
+"""Derivatives of constraints at points, by all unknowns of the equations."""
+
+from __future__ import annotations
+
+import typing
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.system.constraint_rows import Evaluated
+from qsdolfinx.system.factors import Entries
+from qsdolfinx.system.point_rows import PointConstraints
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class PointMatrices:
+    """B = γ G + N, rows being the points of a pass, columns all unknowns of the equations.
+
+    B z is y but for a constant. Of the potential Σ_p w_p/(2γ) ([y_p]₊² − λ_h²) the second
+    derivative is Bᵀ W/γ χ B − Nᵀ W/γ N, χ being 1 at closed points. Collective.
+
+    Args:
+        rows: The constraints.
+        by_gap: G with what moves the bodies, and a driven tool: forces are its transposed.
+        by_unknowns: G by the unknowns.
+        numbers: Of the unknowns λ of this rank among all, shape (λ,).
+        num_local: Unknowns of this rank.
+    """
+
+    def __init__(
+        self,
+        rows: PointConstraints,
+        by_gap: Entries,
+        by_unknowns: Entries,
+        numbers: Indices,
+        num_local: int,
+    ) -> None:
+        self._rows, self._comm, self._num = rows, rows.model.comm, num_local
+        self._functions = self._of_nodes(numbers)
+        self._left, self._right = (
+            self._sum(entries) for entries in (by_gap, by_unknowns)
+        )
+        self._pressures: PETSc.Mat | None = None
+
+    def _sum(self, gaps: Entries) -> PETSc.Mat:
+        """γ G + N."""
+        mat = gaps._replace(value=self._rows.gamma * gaps.value).matrix(
+            self._rows.num_rows, self._num, self._comm
+        )
+        mat.axpy(1.0, self._functions, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        return mat
+
+    def _of_nodes(self, numbers: Indices) -> PETSc.Mat:
+        """N E by the unknowns λ."""
+        rows, slave = self._rows, self._rows.gap.slave
+        sides = self._of_sides()
+        vec = slave.create_vec()
+        num_sides, first = vec.getLocalSize(), vec.owner_range[0]
+        vec.destroy()
+        dofs = slave.node_dofs[rows.free] - first
+        free = Entries(dofs, numbers, np.ones(len(dofs))).matrix(num_sides, self._num, self._comm)
+        if rows.extension is not None:
+            at = slave.node_dofs
+            row, column, value = rows.extension.entries(at, np.ones(at.shape))
+            # Some are of rows of other ranks.
+            means = PETSc.Mat().create(comm=self._comm)
+            means.setSizes(((num_sides, PETSc.DETERMINE),) * 2)
+            means.setType(PETSc.Mat.Type.AIJ)
+            means.setUp()
+            for r, c, v in zip(row, column, value, strict=True):
+                means.setValue(int(r), int(c), float(v), PETSc.InsertMode.ADD_VALUES)
+            means.assemble()
+            first_means = means.matMult(free)
+            second = means.matMult(first_means)
+            for part in (first_means, second):
+                free.axpy(1.0, part, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+                part.destroy()
+            means.destroy()
+        out = sides.matMult(free)
+        for mat in (sides, free):
+            mat.destroy()
+        return out
+
+    def _of_sides(self) -> PETSc.Mat:
+        """N by the unknowns of the slave that stand for sides of nodes."""
+        rows = self._rows
+        offset, unknowns, values = rows.gap.operator.functions
+        vec = rows.gap.slave.create_vec()
+        num_sides = vec.getLocalSize()
+        vec.destroy()
+        row = np.repeat(np.arange(rows.num_rows, dtype=np.int64), np.diff(offset))
+        return Entries(row, unknowns, values).matrix(rows.num_rows, num_sides, self._comm)
+
+    def normal(self, at: Evaluated) -> Entries:
+        """Second derivative of the potential, of this rank's rows of all. Collective."""
+        weight = self._rows.gap.weight / self._rows.gamma
+        found = [_product(self._left, at.active * weight, self._right)]
+        if self._rows.model.augmented:
+            found.append(_product(self._functions, -weight, self._functions))
+        return Entries(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+
+    def pressures(self, at: Evaluated) -> Entries:
+        """Derivatives of the pressures that friction knows at its rows: numbers of these in rows.
+
+        Collective.
+        """
+        slip, rows = self._rows.slip, self._rows
+        assert slip is not None
+        if self._pressures is None:
+            self._pressures = self._means()
+        positive = at.active & (at.pressure[:, 0] > 0)
+        found = _product(self._pressures, positive.astype(np.float64), self._right)
+        first = self._pressures.getOwnershipRangeColumn()[0]
+        return found._replace(row=found.row - first)
+
+    def _means(self) -> PETSc.Mat:
+        """Weights of the points in the means at the rows of the slip, transposed."""
+        rows, slip = self._rows, self._rows.slip
+        assert slip is not None
+        sides, slave = self._of_sides(), rows.gap.slave
+        vec = slave.create_vec()
+        num_sides, first = vec.getLocalSize(), vec.owner_range[0]
+        vec.destroy()
+        num = slip.operator.num_rows
+        block = slave.block
+        dofs = slave.node_dofs[slip.row_node] - first
+        own = PETSc.Vec().createMPI((num, PETSc.DETERMINE), comm=self._comm)
+        start = own.owner_range[0]
+        own.destroy()
+        cover = rows.cover[slip.row_node]
+        column = np.repeat(start + np.arange(num, dtype=np.int64), block)
+        value = np.repeat(np.divide(1.0, cover, out=np.zeros(num), where=cover > 0), block)
+        to_rows = Entries(dofs.ravel(), column, value).matrix(num_sides, num, self._comm)
+        out = sides.matMult(to_rows)
+        out.diagonalScale(_vec(out, rows.gap.operator.row_area), None)
+        for mat in (sides, to_rows):
+            mat.destroy()
+        return out
+
+    def destroy(self) -> None:
+        """Free the matrices. Collective."""
+        for mat in (self._left, self._right, self._functions, self._pressures):
+            if mat is not None:
+                mat.destroy()
+
+
+def _vec(mat: PETSc.Mat, values: Array) -> PETSc.Vec:
+    vec = mat.createVecLeft()
+    vec.array[:] = values
+    return vec
+
+
+def _product(left: PETSc.Mat, weight: Array, right: PETSc.Mat) -> Entries:
+    """Aᵀ diag(weight) B: entries of this rank's rows, all numbers global. Collective."""
+    scaled, factor = right.copy(), _vec(right, weight)
+    scaled.diagonalScale(factor, None)
+    product = left.transposeMatMult(scaled)
+    starts, columns, values = product.getValuesCSR()
+    first = product.getOwnershipRange()[0]
+    row = first + np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts))
+    out = Entries(row, columns.astype(np.int64), values.copy())
+    for thing in (scaled, factor, product):
+        thing.destroy()
+    return out
