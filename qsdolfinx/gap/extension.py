@@ -78,6 +78,11 @@ class Extension:
             self._sweeps.append(Sweep(new, known, np.where(new, 1 / np.maximum(counts, 1), 0.0)))
             known = known | new
 
+    @property
+    def filled(self) -> Flags:
+        """Multipliers that others around determine, shape (rows, width)."""
+        return np.asarray(np.any([sweep.new for sweep in self._sweeps], axis=0))
+
     def fill(self, values: Array, closed: Flags | None = None) -> Array:
         """E λ_free: the multipliers with these in place, shape (rows, width). Collective.
 

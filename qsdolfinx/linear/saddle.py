@@ -36,7 +36,7 @@ class SaddlePoint:
     """Solves [K, Lᵀ F; D R, C] [du; dm] = −[R_u; R_m], m being multipliers, F, D and C of few rows.
 
     L and R have the gaps and slips of all rows as functions of the bodies' unknowns; F, D and C are
-    blocks of the rows of a node, see :class:`RowBlocks`. GMRES is preconditioned with factors of
+    blocks of the rows of a node, see :class:`RowBlocks`; at points gaps add to forces, K + Lᵀ F_γ R. GMRES is preconditioned with factors of
     the matrix in which closed rows have the compliance of a penalty, C_γ: with S = −F C_γ⁻¹ D
 
         [I, 0; D R V, I]⁻¹ · diag(V, C_γ)⁻¹ · [I, Lᵀ F C_γ⁻¹; 0, I]⁻¹,   V ≈ (K + Lᵀ S R)⁻¹.
@@ -272,23 +272,25 @@ class SaddlePoint:
         if self._rows.H is not None:
             self._rows.H.multAdd(self._u, self._f, self._f)
         forces, gaps = self._f.array_r.copy(), self._gaps(u) + self._rigid.T @ s
-        y.array[: self._num_u] = forces + self._forces(m)
-        y.array[self._num_u : self._num_u + len(m)] = self._rows.blocks.by_gaps(gaps) + (
-            self._rows.blocks.by_multipliers(m)
-        )
-        self._put_tools(y, self._of_tools(m))
+        blocks = self._rows.blocks
+        at_rows = blocks.forces(m) + blocks.own_forces(gaps)
+        y.array[: self._num_u] = forces + self._forces(at_rows)
+        of_rows = blocks.by_gaps(gaps) + blocks.by_multipliers(m)
+        y.array[self._num_u : self._num_u + len(m)] = of_rows
+        self._put_tools(y, self._of_tools(at_rows))
 
     def _precondition(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         u, m, s = self._split(r.array_r)
-        known = self._rows.blocks.solve(m)
-        du = self._cycle(u - self._forces(known))
+        blocks = self._rows.blocks
+        known = blocks.solve(m)
+        pushing = blocks.forces(known)
+        du = self._cycle(u - self._forces(pushing))
         ds: Array = np.zeros(len(s))
         if len(s):
-            pushed = self._rows.blocks.condensed(self._gaps(du))
-            left = s - self._of_tools(known) - self._of_tools(pushed)
+            left = s - self._of_tools(pushing + blocks.resisting(self._gaps(du)))
             ds = np.asarray(np.linalg.solve(self._schur, left))
             du -= ds @ self._moved
-        dm = known + self._rows.blocks.condensed(self._gaps(du) + self._rigid.T @ ds)
+        dm = known + blocks.condensed(self._gaps(du) + self._rigid.T @ ds)
         z.array[: self._num_u] = du
         z.array[self._num_u : self._num_u + len(m)] = dm
         self._put_tools(z, ds)
@@ -310,9 +312,9 @@ class SaddlePoint:
         if len(s) and self._comm.rank == 0:
             x.array[-len(s) :] = s
 
-    def _forces(self, m: Array) -> Array:
-        """Lᵀ F m. Collective."""
-        self._m.array[:] = self._rows.blocks.forces(m)
+    def _forces(self, at_rows: Array) -> Array:
+        """Lᵀ times forces at the rows. Collective."""
+        self._m.array[:] = at_rows
         self._rows.L.multTranspose(self._m, self._f)
         return self._f.array_r.copy()
 
@@ -368,9 +370,9 @@ class SaddlePoint:
 
     # --- Driven tools
 
-    def _of_tools(self, m: Array) -> Array:
-        """Forces of multipliers on tools, on all ranks. Collective."""
-        out: Array = self._rigid @ self._rows.blocks.forces(m)
+    def _of_tools(self, at_rows: Array) -> Array:
+        """Forces at the rows on tools, on all ranks. Collective."""
+        out: Array = self._rigid @ at_rows
         if len(out):
             self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
         return np.asarray(out)
@@ -383,18 +385,18 @@ class SaddlePoint:
             return
         first = 0
         for p in equations.passes:
-            end = first + p.rows.num_unknowns
+            end = first + p.rows.num_values
             if p.tool is not None:
                 gap, slip = equations.changes(p)
                 parts = [gap.ravel()] if slip is None else [gap.ravel(), slip.ravel()]
                 self._rigid[p.tool, first:end] = np.concatenate(parts)
             first = end
         blocks, tools = self._rows.blocks, range(len(equations.tools))
-        reached = [blocks.condensed(np.asarray(self._rigid[i])) for i in tools]
-        moved = [self._cycle(self._forces(m)) for m in reached]
+        reached = [blocks.resisting(np.asarray(self._rigid[i])) for i in tools]
+        moved = [self._cycle(self._forces(f)) for f in reached]
         left = [
-            self._of_tools(m) - self._of_tools(blocks.condensed(self._gaps(u)))
-            for m, u in zip(reached, moved, strict=True)
+            self._of_tools(f - blocks.resisting(self._gaps(u)))
+            for f, u in zip(reached, moved, strict=True)
         ]
         #: V Lᵀ F of what multipliers change by with each tool, (tools, unknowns).
         self._moved: Array = np.array(moved)

@@ -59,7 +59,6 @@ class AtOnce:
             and contacts
             and not newton.linear.is_rescued
             and all(has_equations(contact) and not _is_papers(contact) for contact in contacts)
-            and (newton.linear.has_factors or not any(map(_is_at_points, contacts)))
         )
 
     def begin_step(self) -> None:
@@ -154,10 +153,6 @@ class AtOnce:
         x = equations.unknowns_of(self._start)
         none = np.zeros(len(equations.tools))
         return equations.join(x, equations.multipliers(z), none)
-
-
-def _is_at_points(contact: ContactModel) -> bool:
-    return any(gap.rows.are_points for gap in contact.gaps)
 
 
 def _is_papers(contact: ContactModel) -> bool:

@@ -159,8 +159,16 @@ class ConstraintRows:
     @property
     def num_unknowns(self) -> int:
         """Unknowns on this rank: those of λ, then those of τ."""
-        of_slip = 0 if self.slip is None else self.slip.operator.num_rows * self.gap.slave.gdim
-        return self.num_multipliers + of_slip
+        return self.num_multipliers + self._num_tangential
+
+    @property
+    def num_values(self) -> int:
+        """Gaps on this rank, and components of slips."""
+        return self.num_rows * self.width + self._num_tangential
+
+    @property
+    def _num_tangential(self) -> int:
+        return 0 if self.slip is None else self.slip.operator.num_rows * self.gap.slave.gdim
 
     def split(self, values: Array) -> Multipliers:
         """λ and τ in an array of the unknowns."""

@@ -604,7 +604,7 @@ class Equations:
     def rows(self, numbers: typing.Sequence[Number]) -> tuple[Entries, Entries]:
         """What forces of λ and τ work on, and gaps and slips as functions of the unknowns.
 
-        Rows are those of the multipliers of this rank. Collective.
+        Rows are gaps and components of slips on this rank. Collective.
 
         Args:
             numbers: For each body what numbers its global unknowns in columns.
@@ -621,7 +621,7 @@ class Equations:
                 right.append(self._entries(p.slip.operator, p, of_slip, True, numbers))
                 for k, works in enumerate(self._works_on(p, numbers)):
                     left.append(works._replace(row=of_slip + gdim * works.row + k))
-            first += p.rows.num_unknowns
+            first += p.rows.num_values
         return joined(left), joined(right)
 
     def _entries(

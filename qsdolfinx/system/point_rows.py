@@ -56,14 +56,27 @@ class PointConstraints(ConstraintRows):
         #: γ, stress per length.
         self.gamma = float(model.eps)
         covered = self._points.covered
-        hardly = covered & (self._points.cover_of_sides < LEAST_COVER * self._points.area_of_sides)
         #: E; None where λ_free is all of λ.
-        self.extension: Extension | None = self._points.extension(hardly, hardly, gap.extension)
-        held = hardly if self.extension is None else self.extension.held
+        self.extension: Extension | None = self._extended(gap.extension)
+        none = np.zeros_like(covered)
+        held = none if self.extension is None else self.extension.held
         #: Sides of owned nodes whose multipliers are unknowns, (nodes, block).
         self.free: Flags = covered & ~held
         if not model.augmented:
-            self.free = np.zeros_like(covered)
+            self.free = none
+
+    def _extended(self, held: Extension | None) -> Extension | None:
+        """Of what is held and of what is hardly covered beside something that is more. Collective.
+
+        Args:
+            held: Of what conditions hold on both sides.
+        """
+        points = self._points
+        hardly = points.covered & (points.cover_of_sides < LEAST_COVER * points.area_of_sides)
+        found = points.extension(hardly, hardly, held)
+        if found is None or found is held:
+            return held
+        return points.extension(*2 * [hardly & found.filled], held)
 
     @property
     def num_multipliers(self) -> int:
@@ -84,8 +97,8 @@ class PointConstraints(ConstraintRows):
         return np.asarray(sums[self.free][:, None])
 
     @property
-    def _areas(self) -> Array:
-        """Area of each of λ_free."""
+    def areas(self) -> Array:
+        """Area of each of λ_free, of its shape. Collective."""
         return self.gathered(np.ones(self.num_rows))
 
     # --- Evaluation
@@ -97,16 +110,16 @@ class PointConstraints(ConstraintRows):
             return Multipliers(normal, None)
         return Multipliers(normal, self.slip.turned(self.slip.state.augmented))
 
-    def _seen(self, at: Multipliers) -> Array:
+    def seen(self, normal: Array) -> Array:
         """λ_h at the points, (points, 1). Collective."""
         if not self.model.augmented:
             return np.zeros((self.num_rows, 1))
-        return self._points.from_sides(self.on_sides(at.normal))[:, None]
+        return self._points.from_sides(self.on_sides(normal))[:, None]
 
     def _normal(self, at: Multipliers, first: bool) -> tuple[Array, Array, Flags]:
         """Gaps and y of the points, and which are closed. Collective."""
         gap = self.gap.state.values
-        trial = self._seen(at) + self.gamma * gap
+        trial = self.seen(at.normal) + self.gamma * gap
         active = trial[:, 0] > 0
         if first:
             active |= trial[:, 0] >= -self.gamma * self.model.paired.touching
@@ -140,7 +153,7 @@ class PointConstraints(ConstraintRows):
 
     def _normal_residual(self, at: Evaluated) -> Array:
         """R_λ. Collective."""
-        change = at.pressure - self._seen(at.multipliers)
+        change = at.pressure - self.seen(at.multipliers.normal)
         return self.gathered(change[:, 0]) / self.gamma
 
     def complementarity(self, at: Evaluated) -> list[Array]:
@@ -154,11 +167,11 @@ class PointConstraints(ConstraintRows):
     def _of_gaps(self, at: Evaluated, forces: Array) -> Array:
         """Stress of forces by which complementarity of pressure and gap is violated."""
         factor = max(float(np.max(self._stiffest, initial=0.0)) / self.gamma, 1.0)
-        return factor * forces / self._areas
+        return factor * forces / self.areas
 
     def open_gap(self, at: Evaluated) -> float:
         """Gap (length) that multipliers are to close: the largest mean on this rank. Collective."""
-        return float(np.max(np.abs(self._normal_residual(at) / self._areas), initial=0.0))
+        return float(np.max(np.abs(self._normal_residual(at) / self.areas), initial=0.0))
 
     def keep(self, at: Evaluated) -> None:
         """Let the pass know λ, and what of each side is closed. Collective."""
@@ -176,4 +189,4 @@ class PointConstraints(ConstraintRows):
         return np.zeros((0, 1)), np.zeros((0, 1))
 
     def _normal_softened(self, at: Evaluated) -> Array:
-        return np.asarray((-PROXIMAL / self.gamma * self._areas).ravel())
+        return np.asarray((-PROXIMAL / self.gamma * self.areas).ravel())

@@ -14,9 +14,11 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.constraint_rows import Derivative, Evaluated
 from qsdolfinx.system.equations import Equations, Pass, State
 from qsdolfinx.system.factors import Entries, joined
+from qsdolfinx.system.point_rows import PROXIMAL, PointConstraints
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
 
 
 class RowBlocks:
@@ -26,6 +28,8 @@ class RowBlocks:
     multipliers. Rows are scaled to forces, those of closed gaps by the usual penalty, so that one
     tolerance is for all. C_γ is C where closed rows have at least the
     compliance of the usual penalty, without what couples nodes that conditions hold.
+    At points gaps make forces themselves, F_γ R du: S is F_γ there, and C_γ diagonal, with what
+    each multiplier stands for.
 
     Args:
         equations: The equations.
@@ -35,12 +39,16 @@ class RowBlocks:
         self._passes = equations.passes
         self._of: list[_Blocks] = []
         self._ends = np.cumsum([0, *(p.rows.num_unknowns for p in self._passes)])
+        self._gap_ends = np.cumsum([0, *(p.rows.num_values for p in self._passes)])
         self._is_first = equations.system.comm.rank == 0
         self._tools = len(equations.tools)
 
     def take(self, at: State) -> None:
         """Those of an evaluation."""
-        self._of = [_Blocks(p, e) for p, e in zip(self._passes, at.passes, strict=True)]
+        self._of = [
+            (_PointBlocks if isinstance(p.rows, PointConstraints) else _Blocks)(p, e)
+            for p, e in zip(self._passes, at.passes, strict=True)
+        ]
 
     @property
     def scale(self) -> Array:
@@ -67,8 +75,8 @@ class RowBlocks:
 
     @property
     def num_rows(self) -> int:
-        """Rows of multipliers on this rank."""
-        return int(self._ends[-1])
+        """Gaps and slips on this rank."""
+        return int(self._gap_ends[-1])
 
     def matrix_entries(self, first: int) -> Entries:
         """Of S, with global columns.
@@ -77,34 +85,43 @@ class RowBlocks:
             first: Number of this rank's first row.
         """
         parts = []
-        for of, start in zip(self._of, self._ends, strict=False):
+        for of, start in zip(self._of, self._gap_ends, strict=False):
             part = of.entries()
             parts.append(Entries(start + part.row, first + start + part.column, part.value))
         return joined(parts)
 
     def forces(self, m: Array) -> Array:
         """F m."""
-        return self._each(_Blocks.forces, m)
+        return self._each("forces", m, self._ends)
 
     def by_gaps(self, gaps: Array) -> Array:
         """D times gaps and slips."""
-        return self._each(_Blocks.by_gaps, gaps)
+        return self._each("by_gaps", gaps, self._gap_ends)
 
     def by_multipliers(self, m: Array) -> Array:
         """C m. Collective."""
-        return self._each(_Blocks.by_multipliers, m)
+        return self._each("by_multipliers", m, self._ends)
 
     def solve(self, r: Array) -> Array:
         """C_γ⁻¹ r."""
-        return self._each(_Blocks.solve, r)
+        return self._each("solve", r, self._ends)
 
     def condensed(self, gaps: Array) -> Array:
-        """−C_γ⁻¹ D times gaps and slips."""
-        return -self.solve(self.by_gaps(gaps))
+        """−C_γ⁻¹ D times gaps and slips, but for points."""
+        return self._each("condensed", gaps, self._gap_ends)
 
-    def _each(self, function: typing.Callable[[_Blocks, Array], Array], values: Array) -> Array:
-        pairs = zip(self._of, np.split(values, self._ends[1:-1]), strict=True)
-        return np.concatenate([np.zeros(0), *(function(of, part) for of, part in pairs)])
+    def own_forces(self, gaps: Array) -> Array:
+        """F_γ times gaps and slips."""
+        return self._each("own_forces", gaps, self._gap_ends)
+
+    def resisting(self, gaps: Array) -> Array:
+        """S times gaps and slips."""
+        return self.forces(self.condensed(gaps)) + self.own_forces(gaps)
+
+    def _each(self, name: str, values: Array, ends: Indices) -> Array:
+        """Of each pass what its method of this name makes of its part."""
+        pairs = zip(self._of, np.split(values, ends[1:-1]), strict=True)
+        return np.concatenate([np.zeros(0), *(getattr(of, name)(part) for of, part in pairs)])
 
 
 class _Blocks:
@@ -115,22 +132,16 @@ class _Blocks:
         by: Derivative = rows.derivative(at, False)
         normal, tangential = rows.scales(at)
         soft = rows.usual_compliances(at)
-        weight, width = p.gap.weight, rows.width
-        self._shape = p.rows.num_rows, width
-        self._weight: Array = weight
-        self._by_gap: Array = normal[:, None] * by.normal_by_gap
-        self._own: Array = normal[:, None] * by.normal_by_normal
-        self._regular: Array = self._own - (normal * weight * soft[0])[:, None] * _unless(at.held)
+        if isinstance(rows, PointConstraints):
+            soft = np.zeros(0), soft[1]
         #: Whether C_γ is C.
         self.is_condensed = at.held is None and not any(np.any(part) for part in soft)
-        #: What the rows are multiplied with.
-        self.scale: Array = np.repeat(normal, width)
-        self._normal = normal
+        self._take_normal(by, normal, soft[0])
         self._has_slip, self._gdim = by.by_slip is not None, p.gap.slave.gdim
         if by.by_slip is None or by.by_tangential is None or by.by_normal is None:
             return
         assert p.slip is not None
-        gdim = by.by_slip.shape[1]
+        gdim, weight = by.by_slip.shape[1], p.slip.weight
         self.scale = np.concatenate([self.scale, np.repeat(tangential, gdim)])
         scale = tangential[:, None, None]
         self._projector: Array = p.slip.projector * weight[:, None, None]
@@ -140,32 +151,66 @@ class _Blocks:
         softened = (tangential * weight * soft[1])[:, None, None] * np.eye(gdim)
         self._inverse: Array = np.asarray(np.linalg.inv(self._by_tau - softened))
 
+    def _take_normal(self, by: Derivative, normal: Array, soft: Array) -> None:
+        """Take the blocks of the rows of λ."""
+        weight, width = self._p.gap.weight, self._p.rows.width
+        self._weight: Array = weight
+        self._by_gap: Array = normal[:, None] * by.normal_by_gap
+        self._own: Array = normal[:, None] * by.normal_by_normal
+        hard = _unless(self._at.held)
+        self._regular: Array = self._own - (normal * weight * soft)[:, None] * hard
+        #: What the rows are multiplied with.
+        self.scale: Array = np.repeat(normal, width)
+        self._normal = normal
+
+    def _that_may_change(self) -> list[Array]:
+        return [self._by_gap, self._own]
+
     def add_to(self, digest: typing.Any) -> None:
         """Add all that may change."""
-        parts = [self._by_gap, self._own]
+        parts = self._that_may_change()
         if self._has_slip:
             parts += [self._by_slip, self._by_tau, self._by_normal]
         for part in parts:
             digest.update(np.ascontiguousarray(part))
 
-    def _split(self, values: Array) -> tuple[Array, Array]:
-        """Normal and tangential parts; the latter is empty without friction."""
-        end = self._shape[0] * self._shape[1]
-        normal, rest = values[:end].reshape(self._shape), values[end:]
-        return normal, rest.reshape(self._shape[0], self._gdim if self._has_slip else 0)
+    def _split(self, values: Array, count: int | None = None) -> tuple[Array, Array]:
+        """Normal and tangential parts; the latter is empty without friction.
+
+        Args:
+            values: Of the rows.
+            count: Normal ones; by default those of the multipliers.
+        """
+        rows = self._p.rows
+        end = rows.num_multipliers if count is None else count
+        rest, slip = values[end:], self._p.slip
+        num = 0 if slip is None else slip.operator.num_rows
+        normal = values[:end].reshape(end // rows.width, rows.width)
+        return normal, rest.reshape(num, self._gdim if self._has_slip else 0)
+
+    def _split_gaps(self, gaps: Array) -> tuple[Array, Array]:
+        return self._split(gaps, self._p.rows.num_rows * self._p.rows.width)
 
     def _joined(self, normal: Array, tangential: Array | None) -> Array:
         if tangential is None:
             return np.asarray(normal.ravel())
         return np.concatenate([normal.ravel(), tangential.ravel()])
 
+    def _forces_of_slip(self, tangential: Array) -> Array | None:
+        return _times(self._projector, tangential) if self._has_slip else None
+
     def forces(self, m: Array) -> Array:
         normal, tangential = self._split(m)
-        of_slip = _times(self._projector, tangential) if self._has_slip else None
-        return self._joined(self._weight[:, None] * normal, of_slip)
+        return self._joined(self._weight[:, None] * normal, self._forces_of_slip(tangential))
+
+    def own_forces(self, gaps: Array) -> Array:
+        return np.zeros_like(gaps)
+
+    def condensed(self, gaps: Array) -> Array:
+        return -self.solve(self.by_gaps(gaps))
 
     def by_gaps(self, gaps: Array) -> Array:
-        gap, jump = self._split(gaps)
+        gap, jump = self._split_gaps(gaps)
         of_slip = _times(self._by_slip, jump) if self._has_slip else None
         return self._joined(self._by_gap * gap, of_slip)
 
@@ -186,17 +231,19 @@ class _Blocks:
 
     def entries(self) -> Entries:
         """Of S, in the numbers of this pass."""
-        stiffness, (num, width) = self.stiffness(), self._shape
-        normal, end = np.arange(num * width), num * width
+        stiffness, rows = self.stiffness(), self._p.rows
+        end = rows.num_rows * rows.width
+        normal = np.arange(end)
         found = [Entries(normal, normal, np.asarray(stiffness[0][1]).ravel())]
         if self._has_slip:
             block, coupling = stiffness[1][1]
-            gdim = block.shape[1]
+            num, gdim = block.shape[:2]
             own = end + np.arange(num * gdim).reshape(num, gdim)
             row, column = (np.repeat(own[:, :, None], gdim, 2), np.repeat(own[:, None, :], gdim, 1))
             found.append(Entries(row.ravel(), column.ravel(), block.ravel()))
-            beside = np.repeat(normal, gdim)
-            found.append(Entries(own.ravel(), beside, coupling.ravel()))
+            if len(coupling) == len(normal):
+                beside = np.repeat(normal, gdim)
+                found.append(Entries(own.ravel(), beside, coupling.ravel()))
         return joined(found)
 
     def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
@@ -209,6 +256,84 @@ class _Blocks:
             through = -self._projector @ self._inverse
             coupling = _times(through, self._by_normal * ratio)
             found.append((self._p.slip, (through @ self._by_slip, coupling)))
+        return found
+
+
+class _PointBlocks(_Blocks):
+    """Those of a pass whose gaps are of points."""
+
+    def _take_normal(self, by: Derivative, normal: Array, soft: Array) -> None:
+        rows = self._p.rows
+        assert isinstance(rows, PointConstraints)
+        self._rows = rows
+        self._closed: Array = self._p.gap.weight * self._at.active
+        self._areas = rows.areas
+        self.scale = np.full(rows.num_multipliers, rows.gamma)
+        self.is_condensed &= rows.num_multipliers == 0
+        #: Closed points whose pressure is a limit.
+        self._limiting: Array = (self._at.active & (self._at.pressure[:, 0] > 0)).astype(np.float64)
+
+    def _that_may_change(self) -> list[Array]:
+        return [self._closed]
+
+    def _seen(self, normal: Array) -> Array:
+        return self._rows.seen(normal)[:, 0]
+
+    def forces(self, m: Array) -> Array:
+        normal, tangential = self._split(m)
+        return self._joined(self._closed * self._seen(normal), self._forces_of_slip(tangential))
+
+    def own_forces(self, gaps: Array) -> Array:
+        gap, jump = self._split_gaps(gaps)
+        of_slip = np.zeros_like(jump) if self._has_slip else None
+        return self._joined(self._rows.gamma * self._closed[:, None] * gap, of_slip)
+
+    def condensed(self, gaps: Array) -> Array:
+        jump = self._split_gaps(gaps)[1]
+        none = np.zeros(self._rows.num_multipliers)
+        if not self._has_slip:
+            return self._joined(none, None)
+        return self._joined(none, -_times(self._inverse, _times(self._by_slip, jump)))
+
+    def _of_pressures(self, changes: Array) -> Array:
+        """How friction's limit changes with y of the points."""
+        assert self._p.slip is not None
+        pressure = self._p.slip.at_nodes(self._limiting * changes)
+        return np.asarray(self._by_normal * pressure[:, None])
+
+    def by_gaps(self, gaps: Array) -> Array:
+        gap, jump = self._split_gaps(gaps)
+        change = self._rows.gamma * gap[:, 0]
+        normal = self._rows.gathered(self._at.active * change)
+        if not self._has_slip:
+            return self._joined(normal, None)
+        of_slip = _times(self._by_slip, jump) + self._of_pressures(change)
+        return self._joined(normal, of_slip)
+
+    def by_multipliers(self, m: Array) -> Array:
+        normal, tangential = self._split(m)
+        change = self._seen(normal)
+        out = self._rows.gathered((self._at.active - 1.0) * change) - PROXIMAL * self._areas * normal
+        if not self._has_slip:
+            return self._joined(out, None)
+        return self._joined(out, _times(self._by_tau, tangential) + self._of_pressures(change))
+
+    def solve(self, r: Array) -> Array:
+        normal, tangential = self._split(r)
+        out = -normal / self._areas
+        if not self._has_slip:
+            return self._joined(out, None)
+        return self._joined(out, _times(self._inverse, tangential))
+
+    def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
+        gamma = self._rows.gamma
+        found: list[tuple[WeightedGap | Slip, Weights]] = [
+            (self._p.gap, gamma * self._closed[:, None])
+        ]
+        if self._has_slip:
+            assert self._p.slip is not None
+            block = -self._projector @ self._inverse @ self._by_slip
+            found.append((self._p.slip, (block, np.zeros(block.shape[:2]))))
         return found
 
 

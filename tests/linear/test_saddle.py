@@ -21,6 +21,13 @@ KINDS = {
     "tied": {"enforcement": AUGMENTED, "law": qs.Tied()},
     "finite": {"enforcement": AUGMENTED, "friction": qs.Coulomb(0.3), "sliding": "finite"},
     "double-pass": {"formulation": "double-pass", "friction": qs.Coulomb(0.3)},
+    "points": {"constraints": "points", "enforcement": AUGMENTED},
+    "points, friction": {
+        "constraints": "points",
+        "enforcement": AUGMENTED,
+        "friction": qs.Coulomb(0.3),
+    },
+    "soft points": {"constraints": "points", "enforcement": PENALTY, "friction": qs.Tresca(0.01)},
 }
 
 
@@ -61,7 +68,7 @@ def test_by_options(kind, options):
         assert largest(u.x.array - v.x.array) < 1e-7 * largest(u.x.array)
 
 
-@pytest.mark.parametrize("kind", ("friction", "tied", "finite", "double-pass"))
+@pytest.mark.parametrize("kind", ("friction", "tied", "finite", "double-pass", "points, friction", "soft points"))
 def test_product(kind):
     """That of the inexact derivative, its rows scaled to forces."""
     _, problem = scene("triangle", kind, "amg")
