@@ -338,6 +338,10 @@ class SaddlePoint:
         if self._equations.moves:
             self._forget_rows()
             self._rows = ContactRows(*self._factors(blocks), self._curvature(at), blocks)
+        elif self._equations.follows:
+            if self._rows.H is not None:
+                self._rows.H.destroy()
+            self._rows = self._rows._replace(H=self._curvature(at))
         free = system.made.hold.free_motions([e.active for e in at.passes])
         self._condensation.update(self._rows, springs, free)
         self._find_rigid()
@@ -364,7 +368,7 @@ class SaddlePoint:
 
     def _forget_rows(self) -> None:
         """Free L, R and H, unless they are the tangent's. Collective."""
-        for mat in () if self._kept_rows else self._rows[:3]:
+        for mat in (self._rows.H,) if self._kept_rows else self._rows[:3]:
             if mat is not None:
                 mat.destroy()
 

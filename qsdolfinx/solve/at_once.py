@@ -17,7 +17,7 @@ from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.one_newton import NoConvergence, OneNewton
 from qsdolfinx.solve.tool_balance import ToolBalance
-from qsdolfinx.system.equations import Equations, has_equations
+from qsdolfinx.system.equations import Equations
 
 Array = npt.NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class AtOnce:
             self._is_default
             and contacts
             and not newton.linear.is_rescued
-            and all(has_equations(contact) and not _is_papers(contact) for contact in contacts)
+            and not any(map(_is_papers, contacts))
         )
 
     def begin_step(self) -> None:

@@ -48,7 +48,7 @@ from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.solve.unsupported import check_unsupported
 from qsdolfinx.system.blocks import Blocks, Side
 from qsdolfinx.system.body import Body
-from qsdolfinx.system.equations import Equations, check_equations
+from qsdolfinx.system.equations import Equations
 from qsdolfinx.system.matrices import Form
 from qsdolfinx.system.system import ContactSystem
 
@@ -332,8 +332,6 @@ class ContactProblem:
             RuntimeError, ValueError: As :meth:`set_up`; of scalar fields, and of contact with
                 constraints at points.
         """
-        with checked(self.comm):
-            check_equations(self.system.contacts)
         self.set_up()
         if self._equations is not None:
             self._equations.destroy()

@@ -19,13 +19,14 @@ from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import motion, terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.gap.laws import Tied, Unilateral
+from qsdolfinx.gap.laws import Conductance, Tied, Unilateral
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.system.blocks import Blocks
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated, Multipliers
 from qsdolfinx.system.factors import Entries, Number, entries_of, joined
-from qsdolfinx.system.point_matrices import PointMatrices
+from qsdolfinx.system.gap_matrices import GapMatrices
+from qsdolfinx.system.law_rows import AugmentedLawRows, CondensedRows, LawRows
 from qsdolfinx.system.point_rows import PointConstraints
 from qsdolfinx.system.system import ContactSystem
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
@@ -85,22 +86,15 @@ class State(typing.NamedTuple):
     tools: Array
 
 
-def check_equations(contacts: typing.Sequence[ContactModel]) -> None:
-    """Refuse contacts that have no rows in the equations.
-
-    Raises:
-        ValueError: If one is of a scalar field, its constraints are at points, or its law is
-            another one than unilateral contact or a tie.
-    """
-    for contact in contacts:
-        require(not contact.is_scalar, "contacts: equations are of bodies, not of scalar fields")
-        known = type(contact.law) in LAWS
-        require(known, "contacts: equations need law=qs.Unilateral() or qs.Tied(), no other one")
-
-
-def has_equations(contact: ContactModel) -> bool:
-    """Whether a contact has rows in the equations."""
-    return not contact.is_scalar and type(contact.law) in LAWS
+def _rows_of(contact: ContactModel, gap: WeightedGap, slip: Slip | None) -> ConstraintRows:
+    """Constraints of a pass."""
+    if isinstance(contact.law, Conductance):
+        return LawRows(contact, gap, slip)
+    if gap.rows.are_points:
+        return PointConstraints(contact, gap, slip)
+    if type(contact.law) in LAWS:
+        return ConstraintRows(contact, gap, slip)
+    return (AugmentedLawRows if contact.augmented else LawRows)(contact, gap, slip)
 
 
 class Equations:
@@ -147,8 +141,7 @@ class Equations:
             for j, gap in enumerate(contact.gaps):
                 slip = contact.slips[j] if contact.slips else None
                 bodies = side if gap.slave is contact.slave else side[::-1]
-                kind = PointConstraints if gap.rows.are_points else ConstraintRows
-                rows = kind(contact, gap, slip)
+                rows = _rows_of(contact, gap, slip)
                 self.passes.append(Pass(contact, bodies, rows, tool))
         self._starts = [tool.displacement.copy() for tool in self.tools]
         self.one_step: typing.Callable[[], contextlib.AbstractContextManager[None]] = (
@@ -161,7 +154,7 @@ class Equations:
         self._matrix: PETSc.Mat | None = None
         self._pattern: tuple[Indices, Indices] | None = None
         self._at: State | None = None
-        self._of_points: dict[ConstraintRows, PointMatrices] = {}
+        self._of_gaps: dict[ConstraintRows, GapMatrices] = {}
 
     def _number_of(self, contact: ContactModel) -> int | None:
         """Number of the driven tool of a contact, added if it is new."""
@@ -382,6 +375,12 @@ class Equations:
             body.force.zeroEntries()
         for p, e in zip(self.passes, passes, strict=True):
             self._add_forces(p, e)
+        for contact, (first_body, second) in zip(system.contacts, system.sides, strict=True):
+            if contact.friction_heat is not None:
+                bodies, other = system.bodies, None
+                if second is not None:
+                    other = bodies[second].force
+                contact.friction_heat.add_to((bodies[first_body].force, other))
         forces = np.concatenate([body.force.array_r for body in system.bodies])
         tools = self._on_tools(passes)
         at = State(z.copy(), np.concatenate(bulk), forces, passes, tools)
@@ -568,33 +567,41 @@ class Equations:
         return found
 
     def curvature(self, at: State) -> dict[tuple[int, int], PETSc.Mat]:
-        """The same as new AIJ matrices for pairs of bodies; none without such gaps. Collective."""
-        if not self.follows:
-            return {}
+        """The same as new AIJ matrices for pairs of bodies; none without such gaps. Collective.
+
+        And what conductances add as they change.
+        """
         bodies = self.system.bodies
-        blocks = {}
-        for p in self.passes:
-            if p.gap.following is None:
-                continue
-            s, m = p.bodies
-            assert s is not None
+        blocks: dict[tuple[int, int], PETSc.Mat] = {}
+
+        def given(s: int, m: int | None) -> list[PETSc.Mat | None]:
             of = [(s, s), (s, m), (m, s), (m, m)]
             for i, j in of:
                 if i is not None and j is not None and (i, j) not in blocks:
                     blocks[i, j] = _any_entries(bodies[i].num_owned, bodies[j].num_owned, self)
-            given = [blocks.get((i, j)) for i, j in of]  # type: ignore[arg-type]
-            e = at.passes[self.passes.index(p)]
-            p.gap.add_curvature(e.multipliers.normal, given)
+            return [blocks.get((i, j)) for i, j in of]  # type: ignore[arg-type]
+
+        for p, e in zip(self.passes, at.passes, strict=True):
+            if p.gap.following is None:
+                continue
+            s, m = p.bodies
+            assert s is not None
+            p.gap.add_curvature(e.pressure, given(s, m))
             if p.slip is not None and e.multipliers.tangential is not None:
-                p.gap.add_slip_curvature(p.slip.tangential(e.multipliers.tangential), given)
+                p.gap.add_slip_curvature(p.slip.tangential(e.multipliers.tangential), given(s, m))
+        for contact, sides in zip(self.system.contacts, self.system.sides, strict=True):
+            if contact.coupling is not None:
+                ss, sm, ms, mm = given(*sides)
+                contact.coupling.add_to((ss, sm, ms, mm), False)
         for mat in blocks.values():
             mat.assemble()
         return blocks
 
     @property
     def follows(self) -> bool:
-        """Whether there are gaps that follow the bodies."""
-        return any(p.gap.following is not None for p in self.passes)
+        """Whether forces change with multipliers held."""
+        coupled = any(contact.coupling is not None for contact in self.system.contacts)
+        return coupled or any(p.gap.following is not None for p in self.passes)
 
     @property
     def moves(self) -> bool:
@@ -645,7 +652,7 @@ class Equations:
         first = int(self._first[rank, len(self.system.bodies) + i])
         by = rows.derivative(at, exact)
         own = first + np.arange(rows.num_multipliers)
-        if isinstance(rows, PointConstraints):
+        if isinstance(rows, CondensedRows):
             found = [self._matrices(p, rows, own).normal(at)]
             if not exact:
                 found.append(Entries(own, own, rows.softened(at)[: len(own)]))
@@ -666,19 +673,24 @@ class Equations:
             found += self._of_slip(p, at, by, own)
         return found
 
-    def _matrices(self, p: Pass, rows: PointConstraints, own: Indices) -> PointMatrices:
-        """Derivatives at points, which stay while contact does not pair anew. Collective."""
-        if p.rows not in self._of_points:
+    def _matrices(self, p: Pass, rows: CondensedRows, own: Indices) -> GapMatrices:
+        """Derivatives that stay while gaps are linear and contact does not pair anew.
+
+        Collective.
+        """
+        if not p.gap.is_linear and p.rows in self._of_gaps:
+            self._of_gaps.pop(p.rows).destroy()
+        if p.rows not in self._of_gaps:
             gaps = []
             for scaled in (False, True):
                 found = [self._entries(p.gap.operator, p, 0, scaled)]
                 if p.tool is not None:
-                    row = np.arange(rows.num_rows)
+                    row = np.arange(rows.num_rows * rows.width)
                     tool = np.full(len(row), self._first[0, -2] + p.tool)
                     found.append(Entries(row, tool, self.changes(p)[0].ravel()))
                 gaps.append(joined(found))
-            self._of_points[p.rows] = PointMatrices(rows, *gaps, own, self.num_local)
-        return self._of_points[p.rows]
+            self._of_gaps[p.rows] = GapMatrices(rows, *gaps, own, self.num_local)
+        return self._of_gaps[p.rows]
 
     def _with_tool(
         self, p: Pass, own: Indices, weight: Array, by_gap: Array, change: Array
@@ -729,7 +741,7 @@ class Equations:
     ) -> list[Entries]:
         """Entries of τ that its limit has by pressures. Collective."""
         num, gdim = own.shape
-        if not isinstance(p.rows, PointConstraints):
+        if not isinstance(p.rows, CondensedRows):
             pressure = np.repeat(normal[:, None], gdim, axis=1)
             return [Entries(own.ravel(), pressure.ravel(), by.by_normal.ravel())]
         assert p.slip is not None
@@ -781,9 +793,9 @@ class Equations:
         if self._matrix is not None:
             self._matrix.destroy()
             self._matrix = None
-        for matrices in self._of_points.values():
+        for matrices in self._of_gaps.values():
             matrices.destroy()
-        self._of_points = {}
+        self._of_gaps = {}
 
 
 def _any_entries(rows: int, columns: int, equations: Equations) -> PETSc.Mat:

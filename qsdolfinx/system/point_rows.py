@@ -7,12 +7,15 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.laws import Unilateral
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated, Multipliers
+from qsdolfinx.system.constraint_rows import Evaluated, Multipliers
+from qsdolfinx.system.law_rows import CondensedRows
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -28,7 +31,7 @@ PROXIMAL = 1e-8
 MOST = 0.5
 
 
-class PointConstraints(ConstraintRows):
+class PointConstraints(CondensedRows):
     """Rows of λ and τ of a pass whose gaps are those of points.
 
     With λ_h = Σ_k N_k λ_k, γ the penalty, and w_p the weights of the points,
@@ -36,7 +39,7 @@ class PointConstraints(ConstraintRows):
         y_p = λ_h + γ g_p,   p_p = [y_p]₊,   (R_λ)_k = Σ_p w_p N_k (p_p − λ_h)/γ,
 
     and forces are Σ_p w_p p_p ∂g_p/∂u: the derivatives of Φ = Σ_p w_p/(2γ) ([y_p]₊² − λ_h²). Without
-    multipliers, of a penalty, y_p = ε g_p. A node has a multiplier for each of its smooth sides;
+    multipliers, of a penalty, y_p = ε g_p. A user's law has p_p = φ'(y_p/γ). A node has a multiplier for each of its smooth sides;
     what conditions hold on both sides or points hardly cover has the mean of its neighbours, λ = E
     λ_free, and R_λ is of λ_free. Friction is at nodes, its pressure the mean of p_p.
 
@@ -53,6 +56,7 @@ class PointConstraints(ConstraintRows):
         self._share = gap.share
         #: Σ_p w_p N_k of owned nodes, shape (nodes,).
         self.cover: Array = gap.rows.cover
+        self._is_unilateral = type(gap.law) is Unilateral
         #: γ, stress per length.
         self.gamma = float(model.eps)
         covered = self._points.covered
@@ -120,6 +124,8 @@ class PointConstraints(ConstraintRows):
         """Gaps and y of the points, and which are closed. Collective."""
         gap = self.gap.state.values
         trial = self.seen(at.normal) + self.gamma * gap
+        if not self._is_unilateral:
+            return gap, trial, self._slope(trial) > 0
         active = trial[:, 0] > 0
         if first:
             active |= trial[:, 0] >= -self.gamma * self.model.paired.touching
@@ -144,12 +150,17 @@ class PointConstraints(ConstraintRows):
         return np.asarray(active | (trial >= level))
 
     def _pressure(self, at: Multipliers, trial: Array, active: Flags) -> Array:
-        """P of the points, (points, 1); what is closed for once may pull."""
+        """P of the points, (points, 1); what is closed for once may pull. Collective."""
+        if not self._is_unilateral:
+            with collective_errors(self.model.comm):  # it is the user's
+                trial = self.gap.law.multiplier(trial / self.gamma, self._eps)
         return np.where(active[:, None], trial, 0.0)
 
-    def _means(self, at: Multipliers) -> tuple[None, None]:
-        """None: multipliers that are no unknowns have no rows."""
-        return None, None
+    def _slope(self, trial: Array) -> Array:
+        """φ'' of the user's law (stress per length), (points,). Collective."""
+        with collective_errors(self.model.comm):
+            touching = self.model.paired.touching
+            return self.gap.law.slope(trial / self.gamma, self._eps, touching)
 
     def _normal_residual(self, at: Evaluated) -> Array:
         """R_λ. Collective."""
@@ -184,9 +195,11 @@ class PointConstraints(ConstraintRows):
 
     # --- Derivative
 
-    def _normal_derivative(self, at: Evaluated, exact: bool) -> tuple[Array, Array]:
-        """None: see ``PointMatrices``."""
-        return np.zeros((0, 1)), np.zeros((0, 1))
+    def stiffness(self, at: Evaluated) -> Array:
+        """γ where points are closed. Collective."""
+        if not self._is_unilateral:
+            return np.where(at.active, self._slope(at.trial), 0.0)[:, None]
+        return np.asarray(self.gamma * at.active[:, None])
 
     def _normal_softened(self, at: Evaluated) -> Array:
         return np.asarray((-PROXIMAL / self.gamma * self.areas).ravel())

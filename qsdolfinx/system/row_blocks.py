@@ -14,7 +14,8 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.constraint_rows import Derivative, Evaluated
 from qsdolfinx.system.equations import Equations, Pass, State
 from qsdolfinx.system.factors import Entries, joined
-from qsdolfinx.system.point_rows import PROXIMAL, PointConstraints
+from qsdolfinx.system.law_rows import CondensedRows
+from qsdolfinx.system.point_rows import PROXIMAL
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -46,7 +47,7 @@ class RowBlocks:
     def take(self, at: State) -> None:
         """Those of an evaluation."""
         self._of = [
-            (_PointBlocks if isinstance(p.rows, PointConstraints) else _Blocks)(p, e)
+            (_CondensedBlocks if isinstance(p.rows, CondensedRows) else _Blocks)(p, e)
             for p, e in zip(self._passes, at.passes, strict=True)
         ]
 
@@ -132,7 +133,7 @@ class _Blocks:
         by: Derivative = rows.derivative(at, False)
         normal, tangential = rows.scales(at)
         soft = rows.usual_compliances(at)
-        if isinstance(rows, PointConstraints):
+        if isinstance(rows, CondensedRows):
             soft = np.zeros(0), soft[1]
         #: Whether C_γ is C.
         self.is_condensed = at.held is None and not any(np.any(part) for part in soft)
@@ -259,34 +260,34 @@ class _Blocks:
         return found
 
 
-class _PointBlocks(_Blocks):
-    """Those of a pass whose gaps are of points."""
+class _CondensedBlocks(_Blocks):
+    """Those of a pass whose gaps make forces themselves."""
 
     def _take_normal(self, by: Derivative, normal: Array, soft: Array) -> None:
-        rows = self._p.rows
-        assert isinstance(rows, PointConstraints)
+        rows, at = self._p.rows, self._at
+        assert isinstance(rows, CondensedRows)
         self._rows = rows
-        self._closed: Array = self._p.gap.weight * self._at.active
+        stiffness = rows.stiffness(at)
+        #: Forces of gaps, and of what rows see of multipliers.
+        self._own: Array = self._p.gap.weight[:, None] * stiffness
         self._areas = rows.areas
         self.scale = np.full(rows.num_multipliers, rows.gamma)
         self.is_condensed &= rows.num_multipliers == 0
-        #: Closed points whose pressure is a limit.
-        self._limiting: Array = (self._at.active & (self._at.pressure[:, 0] > 0)).astype(np.float64)
+        #: How friction's limit changes with y of rows.
+        self._limiting: Array = np.where(at.pressure[:, 0] > 0, stiffness[:, 0] / rows.gamma, 0.0)
+        self._closed: Array = stiffness[:, 0] / rows.gamma
 
     def _that_may_change(self) -> list[Array]:
-        return [self._closed]
-
-    def _seen(self, normal: Array) -> Array:
-        return self._rows.seen(normal)[:, 0]
+        return [self._own]
 
     def forces(self, m: Array) -> Array:
         normal, tangential = self._split(m)
-        return self._joined(self._closed * self._seen(normal), self._forces_of_slip(tangential))
+        pushing = self._own / self._rows.gamma * self._rows.seen(normal)
+        return self._joined(pushing, self._forces_of_slip(tangential))
 
     def own_forces(self, gaps: Array) -> Array:
         gap, jump = self._split_gaps(gaps)
-        of_slip = np.zeros_like(jump) if self._has_slip else None
-        return self._joined(self._rows.gamma * self._closed[:, None] * gap, of_slip)
+        return self._joined(self._own * gap, np.zeros_like(jump) if self._has_slip else None)
 
     def condensed(self, gaps: Array) -> Array:
         jump = self._split_gaps(gaps)[1]
@@ -296,7 +297,7 @@ class _PointBlocks(_Blocks):
         return self._joined(none, -_times(self._inverse, _times(self._by_slip, jump)))
 
     def _of_pressures(self, changes: Array) -> Array:
-        """How friction's limit changes with y of the points."""
+        """How friction's limit changes with y of the rows."""
         assert self._p.slip is not None
         pressure = self._p.slip.at_nodes(self._limiting * changes)
         return np.asarray(self._by_normal * pressure[:, None])
@@ -304,7 +305,7 @@ class _PointBlocks(_Blocks):
     def by_gaps(self, gaps: Array) -> Array:
         gap, jump = self._split_gaps(gaps)
         change = self._rows.gamma * gap[:, 0]
-        normal = self._rows.gathered(self._at.active * change)
+        normal = self._rows.gathered(self._closed * change)
         if not self._has_slip:
             return self._joined(normal, None)
         of_slip = _times(self._by_slip, jump) + self._of_pressures(change)
@@ -312,8 +313,8 @@ class _PointBlocks(_Blocks):
 
     def by_multipliers(self, m: Array) -> Array:
         normal, tangential = self._split(m)
-        change = self._seen(normal)
-        out = self._rows.gathered((self._at.active - 1.0) * change) - PROXIMAL * self._areas * normal
+        change = self._rows.seen(normal)[:, 0]
+        out = self._rows.gathered((self._closed - 1.0) * change) - PROXIMAL * self._areas * normal
         if not self._has_slip:
             return self._joined(out, None)
         return self._joined(out, _times(self._by_tau, tangential) + self._of_pressures(change))
@@ -326,10 +327,7 @@ class _PointBlocks(_Blocks):
         return self._joined(out, _times(self._inverse, tangential))
 
     def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
-        gamma = self._rows.gamma
-        found: list[tuple[WeightedGap | Slip, Weights]] = [
-            (self._p.gap, gamma * self._closed[:, None])
-        ]
+        found: list[tuple[WeightedGap | Slip, Weights]] = [(self._p.gap, self._own)]
         if self._has_slip:
             assert self._p.slip is not None
             block = -self._projector @ self._inverse @ self._by_slip

@@ -1,4 +1,4 @@
-"""Derivatives of constraints at points, by all unknowns of the equations."""
+"""Derivatives of forces that gaps make themselves, by all unknowns of the equations."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ import numpy.typing as npt
 
 from qsdolfinx.system.constraint_rows import Evaluated
 from qsdolfinx.system.factors import Entries
+from qsdolfinx.system.law_rows import CondensedRows
 from qsdolfinx.system.point_rows import PointConstraints
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 
-class PointMatrices:
-    """B = γ G + N, rows being the points of a pass, columns all unknowns of the equations.
+class GapMatrices:
+    """B = γ G + N, rows being those of the gaps, columns all unknowns of the equations.
 
-    B z is y but for a constant. Of the potential Σ_p w_p/(2γ) ([y_p]₊² − λ_h²) the second
-    derivative is Bᵀ W/γ χ B − Nᵀ W/γ N, χ being 1 at closed points. Collective.
+    B z is y but for a constant at points, and the gap itself of a law without multipliers. Of the
+    potential Σ_p w_p/(2γ) ([y_p]₊² − λ_h²) the second derivative is Bᵀ W/γ χ B − Nᵀ W/γ N, χ being
+    1 at closed points; of Σ_k S_k φ(ḡ_k) it is Gᵀ S φ'' G. Collective.
 
     Args:
         rows: The constraints.
@@ -33,30 +35,31 @@ class PointMatrices:
 
     def __init__(
         self,
-        rows: PointConstraints,
+        rows: CondensedRows,
         by_gap: Entries,
         by_unknowns: Entries,
         numbers: Indices,
         num_local: int,
     ) -> None:
         self._rows, self._comm, self._num = rows, rows.model.comm, num_local
-        self._functions = self._of_nodes(numbers)
-        self._left, self._right = (
-            self._sum(entries) for entries in (by_gap, by_unknowns)
-        )
+        self._functions: PETSc.Mat | None = None
+        if isinstance(rows, PointConstraints) and rows.model.augmented:
+            self._functions = self._of_nodes(rows, numbers)
+        self._left, self._right = (self._sum(entries) for entries in (by_gap, by_unknowns))
         self._pressures: PETSc.Mat | None = None
 
     def _sum(self, gaps: Entries) -> PETSc.Mat:
         """γ G + N."""
-        mat = gaps._replace(value=self._rows.gamma * gaps.value).matrix(
-            self._rows.num_rows, self._num, self._comm
-        )
-        mat.axpy(1.0, self._functions, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        rows = self._rows
+        scaled = gaps._replace(value=rows.gamma * gaps.value)
+        mat = scaled.matrix(rows.num_rows * rows.width, self._num, self._comm)
+        if self._functions is not None:
+            mat.axpy(1.0, self._functions, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         return mat
 
-    def _of_nodes(self, numbers: Indices) -> PETSc.Mat:
+    def _of_nodes(self, rows: PointConstraints, numbers: Indices) -> PETSc.Mat:
         """N E by the unknowns λ."""
-        rows, slave = self._rows, self._rows.gap.slave
+        slave = rows.gap.slave
         sides = self._of_sides()
         vec = slave.create_vec()
         num_sides, first = vec.getLocalSize(), vec.owner_range[0]
@@ -96,11 +99,13 @@ class PointMatrices:
         return Entries(row, unknowns, values).matrix(rows.num_rows, num_sides, self._comm)
 
     def normal(self, at: Evaluated) -> Entries:
-        """Second derivative of the potential, of this rank's rows of all. Collective."""
-        weight = self._rows.gap.weight / self._rows.gamma
-        found = [_product(self._left, at.active * weight, self._right)]
-        if self._rows.model.augmented:
-            found.append(_product(self._functions, -weight, self._functions))
+        """Derivative of the forces, and of R_λ, of this rank's rows of all. Collective."""
+        rows = self._rows
+        weight = rows.gap.weight[:, None] / rows.gamma**2
+        found = [_product(self._left, (weight * rows.stiffness(at)).ravel(), self._right)]
+        if self._functions is not None:
+            weight = -rows.gap.weight / rows.gamma
+            found.append(_product(self._functions, weight, self._functions))
         return Entries(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
     def pressures(self, at: Evaluated) -> Entries:
@@ -112,8 +117,8 @@ class PointMatrices:
         assert slip is not None
         if self._pressures is None:
             self._pressures = self._means()
-        positive = at.active & (at.pressure[:, 0] > 0)
-        found = _product(self._pressures, positive.astype(np.float64), self._right)
+        slope = rows.stiffness(at)[:, 0] / rows.gamma
+        found = _product(self._pressures, np.where(at.pressure[:, 0] > 0, slope, 0.0), self._right)
         first = self._pressures.getOwnershipRangeColumn()[0]
         return found._replace(row=found.row - first)
 
@@ -121,6 +126,14 @@ class PointMatrices:
         """Weights of the points in the means at the rows of the slip, transposed."""
         rows, slip = self._rows, self._rows.slip
         assert slip is not None
+        if not isinstance(rows, PointConstraints):
+            own = np.arange(rows.num_rows, dtype=np.int64)
+            vec = PETSc.Vec().createMPI((rows.num_rows, PETSc.DETERMINE), comm=self._comm)
+            first = vec.owner_range[0]
+            vec.destroy()
+            return Entries(own, first + own, np.ones(len(own))).matrix(
+                len(own), len(own), self._comm
+            )
         sides, slave = self._of_sides(), rows.gap.slave
         vec = slave.create_vec()
         num_sides, first = vec.getLocalSize(), vec.owner_range[0]
