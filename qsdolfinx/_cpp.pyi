@@ -92,7 +92,7 @@ class GapOperator:
         numpy.typing.NDArray[numpy.int64],
         numpy.typing.NDArray[numpy.float64],
     ]:
-        """N_k at points: first entry of each row, unknowns of sides of nodes, and values."""
+        """N_k at points: first entry of each row, [row + 1]; unknowns that stand for a side of a node, and values, [entry]."""
 
     def at_points(self, nodal: int) -> numpy.typing.NDArray[numpy.float64]:
         """Values at the points of a field on the slave, a component for each side; collective."""

@@ -335,7 +335,10 @@ class PointRows(Rows):
         if known is not None:
             held, clamped = held | known.held, clamped | known.clamped
         there = self.covered
-        places, every = [self.slave.node_dofs, self._corners[:, :, None]], slice(0, self.slave.block)
+        places, every = (
+            [self.slave.node_dofs, self._corners[:, :, None]],
+            slice(0, self.slave.block),
+        )
         return Extension(self.slave, [every], places, held & there, clamped & there, ~there)
 
     def project(self, values: Array, extension: Extension | None) -> Array:

@@ -36,8 +36,9 @@ class SaddlePoint:
     """Solves [K, Lᵀ F; D R, C] [du; dm] = −[R_u; R_m], m being multipliers, F, D and C of few rows.
 
     L and R have the gaps and slips of all rows as functions of the bodies' unknowns; F, D and C are
-    blocks of the rows of a node, see :class:`RowBlocks`; at points gaps add to forces, K + Lᵀ F_γ R. GMRES is preconditioned with factors of
-    the matrix in which closed rows have the compliance of a penalty, C_γ: with S = −F C_γ⁻¹ D
+    blocks of the rows of a node, see :class:`RowBlocks`; at points gaps add to forces, and K is
+    K + Lᵀ F_γ R. GMRES is preconditioned with factors of the matrix in which closed rows have the
+    compliance of a penalty, C_γ: with S = −F C_γ⁻¹ D
 
         [I, 0; D R V, I]⁻¹ · diag(V, C_γ)⁻¹ · [I, Lᵀ F C_γ⁻¹; 0, I]⁻¹,   V ≈ (K + Lᵀ S R)⁻¹.
 

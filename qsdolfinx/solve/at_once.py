@@ -58,7 +58,7 @@ class AtOnce:
             self._is_default
             and contacts
             and not newton.linear.is_rescued
-            and not any(map(_is_papers, contacts))
+            and not any(_is_papers(contact) or _is_coupled(contact) for contact in contacts)
         )
 
     def begin_step(self) -> None:
@@ -153,6 +153,12 @@ class AtOnce:
         x = equations.unknowns_of(self._start)
         none = np.zeros(len(equations.tools))
         return equations.join(x, equations.multipliers(z), none)
+
+
+def _is_coupled(contact: ContactModel) -> bool:
+    """Whether conductances change with multipliers that are unknowns."""
+    mechanics = contact.mechanics
+    return contact.with_bodies and mechanics is not None and mechanics.of.augmented
 
 
 def _is_papers(contact: ContactModel) -> bool:

@@ -681,7 +681,7 @@ class Equations:
         if not p.gap.is_linear and p.rows in self._of_gaps:
             self._of_gaps.pop(p.rows).destroy()
         if p.rows not in self._of_gaps:
-            gaps = []
+            gaps: list[Entries] = []
             for scaled in (False, True):
                 found = [self._entries(p.gap.operator, p, 0, scaled)]
                 if p.tool is not None:
@@ -689,7 +689,8 @@ class Equations:
                     tool = np.full(len(row), self._first[0, -2] + p.tool)
                     found.append(Entries(row, tool, self.changes(p)[0].ravel()))
                 gaps.append(joined(found))
-            self._of_gaps[p.rows] = GapMatrices(rows, *gaps, own, self.num_local)
+            left, right = gaps
+            self._of_gaps[p.rows] = GapMatrices(rows, left, right, own, self.num_local)
         return self._of_gaps[p.rows]
 
     def _with_tool(
@@ -740,7 +741,7 @@ class Equations:
         self, p: Pass, at: Evaluated, by: typing.Any, normal: Indices, own: Indices
     ) -> list[Entries]:
         """Entries of τ that its limit has by pressures. Collective."""
-        num, gdim = own.shape
+        gdim = own.shape[1]
         if not isinstance(p.rows, CondensedRows):
             pressure = np.repeat(normal[:, None], gdim, axis=1)
             return [Entries(own.ravel(), pressure.ravel(), by.by_normal.ravel())]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import typing
-
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.surface.surface import Surface
 from qsdolfinx.system.constraint_rows import Evaluated
 from qsdolfinx.system.factors import Entries
 from qsdolfinx.system.law_rows import CondensedRows
@@ -61,22 +62,17 @@ class GapMatrices:
         """N E by the unknowns λ."""
         slave = rows.gap.slave
         sides = self._of_sides()
-        vec = slave.create_vec()
-        num_sides, first = vec.getLocalSize(), vec.owner_range[0]
-        vec.destroy()
+        num_sides, first = _layout(slave)
         dofs = slave.node_dofs[rows.free] - first
         free = Entries(dofs, numbers, np.ones(len(dofs))).matrix(num_sides, self._num, self._comm)
         if rows.extension is not None:
             at = slave.node_dofs
             row, column, value = rows.extension.entries(at, np.ones(at.shape))
-            # Some are of rows of other ranks.
             means = PETSc.Mat().create(comm=self._comm)
             means.setSizes(((num_sides, PETSc.DETERMINE),) * 2)
             means.setType(PETSc.Mat.Type.AIJ)
-            means.setUp()
-            for r, c, v in zip(row, column, value, strict=True):
-                means.setValue(int(r), int(c), float(v), PETSc.InsertMode.ADD_VALUES)
-            means.assemble()
+            _cpp.set_places(means.handle, row, column)  # some are of rows of other ranks
+            _cpp.set_values(means.handle, value)
             first_means = means.matMult(free)
             second = means.matMult(first_means)
             for part in (first_means, second):
@@ -92,9 +88,7 @@ class GapMatrices:
         """N by the unknowns of the slave that stand for sides of nodes."""
         rows = self._rows
         offset, unknowns, values = rows.gap.operator.functions
-        vec = rows.gap.slave.create_vec()
-        num_sides = vec.getLocalSize()
-        vec.destroy()
+        num_sides = _layout(rows.gap.slave)[0]
         row = np.repeat(np.arange(rows.num_rows, dtype=np.int64), np.diff(offset))
         return Entries(row, unknowns, values).matrix(rows.num_rows, num_sides, self._comm)
 
@@ -104,8 +98,8 @@ class GapMatrices:
         weight = rows.gap.weight[:, None] / rows.gamma**2
         found = [_product(self._left, (weight * rows.stiffness(at)).ravel(), self._right)]
         if self._functions is not None:
-            weight = -rows.gap.weight / rows.gamma
-            found.append(_product(self._functions, weight, self._functions))
+            of_nodes = np.asarray(-rows.gap.weight / rows.gamma)
+            found.append(_product(self._functions, of_nodes, self._functions))
         return Entries(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
     def pressures(self, at: Evaluated) -> Entries:
@@ -123,35 +117,26 @@ class GapMatrices:
         return found._replace(row=found.row - first)
 
     def _means(self) -> PETSc.Mat:
-        """Weights of the points in the means at the rows of the slip, transposed."""
+        """Weights of the rows in the means at the rows of the slip, transposed."""
         rows, slip = self._rows, self._rows.slip
         assert slip is not None
-        if not isinstance(rows, PointConstraints):
-            own = np.arange(rows.num_rows, dtype=np.int64)
-            vec = PETSc.Vec().createMPI((rows.num_rows, PETSc.DETERMINE), comm=self._comm)
-            first = vec.owner_range[0]
-            vec.destroy()
-            return Entries(own, first + own, np.ones(len(own))).matrix(
-                len(own), len(own), self._comm
-            )
-        sides, slave = self._of_sides(), rows.gap.slave
-        vec = slave.create_vec()
-        num_sides, first = vec.getLocalSize(), vec.owner_range[0]
-        vec.destroy()
         num = slip.operator.num_rows
-        block = slave.block
+        start = _first(num, self._comm)
+        own = start + np.arange(num, dtype=np.int64)
+        if not isinstance(rows, PointConstraints):
+            return Entries(np.arange(num), own, np.ones(num)).matrix(num, num, self._comm)
+        sides, slave = self._of_sides(), rows.gap.slave
+        num_sides, first = _layout(slave)
         dofs = slave.node_dofs[slip.row_node] - first
-        own = PETSc.Vec().createMPI((num, PETSc.DETERMINE), comm=self._comm)
-        start = own.owner_range[0]
-        own.destroy()
         cover = rows.cover[slip.row_node]
-        column = np.repeat(start + np.arange(num, dtype=np.int64), block)
-        value = np.repeat(np.divide(1.0, cover, out=np.zeros(num), where=cover > 0), block)
-        to_rows = Entries(dofs.ravel(), column, value).matrix(num_sides, num, self._comm)
+        share = np.divide(1.0, cover, out=np.zeros(num), where=cover > 0)
+        columns, values = (np.repeat(x, slave.block) for x in (own, share))
+        to_rows = Entries(dofs.ravel(), columns, values).matrix(num_sides, num, self._comm)
         out = sides.matMult(to_rows)
-        out.diagonalScale(_vec(out, rows.gap.operator.row_area), None)
-        for mat in (sides, to_rows):
-            mat.destroy()
+        area = _vec(out, rows.gap.operator.row_area)
+        out.diagonalScale(area, None)
+        for thing in (sides, to_rows, area):
+            thing.destroy()
         return out
 
     def destroy(self) -> None:
@@ -159,6 +144,19 @@ class GapMatrices:
         for mat in (self._left, self._right, self._functions, self._pressures):
             if mat is not None:
                 mat.destroy()
+
+
+def _layout(slave: Surface) -> tuple[int, int]:
+    """Unknowns of the slave's body on this rank, and the first of them."""
+    vec = slave.create_vec()
+    out = vec.getLocalSize(), vec.owner_range[0]
+    vec.destroy()
+    return out
+
+
+def _first(num: int, comm: MPI.Intracomm) -> int:
+    """Number of the first of this rank's. Collective."""
+    return int(comm.scan(num, op=MPI.SUM)) - num
 
 
 def _vec(mat: PETSc.Mat, values: Array) -> PETSc.Vec:

@@ -137,9 +137,7 @@ class AugmentedLawRows(ConstraintRows):
     def _slope(self, normal: Array) -> Array:
         """φ'' there, (rows,). Collective."""
         with collective_errors(self.model.comm):  # it is the user's
-            return self.gap.law.slope(
-                self._shifted(normal), self._c, self.model.paired.touching
-            )
+            return self.gap.law.slope(self._shifted(normal), self._c, self.model.paired.touching)
 
     def _normal(self, at: Multipliers, first: bool) -> tuple[Array, Array, Flags]:
         """Gaps, φ' and where that changes with the gap. Collective."""

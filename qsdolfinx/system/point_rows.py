@@ -38,10 +38,11 @@ class PointConstraints(CondensedRows):
 
         y_p = λ_h + γ g_p,   p_p = [y_p]₊,   (R_λ)_k = Σ_p w_p N_k (p_p − λ_h)/γ,
 
-    and forces are Σ_p w_p p_p ∂g_p/∂u: the derivatives of Φ = Σ_p w_p/(2γ) ([y_p]₊² − λ_h²). Without
-    multipliers, of a penalty, y_p = ε g_p. A user's law has p_p = φ'(y_p/γ). A node has a multiplier for each of its smooth sides;
-    what conditions hold on both sides or points hardly cover has the mean of its neighbours, λ = E
-    λ_free, and R_λ is of λ_free. Friction is at nodes, its pressure the mean of p_p.
+    and forces are Σ_p w_p p_p ∂g_p/∂u: the derivatives of Σ_p w_p/(2γ) ([y_p]₊² − λ_h²). Without
+    multipliers, of a penalty, y_p = ε g_p. A user's law has p_p = φ'(y_p/γ). A node has a
+    multiplier for each of its smooth sides; what conditions hold on both sides or points hardly
+    cover has the mean of its neighbours, λ = E λ_free, and R_λ is of λ_free. Friction is at nodes,
+    its pressure the mean of p_p.
 
     Args:
         model: The contact.
@@ -58,7 +59,7 @@ class PointConstraints(CondensedRows):
         self.cover: Array = gap.rows.cover
         self._is_unilateral = type(gap.law) is Unilateral
         #: γ, stress per length.
-        self.gamma = float(model.eps)
+        self.gamma = model.eps
         covered = self._points.covered
         #: E; None where λ_free is all of λ.
         self.extension: Extension | None = self._extended(gap.extension)
@@ -80,7 +81,8 @@ class PointConstraints(CondensedRows):
         found = points.extension(hardly, hardly, held)
         if found is None or found is held:
             return held
-        return points.extension(*2 * [hardly & found.filled], held)
+        hardly = hardly & found.filled
+        return points.extension(hardly, hardly, held)
 
     @property
     def num_multipliers(self) -> int:
@@ -153,19 +155,21 @@ class PointConstraints(CondensedRows):
         """P of the points, (points, 1); what is closed for once may pull. Collective."""
         if not self._is_unilateral:
             with collective_errors(self.model.comm):  # it is the user's
-                trial = self.gap.law.multiplier(trial / self.gamma, self._eps)
+                shifted = np.asarray(trial / self.gamma, dtype=np.float64)
+                trial = self.gap.law.multiplier(shifted, self._eps)
         return np.where(active[:, None], trial, 0.0)
 
     def _slope(self, trial: Array) -> Array:
         """φ'' of the user's law (stress per length), (points,). Collective."""
         with collective_errors(self.model.comm):
             touching = self.model.paired.touching
-            return self.gap.law.slope(trial / self.gamma, self._eps, touching)
+            shifted = np.asarray(trial / self.gamma, dtype=np.float64)
+            return self.gap.law.slope(shifted, self._eps, touching)
 
     def _normal_residual(self, at: Evaluated) -> Array:
         """R_λ. Collective."""
         change = at.pressure - self.seen(at.multipliers.normal)
-        return self.gathered(change[:, 0]) / self.gamma
+        return np.asarray(self.gathered(change[:, 0]) / self.gamma)
 
     def complementarity(self, at: Evaluated) -> list[Array]:
         """The same in forces, γ R_λ and c R_τ. Collective."""
@@ -198,7 +202,7 @@ class PointConstraints(CondensedRows):
     def stiffness(self, at: Evaluated) -> Array:
         """γ where points are closed. Collective."""
         if not self._is_unilateral:
-            return np.where(at.active, self._slope(at.trial), 0.0)[:, None]
+            return np.asarray(np.where(at.active, self._slope(at.trial), 0.0)[:, None])
         return np.asarray(self.gamma * at.active[:, None])
 
     def _normal_softened(self, at: Evaluated) -> Array:

@@ -128,13 +128,16 @@ class RowBlocks:
 class _Blocks:
     """Those of one pass, where it was evaluated."""
 
+    #: What the rows are multiplied with.
+    scale: Array
+
     def __init__(self, p: Pass, at: Evaluated) -> None:
         self._p, self._at, rows = p, at, p.rows
         by: Derivative = rows.derivative(at, False)
         normal, tangential = rows.scales(at)
         soft = rows.usual_compliances(at)
         if isinstance(rows, CondensedRows):
-            soft = np.zeros(0), soft[1]
+            soft = np.zeros_like(soft[0]), soft[1]
         #: Whether C_γ is C.
         self.is_condensed = at.held is None and not any(np.any(part) for part in soft)
         self._take_normal(by, normal, soft[0])
@@ -160,8 +163,7 @@ class _Blocks:
         self._own: Array = normal[:, None] * by.normal_by_normal
         hard = _unless(self._at.held)
         self._regular: Array = self._own - (normal * weight * soft)[:, None] * hard
-        #: What the rows are multiplied with.
-        self.scale: Array = np.repeat(normal, width)
+        self.scale = np.repeat(normal, width)
         self._normal = normal
 
     def _that_may_change(self) -> list[Array]:
@@ -271,11 +273,11 @@ class _CondensedBlocks(_Blocks):
         #: Forces of gaps, and of what rows see of multipliers.
         self._own: Array = self._p.gap.weight[:, None] * stiffness
         self._areas = rows.areas
-        self.scale = np.full(rows.num_multipliers, rows.gamma)
+        self.scale = rows.gamma * np.ones(rows.num_multipliers)
         self.is_condensed &= rows.num_multipliers == 0
         #: How friction's limit changes with y of rows.
-        self._limiting: Array = np.where(at.pressure[:, 0] > 0, stiffness[:, 0] / rows.gamma, 0.0)
-        self._closed: Array = stiffness[:, 0] / rows.gamma
+        self._closed: Array = np.asarray(stiffness[:, 0] / rows.gamma, dtype=np.float64)
+        self._limiting: Array = np.where(at.pressure[:, 0] > 0, self._closed, 0.0)
 
     def _that_may_change(self) -> list[Array]:
         return [self._own]

@@ -68,7 +68,9 @@ def test_by_options(kind, options):
         assert largest(u.x.array - v.x.array) < 1e-7 * largest(u.x.array)
 
 
-@pytest.mark.parametrize("kind", ("friction", "tied", "finite", "double-pass", "points, friction", "soft points"))
+@pytest.mark.parametrize(
+    "kind", ("friction", "tied", "finite", "double-pass", "points, friction", "soft points")
+)
 def test_product(kind):
     """That of the inexact derivative, its rows scaled to forces."""
     _, problem = scene("triangle", kind, "amg")
