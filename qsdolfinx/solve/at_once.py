@@ -42,6 +42,8 @@ class AtOnce:
         self._newton, self._system = newton, newton.system
         self._is_default = newton.has_full_steps and "snes_type" not in chosen
         self._start: list[Array] | None = None
+        #: Whether the solve knows no multipliers.
+        self._is_cold = True
         #: Whether the last solve was of the same step.
         self._again = False
         #: Why the last solve has failed, one of PETSc's reasons.
@@ -104,6 +106,8 @@ class AtOnce:
     def _find(self, equations: Equations, loop: OneNewton) -> Array:
         """The solution. Collective."""
         z = self._begin(equations)
+        if self._is_cold and equations.can_soften:
+            z = loop.approach(z)
         try:
             z = loop.solve(z)
         except (NoConvergence, NoGapError):
@@ -123,7 +127,8 @@ class AtOnce:
         system = equations.system
         z = equations.first()
         warm = any(bool(np.any(gap.state.augmented)) for gap in system.gaps)
-        if system.comm.allreduce(warm, op=MPI.LOR):
+        self._is_cold = not system.comm.allreduce(warm, op=MPI.LOR)
+        if not self._is_cold:
             return z
         system.x.array[:] = equations.bodies_of(z)
         balance = ToolBalance(system)

@@ -30,6 +30,10 @@ SPRINGS = 1e-11, 1e-4
 #: unbalanced force of a tool over the force that drives it.
 RTOL_TOOLS = 1e-8
 
+#: Part of γ with which solves begin that know no multipliers, what they end with, and most
+#: iterations of them.
+SOFT, NEAR, MOST_SOFT = 1e-4, 1e-2, 30
+
 #: What rounding leaves of forces and gaps, in units in the last place of the largest coordinate.
 ROUNDING = 50 * np.finfo(np.float64).eps
 
@@ -128,6 +132,37 @@ class OneNewton:
                 at = self.equations.evaluate(z)
             free = None
         raise NoConvergence(f"no convergence in {self.max_it} iterations: {self.history[-1]}")
+
+    def approach(self, z: Array) -> Array:
+        """Where a small γ leads: many rows may open or close at once. Collective.
+
+        With γ near the bodies' own stiffness what is in contact travels by a facet or two in each
+        iteration; the smaller it is the further it goes. Without line search, whose merit belongs
+        to the set of before.
+
+        Args:
+            z: Unknowns of this rank.
+
+        Returns:
+            What to go on from: z itself if that leads nowhere.
+        """
+        equations, found = self.equations, z.copy()
+        equations.soften(SOFT)
+        self.history = []
+        try:
+            at = equations.evaluate(found, first=True, again=self._again)
+            for _ in range(MOST_SOFT):
+                self._has_converged(at, 1.0)
+                now = self.history[-1]
+                if max(now.forces, now.constraints, now.tools) <= NEAR:
+                    return found
+                found = found + self._change(at)
+                at = equations.evaluate(found)
+        except (NoConvergence, NoGapError):
+            pass
+        finally:
+            equations.soften(1.0)
+        return z
 
     def _free_step(self, z: Array) -> Array | None:
         """Find where slip counts from, see :class:`Onset`. Collective.

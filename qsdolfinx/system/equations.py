@@ -785,6 +785,31 @@ class Equations:
             self._at = None
         return bool(following)
 
+    @property
+    def can_soften(self) -> bool:
+        """Whether there are multipliers of points, and none of friction."""
+        rows = [p.rows for p in self.passes if isinstance(p.rows, PointConstraints)]
+        augmented = any(of.model.augmented for of in rows)
+        return augmented and all(p.slip is None for p in self.passes)
+
+    def soften(self, part: float) -> None:
+        """Take a part of γ in constraints at points. Collective.
+
+        Args:
+            part: Of the penalty; 1 is what R has otherwise.
+        """
+        for p in self.passes:
+            if isinstance(p.rows, PointConstraints):
+                p.rows.soften(part)
+        self._forget_gaps()
+        self._at = None
+
+    def _forget_gaps(self) -> None:
+        """Free derivatives of gaps. Collective."""
+        for matrices in self._of_gaps.values():
+            matrices.destroy()
+        self._of_gaps = {}
+
     def forget(self) -> None:
         """Evaluate anew, since the state has been changed."""
         self._at = None
@@ -794,9 +819,7 @@ class Equations:
         if self._matrix is not None:
             self._matrix.destroy()
             self._matrix = None
-        for matrices in self._of_gaps.values():
-            matrices.destroy()
-        self._of_gaps = {}
+        self._forget_gaps()
 
 
 def _any_entries(rows: int, columns: int, equations: Equations) -> PETSc.Mat:

@@ -59,7 +59,7 @@ class PointConstraints(CondensedRows):
         self.cover: Array = gap.rows.cover
         self._is_unilateral = type(gap.law) is Unilateral
         #: γ, stress per length.
-        self.gamma = model.eps
+        self.gamma: float = model.eps
         covered = self._points.covered
         #: E; None where λ_free is all of λ.
         self.extension: Extension | None = self._extended(gap.extension)
@@ -83,6 +83,11 @@ class PointConstraints(CondensedRows):
             return held
         hardly = hardly & found.filled
         return points.extension(hardly, hardly, held)
+
+    def soften(self, part: float) -> None:
+        """Take this part of the penalty for γ, if there are multipliers: λ means the same."""
+        if self.model.augmented:
+            self.gamma = part * self.model.eps
 
     @property
     def num_multipliers(self) -> int:
