@@ -127,11 +127,10 @@ def test_paired_anew():
     pair = Pair("triangle", n=(12, 9), wave=0.05, contact_options=AUGMENTED)
     problem = pair.problem()
     problem.solve()
-    force, updates = pair.contact.force("slave"), problem.num_augmentations
+    force, iterations = pair.contact.force("slave"), problem.num_iterations
     pair.contact.update()
     problem.solve()
-    assert updates > 1
-    assert problem.num_augmentations <= 1
+    assert iterations > 1 >= problem.num_iterations
     np.testing.assert_allclose(pair.contact.force("slave"), force, rtol=1e-6)
 
 
