@@ -5,7 +5,6 @@ from __future__ import annotations
 import typing
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +14,8 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
-from qsdolfinx.solve.one_newton import NoConvergence, OneNewton
+from qsdolfinx.solve.newton_step import LATE, NoConvergence
+from qsdolfinx.solve.one_newton import OneNewton
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.equations import Equations, has_equations
 
@@ -35,17 +35,15 @@ class AtOnce:
 
     Args:
         newton: The solver whose system, record and SNES it is.
-        chosen: Names of the options that the user has chosen, without the prefix.
     """
 
-    def __init__(self, newton: Newton, chosen: typing.Collection[str]) -> None:
+    def __init__(self, newton: Newton) -> None:
         self._newton, self._system = newton, newton.system
-        self._is_default = newton.has_full_steps and "snes_type" not in chosen
         self._start: list[Array] | None = None
         #: Whether the last solve was of the same step.
         self._again = False
         #: Why the last solve has failed, one of PETSc's reasons.
-        self.reason = int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
+        self.reason = LATE
 
     @property
     def fits(self) -> bool:
@@ -54,12 +52,7 @@ class AtOnce:
         The paper's own method, a penalty by the nodal rule, keeps the condensed blocks.
         """
         contacts, newton = self._system.contacts, self._newton
-        return bool(
-            self._is_default
-            and contacts
-            and not newton.linear.is_rescued
-            and all(has_equations(contact) and not _is_papers(contact) for contact in contacts)
-        )
+        return bool(are_at_nodes(contacts) and not newton.linear.is_rescued)
 
     def begin_step(self) -> None:
         """Remember the unknowns: solves of the step that fail are begun again from there."""
@@ -82,9 +75,7 @@ class AtOnce:
             equations.end_at(z)
             self._again = True
         except (NoConvergence, NoGapError) as error:
-            reasons = PETSc.SNES.ConvergedReason
-            late = not isinstance(error, NoConvergence) or error.is_late
-            self.reason = int(reasons.DIVERGED_MAX_IT if late else reasons.DIVERGED_LINEAR_SOLVE)
+            self.reason = error.reason if isinstance(error, NoConvergence) else LATE
             for contact, values in zip(system.contacts, known, strict=True):
                 multipliers.set_known(contact, values)
             for gap, measure in zip(system.gaps, measures, strict=True):
@@ -153,6 +144,11 @@ class AtOnce:
         x = equations.unknowns_of(self._start)
         none = np.zeros(len(equations.tools))
         return equations.join(x, equations.multipliers(z), none)
+
+
+def are_at_nodes(contacts: typing.Sequence[ContactModel]) -> bool:
+    """Whether one Newton's method finds multipliers of contacts, there being any."""
+    return bool(contacts) and all(has_equations(c) and not _is_papers(c) for c in contacts)
 
 
 def _is_papers(contact: ContactModel) -> bool:

@@ -32,7 +32,7 @@ from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
 from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
-from qsdolfinx.solve.at_once import MAX_MEASURES, SAME_AREA, AtOnce
+from qsdolfinx.solve.at_once import MAX_MEASURES, SAME_AREA, AtOnce, are_at_nodes
 from qsdolfinx.solve.augmented import AugmentedLagrangian
 from qsdolfinx.solve.before import Before
 from qsdolfinx.solve.chord_pressure import check_chords
@@ -41,7 +41,14 @@ from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.lost import is_a_body_lost
 from qsdolfinx.solve.newton import Newton
-from qsdolfinx.solve.snes import LOST, ConvergenceError, read_options, remove_options, set_options
+from qsdolfinx.solve.snes import (
+    LOST,
+    ConvergenceError,
+    check_type,
+    read_options,
+    remove_options,
+    set_options,
+)
 from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised
 from qsdolfinx.solve.summary import summary
 from qsdolfinx.solve.tool_balance import ToolBalance
@@ -91,10 +98,13 @@ class ContactProblem:
             found by UFL, and their matrix is assembled once.
         petsc_options_prefix: Prefix of the solver's options; by default a new one for each problem.
         petsc_options: PETSc options without the prefix, on top of those of the solver. The defaults
-            are ``snes_max_it`` 50 (Newton iterations of a run; a line search after full steps, and
-            each update of multipliers, is a run of its own), ``snes_rtol`` 1e-9 (unbalanced force
-            over contact forces and reactions, by body), ``snes_linesearch_type`` ``"basic"`` (full
-            steps; a named one is used alone), ``snes_divergence_tolerance`` 1e300.
+            are ``snes_max_it`` 50 (Newton iterations of a run), ``snes_rtol`` 1e-9 (unbalanced
+            force over contact forces), ``snes_linesearch_type`` ``"basic"``,
+            ``snes_divergence_tolerance`` 1e300. ``snes_type``, a line search or
+            ``snes_convergence_test`` that you name are taken alone, with constraints at nodes for
+            bodies, multipliers and driven tools at once. There the type is ``"newtonls"``,
+            ``"newtontr"`` (direct solvers), ``"ksponly"`` or ``"python"``, or one of ``"ngmres"``,
+            ``"anderson"``, ``"nrichardson"`` and ``"qn"`` with ``npc_snes_type`` ``"newtonls"``.
         kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
         solver: Linear solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
             not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
@@ -114,7 +124,8 @@ class ContactProblem:
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
-            none of the bodies, or a name is unknown, that of a type in PETSc's options included.
+            none of the bodies, or a name is unknown, that of a type in PETSc's options included; or
+            if a type of SNES cannot solve for multipliers.
 
     Attributes:
         solver: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone. It
@@ -193,17 +204,23 @@ class ContactProblem:
         snes.setOptionsPrefix(prefix)
         try:
             read_options(snes)
+            linear = LinearSolver(
+                snes.getKSP(),
+                self.solver,
+                self.system,
+                chosen,
+                pressure_preconditioner,
+                solver != "auto",
+            )
+            if are_at_nodes(models):
+                check_type(snes, linear.has_factors)
         except ValueError:
             remove_options(prefix)
             snes.destroy()
             self.system.destroy()
             raise
-        ksp = snes.getKSP()
-        linear = LinearSolver(
-            ksp, self.solver, self.system, chosen, pressure_preconditioner, solver != "auto"
-        )
         self.newton = Newton(self.system, snes, linear, defaults)
-        self._at_once = AtOnce(self.newton, chosen)
+        self._at_once = AtOnce(self.newton)
         self.active_history: list[list[int]] = []
         self._equations: Equations | None = None
         self._is_at_once = False
@@ -561,8 +578,11 @@ class ContactProblem:
             if not (self._is_at_once and self._has_other_rates()):
                 break
         if self._is_at_once and not is_a_body_lost(self.system, start):
-            self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
+            if not self.newton.has_users_snes:
+                self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
             return True
+        if self.newton.has_users_snes:
+            self.newton.fail(LOST if self._is_at_once else self._at_once.reason)
         singular = self._at_once.reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
         if not (self._is_at_once or self.hands_over or singular):
             self.newton.fail(self._at_once.reason)

@@ -278,13 +278,17 @@ class ConstraintRows:
         of_friction = (weight / self._ct)[:, None] * (at.response.traction - tangential)
         return np.concatenate([rows.ravel(), of_friction.ravel()])
 
-    def complementarity(self, at: Evaluated) -> list[Array]:
-        """The same in forces, c R: continuous where sets change."""
-        parts = self.split(self.residual(at))
-        normal = self._c[:, None] * parts.normal
-        if parts.tangential is None:
-            return [normal]
-        return [normal, self._ct[:, None] * parts.tangential]
+    @property
+    def in_forces(self) -> Array:
+        """c_n and c_t, which make forces of the residual that are continuous where sets change."""
+        normal = np.repeat(self._c, self.width)
+        if self.slip is None:
+            return normal
+        return np.concatenate([normal, np.repeat(self._ct, self.gap.slave.gdim)])
+
+    def _complementarity(self, at: Evaluated) -> Multipliers:
+        """The residual in forces."""
+        return self.split(self.in_forces * self.residual(at))
 
     def violation(self, at: Evaluated) -> float:
         """Largest stress on this rank by which complementarity is violated.
@@ -292,13 +296,13 @@ class ConstraintRows:
         That of closed gaps is ε ḡ*, which is a part of what is read as λ, or what they stand for
         in the stiffest body.
         """
-        weight, parts = self.gap.weight[:, None], self.complementarity(at)
+        weight, parts = self.gap.weight[:, None], self._complementarity(at)
         factor = np.where(at.active, np.maximum(self._stiffest / self._c, 1.0), 1.0)
-        found = [parts[0] / weight * factor[:, None]]
-        if at.response is not None:
+        found = [parts.normal / weight * factor[:, None]]
+        if at.response is not None and parts.tangential is not None:
             sticks = at.active & ~at.response.slipping
             factor = np.where(sticks, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
-            stress = np.abs(parts[1] / weight * factor[:, None])
+            stress = np.abs(parts.tangential / weight * factor[:, None])
             found.append(np.maximum(stress - self._of_rates(at.response)[:, None], 0.0))
         return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
 
