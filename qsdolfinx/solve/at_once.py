@@ -59,16 +59,19 @@ class AtOnce:
         self._start = [body.u.x.array.copy() for body in self._system.bodies]
         self._again = False
 
-    def solve(self) -> bool:
+    def solve(self, stiffness: float | None = None) -> bool:
         """Solve from the system's unknowns; whether it has found a solution. Collective.
 
         Without one all is as before, but for tools that forces drive.
+
+        Args:
+            stiffness: Of springs that vanish with the residual, as for :class:`Balance`.
         """
         newton, system = self._newton, self._system
         known = [multipliers.known(contact) for contact in system.contacts]
         measures = [gap.state.measure for gap in system.gaps]
         equations, before = Equations(system), system.x.array.copy()
-        loop = OneNewton(equations, newton, self._again)
+        loop = OneNewton(equations, newton, self._again, stiffness)
         try:
             with system.watch.stage("solve"):
                 z = self._find(equations, loop)

@@ -56,9 +56,14 @@ class Balance:
     Args:
         equations: The equations.
         newton: Whose tolerances it has.
+        stiffness: Most springs of bodies that conditions leave a rigid motion, over the diagonal of
+            their stiffness; by default of those without any condition alone.
     """
 
-    def __init__(self, equations: Equations, newton: Newton) -> None:
+    def __init__(
+        self, equations: Equations, newton: Newton, stiffness: float | None = None
+    ) -> None:
+        self._stiffness = stiffness
         self._equations = equations
         self._rtol, self._atol, _, _ = newton.snes.getTolerances()
         #: Largest coordinate of each body: what is much larger is no displacement.
@@ -154,7 +159,10 @@ class Balance:
     @property
     def shift(self) -> tuple[float, float]:
         """Springs for ``Equations.tangent_of``; most of them vanish with the residual."""
-        return REGULAR, max(REGULAR, SPRINGS * self._left)
+        if self._stiffness is None:
+            return REGULAR, max(REGULAR, SPRINGS * self._left)
+        springs = max(REGULAR, self._stiffness * self._left)
+        return springs, springs
 
     @property
     def _left(self) -> float:

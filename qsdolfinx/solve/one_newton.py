@@ -35,12 +35,22 @@ class OneNewton:
         equations: The equations.
         newton: Whose record, monitors and tolerances it has.
         again: Whether the step has been solved before, with other pairs.
+        stiffness: Of springs, as for :class:`Balance`.
     """
 
-    def __init__(self, equations: Equations, newton: Newton, again: bool = False) -> None:
+    def __init__(
+        self,
+        equations: Equations,
+        newton: Newton,
+        again: bool = False,
+        stiffness: float | None = None,
+    ) -> None:
         self.equations, self._newton, self._again = equations, newton, again
         self.max_it = newton.snes.getTolerances()[3]
-        self._step, self._balance = NewtonStep(equations, newton), Balance(equations, newton)
+        self._step, self._balance = (
+            NewtonStep(equations, newton),
+            Balance(equations, newton, stiffness),
+        )
 
     def solve(self, z: Array, begins: bool = True) -> Array:
         """Solution, from z on. Collective.

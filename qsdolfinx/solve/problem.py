@@ -49,7 +49,7 @@ from qsdolfinx.solve.snes import (
     remove_options,
     set_options,
 )
-from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised
+from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised, vanishing
 from qsdolfinx.solve.summary import summary
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.solve.unsupported import check_unsupported
@@ -117,8 +117,8 @@ class ContactProblem:
             that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
             sign. By default it is found from the tangent, at the viscosity of each iterate. Not
             used if ``"auto"`` takes another solver, refused with the others by name.
-        stabilisation: Springs for bodies that only contact holds, which are gone at the end of the
-            solve: see :class:`Stabilisation`. None for none.
+        stabilisation: Springs for bodies that conditions leave a rigid motion, with no part in the
+            result: see :class:`Stabilisation`. None for those of bodies without any condition.
         verbose: Whether to log a line about every solve (rank 0, logger ``"qsdolfinx"``, which
             prints as long as logging has no handlers).
 
@@ -131,8 +131,8 @@ class ContactProblem:
         solver: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone. It
             stays while a direct solver stands in: see :attr:`solver_in_use`.
         stabilisation_shares: Share of the springs of ``stabilisation`` in the forces, after each
-            part of the last solve. The last one is that of the result: 0, unless the solve without
-            springs has failed.
+            part of the last solve. The last one is that of the result: 0, unless with constraints
+            at points the solve without springs has failed.
         active_history: Closed rows of each contact at each iteration of the last solve, over all
             ranks.
         system: Residual and tangent of the problem.
@@ -570,16 +570,17 @@ class ContactProblem:
 
     def _is_found_at_once(self, balance: ToolBalance, start: Array) -> bool:
         """Whether one Newton's method on all unknowns finds the solution. Collective."""
-        self._is_at_once = self.stabilisation is None and self._at_once.fits
+        self._is_at_once = self._at_once.fits
         if not self._is_at_once:
             return False
         for _ in range(MAX_RATES + 1):
-            self._is_at_once = self._at_once.solve()
+            self._is_at_once = self._at_once.solve(vanishing(self.stabilisation))
             if not (self._is_at_once and self._has_other_rates()):
                 break
         if self._is_at_once and not is_a_body_lost(self.system, start):
             if not self.newton.has_users_snes:
                 self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
+            self.stabilisation_shares = [] if self.stabilisation is None else [0.0]
             return True
         if self.newton.has_users_snes:
             self.newton.fail(LOST if self._is_at_once else self._at_once.reason)
