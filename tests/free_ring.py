@@ -19,10 +19,11 @@ class FreeRing:
         n: Cells around and across it.
         turn: Angle (degrees) by which it rolls in a unit of time.
         stabilisation: For the problem.
+        constraints: For the contacts.
         stepping: For the TimeStepper.
     """
 
-    def __init__(self, n=(80, 4), turn=30.0, stabilisation=None, **stepping):
+    def __init__(self, n=(80, 4), turn=30.0, stabilisation=None, constraints="nodes", **stepping):
         angle = np.linspace(0, 2 * np.pi, n[0], endpoint=False)
         radius = np.linspace(INNER, 1.0, n[1] + 1)
         x = np.stack([np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle))], axis=2)
@@ -41,7 +42,12 @@ class FreeRing:
             qs.RigidSurface.plane(WORLD, [0.0, side], [0.0, -side]) for side in (-1.0, 1.0)
         ]
         self.contacts = [
-            qs.Contact(qs.Surface(V, facets=outside), plate, friction=qs.Coulomb(0.3))
+            qs.Contact(
+                qs.Surface(V, facets=outside),
+                plate,
+                friction=qs.Coulomb(0.3),
+                constraints=constraints,
+            )
             for plate in self.plates
         ]
         self.problem = qs.ContactProblem([F], [self.u], self.contacts, stabilisation=stabilisation)

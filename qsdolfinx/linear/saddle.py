@@ -100,32 +100,32 @@ class SaddlePoint:
             linear.copy_monitors(self._ksp)
         self._stop = Stop(self._ksp, self._comm)
 
-    def solve(
-        self,
-        at: State,
-        springs: Array,
-        until: float,
-        exact: bool = False,
-        guess: Array | None = None,
-    ) -> Array | None:
-        """Newton's step from an evaluation; None if it is not found. Collective.
+    def set_up(self, at: State, springs: Array) -> None:
+        """Take the derivative at an evaluation, the last one. Collective.
 
         Args:
-            at: The evaluation, the last one.
+            at: The evaluation.
             springs: On top of the diagonal of the bodies' matrices, owned unknowns.
+        """
+        self._rows.blocks.take(at)
+        self._follow(at, springs)
+
+    def solve(
+        self, rhs: Array, until: float, exact: bool = False, guess: Array | None = None
+    ) -> Array | None:
+        """Change of z for a change of R; None if it is not found. Collective.
+
+        Args:
+            rhs: This rank's part of the change of R.
             until: Norm of forces, and of gaps times a stiffness, with which Newton's method ends.
             exact: Whether to solve with a small tolerance, whatever Newton's method needs.
-            guess: What the step may be like.
+            guess: What the change may be like.
         """
-        equations, blocks = self._equations, self._rows.blocks
-        blocks.take(at)
-        rhs: Array = -equations.residual_of(at)
-        rhs[self._num_u :] *= blocks.scale
+        rhs = self._in_forces(rhs)
         norm = float(np.sqrt(self._comm.allreduce(float(rhs @ rhs), op=MPI.SUM)))
         if norm == 0:
-            return np.zeros(equations.num_local)
+            return np.zeros(self._equations.num_local)
         self._norms.append(norm)
-        self._follow(at, springs)
         b = PETSc.Vec().createWithArray(rhs, comm=self._comm)
         x = b.duplicate()
         self._ksp.setInitialGuessNonzero(self._begin(b, x, guess))
@@ -137,6 +137,23 @@ class SaddlePoint:
         x.destroy()
         fine = self._ksp.getConvergedReason() > 0 and bool(np.isfinite(out).all())
         return out if self._comm.allreduce(fine, op=MPI.LAND) else None
+
+    def _in_forces(self, values: Array) -> Array:
+        """Rows of multipliers and tools multiplied to be forces."""
+        out = values.copy()
+        out[self._num_u :] *= self.row_scale
+        return out
+
+    def multiply(self, x: Array) -> Array:
+        """Product of the derivative with this rank's part of x. Collective."""
+        vec, out = self._matrix.createVecs()
+        vec.array[:] = x
+        self._multiply(vec, out)
+        found: Array = out.array_r.copy()
+        found[self._num_u :] /= self.row_scale
+        vec.destroy()
+        out.destroy()
+        return found
 
     def _begin(self, b: PETSc.Vec, x: PETSc.Vec, guess: Array | None) -> bool:
         """Begin with a guess, if it is better than none; whether it is. Collective."""

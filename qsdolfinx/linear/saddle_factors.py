@@ -44,24 +44,32 @@ class SaddleFactors:
         self._is_new = True
         return ksp
 
-    def solve(self, at: State, shift: tuple[float, float]) -> Array | None:
-        """Newton's step from an evaluation; None if the matrix is singular. Collective.
+    def set_up(self, at: State, shift: tuple[float, float]) -> None:
+        """Form the matrix. Collective.
 
         Args:
             at: The evaluation, the last one.
             shift: As for ``Equations.tangent_of``.
         """
-        equations = self._equations
-        matrix = equations.tangent_of(at, exact=False, shift=shift)
+        matrix = self._equations.tangent_of(at, exact=False, shift=shift)
         self._ksp.setOperators(matrix)
         if self._is_new and self._is_mumps:
             self._ksp.getPC().setFactorSetUpSolverType()
             self._ksp.getPC().getFactorMatrix().setMumpsIcntl(14, EXTRA_MEMORY)
         self._is_new = False
+
+    def solve(self, rhs: Array) -> Array | None:
+        """Change of z for a change of R; None if the matrix is singular. Collective.
+
+        Args:
+            rhs: This rank's part of the change of R.
+        """
+        equations = self._equations
+        matrix = self._ksp.getOperators()[0]
         x, b = matrix.createVecs()
         try:
             self._ksp.setUp()
-            b.array[:] = -equations.residual_of(at)
+            b.array[:] = rhs
             self._ksp.solve(b, x)
             out = np.array(x.array_r)
             b.array[:] = equations.softened * out
@@ -83,6 +91,17 @@ class SaddleFactors:
         self._ksp.destroy()  # an error leaves a preconditioner of no more use
         self._ksp = self._new_ksp()
         return None
+
+    def multiply(self, x: Array, transposed: bool = False) -> Array:
+        """Product of the matrix, or of its transpose, with this rank's part of x. Collective."""
+        matrix = self._ksp.getOperators()[0]
+        vec, out = matrix.createVecs()
+        vec.array[:] = x
+        (matrix.multTranspose if transposed else matrix.mult)(vec, out)
+        found: Array = out.array_r.copy()
+        vec.destroy()
+        out.destroy()
+        return found
 
     @property
     def _is_mumps(self) -> bool:

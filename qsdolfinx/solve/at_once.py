@@ -5,7 +5,6 @@ from __future__ import annotations
 import typing
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +14,8 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
-from qsdolfinx.solve.one_newton import NoConvergence, OneNewton
+from qsdolfinx.solve.newton_step import LATE, NoConvergence
+from qsdolfinx.solve.one_newton import OneNewton
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.equations import Equations
 
@@ -35,19 +35,17 @@ class AtOnce:
 
     Args:
         newton: The solver whose system, record and SNES it is.
-        chosen: Names of the options that the user has chosen, without the prefix.
     """
 
-    def __init__(self, newton: Newton, chosen: typing.Collection[str]) -> None:
+    def __init__(self, newton: Newton) -> None:
         self._newton, self._system = newton, newton.system
-        self._is_default = newton.has_full_steps and "snes_type" not in chosen
         self._start: list[Array] | None = None
         #: Whether the solve knows no multipliers.
         self._is_cold = True
         #: Whether the last solve was of the same step.
         self._again = False
         #: Why the last solve has failed, one of PETSc's reasons.
-        self.reason = int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
+        self.reason = LATE
 
     @property
     def fits(self) -> bool:
@@ -56,37 +54,33 @@ class AtOnce:
         The paper's own method, a penalty by the nodal rule, keeps the condensed blocks.
         """
         contacts, newton = self._system.contacts, self._newton
-        return bool(
-            self._is_default
-            and contacts
-            and not newton.linear.is_rescued
-            and not any(_is_papers(contact) or _is_coupled(contact) for contact in contacts)
-        )
+        return bool(are_at_nodes(contacts) and not newton.linear.is_rescued)
 
     def begin_step(self) -> None:
         """Remember the unknowns: solves of the step that fail are begun again from there."""
         self._start = [body.u.x.array.copy() for body in self._system.bodies]
         self._again = False
 
-    def solve(self) -> bool:
+    def solve(self, stiffness: float | None = None) -> bool:
         """Solve from the system's unknowns; whether it has found a solution. Collective.
 
         Without one all is as before, but for tools that forces drive.
+
+        Args:
+            stiffness: Of springs that vanish with the residual, as for :class:`Balance`.
         """
         newton, system = self._newton, self._system
         known = [multipliers.known(contact) for contact in system.contacts]
         measures = [gap.state.measure for gap in system.gaps]
         equations, before = Equations(system), system.x.array.copy()
-        loop = OneNewton(equations, newton, self._again)
+        loop = OneNewton(equations, newton, self._again, stiffness)
         try:
             with system.watch.stage("solve"):
                 z = self._find(equations, loop)
             equations.end_at(z)
             self._again = True
         except (NoConvergence, NoGapError) as error:
-            reasons = PETSc.SNES.ConvergedReason
-            late = not isinstance(error, NoConvergence) or error.is_late
-            self.reason = int(reasons.DIVERGED_MAX_IT if late else reasons.DIVERGED_LINEAR_SOLVE)
+            self.reason = error.reason if isinstance(error, NoConvergence) else LATE
             for contact, values in zip(system.contacts, known, strict=True):
                 multipliers.set_known(contact, values)
             for gap, measure in zip(system.gaps, measures, strict=True):
@@ -164,6 +158,11 @@ def _is_coupled(contact: ContactModel) -> bool:
     """Whether conductances change with multipliers that are unknowns."""
     mechanics = contact.mechanics
     return contact.with_bodies and mechanics is not None and mechanics.of.augmented
+
+
+def are_at_nodes(contacts: typing.Sequence[ContactModel]) -> bool:
+    """Whether one Newton's method finds multipliers of contacts, there being any."""
+    return bool(contacts) and not any(_is_papers(c) or _is_coupled(c) for c in contacts)
 
 
 def _is_papers(contact: ContactModel) -> bool:

@@ -50,6 +50,10 @@ MORE = 5
 #: Part of the largest residual that a run ends with where loads are put on gradually.
 EASED = 1e-3
 
+#: How names of options begin that are for PETSc's SNES, and that of its convergence test.
+TEST = "snes_convergence_test"
+OF_USERS_SNES = "snes_type", "snes_linesearch_", TEST
+
 #: Times that the tangent may outgrow its pattern in a run.
 MAX_GROWTHS = 20
 
@@ -107,6 +111,25 @@ class Accuracy:
 # --- What SNES calls
 
 
+class Other(typing.Protocol):
+    """Equations on other unknowns than the bodies' alone, for SNES to solve."""
+
+    matrix: PETSc.Mat
+    ksp: PETSc.KSP
+
+    def residual(self, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        """Evaluate the residual."""
+
+    def tangent(self, x: PETSc.Vec) -> None:
+        """Get matrix and linear solver ready."""
+
+    def converged(self, snes: PETSc.SNES) -> int:
+        """SNES' reason to end where it is, or 0."""
+
+    def shown(self, snes: PETSc.SNES) -> tuple[float, list[int]]:
+        """Norm of the bodies' residual, and closed rows of each contact on this rank."""
+
+
 @dataclasses.dataclass
 class Context:
     """What the callbacks know. Without SNES itself, which keeps it where Python cannot see it.
@@ -132,6 +155,7 @@ class Context:
         unseen: Why the residual could not be evaluated somewhere; empty if it always could.
         failure: What a callback has raised: PETSc would make an error of its own of it.
         active: Closed rows of each contact on this rank, of an iteration on other unknowns.
+        other: What SNES solves on other unknowns; None of a system of the bodies'.
     """
 
     system: ContactSystem
@@ -153,6 +177,7 @@ class Context:
     unseen: str = ""
     failure: BaseException | None = None
     active: list[int] | None = None
+    other: Other | None = None
 
 
 def _callback(function: typing.Callable[..., None]) -> typing.Callable[..., None]:
@@ -200,6 +225,24 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     linear.prepare(context.norms, context.until, changed)
 
 
+@_callback
+def other_residual(snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, context: Context) -> None:
+    """Evaluate the residual on other unknowns."""
+    assert context.other is not None
+    context.other.residual(x, f)
+
+
+@_callback
+def other_tangent(
+    snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context: Context
+) -> None:
+    """The same of its derivative."""
+    assert context.other is not None
+    context.other.tangent(x)
+    if A != context.other.matrix:  # of finite differences, by options
+        A.assemble()
+
+
 def _is_near(context: Context) -> bool:
     """Whether the tangent that there is should be good enough to end with.
 
@@ -216,6 +259,8 @@ def _is_near(context: Context) -> bool:
 def monitor(snes: PETSc.SNES, iteration: int, norm: float, context: Context) -> None:
     """Record an iteration."""
     active = context.active
+    if context.other is not None:
+        norm, active = context.other.shown(snes)
     context.record.add(norm, context.system.num_active_local() if active is None else active)
 
 
@@ -239,6 +284,8 @@ def _has_converged(
     size, step, norm = norms
     if not np.isfinite(norm):
         return int(reasons.DIVERGED_FNORM_NAN)
+    if context.other is not None:
+        return context.other.converged(snes)
     if context.eased is not None:
         return _has_converged_eased(iteration, norm, context)
     relative, absolute, _, _ = snes.getTolerances()
@@ -293,6 +340,14 @@ def _evaluate(system: ContactSystem, x: PETSc.Vec) -> None:
         system.residual(x.array_r)
 
 
+def _with_inner(snes: PETSc.SNES) -> typing.Iterator[PETSc.SNES]:
+    """A solver, and those that precondition it."""
+    yield snes
+    while snes.hasNPC():
+        snes = snes.getNPC()
+        yield snes
+
+
 class Newton:
     """Solves a :class:`ContactSystem` from where ``system.x`` is.
 
@@ -309,11 +364,15 @@ class Newton:
         system: ContactSystem,
         snes: PETSc.SNES,
         linear: LinearSolver,
-        defaults: typing.Container[str],
+        defaults: typing.Collection[str],
     ) -> None:
         self.system, self._snes, self.linear = system, snes, linear
         self.has_full_steps = "snes_linesearch_type" in defaults
         self._may_go_on = "snes_max_it" in defaults
+        chosen = set(PETSc.Options(snes.getOptionsPrefix()).getAll()) - set(defaults)
+        #: Whether the user has named a type of SNES, a line search or a test of PETSc's.
+        self.has_users_snes = any(name.startswith(OF_USERS_SNES) for name in chosen)
+        self._users_test = PETSc.Options(snes.getOptionsPrefix()).getString(TEST, "")
         self._eases = True
         #: Why the last run has ended.
         self._reason = 0
@@ -347,6 +406,65 @@ class Newton:
         factorised = self.linear.rescue_again() or matrix
         self.snes.setJacobian(tangent, matrix, factorised, (self._context,))
         self._context.convergence = Convergence(self.system)
+
+    # --- Other unknowns
+
+    @property
+    def has_users_test(self) -> bool:
+        """Whether options name a convergence test of PETSc's."""
+        return bool(self._users_test)
+
+    @contextlib.contextmanager
+    def kept(self) -> typing.Iterator[None]:
+        """Keep what is raised in the block, which PETSc calls."""
+        try:
+            yield
+        except BaseException as error:
+            self._context.failure = error
+            raise
+
+    def solve_other(self, other: Other, x: PETSc.Vec, f: PETSc.Vec) -> int:
+        """Let SNES solve equations on other unknowns, with its options and monitors. Collective.
+
+        Args:
+            other: The equations.
+            x: Where to begin, and then where SNES has ended.
+            f: For the residual.
+
+        Returns:
+            SNES' reason.
+        """
+        snes, context = self.snes, self._context
+        matrices, all_ = snes.getJacobian()[:2], list(_with_inner(snes))
+        solvers = [each.getKSP() for each in all_]
+        for each in all_:
+            each.setKSP(other.ksp)
+        snes.reset()
+        snes.setFunction(other_residual, f, (context,))
+        snes.setJacobian(other_tangent, other.matrix, other.matrix, (context,))
+        if self._users_test:
+            snes.setConvergenceTest(self._users_test)
+        context.other = other
+        try:
+            snes.solve(None, x)
+            self.record.iterations += snes.getIterationNumber()
+            return int(snes.getConvergedReason())
+        except PETSc.Error:
+            failure, context.failure = context.failure, None
+            if failure is None:
+                raise
+            raise failure from None
+        finally:
+            context.other = None
+            reason = snes.getConvergedReason()
+            snes.reset()
+            for each, ksp in zip(all_, solvers, strict=True):
+                each.setKSP(ksp)
+            snes.setFunction(residual, self.system.r, (context,))
+            snes.setJacobian(tangent, *matrices, (context,))
+            snes.setConvergedReason(reason)
+            if self._users_test:
+                snes.setConvergenceTest(converged, (context,))
 
     # --- Accuracy
 

@@ -32,7 +32,7 @@ from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
 from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
-from qsdolfinx.solve.at_once import MAX_MEASURES, SAME_AREA, AtOnce
+from qsdolfinx.solve.at_once import MAX_MEASURES, SAME_AREA, AtOnce, are_at_nodes
 from qsdolfinx.solve.augmented import AugmentedLagrangian
 from qsdolfinx.solve.before import Before
 from qsdolfinx.solve.chord_pressure import check_chords
@@ -41,8 +41,15 @@ from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.lost import is_a_body_lost
 from qsdolfinx.solve.newton import Newton
-from qsdolfinx.solve.snes import LOST, ConvergenceError, read_options, remove_options, set_options
-from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised
+from qsdolfinx.solve.snes import (
+    LOST,
+    ConvergenceError,
+    check_type,
+    read_options,
+    remove_options,
+    set_options,
+)
+from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised, vanishing
 from qsdolfinx.solve.summary import summary
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.solve.unsupported import check_unsupported
@@ -91,10 +98,13 @@ class ContactProblem:
             found by UFL, and their matrix is assembled once.
         petsc_options_prefix: Prefix of the solver's options; by default a new one for each problem.
         petsc_options: PETSc options without the prefix, on top of those of the solver. The defaults
-            are ``snes_max_it`` 50 (Newton iterations of a run; a line search after full steps, and
-            each update of multipliers, is a run of its own), ``snes_rtol`` 1e-9 (unbalanced force
-            over contact forces and reactions, by body), ``snes_linesearch_type`` ``"basic"`` (full
-            steps; a named one is used alone), ``snes_divergence_tolerance`` 1e300.
+            are ``snes_max_it`` 50 (Newton iterations of a run), ``snes_rtol`` 1e-9 (unbalanced
+            force over contact forces), ``snes_linesearch_type`` ``"basic"``,
+            ``snes_divergence_tolerance`` 1e300. ``snes_type``, a line search or
+            ``snes_convergence_test`` that you name are taken alone, with constraints at nodes for
+            bodies, multipliers and driven tools at once. There the type is ``"newtonls"``,
+            ``"newtontr"`` (direct solvers), ``"ksponly"`` or ``"python"``, or one of ``"ngmres"``,
+            ``"anderson"``, ``"nrichardson"`` and ``"qn"`` with ``npc_snes_type`` ``"newtonls"``.
         kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
         solver: Linear solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
             not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
@@ -107,21 +117,22 @@ class ContactProblem:
             that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
             sign. By default it is found from the tangent, at the viscosity of each iterate. Not
             used if ``"auto"`` takes another solver, refused with the others by name.
-        stabilisation: Springs for bodies that only contact holds, which are gone at the end of the
-            solve: see :class:`Stabilisation`. None for none.
+        stabilisation: Springs for bodies that conditions leave a rigid motion, with no part in the
+            result: see :class:`Stabilisation`. None for those of bodies without any condition.
         verbose: Whether to log a line about every solve (rank 0, logger ``"qsdolfinx"``, which
             prints as long as logging has no handlers).
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
-            none of the bodies, or a name is unknown, that of a type in PETSc's options included.
+            none of the bodies, or a name is unknown, that of a type in PETSc's options included; or
+            if a type of SNES cannot solve for multipliers.
 
     Attributes:
         solver: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone. It
             stays while a direct solver stands in: see :attr:`solver_in_use`.
         stabilisation_shares: Share of the springs of ``stabilisation`` in the forces, after each
-            part of the last solve. The last one is that of the result: 0, unless the solve without
-            springs has failed.
+            part of the last solve. The last one is that of the result: 0, unless with constraints
+            at points the solve without springs has failed.
         active_history: Closed rows of each contact at each iteration of the last solve, over all
             ranks.
         system: Residual and tangent of the problem.
@@ -193,17 +204,23 @@ class ContactProblem:
         snes.setOptionsPrefix(prefix)
         try:
             read_options(snes)
+            linear = LinearSolver(
+                snes.getKSP(),
+                self.solver,
+                self.system,
+                chosen,
+                pressure_preconditioner,
+                solver != "auto",
+            )
+            if are_at_nodes(models):
+                check_type(snes, linear.has_factors)
         except ValueError:
             remove_options(prefix)
             snes.destroy()
             self.system.destroy()
             raise
-        ksp = snes.getKSP()
-        linear = LinearSolver(
-            ksp, self.solver, self.system, chosen, pressure_preconditioner, solver != "auto"
-        )
         self.newton = Newton(self.system, snes, linear, defaults)
-        self._at_once = AtOnce(self.newton, chosen)
+        self._at_once = AtOnce(self.newton)
         self.active_history: list[list[int]] = []
         self._equations: Equations | None = None
         self._is_at_once = False
@@ -551,16 +568,20 @@ class ContactProblem:
 
     def _is_found_at_once(self, balance: ToolBalance, start: Array) -> bool:
         """Whether one Newton's method on all unknowns finds the solution. Collective."""
-        self._is_at_once = self.stabilisation is None and self._at_once.fits
+        self._is_at_once = self._at_once.fits
         if not self._is_at_once:
             return False
         for _ in range(MAX_RATES + 1):
-            self._is_at_once = self._at_once.solve()
+            self._is_at_once = self._at_once.solve(vanishing(self.stabilisation))
             if not (self._is_at_once and self._has_other_rates()):
                 break
         if self._is_at_once and not is_a_body_lost(self.system, start):
-            self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
+            if not self.newton.has_users_snes:
+                self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
+            self.stabilisation_shares = [] if self.stabilisation is None else [0.0]
             return True
+        if self.newton.has_users_snes:
+            self.newton.fail(LOST if self._is_at_once else self._at_once.reason)
         singular = self._at_once.reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
         if not (self._is_at_once or self.hands_over or singular):
             self.newton.fail(self._at_once.reason)

@@ -30,6 +30,12 @@ _TYPES: dict[str, type] = {
     "snes_type": PETSc.SNES.Type,
 }
 
+#: Types that solve for bodies and multipliers, and those that only do so with one of these as their
+#: nonlinear preconditioner.
+_KINDS = PETSc.SNES.Type
+ALONE = (_KINDS.NEWTONLS, _KINDS.NEWTONTR, _KINDS.KSPONLY, _KINDS.PYTHON)
+WITH_NEWTON = (_KINDS.NGMRES, _KINDS.ANDERSON, _KINDS.NRICHARDSON, _KINDS.QN)
+
 #: Line search that is tried from the start when full steps did not converge.
 LINE_SEARCH = "l2"
 
@@ -189,6 +195,8 @@ def read_options(snes: PETSc.SNES) -> None:
     """
     try:
         snes.setFromOptions()
+        if snes.getKSP().getType() is None:  # of a type of SNES that has no linear solves itself
+            snes.getKSP().setFromOptions()
     except PETSc.Error as error:
         database = PETSc.Options(snes.getOptionsPrefix()).getAll()
         types = {name: value for name, value in database.items() if name.endswith("_type")}
@@ -199,6 +207,34 @@ def read_options(snes: PETSc.SNES) -> None:
         wrong = wrong or [name for name in types if name not in known] or list(types)
         text = " or ".join(f"{name}={types[name]!r}" for name in wrong)
         raise ValueError(f"petsc_options: PETSc has no {text}") from error
+
+
+def check_type(snes: PETSc.SNES, has_factors: bool) -> None:
+    """Refuse types that cannot solve for bodies and multipliers at once.
+
+    Args:
+        snes: The solver, with its options set.
+        has_factors: Whether linear solves are by LU factors: what takes others has no transpose.
+
+    Raises:
+        ValueError: If it, or what preconditions it, is such a type.
+    """
+    kind, remedy = snes.getType(), ""
+    if kind in WITH_NEWTON:
+        if not snes.hasNPC():
+            remedy = "add npc_snes_type='newtonls', which it can make faster, not replace"
+        elif snes.getNPC().getType() not in ALONE:
+            kind, remedy = snes.getNPC().getType(), "take npc_snes_type='newtonls'"
+    elif kind not in ALONE:
+        others = ", ".join(map(repr, WITH_NEWTON))
+        remedy = f"take 'newtonls', or one of {others} with npc_snes_type='newtonls'"
+    elif kind == PETSc.SNES.Type.NEWTONTR and not has_factors:
+        remedy = "it needs solver='direct'; or take 'newtonls' with snes_linesearch_type='bt'"
+    if remedy:
+        raise ValueError(
+            f"petsc_options: snes_type={kind!r} does not solve for displacements and multipliers: "
+            f"{remedy}"
+        )
 
 
 def remove_options(prefix: str) -> None:

@@ -322,13 +322,20 @@ class ConstraintRows:
             return np.asarray(rows)
         return np.where(at.held, (weight / self._c)[:, None] * (at.means - normal), rows)
 
-    def complementarity(self, at: Evaluated) -> list[Array]:
-        """The same in forces, c R: continuous where sets change."""
-        parts = self.split(self.residual(at))
-        normal = self._c[:, None] * parts.normal
-        if parts.tangential is None:
-            return [normal]
-        return [normal, self._ct[:, None] * parts.tangential]
+    @property
+    def in_forces(self) -> Array:
+        """c_n and c_t, which make forces of the residual that are continuous where sets change."""
+        normal = self._normal_in_forces()
+        if self.slip is None:
+            return normal
+        return np.concatenate([normal, np.repeat(self._ct, self.gap.slave.gdim)])
+
+    def _normal_in_forces(self) -> Array:
+        return np.repeat(self._c, self.width)
+
+    def _complementarity(self, at: Evaluated) -> Multipliers:
+        """The residual in forces."""
+        return self.split(self.in_forces * self.residual(at))
 
     def violation(self, at: Evaluated) -> float:
         """Largest stress on this rank by which complementarity is violated.
@@ -336,12 +343,12 @@ class ConstraintRows:
         That of closed gaps is ε ḡ*, which is a part of what is read as λ, or what they stand for
         in the stiffest body.
         """
-        parts = self.complementarity(at)
-        found = [self._of_gaps(at, parts[0])]
-        if at.response is not None and self.slip is not None:
+        parts = self._complementarity(at)
+        found = [self._of_gaps(at, parts.normal)]
+        if at.response is not None and parts.tangential is not None and self.slip is not None:
             sticks = at.closed & ~at.response.slipping
             factor = np.where(sticks, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
-            stress = np.abs(parts[1] / self.slip.weight[:, None] * factor[:, None])
+            stress = np.abs(parts.tangential / self.slip.weight[:, None] * factor[:, None])
             found.append(np.maximum(stress - self._of_rates(at.response)[:, None], 0.0))
         return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
 

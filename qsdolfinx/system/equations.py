@@ -42,6 +42,11 @@ LAWS = Unilateral, Tied
 UNBALANCED = 1e-3
 
 
+#: Springs over the diagonal of the bodies' matrices that a second solve with the same factors takes
+#: back: they make matrices regular where conditions leave bodies a rigid motion.
+REGULAR = 1e-11
+
+
 class Pass(typing.NamedTuple):
     """One pass of a contact and its constraints.
 
@@ -333,6 +338,21 @@ class Equations:
             parts.append(at.tools)
         return np.concatenate(parts)
 
+    def in_forces(self, residual: Array, back: bool = False) -> Array:
+        """R with the rows of λ and τ as forces, c R: continuous where sets change.
+
+        Its norm is what a line search should make fall.
+
+        Args:
+            residual: R, as :meth:`residual` returns it.
+            back: Whether R is wanted, from what this has made of it.
+        """
+        out, first = residual.copy(), len(self.system.bodies)
+        for i, p in enumerate(self.passes):
+            scale = p.rows.in_forces
+            out[self._ends[first + i] : self._ends[first + i + 1]] *= 1 / scale if back else scale
+        return out
+
     def forces_of(self, at: State) -> Array:
         """R_u where it was evaluated."""
         out = at.bulk.copy()
@@ -554,7 +574,7 @@ class Equations:
         """Springs of free bodies on the diagonal. Collective."""
         values = self.springs(parts)
         rows = self.start + np.arange(len(values), dtype=np.int64)
-        self.softened[: len(values)] = np.minimum(values, self.springs((parts[0], parts[0])))
+        self.softened[: len(values)] = np.minimum(values, self.springs((REGULAR, REGULAR)))
         keep = values != 0
         return [Entries(rows[keep], rows[keep], values[keep])]
 

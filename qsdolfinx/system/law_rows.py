@@ -95,12 +95,8 @@ class LawRows(CondensedRows):
     def _normal_residual(self, at: Evaluated) -> Array:
         return np.zeros((0, self.width))
 
-    def complementarity(self, at: Evaluated) -> list[Array]:
-        """That of τ alone, in forces."""
-        parts = self.split(self.residual(at))
-        if parts.tangential is None:
-            return []
-        return [np.zeros((0, 1)), self._ct[:, None] * parts.tangential]
+    def _normal_in_forces(self) -> Array:
+        return np.zeros(0)
 
     def violation(self, at: Evaluated) -> float:
         """Largest stress on this rank by which the law of friction is violated."""

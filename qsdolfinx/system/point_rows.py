@@ -176,13 +176,9 @@ class PointConstraints(CondensedRows):
         change = at.pressure - self.seen(at.multipliers.normal)
         return np.asarray(self.gathered(change[:, 0]) / self.gamma)
 
-    def complementarity(self, at: Evaluated) -> list[Array]:
-        """The same in forces, γ R_λ and c R_τ. Collective."""
-        parts = self.split(self.residual(at))
-        normal = self.gamma * parts.normal
-        if parts.tangential is None:
-            return [normal]
-        return [normal, self._ct[:, None] * parts.tangential]
+    def _normal_in_forces(self) -> Array:
+        """γ."""
+        return np.full(self.num_multipliers, self.gamma)
 
     def _of_gaps(self, at: Evaluated, forces: Array) -> Array:
         """Stress of forces by which complementarity of pressure and gap is violated."""

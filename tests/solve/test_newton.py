@@ -38,7 +38,7 @@ def test_refused_solves_leave_the_state():
 def test_ends_that_are_not_ours_are_judged():
     """A run that ends for its number of iterations, or a short step, is good if forces balance."""
     for law in (qs.Tied(), qs.Unilateral()):
-        options = {"enforcement": "penalty"}
+        options = {"enforcement": "penalty", "quadrature": "nodal"}
         pair = Pair("quadrilateral", n=(5, 3), law=law, wave=0.05, contact_options=options)
         pair.problem().solve()
         force = pair.contact.force("slave")

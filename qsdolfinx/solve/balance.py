@@ -1,0 +1,174 @@
+"""Whether unknowns solve R(z) = 0: forces in balance, constraints met, tools in balance."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.solve.newton import Newton
+from qsdolfinx.system.equations import REGULAR, Equations, State
+
+Array = npt.NDArray[np.float64]
+
+#: Most springs of bodies that have no condition at all, over the diagonal of their stiffness.
+SPRINGS = 1e-4
+
+#: Unbalanced force of a tool over the force that drives it.
+RTOL_TOOLS = 1e-8
+
+#: What rounding leaves of forces and gaps, in units in the last place of the largest coordinate.
+ROUNDING = 50 * np.finfo(np.float64).eps
+
+
+class Iterate(typing.NamedTuple):
+    """One iteration.
+
+    Attributes:
+        residual: |R_u|.
+        forces: The same over the contact forces.
+        constraints: Largest complementarity residual over the largest multiplier.
+        tools: Largest unbalanced force of a tool over the force that drives it.
+        active: Closed rows over all ranks.
+        sticking: Of these those that stick.
+        step: Part of the step that was taken to get here; NaN where PETSc has taken it.
+    """
+
+    residual: float
+    forces: float
+    constraints: float
+    tools: float
+    active: int
+    sticking: int
+    step: float
+
+
+class Balance:
+    """Measures iterates, and knows which one solves the equations.
+
+    |R_u| is to be below ``snes_rtol`` of the contact forces, what gaps stand for in stress below
+    that of the largest multiplier, and unbalanced forces on tools below 1e-8 of those that drive
+    them; none of them below what rounding leaves.
+
+    Args:
+        equations: The equations.
+        newton: Whose tolerances it has.
+        stiffness: Most springs of bodies that conditions leave a rigid motion, over the diagonal of
+            their stiffness; by default of those without any condition alone.
+    """
+
+    def __init__(
+        self, equations: Equations, newton: Newton, stiffness: float | None = None
+    ) -> None:
+        self._stiffness = stiffness
+        self._equations = equations
+        self._rtol, self._atol, _, _ = newton.snes.getTolerances()
+        #: Largest coordinate of each body: what is much larger is no displacement.
+        self._sizes = [
+            float(body.comm.allreduce(np.abs(body.V.mesh.geometry.x).max(initial=0.0), op=MPI.MAX))
+            for body in equations.system.bodies
+        ]
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with a solve."""
+        #: Its iterates.
+        self.history: list[Iterate] = []
+        #: Norm of forces with which the solve ends.
+        self.until = 0.0
+        self._was_in_floor = False
+        #: Largest residual, contact forces and multiplier of the solve so far.
+        self._seen: Array = np.zeros(3)
+
+    def is_found(self, at: State, step: float) -> bool:
+        """Whether an evaluation's unknowns solve the equations; notes the iterate. Collective.
+
+        Args:
+            at: The evaluation.
+            step: For the iterate.
+        """
+        equations, comm = self._equations, self._equations.system.comm
+        R, f = equations.forces_of(at), at.contact
+        bodies = equations.system.bodies
+        rounding = [
+            body.diagonal[body.free] * np.minimum(np.abs(equations.part(at.z, i)[body.free]), most)
+            for i, (body, most) in enumerate(zip(bodies, self._sizes, strict=True))
+        ]
+        sums = np.array([R @ R, f @ f, sum(float(r @ r) for r in rounding)])
+        comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        residual, forces, rounded = np.sqrt(sums)
+        largest = np.zeros(3)
+        counts: npt.NDArray[np.int64] = np.zeros(2, dtype=np.int64)
+        for p, e in zip(equations.passes, at.passes, strict=True):
+            largest[0] = max(largest[0], p.rows.violation(e))
+            largest[1] = max(largest[1], float(np.max(np.abs(e.pressure), initial=0.0)))
+            largest[2] = max(largest[2], p.rows.rounding())
+            slipping = np.zeros_like(e.closed) if e.response is None else e.response.slipping
+            counts += np.sum(e.active), np.sum(e.closed & ~slipping)
+        comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
+        driving = [tool.driven.force for tool in equations.tools if tool.driven is not None]
+        tools = float(np.max(np.abs(at.tools / np.array(driving)), initial=0.0))
+        found = Iterate(
+            float(residual),
+            residual / forces if forces > 0 else float(residual > 0),
+            largest[0] / largest[1] if largest[1] > 0 else 0.0,
+            tools,
+            int(counts[0]),
+            int(counts[1]),
+            step,
+        )
+        self.history.append(found)
+        limits = self._rtol * forces, self._rtol * largest[1]
+        self.until = max(float(limits[0]), self._atol)
+        self._seen = np.maximum(self._seen, [residual, forces, largest[1]])
+        rounded, largest[2] = max(rounded, *self._seen[:2]), max(largest[2], self._seen[2])
+        self.until = max(self.until, float(ROUNDING * rounded))
+        floors = max(limits[0], ROUNDING * rounded), max(limits[1], ROUNDING * largest[2])
+        in_floor = bool(residual <= floors[0] and largest[0] <= floors[1])
+        # An iteration more, as a refinement, makes the most of what rounding leaves.
+        if in_floor and (self._was_in_floor or largest[1] == 0):
+            limits = floors
+        self._was_in_floor = in_floor
+        balanced = residual <= max(limits[0], self._atol)
+        closed = largest[0] <= limits[1] and self._are_closed(at)
+        return bool(balanced and closed and tools <= RTOL_TOOLS)
+
+    def _are_closed(self, at: State) -> bool:
+        """Whether no multiplier leaves a gap that is more than its contact allows. Collective."""
+        passes = zip(self._equations.passes, at.passes, strict=True)
+        return self._all(all(p.rows.open_gap(e) <= p.model.allowed_gap for p, e in passes))
+
+    def num_closed(self, at: State) -> list[int]:
+        """Closed rows of each contact on this rank.
+
+        Args:
+            at: The evaluation.
+        """
+        closed = {id(contact): 0 for contact in self._equations.system.contacts}
+        for p, e in zip(self._equations.passes, at.passes, strict=True):
+            closed[id(p.model)] += int(np.sum(e.active))
+        return list(closed.values())
+
+    def _all(self, here: bool) -> bool:
+        return bool(self._equations.system.comm.allreduce(here, op=MPI.LAND))
+
+    @property
+    def shift(self) -> tuple[float, float]:
+        """Springs for ``Equations.tangent_of``; most of them vanish with the residual."""
+        if self._stiffness is None:
+            return REGULAR, max(REGULAR, SPRINGS * self._left)
+        springs = max(REGULAR, self._stiffness * self._left)
+        return springs, springs
+
+    @property
+    def _left(self) -> float:
+        """What is left of the residual; a solve begins where springs have put the bodies."""
+        if len(self.history) < 2:
+            return 0.0
+        now, first = self.history[-1], self.history[0]
+        fallen = now.residual / first.residual if first.residual > 0 else 1.0
+        return float(min(1.0, fallen, now.forces + now.constraints))

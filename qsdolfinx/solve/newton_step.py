@@ -1,0 +1,130 @@
+"""Newton's step on bodies, multipliers and driven tools by the problem's linear solver."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.linear.saddle import SaddlePoint
+from qsdolfinx.linear.saddle_factors import SaddleFactors
+from qsdolfinx.solve.newton import Newton
+from qsdolfinx.system.equations import Equations, State
+
+Array = npt.NDArray[np.float64]
+
+LATE = int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
+LINEARLY = int(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
+
+
+class NoConvergence(RuntimeError):
+    """The iteration has not converged; the text says where it stood.
+
+    Attributes:
+        reason: PETSc's SNESConvergedReason.
+    """
+
+    def __init__(self, text: str, reason: int = LATE) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+class NewtonStep:
+    """Solves with the inexact derivative of R, by factors or by a Krylov solver.
+
+    Factors take the place of a Krylov solver that fails, as long as the problem has it that way.
+
+    Args:
+        equations: The equations.
+        newton: Whose record and linear solver it has.
+    """
+
+    def __init__(self, equations: Equations, newton: Newton) -> None:
+        self._equations, self._newton = equations, newton
+        self._factors: SaddleFactors | None = None
+        self._saddle: SaddlePoint | None = None
+        self._guess: Array | None = None
+        self._at: State | None = None
+        self._shift = (0.0, 0.0)
+
+    def set_up(self, at: State, shift: tuple[float, float]) -> None:
+        """Take the derivative where the last evaluation was. Collective.
+
+        Args:
+            at: That evaluation.
+            shift: As for ``Equations.tangent_of``.
+        """
+        self._at, self._shift = at, shift
+        if self._is_iterative:
+            linear = self._newton.linear
+            self._saddle = self._saddle or SaddlePoint(self._equations, linear)
+            self._saddle.set_up(at, self._equations.springs(shift))
+        else:
+            self._form()
+
+    @property
+    def _is_iterative(self) -> bool:
+        linear = self._newton.linear
+        return not (linear.has_factors or linear.given_up.is_now)
+
+    def _form(self) -> None:
+        assert self._at is not None
+        self._factors = self._factors or SaddleFactors(self._equations, self._newton.linear)
+        self._factors.set_up(self._at, self._shift)
+
+    def solve(self, rhs: Array, until: float, exact: bool = False) -> Array:
+        """Change of z for a change of R (this rank's part of both). Collective.
+
+        Args:
+            rhs: The change of R.
+            until: Norm of forces with which Newton's method ends.
+            exact: Whether an iterative solver is to find it whatever Newton's method needs.
+
+        Raises:
+            NoConvergence: If the matrix is singular, or an iterative solver fails for good.
+        """
+        record, out = self._newton.record, None
+        if self._is_iterative:
+            out = self._iterated(rhs, until, exact)
+            if out is None:
+                self._form()
+        if out is None:
+            assert self._factors is not None
+            out = self._factors.solve(rhs)
+            record.linear_iterations += 1
+            if out is None:
+                raise NoConvergence(self._factors.reason, LINEARLY)
+        return out
+
+    def _iterated(self, rhs: Array, until: float, exact: bool) -> Array | None:
+        """The same by a Krylov solver; None if a direct one takes its place. Collective."""
+        newton = self._newton
+        assert self._saddle is not None
+        out = self._saddle.solve(rhs, until, exact, self._guess)
+        self._guess = out if exact else None  # of where bodies would go without some rows
+        newton.record.linear_iterations += self._saddle.num_iterations
+        if out is None:
+            newton.record.restarts += 1
+            if not newton.linear.give_up(self._saddle.reason):
+                raise NoConvergence(f"linear solver: {self._saddle.reason}", LINEARLY)
+        return out
+
+    def multiply(self, x: Array, transposed: bool = False) -> Array:
+        """Product of the derivative, or of its transpose, with this rank's part of x. Collective.
+
+        The transpose is that of factors alone.
+        """
+        if self._is_iterative:
+            assert self._saddle is not None and not transposed
+            return self._saddle.multiply(x)
+        assert self._factors is not None
+        return self._factors.multiply(x, transposed)
+
+    def destroy(self) -> None:
+        """Free PETSc's objects. Collective."""
+        if self._factors is not None:
+            self._factors.destroy()
+        if self._saddle is not None:
+            self._saddle.free()
+        self._factors = self._saddle = None
