@@ -189,8 +189,7 @@ def test_types_that_cannot_solve(options, remedy):
     assert remedy in str(error.value)
 
 
-def test_constraints_at_points():
+def test_papers_penalty():
     """There the bodies' unknowns alone are SNES', and any type that solves for them will do."""
-    given = EXACT | {"constraints": "points"}
-    pair = Pair("triangle", contact_options=given)
+    pair = Pair("triangle", contact_options={"quadrature": "nodal", "enforcement": "penalty"})
     pair.problem(petsc_options={"snes_type": "newtontrdc"})
