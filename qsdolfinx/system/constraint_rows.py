@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.filled import Filled, fill
 from qsdolfinx.friction.laws import Limited, Response, Rows
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -57,6 +58,7 @@ class Evaluated(typing.NamedTuple):
         multipliers: λ and τ.
         held: Components of λ that conditions hold on both sides; None if there are none anywhere.
         means: λ̄ of these, of the same shape.
+        filled: What the edge of contact makes of the answer; None of a law that does not jump.
     """
 
     gap: Array
@@ -67,6 +69,19 @@ class Evaluated(typing.NamedTuple):
     multipliers: Multipliers
     held: Flags | None
     means: Array | None
+    filled: Filled | None = None
+
+    @property
+    def closed(self) -> Flags:
+        """Rows that are active or on the edge of contact."""
+        return self.active if self.filled is None else self.active | self.filled.edge
+
+    @property
+    def sticking(self) -> Flags:
+        """Closed rows that do not slip, (rows,); all without friction."""
+        if self.response is None:
+            return self.active
+        return np.asarray(self.active & ~self.response.slipping)
 
 
 class Derivative(typing.NamedTuple):
@@ -78,6 +93,7 @@ class Derivative(typing.NamedTuple):
         by_slip: Of the tangential rows by g (area), (rows, gdim, gdim); None without friction.
         by_tangential: By τ, (rows, gdim, gdim).
         by_normal: By λ, (rows, gdim).
+        by_gap: By ḡ (area), (rows, gdim); None of a law that does not jump.
     """
 
     normal_by_gap: Array
@@ -85,6 +101,7 @@ class Derivative(typing.NamedTuple):
     by_slip: Array | None
     by_tangential: Array | None
     by_normal: Array | None
+    by_gap: Array | None = None
 
 
 class ConstraintRows:
@@ -97,6 +114,7 @@ class ConstraintRows:
 
     T is the law of friction, whose trial is the sum of its second argument and c_t g: for Coulomb
     the projection of τ + c_t g* onto the ball of radius μ λ₊ (Hüeber, Stadler & Wohlmuth, 2008).
+    Of a law that jumps where rows open it is a part of that on the edge of contact, see ``fill``.
     A law of the whole jump has R_λ = W (⟦u⟧ − λ/ε). Where conditions hold both sides, no gap can
     be closed: there R_λ = W/c_n (λ̄ − λ), λ̄ being the mean of the nodes around while the gap is
     closed, and else 0. They are functions of their arguments alone.
@@ -126,6 +144,8 @@ class ConstraintRows:
         self._compliance: Array = np.zeros_like(stiffness) if exact else 1 / stiffness
         self._proximal: Array = np.asarray(exact * PROXIMAL / self._stiffest)
         self._c: Array = C_NORMAL * usual * stiffness
+        #: Whether rows may be on the edge of contact.
+        self._fills = slip is not None and slip.friction.jumps and slip.friction.is_bounded
         if slip is not None:
             tangential = model.tangential_eps * gap.relative_penalty
             self._stiffest_t: Array = np.maximum(tangential, stiffest)
@@ -194,18 +214,33 @@ class ConstraintRows:
             active |= (at.normal[:, 0] > 0) | (trial[:, 0] >= -self._c * self.model.paired.touching)
         if opened is not None:
             active &= ~opened
-        rows = response = None
-        if self.slip is not None:
-            assert at.tangential is not None
-            rows = self._told(self.slip, at, active)
-            if first:
-                slipped = np.any(at.tangential, axis=1) & (again | (self.slip.state.slipped > 0))
-                rows = rows._replace(unlimited=active & ~slipped)
-            with collective_errors(self.model.comm):  # a law may be the user's
-                flows = not all(self.model.kinematics.in_displacement)
-                response = self.slip.respond(rows, flows)
         held, means = self._means(at)
-        return Evaluated(gap, trial, active, rows, response, at, held, means)
+        found = Evaluated(gap, trial, active, None, None, at, held, means)
+        if self.slip is None:
+            return found
+        assert at.tangential is not None
+        rows = self._told(self.slip, at, active)
+        if first:
+            slipped = np.any(at.tangential, axis=1) & (again | (self.slip.state.slipped > 0))
+            rows = rows._replace(unlimited=active & ~slipped)
+        if self._fills:
+            rows = rows._replace(closed=np.ones_like(active))
+        with collective_errors(self.model.comm):  # a law may be the user's
+            flows = not all(self.model.kinematics.in_displacement)
+            response = self.slip.respond(rows, flows)
+        found = found._replace(of_friction=rows, response=response)
+        return self._filled(found, first, opened) if self._fills else found
+
+    def _filled(self, found: Evaluated, first: bool, opened: Flags | None) -> Evaluated:
+        """The same with what friction is on the edge of contact, see ``fill``."""
+        active, normal = found.active, found.multipliers.normal[:, 0]
+        assert found.response is not None and found.multipliers.tangential is not None
+        # What conditions hold is closed or open, as their λ̄ tells.
+        alone = np.zeros_like(active) if found.held is None else found.held[:, 0]
+        whole = active & (alone | (first & (normal > 0)))
+        none = (alone & ~active) | (False if opened is None else opened)
+        filled = fill(found.response, found.multipliers.tangential, found.trial[:, 0], whole, none)
+        return found._replace(response=filled.response, filled=filled)
 
     def _means(self, at: Multipliers) -> tuple[Flags | None, Array | None]:
         """What is held on both sides, and λ̄ there. Collective."""
@@ -293,11 +328,10 @@ class ConstraintRows:
         in the stiffest body.
         """
         weight, parts = self.gap.weight[:, None], self.complementarity(at)
-        factor = np.where(at.active, np.maximum(self._stiffest / self._c, 1.0), 1.0)
+        factor = np.where(at.closed, np.maximum(self._stiffest / self._c, 1.0), 1.0)
         found = [parts[0] / weight * factor[:, None]]
         if at.response is not None:
-            sticks = at.active & ~at.response.slipping
-            factor = np.where(sticks, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
+            factor = np.where(at.sticking, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
             stress = np.abs(parts[1] / weight * factor[:, None])
             found.append(np.maximum(stress - self._of_rates(at.response)[:, None], 0.0))
         return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
@@ -306,7 +340,7 @@ class ConstraintRows:
         """Gap (length) of closed rows that multipliers are to close: the largest on this rank."""
         if not self.model.augmented:
             return 0.0
-        gaps = np.where(at.active[:, None], np.abs(at.gap), 0.0)
+        gaps = np.where(at.closed[:, None], np.abs(at.gap), 0.0)
         if at.held is not None:
             gaps = np.where(at.held, 0.0, gaps)
         return float(np.max(gaps, initial=0.0))
@@ -326,8 +360,7 @@ class ConstraintRows:
         normal = np.where(at.active, 1 / self._softness, self._c)
         if self.slip is None or at.response is None:
             return normal, normal
-        sticks = at.active & ~at.response.slipping
-        return normal, np.where(sticks, 1 / self._softness_t, self._ct)
+        return normal, np.where(at.sticking, 1 / self._softness_t, self._ct)
 
     @property
     def softness(self) -> float:
@@ -391,7 +424,17 @@ class ConstraintRows:
             by_tau -= (weight * self._proximal_t)[:, None, None] * np.eye(gdim)
         positive = at.multipliers.normal[:, 0] > 0
         by_normal = (weight / self._ct * positive)[:, None] * at.response.coupling
-        return Derivative(by_gap, own, by_slip, by_tau, by_normal)
+        if at.filled is None:
+            return Derivative(by_gap, own, by_slip, by_tau, by_normal)
+        by_trial = (weight / self._ct)[:, None] * at.filled.by_trial
+        return Derivative(
+            by_gap,
+            own,
+            by_slip,
+            by_tau + (weight / self._ct)[:, None, None] * at.filled.by_multiplier,
+            by_normal + (1 - self._c * self._compliance)[:, None] * by_trial,
+            self._c[:, None] * by_trial,
+        )
 
     def softened(self, at: Evaluated) -> Array:
         """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""

@@ -295,10 +295,14 @@ class Equations:
         """Let bodies, contacts and tools be at z, which is known to be a solution. Collective."""
         for p, e in zip(self.passes, self.evaluate(z).passes, strict=True):
             p.gap.state.augmented = np.where(e.active[:, None], e.multipliers.normal, 0.0)
-            slip = p.slip if p.model.augmented else None
-            if slip is not None and e.multipliers.tangential is not None:
-                tangential = np.where(e.active[:, None], e.multipliers.tangential, 0.0)
-                slip.state.augmented = slip.tangential(tangential)
+            if p.slip is None or e.multipliers.tangential is None:
+                continue
+            tangential = np.where(e.closed[:, None], e.multipliers.tangential, 0.0)
+            if p.model.augmented:
+                p.slip.state.augmented = p.slip.tangential(tangential)
+            if e.filled is not None:
+                size = np.linalg.norm(tangential, axis=1)
+                p.slip.state.on_edge = np.where(e.filled.edge, size, np.inf)
         self.system.x.array[:] = self.bodies_of(z)
         self.system.residual(self.system.x.array_r)
         self._at = None
@@ -691,6 +695,10 @@ class Equations:
             found.append(Entries(own[rows[0], k], J.column, by_slip[rows[0], k, rows[1]] * J.value))
         pressure = np.broadcast_to(normal.reshape(num, 1), shape)
         found.append(Entries(own.ravel(), pressure.ravel(), by.by_normal.ravel()))
+        if by.by_gap is not None:
+            G = self._entries(p.gap.operator, p, 0, True)
+            for k in range(gdim):
+                found.append(Entries(own[G.row, k], G.column, by.by_gap[G.row, k] * G.value))
         for k, works in enumerate(self._works_on(p)):
             factor = p.slip.projector[:, k, :] * p.slip.weight[:, None]
             for j in range(gdim):
@@ -701,6 +709,8 @@ class Equations:
             change = self.changes(p)[1]
             assert change is not None
             pushed = np.einsum("rij,rj->ri", by_slip, change)
+            if by.by_gap is not None:
+                pushed = pushed + by.by_gap * self.changes(p)[0]
             ones = np.ones(shape)
             found += self._with_tool(p, own.ravel(), weight, ones, change)[:1]
             found += self._with_tool(p, own.ravel(), weight, ones, pushed)[1:]

@@ -25,7 +25,9 @@ class RowBlocks:
     F makes forces of multipliers, D and C are the derivatives of the rows by gaps and slips and by
     multipliers. Rows are scaled to forces, those of closed gaps by the usual penalty, so that one
     tolerance is for all. C_γ is C where closed rows have at least the
-    compliance of the usual penalty, without what couples nodes that conditions hold.
+    compliance of the usual penalty, without what couples nodes that conditions hold. On the edge
+    of contact |τ| is what closes the gap: C has nothing of it. There C_γ has |τ| as of open rows,
+    and what the row's gap and λ do to τ is left out of C_γ and S.
 
     Args:
         equations: The equations.
@@ -100,7 +102,7 @@ class RowBlocks:
 
     def condensed(self, gaps: Array) -> Array:
         """−C_γ⁻¹ D times gaps and slips."""
-        return -self.solve(self.by_gaps(gaps))
+        return self._each(_Blocks.condensed, gaps)
 
     def _each(self, function: typing.Callable[[_Blocks, Array], Array], values: Array) -> Array:
         pairs = zip(self._of, np.split(values, self._ends[1:-1]), strict=True)
@@ -122,7 +124,8 @@ class _Blocks:
         self._own: Array = normal[:, None] * by.normal_by_normal
         self._regular: Array = self._own - (normal * weight * soft[0])[:, None] * _unless(at.held)
         #: Whether C_γ is C.
-        self.is_condensed = at.held is None and not any(np.any(part) for part in soft)
+        on_edge = at.filled is not None and bool(at.filled.edge.any())
+        self.is_condensed = at.held is None and not on_edge and not any(map(np.any, soft))
         #: What the rows are multiplied with.
         self.scale: Array = np.repeat(normal, width)
         self._normal = normal
@@ -137,7 +140,15 @@ class _Blocks:
         self._by_slip: Array = scale * (by.by_slip @ p.slip.projector)
         self._by_tau: Array = scale * by.by_tangential
         self._by_normal: Array = tangential[:, None] * by.by_normal
+        #: What is left out: of the rows of τ on the edge of contact by gaps and by λ.
+        self._on_edge: tuple[Array, Array] | None = None
         softened = (tangential * weight * soft[1])[:, None, None] * np.eye(gdim)
+        if on_edge and by.by_gap is not None and at.filled is not None:
+            edge = at.filled.edge[:, None]
+            self._on_edge = tangential[:, None] * by.by_gap, np.where(edge, self._by_normal, 0.0)
+            self._by_normal = np.where(edge, 0.0, self._by_normal)
+            # Their scale is c_t.
+            softened = softened + weight[:, None, None] * at.filled.by_multiplier
         self._inverse: Array = np.asarray(np.linalg.inv(self._by_tau - softened))
 
     def add_to(self, digest: typing.Any) -> None:
@@ -145,6 +156,7 @@ class _Blocks:
         parts = [self._by_gap, self._own]
         if self._has_slip:
             parts += [self._by_slip, self._by_tau, self._by_normal]
+            parts += [*(self._on_edge or ())]
         for part in parts:
             digest.update(np.ascontiguousarray(part))
 
@@ -164,9 +176,11 @@ class _Blocks:
         of_slip = _times(self._projector, tangential) if self._has_slip else None
         return self._joined(self._weight[:, None] * normal, of_slip)
 
-    def by_gaps(self, gaps: Array) -> Array:
+    def by_gaps(self, gaps: Array, with_edge: bool = True) -> Array:
         gap, jump = self._split(gaps)
         of_slip = _times(self._by_slip, jump) if self._has_slip else None
+        if of_slip is not None and with_edge and self._on_edge is not None:
+            of_slip += self._on_edge[0] * gap
         return self._joined(self._by_gap * gap, of_slip)
 
     def by_multipliers(self, m: Array) -> Array:
@@ -175,7 +189,12 @@ class _Blocks:
         if not self._has_slip:
             return self._joined(out, None)
         of_slip = _times(self._by_tau, tangential) + self._by_normal * normal
+        if self._on_edge is not None:
+            of_slip += self._on_edge[1] * normal
         return self._joined(out, of_slip)
+
+    def condensed(self, gaps: Array) -> Array:
+        return -self.solve(self.by_gaps(gaps, with_edge=False))
 
     def solve(self, r: Array) -> Array:
         normal, tangential = self._split(r)
