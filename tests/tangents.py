@@ -4,6 +4,8 @@ import typing
 
 import numpy as np
 
+from qsdolfinx.friction import filled
+
 
 def near_solution(problem, rng, amplitude):
     """Unknowns beside the solution, the same on any partition; conditions hold. Collective."""
@@ -58,3 +60,22 @@ def tangent_errors(problem, x, d, step):
     size = system.norm(product.array_r)
     error = system.norm(product.array_r - (plus - minus) / (2 * step))
     return Errors(error / size, system.norm(skew) / size)
+
+
+def on_edge(equations, z, seed=3):
+    """The same unknowns with λ such that all rows of friction that jumps are on the edge.
+
+    There τ·d + a y_n is a part from 0.1 to 0.9 of what the law answers. Collective.
+    """
+    z = z.copy()
+    at, rng = equations.evaluate(z), np.random.default_rng((seed, equations.system.comm.rank))
+    parts = zip(equations.passes, at.passes, equations.multipliers(z), strict=True)
+    for p, e, values in parts:
+        closed = e.tangential.told._replace(closed=np.ones_like(e.active))
+        T = p.slip.respond(closed, False).traction
+        size = np.linalg.norm(T, axis=1)
+        along = np.sum(values.tangential * T, axis=1) / size
+        wanted = (rng.uniform(0.1, 0.9, len(size)) * size - along) / filled.OF_PRESSURE
+        by_pressure = p.rows.nodal.by_trial()[1]
+        values.normal[:, 0] += (wanted - e.normal.trial[:, 0]) / by_pressure
+    return z

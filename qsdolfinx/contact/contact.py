@@ -642,9 +642,9 @@ class Contact:
     def slipping(self, side: str = "slave") -> npt.NDArray[np.bool_]:
         """Nodes of this rank that are in contact and slip, shape (nodes,).
 
-        Among them are nodes that have lost the friction of a law that jumps when they open, and
-        those between closed ones (see :meth:`active`) if most of these slip. None without
-        friction. Collective.
+        Among them are nodes that have a part of the friction of a law that jumps when they open, or
+        have lost it, and those between closed ones (see :meth:`active`) if most of these slip. None
+        without friction. Collective.
         """
         return results.slipping(self._shown, side)
 

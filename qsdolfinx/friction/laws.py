@@ -87,8 +87,8 @@ class Friction(abc.ABC):
     """Tangential multipliers τ_k on the slave nodes; they act through the weighted jump.
 
     A law with a limit that does not vanish with the pressure lets τ jump to zero when a node opens.
-    Where such a node can be neither open nor closed with the whole of τ, it is closed without any:
-    see ``StickSlip``.
+    Where such a node can be neither open nor closed with the whole of τ, it is closed without any
+    pressure and with a part of τ, see ``fill``; at points where the mean of y_p is zero.
 
     The virtual work of contact is Σ S_k (λ_k δḡ_k + τ_k · δg_k), g_k being the tangential part of
     (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), Δu the displacement since the step began.
@@ -105,6 +105,8 @@ class Friction(abc.ABC):
     symmetric: bool = True
     #: Whether τ jumps to zero when a node opens.
     jumps: bool = True
+    #: Whether |τ| is bounded, so that part of it is what rows on the edge of contact may have.
+    is_bounded: bool = True
     #: Whether τ depends on the slip rate, and so on Δt.
     needs_dt: bool = False
     #: Whether it has to be told which slip rate is slow.
@@ -242,6 +244,8 @@ class CoulombTresca(Limited):
 
 class Sticking(Limited):
     """No slip at nodes in contact, whatever their pressure."""
+
+    is_bounded = False
 
     def limit(self, rows: Rows) -> tuple[Array, Array]:
         """κ = ∞."""

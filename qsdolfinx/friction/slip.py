@@ -15,6 +15,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
+from qsdolfinx.friction.filled import limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
 from qsdolfinx.friction.stick_slip import StickSlip
@@ -73,6 +74,8 @@ class SlipState:
         stuck: Rows that were made to stick there.
         ended: Whether the step of the last evaluation has been ended.
         response: What the law answered at the last evaluation.
+        on_edge: |τ| (stress) of rows that the last solve has found on the edge of contact, infinite
+            of others, (rows,).
         frames: Frames of the rows in which τ̂ is known, (rows, gdim, gdim); None as long as nobody
             has asked.
         pairs: What was opposite to what at the start of the step, where gaps follow the bodies:
@@ -94,6 +97,7 @@ class SlipState:
     closed: npt.NDArray[np.bool_]
     stuck: npt.NDArray[np.bool_]
     response: Response
+    on_edge: Array
     starts_there: bool = False
     ended: bool = True
     evaluated: Evaluated | None = None
@@ -110,7 +114,8 @@ class SlipState:
         response = Response(zero, stiffness, zero, no, zero, np.zeros(rows))
         none, all_ = np.zeros(rows), np.ones(rows)
         starts = none, none, all_, zero
-        return cls(zero, zero, zero, zero, zero, zero, all_, *starts, none, no, no, response)
+        edge = np.full(rows, np.inf)
+        return cls(zero, zero, zero, zero, zero, zero, all_, *starts, none, no, no, response, edge)
 
 
 class Slip:
@@ -274,6 +279,7 @@ class Slip:
             state.jump = state.jump + state.shift
         if in_displacement[0] and self.gap.following is None:
             state.carried = state.carried + state.shift
+        closed = closed | np.isfinite(state.on_edge)
         state.closed, state.pressure, state.ended = closed, pressure, False
         augmented = state.augmented
         if self.gap.following is not None:  # kept as it is: to come back is to change nothing
@@ -299,6 +305,7 @@ class Slip:
             state.stuck = self.stick_slip.made_to_stick(state.response)
             if state.stuck.any():
                 state.response = self.respond(rows._replace(unlimited=state.stuck), means)
+            state.response = limited(self.friction, state.response, state.on_edge, rows.penalty)
         leaving = ~closed & (state.slipped > 0) & ~self.stick_slip.without_friction
         state.evaluated = Evaluated(
             rows,
@@ -462,6 +469,12 @@ class Slip:
     def count_whole_step(self) -> None:
         """Count slip from the start of the step at all rows."""
         self.count_from(np.zeros_like(self.state.start), np.ones_like(self.state.share))
+
+    def begin_solve(self) -> None:
+        """Forget what the last solve has found of rows in this step."""
+        self.stick_slip.begin_solve()
+        self.state.on_edge = np.full_like(self.state.share, np.inf)
+        self.count_whole_step()
 
     def augmented_on_nodes(self) -> Array:
         """τ̂ at all owned nodes, in corners of their sides; 0 where there is none."""

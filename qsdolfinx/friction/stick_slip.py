@@ -30,9 +30,10 @@ class StickSlip:
     another law, it has the rigidity of Kačanov's iteration instead, |τ| over the slip that the
     trial stands for, |τ̂ + ε g|/ε, in all directions.
 
-    A law whose limit does not vanish with the pressure lets τ jump to zero where a node opens. A
-    node that can then be neither open nor closed with all of τ has no friction, once it has opened
-    several times, until the solve ends or :meth:`give_back` is called.
+    A law whose limit does not vanish with the pressure lets τ jump to zero where a node opens. One
+    Newton's method on all unknowns gives nodes that can then be neither open nor closed with all of
+    τ a part of it, see ``fill``. Elsewhere they have none, once they have opened several times,
+    until the solve ends or :meth:`give_back` is called.
 
     Args:
         friction: The law.

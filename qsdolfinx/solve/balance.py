@@ -106,8 +106,7 @@ class Balance:
             largest[0] = max(largest[0], p.rows.violation(e))
             largest[1] = max(largest[1], float(np.max(np.abs(e.pressure), initial=0.0)))
             largest[2] = max(largest[2], p.rows.rounding())
-            slipping = np.zeros_like(e.closed) if e.response is None else e.response.slipping
-            counts += np.sum(e.active), np.sum(e.closed & ~slipping)
+            counts += np.sum(e.closed), np.sum(e.sticking)
         comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
         driving = [tool.driven.force for tool in equations.tools if tool.driven is not None]
@@ -150,7 +149,7 @@ class Balance:
         """
         closed = {id(contact): 0 for contact in self._equations.system.contacts}
         for p, e in zip(self._equations.passes, at.passes, strict=True):
-            closed[id(p.model)] += int(np.sum(e.active))
+            closed[id(p.model)] += int(np.sum(e.closed))
         return list(closed.values())
 
     def _all(self, here: bool) -> bool:

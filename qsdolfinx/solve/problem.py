@@ -643,8 +643,7 @@ class ContactProblem:
 
     def _begin_slips(self) -> None:
         for slip in self.system.slips:
-            slip.stick_slip.begin_solve()
-            slip.count_whole_step()
+            slip.begin_solve()
 
     def _starting_point(self) -> Array:
         """Bring the system to the bodies' unknowns; returns a copy of them."""

@@ -1,4 +1,4 @@
-"""Constraints of one pass of a contact in the equations: residual and derivative of their rows."""
+"""Constraints of one pass of a contact in the equations: rows of λ, and of τ."""
 
 from __future__ import annotations
 
@@ -7,30 +7,19 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.friction.laws import Limited, Response, Rows
 from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.laws import Conductance, Tied, Unilateral
 from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
+from qsdolfinx.system.friction_rows import FrictionRows, Tangential
+from qsdolfinx.system.normal_rows import AugmentedLawRows, NodalRows, Normal, NormalRows
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-Indices = npt.NDArray[np.int64]
 
-#: c_n and c_t over the automatic penalty of the rows (5 E/h). In small sliding they have no
-#: influence over eight decades; where pairs change 0.1 to 1 fails at times for c_n.
-C_NORMAL, C_TANGENTIAL = 1e-2, 1.0
-
-#: Compliance of closed rows in the inexact derivative, over that of the penalty: where constraints
-#: are redundant, as of a node in two contacts with one plane, their multipliers change least.
-PROXIMAL = 1e-10
-
-#: What rounding leaves of slips, over coordinates.
-OF_RATES = 10 * np.finfo(np.float64).eps
-
-#: Penalty over the bodies' stiffness from which on the factors are of that, times this; and up to
-#: which they are, of an augmented Lagrangian.
-USUAL, LEAST = 100.0, 5.0
+#: Laws that ``NodalRows`` stand for; others are a user's.
+LAWS = Unilateral, Tied
 
 
 class Multipliers(typing.NamedTuple):
@@ -49,49 +38,32 @@ class Evaluated(typing.NamedTuple):
     """Constraints at given unknowns.
 
     Attributes:
-        gap: ḡ* = ḡ − λ/ε (length), of the shape of λ.
-        trial: y_n = λ + c_n ḡ* (stress), likewise.
-        active: Rows with y_n > 0; all of a law of the whole jump.
-        of_friction: What the law was told; None without friction.
-        response: What it answered.
-        multipliers: λ and τ.
-        pressure: Stress that makes forces, of a row of the gaps: λ, or at points [λ_h + γ g]₊.
-        held: Components of λ that conditions hold on both sides; None if there are none anywhere.
-        means: λ̄ of these, of the same shape.
+        normal: Rows of λ.
+        tangential: Rows of τ; None without friction.
     """
 
-    gap: Array
-    trial: Array
-    active: Flags
-    of_friction: Rows | None
-    response: Response | None
-    multipliers: Multipliers
-    pressure: Array
-    held: Flags | None
-    means: Array | None
+    normal: Normal
+    tangential: Tangential | None
+
+    @property
+    def pressure(self) -> Array:
+        """Stress that makes forces at the rows of the gaps, (rows, width)."""
+        return self.normal.pressure
+
+    @property
+    def active(self) -> Flags:
+        """Rows of the gaps that are closed."""
+        return self.normal.active
 
     @property
     def closed(self) -> Flags:
-        """Rows of friction in contact, or else those of the gaps."""
-        return self.active if self.of_friction is None else self.of_friction.closed
+        """Rows that are closed, or on the edge of contact; with friction those of τ."""
+        return self.active if self.tangential is None else self.tangential.closed
 
-
-class Derivative(typing.NamedTuple):
-    """Derivatives of the rows' residual; what a gap or a slip changes by is of G and J.
-
-    Attributes:
-        normal_by_gap: Of the normal rows by ḡ (area), (rows, width).
-        normal_by_normal: Of the normal rows by λ, their own, (rows, width).
-        by_slip: Of the tangential rows by g (area), (rows, gdim, gdim); None without friction.
-        by_tangential: By τ, (rows, gdim, gdim).
-        by_normal: By λ, (rows, gdim).
-    """
-
-    normal_by_gap: Array
-    normal_by_normal: Array
-    by_slip: Array | None
-    by_tangential: Array | None
-    by_normal: Array | None
+    @property
+    def sticking(self) -> Flags:
+        """Closed rows that do not slip; all without friction."""
+        return self.active if self.tangential is None else self.tangential.sticking
 
 
 class ConstraintRows:
@@ -104,42 +76,40 @@ class ConstraintRows:
 
     T is the law of friction, whose trial is the sum of its second argument and c_t g: for Coulomb
     the projection of τ + c_t g* onto the ball of radius μ λ₊ (Hüeber, Stadler & Wohlmuth, 2008).
+    Of a law that jumps where rows open it is a part of that on the edge of contact, see ``fill``.
     A law of the whole jump has R_λ = W (⟦u⟧ − λ/ε). Where conditions hold both sides, no gap can
     be closed: there R_λ = W/c_n (λ̄ − λ), λ̄ being the mean of the nodes around while the gap is
-    closed, and else 0. They are functions of their arguments alone.
+    closed, and else 0. At points see ``PointConstraints``: friction, at nodes, has the mean of
+    their pressures there. All are functions of their arguments alone.
 
     Args:
         model: The contact.
-        gap: The pass; its rows are nodes.
+        gap: The pass.
         slip: Its slip; None without friction.
     """
 
     def __init__(self, model: ContactModel, gap: WeightedGap, slip: Slip | None) -> None:
         self.model, self.gap, self.slip = model, gap, slip
-        stiffness = model.eps * gap.relative_penalty
-        exact = model.augmented
-        #: ε, and what turns gaps into stress of the stiffest body: a part of what is read as λ.
-        self._eps: Array = stiffness
-        stiffest = max((k for k in model.penalty.stiffness if k < np.inf), default=0.0)
-        self._stiffest: Array = np.maximum(stiffness, stiffest)
-        ratio = model.penalty.ratio
-        usual = min(1.0, USUAL / ratio) if ratio > 0 else 1.0
-        if exact and ratio > 0:  # the result does not depend on the penalty
-            usual = max(usual, LEAST / ratio)
-        soft = LEAST / ratio if ratio > 0 else 1.0
-        soft = soft if exact else min(soft, 1.0)
-        #: Least compliance of closed rows where a linear solver is to see no stiff ones.
-        self._softness: Array = 1 / (soft * stiffness)
-        self._compliance: Array = np.zeros_like(stiffness) if exact else 1 / stiffness
-        self._proximal: Array = np.asarray(exact * PROXIMAL / self._stiffest)
-        self._c: Array = C_NORMAL * usual * stiffness
-        if slip is not None:
-            tangential = model.tangential_eps * slip.gap.relative_penalty
-            self._stiffest_t: Array = np.maximum(tangential, stiffest)
-            self._softness_t: Array = 1 / (soft * tangential)
-            self._compliance_t: Array = np.zeros_like(tangential) if exact else 1 / tangential
-            self._proximal_t: Array = np.asarray(exact * PROXIMAL / self._stiffest_t)
-            self._ct: Array = C_TANGENTIAL * usual * tangential
+        #: Rows of λ where they are nodes' and their unknowns make forces; None of others.
+        self.nodal: NodalRows | None = None
+        #: Those whose gaps make forces themselves.
+        self.condensed: CondensedRows | None = None
+        if isinstance(gap.law, Conductance):
+            self.condensed = CondensedRows(model, gap)
+        elif gap.rows.are_points:
+            self.condensed = PointConstraints(model, gap)
+        elif type(gap.law) in LAWS:
+            self.nodal = NodalRows(model, gap)
+        elif model.augmented:
+            self.nodal = AugmentedLawRows(model, gap)
+        else:
+            self.condensed = CondensedRows(model, gap)
+        normal = self.nodal or self.condensed
+        assert normal is not None
+        #: Rows of λ.
+        self.normal: NormalRows = normal
+        #: Rows of τ; None without friction.
+        self.friction = None if slip is None else FrictionRows(model, slip)
 
     @property
     def num_rows(self) -> int:
@@ -147,14 +117,14 @@ class ConstraintRows:
         return self.gap.num_rows
 
     @property
-    def num_multipliers(self) -> int:
-        """Unknowns λ on this rank."""
-        return self.num_rows * self.width
-
-    @property
     def width(self) -> int:
         """Components of λ."""
         return int(self.gap.operator.width)
+
+    @property
+    def num_multipliers(self) -> int:
+        """Unknowns λ on this rank."""
+        return self.normal.num_multipliers
 
     @property
     def num_unknowns(self) -> int:
@@ -168,28 +138,23 @@ class ConstraintRows:
 
     @property
     def _num_tangential(self) -> int:
-        return 0 if self.slip is None else self.slip.operator.num_rows * self.gap.slave.gdim
+        return 0 if self.friction is None else self.friction.num_rows * self.gap.slave.gdim
 
     def split(self, values: Array) -> Multipliers:
         """λ and τ in an array of the unknowns."""
-        end, width, gdim = self.num_multipliers, self.width, self.gap.slave.gdim
+        end, width = self.num_multipliers, self.width
         normal = values[:end].reshape(end // width, width)
-        if self.slip is None:
+        if self.friction is None:
             return Multipliers(normal, None)
-        rows = self.slip.operator.num_rows
-        return Multipliers(normal, values[end:].reshape(rows, gdim))
+        shape = self.friction.num_rows, self.gap.slave.gdim
+        return Multipliers(normal, values[end:].reshape(shape))
 
     # --- Evaluation
 
     def first(self) -> Multipliers:
-        """What is known of the nodes, ε [ḡ]₊ where nothing is, where gaps were evaluated last."""
-        gap = self.gap
-        known, law = gap.state.augmented, gap.law
-        new = 0.0 if law.jump else law.multiplier(gap.state.values, self._eps)
-        normal = np.where(known == 0, new, known)
-        if self.slip is None:
-            return Multipliers(normal, None)
-        return Multipliers(normal, self.slip.turned(self.slip.state.augmented))
+        """What is known of λ and τ, where gaps were evaluated last. Collective."""
+        tangential = None if self.friction is None else self.friction.first()
+        return Multipliers(self.normal.first(), tangential)
 
     def evaluate(
         self,
@@ -207,285 +172,68 @@ class ConstraintRows:
             opened: Rows that count as open; none by default.
             again: Whether the step has been solved before, so that what has τ is what it seems.
         """
-        gap, trial, active = self._normal(at, first)
-        if opened is not None:
-            active &= ~opened
-        pressure = self._pressure(at, trial, active)
-        rows, response = self._friction(at, active, pressure, first, again)
-        held, means = self._means(at)
-        return Evaluated(gap, trial, active, rows, response, at, pressure, held, means)
-
-    def _normal(self, at: Multipliers, first: bool) -> tuple[Array, Array, Flags]:
-        """ḡ*, y_n and which rows are closed."""
-        gap = self.gap.state.values - self._compliance[:, None] * at.normal
-        trial = at.normal + self._c[:, None] * gap
-        if self.gap.law.jump:
-            return gap, trial, np.ones(self.num_rows, dtype=bool)
-        active = trial[:, 0] > 0
-        if first:
-            active |= (at.normal[:, 0] > 0) | (trial[:, 0] >= -self._c * self.model.paired.touching)
-        return gap, trial, active
-
-    def _pressure(self, at: Multipliers, trial: Array, active: Flags) -> Array:
-        """What makes forces at the rows of the gaps: λ."""
-        return at.normal
-
-    def _friction(
-        self, at: Multipliers, active: Flags, pressure: Array, first: bool, again: bool
-    ) -> tuple[Rows | None, Response | None]:
-        """What the law of friction is told and answers. Collective."""
-        if self.slip is None:
-            return None, None
-        assert at.tangential is not None
-        rows = self._told(self.slip, at, self.slip.at_nodes(active), pressure)
-        if first:
-            slipped = np.any(at.tangential, axis=1) & (again | (self.slip.state.slipped > 0))
-            rows = rows._replace(unlimited=rows.closed & ~slipped)
-        with collective_errors(self.model.comm):  # a law may be the user's
-            flows = not all(self.model.kinematics.in_displacement)
-            return rows, self.slip.respond(rows, flows)
-
-    def _means(self, at: Multipliers) -> tuple[Flags | None, Array | None]:
-        """What is held on both sides, and λ̄ there. Collective."""
-        extension = self.gap.extension
-        if extension is None:
-            return None, None
-        means = extension.means(at.normal)
-        if not self.gap.law.jump:
-            means = np.where(self.gap.state.values >= -self.model.paired.touching, means, 0.0)
-        return extension.held, means
-
-    def by_means(self, at: Evaluated, normal: Array) -> Array:
-        """Derivative of W/c_n λ̄ times changes of λ, of their shape. Collective."""
-        extension = self.gap.extension
-        if extension is None or at.held is None:
-            return np.zeros_like(normal)
-        means = extension.means(normal)
-        if not self.gap.law.jump:
-            means = np.where(self.gap.state.values >= -self.model.paired.touching, means, 0.0)
-        return np.where(at.held, (self.gap.weight / self._c)[:, None] * means, 0.0)
-
-    def entries_of_means(self, at: Evaluated, numbers: Indices) -> tuple[Indices, Indices, Array]:
-        """Derivative of W/c_n λ̄ by λ: rows, columns and values. Collective.
-
-        Args:
-            at: The constraints where they were evaluated.
-            numbers: Of the rows of λ in z, of its shape.
-        """
-        extension = self.gap.extension
-        assert extension is not None
-        factor = np.repeat((self.gap.weight / self._c)[:, None], self.width, axis=1)
-        if not self.gap.law.jump:
-            factor = np.where(self.gap.state.values >= -self.model.paired.touching, factor, 0.0)
-        return extension.entries(numbers, factor)
-
-    def _told(self, slip: Slip, at: Multipliers, closed: Flags, pressure: Array) -> Rows:
-        """What the law of friction is told, given what is closed of its rows. Collective."""
-        assert self.model.friction is not None and at.tangential is not None
-        state, dt = slip.state, self.model.kinematics.dt
-        start = slip.turned(state.augmented) if self.gap.following else state.augmented
-        elastic = (self._ct * self._compliance_t)[:, None] * (at.tangential - start)
-        return Rows(
-            slip.values,
-            slip.tangential(at.tangential - elastic),
-            slip.at_nodes(np.maximum(pressure[:, 0], 0.0)),
-            closed,
-            np.zeros_like(closed),
-            self._ct,
-            slip.projector,
-            slip.cover,
-            dt,
-            self.model.friction.slow(dt, self.model.paired.facet_size),
-            slip.parameters,
-            state.share,
-            np.where(slip.is_fresh, 0.0, state.pressed),
-        )
+        normal = self.normal.evaluate(at.normal, first, opened)
+        if self.friction is None or at.tangential is None:
+            return Evaluated(normal, None)
+        tangential = self.friction.evaluate(at.tangential, normal, first, again, opened)
+        return Evaluated(normal, tangential)
 
     def residual(self, at: Evaluated) -> Array:
-        """R_λ, then R_τ: area times length, (unknowns,)."""
-        rows, tangential = self._normal_residual(at), at.multipliers.tangential
-        if at.response is None or tangential is None or self.slip is None:
-            return np.asarray(rows.ravel())
-        weight = self.slip.weight / self._ct
-        of_friction = weight[:, None] * (at.response.traction - tangential)
-        return np.concatenate([rows.ravel(), of_friction.ravel()])
-
-    def _normal_residual(self, at: Evaluated) -> Array:
-        """R_λ. Collective."""
-        weight, normal = self.gap.weight, at.multipliers.normal
-        if self.gap.law.jump:
-            rows = weight[:, None] * at.gap
-        else:
-            trial = np.where(at.active[:, None], at.trial, 0.0)
-            rows = (weight / self._c)[:, None] * (trial - normal)
-        if at.held is None or at.means is None:
+        """R_λ, then R_τ: area times length, (unknowns,). Collective."""
+        rows = self.normal.residual(at.normal).ravel()
+        if self.friction is None or at.tangential is None:
             return np.asarray(rows)
-        return np.where(at.held, (weight / self._c)[:, None] * (at.means - normal), rows)
+        return np.concatenate([rows, self.friction.residual(at.tangential).ravel()])
 
     @property
     def in_forces(self) -> Array:
-        """c_n and c_t, which make forces of the residual that are continuous where sets change."""
-        normal = self._normal_in_forces()
-        if self.slip is None:
+        """What makes forces of the residual that are continuous where sets change."""
+        normal = self.normal.in_forces()
+        if self.friction is None:
             return normal
-        return np.concatenate([normal, np.repeat(self._ct, self.gap.slave.gdim)])
-
-    def _normal_in_forces(self) -> Array:
-        return np.repeat(self._c, self.width)
-
-    def _complementarity(self, at: Evaluated) -> Multipliers:
-        """The residual in forces."""
-        return self.split(self.in_forces * self.residual(at))
+        return np.concatenate([normal, self.friction.in_forces()])
 
     def violation(self, at: Evaluated) -> float:
-        """Largest stress on this rank by which complementarity is violated.
-
-        That of closed gaps is ε ḡ*, which is a part of what is read as λ, or what they stand for
-        in the stiffest body.
-        """
-        parts = self._complementarity(at)
-        found = [self._of_gaps(at, parts.normal)]
-        if at.response is not None and parts.tangential is not None and self.slip is not None:
-            sticks = at.closed & ~at.response.slipping
-            factor = np.where(sticks, np.maximum(self._stiffest_t / self._ct, 1.0), 1.0)
-            stress = np.abs(parts.tangential / self.slip.weight[:, None] * factor[:, None])
-            found.append(np.maximum(stress - self._of_rates(at.response)[:, None], 0.0))
-        return max(float(np.max(np.abs(r), initial=0.0)) for r in found)
-
-    def _of_gaps(self, at: Evaluated, forces: Array) -> Array:
-        """Stress of forces by which complementarity of pressure and gap is violated."""
-        factor = np.where(at.active, np.maximum(self._stiffest / self._c, 1.0), 1.0)
-        return np.asarray(forces / self.gap.weight[:, None] * factor[:, None])
-
-    def keep(self, at: Evaluated) -> None:
-        """Let the pass know λ. Collective."""
-        normal = at.multipliers.normal
-        self.gap.state.augmented = np.where(at.active[:, None], normal, 0.0)
+        """Largest stress on this rank by which the constraints are violated. Collective."""
+        forces = self.split(self.in_forces * self.residual(at))
+        found = [self.normal.stress(at.normal, forces.normal)]
+        if self.friction is not None and at.tangential is not None:
+            assert forces.tangential is not None
+            found.append(self.friction.stress(at.tangential, forces.tangential))
+        return max(float(np.max(np.abs(stress), initial=0.0)) for stress in found)
 
     def open_gap(self, at: Evaluated) -> float:
-        """Gap (length) of closed rows that multipliers are to close: the largest on this rank."""
-        if not self.model.augmented:
-            return 0.0
-        gaps = np.where(at.active[:, None], np.abs(at.gap), 0.0)
-        if at.held is not None:
-            gaps = np.where(at.held, 0.0, gaps)
-        return float(np.max(gaps, initial=0.0))
+        """Gap (length) that multipliers are to close: the largest on this rank. Collective."""
+        return self.normal.open_gap(at.normal)
 
-    def _of_rates(self, response: Response) -> Array:
-        """Stress that rounding makes of slips by a law that slip rates steer, (rows,).
-
-        It may be much stiffer than penalties and bodies; 0 of other laws.
-        """
-        if self.slip is None or not self.slip.friction.needs_dt:
-            return np.zeros_like(response.secant)
-        size = float(np.abs(self.gap.slave.mesh.geometry.x).max(initial=0.0))
-        return np.asarray(OF_RATES * size * response.secant)
-
-    def scales(self, at: Evaluated) -> tuple[Array, Array]:
-        """What makes forces of R_λ and R_τ: c, or the usual penalty where they are closed."""
-        normal = np.where(at.active, 1 / self._softness, self._c)
-        if self.slip is None or at.response is None:
-            return normal, normal
-        sticks = at.closed & ~at.response.slipping
-        return normal, np.where(sticks, 1 / self._softness_t, self._ct)
-
-    @property
-    def softness(self) -> float:
-        """Usual penalty over what gaps stand for in the stiffest body: the least on this rank."""
-        parts = [1 / (self._softness * self._stiffest)]
-        if self.slip is not None:
-            parts.append(1 / (self._softness_t * self._stiffest_t))
-        return min(float(np.min(part, initial=1.0)) for part in parts)
-
-    def usual_compliances(self, at: Evaluated) -> tuple[Array, Array]:
-        """What closed rows lack of the usual penalty's compliance, of λ and of τ."""
-        normal = at.active * np.maximum(self._softness - self._compliance, 0.0)
-        if self.slip is None:
-            return normal, normal
-        return normal, at.closed * np.maximum(self._softness_t - self._compliance_t, 0.0)
+    def keep(self, at: Evaluated) -> None:
+        """Let pass and slip know λ and τ. Collective."""
+        self.normal.keep(at.normal)
+        if self.friction is not None and at.tangential is not None:
+            self.friction.keep(at.tangential)
 
     def rounding(self) -> float:
         """Stress that stands for gaps as large as coordinates: rounding is a part of it."""
         size = float(np.abs(self.gap.slave.mesh.geometry.x).max(initial=0.0))
-        factors = [self._c, self._stiffest]
-        if self.slip is not None:
-            factors += [self._ct, self._stiffest_t]
-        return size * max(float(np.max(f, initial=0.0)) for f in factors)
+        of_slip = 0.0 if self.friction is None else self.friction.rounding()
+        return size * max(self.normal.rounding(), of_slip)
 
-    def derivative(self, at: Evaluated, exact: bool) -> Derivative:
-        """Derivative of :meth:`residual` where it was evaluated.
-
-        Args:
-            at: The constraints there.
-            exact: Whether it is. Otherwise friction with a limit takes the direction of the trial
-                with that of τ, which does not cycle at nodes, and closed rows are a little soft, so
-                that redundant ones have one solution.
-        """
-        by_gap, own = self._normal_derivative(at, exact)
-        if at.response is None or at.of_friction is None or self.slip is None:
-            return Derivative(by_gap, own, None, None, None)
-        weight, stiffness = self.slip.weight, at.response.stiffness
-        if not exact and isinstance(self.slip.friction, Limited):
-            stiffness = self._with_direction_of_tau(at)
-        gdim = stiffness.shape[1]
-        by_slip = (weight / self._ct)[:, None, None] * stiffness
-        by_tau = np.zeros_like(stiffness)
-        if isinstance(self.slip.friction, Limited):
-            # The trial has τ less what a penalty stores of it.
-            part = (1 - self._ct * self._compliance_t) / self._ct
-            by_tau = part[:, None, None] * (stiffness @ self.slip.projector)
-        by_tau = (weight / self._ct)[:, None, None] * (by_tau - np.eye(gdim))
-        if not exact:
-            by_tau -= (weight * self._proximal_t)[:, None, None] * np.eye(gdim)
-        positive = at.of_friction.pressure > 0
-        by_normal = (weight / self._ct * positive)[:, None] * at.response.coupling
-        return Derivative(by_gap, own, by_slip, by_tau, by_normal)
-
-    def _normal_derivative(self, at: Evaluated, exact: bool) -> tuple[Array, Array]:
-        """Derivatives of R_λ by ḡ and by its own λ."""
-        weight, width = self.gap.weight, self.width
-        closed = weight * at.active
-        by_gap = np.repeat(closed[:, None], width, axis=1)
-        soft = at.active * (1 - self._c * self._compliance) - 1
-        own = (weight / self._c) * soft
-        if self.gap.law.jump:
-            own = -weight * self._compliance
-        if not exact:
-            own = own - weight * at.active * self._proximal
-        own = np.repeat(own[:, None], width, axis=1)
-        if at.held is not None:
-            by_gap = np.where(at.held, 0.0, by_gap)
-            own = np.where(at.held, -(weight / self._c)[:, None], own)
-        return by_gap, own
+    @property
+    def softness(self) -> float:
+        """Usual penalty over what gaps stand for in the stiffest body: the least on this rank."""
+        parts = [self.normal.scales]
+        if self.friction is not None:
+            parts.append(self.friction.scales)
+        return min(float(np.min(1 / (of.softness * of.stiffest), initial=1.0)) for of in parts)
 
     def softened(self, at: Evaluated) -> Array:
-        """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
-        normal = self._normal_softened(at)
-        if self.slip is None:
+        """What the inexact derivative has on its diagonal to be regular, (unknowns,).
+
+        In that, friction with a limit takes the direction of the trial with that of τ, which does
+        not cycle at nodes, and closed rows are a little soft, so that redundant ones have one
+        solution. Collective.
+        """
+        normal = self.normal.softened(at.normal)
+        if self.friction is None:
             return normal
-        tangential = -self.slip.weight * self._proximal_t
-        gdim = self.gap.slave.gdim
-        return np.concatenate([normal, np.repeat(tangential, gdim)])
-
-    def _normal_softened(self, at: Evaluated) -> Array:
-        normal = -self.gap.weight * at.active * self._proximal
-        rows = np.repeat(normal[:, None], self.width, axis=1)
-        if at.held is not None:
-            rows = np.where(at.held, 0.0, rows)
-        return np.asarray(rows.ravel())
-
-    @staticmethod
-    def _with_direction_of_tau(at: Evaluated) -> Array:
-        """D with (I − τ/max(κ, |τ|) ⊗ d) in place of (I − d ⊗ d) where rows slip."""
-        response, tangential = at.response, at.multipliers.tangential
-        assert response is not None and tangential is not None and at.of_friction is not None
-        limit = np.linalg.norm(response.traction, axis=1)
-        size = np.linalg.norm(tangential, axis=1)
-        slips = response.slipping & (limit > 0)
-        d = np.divide(response.traction, limit[:, None], where=slips[:, None], out=0 * tangential)
-        largest = np.maximum(limit, size)
-        of_tau = np.divide(
-            tangential, largest[:, None], where=slips[:, None], out=np.zeros_like(tangential)
-        )
-        change = response.secant[:, None, None] * (d - of_tau)[:, :, None] * d[:, None, :]
-        return response.stiffness + change
+        return np.concatenate([normal, self.friction.softened()])

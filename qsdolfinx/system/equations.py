@@ -19,24 +19,21 @@ from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import motion, terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.gap.laws import Conductance, Tied, Unilateral
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.system.blocks import Blocks
+from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated, Multipliers
 from qsdolfinx.system.factors import Entries, Number, entries_of, joined
+from qsdolfinx.system.friction_rows import OfTangential
 from qsdolfinx.system.gap_matrices import GapMatrices
-from qsdolfinx.system.law_rows import AugmentedLawRows, CondensedRows, LawRows
-from qsdolfinx.system.point_rows import PointConstraints
+from qsdolfinx.system.normal_rows import NodalRows
 from qsdolfinx.system.system import ContactSystem
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
-
-#: Laws that the rows of λ stand for; others are a user's.
-LAWS = Unilateral, Tied
 
 #: Residual over contact forces from which on unknowns are no solution.
 UNBALANCED = 1e-3
@@ -91,15 +88,12 @@ class State(typing.NamedTuple):
     tools: Array
 
 
-def _rows_of(contact: ContactModel, gap: WeightedGap, slip: Slip | None) -> ConstraintRows:
-    """Constraints of a pass."""
-    if isinstance(contact.law, Conductance):
-        return LawRows(contact, gap, slip)
-    if gap.rows.are_points:
-        return PointConstraints(contact, gap, slip)
-    if type(contact.law) in LAWS:
-        return ConstraintRows(contact, gap, slip)
-    return (AugmentedLawRows if contact.augmented else LawRows)(contact, gap, slip)
+def _each(of: Entries, factor: Array, own: Indices) -> list[Entries]:
+    """Entries of rows of one component, times a vector at each row."""
+    return [
+        Entries(own[of.row, k], of.column, factor[of.row, k] * of.value)
+        for k in range(own.shape[1])
+    ]
 
 
 class Equations:
@@ -146,7 +140,7 @@ class Equations:
             for j, gap in enumerate(contact.gaps):
                 slip = contact.slips[j] if contact.slips else None
                 bodies = side if gap.slave is contact.slave else side[::-1]
-                rows = _rows_of(contact, gap, slip)
+                rows = ConstraintRows(contact, gap, slip)
                 self.passes.append(Pass(contact, bodies, rows, tool))
         self._starts = [tool.displacement.copy() for tool in self.tools]
         self.one_step: typing.Callable[[], contextlib.AbstractContextManager[None]] = (
@@ -292,10 +286,6 @@ class Equations:
         """Let bodies, contacts and tools be at z, which is known to be a solution. Collective."""
         for p, e in zip(self.passes, self.evaluate(z).passes, strict=True):
             p.rows.keep(e)
-            slip = p.slip if p.model.augmented else None
-            if slip is not None and e.multipliers.tangential is not None:
-                tangential = np.where(e.closed[:, None], e.multipliers.tangential, 0.0)
-                slip.state.augmented = slip.tangential(tangential)
         self.system.x.array[:] = self.bodies_of(z)
         self.system.residual(self.system.x.array_r)
         self._at = None
@@ -419,11 +409,11 @@ class Equations:
         return bodies[slave].force, None if master is None else bodies[master].force
 
     def _add_forces(self, p: Pass, at: Evaluated) -> None:
-        vecs, values = self._forces_of(p), at.multipliers
+        vecs = self._forces_of(p)
         p.gap.add_forces(at.pressure, vecs)
-        if p.slip is None or values.tangential is None:
+        if p.slip is None or at.tangential is None:
             return
-        tangential = p.slip.tangential(values.tangential)
+        tangential = p.slip.tangential(at.tangential.multiplier)
         if p.gap.following is not None:
             p.gap.add_slip_forces(tangential, vecs)
             return
@@ -460,9 +450,9 @@ class Equations:
                 continue
             gap, slip = self.changes(p)
             out[p.tool] += np.sum(p.gap.weight[:, None] * e.pressure * gap)
-            if slip is not None and p.slip is not None and e.multipliers.tangential is not None:
+            if slip is not None and p.slip is not None and e.tangential is not None:
                 weight = p.slip.weight[:, None]
-                out[p.tool] += np.sum(weight * e.multipliers.tangential * slip)
+                out[p.tool] += np.sum(weight * e.tangential.multiplier * slip)
         self.system.comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
         forces = [tool.driven.force for tool in self.tools if tool.driven is not None]
         return out - np.array(forces)
@@ -607,8 +597,8 @@ class Equations:
             s, m = p.bodies
             assert s is not None
             p.gap.add_curvature(e.pressure, given(s, m))
-            if p.slip is not None and e.multipliers.tangential is not None:
-                p.gap.add_slip_curvature(p.slip.tangential(e.multipliers.tangential), given(s, m))
+            if p.slip is not None and e.tangential is not None:
+                p.gap.add_slip_curvature(p.slip.tangential(e.tangential.multiplier), given(s, m))
         for contact, sides in zip(self.system.contacts, self.system.sides, strict=True):
             if contact.coupling is not None:
                 ss, sm, ms, mm = given(*sides)
@@ -670,28 +660,42 @@ class Equations:
         """Entries that the constraints of a pass have a part in. Collective."""
         rank, rows = self.system.comm.rank, p.rows
         first = int(self._first[rank, len(self.system.bodies) + i])
-        by = rows.derivative(at, exact)
         own = first + np.arange(rows.num_multipliers)
-        if isinstance(rows, CondensedRows):
-            found = [self._matrices(p, rows, own).normal(at)]
+        if rows.condensed is not None:
+            found = [self._matrices(p, rows.condensed, own).normal(at.normal)]
             if not exact:
-                found.append(Entries(own, own, rows.softened(at)[: len(own)]))
-            return found if p.slip is None else found + self._of_slip(p, at, by, own)
+                found.append(Entries(own, own, rows.condensed.softened(at.normal)))
+        else:
+            assert rows.nodal is not None
+            found = self._of_nodes(p, rows.nodal, at, exact, own)
+        if rows.friction is not None and at.tangential is not None:
+            by = rows.friction.derivative(at.tangential, exact)
+            found += self._of_slip(p, at, by, own, first + len(own))
+        return found
+
+    def _of_nodes(
+        self, p: Pass, rows: NodalRows, at: Evaluated, exact: bool, own: Indices
+    ) -> list[Entries]:
+        """Entries of λ of nodes. Collective."""
+        by_gap, by_own = rows.derivative(at.normal, exact)
+        first = int(self._first[self.system.comm.rank, self._number_of_part(p)])
         left, right = (self._entries(p.gap.operator, p, first, scaled) for scaled in (False, True))
-        weight = np.repeat(p.gap.weight, rows.width)
+        weight = np.repeat(p.gap.weight, p.rows.width)
         found = [
             Entries(left.column, left.row, left.value * weight[left.row - first]),
-            right._replace(value=right.value * by.normal_by_gap.ravel()[right.row - first]),
-            Entries(own, own, by.normal_by_normal.ravel()),
+            right._replace(value=right.value * by_gap.ravel()[right.row - first]),
+            Entries(own, own, by_own.ravel()),
         ]
         if p.gap.extension is not None:
-            shape = rows.num_rows, rows.width
-            found.append(Entries(*rows.entries_of_means(at, own.reshape(shape))))
+            shape = p.rows.num_rows, p.rows.width
+            found.append(Entries(*rows.entries_of_means(own.reshape(shape))))
         if p.tool is not None:
-            found += self._with_tool(p, own, weight, by.normal_by_gap, self.changes(p)[0])
-        if p.slip is not None:
-            found += self._of_slip(p, at, by, own)
+            found += self._with_tool(p, own, weight, by_gap, self.changes(p)[0])
         return found
+
+    def _number_of_part(self, p: Pass) -> int:
+        """Of the unknowns of a pass among the parts of z."""
+        return len(self.system.bodies) + self.passes.index(p)
 
     def _matrices(self, p: Pass, rows: CondensedRows, own: Indices) -> GapMatrices:
         """Derivatives that stay while gaps are linear and contact does not pair anew.
@@ -705,12 +709,12 @@ class Equations:
             for scaled in (False, True):
                 found = [self._entries(p.gap.operator, p, 0, scaled)]
                 if p.tool is not None:
-                    row = np.arange(rows.num_rows * rows.width)
+                    row = np.arange(p.rows.num_rows * p.rows.width)
                     tool = np.full(len(row), self._first[0, -2] + p.tool)
                     found.append(Entries(row, tool, self.changes(p)[0].ravel()))
                 gaps.append(joined(found))
             left, right = gaps
-            self._of_gaps[p.rows] = GapMatrices(rows, left, right, own, self.num_local)
+            self._of_gaps[p.rows] = GapMatrices(rows, p.slip, (left, right), own, self.num_local)
         return self._of_gaps[p.rows]
 
     def _with_tool(
@@ -724,21 +728,27 @@ class Equations:
             Entries(own, tool, (by_gap * change).ravel()),
         ]
 
-    def _of_slip(self, p: Pass, at: Evaluated, by: typing.Any, normal: Indices) -> list[Entries]:
-        """Entries of τ. Collective."""
+    def _of_slip(
+        self, p: Pass, at: Evaluated, by: OfTangential, normal: Indices, first: int
+    ) -> list[Entries]:
+        """Entries of τ. Collective.
+
+        Args:
+            p: The pass.
+            at: Its constraints.
+            by: Derivatives of R_τ.
+            normal: Numbers of λ.
+            first: Of τ.
+        """
         assert p.slip is not None
         num, gdim = p.slip.operator.num_rows, p.gap.slave.gdim
-        i = len(self.system.bodies) + self.passes.index(p)
-        first = int(self._first[self.system.comm.rank, i]) + len(normal)
         own = first + np.arange(num * gdim).reshape(num, gdim)
         row = np.repeat(own[:, :, None], gdim, axis=2)
         column = np.repeat(own[:, None, :], gdim, axis=1)
-        shape = num, gdim
-        weight = np.repeat(p.slip.weight, gdim)
         J = self._entries(p.slip.operator, p, 0, True)
         by_slip = by.by_slip @ p.slip.projector
         rows = J.row // gdim, J.row % gdim
-        found = [Entries(row.ravel(), column.ravel(), by.by_tangential.ravel())]
+        found = [Entries(row.ravel(), column.ravel(), by.by_own.ravel())]
         for k in range(gdim):  # D J, a component of the rows after the other
             found.append(Entries(own[rows[0], k], J.column, by_slip[rows[0], k, rows[1]] * J.value))
         found += self._of_pressure(p, at, by, normal, own)
@@ -751,28 +761,38 @@ class Equations:
         if p.tool is not None:
             change = self.changes(p)[1]
             assert change is not None
+            weight, ones = np.repeat(p.slip.weight, gdim), np.ones((num, gdim))
             pushed = np.einsum("rij,rj->ri", by_slip, change)
-            ones = np.ones(shape)
             found += self._with_tool(p, own.ravel(), weight, ones, change)[:1]
             found += self._with_tool(p, own.ravel(), weight, ones, pushed)[1:]
         return found
 
     def _of_pressure(
-        self, p: Pass, at: Evaluated, by: typing.Any, normal: Indices, own: Indices
+        self, p: Pass, at: Evaluated, by: OfTangential, normal: Indices, own: Indices
     ) -> list[Entries]:
-        """Entries of τ that its limit has by pressures. Collective."""
-        gdim = own.shape[1]
-        if not isinstance(p.rows, CondensedRows):
-            pressure = np.repeat(normal[:, None], gdim, axis=1)
-            return [Entries(own.ravel(), pressure.ravel(), by.by_normal.ravel())]
+        """Entries of τ by what its limit depends on: pressures, and y_n. Collective."""
         assert p.slip is not None
-        if p.slip.friction.symmetric:
-            return []
-        of = self._matrices(p, p.rows, normal).pressures(at)
-        return [
-            Entries(own[of.row, k], of.column, by.by_normal[of.row, k] * of.value)
-            for k in range(gdim)
-        ]
+        if p.rows.condensed is not None:
+            matrices, found = self._matrices(p, p.rows.condensed, normal), []
+            if not p.slip.friction.symmetric:
+                found += _each(matrices.pressures(at.normal), by.by_pressure, own)
+            if by.by_trial is not None:
+                found += _each(matrices.trials(), by.by_trial, own)
+            return found
+        assert p.rows.nodal is not None
+        of_gap, of_multiplier = p.rows.nodal.by_trial()
+        by_multiplier, gdim = by.by_pressure, own.shape[1]
+        found = []
+        if by.by_trial is not None:
+            by_multiplier = by_multiplier + of_multiplier[:, None] * by.by_trial
+            by_gap = of_gap[:, None] * by.by_trial
+            found += _each(self._entries(p.gap.operator, p, 0, True), by_gap, own)
+            if p.tool is not None:
+                pushed = by_gap * self.changes(p)[0]
+                none = np.zeros(own.size)
+                found += self._with_tool(p, own.ravel(), none, np.ones(own.shape), pushed)[1:]
+        pressure = np.repeat(normal[:, None], gdim, axis=1)
+        return [*found, Entries(own.ravel(), pressure.ravel(), by_multiplier.ravel())]
 
     def _works_on(self, p: Pass, numbers: typing.Sequence[Number] | None = None) -> list[Entries]:
         """What each component of the tangential force works on, over the weight. Collective."""
@@ -808,8 +828,8 @@ class Equations:
     @property
     def can_soften(self) -> bool:
         """Whether there are multipliers of points, and none of friction."""
-        rows = [p.rows for p in self.passes if isinstance(p.rows, PointConstraints)]
-        augmented = any(of.model.augmented for of in rows)
+        rows = [p.rows.condensed for p in self.passes]
+        augmented = any(isinstance(of, PointConstraints) and of.model.augmented for of in rows)
         return augmented and all(p.slip is None for p in self.passes)
 
     def soften(self, part: float) -> None:
@@ -819,8 +839,8 @@ class Equations:
             part: Of the penalty; 1 is what R has otherwise.
         """
         for p in self.passes:
-            if isinstance(p.rows, PointConstraints):
-                p.rows.soften(part)
+            if isinstance(p.rows.condensed, PointConstraints):
+                p.rows.condensed.soften(part)
         self._forget_gaps()
         self._at = None
 

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.friction.slip import Slip
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.system.constraint_rows import Evaluated
+from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.factors import Entries
-from qsdolfinx.system.law_rows import CondensedRows
-from qsdolfinx.system.point_rows import PointConstraints
+from qsdolfinx.system.normal_rows import Normal
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -27,9 +27,10 @@ class GapMatrices:
     1 at closed points; of Σ_k S_k φ(ḡ_k) it is Gᵀ S φ'' G. Collective.
 
     Args:
-        rows: The constraints.
-        by_gap: G with what moves the bodies, and a driven tool: forces are its transposed.
-        by_unknowns: G by the unknowns.
+        rows: The rows.
+        slip: Slip whose friction follows their pressure; None without friction.
+        gaps: G by what moves the bodies, and a driven tool: forces are its transposed; and by the
+            unknowns.
         numbers: Of the unknowns λ of this rank among all, shape (λ,).
         num_local: Unknowns of this rank.
     """
@@ -37,23 +38,24 @@ class GapMatrices:
     def __init__(
         self,
         rows: CondensedRows,
-        by_gap: Entries,
-        by_unknowns: Entries,
+        slip: Slip | None,
+        gaps: tuple[Entries, Entries],
         numbers: Indices,
         num_local: int,
     ) -> None:
         self._rows, self._comm, self._num = rows, rows.model.comm, num_local
+        self._slip, self._width = slip, rows.gap.operator.width
         self._functions: PETSc.Mat | None = None
         if isinstance(rows, PointConstraints) and rows.model.augmented:
             self._functions = self._of_nodes(rows, numbers)
-        self._left, self._right = (self._sum(entries) for entries in (by_gap, by_unknowns))
+        self._left, self._right = (self._sum(entries) for entries in gaps)
         self._pressures: PETSc.Mat | None = None
 
     def _sum(self, gaps: Entries) -> PETSc.Mat:
         """γ G + N."""
         rows = self._rows
         scaled = gaps._replace(value=rows.gamma * gaps.value)
-        mat = scaled.matrix(rows.num_rows * rows.width, self._num, self._comm)
+        mat = scaled.matrix(rows.gap.num_rows * self._width, self._num, self._comm)
         if self._functions is not None:
             mat.axpy(1.0, self._functions, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         return mat
@@ -89,10 +91,10 @@ class GapMatrices:
         rows = self._rows
         offset, unknowns, values = rows.gap.operator.functions
         num_sides = _layout(rows.gap.slave)[0]
-        row = np.repeat(np.arange(rows.num_rows, dtype=np.int64), np.diff(offset))
-        return Entries(row, unknowns, values).matrix(rows.num_rows, num_sides, self._comm)
+        row = np.repeat(np.arange(rows.gap.num_rows, dtype=np.int64), np.diff(offset))
+        return Entries(row, unknowns, values).matrix(rows.gap.num_rows, num_sides, self._comm)
 
-    def normal(self, at: Evaluated) -> Entries:
+    def normal(self, at: Normal) -> Entries:
         """Derivative of the forces, and of R_λ, of this rank's rows of all. Collective."""
         rows = self._rows
         weight = rows.gap.weight[:, None] / rows.gamma**2
@@ -102,23 +104,29 @@ class GapMatrices:
             found.append(_product(self._functions, of_nodes, self._functions))
         return Entries(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
-    def pressures(self, at: Evaluated) -> Entries:
+    def pressures(self, at: Normal) -> Entries:
         """Derivatives of the pressures that friction knows at its rows: numbers of these in rows.
 
         Collective.
         """
-        slip, rows = self._rows.slip, self._rows
-        assert slip is not None
+        slope = self._rows.stiffness(at)[:, 0] / self._rows.gamma
+        return self._at_slip(np.where(at.pressure[:, 0] > 0, slope, 0.0))
+
+    def trials(self) -> Entries:
+        """The same of y. Collective."""
+        return self._at_slip(self._rows.by_trial())
+
+    def _at_slip(self, factor: Array) -> Entries:
+        """Means at the rows of the slip of B times a factor of each row. Collective."""
         if self._pressures is None:
             self._pressures = self._means()
-        slope = rows.stiffness(at)[:, 0] / rows.gamma
-        found = _product(self._pressures, np.where(at.pressure[:, 0] > 0, slope, 0.0), self._right)
+        found = _product(self._pressures, factor, self._right)
         first = self._pressures.getOwnershipRangeColumn()[0]
         return found._replace(row=found.row - first)
 
     def _means(self) -> PETSc.Mat:
         """Weights of the rows in the means at the rows of the slip, transposed."""
-        rows, slip = self._rows, self._rows.slip
+        rows, slip = self._rows, self._slip
         assert slip is not None
         num = slip.operator.num_rows
         start = _first(num, self._comm)

@@ -11,11 +11,12 @@ import numpy.typing as npt
 from qsdolfinx.contact.terms import Weights
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.system.constraint_rows import Derivative, Evaluated
+from qsdolfinx.system.condensed_rows import PROXIMAL, CondensedRows
+from qsdolfinx.system.constraint_rows import Evaluated
 from qsdolfinx.system.equations import Equations, Pass, State
 from qsdolfinx.system.factors import Entries, joined
-from qsdolfinx.system.law_rows import CondensedRows
-from qsdolfinx.system.point_rows import PROXIMAL
+from qsdolfinx.system.friction_rows import FrictionRows, Tangential
+from qsdolfinx.system.normal_rows import NodalRows, Normal
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -32,13 +33,16 @@ class RowBlocks:
     At points gaps make forces themselves, F_γ R du: S is F_γ there, and C_γ diagonal, with what
     each multiplier stands for.
 
+    On the edge of contact |τ| is what closes the gap: C has nothing of it. There C_γ has |τ| as of
+    open rows, and what the row's gap and λ do to τ is left out of C_γ and S.
+
     Args:
         equations: The equations.
     """
 
     def __init__(self, equations: Equations) -> None:
         self._passes = equations.passes
-        self._of: list[_Blocks] = []
+        self._of: list[_PassBlocks] = []
         self._ends = np.cumsum([0, *(p.rows.num_unknowns for p in self._passes)])
         self._gap_ends = np.cumsum([0, *(p.rows.num_values for p in self._passes)])
         self._is_first = equations.system.comm.rank == 0
@@ -46,10 +50,7 @@ class RowBlocks:
 
     def take(self, at: State) -> None:
         """Those of an evaluation."""
-        self._of = [
-            (_CondensedBlocks if isinstance(p.rows, CondensedRows) else _Blocks)(p, e)
-            for p, e in zip(self._passes, at.passes, strict=True)
-        ]
+        self._of = [_PassBlocks(p, e) for p, e in zip(self._passes, at.passes, strict=True)]
 
     @property
     def scale(self) -> Array:
@@ -125,112 +126,264 @@ class RowBlocks:
         return np.concatenate([np.zeros(0), *(getattr(of, name)(part) for of, part in pairs)])
 
 
-class _Blocks:
+class _NodalBlocks:
+    """Of rows of λ at nodes."""
+
+    def __init__(self, rows: NodalRows, at: Normal) -> None:
+        self._rows, self._at = rows, at
+        by_gap, own = rows.derivative(at, False)
+        self._scale, soft = rows.scale(at), rows.usual_compliance(at)
+        self._weight: Array = rows.gap.weight
+        self._by_gap: Array = self._scale[:, None] * by_gap
+        self._own: Array = self._scale[:, None] * own
+        hard = _unless(at.held)
+        self._regular: Array = self._own - (self._scale * self._weight * soft)[:, None] * hard
+        #: Whether C_γ is C.
+        self.is_condensed = at.held is None and not bool(np.any(soft))
+        #: What the rows are multiplied with.
+        self.scale = np.repeat(self._scale, by_gap.shape[1])
+        #: What changes from iteration to iteration.
+        self.changing: list[Array] = [self._by_gap, self._own]
+
+    def forces(self, multiplier: Array) -> Array:
+        """Of multipliers at the rows."""
+        return np.asarray(self._weight[:, None] * multiplier)
+
+    def own_forces(self, gap: Array) -> Array:
+        """Of gaps."""
+        return np.zeros_like(gap)
+
+    def by_gap(self, gap: Array) -> Array:
+        """Rows by gaps."""
+        return np.asarray(self._by_gap * gap)
+
+    def by_multiplier(self, multiplier: Array) -> Array:
+        """Rows by multipliers. Collective."""
+        means = self._rows.by_means(self._at, multiplier)
+        return np.asarray(self._own * multiplier + self._scale[:, None] * means)
+
+    def solve(self, r: Array) -> Array:
+        """C_γ⁻¹ r."""
+        return np.asarray(r / self._regular)
+
+    def condensed(self, gap: Array) -> Array:
+        """−C_γ⁻¹ D of gaps."""
+        return np.asarray(-self._by_gap * gap / self._regular)
+
+    def pressure(self, gap: Array | None, multiplier: Array | None) -> Array | float:
+        """How pressures of friction change, (rows,)."""
+        return 0.0 if multiplier is None else multiplier[:, 0]
+
+    def trial(self, gap: Array | None, multiplier: Array | None) -> Array | float:
+        """How y_n changes, (rows,)."""
+        of_gap, of_multiplier = self._rows.by_trial()
+        out: Array | float = 0.0 if gap is None else of_gap * gap[:, 0]
+        return out if multiplier is None else out + of_multiplier * multiplier[:, 0]
+
+    def stiffness(self) -> Array:
+        """Of S, (rows, width)."""
+        return np.asarray(-self._weight[:, None] * self._by_gap / self._regular)
+
+
+class _CondensedBlocks:
+    """Of rows of λ whose gaps make forces themselves."""
+
+    def __init__(self, rows: CondensedRows, at: Normal, slip: Slip | None) -> None:
+        self._rows, self._slip = rows, slip
+        stiffness = rows.stiffness(at)
+        self._own: Array = rows.gap.weight[:, None] * stiffness
+        self._areas = rows.areas
+        self._closed: Array = np.asarray(stiffness[:, 0] / rows.gamma, dtype=np.float64)
+        self._limiting: Array = np.where(at.pressure[:, 0] > 0, self._closed, 0.0)
+        #: Whether C_γ is C.
+        self.is_condensed = rows.num_multipliers == 0
+        #: What the rows are multiplied with.
+        self.scale = rows.gamma * np.ones(rows.num_multipliers)
+        #: What changes from iteration to iteration.
+        self.changing: list[Array] = [self._own]
+
+    def forces(self, multiplier: Array) -> Array:
+        """Of what the rows see of multipliers."""
+        return np.asarray(self._own / self._rows.gamma * self._rows.seen(multiplier))
+
+    def own_forces(self, gap: Array) -> Array:
+        """Of gaps."""
+        return np.asarray(self._own * gap)
+
+    def by_gap(self, gap: Array) -> Array:
+        """Rows by gaps. Collective."""
+        return self._rows.gathered(self._closed * self._rows.gamma * gap[:, 0])
+
+    def by_multiplier(self, multiplier: Array) -> Array:
+        """Rows by multipliers. Collective."""
+        seen = self._rows.seen(multiplier)[:, 0]
+        soft = PROXIMAL * self._areas * multiplier
+        return np.asarray(self._rows.gathered((self._closed - 1.0) * seen) - soft)
+
+    def solve(self, r: Array) -> Array:
+        """C_γ⁻¹ r."""
+        return np.asarray(-r / self._areas)
+
+    def condensed(self, gap: Array) -> Array:
+        """Nothing: gaps make forces themselves."""
+        return np.zeros_like(self._areas)
+
+    def _changes(self, gap: Array | None, multiplier: Array | None) -> Array:
+        """How y changes, (rows,). Collective."""
+        out = np.zeros(self._rows.gap.num_rows)
+        if gap is not None:
+            out += self._rows.gamma * gap[:, 0]
+        return out if multiplier is None else out + self._rows.seen(multiplier)[:, 0]
+
+    def pressure(self, gap: Array | None, multiplier: Array | None) -> Array:
+        """How pressures of friction change, (rows of the slip,). Collective."""
+        assert self._slip is not None
+        return self._slip.at_nodes(self._limiting * self._changes(gap, multiplier))
+
+    def trial(self, gap: Array | None, multiplier: Array | None) -> Array:
+        """How y_n changes, likewise. Collective."""
+        assert self._slip is not None
+        return self._slip.at_nodes(self._rows.by_trial() * self._changes(gap, multiplier))
+
+    def stiffness(self) -> Array:
+        """Of S, (rows, width)."""
+        return self._own
+
+
+class _SlipBlocks:
+    """Of rows of τ."""
+
+    def __init__(self, rows: FrictionRows, at: Tangential) -> None:
+        by, scale, slip = rows.derivative(at, False), rows.scale(at), rows.slip
+        gdim, weight, soft = by.by_slip.shape[1], slip.weight, rows.usual_compliance(at)
+        #: What the rows are multiplied with.
+        self.scale = np.repeat(scale, gdim)
+        self.projector: Array = slip.projector * weight[:, None, None]
+        self.by_slip: Array = scale[:, None, None] * (by.by_slip @ slip.projector)
+        self.by_own: Array = scale[:, None, None] * by.by_own
+        self.by_pressure: Array = scale[:, None] * by.by_pressure
+        self.by_trial = None if by.by_trial is None else scale[:, None] * by.by_trial
+        edge = np.zeros(len(scale), dtype=bool) if at.filled is None else at.filled.edge
+        #: What of that is in C_γ.
+        self.known_by_pressure: Array = np.where(edge[:, None], 0.0, self.by_pressure)
+        softened = (scale * weight * soft)[:, None, None] * np.eye(gdim)
+        if at.filled is not None and edge.any():  # whose scale is c_t
+            softened = softened + weight[:, None, None] * at.filled.by_multiplier
+        self.inverse: Array = np.asarray(np.linalg.inv(self.by_own - softened))
+        #: Whether C_γ is C.
+        self.is_condensed = not (bool(np.any(soft)) or bool(edge.any()))
+        #: What changes from iteration to iteration.
+        self.changing: list[Array] = [self.by_slip, self.by_own, self.by_pressure]
+        if self.by_trial is not None:
+            self.changing.append(self.by_trial)
+
+
+class _PassBlocks:
     """Those of one pass, where it was evaluated."""
 
-    #: What the rows are multiplied with.
-    scale: Array
-
     def __init__(self, p: Pass, at: Evaluated) -> None:
-        self._p, self._at, rows = p, at, p.rows
-        by: Derivative = rows.derivative(at, False)
-        normal, tangential = rows.scales(at)
-        soft = rows.usual_compliances(at)
-        if isinstance(rows, CondensedRows):
-            soft = np.zeros_like(soft[0]), soft[1]
-        #: Whether C_γ is C.
-        self.is_condensed = at.held is None and not any(np.any(part) for part in soft)
-        self._take_normal(by, normal, soft[0])
-        self._has_slip, self._gdim = by.by_slip is not None, p.gap.slave.gdim
-        if by.by_slip is None or by.by_tangential is None or by.by_normal is None:
-            return
-        assert p.slip is not None
-        gdim, weight = by.by_slip.shape[1], p.slip.weight
-        self.scale = np.concatenate([self.scale, np.repeat(tangential, gdim)])
-        scale = tangential[:, None, None]
-        self._projector: Array = p.slip.projector * weight[:, None, None]
-        self._by_slip: Array = scale * (by.by_slip @ p.slip.projector)
-        self._by_tau: Array = scale * by.by_tangential
-        self._by_normal: Array = tangential[:, None] * by.by_normal
-        softened = (tangential * weight * soft[1])[:, None, None] * np.eye(gdim)
-        self._inverse: Array = np.asarray(np.linalg.inv(self._by_tau - softened))
+        self._p, rows = p, p.rows
+        self._normal: _NodalBlocks | _CondensedBlocks
+        if rows.condensed is not None:
+            self._normal = _CondensedBlocks(rows.condensed, at.normal, p.slip)
+        else:
+            assert rows.nodal is not None
+            self._normal = _NodalBlocks(rows.nodal, at.normal)
+        self._slip: _SlipBlocks | None = None
+        if rows.friction is not None and at.tangential is not None:
+            self._slip = _SlipBlocks(rows.friction, at.tangential)
 
-    def _take_normal(self, by: Derivative, normal: Array, soft: Array) -> None:
-        """Take the blocks of the rows of λ."""
-        weight, width = self._p.gap.weight, self._p.rows.width
-        self._weight: Array = weight
-        self._by_gap: Array = normal[:, None] * by.normal_by_gap
-        self._own: Array = normal[:, None] * by.normal_by_normal
-        hard = _unless(self._at.held)
-        self._regular: Array = self._own - (normal * weight * soft)[:, None] * hard
-        self.scale = np.repeat(normal, width)
-        self._normal = normal
+    @property
+    def _parts(self) -> list[_NodalBlocks | _CondensedBlocks | _SlipBlocks]:
+        return [self._normal] if self._slip is None else [self._normal, self._slip]
 
-    def _that_may_change(self) -> list[Array]:
-        return [self._by_gap, self._own]
+    @property
+    def is_condensed(self) -> bool:
+        """Whether C_γ is C."""
+        return all(part.is_condensed for part in self._parts)
+
+    @property
+    def scale(self) -> Array:
+        """What the rows are multiplied with."""
+        return np.concatenate([part.scale for part in self._parts])
 
     def add_to(self, digest: typing.Any) -> None:
         """Add all that may change."""
-        parts = self._that_may_change()
-        if self._has_slip:
-            parts += [self._by_slip, self._by_tau, self._by_normal]
-        for part in parts:
-            digest.update(np.ascontiguousarray(part))
+        for part in self._parts:
+            for array in part.changing:
+                digest.update(np.ascontiguousarray(array))
 
-    def _split(self, values: Array, count: int | None = None) -> tuple[Array, Array]:
-        """Normal and tangential parts; the latter is empty without friction.
+    def _split(self, values: Array, count: int) -> tuple[Array, Array]:
+        """Normal parts, of this count, and tangential ones; the latter are empty without."""
+        width, friction = self._p.rows.width, self._p.rows.friction
+        normal = values[:count].reshape(count // width, width)
+        shape = (0, 0) if friction is None else (friction.num_rows, self._p.gap.slave.gdim)
+        return normal, values[count:].reshape(shape)
 
-        Args:
-            values: Of the rows.
-            count: Normal ones; by default those of the multipliers.
-        """
-        rows = self._p.rows
-        end = rows.num_multipliers if count is None else count
-        rest, slip = values[end:], self._p.slip
-        num = 0 if slip is None else slip.operator.num_rows
-        normal = values[:end].reshape(end // rows.width, rows.width)
-        return normal, rest.reshape(num, self._gdim if self._has_slip else 0)
+    def _of_multipliers(self, m: Array) -> tuple[Array, Array]:
+        return self._split(m, self._p.rows.num_multipliers)
 
-    def _split_gaps(self, gaps: Array) -> tuple[Array, Array]:
+    def _of_gaps(self, gaps: Array) -> tuple[Array, Array]:
         return self._split(gaps, self._p.rows.num_rows * self._p.rows.width)
 
-    def _joined(self, normal: Array, tangential: Array | None) -> Array:
-        if tangential is None:
-            return np.asarray(normal.ravel())
-        return np.concatenate([normal.ravel(), tangential.ravel()])
-
-    def _forces_of_slip(self, tangential: Array) -> Array | None:
-        return _times(self._projector, tangential) if self._has_slip else None
-
     def forces(self, m: Array) -> Array:
-        normal, tangential = self._split(m)
-        return self._joined(self._weight[:, None] * normal, self._forces_of_slip(tangential))
+        """F m."""
+        normal, tangential = self._of_multipliers(m)
+        of_slip = tangential if self._slip is None else _times(self._slip.projector, tangential)
+        return _joined(self._normal.forces(normal), of_slip)
 
     def own_forces(self, gaps: Array) -> Array:
-        return np.zeros_like(gaps)
-
-    def condensed(self, gaps: Array) -> Array:
-        return -self.solve(self.by_gaps(gaps))
+        """F_γ times gaps and slips."""
+        gap, jump = self._of_gaps(gaps)
+        return _joined(self._normal.own_forces(gap), np.zeros_like(jump))
 
     def by_gaps(self, gaps: Array) -> Array:
-        gap, jump = self._split_gaps(gaps)
-        of_slip = _times(self._by_slip, jump) if self._has_slip else None
-        return self._joined(self._by_gap * gap, of_slip)
+        """D times gaps and slips. Collective."""
+        gap, jump = self._of_gaps(gaps)
+        if self._slip is None:
+            return _joined(self._normal.by_gap(gap), jump)
+        of_slip = _times(self._slip.by_slip, jump) + self._limits(gap, None)
+        return _joined(self._normal.by_gap(gap), of_slip)
 
     def by_multipliers(self, m: Array) -> Array:
-        normal, tangential = self._split(m)
-        out = self._own * normal + self._normal[:, None] * self._p.rows.by_means(self._at, normal)
-        if not self._has_slip:
-            return self._joined(out, None)
-        of_slip = _times(self._by_tau, tangential) + self._by_normal * normal
-        return self._joined(out, of_slip)
+        """C m. Collective."""
+        normal, tangential = self._of_multipliers(m)
+        if self._slip is None:
+            return _joined(self._normal.by_multiplier(normal), tangential)
+        of_slip = _times(self._slip.by_own, tangential) + self._limits(None, normal)
+        return _joined(self._normal.by_multiplier(normal), of_slip)
+
+    def _limits(self, gap: Array | None, multiplier: Array | None) -> Array:
+        """How rows of τ change by pressures and y_n. Collective."""
+        slip = self._slip
+        assert slip is not None
+        pressure = self._normal.pressure(gap, multiplier)
+        out = slip.by_pressure * np.reshape(pressure, (-1, 1))
+        if slip.by_trial is None:
+            return np.asarray(out)
+        trial = self._normal.trial(gap, multiplier)
+        return np.asarray(out + slip.by_trial * np.reshape(trial, (-1, 1)))
 
     def solve(self, r: Array) -> Array:
-        normal, tangential = self._split(r)
-        out = normal / self._regular
-        if not self._has_slip:
-            return self._joined(out, None)
-        return self._joined(out, _times(self._inverse, tangential - self._by_normal * out))
+        """C_γ⁻¹ r."""
+        normal, tangential = self._of_multipliers(r)
+        out, slip = self._normal.solve(normal), self._slip
+        if slip is None:
+            return _joined(out, tangential)
+        if isinstance(self._normal, _NodalBlocks):
+            tangential = tangential - slip.known_by_pressure * out
+        return _joined(out, _times(slip.inverse, tangential))
+
+    def condensed(self, gaps: Array) -> Array:
+        """−C_γ⁻¹ D times gaps and slips, but for points."""
+        gap, jump = self._of_gaps(gaps)
+        out, slip = self._normal.condensed(gap), self._slip
+        if slip is None:
+            return _joined(out, jump)
+        pushing = _times(slip.by_slip, jump)
+        if isinstance(self._normal, _NodalBlocks):
+            pushing = pushing + slip.known_by_pressure * out
+        return _joined(out, -_times(slip.inverse, pushing))
 
     def entries(self) -> Entries:
         """Of S, in the numbers of this pass."""
@@ -238,103 +391,34 @@ class _Blocks:
         end = rows.num_rows * rows.width
         normal = np.arange(end)
         found = [Entries(normal, normal, np.asarray(stiffness[0][1]).ravel())]
-        if self._has_slip:
+        if self._slip is not None:
             block, coupling = stiffness[1][1]
             num, gdim = block.shape[:2]
             own = end + np.arange(num * gdim).reshape(num, gdim)
             row, column = (np.repeat(own[:, :, None], gdim, 2), np.repeat(own[:, None, :], gdim, 1))
             found.append(Entries(row.ravel(), column.ravel(), block.ravel()))
-            if len(coupling) == len(normal):
+            if isinstance(self._normal, _NodalBlocks):
                 beside = np.repeat(normal, gdim)
                 found.append(Entries(own.ravel(), beside, coupling.ravel()))
         return joined(found)
 
     def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
-        ratio = -self._by_gap / self._regular
-        found: list[tuple[WeightedGap | Slip, Weights]] = [
-            (self._p.gap, self._weight[:, None] * ratio)
-        ]
-        if self._has_slip:
+        """Of S the blocks of pass and slip."""
+        own, slip = self._normal.stiffness(), self._slip
+        found: list[tuple[WeightedGap | Slip, Weights]] = [(self._p.gap, own)]
+        if slip is not None:
             assert self._p.slip is not None
-            through = -self._projector @ self._inverse
-            coupling = _times(through, self._by_normal * ratio)
-            found.append((self._p.slip, (through @ self._by_slip, coupling)))
+            through = -slip.projector @ slip.inverse
+            coupling = np.zeros(through.shape[:2])
+            if isinstance(self._normal, _NodalBlocks):
+                ratio = own / self._p.gap.weight[:, None]
+                coupling = _times(through, slip.known_by_pressure * ratio)
+            found.append((self._p.slip, (through @ slip.by_slip, coupling)))
         return found
 
 
-class _CondensedBlocks(_Blocks):
-    """Those of a pass whose gaps make forces themselves."""
-
-    def _take_normal(self, by: Derivative, normal: Array, soft: Array) -> None:
-        rows, at = self._p.rows, self._at
-        assert isinstance(rows, CondensedRows)
-        self._rows = rows
-        stiffness = rows.stiffness(at)
-        #: Forces of gaps, and of what rows see of multipliers.
-        self._own: Array = self._p.gap.weight[:, None] * stiffness
-        self._areas = rows.areas
-        self.scale = rows.gamma * np.ones(rows.num_multipliers)
-        self.is_condensed &= rows.num_multipliers == 0
-        #: How friction's limit changes with y of rows.
-        self._closed: Array = np.asarray(stiffness[:, 0] / rows.gamma, dtype=np.float64)
-        self._limiting: Array = np.where(at.pressure[:, 0] > 0, self._closed, 0.0)
-
-    def _that_may_change(self) -> list[Array]:
-        return [self._own]
-
-    def forces(self, m: Array) -> Array:
-        normal, tangential = self._split(m)
-        pushing = self._own / self._rows.gamma * self._rows.seen(normal)
-        return self._joined(pushing, self._forces_of_slip(tangential))
-
-    def own_forces(self, gaps: Array) -> Array:
-        gap, jump = self._split_gaps(gaps)
-        return self._joined(self._own * gap, np.zeros_like(jump) if self._has_slip else None)
-
-    def condensed(self, gaps: Array) -> Array:
-        jump = self._split_gaps(gaps)[1]
-        none = np.zeros(self._rows.num_multipliers)
-        if not self._has_slip:
-            return self._joined(none, None)
-        return self._joined(none, -_times(self._inverse, _times(self._by_slip, jump)))
-
-    def _of_pressures(self, changes: Array) -> Array:
-        """How friction's limit changes with y of the rows."""
-        assert self._p.slip is not None
-        pressure = self._p.slip.at_nodes(self._limiting * changes)
-        return np.asarray(self._by_normal * pressure[:, None])
-
-    def by_gaps(self, gaps: Array) -> Array:
-        gap, jump = self._split_gaps(gaps)
-        change = self._rows.gamma * gap[:, 0]
-        normal = self._rows.gathered(self._closed * change)
-        if not self._has_slip:
-            return self._joined(normal, None)
-        of_slip = _times(self._by_slip, jump) + self._of_pressures(change)
-        return self._joined(normal, of_slip)
-
-    def by_multipliers(self, m: Array) -> Array:
-        normal, tangential = self._split(m)
-        change = self._rows.seen(normal)[:, 0]
-        out = self._rows.gathered((self._closed - 1.0) * change) - PROXIMAL * self._areas * normal
-        if not self._has_slip:
-            return self._joined(out, None)
-        return self._joined(out, _times(self._by_tau, tangential) + self._of_pressures(change))
-
-    def solve(self, r: Array) -> Array:
-        normal, tangential = self._split(r)
-        out = -normal / self._areas
-        if not self._has_slip:
-            return self._joined(out, None)
-        return self._joined(out, _times(self._inverse, tangential))
-
-    def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
-        found: list[tuple[WeightedGap | Slip, Weights]] = [(self._p.gap, self._own)]
-        if self._has_slip:
-            assert self._p.slip is not None
-            block = -self._projector @ self._inverse @ self._by_slip
-            found.append((self._p.slip, (block, np.zeros(block.shape[:2]))))
-        return found
+def _joined(normal: Array, tangential: Array) -> Array:
+    return np.concatenate([normal.ravel(), tangential.ravel()])
 
 
 def _times(blocks: Array, values: Array) -> Array:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scenes import Pair, drag_top, largest
+from tangents import on_edge
 
 import ufl
 
@@ -69,14 +70,15 @@ def test_by_options(kind, options):
 
 
 @pytest.mark.parametrize(
-    "kind", ("friction", "tied", "finite", "double-pass", "points, friction", "soft points")
+    "kind", ("friction", "edge", "tied", "finite", "double-pass", "points, friction", "soft points")
 )
 def test_product(kind):
     """That of the inexact derivative, its rows scaled to forces."""
-    _, problem = scene("triangle", kind, "amg")
+    _, problem = scene("triangle", "soft" if kind == "edge" else kind, "amg")
     problem.solve()
     equations = problem.equations()
     z = equations.first()
+    z = on_edge(equations, z) if kind == "edge" else z
     at = equations.evaluate(z)
     saddle = SaddlePoint(equations, problem.newton.linear)
     saddle.set_up(at, np.zeros(len(equations.bodies_of(z))))

@@ -1,0 +1,295 @@
+"""Rows of a pass whose gaps make forces themselves: of points, of laws that give λ for a gap."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.contact import active_set
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.laws import Unilateral
+from qsdolfinx.gap.rows import PointRows
+from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.system.normal_rows import Normal, Scales
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+#: Part of the area of a side of a node below which what covers it determines no multiplier.
+LEAST_COVER = 0.1
+
+#: Part of the diagonal by which the inexact derivative is softer at points: where sides of a node
+#: are pressed flat, their multipliers are more than there are motions.
+PROXIMAL = 1e-8
+
+#: Closed part of what a node covers from which on points beside it begin closed.
+MOST = 0.5
+
+
+class CondensedRows:
+    """λ = φ'(ḡ), and no unknowns: a penalty, a conductance, or a user's law.
+
+    Forces are Gᵀ W λ, and their derivative is Gᵀ W φ'' G, see ``GapMatrices``.
+
+    Args:
+        model: The contact.
+        gap: The pass.
+    """
+
+    #: γ (stress per length): y = γ ḡ but for multipliers, and 1 of laws that are not asked by y.
+    gamma = 1.0
+
+    def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
+        self.model, self.gap = model, gap
+        self.scales = Scales.of(model, model.eps * gap.relative_penalty)
+
+    @property
+    def _width(self) -> int:
+        return int(self.gap.operator.width)
+
+    @property
+    def num_multipliers(self) -> int:
+        """None."""
+        return 0
+
+    def first(self) -> Array:
+        """None."""
+        return np.zeros((0, self._width))
+
+    def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
+        """Gaps, λ, and where that changes with the gap. Collective."""
+        gap = self.gap.state.values
+        with collective_errors(self.model.comm):  # the law may be the user's
+            found = self.gap.multiplier(self.model.eps)
+            active = active_set.slope(self.model, self.gap) > 0
+        if opened is not None:
+            active &= ~opened
+        pressure = np.where(active[:, None], found, 0.0)
+        trial = self.scales.penalty[:, None] * gap
+        return Normal(multiplier, gap, trial, pressure, active, pressure)
+
+    def stiffness(self, at: Normal) -> Array:
+        """φ''(ḡ) of the rows (stress per length), (rows, width). Collective."""
+        with collective_errors(self.model.comm):
+            slope = active_set.slope(self.model, self.gap)
+        out = np.where(at.active, slope, 0.0)[:, None] * np.ones(self._width)
+        extension = self.gap.extension
+        return out if extension is None or not self.gap.law.jump else out * ~extension.held
+
+    def by_trial(self) -> Array:
+        """Derivative of y by γ ḡ and what rows see of multipliers, (rows,)."""
+        return self.scales.penalty
+
+    def seen(self, multiplier: Array) -> Array:
+        """What the rows see of multipliers (stress), (rows, width). Collective."""
+        return np.zeros((self.gap.num_rows, self._width))
+
+    def gathered(self, values: Array) -> Array:
+        """The transposed, times areas, of values (rows,). Collective."""
+        return np.zeros((0, self._width))
+
+    @property
+    def areas(self) -> Array:
+        """Area of each multiplier, of its shape. Collective."""
+        return np.zeros((0, self._width))
+
+    def residual(self, at: Normal) -> Array:
+        """None."""
+        return np.zeros((0, self._width))
+
+    def in_forces(self) -> Array:
+        """Of nothing."""
+        return np.zeros(0)
+
+    def stress(self, at: Normal, forces: Array) -> Array:
+        """Of nothing."""
+        return forces
+
+    def open_gap(self, at: Normal) -> float:
+        """None is to be closed."""
+        return 0.0
+
+    def keep(self, at: Normal) -> None:
+        """Nothing but the gap."""
+
+    def softened(self, at: Normal) -> Array:
+        """Of nothing."""
+        return np.zeros(0)
+
+    def rounding(self) -> float:
+        """Largest factor that turns gaps into stress on this rank."""
+        return float(np.max(self.scales.stiffest, initial=0.0))
+
+
+class PointConstraints(CondensedRows):
+    """Unilateral contact at points, with multipliers of nodes.
+
+    With λ_h = Σ_k N_k λ_k, γ the penalty, and w_p the weights of the points,
+
+        y_p = λ_h + γ g_p,   p_p = [y_p]₊,   (R_λ)_k = Σ_p w_p N_k (p_p − λ_h)/γ,
+
+    and forces are Σ_p w_p p_p ∂g_p/∂u: the derivatives of Σ_p w_p/(2γ) ([y_p]₊² − λ_h²). Without
+    multipliers, of a penalty, y_p = ε g_p. A user's law has p_p = φ'(y_p/γ). A node has a
+    multiplier for each of its smooth sides; what conditions hold on both sides or points hardly
+    cover has the mean of its neighbours, λ = E λ_free, and R_λ is of λ_free.
+
+    Arguments as of :class:`CondensedRows`; rows are points.
+    """
+
+    def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
+        super().__init__(model, gap)
+        assert isinstance(gap.rows, PointRows)
+        self._points: PointRows = gap.rows
+        #: Σ_p w_p N_k of owned nodes, shape (nodes,).
+        self.cover: Array = gap.rows.cover
+        self._is_unilateral = type(gap.law) is Unilateral
+        self.gamma: float = model.eps
+        covered = self._points.covered
+        #: E; None where λ_free is all of λ.
+        self.extension: Extension | None = self._extended(gap.extension)
+        none = np.zeros_like(covered)
+        held = none if self.extension is None else self.extension.held
+        #: Sides of owned nodes whose multipliers are unknowns, (nodes, block).
+        self.free: Flags = covered & ~held if model.augmented else none
+
+    def _extended(self, held: Extension | None) -> Extension | None:
+        """Of what is held and of what is hardly covered beside something that is more. Collective.
+
+        Args:
+            held: Of what conditions hold on both sides.
+        """
+        points = self._points
+        hardly = points.covered & (points.cover_of_sides < LEAST_COVER * points.area_of_sides)
+        found = points.extension(hardly, hardly, held)
+        if found is None or found is held:
+            return held
+        hardly = hardly & found.filled
+        return points.extension(hardly, hardly, held)
+
+    def soften(self, part: float) -> None:
+        """Take this part of the penalty for γ, if there are multipliers: λ means the same."""
+        if self.model.augmented:
+            self.gamma = part * self.model.eps
+
+    @property
+    def num_multipliers(self) -> int:
+        """Unknowns λ on this rank."""
+        return int(np.count_nonzero(self.free))
+
+    def on_sides(self, multiplier: Array) -> Array:
+        """E λ_free at all sides of owned nodes, (nodes, block). Collective."""
+        out = np.zeros(self.free.shape)
+        out[self.free] = multiplier[:, 0]
+        return out if self.extension is None else self.extension.fill(out)
+
+    def seen(self, multiplier: Array) -> Array:
+        """λ_h at the points, (points, 1). Collective."""
+        if not self.model.augmented:
+            return np.zeros((self.gap.num_rows, 1))
+        return self._points.from_sides(self.on_sides(multiplier))[:, None]
+
+    def gathered(self, values: Array) -> Array:
+        """Eᵀ Nᵀ W of values of the points, of the shape of λ_free. Collective."""
+        sums = self.gap.share * self._points.sums(values)
+        if self.extension is not None:
+            sums = self.extension.gather(sums)
+        return np.asarray(sums[self.free][:, None])
+
+    @property
+    def areas(self) -> Array:
+        """Area of each of λ_free, of its shape. Collective."""
+        return self.gathered(np.ones(self.gap.num_rows))
+
+    # --- Evaluation
+
+    def first(self) -> Array:
+        """What is known of λ."""
+        return np.asarray(self.gap.state.augmented[self.free][:, None])
+
+    def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
+        """Gaps and y of the points, and which are closed. Collective."""
+        gap = self.gap.state.values
+        trial = self.seen(multiplier) + self.gamma * gap
+        pressure, active = trial, trial[:, 0] > 0
+        if not self._is_unilateral:
+            shifted = np.asarray(trial / self.gamma, dtype=np.float64)
+            with collective_errors(self.model.comm):  # the law is the user's
+                pressure = self.gap.law.multiplier(shifted, self.scales.penalty)
+            active = self._slope(trial) > 0
+        elif first:
+            active |= trial[:, 0] >= -self.gamma * self.model.paired.touching
+            active = self._kept_closed(active, trial[:, 0])
+        if opened is not None:
+            active &= ~opened
+        pressure = np.where(active[:, None], pressure, 0.0)  # what is closed for once may pull
+        return Normal(multiplier, gap, trial, pressure, active, pressure)
+
+    def _slope(self, trial: Array) -> Array:
+        """φ'' of the user's law (stress per length), (points,). Collective."""
+        shifted = np.asarray(trial / self.gamma, dtype=np.float64)
+        with collective_errors(self.model.comm):
+            touching = self.model.paired.touching
+            return self.gap.law.slope(shifted, self.scales.penalty, touching)
+
+    def _kept_closed(self, active: Flags, trial: Array) -> Flags:
+        """With points that were closed by the most, and one at least of each such node.
+
+        Collective.
+        """
+        known = self.gap.state.closed
+        if known is None:
+            return active
+        active = active | (self._points.from_sides(known) > MOST)
+        none = self._points.sums(active.astype(np.float64)) <= 0
+        lost = (known > 0) & none & self._points.covered
+        if not self.model.comm.allreduce(bool(lost.any()), op=MPI.LOR):
+            return active
+        deepest = self._points.largest_of_sides(trial)
+        level = self._points.least_from_sides(np.where(lost, deepest, np.inf))
+        return np.asarray(active | (trial >= level))
+
+    def residual(self, at: Normal) -> Array:
+        """R_λ. Collective."""
+        change = at.pressure - self.seen(at.multiplier)
+        return np.asarray(self.gathered(change[:, 0]) / self.gamma)
+
+    def in_forces(self) -> Array:
+        """γ."""
+        return np.full(self.num_multipliers, self.gamma)
+
+    def stress(self, at: Normal, forces: Array) -> Array:
+        """Mean stress, or what gaps stand for in the stiffest body. Collective."""
+        stiffest = float(np.max(self.scales.stiffest, initial=0.0))
+        return np.asarray(max(stiffest / self.gamma, 1.0) * forces / self.areas)
+
+    def open_gap(self, at: Normal) -> float:
+        """The largest mean on this rank. Collective."""
+        return float(np.max(np.abs(self.residual(at) / self.areas), initial=0.0))
+
+    def keep(self, at: Normal) -> None:
+        """Let the pass know λ, and what of each side is closed. Collective."""
+        state, cover = self.gap.state, self._points.cover_of_sides
+        if self.model.augmented:
+            state.augmented = self.on_sides(at.multiplier)
+        closed = self._points.sums(at.active.astype(np.float64))
+        state.closed = np.divide(closed, cover, out=np.zeros_like(cover), where=cover > 0)
+
+    # --- Derivative
+
+    def stiffness(self, at: Normal) -> Array:
+        """γ where points are closed. Collective."""
+        if not self._is_unilateral:
+            return np.asarray(np.where(at.active, self._slope(at.trial), 0.0)[:, None])
+        return np.asarray(self.gamma * at.active[:, None])
+
+    def by_trial(self) -> Array:
+        """Derivative of y by γ g and λ_h."""
+        return np.ones(self.gap.num_rows)
+
+    def softened(self, at: Normal) -> Array:
+        """See ``NormalRows``."""
+        return np.asarray((-PROXIMAL / self.gamma * self.areas).ravel())

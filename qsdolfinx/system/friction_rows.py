@@ -1,0 +1,252 @@
+"""Rows of τ of one pass of a contact: the law of friction at nodes."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.filled import Filled, fill
+from qsdolfinx.friction.laws import Limited, Response, Rows
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.system.normal_rows import Normal, Scales
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+#: c_t over the automatic penalty of the rows.
+C_TANGENTIAL = 1.0
+
+#: What rounding leaves of slips, over coordinates.
+OF_RATES = 10 * np.finfo(np.float64).eps
+
+
+class Tangential(typing.NamedTuple):
+    """Rows of τ at given unknowns.
+
+    Attributes:
+        multiplier: τ, stress, (rows, gdim).
+        told: What the law was told.
+        response: What it answered.
+        active: Rows in contact.
+        filled: What the edge of contact makes of the answer; None of a law that does not jump.
+    """
+
+    multiplier: Array
+    told: Rows
+    response: Response
+    active: Flags
+    filled: Filled | None
+
+    @property
+    def closed(self) -> Flags:
+        """Rows that are active or on the edge of contact."""
+        return self.active if self.filled is None else self.active | self.filled.edge
+
+    @property
+    def sticking(self) -> Flags:
+        """Closed rows that do not slip."""
+        return np.asarray(self.active & ~self.response.slipping)
+
+
+class OfTangential(typing.NamedTuple):
+    """Derivatives of R_τ.
+
+    Attributes:
+        by_slip: By g (area), (rows, gdim, gdim).
+        by_own: By τ, (rows, gdim, gdim).
+        by_pressure: By the pressure of the rows, (rows, gdim).
+        by_trial: By y_n of the rows, (rows, gdim); None of a law that does not jump.
+    """
+
+    by_slip: Array
+    by_own: Array
+    by_pressure: Array
+    by_trial: Array | None
+
+
+class FrictionRows:
+    """R_τ = W/c_t (T(g, τ + c_t (g* − g), λ₊) − τ); see :class:`ConstraintRows`.
+
+    Args:
+        model: The contact.
+        slip: Its slip.
+    """
+
+    def __init__(self, model: ContactModel, slip: Slip) -> None:
+        self.model, self.slip = model, slip
+        self.scales = Scales.of(model, model.tangential_eps * slip.gap.relative_penalty)
+        self._c: Array = C_TANGENTIAL * self.scales.usual * self.scales.penalty
+        #: Whether rows may be on the edge of contact.
+        self._fills = slip.friction.jumps and slip.friction.is_bounded
+
+    @property
+    def num_rows(self) -> int:
+        """Rows on this rank."""
+        return int(self.slip.operator.num_rows)
+
+    def first(self) -> Array:
+        """What is known of τ."""
+        return self.slip.turned(self.slip.state.augmented)
+
+    def evaluate(
+        self, multiplier: Array, normal: Normal, first: bool, again: bool, opened: Flags | None
+    ) -> Tangential:
+        """The rows where slip was evaluated last. Collective.
+
+        Args:
+            multiplier: τ.
+            normal: The rows of λ.
+            first: Whether what is closed sticks, but where it slipped when the step began.
+            again: Whether the step has been solved before, so that what has τ is what it seems.
+            opened: Rows of λ that count as open.
+        """
+        slip = self.slip
+        active = slip.at_nodes(normal.active)
+        pressure = slip.at_nodes(np.maximum(normal.pressure[:, 0], 0.0))
+        told = self._told(multiplier, active, pressure)
+        if first:
+            slipped = np.any(multiplier, axis=1) & (again | (slip.state.slipped > 0))
+            told = told._replace(unlimited=active & ~slipped)
+        if self._fills:
+            told = told._replace(closed=np.ones_like(active))
+        with collective_errors(self.model.comm):  # a law may be the user's
+            response = slip.respond(told, not all(self.model.kinematics.in_displacement))
+        found = Tangential(multiplier, told, response, active, None)
+        return self._filled(found, normal, first, opened) if self._fills else found
+
+    def _filled(
+        self, found: Tangential, normal: Normal, first: bool, opened: Flags | None
+    ) -> Tangential:
+        """The same with what friction is on the edge of contact, see ``fill``. Collective."""
+        active, at_nodes = found.active, self.slip.at_nodes
+        # What conditions hold is closed or open, as their λ̄ tells.
+        alone = np.zeros_like(active) if normal.held is None else normal.held[:, 0]
+        whole = active & (alone | (first & (found.told.pressure > 0)))
+        none = alone & ~active
+        if opened is not None:
+            none = none | ~at_nodes(~opened)
+        trial = at_nodes(normal.trial[:, 0])
+        filled = fill(found.response, found.multiplier, trial, whole, none)
+        return found._replace(response=filled.response, filled=filled)
+
+    def _told(self, multiplier: Array, closed: Flags, pressure: Array) -> Rows:
+        """What the law of friction is told."""
+        slip, state, dt = self.slip, self.slip.state, self.model.kinematics.dt
+        assert self.model.friction is not None
+        start = slip.turned(state.augmented) if slip.gap.following else state.augmented
+        elastic = (self._c * self.scales.compliance)[:, None] * (multiplier - start)
+        return Rows(
+            slip.values,
+            slip.tangential(multiplier - elastic),
+            pressure,
+            closed,
+            np.zeros_like(closed),
+            self._c,
+            slip.projector,
+            slip.cover,
+            dt,
+            self.model.friction.slow(dt, self.model.paired.facet_size),
+            slip.parameters,
+            state.share,
+            np.where(slip.is_fresh, 0.0, state.pressed),
+        )
+
+    def residual(self, at: Tangential) -> Array:
+        """R_τ: area times length, (rows, gdim)."""
+        weight = self.slip.weight / self._c
+        return np.asarray(weight[:, None] * (at.response.traction - at.multiplier))
+
+    def in_forces(self) -> Array:
+        """c_t, (unknowns,)."""
+        return np.repeat(self._c, self.slip.gap.slave.gdim)
+
+    def stress(self, at: Tangential, forces: Array) -> Array:
+        """Stress of forces by which the law is violated, beyond rounding, (rows, gdim)."""
+        stiffest = np.maximum(self.scales.stiffest / self._c, 1.0)
+        factor = np.where(at.sticking, stiffest, 1.0)
+        stress = np.abs(forces / self.slip.weight[:, None] * factor[:, None])
+        return np.maximum(stress - self._of_rates(at.response)[:, None], 0.0)
+
+    def _of_rates(self, response: Response) -> Array:
+        """Stress that rounding makes of slips by a law that slip rates steer, (rows,).
+
+        It may be much stiffer than penalties and bodies; 0 of other laws.
+        """
+        if not self.slip.friction.needs_dt:
+            return np.zeros_like(response.secant)
+        size = float(np.abs(self.slip.slave.mesh.geometry.x).max(initial=0.0))
+        return np.asarray(OF_RATES * size * response.secant)
+
+    def keep(self, at: Tangential) -> None:
+        """Let the slip know τ."""
+        state, tangential = self.slip.state, np.where(at.closed[:, None], at.multiplier, 0.0)
+        if self.model.augmented:
+            state.augmented = self.slip.tangential(tangential)
+        if at.filled is not None:
+            size = np.linalg.norm(tangential, axis=1)
+            state.on_edge = np.where(at.filled.edge, size, np.inf)
+
+    def derivative(self, at: Tangential, exact: bool) -> OfTangential:
+        """Derivatives of R_τ.
+
+        Args:
+            at: The rows.
+            exact: As of ``ConstraintRows.derivative``.
+        """
+        slip, weight = self.slip, self.slip.weight / self._c
+        stiffness = at.response.stiffness
+        if not exact and isinstance(slip.friction, Limited):
+            stiffness = _with_direction_of_tau(at)
+        gdim = stiffness.shape[1]
+        own = np.zeros_like(stiffness)
+        if isinstance(slip.friction, Limited):
+            # The trial has τ less what a penalty stores of it.
+            part = (1 - self._c * self.scales.compliance) / self._c
+            own = part[:, None, None] * (stiffness @ slip.projector)
+        own = weight[:, None, None] * (own - np.eye(gdim))
+        if not exact:
+            own -= (slip.weight * self.scales.proximal)[:, None, None] * np.eye(gdim)
+        by_slip = weight[:, None, None] * stiffness
+        by_pressure = (weight * (at.told.pressure > 0))[:, None] * at.response.coupling
+        if at.filled is None:
+            return OfTangential(by_slip, own, by_pressure, None)
+        own = own + weight[:, None, None] * at.filled.by_multiplier
+        by_trial = weight[:, None] * at.filled.by_trial
+        return OfTangential(by_slip, own, by_pressure, by_trial)
+
+    def softened(self) -> Array:
+        """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
+        return np.repeat(-self.slip.weight * self.scales.proximal, self.slip.gap.slave.gdim)
+
+    def scale(self, at: Tangential) -> Array:
+        """What makes forces of R_τ: c, or the usual penalty where rows stick, (rows,)."""
+        return np.where(at.sticking, 1 / self.scales.softness, self._c)
+
+    def usual_compliance(self, at: Tangential) -> Array:
+        """What closed rows lack of the usual penalty's compliance, (rows,)."""
+        lack = np.maximum(self.scales.softness - self.scales.compliance, 0.0)
+        return np.asarray(at.active * lack)
+
+    def rounding(self) -> float:
+        """Largest factor that turns slips into stress on this rank."""
+        factors = (self._c, self.scales.stiffest)
+        return max(float(np.max(f, initial=0.0)) for f in factors)
+
+
+def _with_direction_of_tau(at: Tangential) -> Array:
+    """D with (I − τ/max(κ, |τ|) ⊗ d) in place of (I − d ⊗ d) where rows slip."""
+    response, tangential = at.response, at.multiplier
+    limit = np.linalg.norm(response.traction, axis=1)
+    size = np.linalg.norm(tangential, axis=1)
+    slips = response.slipping & (limit > 0)
+    d = np.divide(response.traction, limit[:, None], where=slips[:, None], out=0 * tangential)
+    largest = np.maximum(limit, size)
+    of_tau = np.divide(
+        tangential, largest[:, None], where=slips[:, None], out=np.zeros_like(tangential)
+    )
+    change = response.secant[:, None, None] * (d - of_tau)[:, :, None] * d[:, None, :]
+    return np.asarray(response.stiffness + change)

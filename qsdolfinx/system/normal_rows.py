@@ -1,0 +1,345 @@
+"""Rows of λ of one pass of a contact, a node each: pressure and gap, ties, a user's own law."""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.gap.weighted_gap import WeightedGap
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
+
+#: c_n over the automatic penalty of the rows (5 E/h). In small sliding it has no influence over
+#: eight decades; where pairs change 0.1 to 1 fails at times.
+C_NORMAL = 1e-2
+
+#: Compliance of closed rows in the inexact derivative, over that of the penalty: where constraints
+#: are redundant, as of a node in two contacts with one plane, their multipliers change least.
+PROXIMAL = 1e-10
+
+#: Penalty over the bodies' stiffness from which on the factors are of that, times this; and up to
+#: which they are, of an augmented Lagrangian.
+USUAL, LEAST = 100.0, 5.0
+
+
+class Normal(typing.NamedTuple):
+    """Rows of λ at given unknowns.
+
+    Attributes:
+        multiplier: λ, stress, (multipliers, width).
+        gap: ḡ* = ḡ − λ/ε (length), (rows, width).
+        trial: y_n = λ + c_n ḡ* (stress), likewise.
+        image: What λ is where the constraints are met: [y_n]₊ (stress), likewise.
+        active: Rows with y_n > 0; all of a law of the whole jump.
+        pressure: Stress that makes forces at the rows of the gaps, (rows, width): λ, or at points
+            [λ_h + γ g]₊.
+        held: Components of λ that conditions hold on both sides; None if there are none anywhere.
+        means: λ̄ of these, of the same shape.
+    """
+
+    multiplier: Array
+    gap: Array
+    trial: Array
+    image: Array
+    active: Flags
+    pressure: Array
+    held: Flags | None = None
+    means: Array | None = None
+
+
+class Scales(typing.NamedTuple):
+    """What rows are measured with.
+
+    Attributes:
+        penalty: ε of each row (stress per length).
+        usual: What factors of a penalty have in its place where it is far from usual, over it.
+        soft: The same for the least compliance that a linear solver should see.
+        stiffest: What turns gaps into stress of the stiffest body, (rows,).
+        compliance: 1/ε; 0 of an augmented Lagrangian, (rows,).
+        proximal: Compliance of closed rows in the inexact derivative, (rows,).
+    """
+
+    penalty: Array
+    usual: float
+    soft: float
+    stiffest: Array
+    compliance: Array
+    proximal: Array
+
+    @classmethod
+    def of(cls, model: ContactModel, penalty: Array) -> Scales:
+        """Those of a contact's rows.
+
+        Args:
+            model: The contact.
+            penalty: ε of each row.
+        """
+        exact, ratio = model.augmented, model.penalty.ratio
+        stiffest = max((k for k in model.penalty.stiffness if k < np.inf), default=0.0)
+        of_bodies: Array = np.maximum(penalty, stiffest)
+        usual = min(1.0, USUAL / ratio) if ratio > 0 else 1.0
+        if exact and ratio > 0:  # the result does not depend on the penalty
+            usual = max(usual, LEAST / ratio)
+        soft = LEAST / ratio if ratio > 0 else 1.0
+        soft = soft if exact else min(soft, 1.0)
+        compliance: Array = np.zeros_like(penalty) if exact else 1 / penalty
+        proximal: Array = np.asarray(exact * PROXIMAL / of_bodies)
+        return cls(penalty, usual, soft, of_bodies, compliance, proximal)
+
+    @property
+    def softness(self) -> Array:
+        """Compliance of the usual penalty, (rows,)."""
+        return np.asarray(1 / (self.soft * self.penalty))
+
+
+class NormalRows(typing.Protocol):
+    """Rows of λ of a pass: of nodes, or of points.
+
+    Attributes:
+        model: The contact.
+        gap: The pass.
+        scales: What its rows are measured with.
+        num_multipliers: Unknowns on this rank.
+    """
+
+    model: ContactModel
+    gap: WeightedGap
+    scales: Scales
+
+    @property
+    def num_multipliers(self) -> int:
+        """Unknowns on this rank."""
+
+    def first(self) -> Array:
+        """Multipliers to begin with, of their shape. Collective."""
+
+    def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
+        """The rows where gaps were evaluated last. Collective.
+
+        Args:
+            multiplier: λ.
+            first: Whether what has been closed counts as closed.
+            opened: Rows that count as open; none by default.
+        """
+
+    def residual(self, at: Normal) -> Array:
+        """R_λ, area times length, of the multipliers' shape. Collective."""
+
+    def in_forces(self) -> Array:
+        """What makes forces of R_λ, (unknowns,)."""
+
+    def stress(self, at: Normal, forces: Array) -> Array:
+        """Stress of forces by which complementarity is violated. Collective."""
+
+    def open_gap(self, at: Normal) -> float:
+        """Gap (length) that multipliers are to close: the largest on this rank. Collective."""
+
+    def keep(self, at: Normal) -> None:
+        """Let the pass know λ. Collective."""
+
+    def softened(self, at: Normal) -> Array:
+        """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
+
+    def rounding(self) -> float:
+        """Largest factor that turns gaps into stress on this rank."""
+
+
+class NodalRows:
+    """R_λ = W/c_n ([λ + c_n ḡ*]₊ − λ), ḡ* = ḡ − λ/ε; see :class:`ConstraintRows`.
+
+    Args:
+        model: The contact.
+        gap: The pass; its rows are nodes.
+    """
+
+    def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
+        self.model, self.gap = model, gap
+        self.scales = Scales.of(model, model.eps * gap.relative_penalty)
+        self._c: Array = C_NORMAL * self.scales.usual * self.scales.penalty
+
+    @property
+    def _width(self) -> int:
+        return int(self.gap.operator.width)
+
+    @property
+    def num_multipliers(self) -> int:
+        """One for each component of each row."""
+        return self.gap.num_rows * self._width
+
+    def first(self) -> Array:
+        """What is known of the nodes, ε [ḡ]₊ where nothing is, where gaps were evaluated last."""
+        known, law = self.gap.state.augmented, self.gap.law
+        new = 0.0 if law.jump else law.multiplier(self.gap.state.values, self.scales.penalty)
+        return np.where(known == 0, new, known)
+
+    def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
+        """See ``NormalRows``."""
+        gap = self.gap.state.values - self.scales.compliance[:, None] * multiplier
+        trial = multiplier + self._c[:, None] * gap
+        active: Flags = np.ones(self.gap.num_rows, dtype=bool)
+        if not self.gap.law.jump:
+            active = trial[:, 0] > 0
+            if first:
+                near = trial[:, 0] >= -self._c * self.model.paired.touching
+                active |= (multiplier[:, 0] > 0) | near
+        if opened is not None:
+            active &= ~opened
+        image = np.where(active[:, None], trial, 0.0)
+        held, means = self._means(multiplier)
+        return Normal(multiplier, gap, trial, image, active, multiplier, held, means)
+
+    def _means(self, multiplier: Array) -> tuple[Flags | None, Array | None]:
+        """What is held on both sides, and λ̄ there. Collective."""
+        extension = self.gap.extension
+        if extension is None:
+            return None, None
+        means = extension.means(multiplier)
+        if not self.gap.law.jump:
+            means = np.where(self.gap.state.values >= -self.model.paired.touching, means, 0.0)
+        return extension.held, means
+
+    def by_means(self, at: Normal, changes: Array) -> Array:
+        """Derivative of W/c_n λ̄ times changes of λ, of their shape. Collective."""
+        extension = self.gap.extension
+        if extension is None or at.held is None:
+            return np.zeros_like(changes)
+        means = self._means(changes)[1]
+        assert means is not None
+        return np.where(at.held, (self.gap.weight / self._c)[:, None] * means, 0.0)
+
+    def entries_of_means(self, numbers: Indices) -> tuple[Indices, Indices, Array]:
+        """Derivative of W/c_n λ̄ by λ: rows, columns and values. Collective.
+
+        Args:
+            numbers: Of the rows of λ in z, of its shape.
+        """
+        extension = self.gap.extension
+        assert extension is not None
+        factor = np.repeat((self.gap.weight / self._c)[:, None], self._width, axis=1)
+        if not self.gap.law.jump:
+            factor = np.where(self.gap.state.values >= -self.model.paired.touching, factor, 0.0)
+        return extension.entries(numbers, factor)
+
+    def residual(self, at: Normal) -> Array:
+        """See ``NormalRows``."""
+        weight = self.gap.weight
+        if self.gap.law.jump:
+            rows = weight[:, None] * at.gap
+        else:
+            rows = (weight / self._c)[:, None] * (at.image - at.multiplier)
+        if at.held is None or at.means is None:
+            return np.asarray(rows)
+        held = (weight / self._c)[:, None] * (at.means - at.multiplier)
+        return np.where(at.held, held, rows)
+
+    def in_forces(self) -> Array:
+        """c_n: forces are continuous where sets change."""
+        return np.repeat(self._c, self._width)
+
+    def stress(self, at: Normal, forces: Array) -> Array:
+        """That of closed gaps is ε ḡ*, or what they stand for in the stiffest body."""
+        factor = np.where(at.active, np.maximum(self.scales.stiffest / self._c, 1.0), 1.0)
+        return np.asarray(forces / self.gap.weight[:, None] * factor[:, None])
+
+    def open_gap(self, at: Normal) -> float:
+        """That of closed rows; none with a penalty."""
+        if not self.model.augmented:
+            return 0.0
+        gaps = np.where(at.active[:, None], np.abs(at.gap), 0.0)
+        if at.held is not None:
+            gaps = np.where(at.held, 0.0, gaps)
+        return float(np.max(gaps, initial=0.0))
+
+    def keep(self, at: Normal) -> None:
+        """See ``NormalRows``."""
+        self.gap.state.augmented = np.where(at.active[:, None], at.multiplier, 0.0)
+
+    def derivative(self, at: Normal, exact: bool) -> tuple[Array, Array]:
+        """Derivatives of R_λ by ḡ (area), and by its own λ, (rows, width) each.
+
+        Args:
+            at: The rows.
+            exact: As of ``ConstraintRows.derivative``.
+        """
+        weight, width = self.gap.weight, self._width
+        by_gap, own = self._slopes(at)
+        if not exact:
+            own = own - weight * at.active * self.scales.proximal
+        by_gap, own = (np.repeat(part[:, None], width, axis=1) for part in (by_gap, own))
+        if at.held is not None:
+            by_gap = np.where(at.held, 0.0, by_gap)
+            own = np.where(at.held, -(weight / self._c)[:, None], own)
+        return by_gap, own
+
+    def _slopes(self, at: Normal) -> tuple[Array, Array]:
+        """Of rows that nothing holds, (rows,) each. Collective."""
+        weight, compliance = self.gap.weight, self.scales.compliance
+        own = (weight / self._c) * (at.active * (1 - self._c * compliance) - 1)
+        if self.gap.law.jump:
+            own = -weight * compliance
+        return weight * at.active, own
+
+    def by_trial(self) -> tuple[Array, Array]:
+        """Derivatives of y_n by ḡ and λ, (rows,) each."""
+        return self._c, 1 - self._c * self.scales.compliance
+
+    def softened(self, at: Normal) -> Array:
+        """See ``NormalRows``."""
+        normal = -self.gap.weight * at.active * self.scales.proximal
+        rows = np.repeat(normal[:, None], self._width, axis=1)
+        if at.held is not None:
+            rows = np.where(at.held, 0.0, rows)
+        return np.asarray(rows.ravel())
+
+    def scale(self, at: Normal) -> Array:
+        """What makes forces of R_λ: c, or the usual penalty where rows are closed, (rows,)."""
+        return np.where(at.active, 1 / self.scales.softness, self._c)
+
+    def usual_compliance(self, at: Normal) -> Array:
+        """What closed rows lack of the usual penalty's compliance, (rows,)."""
+        lack = np.maximum(self.scales.softness - self.scales.compliance, 0.0)
+        return np.asarray(at.active * lack)
+
+    def rounding(self) -> float:
+        """See ``NormalRows``."""
+        factors = (self._c, self.scales.stiffest)
+        return max(float(np.max(f, initial=0.0)) for f in factors)
+
+
+class AugmentedLawRows(NodalRows):
+    """Rows of a user's law with multipliers: R_λ = W/ε (φ'(ḡ + λ/ε) − λ).
+
+    Arguments as of :class:`NodalRows`.
+    """
+
+    def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
+        super().__init__(model, gap)
+        self._c = self.scales.penalty
+
+    def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
+        """See ``NormalRows``."""
+        at = super().evaluate(multiplier, first, opened)
+        with collective_errors(self.model.comm):  # it is the user's
+            image = self.gap.law.multiplier(at.trial / self._c[:, None], self._c)
+        active = self._slope(at.trial) > 0
+        if opened is not None:
+            active &= ~opened
+        return at._replace(image=np.where(active[:, None], image, 0.0), active=active)
+
+    def _slope(self, trial: Array) -> Array:
+        """φ'' (stress per length), (rows,). Collective."""
+        shifted = np.asarray(trial / self._c[:, None], dtype=np.float64)
+        with collective_errors(self.model.comm):
+            return self.gap.law.slope(shifted, self._c, self.model.paired.touching)
+
+    def _slopes(self, at: Normal) -> tuple[Array, Array]:
+        """Of rows that nothing holds, (rows,) each. Collective."""
+        part = at.active * self._slope(at.trial) / self._c
+        weight = self.gap.weight
+        return np.asarray(weight * part), np.asarray(weight * (part - 1) / self._c)

@@ -1,0 +1,116 @@
+"""Nodes about to open under friction that jumps there: they have part of it, see ``fill``."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, elastic, largest, plane, vector_space
+
+from dolfinx import fem, la
+
+import qsdolfinx as qs
+from qsdolfinx.friction import filled
+from qsdolfinx.friction.laws import Response
+
+LAWS = {"tresca": lambda: qs.Tresca(2.0), "norton": lambda: qs.Norton(0.3, 10.0, 0.4)}
+
+#: Most iterations of a step in which the block is dragged. A dozen are usual; on the edge each row
+#: that changes its state may take one.
+MOST = 40
+
+
+def answer(T):
+    """Of a law that answers T, whatever the slip is."""
+    n, gdim = T.shape
+    stiffness, no = np.zeros((n, gdim, gdim)), np.zeros(n, dtype=bool)
+    return Response(T, stiffness, np.zeros_like(T), no, np.zeros_like(T), np.zeros(n))
+
+
+@pytest.mark.parametrize("a", (0.1, 100.0))
+def test_filled_graph(monkeypatch, a):
+    """τ is what the graph says at all of its points, and nowhere else, whatever a is."""
+    monkeypatch.setattr(filled, "OF_PRESSURE", a)
+    rng, no = np.random.default_rng(1), np.zeros(30, dtype=bool)
+    T = rng.normal(size=(30, 3))
+    trial = np.repeat([0.4, 0.0, -0.4], 10)
+    theta = np.where(trial > 0, 1.0, np.where(trial < 0, 0.0, rng.random(30)))
+    found = filled.fill(answer(T), theta[:, None] * T, trial, no, no)
+    np.testing.assert_allclose(found.response.traction, theta[:, None] * T, atol=1e-15)
+    assert np.array_equal(found.edge, trial == 0)
+    for other in (theta + 0.1, theta - 0.1):
+        tau = other[:, None] * T
+        wrong = np.linalg.norm(filled.fill(answer(T), tau, trial, no, no).response.traction - tau)
+        outside = (trial != 0) | (other < 0) | (other > 1)
+        away = np.linalg.norm(
+            filled.fill(answer(T), tau, trial, no, no).response.traction - tau, axis=1
+        )
+        assert wrong > 0 and away[outside].min() > 1e-3
+
+
+def dragged(law, enforcement, press=0.01, steps=8, **options):
+    """A block on a rigid plane, pressed a little and dragged by its top: its rear edge lifts.
+
+    Yields:
+        The problem, the contact, and the force that the top needs, after each step.
+    """
+    msh = box(WORLD, (16, 8), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
+    V = vector_space(msh)
+    u, top = fem.Function(V), fem.Constant(msh, (0.0, 0.0))
+    held = fem.locate_dofs_topological(V, 1, plane(msh, 1, 1.0))
+    F = elastic(u, E=100.0, nu=0.3)
+    floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+    bottom = qs.Surface(V, facets=plane(msh, 1, 0.0))
+    options |= {"quadrature": "overlay", "enforcement": enforcement, "friction": LAWS[law]()}
+    if law == "norton":
+        options["dt"] = 1.0
+    contact = qs.Contact(bottom, floor, **options)
+    problem = qs.ContactProblem([F], [u], [contact], [[fem.dirichletbc(top, held, V)]])
+    problem.hands_over = False  # where one Newton's method gives up, the solve fails
+    owned = held[held < V.dofmap.index_map.size_local]
+    form = fem.form(F)
+    for step in range(steps + 1):
+        top.value[:] = (0.05 * step, -press)
+        problem.solve()
+        b = fem.assemble_vector(form)
+        b.scatter_reverse(la.InsertMode.add)
+        force = WORLD.allreduce(b.array.reshape(-1, 2)[owned].sum(axis=0))
+        yield problem, contact, force
+
+
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("press", (0.005, 0.01, 0.02))
+def test_dragged_block(press, law, enforcement, sliding):
+    """One Newton's method finds it; forces balance; less than the law's friction without pressure.
+
+    Where |τ| is less, the node's gap is closed and its pressure 0.
+    """
+    edges = 0
+    for problem, contact, force in dragged(law, enforcement, press, sliding=sliding):
+        assert problem.num_iterations <= MOST
+        np.testing.assert_allclose(contact.force("slave"), -force, atol=1e-7 * largest(force))
+        for slip, gap in zip(contact.model.slips, contact.model.gaps, strict=True):
+            state, pressure = slip.state, gap.multiplier(contact.eps)[:, 0]
+            rows = state.evaluated.rows._replace(closed=np.ones_like(state.closed))
+            T = np.linalg.norm(slip.friction.respond(rows).traction, axis=1)
+            tau, most = np.linalg.norm(state.response.traction, axis=1), largest(pressure)
+            if law == "tresca":  # the trial of an augmented Lagrangian is on the bound itself
+                T = np.where(state.response.slipping, 2.0, T)
+            assert largest(np.maximum(tau - T, 0.0)) <= 1e-9 * largest(T)
+            part = (tau < (1 - 1e-6) * T) & (tau > 0)
+            assert largest(pressure[part]) <= 1e-9 * most
+            assert largest(gap.state.values[part, 0]) <= 1e-9
+            edges += int(part.sum())
+        assert not problem.contacts[0].model.slips[0].stick_slip.without_friction.any()
+    if press == 0.005:  # its solutions have such nodes
+        assert WORLD.allreduce(edges) > 0
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+def test_results_do_not_depend_on_the_way(monkeypatch, enforcement):
+    """What a stress weighs in telling the edge of contact does not matter."""
+    forces = []
+    for a in (3.0, 100.0):
+        monkeypatch.setattr(filled, "OF_PRESSURE", a)
+        *_, (_, contact, _) = dragged("norton", enforcement, press=0.02)
+        forces.append(contact.force("slave"))
+    np.testing.assert_allclose(forces[0], forces[1], rtol=1e-5)
