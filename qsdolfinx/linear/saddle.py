@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import typing
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.passing import passing
 from qsdolfinx.base.reasons import reason_name
 from qsdolfinx.linear.condensation import ContactRows, condensation_of
 from qsdolfinx.linear.presets import GMRES_RESTART
@@ -264,22 +262,16 @@ class SaddlePoint:
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """The product of the matrix."""
-        with self._kept():
+        with passing(self._keep):
             self._multiply(x, y)
 
     def apply(self, _: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """The product of the preconditioner."""
-        with self._kept():
+        with passing(self._keep):
             self._precondition(r, z)
 
-    @contextlib.contextmanager
-    def _kept(self) -> typing.Iterator[None]:
-        """Keep what is raised in the block."""
-        try:
-            yield
-        except BaseException as error:
-            self._failure = error
-            raise
+    def _keep(self, error: BaseException) -> None:
+        self._failure = error
 
     # --- Products
 

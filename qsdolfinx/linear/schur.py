@@ -19,6 +19,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from qsdolfinx.base.passing import passing
 from qsdolfinx.compat import num_entity_dofs
 from qsdolfinx.linear.hierarchy import Hierarchy
 from qsdolfinx.linear.presets import PRESSURE
@@ -161,6 +162,7 @@ class Schur:
             pressure.follow(K)
         self._velocity.update()
 
+    @passing()
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, x: PETSc.Vec) -> None:
         """Approximate solution, as PETSc calls it. Collective."""
         assert self._tangent is not None and self._velocity is not None

@@ -6,6 +6,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from qsdolfinx.base import interrupt
+from qsdolfinx.base.passing import passing
 
 #: Iterations after which ranks tell each other.
 EVERY = 5
@@ -26,6 +27,7 @@ class Stop:
         self._limit: int | None = None
         ksp.setMonitor(self.monitor)
 
+    @passing()
     def monitor(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
         """Look whether to end: what PETSc calls at each iteration. Collective."""
         if self._limit is None and iteration % EVERY == 0 and interrupt.requested(self._comm):

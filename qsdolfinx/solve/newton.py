@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.messages import say
+from qsdolfinx.base.passing import passing
 from qsdolfinx.base.reasons import reason_name
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.linear.factors_again import OF_A_LIBRARY, begin_afresh
@@ -179,17 +180,18 @@ class Context:
     active: list[int] | None = None
     other: Other | None = None
 
+    def keep(self, error: BaseException) -> None:
+        """Keep what a callback has raised."""
+        self.failure = error
+
 
 def _callback(function: typing.Callable[..., None]) -> typing.Callable[..., None]:
     """Keep what is raised; the context is the last argument."""
 
     @functools.wraps(function)
     def call(*args: typing.Any) -> None:
-        try:
+        with passing(args[-1].keep):
             function(*args)
-        except BaseException as error:
-            args[-1].failure = error
-            raise
 
     return call
 
@@ -268,11 +270,8 @@ def converged(
     snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], context: Context
 ) -> int:
     """Whether the forces are in balance: SNES' convergence test."""
-    try:
+    with passing(context.keep):
         return _has_converged(snes, iteration, norms, context)
-    except BaseException as error:
-        context.failure = error
-        raise
 
 
 def _has_converged(
@@ -414,14 +413,9 @@ class Newton:
         """Whether options name a convergence test of PETSc's."""
         return bool(self._users_test)
 
-    @contextlib.contextmanager
-    def kept(self) -> typing.Iterator[None]:
+    def kept(self) -> contextlib.AbstractContextManager[None]:
         """Keep what is raised in the block, which PETSc calls."""
-        try:
-            yield
-        except BaseException as error:
-            self._context.failure = error
-            raise
+        return passing(self._context.keep)
 
     def solve_other(self, other: Other, x: PETSc.Vec, f: PETSc.Vec) -> int:
         """Let SNES solve equations on other unknowns, with its options and monitors. Collective.

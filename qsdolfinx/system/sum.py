@@ -9,6 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.passing import passing
 from qsdolfinx.system.factored import Beside
 
 Array = npt.NDArray[np.float64]
@@ -106,10 +107,12 @@ class _Product:
         #: Owned values on top of the diagonal.
         self.shift: Array | None = None
 
+    @passing()
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         self.multiply_bodies(x, y, PETSc.Mat.mult)
         self._contact.add_product(x, y)
 
+    @passing()
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         self.multiply_bodies(x, y, PETSc.Mat.multTranspose)
         self._contact.add_transposed(x, y)
@@ -128,6 +131,7 @@ class _Product:
         if self.shift is not None:
             here += self.shift * there
 
+    @passing()
     def getDiagonal(self, _: PETSc.Mat, diagonal: PETSc.Vec) -> None:
         contact = self._contact.diagonal()
         contact.copy(diagonal)

@@ -1,11 +1,14 @@
 """A solver with factors goes on after errors in the middle of solves."""
 
+import gc
+
 from petsc4py import PETSc
 
 import numpy as np
 import pytest
 from scenes import WORLD
 
+from qsdolfinx.base.passing import passing
 from qsdolfinx.linear.factors_again import begin_afresh
 
 
@@ -14,6 +17,7 @@ class Failing:
 
     fails = False
 
+    @passing()
     def mult(self, mat, x, y):
         if self.fails:
             raise RuntimeError("no product")
@@ -21,6 +25,23 @@ class Failing:
 
     def multTranspose(self, mat, x, y):
         self.mult(mat, x, y)
+
+
+@pytest.mark.one_rank
+def test_garbage_collection():
+    """That begins just as an exception is made does not meet it within PETSc, where it is lost."""
+    threshold = gc.get_threshold()[0]
+    context = Failing()
+    context.fails = True
+    shell = PETSc.Mat().createPython((3, 3), context, comm=PETSc.COMM_SELF)
+    shell.setUp()
+    for count in range(threshold - 100, threshold + 150):
+        x, y = shell.createVecs()
+        gc.collect(0)
+        made = [[] for _ in range(count)]
+        with pytest.raises(PETSc.Error):
+            shell.mult(x, y)
+        del made
 
 
 def test_errors_in_solves():
