@@ -69,13 +69,16 @@ def on_edge(equations, z, seed=3):
     """
     z = z.copy()
     at, rng = equations.evaluate(z), np.random.default_rng((seed, equations.system.comm.rank))
-    parts = zip(equations.passes, at.passes, equations.multipliers(z), strict=True)
-    for p, e, values in parts:
+    for values in equations.multipliers(z):
+        values.normal[:] += 1.0
+    more = equations.evaluate(z)  # y_n is linear in λ
+    parts = zip(equations.passes, at.passes, more.passes, equations.multipliers(z), strict=True)
+    for p, e, other, values in parts:
         closed = e.of_friction._replace(closed=np.ones_like(e.active))
         T = p.slip.respond(closed, False).traction
         size = np.linalg.norm(T, axis=1)
         along = np.sum(values.tangential * T, axis=1) / size
         wanted = (rng.uniform(0.1, 0.9, len(size)) * size - along) / filled.OF_PRESSURE
-        by_pressure = 1 - p.rows._c * p.rows._compliance
-        values.normal[:, 0] += (wanted - e.trial[:, 0]) / by_pressure
+        values.normal[:] -= 1.0
+        values.normal[:, 0] += (wanted - e.trial[:, 0]) / (other.trial - e.trial)[:, 0]
     return z
