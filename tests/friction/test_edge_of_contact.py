@@ -12,9 +12,9 @@ from qsdolfinx.friction.laws import Response
 
 LAWS = {"tresca": lambda: qs.Tresca(2.0), "norton": lambda: qs.Norton(0.3, 10.0, 0.4)}
 
-#: Most iterations of a step in which the block is dragged. A dozen are usual; on the edge each row
-#: that changes its state may take one.
-MOST = 40
+#: Most iterations of a step in which the block is dragged. A dozen are usual. The worst step takes
+#: 31 on one rank and 41 on two, where the line search is held up as a row gets to the edge.
+MOST = 50
 
 
 def answer(T):
