@@ -69,6 +69,34 @@ class ConductanceCoupling:
                 product.destroy()
             columns.destroy()
 
+    @property
+    def of_bodies(self) -> ContactModel | None:
+        """The bodies' contact, if its multipliers are unknowns beside those of the field."""
+        of = self._mechanics.of
+        return of if self._gaps and of.augmented else None
+
+    def by_multipliers(self) -> list[PETSc.Mat]:
+        """Derivatives of each side's flow by λ̂ at the rows of the bodies' gaps, new. Collective."""
+        of, out = self._mechanics.of, []
+        gap, slope = of.gaps[0], active_set.slope(of, of.gaps[0])
+        pressed = slope / (of.eps * gap.relative_penalty)
+        change = self._changes()[0]
+        for jump in self._jump:
+            scaled = _scaled(jump, change if self._functions is not None else change * pressed)
+            product = scaled.transpose(PETSc.Mat())
+            if self._functions is not None:
+                right = self._functions.createVecRight()
+                right.array[:] = pressed
+                functions = self._functions.copy()
+                functions.diagonalScale(R=right)
+                whole = product.matMult(functions)
+                for thing in (product, functions, right):
+                    thing.destroy()
+                product = whole
+            out.append(product)
+            scaled.destroy()
+        return out
+
     def _changes(self) -> list[Array]:
         """W ⟦T⟧ ∂h of the four arguments, at the points."""
         model, law, gap = self._model, self._law, self._model.gaps[0]

@@ -295,8 +295,15 @@ class Mechanics(typing.Protocol):
 class Coupling(typing.Protocol):
     """What conductances add to the tangent as they change: see ``contact.coupling``."""
 
+    @property
+    def of_bodies(self) -> ContactModel | None:
+        """The bodies' contact, if its multipliers are unknowns beside those of the field."""
+
     def add_to(self, blocks: BlocksOf, pattern: bool) -> None:
         """Add to the blocks ss, sm, ms, mm. Collective."""
+
+    def by_multipliers(self) -> list[PETSc.Mat]:
+        """Derivatives of each side's flow by λ̂ at the rows of the bodies' gaps. Collective."""
 
     def destroy(self) -> None:
         """Free what it has. Collective."""

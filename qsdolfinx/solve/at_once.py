@@ -154,15 +154,9 @@ class AtOnce:
         return equations.join(x, equations.multipliers(z), none)
 
 
-def _is_coupled(contact: ContactModel) -> bool:
-    """Whether conductances change with multipliers that are unknowns."""
-    mechanics = contact.mechanics
-    return contact.with_bodies and mechanics is not None and mechanics.of.augmented
-
-
 def are_at_nodes(contacts: typing.Sequence[ContactModel]) -> bool:
     """Whether one Newton's method finds multipliers of contacts, there being any."""
-    return bool(contacts) and not any(_is_papers(c) or _is_coupled(c) for c in contacts)
+    return bool(contacts) and not any(map(_is_papers, contacts))
 
 
 def _is_papers(contact: ContactModel) -> bool:

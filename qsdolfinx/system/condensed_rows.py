@@ -113,6 +113,10 @@ class CondensedRows:
         """None is to be closed."""
         return 0.0
 
+    def known(self, multiplier: Array) -> Array:
+        """As it is."""
+        return self.gap.state.augmented
+
     def keep(self, at: Normal) -> None:
         """Nothing but the gap."""
 
@@ -269,6 +273,10 @@ class PointConstraints(CondensedRows):
     def open_gap(self, at: Normal) -> float:
         """The largest mean on this rank. Collective."""
         return float(np.max(np.abs(self.residual(at) / self.areas), initial=0.0))
+
+    def known(self, multiplier: Array) -> Array:
+        """λ of all sides. Collective."""
+        return self.on_sides(multiplier)
 
     def keep(self, at: Normal) -> None:
         """Let the pass know λ, and what of each side is closed. Collective."""

@@ -16,7 +16,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import ContactWarning, warn
-from qsdolfinx.contact import motion, terms
+from qsdolfinx.contact import motion
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -372,10 +372,9 @@ class Equations:
             return self._at
         system, multipliers = self.system, self.multipliers(z)
         self._move_tools(self.displacements(z))
+        self._tell_conductances(multipliers)
         bulk = [body.residual(self.part(z, i)) for i, body in enumerate(system.bodies)]
-        for contact, (s, m) in zip(system.contacts, system.sides, strict=True):
-            vecs = system.bodies[s].x, None if m is None else system.bodies[m].x
-            terms.evaluate(contact, *vecs)
+        system.evaluate_contacts()
         both = list(zip(self.passes, multipliers, strict=True))
         passes = [
             p.rows.evaluate(values, first, None if opened is None else opened[i], again)
@@ -396,6 +395,13 @@ class Equations:
         at = State(z.copy(), np.concatenate(bulk), forces, passes, tools)
         self._at = None if first else at
         return at
+
+    def _tell_conductances(self, multipliers: typing.Sequence[Multipliers]) -> None:
+        """Let conductances that follow pressures know those of λ. Collective."""
+        followed = [c.coupling.of_bodies for c in self.system.contacts if c.coupling is not None]
+        for p, values in zip(self.passes, multipliers, strict=True):
+            if any(p.model is of for of in followed):
+                p.gap.state.augmented = p.rows.normal.known(values.normal)
 
     def _is_at(self, z: Array) -> bool:
         """Whether the last evaluation was at z. Collective."""
@@ -484,6 +490,7 @@ class Equations:
         """
         self.softened = np.zeros(self.num_local)
         found = [*self._bulk(), *self._curvature(at), *self._shift(shift)]
+        found += self._of_conductances()
         for i, p in enumerate(self.passes):
             found += self._of_pass(i, p, at.passes[i], exact)
             if not exact:
@@ -692,6 +699,39 @@ class Equations:
         if p.tool is not None:
             found += self._with_tool(p, own, weight, by_gap, self.changes(p)[0])
         return found
+
+    def _of_conductances(self) -> list[Entries]:
+        """Entries of conductances by λ, where that is an unknown beside the field. Collective."""
+        found, contacts = [], zip(self.system.contacts, self.system.sides, strict=True)
+        for contact, sides in contacts:
+            of = None if contact.coupling is None else contact.coupling.of_bodies
+            if of is None or contact.coupling is None:
+                continue
+            p = next(p for p in self.passes if p.model is of)
+            for i, product in zip(sides, contact.coupling.by_multipliers(), strict=False):
+                assert i is not None
+                found.append(self._by_multipliers(p, i, product))
+                product.destroy()
+        return found
+
+    def _by_multipliers(self, p: Pass, i: int, mat: PETSc.Mat) -> Entries:
+        """Entries of a matrix of body i's unknowns by λ̂ at the rows of a pass. Collective."""
+        first, part = mat.getOwnershipRange()[0], self._number_of_part(p)
+        own = self._first[self.system.comm.rank, part] + np.arange(p.rows.num_multipliers)
+        if p.rows.condensed is not None:
+            functions = self._matrices(p, p.rows.condensed, own).functions
+            assert functions is not None
+            mat = mat.matMult(functions)
+        starts, columns, values = mat.getValuesCSR()
+        row = first + np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts))
+        numbers = columns.astype(np.int64)
+        if p.rows.condensed is None:
+            ends = np.append(0, np.cumsum(self.system.comm.allgather(p.rows.num_rows)))
+            rank = np.searchsorted(ends, numbers, side="right") - 1
+            numbers = self._first[rank, part] + numbers - ends[rank]
+        else:
+            mat.destroy()
+        return Entries(self._numbers(i, row), numbers, values.copy())
 
     def _number_of_part(self, p: Pass) -> int:
         """Of the unknowns of a pass among the parts of z."""

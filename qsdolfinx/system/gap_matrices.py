@@ -45,9 +45,10 @@ class GapMatrices:
     ) -> None:
         self._rows, self._comm, self._num = rows, rows.model.comm, num_local
         self._slip, self._width = slip, rows.gap.operator.width
-        self._functions: PETSc.Mat | None = None
+        #: N E; None without multipliers.
+        self.functions: PETSc.Mat | None = None
         if isinstance(rows, PointConstraints) and rows.model.augmented:
-            self._functions = self._of_nodes(rows, numbers)
+            self.functions = self._of_nodes(rows, numbers)
         self._left, self._right = (self._sum(entries) for entries in gaps)
         self._pressures: PETSc.Mat | None = None
 
@@ -56,8 +57,8 @@ class GapMatrices:
         rows = self._rows
         scaled = gaps._replace(value=rows.gamma * gaps.value)
         mat = scaled.matrix(rows.gap.num_rows * self._width, self._num, self._comm)
-        if self._functions is not None:
-            mat.axpy(1.0, self._functions, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        if self.functions is not None:
+            mat.axpy(1.0, self.functions, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         return mat
 
     def _of_nodes(self, rows: PointConstraints, numbers: Indices) -> PETSc.Mat:
@@ -99,9 +100,9 @@ class GapMatrices:
         rows = self._rows
         weight = rows.gap.weight[:, None] / rows.gamma**2
         found = [_product(self._left, (weight * rows.stiffness(at)).ravel(), self._right)]
-        if self._functions is not None:
+        if self.functions is not None:
             of_nodes = np.asarray(-rows.gap.weight / rows.gamma)
-            found.append(_product(self._functions, of_nodes, self._functions))
+            found.append(_product(self.functions, of_nodes, self.functions))
         return Entries(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
     def pressures(self, at: Normal) -> Entries:
@@ -149,7 +150,7 @@ class GapMatrices:
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        for mat in (self._left, self._right, self._functions, self._pressures):
+        for mat in (self._left, self._right, self.functions, self._pressures):
             if mat is not None:
                 mat.destroy()
 

@@ -140,6 +140,9 @@ class NormalRows(typing.Protocol):
     def open_gap(self, at: Normal) -> float:
         """Gap (length) that multipliers are to close: the largest on this rank. Collective."""
 
+    def known(self, multiplier: Array) -> Array:
+        """λ as the pass keeps it. Collective."""
+
     def keep(self, at: Normal) -> None:
         """Let the pass know λ. Collective."""
 
@@ -255,6 +258,10 @@ class NodalRows:
         if at.held is not None:
             gaps = np.where(at.held, 0.0, gaps)
         return float(np.max(gaps, initial=0.0))
+
+    def known(self, multiplier: Array) -> Array:
+        """λ as the pass keeps it."""
+        return multiplier
 
     def keep(self, at: Normal) -> None:
         """See ``NormalRows``."""

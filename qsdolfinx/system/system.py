@@ -333,16 +333,21 @@ class ContactSystem:
         forces = [body.force for body in self.bodies]
         for force in forces:
             force.zeroEntries()
-        pairs = list(zip(self.contacts, self.sides, strict=True))
-        # Conductances are functions of the bodies' contact: these come first.
-        for contact, (s, m) in sorted(pairs, key=lambda pair: pair[0].is_scalar):
-            terms.evaluate(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
+        self.evaluate_contacts()
+        for contact, (s, m) in zip(self.contacts, self.sides, strict=True):
             terms.add_residual(contact, forces[s], None if m is None else forces[m])
         for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
             residual[body.free] += force.array_r[body.free]
         self.anchors.add_forces(residuals, self.parts(x))
         self.residuals = residuals
         return np.concatenate(residuals)
+
+    def evaluate_contacts(self) -> None:
+        """Compute gaps and slips where the bodies are. Collective."""
+        pairs = list(zip(self.contacts, self.sides, strict=True))
+        # Conductances are functions of the bodies' contact: these come first.
+        for contact, (s, m) in sorted(pairs, key=lambda pair: pair[0].is_scalar):
+            terms.evaluate(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
 
     def tangent(self, x: Array) -> PETSc.Mat:
         """Derivative of the residual at the owned unknowns x, in ``matrix``. Collective."""
