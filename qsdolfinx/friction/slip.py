@@ -27,6 +27,9 @@ from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
+#: What rounding leaves of slips, over coordinates.
+OF_RATES = 10 * np.finfo(np.float64).eps
+
 #: Pressure at the start of a step, relative to that at its end, that is none but for rounding.
 NO_PRESSURE = 1e-6
 
@@ -76,6 +79,8 @@ class SlipState:
         response: What the law answered at the last evaluation.
         on_edge: |τ| (stress) of rows that the last solve has found on the edge of contact, infinite
             of others, (rows,).
+        solved: τ (stress) of the last solve, of laws that slip rates steer, (rows, gdim); None of
+            others, and before.
         frames: Frames of the rows in which τ̂ is known, (rows, gdim, gdim); None as long as nobody
             has asked.
         pairs: What was opposite to what at the start of the step, where gaps follow the bodies:
@@ -102,6 +107,7 @@ class SlipState:
     ended: bool = True
     evaluated: Evaluated | None = None
     pairs: PairsAtStart | None = None
+    solved: Array | None = None
     frames: Array | None = None
     at_start: Place | None = None
     now: Place | None = None
@@ -306,6 +312,7 @@ class Slip:
             if state.stuck.any():
                 state.response = self.respond(rows._replace(unlimited=state.stuck), means)
             state.response = limited(self.friction, state.response, state.on_edge, rows.penalty)
+            state.response = self._as_solved(state.response)
         leaving = ~closed & (state.slipped > 0) & ~self.stick_slip.without_friction
         state.evaluated = Evaluated(
             rows,
@@ -470,9 +477,29 @@ class Slip:
         """Count slip from the start of the step at all rows."""
         self.count_from(np.zeros_like(self.state.start), np.ones_like(self.state.share))
 
+    def rounding(self, response: Response) -> Array:
+        """Stress that rounding makes of slips by a law that slip rates steer, (rows,).
+
+        It may be much stiffer than penalties and bodies; 0 of other laws.
+        """
+        if not self.friction.needs_dt:
+            return np.zeros_like(response.secant)
+        size = float(np.abs(self.slave.mesh.geometry.x).max(initial=0.0))
+        return np.asarray(OF_RATES * size * response.secant)
+
+    def _as_solved(self, response: Response) -> Response:
+        """With τ of the last solve, which balances, where the law's differs by rounding alone."""
+        solved = self.state.solved
+        if solved is None:
+            return response
+        error = np.linalg.norm(response.traction - solved, axis=1)
+        near = error <= np.sqrt(2) * self.rounding(response)
+        return response._replace(traction=np.where(near[:, None], solved, response.traction))
+
     def begin_solve(self) -> None:
         """Forget what the last solve has found of rows in this step."""
         self.stick_slip.begin_solve()
+        self.state.solved = None
         self.state.on_edge = np.full_like(self.state.share, np.inf)
         self.count_whole_step()
 

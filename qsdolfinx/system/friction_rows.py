@@ -20,9 +20,6 @@ Flags = npt.NDArray[np.bool_]
 #: c_t over the automatic penalty of the rows.
 C_TANGENTIAL = 1.0
 
-#: What rounding leaves of slips, over coordinates.
-OF_RATES = 10 * np.finfo(np.float64).eps
-
 
 class Tangential(typing.NamedTuple):
     """Rows of τ at given unknowns.
@@ -169,23 +166,15 @@ class FrictionRows:
         stiffest = np.maximum(self.scales.stiffest / self._c, 1.0)
         factor = np.where(at.sticking, stiffest, 1.0)
         stress = np.abs(forces / self.slip.weight[:, None] * factor[:, None])
-        return np.maximum(stress - self._of_rates(at.response)[:, None], 0.0)
-
-    def _of_rates(self, response: Response) -> Array:
-        """Stress that rounding makes of slips by a law that slip rates steer, (rows,).
-
-        It may be much stiffer than penalties and bodies; 0 of other laws.
-        """
-        if not self.slip.friction.needs_dt:
-            return np.zeros_like(response.secant)
-        size = float(np.abs(self.slip.slave.mesh.geometry.x).max(initial=0.0))
-        return np.asarray(OF_RATES * size * response.secant)
+        return np.maximum(stress - self.slip.rounding(at.response)[:, None], 0.0)
 
     def keep(self, at: Tangential) -> None:
         """Let the slip know τ."""
         state, tangential = self.slip.state, np.where(at.closed[:, None], at.multiplier, 0.0)
         if self.model.augmented:
             state.augmented = self.slip.tangential(tangential)
+        if self.slip.friction.needs_dt:
+            state.solved = self.slip.tangential(tangential)
         if at.filled is not None:
             size = np.linalg.norm(tangential, axis=1)
             state.on_edge = np.where(at.filled.edge, size, np.inf)

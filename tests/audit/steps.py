@@ -209,17 +209,7 @@ class StepAuditor:
         total = sum(
             np.sum(b.force[b.held | self.on_contact(i)[:, None]] ** 2) for i, b in enumerate(bodies)
         )
-        return PART * np.sqrt(total) + LEAST * self.force + self.of_rates()
-
-    def of_rates(self):
-        """Force that rounding of places makes of a law which slip rates steer."""
-        if self.history.friction != "norton":
-            return 0.0
-        history, dt = self.play.contact.model.friction, self.play.stepper.last_dt
-        law, L = history.law, self.length
-        slow = max(history.slow(dt, self.play.contact.model.paired.facet_size), 1e-12 * L / dt)
-        stiffness = law.parameters["alpha"] * law.parameters["K"] * slow ** (law.q - 1) / dt
-        return 10 * np.finfo(float).eps * L * stiffness * L ** (self.history.gdim - 1)
+        return PART * np.sqrt(total) + LEAST * self.force
 
     def on_contact(self, i):
         out = np.zeros(len(self.first[i]), dtype=bool)
