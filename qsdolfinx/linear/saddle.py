@@ -254,6 +254,11 @@ class SaddlePoint:
         return inner if self._linear.is_inner else int(self._ksp.getIterationNumber())
 
     @property
+    def converged_reason(self) -> int:
+        """PETSc's KSPConvergedReason of the last solve."""
+        return int(self._ksp.getConvergedReason())
+
+    @property
     def reason(self) -> str:
         """Why the last solve has ended."""
         return reason_name(PETSc.KSP.ConvergedReason, self._ksp.getConvergedReason())

@@ -16,6 +16,7 @@ from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NoConvergence
 from qsdolfinx.solve.one_newton import OneNewton
+from qsdolfinx.solve.snes import NOT_BALANCED
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.equations import Equations
 
@@ -46,6 +47,8 @@ class AtOnce:
         self._again = False
         #: Why the last solve has failed, one of PETSc's reasons.
         self.reason = LATE
+        #: One of its linear solver, if that has failed; 0 otherwise.
+        self.linear_reason = 0
 
     @property
     def fits(self) -> bool:
@@ -80,7 +83,7 @@ class AtOnce:
             equations.end_at(z)
             self._again = True
         except (NoConvergence, NoGapError) as error:
-            self.reason = error.reason if isinstance(error, NoConvergence) else LATE
+            self._note_failure(error, loop)
             for contact, values in zip(system.contacts, known, strict=True):
                 multipliers.set_known(contact, values)
             for gap, measure in zip(system.gaps, measures, strict=True):
@@ -96,6 +99,16 @@ class AtOnce:
             multipliers.violation(contact) for contact in system.contacts if contact.augmented
         ][:1]
         return True
+
+    def _note_failure(self, error: NoConvergence | NoGapError, loop: OneNewton) -> None:
+        """Remember why there is no solution."""
+        self.reason, self.linear_reason = LATE, 0
+        if isinstance(error, NoGapError):
+            self._newton.note_unseen(str(error))
+            return
+        self.reason, self.linear_reason = error.reason, error.linear
+        if error.linear and loop.has_idle_tools:
+            self.reason = NOT_BALANCED
 
     def _find(self, equations: Equations, loop: OneNewton) -> Array:
         """The solution. Collective."""

@@ -10,12 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.solve.newton import Newton
+from qsdolfinx.surface.unknowns import is_vertex_scalar
 from qsdolfinx.system.equations import REGULAR, Equations, State
+from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
 #: Most springs of bodies that have no condition at all, over the diagonal of their stiffness.
 SPRINGS = 1e-4
+
+#: Springs, over that diagonal, of bodies that some conditions and closed rows leave a rigid motion.
+UNHELD = 1e-3
 
 #: Unbalanced force of a tool over the force that drives it.
 RTOL_TOOLS = 1e-8
@@ -66,20 +71,20 @@ class Balance:
         self._stiffness = stiffness
         self._equations = equations
         self._rtol, self._atol, _, _ = newton.snes.getTolerances()
-        #: Largest coordinate of each body: what is much larger is no displacement.
-        self._sizes = [
-            float(body.comm.allreduce(np.abs(body.V.mesh.geometry.x).max(initial=0.0), op=MPI.MAX))
-            for body in equations.system.bodies
-        ]
+        #: Largest unknown of each body that is a displacement, and what rounding is a part of where
+        #: the form is not linear: a cell, strained by 1.
+        self._sizes = [_sizes_of(equations.system, i) for i in range(len(equations.system.bodies))]
         self.begin()
 
     def begin(self) -> None:
         """Begin with a solve."""
         #: Its iterates.
         self.history: list[Iterate] = []
+        #: Whether gaps are all that the last iterate lacks.
+        self.lacks_closure = False
         #: Norm of forces with which the solve ends.
         self.until = 0.0
-        self._was_in_floor = False
+        self._was_in_floor, self._is_held = False, True
         #: Largest residual, contact forces and multiplier of the solve so far.
         self._seen: Array = np.zeros(3)
 
@@ -94,8 +99,9 @@ class Balance:
         R, f = equations.forces_of(at), at.contact
         bodies = equations.system.bodies
         rounding = [
-            body.diagonal[body.free] * np.minimum(np.abs(equations.part(at.z, i)[body.free]), most)
-            for i, (body, most) in enumerate(zip(bodies, self._sizes, strict=True))
+            body.diagonal[body.free]
+            * (np.minimum(np.abs(equations.part(at.z, i)[body.free]), most) + least)
+            for i, (body, (most, least)) in enumerate(zip(bodies, self._sizes, strict=True))
         ]
         sums = np.array([R @ R, f @ f, sum(float(r @ r) for r in rounding)])
         comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
@@ -121,6 +127,8 @@ class Balance:
             step,
         )
         self.history.append(found)
+        closed = [e.active for e in at.passes]
+        self._is_held = equations.system.made.hold.free_motions(closed).shape[1] == 0
         limits = self._rtol * forces, self._rtol * largest[1]
         self.until = max(float(limits[0]), self._atol)
         self._seen = np.maximum(self._seen, [residual, forces, largest[1]])
@@ -132,14 +140,19 @@ class Balance:
         if in_floor and (self._was_in_floor or largest[1] == 0):
             limits = floors
         self._was_in_floor = in_floor
-        balanced = residual <= max(limits[0], self._atol)
-        closed = largest[0] <= limits[1] and self._are_closed(at)
-        return bool(balanced and closed and tools <= RTOL_TOOLS)
+        balanced = residual <= max(limits[0], self._atol) and tools <= RTOL_TOOLS
+        met, closed = largest[0] <= limits[1], self._are_closed(at)
+        self.lacks_closure = bool(balanced and met and not closed)
+        return bool(balanced and met and closed)
 
     def _are_closed(self, at: State) -> bool:
         """Whether no multiplier leaves a gap that is more than its contact allows. Collective."""
-        passes = zip(self._equations.passes, at.passes, strict=True)
-        return self._all(all(p.rows.open_gap(e) <= p.model.allowed_gap for p, e in passes))
+        bodies = [
+            (p, e)
+            for p, e in zip(self._equations.passes, at.passes, strict=True)
+            if not p.model.is_scalar  # whose jumps are no lengths
+        ]
+        return self._all(all(p.rows.open_gap(e) <= p.model.allowed_gap for p, e in bodies))
 
     def num_closed(self, at: State) -> list[int]:
         """Closed rows of each contact on this rank.
@@ -157,11 +170,18 @@ class Balance:
 
     @property
     def shift(self) -> tuple[float, float]:
-        """Springs for ``Equations.tangent_of``; most of them vanish with the residual."""
-        if self._stiffness is None:
-            return REGULAR, max(REGULAR, SPRINGS * self._left)
-        springs = max(REGULAR, self._stiffness * self._left)
-        return springs, springs
+        """Springs for ``Equations.tangent_of``; most of them vanish with the residual.
+
+        Stiffer ones hold bodies that have some condition where closed rows leave them a rigid
+        motion: as long as forces are far from balanced, they would go anywhere.
+        """
+        some, none = REGULAR, max(REGULAR, SPRINGS * self._left)
+        if self._stiffness is not None:
+            some = none = max(REGULAR, self._stiffness * self._left)
+        if not self._is_held:
+            now = self.history[-1]
+            some = max(some, UNHELD * min(1.0, now.forces + now.constraints))
+        return some, none
 
     @property
     def _left(self) -> float:
@@ -171,3 +191,16 @@ class Balance:
         now, first = self.history[-1], self.history[0]
         fallen = now.residual / first.residual if first.residual > 0 else 1.0
         return float(min(1.0, fallen, now.forces + now.constraints))
+
+
+def _sizes_of(system: ContactSystem, i: int) -> tuple[float, float]:
+    """Largest and least size of body i's unknowns for rounding. Collective."""
+    body, scale, msh = system.bodies[i], system.scales[i], system.bodies[i].V.mesh
+    if is_vertex_scalar(body.V):
+        return np.inf, 0.0
+    cells = np.arange(msh.topology.index_map(msh.topology.dim).size_local, dtype=np.int32)
+    cell = 0.0 if body.linear else float(np.max(msh.h(msh.topology.dim, cells), initial=0.0))
+    local = np.array([np.abs(msh.geometry.x).max(initial=0.0), cell])
+    largest = np.zeros(2)
+    body.comm.Allreduce(local, largest, op=MPI.MAX)
+    return float(largest[0] / scale), float(largest[1] / scale)

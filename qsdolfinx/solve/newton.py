@@ -533,10 +533,20 @@ class Newton:
             self.system.x.array[:] = before
             raise
 
-    def fail(self, reason: int) -> typing.NoReturn:
-        """Raise the error of a solve that ends with this reason. Collective."""
+    def note_unseen(self, text: str) -> None:
+        """Let errors say why gaps could not be found somewhere."""
+        self._context.unseen = text
+
+    def fail(self, reason: int, linear_reason: int | None = None) -> typing.NoReturn:
+        """Raise the error of a solve that ends with this reason. Collective.
+
+        Args:
+            reason: Of SNES, or one of ours.
+            linear_reason: Of the linear solver; by default that of SNES' own.
+        """
         interrupt.look(self.system.comm)
-        linear_reason = self.snes.getKSP().getConvergedReason()
+        if linear_reason is None:
+            linear_reason = self.snes.getKSP().getConvergedReason()
         forget_failure(self.snes)
         record = self.record
         active = record.active_of_all(self.system.comm)

@@ -22,12 +22,13 @@ class NoConvergence(RuntimeError):
     """The iteration has not converged; the text says where it stood.
 
     Attributes:
-        reason: PETSc's SNESConvergedReason.
+        reason: PETSc's SNESConvergedReason, or one of ours.
+        linear: PETSc's KSPConvergedReason, if a linear solve has failed; 0 otherwise.
     """
 
-    def __init__(self, text: str, reason: int = LATE) -> None:
+    def __init__(self, text: str, reason: int = LATE, linear: int = 0) -> None:
         super().__init__(text)
-        self.reason = reason
+        self.reason, self.linear = reason, linear
 
 
 class NewtonStep:
@@ -94,7 +95,8 @@ class NewtonStep:
             out = self._factors.solve(rhs)
             record.linear_iterations += 1
             if out is None:
-                raise NoConvergence(self._factors.reason, LINEARLY)
+                failed = int(PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED)
+                raise NoConvergence(self._factors.reason, LINEARLY, failed)
         return out
 
     def _iterated(self, rhs: Array, until: float, exact: bool) -> Array | None:
@@ -107,7 +109,8 @@ class NewtonStep:
         if out is None:
             newton.record.restarts += 1
             if not newton.linear.give_up(self._saddle.reason):
-                raise NoConvergence(f"linear solver: {self._saddle.reason}", LINEARLY)
+                text = f"linear solver: {self._saddle.reason}"
+                raise NoConvergence(text, LINEARLY, self._saddle.converged_reason)
         return out
 
     def multiply(self, x: Array, transposed: bool = False) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +11,9 @@ import numpy.typing as npt
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.balance import Balance
 from qsdolfinx.solve.newton import Newton
-from qsdolfinx.solve.newton_step import NewtonStep, NoConvergence
+from qsdolfinx.solve.newton_step import LATE, NewtonStep, NoConvergence
 from qsdolfinx.solve.onset import Onset
+from qsdolfinx.solve.snes import NOT_CLOSED
 from qsdolfinx.solve.snes_on_z import SnesOnZ
 from qsdolfinx.system.equations import Equations, State
 
@@ -20,6 +22,8 @@ Flags = npt.NDArray[np.bool_]
 
 #: Halvings of a step, and what the merit has to fall by over what a whole step promises.
 MAX_HALVINGS, FALL = 8, 1e-4
+
+NOT_FINITE = int(PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN)
 
 #: Part of γ with which solves begin that know no multipliers, what they end with, and most
 #: iterations of them.
@@ -70,6 +74,8 @@ class OneNewton:
         z, step = z.copy(), 1.0
         change = self._free_step(z) if begins else None
         at = self.equations.evaluate(z, first=True, again=self._again)
+        if not np.isfinite(self._merit(at)):
+            raise NoConvergence("the residual is not finite", NOT_FINITE)
         if self._newton.has_users_snes:
             if begins:
                 z, at, _ = self._search(z, at, self._change(at) if change is None else change)
@@ -84,7 +90,8 @@ class OneNewton:
                 at = self.equations.evaluate(z)
             change = None
         last = self._balance.history[-1]
-        raise NoConvergence(f"no convergence in {self.max_it} iterations: {last}")
+        reason = NOT_CLOSED if self._balance.lacks_closure else LATE
+        raise NoConvergence(f"no convergence in {self.max_it} iterations: {last}", reason)
 
     def _is_found(self, at: State, step: float) -> bool:
         """Whether z solves the equations; notes the iterate. Collective."""
@@ -93,6 +100,12 @@ class OneNewton:
         number, x = len(balance.history) - 1, self.equations.bodies_of(at.z)
         self._newton.note(number, x, balance.history[-1].residual, balance.num_closed(at))
         return found
+
+    @property
+    def has_idle_tools(self) -> bool:
+        """Whether there are driven tools, and nothing was in contact at the last iterate."""
+        history = self._balance.history
+        return bool(self.equations.tools and history and history[-1].active == 0)
 
     def approach(self, z: Array) -> Array:
         """Where a small γ leads: many rows may open or close at once. Collective.
@@ -163,19 +176,22 @@ class OneNewton:
     def _search(self, z: Array, at: State, change: Array) -> tuple[Array, State, float]:
         """As much of the step as makes the merit fall, or else all of it. Collective."""
         before, step, largest = self._merit(at), 1.0, None
+        unseen: NoGapError | None = None
         for _ in range(MAX_HALVINGS):
             try:
                 there = self.equations.evaluate(z + step * change)
                 merit = self._merit(there)
-            except NoGapError:
-                merit = np.inf
+            except NoGapError as error:
+                merit, unseen = np.inf, error
             if np.isfinite(merit):
                 if merit <= (1 - FALL * step) * before:
                     return z + step * change, there, step
                 largest = largest or step
             step /= 2
         if largest is None:
-            raise NoConvergence("no residual can be evaluated along the step")
+            if unseen is not None:
+                raise unseen
+            raise NoConvergence("no residual is finite along the step", NOT_FINITE)
         found = z + largest * change
         return found, self.equations.evaluate(found), largest
 

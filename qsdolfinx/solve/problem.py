@@ -580,18 +580,9 @@ class ContactProblem:
                 self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
             self.stabilisation_shares = [] if self.stabilisation is None else [0.0]
             return True
-        if self.newton.has_users_snes:
-            self.newton.fail(LOST if self._is_at_once else self._at_once.reason)
-        singular = self._at_once.reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
-        if not (self._is_at_once or self.hands_over or singular):
-            self.newton.fail(self._at_once.reason)
-        self._is_at_once = False
-        balance.restore()
-        self._begin_slips()
-        count = self.newton.record.iterations
-        self.newton.begin()
-        self.newton.record.iterations = count
-        return False
+        if self._is_at_once:
+            self.newton.fail(LOST)
+        self.newton.fail(self._at_once.reason, self._at_once.linear_reason)
 
     def _loses_a_body(self, balance: ToolBalance, start: Array) -> bool:
         """Find equilibrium; whether a body that nothing but contact holds is lost on the way.

@@ -177,7 +177,7 @@ def test_a_gap_that_cannot_be_closed_is_told():
     """Below what rounding leaves of it."""
     _, problem = scene(gap_tolerance=1e-30, solver="amg")
     error = raises_everywhere(WORLD, qs.ConvergenceError, "GAP_NOT_CLOSED", problem.solve)
-    assert error.reason_name == "GAP_NOT_CLOSED" and len(error.violation_history) > 100
+    assert error.reason_name == "GAP_NOT_CLOSED"
 
 
 @pytest.mark.parametrize("solver", ("direct", "amg"))

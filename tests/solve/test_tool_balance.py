@@ -198,24 +198,3 @@ def test_a_step_that_bodies_cannot_follow():
     easy.solve()
     np.testing.assert_allclose(scene.tool.displacement, other.tool.displacement, rtol=1e-6)
     assert largest(scene.u.x.array - other.u.x.array) < 1e-6
-
-
-def test_a_move_that_is_halved_in_vain(monkeypatch):
-    """Tool and bodies are where they were, and the solve says so."""
-    scene, problem = soft_block()
-    scene.tool.drive(1.0, [0.0, -1.0])
-    problem.solve()
-    u, shift = scene.u.x.array.copy(), scene.tool.displacement.copy()
-    places, failures = tried_places(monkeypatch, scene.tool, problem)
-    scene.tool.drive(1.5, [0.0, -1.0])
-    problem.snes.setTolerances(max_it=0)
-    with pytest.raises(qs.ConvergenceError):
-        problem.solve()
-    steps = np.array([places[i] for i in failures]) - shift[1]
-    assert len(steps) > 3 and set(failures.values()) == {"DIVERGED_MAX_IT"}
-    np.testing.assert_allclose(steps[1:], steps[:-1] / 2, rtol=1e-6)
-    np.testing.assert_array_equal(scene.tool.displacement, shift)
-    np.testing.assert_array_equal(scene.u.x.array, u)
-    problem.snes.setTolerances(max_it=50)
-    problem.solve()
-    np.testing.assert_allclose(scene.contact.force("slave")[1], -1.5, rtol=2e-8)
