@@ -127,8 +127,8 @@ class Balance:
             step,
         )
         self.history.append(found)
-        closed = [e.active for e in at.passes]
-        self._is_held = equations.system.made.hold.free_motions(closed).shape[1] == 0
+        hold = equations.system.made.hold
+        self._is_held = hold.free_motions([e.active for e in at.passes]).shape[1] == 0
         limits = self._rtol * forces, self._rtol * largest[1]
         self.until = max(float(limits[0]), self._atol)
         self._seen = np.maximum(self._seen, [residual, forces, largest[1]])

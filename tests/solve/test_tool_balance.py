@@ -155,24 +155,6 @@ def test_a_tool_that_slips_beside_one_that_holds():
 # --- Steps that are too long
 
 
-def tried_places(monkeypatch, tool, problem):
-    """Where the tool is in each run of SNES; and why it fails there, whoever catches the error."""
-    places, failures, make = [], {}, qs.ConvergenceError.__init__
-
-    def note():
-        if not places or places[-1] != tool.displacement[1]:
-            places.append(float(tool.displacement[1]))
-
-    def init(self, *args, **kwargs):
-        make(self, *args, **kwargs)
-        note()
-        failures[len(places) - 1] = self.reason_name
-
-    monkeypatch.setattr(qs.ConvergenceError, "__init__", init)
-    problem.snes.setMonitor(lambda *_: note())
-    return places, failures
-
-
 def soft_block():
     """A neo-Hookean block tied to a tool, and its problem."""
     scene = Pressed("triangle", flat, n=2, law=qs.Tied())
