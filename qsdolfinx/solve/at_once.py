@@ -19,6 +19,7 @@ from qsdolfinx.solve.one_newton import OneNewton
 from qsdolfinx.solve.snes import NOT_BALANCED
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.equations import Equations
+from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -52,12 +53,12 @@ class AtOnce:
 
     @property
     def fits(self) -> bool:
-        """Whether it can solve: with a direct solver and constraints at nodes.
+        """Whether it is what solves: not the paper's own method, a penalty by the nodal rule.
 
-        The paper's own method, a penalty by the nodal rule, keeps the condensed blocks.
+        That keeps the condensed blocks, and so do bodies without contact.
         """
-        contacts, newton = self._system.contacts, self._newton
-        return bool(are_at_nodes(contacts) and not newton.linear.is_rescued)
+        contacts = self._system.contacts
+        return bool(contacts) and not are_condensed(contacts)
 
     def begin_step(self) -> None:
         """Remember the unknowns: solves of the step that fail are begun again from there."""
@@ -167,11 +168,16 @@ class AtOnce:
         return equations.join(x, equations.multipliers(z), none)
 
 
-def are_at_nodes(contacts: typing.Sequence[ContactModel]) -> bool:
-    """Whether one Newton's method finds multipliers of contacts, there being any."""
-    return bool(contacts) and not any(map(_is_papers, contacts))
+def are_condensed(contacts: typing.Sequence[ContactModel]) -> bool:
+    """Whether contacts are those of the paper, frictionless and without driven tools."""
+    return all(
+        contact.settings.sampling.quadrature == "nodal"
+        and not (contact.augmented or contact.follows or contact.friction or contact.is_scalar)
+        and not _is_driven(contact)
+        for contact in contacts
+    )
 
 
-def _is_papers(contact: ContactModel) -> bool:
-    sampling = contact.settings.sampling
-    return sampling.quadrature == "nodal" and not contact.augmented and not contact.follows
+def _is_driven(contact: ContactModel) -> bool:
+    tool = as_tool(contact.master)
+    return tool is not None and tool.driven is not None

@@ -462,24 +462,6 @@ class Newton:
 
     # --- Accuracy
 
-    @contextlib.contextmanager
-    def without_easing(self) -> typing.Iterator[None]:
-        """Let loads inside the block not be put on gradually: who solves has another way."""
-        before, self._eases = self._eases, False
-        try:
-            yield
-        finally:
-            self._eases = before
-
-    @contextlib.contextmanager
-    def accuracy(self, **given: float) -> typing.Iterator[None]:
-        """Solve inside the block as exactly as :class:`Accuracy` says."""
-        kept, self._context.accuracy = self._context.accuracy, Accuracy(**given)
-        try:
-            yield
-        finally:
-            self._context.accuracy = kept
-
     def measure(self) -> tuple[Measures, Array]:
         """Norms of the residual at the last evaluation, and those that a solution may have."""
         self.system.check_alive()
@@ -511,27 +493,6 @@ class Newton:
             self.system.make_stale()
             self.update_matrices()
         self.linear.assemble()
-
-    def respond(self, load: Array) -> Array:
-        """Change of the owned unknowns under a small load, by the tangent at the solution."""
-        for slip in self.system.slips:
-            slip.stick_slip.begin_iterations(False)  # the exact tangent
-        self.system.set_curvature(True)
-        self.assemble()
-        change, reason = self.linear.solve(load)
-        if reason < 0:
-            self.fail(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
-        return change
-
-    def follow(self, change: Array) -> None:
-        """Solve from changed unknowns; without success they are as before."""
-        before = self.system.x.array.copy()
-        self.system.x.array[:] += change
-        try:
-            self.solve()
-        except ConvergenceError:
-            self.system.x.array[:] = before
-            raise
 
     def note_unseen(self, text: str) -> None:
         """Let errors say why gaps could not be found somewhere."""

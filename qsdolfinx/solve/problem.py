@@ -19,7 +19,7 @@ from dolfinx import fem
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import FLAG, check, either, instance, one_of, require
 from qsdolfinx.base.collective import checked, is_of_all
-from qsdolfinx.base.messages import ContactWarning, say, warn
+from qsdolfinx.base.messages import say
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.between_nodes import check_between_nodes
@@ -32,12 +32,9 @@ from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
 from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
-from qsdolfinx.solve.at_once import MAX_MEASURES, SAME_AREA, AtOnce, are_at_nodes
-from qsdolfinx.solve.augmented import AugmentedLagrangian
+from qsdolfinx.solve.at_once import AtOnce, are_condensed
 from qsdolfinx.solve.before import Before
 from qsdolfinx.solve.chord_pressure import check_chords
-from qsdolfinx.solve.closing import Closings
-from qsdolfinx.solve.equilibrium import Equilibrium
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.lost import is_a_body_lost
 from qsdolfinx.solve.newton import Newton
@@ -49,7 +46,7 @@ from qsdolfinx.solve.snes import (
     remove_options,
     set_options,
 )
-from qsdolfinx.solve.stabilisation import Stabilisation, Stabilised, vanishing
+from qsdolfinx.solve.stabilisation import Stabilisation, vanishing
 from qsdolfinx.solve.summary import summary
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.solve.unsupported import check_unsupported
@@ -130,16 +127,12 @@ class ContactProblem:
     Attributes:
         solver: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone. It
             stays while a direct solver stands in: see :attr:`solver_in_use`.
-        stabilisation_shares: Share of the springs of ``stabilisation`` in the forces, after each
-            part of the last solve. The last one is that of the result: 0, unless with constraints
-            at points the solve without springs has failed.
+        stabilisation_shares: Share of the springs of ``stabilisation`` in the forces of the last
+            result: 0; empty without any.
         active_history: Closed rows of each contact at each iteration of the last solve, over all
             ranks.
         system: Residual and tangent of the problem.
         newton: Newton's method for the system.
-        hands_over: Whether solves that Newton's method on all unknowns gives up go on with updates
-            of multipliers; else they fail, unless the matrix was singular. Not in a TimeStepper
-            that can take a smaller step.
     """
 
     def __init__(
@@ -184,7 +177,6 @@ class ContactProblem:
         self._had_contacts = False
         self._steps_within = 0
         self._watches_reach = True
-        self.hands_over = True
         bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
         prefix = f"qsdolfinx_{next(_counter)}_" if petsc_options_prefix is None else ""
         prefix = petsc_options_prefix or prefix
@@ -212,7 +204,7 @@ class ContactProblem:
                 pressure_preconditioner,
                 solver != "auto",
             )
-            if are_at_nodes(models):
+            if models and not are_condensed(models):
                 check_type(snes, linear.has_factors)
         except ValueError:
             remove_options(prefix)
@@ -517,25 +509,7 @@ class ContactProblem:
         start = self._starting_point()
         self.newton.begin()
         try:
-            springs = self.stabilisation
-            if self._is_found_at_once(balance, start):
-                pass
-            elif self._loses_a_body(balance, start):
-                say(self.comm, "a body that only contact holds was lost; springs hold it meanwhile")
-                springs = Stabilisation()
-                self._put_back(known, measures)
-                balance.restore()
-                self._begin_slips()
-                for body, array in zip(self.bodies, state, strict=True):
-                    body.u.x.array[:] = array
-                self._find(balance, self._starting_point(), springs)
-            closings = None if self._is_at_once else Closings(self.newton)
-            for _ in range(MAX_RATES):
-                if closings is None:
-                    break
-                if not (closings.have_changed() or self._has_other_rates()):
-                    break
-                self._find(balance, self._starting_point(), springs)
+            self._find(balance, start)
             if is_a_body_lost(self.system, start):
                 self.newton.fail(LOST)
         except BaseException as error:
@@ -566,39 +540,41 @@ class ContactProblem:
         if self._watches_reach:
             check_unsupported(self.system, start)
 
-    def _is_found_at_once(self, balance: ToolBalance, start: Array) -> bool:
-        """Whether one Newton's method on all unknowns finds the solution. Collective."""
-        self._is_at_once = self._at_once.fits
+    def _find(self, balance: ToolBalance, start: Array) -> None:
+        """Solve for all unknowns, or by the paper's own method where it fits. Collective."""
+        self._is_at_once = self._at_once.fits or self.stabilisation is not None
         if not self._is_at_once:
-            return False
+            if self._is_found_by_penalty(balance, start):
+                return
+            self._is_at_once = True
         for _ in range(MAX_RATES + 1):
-            self._is_at_once = self._at_once.solve(vanishing(self.stabilisation))
-            if not (self._is_at_once and self._has_other_rates()):
+            if not self._at_once.solve(vanishing(self.stabilisation)):
+                self.newton.fail(self._at_once.reason, self._at_once.linear_reason)
+            if not self._has_other_rates():
                 break
-        if self._is_at_once and not is_a_body_lost(self.system, start):
-            if not self.newton.has_users_snes:
-                self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
-            self.stabilisation_shares = [] if self.stabilisation is None else [0.0]
-            return True
-        if self._is_at_once:
-            self.newton.fail(LOST)
-        self.newton.fail(self._at_once.reason, self._at_once.linear_reason)
+        if not self.newton.has_users_snes:
+            self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
+        self.stabilisation_shares = [] if self.stabilisation is None else [0.0]
 
-    def _loses_a_body(self, balance: ToolBalance, start: Array) -> bool:
-        """Find equilibrium; whether a body that nothing but contact holds is lost on the way.
+    def _is_found_by_penalty(self, balance: ToolBalance, start: Array) -> bool:
+        """Whether SNES finds the bodies' unknowns alone, contact being condensed. Collective.
 
-        Collective. It is lost as well where Newton's method ends with nothing in contact: then its
-        matrix is singular, and no iterate comes back.
+        Where it does not, all unknowns are solved for.
         """
+        guess(self.system)
         try:
-            self._find(balance, start, self.stabilisation)
-        except ConvergenceError as error:
-            touches = not error.active_history or any(error.active_history[-1])
-            free = self.system.made.rigid.free_motions.shape[1] > 0
-            if self.stabilisation is not None or touches or not free:
+            self.newton.solve()
+        except ConvergenceError:
+            if not self.system.contacts or self.newton.has_users_snes:
                 raise
-            return True
-        return self.stabilisation is None and is_a_body_lost(self.system, start)
+            balance.restore()
+            self._begin_slips()
+            self.system.x.array[:] = start
+            count = self.newton.record.iterations
+            self.newton.begin()
+            self.newton.record.iterations = count
+            return False
+        return True
 
     def _put_back(self, known: list[list[Array]], measures: list[typing.Any]) -> None:
         """Multipliers, and areas of gaps that follow the bodies, as they were."""
@@ -643,59 +619,6 @@ class ContactProblem:
             # Linear ones are evaluated as if their Dirichlet values were in place.
             part[:] = body.with_conditions(values) if body.linear else values
         return self.system.x.array.copy()
-
-    def _find(
-        self, balance: ToolBalance, start: Array, stabilisation: Stabilisation | None
-    ) -> None:
-        """Unknowns, tools and multipliers in equilibrium, from this starting point."""
-        newton = self.newton
-        if balance.tools:
-            self.system.residual(start)
-            balance.approach()
-        guess(self.system)
-        equilibrium = Equilibrium(newton, balance)
-        augmented = AugmentedLagrangian(equilibrium)
-        with augmented.first_accuracy():
-            if stabilisation is None:
-                equilibrium.find()
-            else:
-                stabilised = Stabilised(equilibrium, stabilisation, self.verbose)
-                self.stabilisation_shares = stabilised.shares
-                stabilised.find()
-        augmented.close_gaps()
-        self._settle_areas(equilibrium, augmented)
-
-    def _settle_areas(self, equilibrium: Equilibrium, augmented: AugmentedLagrangian) -> None:
-        """Solve again until areas of gaps that follow the bodies are those at the end. Collective.
-
-        The result then does not depend on where the bodies were. Where that fails it is the first.
-        """
-        contacts, gaps = self.system.contacts, self.system.gaps
-        for attempt in range(MAX_MEASURES):
-            measures = [gap.state.measure for gap in gaps]
-            if not self.system.have_areas_changed(SAME_AREA):
-                return
-            x = self.system.x.array_r.copy()
-            known = [multipliers.known(contact) for contact in contacts]
-            if attempt == 0:
-                first = x, known, measures
-            try:
-                with self.newton.accuracy(fall=FALL):
-                    equilibrium.find()
-                augmented.close_gaps()
-            except ConvergenceError:
-                if equilibrium.balance.tools:
-                    raise
-                break
-        x, known, measures = first
-        for contact, kept in zip(contacts, known, strict=True):
-            multipliers.set_known(contact, kept)
-        for gap, measure in zip(gaps, measures, strict=True):
-            gap.state.measure = measure
-        self.newton.update_matrices()
-        self.system.x.array[:] = x
-        self.system.residual(x)
-        warn(UNSETTLED, ContactWarning)
 
     def destroy(self) -> None:
         """Free PETSc's objects and options; whoever uses them then is told so. Collective.

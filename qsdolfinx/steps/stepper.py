@@ -386,10 +386,7 @@ class TimeStepper:
         start = self._scene.snapshot()
         self._starts = self._scene.penetration.starts()
         with self.problem.one_step(watch=not self._scene.penetration.is_limited):
-            try:
-                t, dt = self._try(t_end, dt, start)
-            finally:
-                self.problem.hands_over = True
+            t, dt = self._try(t_end, dt, start)
         self._accept(t, dt, start)
         if dt < planned:
             self.dt = dt
@@ -406,7 +403,6 @@ class TimeStepper:
             lands = t_end is not None and dt == t_end - self.t
             t = t_end if lands and t_end is not None else self.t + dt
             before = self.num_iterations
-            self.problem.hands_over = dt * self.cutback < self.dt_min
             try:
                 self._attempt(t, dt, start)
                 self._note(attempt, t, dt, before, None)

@@ -18,7 +18,6 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system import stiffness
-from qsdolfinx.system.anchors import Anchors
 from qsdolfinx.system.blocks import Side
 from qsdolfinx.system.body import Body, body_of
 from qsdolfinx.system.matrices import Form, Matrices
@@ -68,8 +67,6 @@ class ContactSystem:
             if contact.mechanics is not None and contact.mechanics.of in self.contacts:
                 same = self.sides[self.contacts.index(contact.mechanics.of)] == side
                 contact.with_bodies = same
-        #: Springs that hold free bodies for a while.
-        self.anchors = Anchors(self.bodies)
         self.form = form
         for body in self.bodies:
             if form is not Form.NEST and body.V.dofmap.index_map_bs > 1:
@@ -338,7 +335,6 @@ class ContactSystem:
             terms.add_residual(contact, forces[s], None if m is None else forces[m])
         for body, residual, force in zip(self.bodies, residuals, forces, strict=True):
             residual[body.free] += force.array_r[body.free]
-        self.anchors.add_forces(residuals, self.parts(x))
         self.residuals = residuals
         return np.concatenate(residuals)
 
@@ -372,7 +368,6 @@ class ContactSystem:
             return False
         self.made.assemble()
         self.made.hold.add_to(self.made.tangent)
-        self.anchors.add_to(self.made.tangent)
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
         self._assembled, self._assembled_at = state, discrete
         return True
@@ -389,7 +384,6 @@ class ContactSystem:
     def _discrete_state(self) -> list[object]:
         """What the tangent depends on besides where the bodies are, and how fast they slip."""
         state: list[object] = [body.fingerprint for body in self.bodies]
-        state.append(self.anchors.state)
         for contact in self.contacts:
             state += [contact.eps, contact.kinematics.scale, active_set.active_state(contact)]
         return state

@@ -63,7 +63,6 @@ def dragged(law, enforcement, press=0.01, steps=8, **options):
         options["dt"] = 1.0
     contact = qs.Contact(bottom, floor, **options)
     problem = qs.ContactProblem([F], [u], [contact], [[fem.dirichletbc(top, held, V)]])
-    problem.hands_over = False  # where one Newton's method gives up, the solve fails
     owned = held[held < V.dofmap.index_map.size_local]
     form = fem.form(F)
     for step in range(steps + 1):

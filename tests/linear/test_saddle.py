@@ -46,7 +46,6 @@ def test_as_by_factors(cell, kind):
     """The same unknowns and forces, wherever rows close, stick or slip."""
     (pair, direct), (other, amg) = (scene(cell, kind, solver) for solver in ("direct", "amg"))
     for problem in (direct, amg):
-        problem.hands_over = False
         problem.solve()
     assert amg.num_linear_iterations > amg.num_iterations and amg.solver_in_use == "amg"
     for u, v in zip(pair.u, other.u, strict=True):
@@ -63,7 +62,6 @@ def test_by_options(kind, options):
     given = {"petsc_options": options | {"ksp_rtol": 1e-9}} if options else {}
     other, problem = scene("triangle", kind, "auto" if options else "fieldsplit", **given)
     direct.solve()
-    problem.hands_over = False
     problem.solve()
     for u, v in zip(pair.u, other.u, strict=True):
         assert largest(u.x.array - v.x.array) < 1e-7 * largest(u.x.array)
