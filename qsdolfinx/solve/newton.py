@@ -462,6 +462,15 @@ class Newton:
 
     # --- Accuracy
 
+    @contextlib.contextmanager
+    def without_easing(self) -> typing.Iterator[None]:
+        """Let loads inside the block not be put on gradually: who solves has another way."""
+        before, self._eases = self._eases, False
+        try:
+            yield
+        finally:
+            self._eases = before
+
     def measure(self) -> tuple[Measures, Array]:
         """Norms of the residual at the last evaluation, and those that a solution may have."""
         self.system.check_alive()

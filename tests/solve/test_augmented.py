@@ -22,7 +22,6 @@ from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.contact import multipliers
-from qsdolfinx.solve.at_once import AtOnce
 
 OPTIONS = {"enforcement": "augmented-lagrangian", "quadrature": "overlay"}
 GIVEN = {"contact_options": OPTIONS}
@@ -125,9 +124,8 @@ def test_gap_is_closed_at_any_penalty(cell, law):
 
 @pytest.mark.parametrize("law", (qs.Unilateral, qs.Tied))
 @pytest.mark.parametrize("n", ((2, 6), (5, 4)))
-def test_any_penalty_will_do(n, law, monkeypatch):
-    """However soft: it is raised where many updates would be needed, and comes back by a reset."""
-    monkeypatch.setattr(AtOnce, "fits", False)
+def test_any_penalty_will_do(n, law):
+    """However soft: multipliers are unknowns."""
     given = {"wave": 0.03, "n": n}
     forces = []
     for penalty in (1e3, 10.0, 0.05):
@@ -135,14 +133,9 @@ def test_any_penalty_will_do(n, law, monkeypatch):
         drag_top(pair, 0.01)
         problem = pair.problem()
         problem.solve()
-        assert problem.num_augmentations <= 60
         forces.append(pair.contact.force("slave"))
-    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-4, atol=1e-7)
-    np.testing.assert_allclose(forces[2], forces[0], rtol=1e-4, atol=1e-7)
-    assert pair.contact.penalty > 5 * penalty
-    assert pair.contact.report().penalty_source == "given, raised to close gaps sooner"
-    pair.contact.reset()
-    assert pair.contact.penalty == penalty
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-7, atol=1e-10)
+    np.testing.assert_allclose(forces[2], forces[0], rtol=1e-7, atol=1e-10)
 
 
 def test_multipliers_are_kept():

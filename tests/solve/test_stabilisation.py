@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from free_ring import FreeRing
-from scenes import WORLD, Pair, largest
+from scenes import Pair, largest
 
 import ufl
 from dolfinx import fem
@@ -58,28 +58,6 @@ def test_ring_that_is_lost_otherwise(constraints):
     assert case.problem.num_iterations < 50
 
 
-def test_tangent():
-    """With springs it is the derivative of the residual."""
-    case = FreeRing((16, 2))
-    case.stepper.step()
-    system = case.problem.system
-    x = np.concatenate(
-        [u.x.array[: body.num_owned] for u, body in zip(case.problem.u, system.bodies)]
-    )
-    case.problem.set_up()
-    rng = np.random.default_rng(1 + WORLD.rank)
-    for stiffness in (0.0, 0.3):
-        system.anchors.hold(system.made.rigid, system.parts(x), stiffness)
-        d, h = rng.normal(size=len(x)), 1e-7
-        difference = (system.residual(x + h * d) - system.residual(x - h * d)) / (2 * h)
-        matrix = system.tangent(x)
-        vec, out = matrix.createVecRight(), matrix.createVecLeft()
-        vec.array[:] = d
-        matrix.mult(vec, out)
-        assert largest(out.array_r - difference) < 1e-4 * largest(difference)
-    system.anchors.release()
-
-
 def hung(kind, solver, stabilisation, **options):
     """A block that only a tie holds, under its weight: its problem, solved."""
     pair = Pair("hexahedron", law=qs.Tied(), n=(5, 3), contact_options=options)
@@ -107,21 +85,15 @@ def test_ties(kind, solver):
     "kind, solver", (("mpi", "direct"), ("nest", "direct"), ("mpi", "amg"), ("nest", "fieldsplit"))
 )
 def test_linear_bodies(kind, solver):
-    """A solve with other springs takes few steps, as their tangent is that of these springs alone.
-
-    A factor of the springs that had stayed from the solve before would show as linear convergence.
-    """
+    """Springs have no part in the result."""
     problem = hung(kind, solver, qs.Stabilisation(), **PAPERS)
     expected = hung("mpi", "direct", None, **PAPERS)
-    steps = problem.num_iterations / len(problem.stabilisation_shares)
-    assert len(problem.stabilisation_shares) > 3 and steps < (3 if solver == "direct" else 5)
     error = largest(problem.system.x.array_r - expected.system.x.array_r)
     assert error < 1e-6 * largest(expected.system.x.array_r)
 
 
-@pytest.mark.parametrize(
-    "name, value", (("stiffness", 0.0), ("decrease", 1.0), ("tolerance", -1.0), ("max_solves", 0))
-)
-def test_numbers_are_checked(name, value):
-    with pytest.raises(ValueError, match=name):
-        qs.Stabilisation(**{name: value})
+def test_numbers_are_checked():
+    with pytest.raises(ValueError, match="stiffness"):
+        qs.Stabilisation(0.0)
+    with pytest.warns(DeprecationWarning, match="tolerance"):
+        qs.Stabilisation(tolerance=1e-7)
