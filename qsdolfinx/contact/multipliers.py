@@ -134,6 +134,5 @@ def set_pressures_on_nodes(model: ContactModel, pressures: typing.Sequence[Array
 def reset(model: ContactModel) -> None:
     """Forget the multipliers: the next solve starts from λ̂ = 0, no friction, and the first ε."""
     keep(model)
-    model.penalty.forget_raises()
     for part in model.parts:
         part.state.augmented = np.zeros_like(part.state.augmented)

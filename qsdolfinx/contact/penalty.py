@@ -33,14 +33,6 @@ POINTS_FACTOR = 1.5
 #: is no longer small compared with the tolerances. tests/contact/test_report.py measures both.
 MODERATE, EXTREME = 30.0, 1e7
 
-#: The same up to which a penalty is raised where updates of multipliers are slow, with a direct
-#: solver and with multigrid. With friction a stiff one can keep Newton's method from finding which
-#: nodes slip.
-STIFFEST, STIFFEST_FOR_MULTIGRID, STIFFEST_WITH_FRICTION = 1e4, 10.0, 10.0
-
-#: What is said then.
-RAISED = ", raised to close gaps sooner"
-
 
 def nodal_stiffness(
     surface: Surface, matrix: PETSc.Mat, constrained: PETSc.Vec, scale: float
@@ -170,7 +162,6 @@ class Penalty:
         #: Mean K_kk / S_k (stress per length) at the contact nodes of the slave and of a deformable
         #: master, when matrices were last made.
         self.stiffness: tuple[float, ...] = ()
-        self._unraised: tuple[float, str] | None = None
 
     @property
     def eps(self) -> float:
@@ -189,44 +180,16 @@ class Penalty:
     def set(self, value: float) -> None:
         """Give a number."""
         self.value, self.automatic, self.source = float(value), False, "given"
-        self._unraised = None
 
     def set_automatic(self, value: float, source: str) -> None:
         """Set a number that was computed as ``source`` says."""
         self.value, self.source = value, source
-        self._unraised = None
 
     @property
     def ratio(self) -> float:
         """Penalty over stiffness of the softer side; 0 if either is not known."""
         softest = min(self.stiffness, default=0.0)
         return self.value / softest if self.value is not None and softest > 0 else 0.0
-
-    def bears(self, factor: float, slips: bool, multigrid: bool) -> bool:
-        """Whether an augmented Lagrangian may have a multiple of it; not if it is stiff already.
-
-        Constraints at points keep theirs: it resists gaps that their multipliers cannot follow.
-
-        Args:
-            factor: The multiple.
-            slips: Whether there is friction.
-            multigrid: Whether the linear solver is iterative.
-        """
-        most = STIFFEST_FOR_MULTIGRID if multigrid else STIFFEST
-        most = min(most, STIFFEST_WITH_FRICTION) if slips else most
-        return not self._at_points and 0 < self.ratio * factor <= most
-
-    def stiffen(self, factor: float) -> None:
-        """Take a multiple."""
-        if self._unraised is None:
-            self._unraised = self.eps, self.source
-            self.source += RAISED
-        self.value = factor * self.eps
-
-    def forget_raises(self) -> None:
-        """Take the number that was there before :meth:`stiffen`."""
-        if self._unraised is not None:
-            self.set_automatic(*self._unraised)
 
     def follow(
         self, stiffness: tuple[float, ...], modulus: tuple[float, ...], together: bool
