@@ -1,4 +1,4 @@
-"""Two leaves that bend on each other, held at one end: contact travels along all of the shorter one."""
+"""Two leaves that bend on each other, held at one end: contact travels along the shorter one."""
 
 import numpy as np
 import pytest
