@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+#: SNES' reason where the residual is not finite; PETSc has had two names for it.
+NOT_FINITE = -4
+
 
 def reason_name(reasons: type, value: int) -> str:
     """Name of a PETSc reason, the longest of its names."""

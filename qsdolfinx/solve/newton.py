@@ -16,7 +16,7 @@ import numpy.typing as npt
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.passing import passing
-from qsdolfinx.base.reasons import reason_name
+from qsdolfinx.base.reasons import NOT_FINITE, reason_name
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.linear.factors_again import OF_A_LIBRARY, begin_afresh
 from qsdolfinx.linear.solver import LinearSolver
@@ -282,7 +282,7 @@ def _has_converged(
         return int(reasons.DIVERGED_FUNCTION_COUNT)  # PETSc ends in order; then it is raised
     size, step, norm = norms
     if not np.isfinite(norm):
-        return int(reasons.DIVERGED_FNORM_NAN)
+        return NOT_FINITE
     if context.other is not None:
         return context.other.converged(snes)
     if context.eased is not None:

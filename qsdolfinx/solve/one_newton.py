@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.reasons import NOT_FINITE
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.balance import Balance
 from qsdolfinx.solve.newton import Newton
@@ -22,8 +22,6 @@ Flags = npt.NDArray[np.bool_]
 
 #: Halvings of a step, and what the merit has to fall by over what a whole step promises.
 MAX_HALVINGS, FALL = 8, 1e-4
-
-NOT_FINITE = int(PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN)
 
 #: Part of γ with which solves begin that know no multipliers, what they end with, and most
 #: iterations of them.

@@ -7,6 +7,7 @@ import typing
 
 from petsc4py import PETSc
 
+from qsdolfinx.base.reasons import NOT_FINITE as FNORM_NAN
 from qsdolfinx.base.reasons import reason_name
 
 #: Defaults of the nonlinear solver. Full steps make Newton's method an active-set method, which
@@ -119,7 +120,7 @@ class ConvergenceError(RuntimeError):
         Args:
             linear: Whether the size of a step hardly matters.
         """
-        if self.reason_name == "DIVERGED_FNORM_NAN":
+        if self.reason == FNORM_NAN:
             return NO_LONGER_FINITE if self.residual_history else NOT_FINITE
         return REMEDIES.get(self.reason_name, REMEDY_LINEAR if linear else REMEDY)
 
