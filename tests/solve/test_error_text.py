@@ -50,7 +50,7 @@ def test_step_that_is_too_large(rubber):
     """A cell turns inside out: the step is to blame, and smaller ones are what helps."""
     problem, top, _ = rubber
     top.value = (0.0, -1.05)
-    with pytest.raises(qs.ConvergenceError, match="DIVERGED_FNORM_NAN|NANORINF") as caught:
+    with pytest.raises(qs.ConvergenceError, match=r"DIVERGED_FNORM_NAN|NANORINF") as caught:
         problem.solve()
     assert "the step is too large" in str(caught.value)
     assert "coefficients" not in str(caught.value)
