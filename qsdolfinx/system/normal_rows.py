@@ -178,7 +178,8 @@ class NodalRows:
     def first(self) -> Array:
         """What is known of the nodes, ε [ḡ]₊ where nothing is, where gaps were evaluated last."""
         known, law = self.gap.state.augmented, self.gap.law
-        new = 0.0 if law.jump else law.multiplier(self.gap.state.values, self.scales.penalty)
+        with collective_errors(self.model.comm):  # a law may be the user's
+            new = 0.0 if law.jump else law.multiplier(self.gap.state.values, self.scales.penalty)
         return np.where(known == 0, new, known)
 
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
