@@ -177,7 +177,9 @@ class FrictionRows:
             state.solved = self.slip.tangential(tangential)
         if at.filled is not None:
             size = np.linalg.norm(tangential, axis=1)
-            state.on_edge = np.where(at.filled.edge, size, np.inf)
+            # With points a node is active if one is; then it may have no friction, too.
+            part = at.closed & ~at.filled.whole
+            state.on_edge = np.where(part, size, np.inf)
 
     def derivative(self, at: Tangential, exact: bool) -> OfTangential:
         """Derivatives of R_τ.

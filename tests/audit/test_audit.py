@@ -27,6 +27,11 @@ def test_some_histories():
     check(range(50 * (SIZE - 1), 50 * (SIZE - 1) + HISTORIES), draw=random_history)
 
 
+def test_friction_that_jumps_at_points():
+    """A node of which some points are closed may have no friction."""
+    check([24, 39, 63, 77, 83], draw=random_history)
+
+
 def test_some_that_follow():
     """With contact that follows the bodies."""
     numbers = range(100 * (SIZE - 1), 100 * (SIZE - 1) + SCENES // 2)
