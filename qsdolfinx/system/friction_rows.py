@@ -178,7 +178,8 @@ class FrictionRows:
         if at.filled is not None:
             size = np.linalg.norm(tangential, axis=1)
             # With points a node is active if one is; then it may have no friction, too.
-            part = at.closed & ~at.filled.whole
+            at_points = self.slip.of is not self.slip.gap
+            part = at.closed & ~at.filled.whole if at_points else at.filled.edge
             state.on_edge = np.where(part, size, np.inf)
 
     def derivative(self, at: Tangential, exact: bool) -> OfTangential:
