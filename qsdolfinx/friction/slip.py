@@ -21,7 +21,7 @@ from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_sli
 from qsdolfinx.friction.stick_slip import StickSlip
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.frames import Frames, turned
-from qsdolfinx.gap.rows import NodeRows
+from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import KINDS, Vecs, WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
@@ -232,6 +232,13 @@ class Slip:
         if self.of is self.gap:
             return of_pass
         return self.of.rows.on_nodes(of_pass, 0)[self.row_node]
+
+    def largest_at_nodes(self, of_pass: Array) -> Array:
+        """The largest value of the pass' rows beside each of the slip's. Collective."""
+        rows = self.of.rows
+        if not isinstance(rows, PointRows):
+            return of_pass
+        return np.asarray(rows.largest_of_sides(of_pass).max(axis=1)[self.row_node])
 
     def jump_of(self, u: Vecs) -> Array:
         """Weighted jump for given displacements over the bodies' scales. Collective."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import abc
+import contextlib
 import functools
+import typing
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -257,7 +259,7 @@ class PointRows(Rows):
 
     def largest_on_nodes(self, values: Array) -> Array:
         """The largest value of the points beside each node."""
-        return np.asarray(self.largest_of_sides(values).max(axis=1))
+        return np.maximum(self.largest_of_sides(values).max(axis=1), 0.0)
 
     def from_nodes(self, values: Array) -> Array:
         """Values of the function Σ_k N_k v_k."""
@@ -276,23 +278,59 @@ class PointRows(Rows):
         return self._sums(values)
 
     def largest_of_sides(self, values: Array) -> Array:
-        """The largest of the values of the points beside each side of an owned node."""
+        """The largest of the values of the points beside each side of an owned node, or −∞."""
         vec = self.slave.create_vec()
+        vec.set(-np.inf)
         self.operator.raise_nodes(np.ascontiguousarray(values), vec.handle)
         return self._read(vec)
 
     def least_from_sides(self, values: Array) -> Array:
         """The least of what the sides have that a point sees, shape (rows,)."""
-        offset, unknowns, _ = self.operator.functions
+        offset, found = self.operator.functions[0], self._at_functions(values)
+        return np.minimum.reduceat(found, offset[:-1]) if len(found) else np.zeros(0)
+
+    def shares_of_largest(self, values: Array) -> Array:
+        """1 at the function of a node at the point beside it with the largest value, 0 at others.
+
+        Shared out where several have it. Of the entries of ``operator.functions``.
+        """
+        offset, _, functions = self.operator.functions
+        nodes = np.repeat(self.largest_of_sides(values).max(axis=1)[:, None], self.slave.block, 1)
+        own = np.repeat(values, np.diff(offset))
+        has = ((self._at_functions(nodes) == own) & (functions != 0)).astype(np.float64)
+        count = self.sums_of_functions(has).sum(axis=1, keepdims=True)
+        several = self._at_functions(np.repeat(count, self.slave.block, axis=1))
+        return np.divide(has, several, out=np.zeros_like(has), where=has > 0)
+
+    def sums_of_functions(self, values: Array) -> Array:
+        """Sums of values of the entries of ``operator.functions``, for the sides of owned nodes."""
+        with self._scattered() as (vec, local, scatter):
+            local.array[:] = values
+            mode = PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE
+            scatter.scatter(local, vec, *mode)
+            out: Array = vec.array_r[self._own(vec)].copy()
+        return out
+
+    def _at_functions(self, values: Array) -> Array:
+        """Values of the sides of owned nodes, for each entry of ``operator.functions``."""
+        with self._scattered() as (vec, local, scatter):
+            vec.array[self._own(vec)] = values
+            scatter.scatter(vec, local)
+            out: Array = local.array_r.copy()
+        return out
+
+    @contextlib.contextmanager
+    def _scattered(self) -> typing.Iterator[tuple[PETSc.Vec, PETSc.Vec, PETSc.Scatter]]:
+        """A vector of the slave, one of the functions of all points, and what is between them."""
+        unknowns = self.operator.functions[1]
         vec, local = self.slave.create_vec(), PETSc.Vec().createSeq(len(unknowns))
         here = PETSc.IS().createGeneral(unknowns.astype(PETSc.IntType), PETSc.COMM_SELF)
-        vec.array[self._own(vec)] = values
         scatter = PETSc.Scatter().create(vec, here, local, None)
-        scatter.scatter(vec, local)
-        out = np.minimum.reduceat(local.array_r, offset[:-1]) if len(unknowns) else np.zeros(0)
-        for thing in (vec, local, here, scatter):
-            thing.destroy()
-        return np.asarray(out)
+        try:
+            yield vec, local, scatter
+        finally:
+            for thing in (vec, local, here, scatter):
+                thing.destroy()
 
     @functools.cached_property
     def area_of_sides(self) -> Array:

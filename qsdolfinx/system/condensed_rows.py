@@ -10,6 +10,7 @@ import numpy.typing as npt
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.laws import Unilateral
 from qsdolfinx.gap.rows import PointRows
@@ -294,9 +295,21 @@ class PointConstraints(CondensedRows):
             return np.asarray(np.where(at.active, self._slope(at.trial), 0.0)[:, None])
         return np.asarray(self.gamma * at.active[:, None])
 
-    def by_trial(self) -> Array:
-        """Derivative of y by γ g and λ_h."""
-        return np.ones(self.gap.num_rows)
+    def shares_of_largest(self, at: Normal) -> Array:
+        """Which functions of nodes belong to their largest y, see ``PointRows``. Collective."""
+        return self._points.shares_of_largest(at.trial[:, 0])
+
+    def of_largest(self, shares: Array, values: Array, slip: Slip) -> Array:
+        """Values of the points with the largest y, at the rows of a slip. Collective.
+
+        Args:
+            shares: Of :meth:`shares_of_largest`.
+            values: Of the points, (points,).
+            slip: The slip.
+        """
+        of_functions = shares * np.repeat(values, np.diff(self.gap.operator.functions[0]))
+        sums = self._points.sums_of_functions(of_functions).sum(axis=1)
+        return np.asarray(sums[slip.row_node])
 
     def softened(self, at: Normal) -> Array:
         """See ``NormalRows``."""

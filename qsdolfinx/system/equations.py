@@ -817,7 +817,7 @@ class Equations:
             if not p.slip.friction.symmetric:
                 found += _each(matrices.pressures(at.normal), by.by_pressure, own)
             if by.by_trial is not None:
-                found += _each(matrices.trials(), by.by_trial, own)
+                found += _each(matrices.trials(at.normal), by.by_trial, own)
             return found
         assert p.rows.nodal is not None
         of_gap, of_multiplier = p.rows.nodal.by_trial()

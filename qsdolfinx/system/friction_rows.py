@@ -126,7 +126,7 @@ class FrictionRows:
         none = alone & ~active
         if opened is not None:
             none = none | ~at_nodes(~opened)
-        trial = at_nodes(normal.trial[:, 0])
+        trial = self.slip.largest_at_nodes(normal.trial[:, 0])
         filled = fill(found.response, found.multiplier, trial, whole, none)
         return found._replace(response=filled.response, filled=filled)
 
@@ -177,10 +177,7 @@ class FrictionRows:
             state.solved = self.slip.tangential(tangential)
         if at.filled is not None:
             size = np.linalg.norm(tangential, axis=1)
-            # With points a node is active if one is; then it may have no friction, too.
-            at_points = self.slip.of is not self.slip.gap
-            part = at.closed & ~at.filled.whole if at_points else at.filled.edge
-            state.on_edge = np.where(part, size, np.inf)
+            state.on_edge = np.where(at.filled.edge, size, np.inf)
 
     def derivative(self, at: Tangential, exact: bool) -> OfTangential:
         """Derivatives of R_τ.

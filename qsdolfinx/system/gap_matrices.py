@@ -113,34 +113,60 @@ class GapMatrices:
         slope = self._rows.stiffness(at)[:, 0] / self._rows.gamma
         return self._at_slip(np.where(at.pressure[:, 0] > 0, slope, 0.0))
 
-    def trials(self) -> Entries:
-        """The same of y. Collective."""
-        return self._at_slip(self._rows.by_trial())
+    def trials(self, at: Normal) -> Entries:
+        """The same of y_n: with points of the largest y beside a node. Collective."""
+        rows = self._rows
+        if not isinstance(rows, PointConstraints):
+            return self._at_slip(rows.by_trial())
+        offset, unknowns, _ = rows.gap.operator.functions
+        row = np.repeat(np.arange(rows.gap.num_rows, dtype=np.int64), np.diff(offset))
+        shares = rows.shares_of_largest(at)
+        found = np.flatnonzero(shares)
+        sides = Entries(row[found], unknowns[found], shares[found])
+        chosen = sides.matrix(rows.gap.num_rows, _layout(rows.gap.slave)[0], self._comm)
+        to_rows = self._to_rows(np.ones(self._num_slips))
+        picked = chosen.matMult(to_rows)
+        out = self._through(picked, np.ones(rows.gap.num_rows))
+        for mat in (chosen, to_rows, picked):
+            mat.destroy()
+        return out
 
     def _at_slip(self, factor: Array) -> Entries:
         """Means at the rows of the slip of B times a factor of each row. Collective."""
         if self._pressures is None:
             self._pressures = self._means()
-        found = _product(self._pressures, factor, self._right)
-        first = self._pressures.getOwnershipRangeColumn()[0]
-        return found._replace(row=found.row - first)
+        return self._through(self._pressures, factor)
+
+    def _through(self, weights: PETSc.Mat, factor: Array) -> Entries:
+        """B times a factor of each row, summed with weights: numbers of the slip's rows in rows."""
+        found = _product(weights, factor, self._right)
+        return found._replace(row=found.row - weights.getOwnershipRangeColumn()[0])
+
+    @property
+    def _num_slips(self) -> int:
+        assert self._slip is not None
+        return int(self._slip.operator.num_rows)
+
+    def _to_rows(self, factor: Array) -> PETSc.Mat:
+        """Sums over the sides of the nodes of the slip's rows, times a factor of these."""
+        slave, slip, num = self._rows.gap.slave, self._slip, self._num_slips
+        assert slip is not None
+        num_sides, first = _layout(slave)
+        own = _first(num, self._comm) + np.arange(num, dtype=np.int64)
+        dofs = slave.node_dofs[slip.row_node] - first
+        columns, values = np.repeat(own, slave.block), np.repeat(factor, slave.block)
+        return Entries(dofs.ravel(), columns, values).matrix(num_sides, num, self._comm)
 
     def _means(self) -> PETSc.Mat:
         """Weights of the rows in the means at the rows of the slip, transposed."""
-        rows, slip = self._rows, self._slip
+        rows, slip, num = self._rows, self._slip, self._num_slips
         assert slip is not None
-        num = slip.operator.num_rows
-        start = _first(num, self._comm)
-        own = start + np.arange(num, dtype=np.int64)
         if not isinstance(rows, PointConstraints):
+            own = _first(num, self._comm) + np.arange(num, dtype=np.int64)
             return Entries(np.arange(num), own, np.ones(num)).matrix(num, num, self._comm)
-        sides, slave = self._of_sides(), rows.gap.slave
-        num_sides, first = _layout(slave)
-        dofs = slave.node_dofs[slip.row_node] - first
-        cover = rows.cover[slip.row_node]
-        share = np.divide(1.0, cover, out=np.zeros(num), where=cover > 0)
-        columns, values = (np.repeat(x, slave.block) for x in (own, share))
-        to_rows = Entries(dofs.ravel(), columns, values).matrix(num_sides, num, self._comm)
+        sides, cover = self._of_sides(), rows.cover[slip.row_node]
+        share: Array = np.divide(1.0, cover, out=np.zeros(num), where=cover > 0)
+        to_rows = self._to_rows(share)
         out = sides.matMult(to_rows)
         area = _vec(out, rows.gap.operator.row_area)
         out.diagonalScale(area, None)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from qsdolfinx.contact.terms import Weights
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.system.condensed_rows import PROXIMAL, CondensedRows
+from qsdolfinx.system.condensed_rows import PROXIMAL, CondensedRows, PointConstraints
 from qsdolfinx.system.constraint_rows import Evaluated
 from qsdolfinx.system.equations import Equations, Pass, State
 from qsdolfinx.system.factors import Entries, joined
@@ -189,7 +189,8 @@ class _CondensedBlocks:
     """Of rows of λ whose gaps make forces themselves."""
 
     def __init__(self, rows: CondensedRows, at: Normal, slip: Slip | None) -> None:
-        self._rows, self._slip = rows, slip
+        self._rows, self._at, self._slip = rows, at, slip
+        self._largest: Array | None = None
         stiffness = rows.stiffness(at)
         self._own: Array = rows.gap.weight[:, None] * stiffness
         self._areas = rows.areas
@@ -243,7 +244,12 @@ class _CondensedBlocks:
     def trial(self, gap: Array | None, multiplier: Array | None) -> Array:
         """How y_n changes, likewise. Collective."""
         assert self._slip is not None
-        return self._slip.at_nodes(self._rows.by_trial() * self._changes(gap, multiplier))
+        changes = self._changes(gap, multiplier)
+        if not isinstance(self._rows, PointConstraints):
+            return np.asarray(self._rows.by_trial() * changes)
+        if self._largest is None:
+            self._largest = self._rows.shares_of_largest(self._at)
+        return self._rows.of_largest(self._largest, changes, self._slip)
 
     def stiffness(self) -> Array:
         """Of S, (rows, width)."""

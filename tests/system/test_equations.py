@@ -21,6 +21,7 @@ import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.friction import filled
 from qsdolfinx.system.equations import Equations
 
 EXACT = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
@@ -96,6 +97,26 @@ def test_derivative_on_the_edge_of_contact(law, cell, options):
     z = on_edge(equations, z)
     assert all(e.tangential.filled.edge.all() for e in equations.evaluate(z).passes)
     assert errors(equations, z, 1e-3 * scale) < 1e-6
+
+
+@pytest.mark.parametrize("options", (POINTS, SOFT_POINTS), ids=("points", "soft points"))
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_derivative_on_the_edge_of_points(cell, options):
+    """There τ·d + a y is a part of Norton's answer T, y being the largest beside the node."""
+    friction = {"friction": LAWS["norton"](), "dt": 0.5}
+    pair = Pair(cell, contact_options=options | friction, wave=0.02)
+    _, equations = equations_of(pair)
+    z, scale = away(equations)
+    at, rng = equations.evaluate(z), np.random.default_rng((4, WORLD.rank))
+    parts = zip(equations.passes, at.passes, equations.multipliers(z), strict=True)
+    for p, e, values in parts:
+        T = p.slip.respond(e.tangential.told, False).traction
+        size = np.linalg.norm(T, axis=1)
+        y = p.slip.largest_at_nodes(e.normal.trial[:, 0])
+        along = rng.uniform(0.2, 0.8, len(size)) * size - filled.OF_PRESSURE * y
+        values.tangential[:] = np.divide(along, size)[:, None] * T
+    assert all(e.tangential.filled.edge.all() for e in equations.evaluate(z).passes)
+    assert errors(equations, z, 0.1 * scale) < 1e-6
 
 
 def test_function_of_its_arguments_alone():
