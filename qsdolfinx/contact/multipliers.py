@@ -11,20 +11,9 @@ import numpy.typing as npt
 
 from qsdolfinx.contact.model import ContactModel, Part
 from qsdolfinx.contact.shown import keep
-from qsdolfinx.friction.laws import Sticking
 from qsdolfinx.friction.slip import Slip
 
 Array = npt.NDArray[np.float64]
-
-#: Part of the penalty's own gap that augmentation may leave.
-OF_PENALTY = 1e-4
-
-#: What a gap may stand for in a stiffer body, in units of the largest multiplier, and stiffness
-#: over that of the softer one from which on that is asked for.
-OF_STIFFER, STIFFER = 1e-5, 10.0
-
-#: What rounding leaves of gaps, in units of the coordinates.
-ROUNDING = 1e-14
 
 
 def violation(model: ContactModel) -> float:
@@ -35,48 +24,6 @@ def violation(model: ContactModel) -> float:
     gaps = [gap.violation(model.eps, touching) for gap in model.gaps]
     local = max(gaps + [slip.violation(model.tangential_eps) for slip in model.slips])
     return float(model.comm.allreduce(local, op=MPI.MAX))
-
-
-def allowed(model: ContactModel, stiffer: bool = True) -> float:
-    """Gap (length) at which augmentation ends. Collective.
-
-    That of the settings, or a part of what the penalty alone would leave, if that is less: small
-    loads leave small gaps.
-
-    Args:
-        model: The contact.
-        stiffer: Whether to count what gaps stand for in a stiffer body, where it alone can give
-            way: where the softer one is tied to it, or sticks, and conditions hold that.
-    """
-    left = max(gap.penetration(model.eps, model.paired.touching) for gap in model.gaps)
-    if model.is_scalar:
-        return _allowed_jump(model, left)
-    coordinates = np.abs(model.slave.mesh.geometry.x).max(initial=0.0)
-    part = min(OF_PENALTY, _of_stiffer(model) if stiffer else OF_PENALTY)
-    local = max(part * left, ROUNDING * float(coordinates))
-    return min(model.allowed_gap, float(model.comm.allreduce(local, op=MPI.MAX)))
-
-
-def _allowed_jump(model: ContactModel, left: float) -> float:
-    """The same of a scalar field, whose jump is no length: in units of its range. Collective."""
-    values = np.append(model.field_range, left)
-    model.comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
-    spread, size = values[0] + values[1], np.max(np.abs(values[:2]))
-    part = max(model.settings.gap_tolerance * (spread + values[2]), OF_PENALTY * values[2])
-    return float(max(part, ROUNDING * size))
-
-
-def _of_stiffer(model: ContactModel) -> float:
-    """Part of the penalty's own gap that a stiffer body allows, which alone can close gaps."""
-    sticks = model.friction is not None and isinstance(model.friction.law, Sticking)
-    stiffness = model.penalty.stiffness
-    if len(stiffness) < 2 or not (model.law.jump or sticks):
-        return OF_PENALTY
-    softer = int(stiffness[1] < stiffness[0])
-    stiff, soft = stiffness[1 - softer], stiffness[softer]
-    if not (model.held_alone[softer] and STIFFER * soft < stiff < np.inf):
-        return OF_PENALTY
-    return OF_STIFFER * model.eps / stiff
 
 
 def known(model: ContactModel) -> list[Array]:

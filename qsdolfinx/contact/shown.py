@@ -49,7 +49,7 @@ def _copied(gap: WeightedGap) -> WeightedGap:
 def _copied_slip(slip: Slip, gaps: dict[int, WeightedGap]) -> Slip:
     """A slip whose passes are these copies, or copies of its own."""
     out = copy.copy(slip)
-    out.state, out.stick_slip = copy.copy(slip.state), copy.copy(slip.stick_slip)
+    out.state = copy.copy(slip.state)
     own, of = (gaps.get(id(gap)) or _copied(gap) for gap in (slip.gap, slip.of))
     out.take_passes(own, of)
     return out

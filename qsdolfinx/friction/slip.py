@@ -18,7 +18,6 @@ from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
-from qsdolfinx.friction.stick_slip import StickSlip
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
@@ -74,7 +73,6 @@ class SlipState:
         pressure: The same at the last evaluation.
         evaluated: The last evaluation; None before the first.
         closed: Rows in contact at the last evaluation.
-        stuck: Rows that were made to stick there.
         ended: Whether the step of the last evaluation has been ended.
         response: What the law answered at the last evaluation.
         on_edge: |τ| (stress) of rows that the last solve has found on the edge of contact, infinite
@@ -100,7 +98,6 @@ class SlipState:
     moved: Array
     pressure: Array
     closed: npt.NDArray[np.bool_]
-    stuck: npt.NDArray[np.bool_]
     response: Response
     on_edge: Array
     starts_there: bool = False
@@ -121,7 +118,7 @@ class SlipState:
         none, all_ = np.zeros(rows), np.ones(rows)
         starts = none, none, all_, zero
         edge = np.full(rows, np.inf)
-        return cls(zero, zero, zero, zero, zero, zero, all_, *starts, none, no, no, response, edge)
+        return cls(zero, zero, zero, zero, zero, zero, all_, *starts, none, no, response, edge)
 
 
 class Slip:
@@ -162,8 +159,6 @@ class Slip:
         self.state.covered = self.covered
         #: Values of the law's parameters at the rows.
         self.parameters: dict[str, Array] = {}
-        #: What helps Newton's method from stick to slip and back.
-        self.stick_slip = StickSlip(friction, self.operator.num_rows, gdim)
 
     def take_passes(self, gap: WeightedGap, of: WeightedGap) -> None:
         """Replace the passes by copies of them."""
@@ -301,7 +296,7 @@ class Slip:
             self.values,
             augmented,
             pressure,
-            closed & ~self.stick_slip.without_friction,
+            closed,
             np.zeros_like(closed),
             penalty * self.gap.relative_penalty,
             self.projector,
@@ -315,12 +310,9 @@ class Slip:
         with collective_errors(self.slave.comm):  # a law may be the user's
             means = not all(in_displacement)
             state.response = self.respond(rows, means)
-            state.stuck = self.stick_slip.made_to_stick(state.response)
-            if state.stuck.any():
-                state.response = self.respond(rows._replace(unlimited=state.stuck), means)
             state.response = limited(self.friction, state.response, state.on_edge, rows.penalty)
             state.response = self._as_solved(state.response)
-        leaving = ~closed & (state.slipped > 0) & ~self.stick_slip.without_friction
+        leaving = ~closed & (state.slipped > 0)
         state.evaluated = Evaluated(
             rows,
             state.response,
@@ -505,7 +497,6 @@ class Slip:
 
     def begin_solve(self) -> None:
         """Forget what the last solve has found of rows in this step."""
-        self.stick_slip.begin_solve()
         self.state.solved = None
         self.state.on_edge = np.full_like(self.state.share, np.inf)
         self.count_whole_step()
@@ -517,14 +508,6 @@ class Slip:
     def set_augmented_on_nodes(self, values: Array) -> None:
         """Put back what :meth:`augmented_on_nodes` gave."""
         self.state.augmented = self._rows.from_sides(values)
-
-    def note(self) -> None:
-        """Announce that a tangent at the last evaluation follows."""
-        self.stick_slip.note(self.state.response, self.state.closed, self.state.stuck)
-
-    def unsettled(self) -> bool:
-        """Whether rows were made to stick or are given friction back: the solve has to go on."""
-        return bool(self.state.stuck.any()) | self.stick_slip.give_back(self.state.closed)
 
     def image(self) -> Array:
         """τ at the last evaluation as the next τ̂. Collective."""
@@ -589,11 +572,9 @@ class Slip:
 
     def _slopes(self) -> tuple[Array, Array]:
         """S D and ∂τ/∂λ."""
-        careful = self.stick_slip.careful[:, None]
-        secant = self.state.response.secant[:, None, None] * self.projector
-        stiffness = np.where(careful[:, None], secant, self.state.response.stiffness)
-        stiffness = np.ascontiguousarray(self.weight[:, None, None] * stiffness)
-        return stiffness, np.where(careful, 0.0, self.state.response.coupling)
+        response = self.state.response
+        stiffness = np.ascontiguousarray(self.weight[:, None, None] * response.stiffness)
+        return stiffness, response.coupling
 
     def _change_of_pressure(self, slope: Array) -> tuple[_cpp.GapOperator, Array]:
         """S_k ∂λ_k/∂u as an operator and what its rows are to be multiplied by. Collective.
@@ -636,8 +617,8 @@ class Slip:
 
     @property
     def slipping(self) -> npt.NDArray[np.bool_]:
-        """Rows in contact that slip, those included that have lost their friction."""
-        return self.state.response.slipping | (self.state.closed & self.stick_slip.without_friction)
+        """Rows in contact that slip."""
+        return self.state.response.slipping
 
     def slipping_state(self) -> bytes:
         """Which rows of this rank slip."""
@@ -645,8 +626,7 @@ class Slip:
 
     def tangent_state(self) -> bytes:
         """What the tangent depends on."""
-        law = self.state.response.stiffness.tobytes() + self.state.response.coupling.tobytes()
-        return law + np.where(self.stick_slip.careful, self.state.response.secant, -1.0).tobytes()
+        return self.state.response.stiffness.tobytes() + self.state.response.coupling.tobytes()
 
     def end_step(self) -> None:
         """Let the next step begin where this one ended."""

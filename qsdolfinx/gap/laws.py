@@ -57,10 +57,6 @@ class Law(abc.ABC):
             touching: Gaps above ``-touching`` (length) count as closed.
         """
 
-    @abc.abstractmethod
-    def admissible(self, multiplier: Array) -> Array:
-        """The nearest multiplier that the law can give."""
-
 
 class JumpLaw(Law):
     """A law that is linear in the whole jump: λ = ε ⟦u⟧, of the field's components."""
@@ -79,10 +75,6 @@ class JumpLaw(Law):
     def slope(self, gap: Array, penalty: Array, touching: float) -> Array:
         """φ'' = ε everywhere."""
         return penalty
-
-    def admissible(self, multiplier: Array) -> Array:
-        """Any."""
-        return multiplier
 
 
 class Tied(JumpLaw):
@@ -113,10 +105,6 @@ class Unilateral(Law):
         hold each other.
         """
         return np.where(gap[:, 0] >= -touching, penalty, 0.0)
-
-    def admissible(self, multiplier: Array) -> Array:
-        """None that pulls."""
-        return np.maximum(multiplier, 0)
 
 
 class Conductance(JumpLaw):

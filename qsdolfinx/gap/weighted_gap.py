@@ -162,8 +162,6 @@ class WeightedGap:
         self.tie = Tie(slave, master) if law.jump and not slave.is_scalar else None
         if turns and self.tie is not None:
             self._begin_to_turn()
-        #: Rows that are open, whatever their gap: to see where bodies would be without them.
-        self.released: npt.NDArray[np.bool_] | None = None
         self._at_rows: tuple[Array, Array] = multipliers, zero
         if not law.jump:
             self.state.values = self._values_of_cut()
@@ -501,14 +499,12 @@ class WeightedGap:
     def multiplier(self, penalty: float) -> Array:
         """λ at the last evaluation, shape (rows, 1) or (rows, gdim). Collective."""
         eps = penalty * self.relative_penalty
-        out = self.law.multiplier(self._shifted(eps), eps)
-        return out if self.released is None else np.where(self.released[:, None], 0.0, out)
+        return self.law.multiplier(self._shifted(eps), eps)
 
     def slope(self, penalty: float, touching: float) -> Array:
         """∂λ/∂ḡ at the last evaluation, shape (rows,). Collective."""
         eps = penalty * self.relative_penalty
-        out = self.law.slope(self._shifted(eps), eps, touching)
-        return out if self.released is None else np.where(self.released, 0.0, out)
+        return self.law.slope(self._shifted(eps), eps, touching)
 
     def energy(self, penalty: float) -> float:
         """This rank's part of the energy at the last evaluation. Collective."""
@@ -518,10 +514,6 @@ class WeightedGap:
             return float(self.weight @ density)
         known = np.sum(self._augmented_at_rows() ** 2, axis=1)
         return float(self.weight @ (density - known / (2 * eps)))
-
-    def admissible(self, augmented: Array) -> Array:
-        """The nearest λ̂ that may be: at points λ̂_h is the start of a law, not its result."""
-        return augmented if self.rows.are_points else self.law.admissible(augmented)
 
     def image(self, penalty: float, touching: float) -> Array:
         """λ at the last evaluation as the next λ̂, of its shape. Collective.

@@ -9,6 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
@@ -26,6 +27,13 @@ Array = npt.NDArray[np.float64]
 #: Times that a solve goes on with areas measured anew, and change over the area of a node that is
 #: none.
 MAX_MEASURES, SAME_AREA = 5, 1e-3
+
+
+UNSETTLED = (
+    "sliding: with what surfaces cover of each other's nodes at the end of the solve there is no "
+    "equilibrium nearby: forces at the ends of contact depend on where the solve began; make the "
+    "smaller surface the slave, take smaller steps, or finer facets"
+)
 
 
 class AtOnce:
@@ -125,9 +133,11 @@ class AtOnce:
             z = loop.solve(self._begin_again(equations, z))
         for _ in range(MAX_MEASURES):
             if not self._system.have_areas_changed(SAME_AREA):
-                break
+                return z
             equations.forget()
             z = loop.solve(z, begins=False)
+        if self._system.have_areas_changed(SAME_AREA):
+            warn(UNSETTLED, ContactWarning)
         return z
 
     def _begin(self, equations: Equations) -> Array:

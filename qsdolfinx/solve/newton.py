@@ -58,9 +58,6 @@ OF_USERS_SNES = "snes_type", "snes_linesearch_", TEST
 #: Times that the tangent may outgrow its pattern in a run.
 MAX_GROWTHS = 20
 
-#: Solves with friction in a row in which nodes whose slip turns may be made to stick.
-MAX_ATTEMPTS = 3
-
 
 @dataclasses.dataclass
 class Record:
@@ -214,8 +211,6 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     """Assemble the tangent, and get the linear solver ready."""
     system, linear = context.system, context.linear
     _evaluate(system, x)
-    for slip in system.slips:
-        slip.note()
     system.set_strict(snes.getIterationNumber() >= LENIENT)
     system.set_curvature(
         not context.is_running or context.curvature.counts(context.norms, context.largest)
@@ -487,14 +482,7 @@ class Newton:
         Raises:
             ConvergenceError: If that fails.
         """
-        self._iterate(0)
-        slips, comm = self.system.slips, self.system.comm
-        if not slips:
-            return
-        attempt = 0
-        while comm.allreduce(any([slip.unsettled() for slip in slips]), op=MPI.LOR):
-            attempt += 1
-            self._iterate(attempt)
+        self._iterate()
 
     def assemble(self) -> None:
         """The tangent at the last evaluation, outside of SNES. Collective."""
@@ -565,25 +553,16 @@ class Newton:
         """Let SNES say that it has ended for this reason."""
         self.snes.setConvergedReason(reason)
 
-    def _iterate(self, attempt: int) -> None:
-        """Newton's method, with full steps or else with a line search.
-
-        Args:
-            attempt: Counts those with friction from the same first guess on.
-        """
-        first_guess, slips = self.system.x.copy(), self.system.slips
-        database = PETSc.Options(self.snes.getOptionsPrefix())
-        full_steps = database.getString("snes_linesearch_type", "") == "basic"
-        may_stick = full_steps and attempt < MAX_ATTEMPTS
-        for slip in slips:
-            slip.stick_slip.begin_iterations(may_stick)
+    def _iterate(self) -> None:
+        """Newton's method, with full steps or else with a line search."""
+        first_guess = self.system.x.copy()
         self._run()
         if self._reason == FAILED_LINEARLY and self._is_rescued(False):
-            self._start_again(first_guess, may_stick)
+            self._start_again(first_guess)
             self._run()
         self._search_line_if_failed(first_guess)
         if self._reason < 0 and self._is_rescued(True):
-            self._start_again(first_guess, may_stick)
+            self._start_again(first_guess)
             self._run()
             self._search_line_if_failed(first_guess)
         if self._reason < 0 and self._may_ease():
@@ -594,13 +573,11 @@ class Newton:
         if self._reason <= 0:
             self.fail(self._reason)
         self.system.residual(self.system.x.array_r)  # a line search may have ended elsewhere
-        for slip in slips:
-            slip.stick_slip.end_iterations()
 
     def _search_line_if_failed(self, first_guess: PETSc.Vec) -> None:
         """Repeat a run of full steps that has failed with a line search. Collective."""
         if self._reason < 0 and self.has_full_steps:
-            self._start_again(first_guess, False)
+            self._start_again(first_guess)
             with line_search(self.snes):
                 self._run()
 
@@ -615,9 +592,6 @@ class Newton:
         Args:
             left_out: What of the residual is; the run ends with a few digits then.
         """
-        for slip in self.system.slips:
-            slip.stick_slip.begin_attempt()
-            slip.stick_slip.begin_iterations(False)
         forget_failure(self.snes)
         self.update_matrices()
         self._context.eased, self._context.largest = left_out, 0.0
@@ -629,15 +603,12 @@ class Newton:
             self._context.eased = None
         return self._reason > 0
 
-    def _start_again(self, first_guess: PETSc.Vec, may_stick: bool) -> None:
+    def _start_again(self, first_guess: PETSc.Vec) -> None:
         """Go back to the first guess after a run that has failed. Collective."""
         self.record.restarts += 1
         self._context.fall, self._context.largest = np.inf, 0.0
         first_guess.copy(self.system.x)
         forget_failure(self.snes)
-        for slip in self.system.slips:
-            slip.stick_slip.begin_attempt()
-            slip.stick_slip.begin_iterations(may_stick)
 
     def _is_rescued(self, newton_failed: bool) -> bool:
         """Whether a direct solver takes over from an iterative one. Collective.

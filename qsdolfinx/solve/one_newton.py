@@ -124,9 +124,8 @@ class OneNewton:
         try:
             at = equations.evaluate(found, first=True, again=self._again)
             for _ in range(MOST_SOFT):
-                self._is_found(at, 1.0)
-                now = self._balance.history[-1]
-                if max(now.forces, now.constraints, now.tools) <= NEAR:
+                done, now = self._is_found(at, 1.0), self._balance.history[-1]
+                if done or max(now.forces, now.constraints, now.tools) <= NEAR:
                     return found
                 found = found + self._change(at)
                 at = equations.evaluate(found)

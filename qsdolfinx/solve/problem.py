@@ -67,15 +67,6 @@ told: set[str] = set()
 #: from other places.
 MAX_RATES = 4
 
-#: Part of the residuals that a solve with other areas leaves, at most, though more were allowed.
-FALL = 1e-2
-
-UNSETTLED = (
-    "sliding: with what surfaces cover of each other's nodes at the end of the solve there is no "
-    "equilibrium nearby: forces at the ends of contact depend on where the solve began; make the "
-    "smaller surface the slave, take smaller steps, or finer facets"
-)
-
 
 class ContactProblem:
     """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
@@ -517,8 +508,6 @@ class ContactProblem:
             if isinstance(error, ConvergenceError):
                 balance.restore()
             self._begin_slips()
-            for slip in self.system.slips:
-                slip.stick_slip.end_iterations()
             if isinstance(error, ConvergenceError):
                 self.active_history = error.active_history
                 self._advise(error)

@@ -127,7 +127,7 @@ class CondensedRows:
 
     def rounding(self) -> float:
         """Largest factor that turns gaps into stress on this rank."""
-        return float(np.max(self.scales.stiffest, initial=0.0))
+        return self.scales.largest()
 
 
 class PointConstraints(CondensedRows):
@@ -268,8 +268,7 @@ class PointConstraints(CondensedRows):
 
     def stress(self, at: Normal, forces: Array) -> Array:
         """Mean stress, or what gaps stand for in the stiffest body. Collective."""
-        stiffest = float(np.max(self.scales.stiffest, initial=0.0))
-        return np.asarray(max(stiffest / self.gamma, 1.0) * forces / self.areas)
+        return np.asarray(max(self.scales.largest() / self.gamma, 1.0) * forces / self.areas)
 
     def open_gap(self, at: Normal) -> float:
         """The largest mean on this rank. Collective."""

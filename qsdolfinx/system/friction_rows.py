@@ -217,13 +217,11 @@ class FrictionRows:
 
     def usual_compliance(self, at: Tangential) -> Array:
         """What closed rows lack of the usual penalty's compliance, (rows,)."""
-        lack = np.maximum(self.scales.softness - self.scales.compliance, 0.0)
-        return np.asarray(at.active * lack)
+        return self.scales.usual_compliance(at.active)
 
     def rounding(self) -> float:
         """Largest factor that turns slips into stress on this rank."""
-        factors = (self._c, self.scales.stiffest)
-        return max(float(np.max(f, initial=0.0)) for f in factors)
+        return self.scales.largest(self._c)
 
 
 def _with_direction_of_tau(at: Tangential) -> Array:

@@ -97,6 +97,14 @@ class Scales(typing.NamedTuple):
         """Compliance of the usual penalty, (rows,)."""
         return np.asarray(1 / (self.soft * self.penalty))
 
+    def usual_compliance(self, closed: Flags) -> Array:
+        """What closed rows lack of the usual penalty's compliance, (rows,)."""
+        return np.asarray(closed * np.maximum(self.softness - self.compliance, 0.0))
+
+    def largest(self, *factors: Array) -> float:
+        """Largest factor that turns gaps into stress on this rank, of these and of the bodies."""
+        return max(float(np.max(f, initial=0.0)) for f in (self.stiffest, *factors))
+
 
 class NormalRows(typing.Protocol):
     """Rows of λ of a pass: of nodes, or of points.
@@ -311,13 +319,11 @@ class NodalRows:
 
     def usual_compliance(self, at: Normal) -> Array:
         """What closed rows lack of the usual penalty's compliance, (rows,)."""
-        lack = np.maximum(self.scales.softness - self.scales.compliance, 0.0)
-        return np.asarray(at.active * lack)
+        return self.scales.usual_compliance(at.active)
 
     def rounding(self) -> float:
         """See ``NormalRows``."""
-        factors = (self._c, self.scales.stiffest)
-        return max(float(np.max(f, initial=0.0)) for f in factors)
+        return self.scales.largest(self._c)
 
 
 class AugmentedLawRows(NodalRows):

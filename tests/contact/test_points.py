@@ -134,6 +134,17 @@ def test_paired_anew():
     np.testing.assert_allclose(pair.contact.force("slave"), force, rtol=1e-6)
 
 
+def test_out_of_contact():
+    """Where nothing touches, linear bodies take one iteration, and none if they are at rest."""
+    pair = Pair("triangle", n=(12, 9), gap=0.3, load=-0.05, contact_options=AUGMENTED)
+    problem = pair.problem()
+    counts = []
+    for _ in range(2):
+        problem.solve()
+        counts.append(problem.num_iterations)
+    assert counts[0] <= 2 and counts[1] == 0 and not pair.contact.active().any()
+
+
 @pytest.mark.parametrize("cell", ("hexahedron", "triangle"))
 def test_ignored_overclosure(cell):
     """Surfaces that penetrate each other everywhere, by different depths, feel nothing."""

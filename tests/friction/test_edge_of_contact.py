@@ -99,7 +99,6 @@ def test_dragged_block(press, law, enforcement, sliding):
             assert largest(pressure[part]) <= 1e-9 * most
             assert largest(gap.state.values[part, 0]) <= 1e-9
             edges += int(part.sum())
-        assert not problem.contacts[0].model.slips[0].stick_slip.without_friction.any()
     if press == 0.005:  # its solutions have such nodes
         assert WORLD.allreduce(edges) > 0
 
