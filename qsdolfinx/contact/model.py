@@ -483,7 +483,7 @@ class ContactModel:
 
     @property
     def allowed_gap(self) -> float:
-        """Gap (length) at which augmentation ends, if not at less: see multipliers.allowed."""
+        """Gap (length) that multipliers may leave open."""
         return self.settings.gap_tolerance * self.paired.facet_size
 
     @property

@@ -147,12 +147,12 @@ class Balance:
 
     def _are_closed(self, at: State) -> bool:
         """Whether no multiplier leaves a gap that is more than its contact allows. Collective."""
-        bodies = [
-            (p, e)
+        closed = [
+            p.rows.open_gap(e) <= p.model.allowed_gap  # collective: of all passes on all ranks
             for p, e in zip(self._equations.passes, at.passes, strict=True)
             if not p.model.is_scalar  # whose jumps are no lengths
         ]
-        return self._all(all(p.rows.open_gap(e) <= p.model.allowed_gap for p, e in bodies))
+        return self._all(all(closed))
 
     def num_closed(self, at: State) -> list[int]:
         """Closed rows of each contact on this rank.

@@ -78,7 +78,7 @@ def _is_at_home_anywhere(system: ContactSystem, i: int, change: Array) -> bool:
 def _room(system: ContactSystem, i: int) -> float:
     """How far a body may go by itself. Collective."""
     contacts = [system.contacts[j] for j in _contacts(system, i)]
-    closed = any(active_set.closed(c, gap).any() for c in contacts for gap in c.gaps)
+    closed = any([active_set.closed(c, gap).any() for c in contacts for gap in c.gaps])
     if system.comm.allreduce(closed, op=MPI.LOR):
         return max(c.paired.search_radius for c in contacts)
     return min(c.paired.facet_size for c in contacts)
