@@ -84,14 +84,13 @@ def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
             slope = active_set.slope(model, gap)
             ordered = _ordered(model, gap.slave is model.slave, blocks)
             gap.add_stiffness(slope, ordered, False)
-            if model.with_curvature and not gap.add_curvature(gap.multiplier(model.eps), ordered):
+            if not gap.add_curvature(gap.multiplier(model.eps), ordered):
                 model.curvature_is_symmetric = False
         for slip in model.slips:
             slope = active_set.slope(model, slip.of)
             ordered = _ordered(model, slip.slave is model.slave, blocks)
             slip.add_stiffness(slope, ordered)
-            if model.with_curvature:
-                slip.add_curvature(ordered)
+            slip.add_curvature(ordered)
         if model.coupling is not None:
             model.coupling.add_to(blocks, False)
 

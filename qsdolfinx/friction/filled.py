@@ -24,12 +24,14 @@ class Filled(typing.NamedTuple):
     Attributes:
         response: The law's answer; scaled down on the edge, and 0 where rows are open.
         edge: Rows on the edge: they have part of the friction of closed ones, (rows,).
+        closed: Rows that have all of it, (rows,).
         by_trial: ∂τ/∂y_n of rows on the edge, (rows, gdim); 0 of others.
         by_multiplier: ∂τ/∂τ with the law's answer held, (rows, gdim, gdim); likewise.
     """
 
     response: Response
     edge: Flags
+    closed: Flags
     by_trial: Array
     by_multiplier: Array
 
@@ -79,6 +81,7 @@ def fill(response: Response, multiplier: Array, trial: Array, whole: Flags, none
             secant=part * response.secant,
         ),
         edge,
+        closed,
         OF_PRESSURE * along,
         along[:, :, None] * along[:, None, :],
     )

@@ -25,7 +25,6 @@ from qsdolfinx.linear.presets import (
     PRESETS,
     patience,
 )
-from qsdolfinx.linear.rescue import Rescue
 from qsdolfinx.linear.schur import Forms, Schur
 from qsdolfinx.linear.soft_motions import SoftMotions
 from qsdolfinx.linear.stop import Stop
@@ -40,6 +39,9 @@ FEW = 5
 
 #: Relative tolerance of that solver where others depend on it.
 INNER = 1e-2
+
+#: Unknowns in 2D and 3D up to which a direct solver may take over: more cost too much memory.
+LARGEST = {2: 2_000_000, 3: 200_000}
 
 #: Failures in a row that count: a direct solver then stays for 2^this pairings.
 MAX_FAILURES = 6
@@ -123,7 +125,7 @@ class LinearSolver:
         #: Type and tolerances of an iterative preset.
         self.krylov: Krylov | None = None
         if name in ITERATIVE:
-            small = Rescue.is_small_enough(system) and not {"ksp_max_it"} & set(chosen)
+            small = self.may_be_factored and not {"ksp_max_it"} & set(chosen)
             wait = patience(system.x.getSize()) if small and not is_named else None
             slips, is_flow = bool(system.slips), name == "schur"
             self.krylov = Krylov(ksp, chosen, system.linear, slips, is_flow, wait)
@@ -144,9 +146,6 @@ class LinearSolver:
         self.inner_iterations = 0
         #: Direct solves in its place.
         self.given_up = GivenUp()
-        self._rescue: Rescue | None = None
-        # Failures that have not been followed by a success, and pairings with a direct solver left.
-        self._failures = self._waits = 0
         self._stop = Stop(ksp, system.comm)
         #: Motions that the tangent hardly resists.
         self.soft = SoftMotions(system)
@@ -196,56 +195,14 @@ class LinearSolver:
         return self.is_direct and self.ksp.getPC().getType() == PETSc.PC.Type.LU
 
     @property
-    def is_rescued(self) -> bool:
-        """Whether a direct solver stands in for an iterative one."""
-        return self._rescue is not None
-
-    @property
-    def chooses_tolerance(self) -> bool:
-        """Whether the accuracy of linear solves is ours to choose."""
-        chooses = self.krylov is not None and self.krylov.chooses_tolerance
-        return chooses and self._rescue is None
-
-    def rescue(self, newton_failed: bool = False) -> PETSc.Mat | None:
-        """Let a direct solver take over, if the last solve's failure is one for that. Collective.
-
-        Until contact pairs anew, after another failure then for twice as many pairings.
-
-        Args:
-            newton_failed: Whether Newton's method has failed, whatever the linear solver says.
-
-        Returns:
-            What is factorised in the place of the tangent, until :meth:`forget`; None if the
-            solver stays.
-        """
-        if not self._may_be_rescued or self._rescue or not Rescue.is_small_enough(self._system):
-            return None
-        if not (newton_failed or Rescue.helps(self.ksp)):
-            return None
-        self._waits, self._failures = 2**self._failures - 1, min(self._failures + 1, MAX_FAILURES)
-        return self._take_over()
-
-    def rescue_again(self) -> PETSc.Mat | None:
-        """The same for new matrices, as long as the failures before are remembered. Collective."""
-        if self._waits == 0:
-            return None
-        self._waits -= 1
-        return self._take_over()
-
-    def _take_over(self) -> PETSc.Mat:
-        self._forget_multigrid()
-        with self.watch.stage("solve"):
-            self._rescue = Rescue(self.ksp, self._system)
-        return self._rescue.matrix
+    def may_be_factored(self) -> bool:
+        """Whether the problem is of a size for a direct solver."""
+        dim = self._system.bodies[0].V.mesh.geometry.dim
+        return bool(self._system.x.getSize() <= LARGEST[dim])
 
     def forget(self) -> None:
         """Free what was made for the matrices, which are about to be freed. Collective."""
         self.given_up.pair()
-        if self._rescue is not None:
-            self._rescue.end()
-            self._rescue = None
-        else:
-            self._failures = 0
         self._forget_multigrid()
 
     def _forget_multigrid(self) -> None:
@@ -284,7 +241,7 @@ class LinearSolver:
     def _forget_pattern(self) -> None:
         """Make multigrid anew, but for the bodies' spaces, if contact's pattern has changed."""
         tangent = self._system.made.tangent
-        if self._rescue is not None or not isinstance(tangent, Additive):
+        if not isinstance(tangent, Additive):
             return
         if tangent.has_other_pattern:
             self._forget_multigrid()
@@ -300,9 +257,7 @@ class LinearSolver:
                 self.soft.forget()
             else:
                 self.soft.find()
-            if self._rescue is not None:
-                self._rescue.update()
-            elif self.schur is not None:
+            if self.schur is not None:
                 self.schur.update()
             elif self._hierarchy is not None:
                 assert isinstance(system.made.tangent, Additive)
@@ -318,8 +273,6 @@ class LinearSolver:
             until: Norm of the residual at which Newton's method ends.
             changed: Whether the tangent has changed since the last linear solve.
         """
-        if self._rescue is not None:
-            return
         if self.krylov is not None:
             self.krylov.choose_type(self._system.symmetric)
             self.krylov.set_tolerance(norms, until, changed)
@@ -335,12 +288,11 @@ class LinearSolver:
             Owned values of the solution, and PETSc's KSPConvergedReason, negative on failure.
         """
         matrix = self._system.matrix
-        self.ksp.setOperators(matrix, self._rescue.matrix if self._rescue else matrix)
+        self.ksp.setOperators(matrix, matrix)
         b, y = self._system.x.duplicate(), self._system.x.duplicate()
         b.array[:] = load
         if self.krylov is not None:
-            if self._rescue is None:
-                self.krylov.choose_type(self._system.symmetric)
+            self.krylov.choose_type(self._system.symmetric)
             self.krylov.set(tolerance)
         reason = None
         try:
@@ -377,7 +329,7 @@ class LinearSolver:
         Returns:
             Whether it does; not if the problem is too large, or options name the solver.
         """
-        if not (self._may_be_rescued and Rescue.is_small_enough(self._system)):
+        if not (self._may_be_rescued and self.may_be_factored):
             return False
         say(self._system.comm, f"linear solver: {reason}; a direct solver takes over")
         self.given_up.begin()

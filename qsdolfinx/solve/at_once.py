@@ -63,10 +63,13 @@ class AtOnce:
     def fits(self) -> bool:
         """Whether it is what solves: not the paper's own method, a penalty by the nodal rule.
 
-        That keeps the condensed blocks, and so do bodies without contact.
+        That keeps the condensed blocks where bodies are linear, or SNES is the user's; and so do
+        bodies without contact.
         """
         contacts = self._system.contacts
-        return bool(contacts) and not are_condensed(contacts)
+        if contacts and not are_condensed(contacts):
+            return True
+        return not (self._system.linear or self._newton.has_users_snes)
 
     def begin_step(self) -> None:
         """Remember the unknowns: solves of the step that fail are begun again from there."""

@@ -19,7 +19,7 @@ from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.motion import catch_up
 from qsdolfinx.solve.problem import ContactProblem
-from qsdolfinx.solve.snes import ConvergenceError, line_search
+from qsdolfinx.solve.snes import ConvergenceError
 
 Array = npt.NDArray[np.float64]
 
@@ -31,11 +31,6 @@ FACTOR = 4.0
 #: Smallest part of the way that is tried.
 SMALLEST_STEP = 1 / 64
 
-#: Line search. Where a body hardly flows, full steps change the viscosity for small m by orders of
-#: magnitude, until the matrix is singular to working precision. Of PETSc's line searches this is
-#: the only one without failures or wrong results in ``bench/norton_hoff.py``.
-LINE_SEARCH = "bt"
-
 
 def solve_with_continuation(
     problem: ContactProblem,
@@ -45,13 +40,9 @@ def solve_with_continuation(
     """Solve a problem with Norton-Hoff bodies of small rate sensitivities. Collective.
 
     Starts from m = 1, whose solution does not depend on the first guess, and lowers all m as powers
-    of their targets, m = target^s with s from 0 to 1. A step that fails is halved. From rest, SNES
-    would measure its tolerance by the huge viscosity there, and end too early. If all m are at
+    of their targets, m = target^s with s from 0 to 1. A step that fails is halved. If all m are at
     their targets and the bodies are not at rest (later steps of a loading history), that is tried
     first from the present unknowns.
-
-    Steps are damped with the line search ``bt``, unless the problem's options name another. Loads
-    are not put on gradually as well where a solve fails.
 
     Args:
         problem: The problem; its forms contain the Constants.
@@ -81,10 +72,7 @@ def solve_with_continuation(
     start = [u.x.array.copy() for u in problem.u]
     known = [multipliers.known(contact.model) for contact in problem.contacts]
     before = [constant.value.item() for constant in constants]
-    damped = problem.has_full_steps
-    search = line_search(problem.snes, LINE_SEARCH) if damped else contextlib.nullcontext()
-    alone = problem.newton.without_easing()
-    with interrupt.heeded(problem.comm), problem.one_step(), search, alone:
+    with interrupt.heeded(problem.comm), problem.one_step():
         try:
             moving = problem.comm.allreduce(any(np.any(x) for x in start), op=MPI.LOR)
             if moving and before == targets:

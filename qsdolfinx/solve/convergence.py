@@ -57,19 +57,13 @@ class Measures:
     undeformed: npt.NDArray[np.bool_]
     flown: npt.NDArray[np.bool_]
 
-    def limits(self, relative: float, fall: float, first: Array) -> Array:
+    def limits(self, relative: float) -> Array:
         """Norms with which a run of Newton's method may end, if rounding allows.
 
         Args:
             relative: Tolerance, in units of ``sizes``.
-            fall: Part of its first norm that each residual has to fall to, at most 1; not below
-                that part of what is allowed.
-            first: The first norms of the run.
         """
-        limits = relative * self.sizes
-        if fall < 1:
-            limits = np.maximum(np.minimum(limits, fall * first), fall * limits)
-        return np.maximum(limits, self.nothing)
+        return np.maximum(relative * self.sizes, self.nothing)
 
     def with_rounding(self, limits: Array, least: Array, forces: Array, rests: bool) -> Array:
         """The limits, raised to what rounding leaves where an iteration no longer helps.

@@ -1,4 +1,4 @@
-"""Newton's method for a system with given augmented multipliers, by PETSc's SNES."""
+"""Newton's method on the bodies' unknowns, contact being condensed, by PETSc's SNES."""
 
 from __future__ import annotations
 
@@ -14,21 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base import interrupt
-from qsdolfinx.base.messages import say
 from qsdolfinx.base.passing import passing
-from qsdolfinx.base.reasons import NOT_FINITE, reason_name
+from qsdolfinx.base.reasons import NOT_FINITE
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.linear.factors_again import OF_A_LIBRARY, begin_afresh
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.solve.convergence import RESTING, Convergence, Measures
-from qsdolfinx.solve.curvature import Curvature
-from qsdolfinx.solve.easing import ease
-from qsdolfinx.solve.snes import (
-    SNES_OPTIONS,
-    ConvergenceError,
-    forget_failure,
-    line_search,
-)
+from qsdolfinx.solve.snes import SNES_OPTIONS, ConvergenceError, forget_failure
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
@@ -41,15 +33,6 @@ LENIENT = 4
 #: Part of its residual that an iteration with a tangent of before leaves, in units of what the last
 #: one has left. To first order 2 after one with a new tangent, and 1 after another.
 SLOWER = 2.0
-
-#: Part of its residual that an iteration leaves, at most, where Newton's method is about to end.
-QUADRATIC = 0.1
-
-#: Iterations that it is given then beyond those that it may take by default.
-MORE = 5
-
-#: Part of the largest residual that a run ends with where loads are put on gradually.
-EASED = 1e-3
 
 #: How names of options begin that are for PETSc's SNES, and that of its convergence test.
 TEST = "snes_convergence_test"
@@ -68,7 +51,7 @@ class Record:
         active: Closed rows of each contact on this rank at each iteration.
         violations: Largest gap that augmented multipliers leave, after each of their updates.
         iterations: Newton iterations, over all updates of the multipliers.
-        restarts: Runs that failed and were begun again, with a line search or a direct solver.
+        restarts: Runs that failed and were begun again, elsewhere or with a direct solver.
         linear_iterations: Iterations of the linear solver in them.
     """
 
@@ -88,22 +71,6 @@ class Record:
         """``active`` over all ranks. Collective."""
         counts = np.array(self.active, dtype=np.int64)
         return typing.cast(list[list[int]], comm.allreduce(counts, op=MPI.SUM).tolist())
-
-
-@dataclasses.dataclass(frozen=True)
-class Accuracy:
-    """What a run of Newton's method may end with; by default its forces in balance, nothing else.
-
-    Attributes:
-        loose: Norm of the residual that is good enough.
-        of_first: The same in units of the first norm of the run.
-        fall: Part of their first norms that residuals have to fall to as well, down to that part
-            of what is allowed: so that small changes are solved for, too.
-    """
-
-    loose: float = 0.0
-    of_first: float = 0.0
-    fall: float = 1.0
 
 
 # --- What SNES calls
@@ -137,19 +104,14 @@ class Context:
         linear: Its linear solver.
         record: Where iterations are recorded.
         convergence: Measures the residual; None before there are matrices.
-        accuracy: What the run may end with.
         norms: Norm of the residual at each iteration of the run.
-        first: Of each group, in the run.
         least: Of each group, in the run so far.
         forces: Of each group the largest at the beginning of any run of the solve: what acts, or
             is not balanced. None before the first.
-        largest: Norm of the residual in the solve since a run failed.
         until: Norm of the residual at which a linear solve is exact enough.
         fall: Part of its residual that the last iteration of the solve has left.
-        eased: What of the residual is left out, as loads are put on gradually; None otherwise.
         outgrown: Whether the run has ended since the tangent has no room for where contact is.
         is_running: Whether SNES solves; others who ask for a tangent want that of where they are.
-        curvature: Of gaps that follow the bodies.
         unseen: Why the residual could not be evaluated somewhere; empty if it always could.
         failure: What a callback has raised: PETSc would make an error of its own of it.
         active: Closed rows of each contact on this rank, of an iteration on other unknowns.
@@ -160,18 +122,13 @@ class Context:
     linear: LinearSolver
     record: Record
     convergence: Convergence | None = None
-    accuracy: Accuracy = Accuracy()
     norms: list[float] = dataclasses.field(default_factory=list)
-    first: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     least: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     forces: Array | None = None
-    largest: float = 0.0
     until: float = 0.0
     fall: float = np.inf
     is_running: bool = False
-    eased: Array | None = None
     outgrown: bool = False
-    curvature: Curvature = dataclasses.field(default_factory=Curvature)
     unseen: str = ""
     failure: BaseException | None = None
     active: list[int] | None = None
@@ -201,9 +158,6 @@ def residual(snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, context: Context) -> 
     except NoGapError as error:  # on all ranks
         context.unseen = str(error)
         f.array[:] = np.nan
-        return
-    if context.eased is not None:
-        f.array[:] -= context.eased
 
 
 @_callback
@@ -212,9 +166,6 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     system, linear = context.system, context.linear
     _evaluate(system, x)
     system.set_strict(snes.getIterationNumber() >= LENIENT)
-    system.set_curvature(
-        not context.is_running or context.curvature.counts(context.norms, context.largest)
-    )
     if _is_near(context) and system.tangent_fits():
         linear.prepare(context.norms, context.until, False)
         return
@@ -272,7 +223,7 @@ def converged(
 def _has_converged(
     snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], context: Context
 ) -> int:
-    reasons, accuracy = PETSc.SNES.ConvergedReason, context.accuracy
+    reasons = PETSc.SNES.ConvergedReason
     if interrupt.requested(context.system.comm):
         return int(reasons.DIVERGED_FUNCTION_COUNT)  # PETSc ends in order; then it is raised
     size, step, norm = norms
@@ -280,50 +231,33 @@ def _has_converged(
         return NOT_FINITE
     if context.other is not None:
         return context.other.converged(snes)
-    if context.eased is not None:
-        return _has_converged_eased(iteration, norm, context)
     relative, absolute, _, _ = snes.getTolerances()
     _evaluate(context.system, snes.getSolution())
     assert context.convergence is not None
     measures = context.convergence.measure(reactions=iteration > 0)
     if iteration == 0:
-        context.norms, context.first = [], measures.residuals
+        context.norms = []
         context.least = np.full_like(measures.residuals, np.inf)
         now = np.maximum(measures.sizes, measures.residuals)
         context.forces = now if context.forces is None else np.maximum(now, context.forces)
     elif context.norms and context.norms[-1] > 0:
         context.fall = norm / context.norms[-1]
     context.norms.append(norm)
-    context.largest = max(context.largest, norm)
-    limits = measures.limits(relative, accuracy.fall, context.first)
+    limits = measures.limits(relative)
     rests = iteration > 0 and step <= RESTING * size
     assert context.forces is not None
     limits = measures.with_rounding(limits, context.least, context.forces, rests)
     context.least = np.minimum(context.least, measures.residuals)
-    loose = max(absolute, accuracy.loose, accuracy.of_first * context.norms[0])
     exceeded = ~(measures.residuals <= limits)
     targets = np.maximum(limits, measures.settled)[exceeded]
-    context.until = max(loose, float(targets.min(initial=np.inf)))
+    context.until = max(absolute, float(targets.min(initial=np.inf)))
     if not np.any(exceeded):
         return int(reasons.CONVERGED_FNORM_RELATIVE)
-    if norm <= loose:
+    if norm <= absolute:
         return int(reasons.CONVERGED_FNORM_ABS)
     if context.is_running and not context.system.fits_pattern():
         context.outgrown = True
         return int(reasons.DIVERGED_FUNCTION_COUNT)  # it goes on with other matrices
-    return 0
-
-
-def _has_converged_eased(iteration: int, norm: float, context: Context) -> int:
-    """The same on the way to the load, where a few digits do."""
-    context.norms = [*context.norms, norm] if iteration > 0 else [norm]
-    context.largest = max(context.largest, norm)
-    context.until = EASED * context.largest
-    if iteration > 0 and norm <= context.until:
-        return int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
-    if not context.system.fits_pattern():
-        context.outgrown = True
-        return int(PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_COUNT)
     return 0
 
 
@@ -349,8 +283,7 @@ class Newton:
         system: The system.
         snes: PETSc's nonlinear solver, with its options set.
         linear: The linear solver.
-        defaults: Names of PETSc's options that are ours and not the user's: a default line search
-            that fails is followed by another.
+        defaults: Names of PETSc's options that are ours and not the user's.
     """
 
     def __init__(
@@ -361,13 +294,10 @@ class Newton:
         defaults: typing.Collection[str],
     ) -> None:
         self.system, self._snes, self.linear = system, snes, linear
-        self.has_full_steps = "snes_linesearch_type" in defaults
-        self._may_go_on = "snes_max_it" in defaults
         chosen = set(PETSc.Options(snes.getOptionsPrefix()).getAll()) - set(defaults)
         #: Whether the user has named a type of SNES, a line search or a test of PETSc's.
         self.has_users_snes = any(name.startswith(OF_USERS_SNES) for name in chosen)
         self._users_test = PETSc.Options(snes.getOptionsPrefix()).getString(TEST, "")
-        self._eases = True
         #: Why the last run has ended.
         self._reason = 0
         self.record = Record()
@@ -384,7 +314,7 @@ class Newton:
     def begin(self) -> None:
         """Begin a new record."""
         self.record = self._context.record = Record()
-        self._context.forces, self._context.fall, self._context.largest = None, np.inf, 0.0
+        self._context.forces, self._context.fall = None, np.inf
         self._context.unseen = ""
 
     def update_matrices(self) -> None:
@@ -397,8 +327,7 @@ class Newton:
         self.snes.setFunction(residual, self.system.r, (self._context,))
         matrix = self.system.matrix
         self.linear.set_up()
-        factorised = self.linear.rescue_again() or matrix
-        self.snes.setJacobian(tangent, matrix, factorised, (self._context,))
+        self.snes.setJacobian(tangent, matrix, matrix, (self._context,))
         self._context.convergence = Convergence(self.system)
 
     # --- Other unknowns
@@ -455,17 +384,6 @@ class Newton:
             if self._users_test:
                 snes.setConvergenceTest(converged, (context,))
 
-    # --- Accuracy
-
-    @contextlib.contextmanager
-    def without_easing(self) -> typing.Iterator[None]:
-        """Let loads inside the block not be put on gradually: who solves has another way."""
-        before, self._eases = self._eases, False
-        try:
-            yield
-        finally:
-            self._eases = before
-
     def measure(self) -> tuple[Measures, Array]:
         """Norms of the residual at the last evaluation, and those that a solution may have."""
         self.system.check_alive()
@@ -477,12 +395,21 @@ class Newton:
     # --- Solving
 
     def solve(self) -> None:
-        """Solve for multipliers and tools as they are. Collective.
+        """Solve for the bodies' unknowns with tools as they are. Collective.
 
         Raises:
             ConvergenceError: If that fails.
         """
-        self._iterate()
+        self._run()
+        for _ in range(MAX_GROWTHS):
+            if not self._context.outgrown:
+                break
+            self.system.make_stale()
+            self.update_matrices()
+            self._run()
+        if self._reason <= 0:
+            self.fail(self._reason)
+        self.system.residual(self.system.x.array_r)  # a line search may have ended elsewhere
 
     def assemble(self) -> None:
         """The tangent at the last evaluation, outside of SNES. Collective."""
@@ -553,117 +480,7 @@ class Newton:
         """Let SNES say that it has ended for this reason."""
         self.snes.setConvergedReason(reason)
 
-    def _iterate(self) -> None:
-        """Newton's method, with full steps or else with a line search."""
-        first_guess = self.system.x.copy()
-        self._run()
-        if self._reason == FAILED_LINEARLY and self._is_rescued(False):
-            self._start_again(first_guess)
-            self._run()
-        self._search_line_if_failed(first_guess)
-        if self._reason < 0 and self._is_rescued(True):
-            self._start_again(first_guess)
-            self._run()
-            self._search_line_if_failed(first_guess)
-        if self._reason < 0 and self._may_ease():
-            say(self.system.comm, f"Newton's method: {self._name}; loads are put on gradually")
-            self.record.restarts += 1
-            ease(self.system, first_guess, self.run_eased)
-        first_guess.destroy()
-        if self._reason <= 0:
-            self.fail(self._reason)
-        self.system.residual(self.system.x.array_r)  # a line search may have ended elsewhere
-
-    def _search_line_if_failed(self, first_guess: PETSc.Vec) -> None:
-        """Repeat a run of full steps that has failed with a line search. Collective."""
-        if self._reason < 0 and self.has_full_steps:
-            self._start_again(first_guess)
-            with line_search(self.snes):
-                self._run()
-
-    def _may_ease(self) -> bool:
-        """Whether loads may be put on gradually: where paths are not straight."""
-        follows = any(contact.follows for contact in self.system.contacts)
-        return self._eases and self.has_full_steps and (follows or not self.system.linear)
-
-    def run_eased(self, left_out: Array | None) -> bool:
-        """A run from where the unknowns are, with full steps; whether it converges. Collective.
-
-        Args:
-            left_out: What of the residual is; the run ends with a few digits then.
-        """
-        forget_failure(self.snes)
-        self.update_matrices()
-        self._context.eased, self._context.largest = left_out, 0.0
-        try:
-            self._run()
-        except ConvergenceError as error:
-            self._reason = error.reason
-        finally:
-            self._context.eased = None
-        return self._reason > 0
-
-    def _start_again(self, first_guess: PETSc.Vec) -> None:
-        """Go back to the first guess after a run that has failed. Collective."""
-        self.record.restarts += 1
-        self._context.fall, self._context.largest = np.inf, 0.0
-        first_guess.copy(self.system.x)
-        forget_failure(self.snes)
-
-    def _is_rescued(self, newton_failed: bool) -> bool:
-        """Whether a direct solver takes over from an iterative one. Collective.
-
-        Args:
-            newton_failed: Whether Newton's method has failed, not a linear solve alone.
-        """
-        linear = reason_name(PETSc.KSP.ConvergedReason, self.snes.getKSP().getConvergedReason())
-        reason = f"Newton's method: {self._name}" if newton_failed else f"linear solver: {linear}"
-        return self.hand_over(reason, newton_failed)
-
-    @property
-    def _name(self) -> str:
-        """Why the last run has ended, in PETSc's words."""
-        return reason_name(PETSc.SNES.ConvergedReason, self._reason)
-
-    def hand_over(self, reason: str, always: bool = True) -> bool:
-        """Let a direct solver take over from an iterative one, if the problem is small enough.
-
-        Collective.
-
-        Args:
-            reason: What is said.
-            always: Whether the last linear solve need not have failed.
-
-        Returns:
-            Whether it has.
-        """
-        matrix = self.linear.rescue(always)
-        if matrix is None:
-            return False
-        say(self.system.comm, f"{reason}; a direct solver takes over")
-        self.snes.setJacobian(tangent, self.system.matrix, matrix, (self._context,))
-        return True
-
     def _run(self) -> None:
-        """One run of SNES, longer than it may last where it is about to end. Collective."""
-        self._run_once()
-        for _ in range(MAX_GROWTHS):
-            if not self._context.outgrown:
-                break
-            self.system.make_stale()
-            self.update_matrices()
-            self._run_once()
-        norms, longest = self._context.norms, self.snes.getTolerances()[3]
-        is_late = self._reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
-        is_ours = self._may_go_on and longest == SNES_OPTIONS["snes_max_it"]
-        if is_ours and is_late and len(norms) > longest and norms[-1] <= QUADRATIC * norms[-2]:
-            self.snes.setTolerances(max_it=MORE)
-            try:
-                self._run_once()
-            finally:
-                self.snes.setTolerances(max_it=longest)
-
-    def _run_once(self) -> None:
         try:
             with self.system.watch.stage("solve"):
                 self._call_snes()
@@ -699,7 +516,6 @@ class Newton:
     def _call_snes(self) -> None:
         """Let SNES solve; what a callback raises is raised as it is."""
         self._context.norms, self._context.is_running = [], True
-        self._context.curvature = Curvature()
         self._context.outgrown = False
         try:
             self.snes.solve(None, self.system.x)

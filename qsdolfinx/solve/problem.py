@@ -89,10 +89,11 @@ class ContactProblem:
             are ``snes_max_it`` 50 (Newton iterations of a run), ``snes_rtol`` 1e-9 (unbalanced
             force over contact forces), ``snes_linesearch_type`` ``"basic"``,
             ``snes_divergence_tolerance`` 1e300. ``snes_type``, a line search or
-            ``snes_convergence_test`` that you name are taken alone, with constraints at nodes for
-            bodies, multipliers and driven tools at once. There the type is ``"newtonls"``,
-            ``"newtontr"`` (direct solvers), ``"ksponly"`` or ``"python"``, or one of ``"ngmres"``,
-            ``"anderson"``, ``"nrichardson"`` and ``"qn"`` with ``npc_snes_type`` ``"newtonls"``.
+            ``snes_convergence_test`` that you name are taken alone: with the paper's penalty and
+            without contact for the bodies, else for bodies, multipliers and driven tools at once.
+            Then the type is ``"newtonls"``, ``"newtontr"`` (direct solvers), ``"ksponly"`` or
+            ``"python"``, or one of ``"ngmres"``, ``"anderson"``, ``"nrichardson"`` and ``"qn"``
+            with ``npc_snes_type`` ``"newtonls"``.
         kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
         solver: Linear solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
             not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
@@ -266,12 +267,7 @@ class ContactProblem:
     def solver_in_use(self) -> str:
         """What :attr:`solver` is, or ``"direct"`` as long as a direct solver stands in for it."""
         linear = self.newton.linear
-        return "direct" if linear.is_rescued or linear.given_up.is_now else self.solver
-
-    @property
-    def has_full_steps(self) -> bool:
-        """Whether the line search is the default and not the user's choice."""
-        return self.newton.has_full_steps
+        return "direct" if linear.given_up.is_now else self.solver
 
     # --- How the last solve went
 
@@ -304,7 +300,7 @@ class ContactProblem:
     def num_restarts(self) -> int:
         """Runs of Newton's method in the last solve that failed and were begun again.
 
-        They are begun with a line search, or with a direct solver where an iterative one failed.
+        They are begun where the step began, or with a direct solver where an iterative one failed.
         """
         return self.newton.record.restarts
 
@@ -554,7 +550,7 @@ class ContactProblem:
         try:
             self.newton.solve()
         except ConvergenceError:
-            if not self.system.contacts or self.newton.has_users_snes:
+            if self.newton.has_users_snes:
                 raise
             balance.restore()
             self._begin_slips()

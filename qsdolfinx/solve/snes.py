@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import typing
 
 from petsc4py import PETSc
@@ -36,9 +35,6 @@ _TYPES: dict[str, type] = {
 _KINDS = PETSc.SNES.Type
 ALONE = (_KINDS.NEWTONLS, _KINDS.NEWTONTR, _KINDS.KSPONLY, _KINDS.PYTHON)
 WITH_NEWTON = (_KINDS.NGMRES, _KINDS.ANDERSON, _KINDS.NRICHARDSON, _KINDS.QN)
-
-#: Line search that is tried from the start when full steps did not converge.
-LINE_SEARCH = "l2"
 
 #: Reason, in addition to PETSc's, of a solve whose augmented multipliers do not close the gap.
 NOT_CLOSED = -1000
@@ -244,26 +240,3 @@ def remove_options(prefix: str) -> None:
     for key, value in _put.pop(prefix, {}).items():
         if database.getString(key, "") == value:
             database.delValue(key)
-
-
-@contextlib.contextmanager
-def line_search(snes: PETSc.SNES, kind: str = LINE_SEARCH) -> typing.Iterator[None]:
-    """Replace full steps by a line search on the residual norm inside the block."""
-    database = PETSc.Options(snes.getOptionsPrefix())
-    before, tolerances = database.getString("snes_linesearch_type"), snes.getTolerances()
-
-    def choose(kind: str) -> None:
-        database.setValue("snes_linesearch_type", kind)
-        # A direct solver may have taken over from the linear solver that the options name.
-        ksp = snes.getKSP()
-        prefix = ksp.getOptionsPrefix()
-        ksp.setOptionsPrefix(f"{prefix}as_it_is_")
-        snes.setFromOptions()
-        ksp.setOptionsPrefix(prefix)
-        snes.setTolerances(*tolerances)
-
-    choose(kind)
-    try:
-        yield
-    finally:
-        choose(before)

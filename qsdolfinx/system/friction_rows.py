@@ -40,8 +40,17 @@ class Tangential(typing.NamedTuple):
 
     @property
     def closed(self) -> Flags:
-        """Rows that are active or on the edge of contact."""
-        return self.active if self.filled is None else self.active | self.filled.edge
+        """Rows that are active, or have friction at the edge of contact."""
+        if self.filled is None:
+            return self.active
+        return self.active | self.filled.edge | self.filled.closed
+
+    @property
+    def on_edge(self) -> Flags:
+        """Rows whose friction their pressure does not tell, but τ alone."""
+        if self.filled is None:
+            return np.zeros_like(self.active)
+        return self.filled.edge | (self.active != self.filled.closed)
 
     @property
     def sticking(self) -> Flags:
@@ -177,7 +186,7 @@ class FrictionRows:
             state.solved = self.slip.tangential(tangential)
         if at.filled is not None:
             size = np.linalg.norm(tangential, axis=1)
-            state.on_edge = np.where(at.filled.edge, size, np.inf)
+            state.on_edge = np.where(at.on_edge, size, np.inf)
 
     def derivative(self, at: Tangential, exact: bool) -> OfTangential:
         """Derivatives of R_τ.

@@ -156,11 +156,6 @@ class ContactSystem:
         bodies = all(body.linear for body in self.bodies)
         return bodies and all(contact.is_linear for contact in self.contacts)
 
-    def set_curvature(self, counts: bool) -> None:
-        """Say whether tangents have the second derivatives of gaps that follow the bodies."""
-        for contact in self.contacts:
-            contact.with_curvature = counts
-
     def have_areas_changed(self, same: float) -> bool:
         """Measure areas of gaps that follow the bodies anew; whether they are others. Collective.
 

@@ -29,7 +29,7 @@ def test_some_histories():
 
 def test_friction_that_jumps_at_points():
     """A node of which some points are closed may have no friction."""
-    check([24, 39, 63, 77, 83], draw=random_history)
+    check([24, 39, 63, 77, 83, 414], draw=random_history)
 
 
 def test_some_that_follow():

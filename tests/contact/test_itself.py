@@ -107,7 +107,6 @@ def test_tangent(cell, sliding):
         problem.solve()
     x = near_solution(problem, np.random.default_rng(3), 1e-5)
     d = direction(problem, np.random.default_rng(4))
-    problem.system.set_curvature(True)
     limit = 0.02 if sliding else 1e-6
     assert tangent_errors(problem, x, d, 1e-7).difference < limit
 

@@ -14,7 +14,6 @@ import qsdolfinx as qs
 from qsdolfinx import materials
 from qsdolfinx.linear import presets
 from qsdolfinx.linear.condensed import Condensed
-from qsdolfinx.solve.snes import line_search
 
 DT = 0.05
 
@@ -221,7 +220,7 @@ def test_after_a_rescue(friction):
         problem = problem_of(SCENES["elastic-tool"](), solver, friction)
         problem.solve()
         if solver == "schur":
-            assert problem.newton.hand_over("test")
+            assert problem.newton.linear.give_up("test")
         kinds = []
         for _ in range(2):
             problem.contacts[0].update()
@@ -231,19 +230,6 @@ def test_after_a_rescue(friction):
         problem.destroy()
     assert kinds == ["python", "python"]
     assert max(largest(a - b) / largest(a) for a, b in zip(*found, strict=True)) < 1e-7
-
-
-def test_a_line_search_keeps_the_direct_solver():
-    """One that has taken over; the options of the search are read beside it."""
-    problem = problem_of(SCENES["elastic-tool"](), "schur")
-    problem.solve()
-    assert problem.newton.hand_over("test")
-    ksp, kinds = problem.snes.getKSP(), []
-    with line_search(problem.snes):
-        kinds.append((ksp.getType(), ksp.getPC().getType()))
-    kinds.append((ksp.getType(), ksp.getPC().getType()))
-    problem.destroy()
-    assert kinds == [("preonly", "lu")] * 2
 
 
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))

@@ -1,7 +1,5 @@
 """Norton-Hoff bodies between plates and in contact, and continuation in the rate sensitivity."""
 
-from petsc4py import PETSc
-
 import numpy as np
 import pytest
 from scenes import WORLD, box, largest, plane, raises_everywhere, slide
@@ -11,7 +9,6 @@ from dolfinx import fem, la
 
 import qsdolfinx as qs
 from qsdolfinx import materials
-from qsdolfinx.solve.snes import SNES_OPTIONS
 
 KINDS = ("plane", "axisymmetric", "3D")
 WIDTH, HEIGHT, K = 0.7, 1.3, 5.0
@@ -118,7 +115,7 @@ def test_sticking(kind):
             billet.w.x.array[:] = 0
             billet.press(rate)
             solved = qs.solve_with_continuation(billet.problem, billet.m, m)
-            assert sum(count for _, count in solved) <= 60, (m, rate, solved)
+            assert sum(count for _, count in solved) <= 30, (m, rate, solved)
             assert billet.unbalanced() < 1e-7, (m, rate, billet.unbalanced())
             # At m = 1 the rate is a factor of everything, and so it is for any m.
             force[m, rate] = billet.force() / rate**m
@@ -169,52 +166,6 @@ def test_steps_are_halved():
             assert billet.m.value == 0.7 and largest(billet.w.x.array - 1e-3) == 0
         billet.problem.destroy()
     assert counts[0] == 4 < counts[1], counts
-
-
-@pytest.mark.parametrize("chosen", ("", "option", "tolerance"))
-def test_a_late_end(chosen, monkeypatch):
-    """Fast convergence is not ended by the default number of iterations, by a chosen one it is."""
-    late, force = None, []
-    for _ in range(2):
-        options = {"snes_linesearch_type": "bt"}
-        if late and chosen == "option":
-            options["snes_max_it"] = late
-        billet = Billet("plane", 6, sticking=True, options=options)
-        problem = billet.problem
-        billet.press(1.0)
-        billet.m.value = 0.5
-        if late and chosen == "tolerance":
-            problem.snes.setTolerances(max_it=late)
-        if late and chosen:
-            raises_everywhere(WORLD, qs.ConvergenceError, "MAX_IT", problem.solve)
-        else:
-            problem.solve()
-            force.append(billet.force())
-            assert problem.num_restarts == 0 and problem.num_iterations >= 4
-        late = late or problem.num_iterations - 1
-        if not chosen:
-            monkeypatch.setitem(SNES_OPTIONS, "snes_max_it", late)
-        problem.destroy()
-    np.testing.assert_allclose(force, force[0], rtol=1e-8)
-
-
-def test_line_search():
-    """Damped by default, by the user's choice otherwise; full steps are put back."""
-    searches = []
-    for options in (None, {"snes_linesearch_type": "l2"}):
-        billet = Billet("plane", options=options)
-        seen = set()
-        billet.press(1.0)
-        snes = billet.problem.snes
-        snes.setMonitor(lambda snes, *_: seen.add(_search(snes)))
-        qs.solve_with_continuation(billet.problem, billet.m, 0.5)
-        searches.append((seen, _search(snes)))
-        billet.problem.destroy()
-    assert searches == [({"bt"}, "basic"), ({"l2"}, "l2")]
-
-
-def _search(snes):
-    return PETSc.Options(snes.getOptionsPrefix()).getString("snes_linesearch_type")
 
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
