@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 def slope(model: ContactModel, gap: WeightedGap) -> Array:
     """∂λ/∂ḡ at the rows of a pass at the last evaluation, positive where they are closed."""
-    return gap.slope(model.eps, 0.0 if model.strict else model.paired.touching)
+    return gap.slope(model.eps, model.paired.touching)
 
 
 def closed(model: ContactModel, gap: WeightedGap) -> npt.NDArray[np.bool_]:

@@ -504,10 +504,6 @@ class Contact:
         """Forget the multipliers: the next solve starts from λ̂ = 0 and no friction."""
         multipliers.reset(self.model)
 
-    def violation(self) -> float:
-        """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
-        return multipliers.violation(self._shown)
-
     # --- Motion
 
     @property

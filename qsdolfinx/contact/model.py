@@ -397,10 +397,8 @@ class ContactModel:
         self.held_alone = (False, False)
         #: Whether a warning of a soft penalty at the nodes of a finer slave has been given.
         self.soft_warned = False
-        #: Whether a gap that is open by rounding alone counts as open.
-        self.strict = False
-        #: Whether second derivatives of gaps that follow the bodies were symmetric the last time: not
-        #: where covered parts have open ends.
+        #: Whether second derivatives of gaps that follow the bodies were symmetric the last time:
+        #: not where covered parts have open ends.
         self.curvature_is_symmetric = True
         #: Wall time that this rank has spent in pairing, gaps and insertion.
         self.watch = Stopwatch()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import typing
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 
@@ -14,16 +12,6 @@ from qsdolfinx.contact.shown import keep
 from qsdolfinx.friction.slip import Slip
 
 Array = npt.NDArray[np.float64]
-
-
-def violation(model: ContactModel) -> float:
-    """Largest gap or slip (length) that a multiplier ought to have closed. Collective."""
-    if not model.is_evaluated:
-        return 0.0
-    touching = model.paired.touching
-    gaps = [gap.violation(model.eps, touching) for gap in model.gaps]
-    local = max(gaps + [slip.violation(model.tangential_eps) for slip in model.slips])
-    return float(model.comm.allreduce(local, op=MPI.MAX))
 
 
 def known(model: ContactModel) -> list[Array]:

@@ -509,23 +509,6 @@ class Slip:
         """Put back what :meth:`augmented_on_nodes` gave."""
         self.state.augmented = self._rows.from_sides(values)
 
-    def image(self) -> Array:
-        """τ at the last evaluation as the next τ̂. Collective."""
-        traction = self.state.response.traction
-        if self.extension is None:
-            return traction
-        return self.tangential(self.extension.fill(traction, self.state.closed))
-
-    def violation(self, penalty: float) -> float:
-        """Largest |τ − τ̂| / ε (length) on this rank; 0 of a law without a limit to keep.
-
-        Collective.
-        """
-        if self.friction.needs_dt:
-            return 0.0
-        change = np.linalg.norm(self.image() - self.state.augmented, axis=1)
-        return float(np.max(change / (penalty * self.gap.relative_penalty), initial=0.0))
-
     def add_forces(self, b: Vecs) -> None:
         """Add Jᵀ S τ to b. Collective."""
         if self.gap.following is not None:

@@ -26,10 +26,6 @@ CONSTRAINTS = ("nodes", "points")
 #: Part of a node's area that may be rounding.
 _SOME = 1e-10
 
-#: Iterations for a mass matrix. Its least eigenvalue over the lumped one is 1/3 in 2D, 1/4 on
-#: triangles.
-_RICHARDSON = 8
-
 
 class Rows(abc.ABC):
     """Rows of a gap operator, and how values go between them and the slave's nodes.
@@ -378,30 +374,6 @@ class PointRows(Rows):
             slice(0, self.slave.block),
         )
         return Extension(self.slave, [every], places, held & there, clamped & there, ~there)
-
-    def project(self, values: Array, extension: Extension | None) -> Array:
-        """Nearly the function Σ_k N_k v_k that is closest to values of the points, of all sides.
-
-        The mass matrix M_kl = Σ_p w_p N_k N_l of what is covered is inverted by some iterations of
-        Richardson's with the lumped one: M may be singular in all but name where hardly anything
-        of a facet is covered, and they leave out of v what it says nothing of.
-
-        Args:
-            values: Of the points, shape (rows,).
-            extension: Which v_k follow from others, v = E v_free; the matrix is Eᵀ M E then.
-        """
-        cover, at = self.cover_of_sides, self.covered
-        if extension is not None:
-            cover, at = extension.gather(cover), at & ~extension.held
-        free, out, rest = np.zeros_like(cover), np.zeros_like(cover), values
-        for _ in range(_RICHARDSON):
-            sums = self._sums(rest)
-            if extension is not None:
-                sums = extension.gather(sums)
-            free[at] += sums[at] / cover[at]
-            out = free.copy() if extension is None else extension.fill(free)
-            rest = values - self.from_sides(out)
-        return out
 
     def _sums(self, values: Array) -> Array:
         """Σ_p w_p N_k(ξ_p) c_p for the sides of the owned nodes."""

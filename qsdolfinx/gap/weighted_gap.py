@@ -515,40 +515,6 @@ class WeightedGap:
         known = np.sum(self._augmented_at_rows() ** 2, axis=1)
         return float(self.weight @ (density - known / (2 * eps)))
 
-    def image(self, penalty: float, touching: float) -> Array:
-        """λ at the last evaluation as the next λ̂, of its shape. Collective.
-
-        Held rows whose gap is closed but for rounding have that of their neighbours.
-        """
-        multiplier = self.multiplier(penalty)
-        if isinstance(self.rows, PointRows):
-            change = (multiplier - self._augmented_at_rows())[:, 0]
-            known = self.state.augmented
-            if self.extension is not None:
-                known = self.extension.fill(known)
-            return np.asarray(known + self.rows.project(change, self.extension))
-        if self.extension is None:
-            return multiplier
-        return self.extension.fill(multiplier, self.slope(penalty, touching) > 0)
-
-    def violation(self, penalty: float, touching: float) -> float:
-        """Largest gap that λ̂ leaves on this rank: |λ − λ̂| / ε, which is |ḡ| where it is closed.
-
-        Collective.
-        """
-        return self._over(penalty, self.image(penalty, touching) - self.state.augmented)
-
-    def penetration(self, penalty: float, touching: float) -> float:
-        """Largest gap that the penalty alone would leave on this rank: |λ| / ε. Collective."""
-        return self._over(penalty, self.image(penalty, touching))
-
-    def _over(self, penalty: float, multiplier: Array) -> float:
-        """Largest |multiplier| / ε on this rank."""
-        if self.rows.are_points:
-            return float(np.max(np.abs(multiplier), initial=0.0)) / penalty
-        gaps = np.linalg.norm(multiplier, axis=1) / (penalty * self.relative_penalty)
-        return float(np.max(gaps, initial=0.0))
-
     def _shifted(self, eps: Array) -> Array:
         if self.state.conductance is not None:  # which may be 0, and has nothing to augment
             return self.state.values

@@ -104,12 +104,11 @@ class AtOnce:
             self._again = False
             return False
         finally:
+            if any(contact.augmented for contact in system.contacts):
+                newton.record.violations = [loop.open_gap]
             loop.destroy()
             system.forget_tangent()
             equations.destroy()
-        newton.record.violations += [
-            multipliers.violation(contact) for contact in system.contacts if contact.augmented
-        ][:1]
         return True
 
     def _note_failure(self, error: NoConvergence | NoGapError, loop: OneNewton) -> None:

@@ -84,6 +84,8 @@ class Balance:
         self.lacks_closure = False
         #: Norm of forces with which the solve ends.
         self.until = 0.0
+        #: Largest gap (length) that multipliers have left at the last iterate, over all ranks.
+        self.open_gap = 0.0
         self._was_in_floor, self._is_held = False, True
         #: Largest residual, contact forces and multiplier of the solve so far.
         self._seen: Array = np.zeros(3)
@@ -147,12 +149,13 @@ class Balance:
 
     def _are_closed(self, at: State) -> bool:
         """Whether no multiplier leaves a gap that is more than its contact allows. Collective."""
-        closed = [
-            p.rows.open_gap(e) <= p.model.allowed_gap  # collective: of all passes on all ranks
-            for p, e in zip(self._equations.passes, at.passes, strict=True)
-            if not p.model.is_scalar  # whose jumps are no lengths
-        ]
-        return self._all(all(closed))
+        open_, allowed = np.zeros(len(at.passes)), np.full(len(at.passes), np.inf)
+        for i, (p, e) in enumerate(zip(self._equations.passes, at.passes, strict=True)):
+            if not p.model.is_scalar:  # whose jumps are no lengths
+                open_[i], allowed[i] = p.rows.open_gap(e), p.model.allowed_gap
+        self._equations.system.comm.Allreduce(MPI.IN_PLACE, open_, op=MPI.MAX)
+        self.open_gap = float(open_.max(initial=0.0))
+        return bool(np.all(open_ <= allowed))
 
     def num_closed(self, at: State) -> list[int]:
         """Closed rows of each contact on this rank.
@@ -164,9 +167,6 @@ class Balance:
         for p, e in zip(self._equations.passes, at.passes, strict=True):
             closed[id(p.model)] += int(np.sum(e.closed))
         return list(closed.values())
-
-    def _all(self, here: bool) -> bool:
-        return bool(self._equations.system.comm.allreduce(here, op=MPI.LAND))
 
     @property
     def shift(self) -> tuple[float, float]:

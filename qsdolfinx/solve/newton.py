@@ -27,9 +27,6 @@ Array = npt.NDArray[np.float64]
 
 FAILED_LINEARLY = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
 
-#: Iterations in which nodes that are open by rounding alone count as closed.
-LENIENT = 4
-
 #: Part of its residual that an iteration with a tangent of before leaves, in units of what the last
 #: one has left. To first order 2 after one with a new tangent, and 1 after another.
 SLOWER = 2.0
@@ -49,8 +46,8 @@ class Record:
     Attributes:
         residuals: Norm of the residual at each iteration.
         active: Closed rows of each contact on this rank at each iteration.
-        violations: Largest gap that augmented multipliers leave, after each of their updates.
-        iterations: Newton iterations, over all updates of the multipliers.
+        violations: Largest gap that augmented multipliers leave at the end, if there are any.
+        iterations: Newton iterations.
         restarts: Runs that failed and were begun again, elsewhere or with a direct solver.
         linear_iterations: Iterations of the linear solver in them.
     """
@@ -165,7 +162,6 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     """Assemble the tangent, and get the linear solver ready."""
     system, linear = context.system, context.linear
     _evaluate(system, x)
-    system.set_strict(snes.getIterationNumber() >= LENIENT)
     if _is_near(context) and system.tangent_fits():
         linear.prepare(context.norms, context.until, False)
         return
@@ -481,11 +477,8 @@ class Newton:
         self.snes.setConvergedReason(reason)
 
     def _run(self) -> None:
-        try:
-            with self.system.watch.stage("solve"):
-                self._call_snes()
-        finally:
-            self.system.set_strict(False)
+        with self.system.watch.stage("solve"):
+            self._call_snes()
         self._reason = self._judged()
         self.record.iterations += self.snes.getIterationNumber()
         self.record.linear_iterations += self.snes.getLinearSolveIterations()

@@ -100,6 +100,11 @@ class OneNewton:
         return found
 
     @property
+    def open_gap(self) -> float:
+        """Largest gap (length) that multipliers have left at the last iterate, over all ranks."""
+        return self._balance.open_gap
+
+    @property
     def has_idle_tools(self) -> bool:
         """Whether there are driven tools, and nothing was in contact at the last iterate."""
         history = self._balance.history

@@ -278,12 +278,12 @@ class ContactProblem:
 
     @property
     def violation_history(self) -> list[float]:
-        """Largest gap that an augmented multiplier leaves, after each of its updates."""
+        """Largest gap (length) that augmented multipliers have left, if there are any."""
         return self.newton.record.violations
 
     @property
     def num_iterations(self) -> int:
-        """Newton iterations of the last solve, over all updates of the multipliers."""
+        """Newton iterations of the last solve."""
         return self.newton.record.iterations
 
     @property
@@ -293,8 +293,8 @@ class ContactProblem:
 
     @property
     def num_augmentations(self) -> int:
-        """Updates of the multipliers in the last solve."""
-        return max(len(self.violation_history) - 1, 0)
+        """0: multipliers are unknowns, and no longer updated. Kept for programs that read it."""
+        return 0
 
     @property
     def num_restarts(self) -> int:

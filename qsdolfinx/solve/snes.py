@@ -83,7 +83,7 @@ class ConvergenceError(RuntimeError):
         reason_name: Its name, such as ``"DIVERGED_MAX_IT"``.
         residual_history: Norm of the residual at each iteration.
         active_history: Number of active contact rows at each iteration, one list entry per contact.
-        violation_history: Largest gap that an augmented multiplier leaves, after each update.
+        violation_history: Largest gap (length) that augmented multipliers have left, if any.
     """
 
     def __init__(

@@ -38,8 +38,6 @@ def _effort(record: Record, begin: float) -> str:
     parts = [f"{record.iterations} Newton, {record.linear_iterations} linear iterations"]
     if record.restarts:
         parts.append(f"{record.restarts} restart{'s' * (record.restarts > 1)}")
-    if record.violations:
-        parts.append(f"{len(record.violations) - 1} updates of multipliers")
     return ", ".join([*parts, f"{time.perf_counter() - begin:.2f} s"])
 
 

@@ -207,15 +207,6 @@ class ContactSystem:
         found = sum(len(gap.rows.reached) for gap in gaps)
         return int(self.comm.allreduce(found, op=MPI.SUM))
 
-    def set_strict(self, strict: bool) -> None:
-        """Say whether gaps that are open by rounding alone count as open, without friction.
-
-        At first they count as closed, or bodies that just touch would fall through each other. But
-        they bear no force: with light loads Newton's method would never end with such a tangent.
-        """
-        for contact in self.contacts:
-            contact.strict = strict and contact.friction is None
-
     def part(self, array: Array, i: int) -> Array:
         """The part of an array of owned unknowns that is body i's."""
         return array[self._ends[i] - self.bodies[i].num_owned : self._ends[i]]

@@ -84,21 +84,18 @@ def stretched(whole, n, **options):
 def test_a_quarter_is_a_quarter_of_the_whole(n, quadrature, enforcement, penalty):
     """Shear, too; with as many updates, and neither locked by a large penalty."""
     options = {"quadrature": quadrature, "enforcement": enforcement, "penalty": penalty}
-    force, whole = stretched(True, n, **options)
+    force, _ = stretched(True, n, **options)
     quarter_force, quarter = stretched(False, n, **options)
     assert min(abs(force)) > 0.05 * max(abs(force))
     np.testing.assert_allclose(quarter_force, force, rtol=1e-6)
-    assert quarter.num_augmentations <= whole.num_augmentations + 2
-    assert quarter.num_augmentations <= 10 or n[1] > n[0]  # a finer slave takes more
     assert enforcement == AUGMENTED or quarter.num_iterations == 1
 
 
 def test_multigrid_finds_the_same():
     """Unknowns and multipliers together; where conditions hold both, these are no unknowns."""
     direct, _ = stretched(False, (3, 2))
-    force, problem = stretched(False, (3, 2), solver="amg")
+    force, _ = stretched(False, (3, 2), solver="amg")
     np.testing.assert_allclose(force, direct, rtol=1e-5)
-    assert problem.num_augmentations <= 2
 
 
 @pytest.mark.parametrize("n", ((3, 2), (2, 3)))
@@ -120,10 +117,9 @@ def test_friction_in_a_quarter(n):
         x, shear = p.slave.node_x[p.operator.row_node], p.weight * p.state.response.traction[:, 0]
         sides = np.where(np.isclose(x[:, 1], 0.0) & (low < 0), 0.5, x[:, 1] >= 0)
         sides = sides * ((x[:, 0] > 1e-9) | (low == 0))
-        found.append((WORLD.allreduce(sides @ shear), problem.num_augmentations))
-    (whole, updates), (quarter, of_quarter) = found
+        found.append(WORLD.allreduce(sides @ shear))
+    whole, quarter = found
     assert abs(quarter - whole) < 0.1 * abs(whole)
-    assert of_quarter <= updates + 2
 
 
 # --- Degree 2: nodes beside what conditions hold
@@ -219,24 +215,22 @@ def strained(cell, n, law, swap=False, solver="direct", degree=1, **options):
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron", "hexahedron"))
 def test_patch_with_clamped_sides(cell, n, law, solver):
     """The patch test holds up to the edges, and multipliers are uniform there as well."""
-    errors, contact, problem = strained(cell, n, law(), solver=solver)
+    errors, contact, _ = strained(cell, n, law(), solver=solver)
     assert largest(*errors) < 1e-6
     pressure = contact.multiplier() if law is qs.Unilateral else -contact.multiplier()[:, -1]
     expected = abs(contact.force("slave")[-1])  # on a unit area
     assert largest(pressure - expected) < 1e-4 * expected
-    assert problem.num_augmentations <= 10
 
 
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
 @pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
 def test_patch_with_clamped_sides_of_degree_2(cell, law):
-    errors, contact, problem = strained(cell, (3, 2), law(), degree=2)
+    errors, contact, _ = strained(cell, (3, 2), law(), degree=2)
     assert contact.model.gaps[0].extension is not None
     assert largest(*errors) < 1e-6
     pressure = contact.multiplier() if law is qs.Unilateral else -contact.multiplier()[:, -1]
     expected = abs(contact.force("slave")[-1])
     assert largest(pressure - expected) < 1e-4 * expected
-    assert problem.num_augmentations <= 10
 
 
 @pytest.mark.parametrize(
@@ -245,12 +239,11 @@ def test_patch_with_clamped_sides_of_degree_2(cell, law):
 )
 def test_patch_at_points_with_clamped_sides(cell, n):
     """λ̂ at the nodes of the edges follows from those around: nothing beside them is locked."""
-    errors, contact, problem = strained(cell, n, qs.Unilateral(), constraints="points")
+    errors, contact, _ = strained(cell, n, qs.Unilateral(), constraints="points")
     expected = abs(contact.force("slave")[-1])
     assert contact.model.gaps[0].extension is not None
     assert largest(*errors) < 1e-6
     assert largest(contact.multiplier() - expected) < 1e-4 * expected
-    assert problem.num_augmentations <= 10
 
 
 def test_forces_of_multipliers_that_follow():
@@ -279,7 +272,6 @@ def test_clamped_edges_do_not_know_the_penalty(quadrature):
         contact = contact_of(V, qs.Tied(), penalty=penalty, quadrature=quadrature)
         problem = qs.ContactProblem(F, u, [contact], bcs)
         problem.solve()
-        assert problem.num_augmentations <= 10
         forces.append(contact.force("slave"))
     for force in forces[1:]:
         assert largest(force - forces[0]) < 1e-3 * largest(forces[0])
@@ -330,7 +322,6 @@ def test_prescribed_gaps_are_told_of(law, sign, enforcement, quadrature):
     texts = warned(problem.solve)
     assert len(texts) == 1 and texts[0].startswith("bcs: ") and " 0.04, " in texts[0], texts
     assert warned(problem.solve) == []
-    assert problem.num_augmentations <= 10
 
 
 @pytest.mark.parametrize("enforcement", (AUGMENTED, "penalty"))
@@ -346,7 +337,6 @@ def test_prescribed_gaps_at_points_are_told_of(enforcement):
     problem = qs.ContactProblem(F, u, [contact], bcs)
     texts = warned(problem.solve)
     assert len(texts) == 1 and texts[0].startswith("bcs: ") and " 0.04, " in texts[0], texts
-    assert problem.num_augmentations <= 30
 
 
 @pytest.mark.parametrize("law", (qs.Unilateral, qs.Tied))

@@ -49,7 +49,7 @@ def readings(contact):
     out = {call.__name__: call("slave") for call in calls}
     out["force on the tool"] = c.force("master")
     at_nodes = [c.gap, c.weighted_gap, c.multiplier, c.active, c.slipping, c.status]
-    totals = [c.penetration, c.weighted_penetration, c.patch, c.violation]
+    totals = [c.penetration, c.weighted_penetration, c.patch]
     totals += [c.step_dissipation, c.dissipated_energy]
     if c.friction is not None:
         at_nodes += [c.tangential_multiplier, c.slip, c.dissipation]

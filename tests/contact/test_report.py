@@ -202,7 +202,6 @@ def test_a_line_per_solve(caplog):
     for line in said[-1:]:
         assert f"{problem.num_iterations} Newton" in line
         assert f"{problem.num_linear_iterations} linear" in line
-        assert f"{problem.num_augmentations} updates" in line
         assert f"active nodes {active} of " in line and f"force {force:.6g}" in line
         assert f"violation {gap:.3g}" in line and " s;" in line
 

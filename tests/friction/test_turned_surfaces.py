@@ -114,5 +114,4 @@ def test_friction_turns_along(cell, kind, constraints, enforcement, angle):
             assert largest(back - before) < same * largest(before)
         assert scene.contact.dissipated_energy() - energy < 1e-6 * PRESS * slip
         if constraints == "nodes":
-            assert scene.problem.num_augmentations <= 1
             assert scene.problem.num_iterations <= 1 or scene.contact.augmented

@@ -93,7 +93,6 @@ def test_ties_of_held_nodes_to_a_stiff_body(ratio, swap, solver):
     np.testing.assert_allclose(contact.force("slave"), exact, rtol=5e-3)  # of the ratios alone
     exact = quarter_on_plate(ratio, swap, gap_tolerance=1e-13)[0].force("slave")
     np.testing.assert_allclose(contact.force("slave"), exact, rtol=1e-4)
-    assert problem.num_augmentations <= 70
 
 
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
@@ -106,8 +105,8 @@ def test_gap_is_closed_at_any_penalty(cell, law):
         forces.append(pair.contact.force("slave"))
         gap, active = pair.contact.weighted_gap(), pair.contact.active()
         gaps.append(largest(gap[active] if law is qs.Unilateral else gap))
-        assert len(problem.violation_history) == problem.num_augmentations + 1
-        assert problem.violation_history[-1] <= pair.contact.allowed_gap
+        (gap,) = problem.violation_history
+        assert gap <= pair.contact.allowed_gap
     allowed = pair.contact.allowed_gap
     assert max(gaps) <= 3 * allowed
     np.testing.assert_allclose(forces[0], forces[1], rtol=1e-6, atol=1e-9)
@@ -166,10 +165,8 @@ def test_a_gap_that_cannot_be_closed_is_told():
 
 @pytest.mark.parametrize("solver", ("direct", "amg"))
 def test_loose_newton(solver):
-    """What an update of the multipliers adds is solved for, be it below Newton's tolerance."""
+    """Gaps are closed whatever Newton's tolerance."""
     pair, _ = scene("hexahedron")
     problem = pair.problem(solver=solver, petsc_options={"snes_rtol": 1e-4})
     problem.solve()
-    updates, gap = problem.num_augmentations, problem.violation_history[-1]
-    assert gap <= pair.contact.allowed_gap
-    assert updates < 15
+    assert problem.violation_history[-1] <= pair.contact.allowed_gap
