@@ -41,7 +41,7 @@ def scene(cell, degree, formulation):
 @pytest.mark.parametrize("cell", CELLS)
 def test_tangent(cell, formulation):
     """It is the derivative through where facets are clipped, and no symmetry is lost by that."""
-    _, _, x, d = scene(cell, 1, formulation)
+    _, problem, x, d = scene(cell, 1, formulation)
     errors = tangent_errors(problem, x, d, 1e-6)
     assert errors.asymmetry < 1e-14
     assert errors.difference < ERRORS[cell]
