@@ -1,7 +1,7 @@
 """Newton iterations of demos.
 
 Printed are the iterations of each step in the median, at 90 % and at worst, their sum, all attempts
-included, and the steps that were cut back.
+and pairings anew included, and the steps that were cut back; the last line has those of all scenes.
 
     python3 bench/one_newton.py [--scenes block roller …] [--constraints points]
 """
@@ -31,6 +31,18 @@ SCENES = {
     "o-ring": ("rubber.py", "--scene", "oring"),
     "beams": ("curved_beams.py", "--friction", "0.3"),
     "ironing": ("ironing.py",),
+    "fold": ("fold.py",),
+    "cattaneo-mindlin": ("cattaneo_mindlin.py",),
+    "wedge": ("sliding_wedge.py",),
+    "ring": ("ring_compression.py",),
+    "upset cylinder": ("upset_cylinder.py",),
+    "shaft": ("shaft.py",),
+    "closed die": ("closed_die.py",),
+    "forging": ("forging.py",),
+    "press fit": ("engineering/press_fit.py",),
+    "gear pair": ("engineering/gear_pair.py",),
+    "o-ring, engineering": ("engineering/oring.py",),
+    "STL forging": ("engineering/stl_forging.py",),
 }
 
 
@@ -122,8 +134,13 @@ def main():
     show("| scene | steps | median | 90 % | worst | all | cut back | s | |")
     show("|---|---|---|---|---|---|---|---|---|")
     warnings.simplefilter("ignore")
+    every, began = Counted(given.constraints), time.perf_counter()
     for name in given.scenes:
-        show(line(name, *run(SCENES[name], given.constraints)))
+        counted, end, seconds = run(SCENES[name], given.constraints)
+        every.steps += counted.steps
+        every.cutbacks += counted.cutbacks
+        show(line(name, counted, end, seconds))
+    show(line("all", every, "", time.perf_counter() - began))
 
 
 if __name__ == "__main__":

@@ -126,10 +126,11 @@ class AtOnce:
         z = self._begin(equations)
         if self._is_cold and equations.can_soften:
             z = loop.approach(z)
+        has_moved = self._has_moved()
         try:
-            z = loop.solve(z)
+            z = loop.solve(z, is_guess=has_moved)
         except (NoConvergence, NoGapError):
-            if not self._has_moved():
+            if not has_moved:
                 raise
             self._newton.record.restarts += 1
             z = loop.solve(self._begin_again(equations, z))

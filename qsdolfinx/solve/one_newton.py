@@ -23,6 +23,9 @@ Flags = npt.NDArray[np.bool_]
 #: Halvings of a step, and what the merit has to fall by over what a whole step promises.
 MAX_HALVINGS, FALL = 8, 1e-4
 
+#: Part of the first step that is less than a good start allows.
+POOR = 0.1
+
 #: Part of γ with which solves begin that know no multipliers, what they end with, and most
 #: iterations of them.
 SOFT, NEAR, MOST_SOFT = 1e-4, 1e-2, 30
@@ -58,12 +61,14 @@ class OneNewton:
             Balance(equations, newton, stiffness),
         )
 
-    def solve(self, z: Array, begins: bool = True) -> Array:
+    def solve(self, z: Array, begins: bool = True, is_guess: bool = False) -> Array:
         """Solution, from z on. Collective.
 
         Args:
             z: Unknowns of this rank.
             begins: Whether it is to be found where slip counts from.
+            is_guess: Whether to give up at once if the first step leads next to nowhere: there is
+                another start.
 
         Raises:
             NoConvergence: If none is found.
@@ -84,6 +89,8 @@ class OneNewton:
             if iteration == self.max_it:
                 break
             z, at, step = self._search(z, at, self._change(at) if change is None else change)
+            if is_guess and iteration == 0 and step < POOR:
+                raise NoConvergence("the first step leads nowhere")
             if self.equations.measure():
                 at = self.equations.evaluate(z)
             change = None
