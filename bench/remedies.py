@@ -131,7 +131,7 @@ REMEDIES = (
         "forget",
         lambda *_: True,
         _no,
-        "sliding",
+        "sliding/test_strangers.py",
         (ContactSystem, "have_areas_changed"),
     ),
     Remedy(
@@ -140,7 +140,7 @@ REMEDIES = (
         "_has_other_rates",
         lambda out, *_: out,
         _no,
-        "friction",
+        "friction/test_first_contact.py",
     ),
     Remedy(
         "friction that jumps has a part on the edge of contact",
