@@ -179,8 +179,12 @@ class Balance:
         if self._stiffness is not None:
             some = none = max(REGULAR, self._stiffness * self._left)
         if not self._is_held:
-            now = self.history[-1]
-            some = max(some, UNHELD * min(1.0, now.forces + now.constraints))
+            # Over the largest contact forces of the solve: those of now may have vanished. Bodies
+            # that have been let go have had none in all of it.
+            now, (residual, forces, _) = self.history[-1], self._seen
+            largest = forces if forces > 0 else residual
+            unbalanced = now.residual / largest if largest > 0 else 0.0
+            some = max(some, UNHELD * min(1.0, unbalanced + now.constraints))
         return some, none
 
     @property

@@ -5,9 +5,10 @@ import warnings
 import numpy as np
 import pytest
 from curved_scenes import Shell
-from scenes import WORLD
+from scenes import WORLD, box, plane, slide, vector_space
 
 import ufl
+from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.solve.unsupported import check_unsupported
@@ -49,3 +50,31 @@ def test_rotation_on_a_cylinder(friction):
     texts = case.warned_after([[0.0, -0.1], [0.1, 0.0]])
     assert len(texts) == (1 if friction is None else 0)
     assert all("hold its rotation" in text for text in texts)
+
+
+def test_let_go_by_all():
+    """A strip that a punch has bent over a roller, and then leaves, springs back.
+
+    Where contact forces have vanished, what is left is compared with those of before.
+    """
+    msh = box(WORLD, (40, 2), "quadrilateral", [0.0, 0.0], [4.0, 0.4])
+    V = vector_space(msh)
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    F = ufl.inner(qs.materials.neo_hookean(u, 400.0, 600.0), ufl.grad(v)) * ufl.dx
+    lower, upper = (qs.Surface(V, facets=plane(msh, 1, y)) for y in (0.0, 0.4))
+    roller = qs.RigidSurface.cylinder(WORLD, [3.0, -0.5], None, 0.5)
+    punch = qs.RigidSurface.cylinder(WORLD, [0.0, 0.9], None, 0.5)
+    options = {"sliding": "finite", "search_radius": 0.5}
+    contacts = [qs.Contact(lower, roller, **options), qs.Contact(upper, punch, **options)]
+    bcs = [slide(V, 0, plane(msh, 0, 0.0))]
+    problem = qs.ContactProblem([F], [u], contacts, [bcs])
+    counts = []
+    for depth in (0.1, 0.2, 0.02, -0.01):
+        punch.displacement = [0.0, -depth]
+        for contact in contacts:
+            contact.update()
+        problem.solve()
+        counts.append(problem.num_iterations)
+        if depth > 0:
+            assert contacts[1].force("master")[1] > 0
+    assert counts[-1] <= 30 and max(abs(contacts[1].force("master"))) == 0.0
