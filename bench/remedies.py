@@ -185,7 +185,7 @@ def count(scenes):
         one_newton.run(one_newton.SCENES[scene], "nodes")
         for name, row in rows.items():
             row.append(counts[name])
-    print("| remedy | " + " | ".join(scenes) + " |\n|---" * 1 + "|---" * len(scenes) + "|")
+    print("| remedy | " + " | ".join(scenes) + " |\n" + "|---" * (len(scenes) + 1) + "|")
     for name, row in rows.items():
         print(f"| {name} | " + " | ".join(map(str, row)) + " |")
 

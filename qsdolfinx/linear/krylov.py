@@ -76,7 +76,6 @@ class Krylov:
             self._ksp.setType(kind)
             if not symmetric:
                 self._ksp.setGMRESRestart(GMRES_RESTART)
-        # Also after a direct solver, which gives back types, has taken over from GMRES.
         is_left = symmetric and not is_flexible
         side = PETSc.PC.Side.LEFT if is_left else PETSc.PC.Side.RIGHT
         self._ksp.setPCSide(side)
