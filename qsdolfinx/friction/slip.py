@@ -75,8 +75,8 @@ class SlipState:
         closed: Rows in contact at the last evaluation.
         ended: Whether the step of the last evaluation has been ended.
         response: What the law answered at the last evaluation.
-        on_edge: |τ| (stress) of rows that the last solve has found on the edge of contact, infinite
-            of others, (rows,).
+        on_edge: |τ| (stress) of rows that the last solve has found on the edge of contact or open,
+            infinite of others, (rows,).
         solved: τ (stress) of the last solve, of laws that slip rates steer, (rows, gdim); None of
             others, and before.
         frames: Frames of the rows in which τ̂ is known, (rows, gdim, gdim); None as long as nobody
@@ -287,7 +287,7 @@ class Slip:
             state.jump = state.jump + state.shift
         if in_displacement[0] and self.gap.following is None:
             state.carried = state.carried + state.shift
-        closed = closed | np.isfinite(state.on_edge)
+        closed = closed | ((state.on_edge > 0) & np.isfinite(state.on_edge))
         state.closed, state.pressure, state.ended = closed, pressure, False
         augmented = state.augmented
         if self.gap.following is not None:  # kept as it is: to come back is to change nothing

@@ -47,10 +47,13 @@ class Tangential(typing.NamedTuple):
 
     @property
     def on_edge(self) -> Flags:
-        """Rows whose friction their pressure does not tell, but τ alone."""
+        """Rows whose friction their pressure does not tell, but τ alone: 0 of those that are open.
+
+        Rounding would close some of these where λ = ḡ = 0, and the law would jump.
+        """
         if self.filled is None:
             return np.zeros_like(self.active)
-        return self.filled.edge | (self.active != self.filled.closed)
+        return ~(self.active & self.filled.closed)
 
     @property
     def sticking(self) -> Flags:
