@@ -12,11 +12,13 @@ import typing
 
 from mpi4py import MPI
 
+import basix
 import basix.ufl
 import ufl
 from dolfinx import fem
 
 from qsdolfinx.base.checks import COUNT, FLAG, FUNCTION, POSITIVE, check, number, require
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.compat import interpolation_points
 from qsdolfinx.materials import axisymmetric_weight, gradient
 
@@ -25,6 +27,13 @@ Expression = typing.Any
 
 POISSON = number("above -1 and below 0.5", lambda nu: -1 < nu < 0.5)
 HARDENING = number("at least 0, and finite", lambda H: H >= 0)
+
+SIMPLICES = basix.CellType.triangle, basix.CellType.tetrahedron
+
+REDUCED = (
+    "degree: by a rule of degree 2 or 3 quadrilaterals and hexahedra of degree 2 deform without "
+    "energy, so that solves may fail: take degree=4, or triangles or tetrahedra"
+)
 
 #: Places in a 3 × 3 tensor of the components that fields have, for bodies in 2D and 3D.
 _PLACES = {2: ((0, 0), (1, 1), (2, 2), (0, 1)),
@@ -104,6 +113,9 @@ class J2Plasticity:
         require(fits, "w: must be a displacement in 2D or 3D, or a displacement and a pressure")
         fits = not axisymmetric or self.gdim == 2
         require(fits, "axisymmetric: needs a 2D mesh with coordinates (r, z)")
+        whole = self.mesh.basix_cell() in SIMPLICES or self.mixed or degree > 3
+        if not whole and V.ufl_element().embedded_superdegree > 1:
+            warn(REDUCED, ContactWarning)
         self.w, self.axisymmetric = w, bool(axisymmetric)
         self.shear, self.bulk = E / 2 / (1 + nu), E / 3 / (1 - 2 * nu)
         self.yield_stress, self.hardening = yield_stress, hardening

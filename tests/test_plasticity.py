@@ -1,5 +1,7 @@
 """Elasto-plastic bodies: closed forms, invariances, balances, and what is refused."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scenes import WORLD, box, plane, slide, vector_space
@@ -376,3 +378,19 @@ def test_what_is_refused():
     solid = fem.Function(vector_space(box(WORLD, (1,) * 3, "tetrahedron", [0.0] * 3, [1.0] * 3)))
     with pytest.raises(ValueError, match=r"^axisymmetric: "):
         qs.J2Plasticity(solid, *good, axisymmetric=True)
+
+
+@pytest.mark.parametrize(("kind", "warns"), (("quadrilateral", True), ("triangle", False)))
+def test_reduced_quadrature(kind, warns):
+    """Two points a direction miss deformations of quadrilaterals of degree 2, and four do not."""
+    msh = box(WORLD, (2, 2), kind, [0.0] * 2, [1.0] * 2)
+    w = fem.Function(fem.functionspace(msh, ("Lagrange", 2, (2,))))
+    for degree in (2, 4):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            body = qs.J2Plasticity(w, E, NU, YIELD, HARDENING, degree=degree)
+        matrix = fem.assemble_matrix(fem.form(ufl.derivative(body.residual, w))).to_dense()
+        if WORLD.size == 1:
+            values = np.abs(np.linalg.eigvalsh(matrix))
+            assert (np.sum(values < 1e-8 * values.max()) > 3) == (warns and degree == 2)
+        assert any("degree" in str(c.message) for c in caught) == (warns and degree == 2)

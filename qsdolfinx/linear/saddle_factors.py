@@ -16,6 +16,13 @@ from qsdolfinx.system.equations import Equations, State
 Array = npt.NDArray[np.float64]
 
 
+#: Values of MUMPS' INFOG(1) that tell of too little working space.
+SHORT_OF_MEMORY = (-8, -9)
+
+#: Most memory beyond what MUMPS expects, in per cent.
+MOST_MEMORY = 100 * EXTRA_MEMORY
+
+
 class SaddleFactors:
     """Solves with the inexact derivative, formed as one AIJ matrix, by MUMPS or as options say.
 
@@ -28,6 +35,7 @@ class SaddleFactors:
 
     def __init__(self, equations: Equations, linear: LinearSolver) -> None:
         self._equations, self._linear = equations, linear
+        self._memory = EXTRA_MEMORY
         self._ksp = self._new_ksp()
         #: Why there was no solution.
         self.reason = ""
@@ -51,20 +59,44 @@ class SaddleFactors:
             at: The evaluation, the last one.
             shift: As for ``Equations.tangent_of``.
         """
-        matrix = self._equations.tangent_of(at, exact=False, shift=shift)
+        self._take(self._equations.tangent_of(at, exact=False, shift=shift))
+
+    def _take(self, matrix: PETSc.Mat) -> None:
         self._ksp.setOperators(matrix)
         if self._is_new and self._is_mumps:
             self._ksp.getPC().setFactorSetUpSolverType()
-            self._ksp.getPC().getFactorMatrix().setMumpsIcntl(14, EXTRA_MEMORY)
+            self._ksp.getPC().getFactorMatrix().setMumpsIcntl(14, self._memory)
         self._is_new = False
 
     def solve(self, rhs: Array) -> Array | None:
         """Change of z for a change of R; None if the matrix is singular. Collective.
 
+        Pivots that MUMPS delays may need many times the memory that it expects.
+
         Args:
             rhs: This rank's part of the change of R.
         """
-        equations = self._equations
+        while True:
+            out = self._solved(rhs)
+            fine = bool(np.isfinite(out).all())
+            if self._equations.system.comm.allreduce(fine, op=MPI.LAND):
+                return out
+            matrix, info = self._ksp.getOperators()[0], 0
+            if self._is_mumps:
+                info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
+            self._ksp.destroy()  # an error leaves a preconditioner of no more use
+            self._ksp = self._new_ksp()
+            if info not in SHORT_OF_MEMORY or self._memory >= MOST_MEMORY:
+                self.reason = f"singular (MUMPS: INFOG(1) = {info})" if info else "singular"
+                return None
+            self._memory *= 10
+            if self._linear.has_factors:  # options are read again with each new factorisation
+                name = f"{self._linear.ksp.getOptionsPrefix()}mat_mumps_icntl_14"
+                PETSc.Options().setValue(name, self._memory)
+            self._take(matrix)
+
+    def _solved(self, rhs: Array) -> Array:
+        """The change; NaN where there are no factors. Collective."""
         matrix = self._ksp.getOperators()[0]
         x, b = matrix.createVecs()
         try:
@@ -72,25 +104,17 @@ class SaddleFactors:
             b.array[:] = rhs
             self._ksp.solve(b, x)
             out = np.array(x.array_r)
-            b.array[:] = equations.softened * out
+            if np.isfinite(out).all():
+                b.array[:] = self._equations.softened * out
             self._ksp.solve(b, x)
             out += x.array_r
         except PETSc.Error as error:
             if error.ierr != OF_A_LIBRARY:
                 raise
-            out = np.full(equations.num_local, np.nan)
+            out = np.full(self._equations.num_local, np.nan)
         x.destroy()
         b.destroy()
-        fine = bool(np.isfinite(out).all())
-        if equations.system.comm.allreduce(fine, op=MPI.LAND):
-            return out
-        self.reason = "singular"
-        if self._is_mumps:
-            info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
-            self.reason = f"singular (MUMPS: INFOG(1) = {info})"
-        self._ksp.destroy()  # an error leaves a preconditioner of no more use
-        self._ksp = self._new_ksp()
-        return None
+        return out
 
     def multiply(self, x: Array, transposed: bool = False) -> Array:
         """Product of the matrix, or of its transpose, with this rank's part of x. Collective."""

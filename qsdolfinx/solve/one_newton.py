@@ -189,7 +189,7 @@ class OneNewton:
         for _ in range(MAX_HALVINGS):
             try:
                 there = self.equations.evaluate(z + step * change)
-                merit = self._merit(there)
+                merit = np.inf if self._loses_a_tool(at, there) else self._merit(there)
             except NoGapError as error:
                 merit, unseen = np.inf, error
             if np.isfinite(merit):
@@ -203,6 +203,21 @@ class OneNewton:
             raise NoConvergence("no residual is finite along the step", NOT_FINITE)
         found = z + largest * change
         return found, self.equations.evaluate(found), largest
+
+    def _loses_a_tool(self, at: State, there: State) -> bool:
+        """Whether nothing is left that resists the force on a tool. Collective."""
+        if not self.equations.tools:
+            return False
+        return bool(np.any((self._closed_on_tools(at) > 0) & (self._closed_on_tools(there) == 0)))
+
+    def _closed_on_tools(self, at: State) -> npt.NDArray[np.int64]:
+        """Closed rows of each driven tool over all ranks. Collective."""
+        counts: npt.NDArray[np.int64] = np.zeros(len(self.equations.tools), dtype=np.int64)
+        for p, e in zip(self.equations.passes, at.passes, strict=True):
+            if p.tool is not None:
+                counts[p.tool] += np.sum(e.closed)
+        self.equations.system.comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
+        return counts
 
     def _merit(self, at: State) -> float:
         forces = self.equations.in_forces(self.equations.residual_of(at))

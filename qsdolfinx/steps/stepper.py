@@ -381,6 +381,8 @@ class TimeStepper:
             self.total_iterations += self.problem.num_iterations
 
     def _step(self, t_end: float | None) -> float:
+        with checked(self.problem.comm) as same:
+            same(POSITIVE, dt=self.dt)
         planned = dt = self._planned(t_end)
         self.num_iterations = self._num_solves = 0
         start = self._scene.snapshot()

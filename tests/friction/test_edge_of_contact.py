@@ -112,3 +112,64 @@ def test_results_do_not_depend_on_the_way(monkeypatch, enforcement):
         *_, (_, contact, _) = dragged("norton", enforcement, press=0.02)
         forces.append(contact.force("slave"))
     np.testing.assert_allclose(forces[0], forces[1], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("cell", "n", "limit"), (("quadrilateral", 6, 0.1), ("triangle", 7, 0.05)))
+def test_box(cell, n, limit):
+    """Forces on a block in a box balance at the nodes that the solve leaves with λ = ḡ = 0."""
+    msh = box(WORLD, (n, n), cell, [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    lid = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+    tools = [
+        qs.RigidSurface.plane(WORLD, [x, 0.0], normal)
+        for x, normal in ((0.0, [0.0, 1.0]), (0.0, [1.0, 0.0]), (1.0, [-1.0, 0.0]))
+    ]
+    sides = zip(((1, 0.0), (0, 0.0), (0, 1.0), (1, 1.0)), (*tools, lid), strict=True)
+    contacts = [
+        qs.Contact(qs.Surface(V, facets=plane(msh, *side)), tool, friction=qs.Tresca(limit))
+        for side, tool in sides
+    ]
+    problem = qs.ContactProblem([elastic(u, E=10.0, nu=0.3)], [u], contacts, [[]])
+    lid.displacement = [0.0, -0.02]
+    problem.solve()
+    force = contacts[3].force("master")[1]
+    assert np.abs(sum(c.force("slave") for c in contacts)).max() < 1e-9 * force
+
+
+@pytest.mark.parametrize("friction", (1e-3, 0.3))
+def test_driven_between_nodes(friction):
+    """A round tool, pushed by a force where no node is, keeps the rows that friction would open."""
+    msh = box(WORLD, (3, 3), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    zero = np.zeros(2)
+    bcs = [fem.dirichletbc(zero, fem.locate_dofs_topological(V, 1, plane(msh, 1, 0.0)), V)]
+    tool = qs.RigidSurface.sphere(WORLD, [0.5, 1.7], 0.7)
+    top = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    contact = qs.Contact(top, tool, friction=qs.Coulomb(friction))
+    problem = qs.ContactProblem([elastic(u, E=20.0, nu=0.3)], [u], [contact], [bcs])
+    tool.drive(0.02, [0.0, -1.0])
+    problem.solve()
+    np.testing.assert_allclose(contact.force("master"), [0.0, 0.02], atol=1e-9)
+    assert problem.num_iterations < 10
+
+
+def test_corner():
+    """A block in a rigid corner: many delayed pivots, for which MUMPS needs more memory."""
+    msh = box(WORLD, (2, 2, 2), "hexahedron", [0.0] * 3, [1.0] * 3)
+    V = vector_space(msh)
+    u = fem.Function(V)
+    lid = qs.RigidSurface.plane(WORLD, [0.0, 0.0, 1.0], [0.0, 0.0, -1.0])
+    sides = [(k, qs.RigidSurface.plane(WORLD, [0.0] * 3, np.eye(3)[k]), 0.0) for k in range(3)]
+    contacts = [
+        qs.Contact(qs.Surface(V, facets=plane(msh, k, at)), tool, friction=qs.Coulomb(0.3))
+        for k, tool, at in (*sides, (2, lid, 1.0))
+    ]
+    problem = qs.ContactProblem([elastic(u, E=10.0, nu=0.3)], [u], contacts, [[]])
+    lid.displacement = [0.0, 0.0, -0.02]
+    problem.solve()
+    force = contacts[3].force("master")[2]
+    # Without friction it is 0.2198; friction at walls and floor adds to it.
+    assert 0.23 < force < 0.27
+    assert np.abs(sum(c.force("slave") for c in contacts)).max() < 1e-5 * force

@@ -239,3 +239,14 @@ def test_lands_on_the_end():
     assert np.diff(times).min() > 0.02 and np.diff(times).max() < 0.07 * (1 + 1e-9)
     assert run(case, t_end) == []
     raises_everywhere(WORLD, ValueError, "t_end", lambda: case.stepper.step(0.1))
+
+
+def test_dt_of_a_rank_alone():
+    """Δt set on one rank alone is refused by all, and no step is made."""
+    if WORLD.size == 1:
+        pytest.skip("one rank")
+    case = Upset(dt=0.05)
+    case.stepper.dt = 0.01 if WORLD.rank else 0.05
+    raises_everywhere(WORLD, ValueError, "dt", case.stepper.step)
+    assert case.stepper.num_steps == 0
+    case.problem.destroy()
