@@ -124,7 +124,7 @@ class AtOnce:
     def _find(self, equations: Equations, loop: OneNewton) -> Array:
         """The solution. Collective."""
         z = self._begin(equations)
-        if self._is_cold and equations.can_soften:
+        if self._is_cold and equations.can_soften and self._newton.linear.has_factors:
             z = loop.approach(z)
         has_moved = self._has_moved()
         try:

@@ -86,7 +86,7 @@ class Balance:
         self.until = 0.0
         #: Largest gap (length) that multipliers have left at the last iterate, over all ranks.
         self.open_gap = 0.0
-        self._was_in_floor, self._is_held = False, True
+        self._was_in_floor, self._is_held, self._unheld = False, True, UNHELD
         #: Largest residual, contact forces and multiplier of the solve so far.
         self._seen: Array = np.zeros(3)
 
@@ -129,8 +129,11 @@ class Balance:
             step,
         )
         self.history.append(found)
-        hold = equations.system.made.hold
-        self._is_held = hold.free_motions([e.active for e in at.passes]).shape[1] == 0
+        free = equations.system.made.hold.free_motions([e.active for e in at.passes])
+        self._is_held = free.shape[1] == 0
+        self._unheld = UNHELD
+        if not self._is_held and self._may_go_far:
+            self._unheld = min(UNHELD, self._spring_of(R, free))
         limits = self._rtol * forces, self._rtol * largest[1]
         self.until = max(float(limits[0]), self._atol)
         self._seen = np.maximum(self._seen, [residual, forces, largest[1]])
@@ -146,6 +149,35 @@ class Balance:
         met, closed = largest[0] <= limits[1], self._are_closed(at)
         self.lacks_closure = bool(balanced and met and not closed)
         return bool(balanced and met and closed)
+
+    @property
+    def _may_go_far(self) -> bool:
+        """Whether a step may pass what it will meet: nothing but gaps changes on the way."""
+        follows = any(p.gap.following is not None for p in self._equations.passes)
+        return self._equations.system.linear and not follows
+
+    def _spring_of(self, R: Array, free: Array) -> float:
+        """Springs, over the diagonal, that let bodies go as far as they are large. Collective.
+
+        Stiffer ones hold a body that has been let go where it is.
+
+        Args:
+            R: What is not balanced.
+            free: Motions that closed rows leave.
+        """
+        equations, comm = self._equations, self._equations.system.comm
+        rigid, bodies = equations.system.made.rigid, equations.system.bodies
+        work = free.T @ rigid.work([equations.part(R, i) for i in range(len(bodies))])
+        stiffness, length = np.zeros(free.shape[1]), np.zeros(free.shape[1])
+        for j in range(free.shape[1]):
+            for i, body in enumerate(bodies):
+                m = rigid.displacement(free[:, j], i)
+                stiffness[j] += np.sum(body.diagonal * m**2)
+                length[j] = max(length[j], np.max(np.abs(m), initial=0.0))
+        comm.Allreduce(MPI.IN_PLACE, stiffness, op=MPI.SUM)
+        comm.Allreduce(MPI.IN_PLACE, length, op=MPI.MAX)
+        size = max(most for most, _ in self._sizes)
+        return float(np.max(np.abs(work) * length / (stiffness * size)))
 
     def _are_closed(self, at: State) -> bool:
         """Whether no multiplier leaves a gap that is more than its contact allows. Collective."""
@@ -184,7 +216,7 @@ class Balance:
             now, (residual, forces, _) = self.history[-1], self._seen
             largest = forces if forces > 0 else residual
             unbalanced = now.residual / largest if largest > 0 else 0.0
-            some = max(some, UNHELD * min(1.0, unbalanced + now.constraints))
+            some = max(some, self._unheld * min(1.0, unbalanced + now.constraints))
         return some, none
 
     @property

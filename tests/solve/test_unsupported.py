@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from curved_scenes import Shell
-from scenes import WORLD, box, plane, slide, vector_space
+from scenes import WORLD, box, elastic, plane, slide, vector_space
 
 import ufl
 from dolfinx import fem
@@ -78,3 +78,28 @@ def test_let_go_by_all():
         if depth > 0:
             assert contacts[1].force("master")[1] > 0
     assert counts[-1] <= 30 and max(abs(contacts[1].force("master"))) == 0.0
+
+
+@pytest.mark.parametrize("enforcement", ("augmented-lagrangian", "penalty"))
+def test_falls_to_its_support(enforcement):
+    """A heavy strip, let go by the punch that bent it, falls to the support: a slender body."""
+    msh = box(WORLD, (60, 2), "quadrilateral", [0.0, 0.0], [30.0, 1.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    F = elastic(u, E=2e5, nu=0.3, force=ufl.as_vector((0.0, -0.01)))
+    lower, upper = (qs.Surface(V, facets=plane(msh, 1, y)) for y in (0.0, 1.0))
+    punch = qs.RigidSurface.cylinder(WORLD, [0.0, 4.0], None, 3.0)
+    support = qs.RigidSurface.cylinder(WORLD, [20.0, -3.0], None, 3.0)
+    above, below = (
+        qs.Contact(surface, tool, enforcement=enforcement)
+        for surface, tool in ((upper, punch), (lower, support))
+    )
+    problem = qs.ContactProblem([F], [u], [above, below], [[slide(V, 0, plane(msh, 0, 0.0))]])
+    punch.displacement = [0.0, -0.2]
+    problem.solve()
+    assert above.force("master")[1] > 1.0
+    punch.displacement = [0.0, 0.2]
+    problem.solve()
+    assert problem.num_iterations <= 15
+    np.testing.assert_allclose(below.force("slave"), [0.0, 0.3], atol=1e-7)
+    assert np.all(above.force("slave") == 0.0)
