@@ -183,20 +183,29 @@ class OneNewton:
     # --- The line search
 
     def _search(self, z: Array, at: State, change: Array) -> tuple[Array, State, float]:
-        """As much of the step as makes the merit fall, or else all of it. Collective."""
-        before, step, largest = self._merit(at), 1.0, None
+        """As much of the step as makes the merit fall, or else all of it. Collective.
+
+        A step that takes the last closed row from a tool that a force drives is taken if all do.
+        """
+        before, step = self._merit(at), 1.0
+        largest: float | None = None
+        losing: float | None = None
         unseen: NoGapError | None = None
         for _ in range(MAX_HALVINGS):
             try:
                 there = self.equations.evaluate(z + step * change)
-                merit = np.inf if self._loses_a_tool(at, there) else self._merit(there)
+                merit = self._merit(there)
             except NoGapError as error:
                 merit, unseen = np.inf, error
             if np.isfinite(merit):
-                if merit <= (1 - FALL * step) * before:
+                if self._loses_a_tool(at, there):
+                    losing = losing or step
+                elif merit <= (1 - FALL * step) * before:
                     return z + step * change, there, step
-                largest = largest or step
+                else:
+                    largest = largest or step
             step /= 2
+        largest = largest or losing
         if largest is None:
             if unseen is not None:
                 raise unseen
