@@ -92,6 +92,7 @@ class SaddleFactors:
             self._memory *= 10
             if self._linear.has_factors:  # options are read again with each new factorisation
                 name = f"{self._linear.ksp.getOptionsPrefix()}mat_mumps_icntl_14"
+                self._memory = max(self._memory, 10 * PETSc.Options().getInt(name, 0))
                 PETSc.Options().setValue(name, self._memory)
             self._take(matrix)
 

@@ -241,10 +241,9 @@ def test_lands_on_the_end():
     raises_everywhere(WORLD, ValueError, "t_end", lambda: case.stepper.step(0.1))
 
 
+@pytest.mark.several_ranks
 def test_dt_of_a_rank_alone():
     """Δt set on one rank alone is refused by all, and no step is made."""
-    if WORLD.size == 1:
-        pytest.skip("one rank")
     case = Upset(dt=0.05)
     case.stepper.dt = 0.01 if WORLD.rank else 0.05
     raises_everywhere(WORLD, ValueError, "dt", case.stepper.step)
