@@ -203,6 +203,10 @@ class Coulomb(Limited):
 class Tresca(Limited):
     """Tresca's law |τ| ≤ κ at nodes in contact.
 
+    τ jumps to zero where a node opens, so that a step in which nodes open can have more than one
+    equilibrium: which one is found may depend on the order of bodies and on the number of ranks.
+    :class:`CoulombTresca`, whose bound vanishes with the pressure, has no such jump.
+
     Args:
         limit: κ, stress.
     """

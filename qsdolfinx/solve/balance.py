@@ -87,8 +87,10 @@ class Balance:
         #: Largest gap (length) that multipliers have left at the last iterate, over all ranks.
         self.open_gap = 0.0
         self._was_in_floor, self._is_held, self._unheld = False, True, UNHELD
-        #: Largest residual, contact forces and multiplier of the solve so far.
-        self._seen: Array = np.zeros(3)
+        #: Largest residual and contact forces of the solve so far.
+        self._seen: Array = np.zeros(2)
+        #: Largest multiplier of the last iterate: a step from there leaves a part of it as rounding.
+        self._last = 0.0
 
     def is_found(self, at: State, step: float) -> bool:
         """Whether an evaluation's unknowns solve the equations; notes the iterate. Collective.
@@ -136,8 +138,9 @@ class Balance:
             self._unheld = min(UNHELD, self._spring_of(R, free))
         limits = self._rtol * forces, self._rtol * largest[1]
         self.until = max(float(limits[0]), self._atol)
-        self._seen = np.maximum(self._seen, [residual, forces, largest[1]])
-        rounded, largest[2] = max(rounded, *self._seen[:2]), max(largest[2], self._seen[2])
+        self._seen = np.maximum(self._seen, [residual, forces])
+        rounded, largest[2] = max(rounded, *self._seen), max(*largest[1:], self._last)
+        self._last = float(largest[1])
         self.until = max(self.until, float(ROUNDING * rounded))
         floors = max(limits[0], ROUNDING * rounded), max(limits[1], ROUNDING * largest[2])
         in_floor = bool(residual <= floors[0] and largest[0] <= floors[1])
@@ -213,7 +216,7 @@ class Balance:
         if not self._is_held:
             # Over the largest contact forces of the solve: those of now may have vanished. Bodies
             # that have been let go have had none in all of it.
-            now, (residual, forces, _) = self.history[-1], self._seen
+            now, (residual, forces) = self.history[-1], self._seen
             largest = forces if forces > 0 else residual
             unbalanced = now.residual / largest if largest > 0 else 0.0
             some = max(some, self._unheld * min(1.0, unbalanced + now.constraints))

@@ -52,7 +52,7 @@ class Tangential(typing.NamedTuple):
         Rounding would close some of these where λ = ḡ = 0, and the law would jump.
         """
         if self.filled is None:
-            return np.zeros_like(self.active)
+            return ~self.active
         return ~(self.active & self.filled.closed)
 
     @property
@@ -187,7 +187,7 @@ class FrictionRows:
             state.augmented = self.slip.tangential(tangential)
         if self.slip.friction.needs_dt:
             state.solved = self.slip.tangential(tangential)
-        if at.filled is not None:
+        if self.slip.friction.jumps:
             size = np.linalg.norm(tangential, axis=1)
             state.on_edge = np.where(at.on_edge, size, np.inf)
 
