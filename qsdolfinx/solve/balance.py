@@ -89,7 +89,7 @@ class Balance:
         self._was_in_floor, self._is_held, self._unheld = False, True, UNHELD
         #: Largest residual and contact forces of the solve so far.
         self._seen: Array = np.zeros(2)
-        #: Largest multiplier of the last iterate: a step from there leaves a part of it as rounding.
+        #: Largest multiplier of the last iterate: a step from there leaves rounding of it.
         self._last = 0.0
 
     def is_found(self, at: State, step: float) -> bool:
