@@ -450,6 +450,9 @@ def insert_slip_curvature(
 ) -> None:
     """Add how the forces of given tractions on objective slip change to the blocks (ss, sm, ms, mm). Collective."""
 
+def keep_points(points: PairingPoints, which: numpy.typing.NDArray[numpy.uint8]) -> None:
+    """Forget points but those, [point]."""
+
 def mean_of_rows(
     x: numpy.typing.NDArray[numpy.float64], rows: numpy.typing.NDArray[numpy.int32]
 ) -> numpy.typing.NDArray[numpy.float64]:
@@ -502,6 +505,11 @@ def pair_surfaces(
     corners: bool = False,
 ) -> PairingPoints:
     """Nodal pairing points; collective."""
+
+def pair_vertices(
+    slave: Surface, master: Surface, which: numpy.typing.NDArray[numpy.uint8], radius: SearchRadius
+) -> PairingPoints:
+    """Points at some owned nodes of the slave, [node], with the closest places on the master; collective."""
 
 def put_rows(
     block: int,
@@ -559,6 +567,9 @@ def sample_facets(
 
 def sample_nodes(slave: Surface) -> PairingPoints:
     """Points at the nodes, without a master."""
+
+def sample_vertices(slave: Surface, which: numpy.typing.NDArray[numpy.uint8]) -> PairingPoints:
+    """Points at some owned nodes, [node], of any degree, without a master."""
 
 def set_places(
     matrix: int, rows: numpy.typing.NDArray[numpy.int64], columns: numpy.typing.NDArray[numpy.int64]

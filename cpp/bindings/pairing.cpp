@@ -113,6 +113,16 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "corners"_a = false,
       "Nodal pairing points; collective.");
   m.def(
+      "pair_vertices",
+      [](const Surface& slave, const Surface& master, In<std::uint8_t> which,
+         const SearchRadius& radius) { return pair_vertices(slave, master, which.view(), radius); },
+      "slave"_a, "master"_a, "which"_a, "radius"_a,
+      "Points at some owned nodes of the slave, [node], with the closest places on the master; "
+      "collective.");
+  m.def(
+      "keep_points", [](PairingPoints& points, In<std::uint8_t> which)
+      { points.keep(which.view()); }, "points"_a, "which"_a, "Forget points but those, [point].");
+  m.def(
       "with_traces",
       [](const PairingPoints& points, int block, In<std::int64_t> slave_dofs,
          In<std::int32_t> slave_owner, In<double> slave_values, In<std::int64_t> master_dofs,
@@ -240,6 +250,10 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "Heights over the facets at quadrature points, facet by facet, of given heights at their "
       "nodes of degree 2 or of a curvature found from the facets' turning; collective.");
   m.def("sample_nodes", &sample_nodes, "slave"_a, "Points at the nodes, without a master.");
+  m.def(
+      "sample_vertices", [](const Surface& slave, In<std::uint8_t> which)
+      { return sample_vertices(slave, which.view()); }, "slave"_a, "which"_a,
+      "Points at some owned nodes, [node], of any degree, without a master.");
   m.def(
       "sample_facets", [](const Surface& slave, In<double> x, In<double> w)
       { return sample_facets(slave, rule(x, w)); }, "slave"_a, "x"_a, "w"_a,

@@ -56,7 +56,8 @@ void qsdolfinx::bind_search(nb::module_& m)
       {
         if (x.array.size() != normal.array.size())
           throw std::invalid_argument("closest_points: one normal for each point");
-        const ClosestFacets c = closest_facets({x.view(), normal.view()}, own, surface, radius);
+        const ClosestFacets c
+            = closest_facets({x.view(), normal.view()}, own, surface, SearchRadius{radius});
         const std::size_t n = c.found.size(), width = n > 0 ? c.dofs.size() / n : 0;
         std::vector<std::int64_t> first(n);
         for (std::size_t i = 0; i < n; ++i)

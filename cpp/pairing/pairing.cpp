@@ -9,6 +9,20 @@ using namespace qsdolfinx;
 
 namespace
 {
+/// Keep entries of `width` values for which `keep` is set.
+template <typename T>
+void filter(std::vector<T>& values, std::span<const std::uint8_t> keep, std::size_t width)
+{
+  std::size_t next = 0;
+  for (std::size_t p = 0; p < keep.size(); ++p)
+    if (keep[p])
+    {
+      std::copy_n(values.begin() + p * width, width, values.begin() + next * width);
+      ++next;
+    }
+  values.resize(next * width);
+}
+
 /// A point within a facet, as found for node k.
 void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, int block)
 {
@@ -33,7 +47,7 @@ public:
   {
   }
 
-  /// Node k and what was found for it, or for a side of it. @param of areas of nodes
+  /// Node k and what was found for it, or for a side of it. @param of places and areas of nodes
   /// @param normals the nodes' or, at creases, those of the sides that face what was found
   /// @param entry in these and in what was found
   void append(std::size_t k, const Nodes& of, const std::vector<double>& normals,
@@ -152,6 +166,14 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
 }
 } // namespace
 
+void qsdolfinx::append_own_multipliers(PairingPoints& points)
+{
+  const auto n = static_cast<std::size_t>(points.num_multipliers);
+  points.multiplier_values.assign(points.size() * n, 0.0);
+  for (std::size_t p = 0; p < points.size(); ++p)
+    points.multiplier_values[p * n] = 1;
+}
+
 void qsdolfinx::append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int block,
                             int rank)
 {
@@ -176,6 +198,13 @@ PairingPoints::PairingPoints(const Surface& s, const Surface* m)
 void PairingPoints::reserve(std::size_t n)
 {
   for_each_array([n](auto& values, std::size_t width) { values.reserve(n * width); });
+}
+
+void PairingPoints::keep(std::span<const std::uint8_t> which)
+{
+  if (which.size() != size())
+    throw std::invalid_argument("one flag for each point");
+  for_each_array([which](auto& values, std::size_t width) { filter(values, which, width); });
 }
 
 PairingPoints PairingPoints::scaled(std::span<const double> factor) const
@@ -258,5 +287,34 @@ PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& mast
                         points.by_sides ? &sides : nullptr);
   }
   points.multiplier_values = points.slave.shape_values; // the trace is P1 or Q1
+  return points;
+}
+
+PairingPoints qsdolfinx::pair_vertices(const Surface& slave, const Surface& master,
+                                       std::span<const std::uint8_t> which,
+                                       const SearchRadius& radius)
+{
+  const Nodes& nodes = slave.nodes();
+  if (which.size() != nodes.size())
+    throw std::invalid_argument("pair_vertices: one flag for each owned node");
+  PairingPoints points(slave, &master);
+  std::vector<std::size_t> at;
+  Nodes places; // of these nodes
+  for (std::size_t k = 0; k < which.size(); ++k)
+    if (which[k])
+    {
+      at.push_back(k);
+      append_record(places.x, nodes.x, k, 3);
+      append_record(places.normal, nodes.normal, k, 3);
+      places.area.push_back(nodes.area[k]);
+      places.facet_size.push_back(nodes.facet_size[k]);
+    }
+  const ClosestFacets found
+      = closest_facets({places.x, places.normal, places.facet_size}, slave, master, radius);
+  NodalPoints out(points, slave, true, 1.0, Normals::facet);
+  for (std::size_t i = 0; i < at.size(); ++i)
+    if (found.found[i])
+      out.append(at[i], places, places.normal, found, i, 0);
+  append_own_multipliers(points);
   return points;
 }

@@ -3,6 +3,7 @@
 
 #include "search/search.h"
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace qsdolfinx
@@ -73,6 +74,8 @@ struct PairingPoints
   }
   /// Room for n points in all, so that appending allocates nothing.
   void reserve(std::size_t n);
+  /// Forget points. @param which are kept, [point]
+  void keep(std::span<const std::uint8_t> which);
   /// No points, but with as many places in each.
   PairingPoints none_like() const;
   /// What another field on the same facets has in the place of a side's.
@@ -94,6 +97,9 @@ struct PairingPoints
 
 /// Append a point at an owned node: the node itself is its only vertex.
 void append_node(PairingSide& side, const Nodes& nodes, std::size_t k, int block, int rank);
+
+/// Let each point, at a node, belong to that node's multiplier alone.
+void append_own_multipliers(PairingPoints& points);
 
 /// Which normals the gap is measured along.
 enum class Normals
@@ -118,5 +124,13 @@ enum class Sampling
 /// @throws std::invalid_argument on traces of degree 2, or as PairingPoints does
 PairingPoints pair_surfaces(const Surface& slave, const Surface& master, Sampling sampling,
                             const SearchRadius& radius, Normals normals, bool corners);
+
+/// Points at vertices of the slave alone, with the closest places on the master and the normals
+/// there. Collective.
+/// @param which of its owned nodes, [node]
+/// @param radius as for pair_surfaces
+/// @throws std::invalid_argument as PairingPoints does, or on another number of nodes
+PairingPoints pair_vertices(const Surface& slave, const Surface& master,
+                            std::span<const std::uint8_t> which, const SearchRadius& radius);
 
 } // namespace qsdolfinx

@@ -6,37 +6,30 @@
 
 using namespace qsdolfinx;
 
-namespace
-{
-/// Keep entries of `width` values for which `keep` is set.
-template <typename T>
-void filter(std::vector<T>& values, std::span<const std::uint8_t> keep, std::size_t width)
-{
-  std::size_t next = 0;
-  for (std::size_t p = 0; p < keep.size(); ++p)
-    if (keep[p])
-    {
-      std::copy_n(values.begin() + p * width, width, values.begin() + next * width);
-      ++next;
-    }
-  values.resize(next * width);
-}
-} // namespace
-
 PairingPoints qsdolfinx::sample_nodes(const Surface& slave)
 {
   if (slave.degree() != 1)
     throw std::invalid_argument("nodal pairing points need traces of degree 1");
-  PairingPoints out(slave, nullptr);
+  return sample_vertices(slave, std::vector<std::uint8_t>(slave.nodes().size(), 1));
+}
+
+PairingPoints qsdolfinx::sample_vertices(const Surface& slave, std::span<const std::uint8_t> which)
+{
   const Nodes& nodes = slave.nodes();
-  for (std::size_t k = 0; k < nodes.size(); ++k)
-    append_node(out.slave, nodes, k, out.block, slave.rank());
-  out.multiplier_values = out.slave.shape_values;
+  if (which.size() != nodes.size())
+    throw std::invalid_argument("sample_vertices: one flag for each owned node");
+  PairingPoints out(slave, nullptr);
+  for (std::size_t k = 0; k < which.size(); ++k)
+    if (which[k])
+    {
+      append_node(out.slave, nodes, k, out.block, slave.rank());
+      append_record(out.normal, nodes.normal, k, 3);
+      append_record(out.master.x, nodes.x, k, 3);
+      out.weight.push_back(nodes.area[k]);
+    }
+  append_own_multipliers(out);
   out.multiplier_side.assign(out.multiplier_values.size(), 0);
-  out.weight = nodes.area;
-  out.normal = nodes.normal;
-  out.master.x = nodes.x;
-  out.gap.assign(nodes.size(), 0.0);
+  out.gap.assign(out.size(), 0.0);
   return out;
 }
 
@@ -98,7 +91,7 @@ void qsdolfinx::face_tool(PairingPoints& points, std::span<const std::uint8_t> k
   points.gap.assign(gap.begin(), gap.end());
   for (std::size_t i = 0; i < 3 * n; ++i)
     points.master.x[i] = points.slave.x[i] + gap[i / 3] * normal[i];
-  points.for_each_array([keep](auto& values, std::size_t width) { filter(values, keep, width); });
+  points.keep(keep);
 }
 
 void qsdolfinx::forget_master(PairingPoints& points)

@@ -11,6 +11,10 @@ namespace qsdolfinx
 /// Points at the nodes of a slave surface, with weights S_k, outward normals and no gap.
 PairingPoints sample_nodes(const Surface& slave);
 
+/// The same at some of its owned nodes, whatever the degree. @param which [node]
+/// @throws std::invalid_argument on another number of nodes
+PairingPoints sample_vertices(const Surface& slave, std::span<const std::uint8_t> which);
+
 /// Quadrature points on the facets of a slave surface, facet by facet, with outward normals and no
 /// gap. @param rule points on the reference facet, weights sum to 1
 PairingPoints sample_facets(const Surface& slave, const Rule& rule);

@@ -89,14 +89,14 @@ Queries send_queries(const Places& n, const Surface& surface, std::span<const Bo
 /// Candidates flattened for the way back: one record each.
 struct Answers
 {
-  int nv, block;
+  int nv, nt, block;
   std::vector<std::int64_t> query; ///< query it answers, in the asking rank's numbering
   std::vector<double> values;      ///< distance, size, beside, x, normal, N, sorted vertices
-  std::vector<std::int64_t> dofs;  ///< [record][vertex][block]
-  std::vector<int> owner;          ///< [record][vertex]
+  std::vector<std::int64_t> dofs;  ///< [record][trace node][block]
+  std::vector<int> owner;          ///< [record][trace node]
   std::vector<std::uint8_t> side;  ///< [record][vertex], if asked for
 
-  int width() const { return 9 + nv + 3 * nv; }
+  int width() const { return 9 + nt + 3 * nv; }
   std::span<const double> value(std::size_t i) const
   {
     return std::span(values).subspan(i * width(), width());
@@ -107,23 +107,23 @@ struct Answers
   Vec3 x(std::size_t i) const { return {value(i)[3], value(i)[4], value(i)[5]}; }
   Vec3 normal(std::size_t i) const { return {value(i)[6], value(i)[7], value(i)[8]}; }
   double tie(std::size_t i) const { return tie_tolerance * size(i); }
-  std::span<const double> name(std::size_t i) const { return value(i).subspan(9 + nv); }
+  std::span<const double> name(std::size_t i) const { return value(i).subspan(9 + nt); }
 
   void append(std::int64_t q, const Surface& s, const Candidate& c, bool is_beside,
               const std::vector<std::uint8_t>* sides)
   {
     query.push_back(q);
     const Vec3 n = s.normal(c.facet, c.point.xi);
-    const auto N = shape_functions(s.type(), c.point.xi);
+    const auto N = trace_functions(s.type(), s.degree(), c.point.xi);
     values.insert(values.end(), {c.point.distance, s.facets().size[c.facet], 1.0 * is_beside});
     values.insert(values.end(), c.point.x.begin(), c.point.x.end());
     values.insert(values.end(), n.begin(), n.end());
-    values.insert(values.end(), N.begin(), N.begin() + nv);
+    values.insert(values.end(), N.begin(), N.begin() + nt);
     const auto v = s.facet_x(c.facet);
     const auto name = name_of(v);
     values.insert(values.end(), name.begin(), name.begin() + v.size());
-    append_record(dofs, s.facets().vertex_dofs, c.facet, nv * block);
-    append_record(owner, s.facets().vertex_owner, c.facet, nv);
+    append_record(dofs, s.facets().dofs, c.facet, nt * block);
+    append_record(owner, s.facets().owner, c.facet, nt);
     if (sides)
       append_record(side, *sides, c.facet, nv);
   }
@@ -147,7 +147,7 @@ Answers answer_queries(const Surface& surface, LocalSearch& search, const Querie
   }
   const auto received = q.exchange->forward<std::int64_t>(numbers, 2);
 
-  Answers mine{surface.num_vertices(), surface.block(), {}, {}, {}, {}, {}};
+  Answers mine{surface.num_vertices(), surface.num_trace(), surface.block(), {}, {}, {}, {}, {}};
   std::vector<int> dest;
   for (std::size_t i = 0; i < q.exchange->num_received(); ++i)
   {
@@ -160,11 +160,11 @@ Answers answer_queries(const Surface& surface, LocalSearch& search, const Querie
     }
   }
   Exchange back(surface.comm(), dest);
-  Answers out{mine.nv, mine.block, {}, {}, {}, {}, {}};
+  Answers out{mine.nv, mine.nt, mine.block, {}, {}, {}, {}, {}};
   out.query = back.forward<std::int64_t>(mine.query, 1);
   out.values = back.forward<double>(mine.values, mine.width());
-  out.dofs = back.forward<std::int64_t>(mine.dofs, mine.nv * mine.block);
-  out.owner = back.forward<int>(mine.owner, mine.nv);
+  out.dofs = back.forward<std::int64_t>(mine.dofs, mine.nt * mine.block);
+  out.owner = back.forward<int>(mine.owner, mine.nt);
   if (sides)
     out.side = back.forward<std::uint8_t>(mine.side, mine.nv);
   return out;
@@ -220,16 +220,16 @@ Vec3 middle_of(std::span<const double> x)
 void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candidate& c,
           const std::vector<std::uint8_t>* sides)
 {
-  const std::size_t nv = surface.num_vertices(), width = nv * surface.block();
+  const std::size_t nv = surface.num_vertices(), nt = surface.num_trace();
+  const std::size_t width = nt * surface.block();
   const Vec3 n = surface.normal(c.facet, c.point.xi);
-  const auto N = shape_functions(surface.type(), c.point.xi);
+  const auto N = trace_functions(surface.type(), surface.degree(), c.point.xi);
   out.found[k] = 1;
   std::ranges::copy(c.point.x, out.x.begin() + 3 * k);
   std::ranges::copy(n, out.normal.begin() + 3 * k);
-  std::copy_n(N.begin(), nv, out.shape_values.begin() + nv * k);
-  std::copy_n(surface.facets().vertex_dofs.begin() + c.facet * width, width,
-              out.dofs.begin() + k * width);
-  std::copy_n(surface.facets().vertex_owner.begin() + c.facet * nv, nv, out.owner.begin() + k * nv);
+  std::copy_n(N.begin(), nt, out.shape_values.begin() + nt * k);
+  std::copy_n(surface.facets().dofs.begin() + c.facet * width, width, out.dofs.begin() + k * width);
+  std::copy_n(surface.facets().owner.begin() + c.facet * nt, nt, out.owner.begin() + k * nt);
   std::ranges::copy(middle_of(surface.facet_x(c.facet)), out.middle.begin() + 3 * k);
   if (sides)
     std::copy_n(sides->begin() + c.facet * nv, nv, out.side.begin() + k * nv);
@@ -238,14 +238,14 @@ void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candi
 /// Answer with what a rank has sent.
 void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answer)
 {
-  const std::size_t nv = a.nv, width = nv * a.block;
+  const std::size_t nv = a.nv, nt = a.nt, width = nt * a.block;
   const auto v = a.value(answer);
   out.found[k] = 1;
   std::copy_n(v.begin() + 3, 3, out.x.begin() + 3 * k);
   std::copy_n(v.begin() + 6, 3, out.normal.begin() + 3 * k);
-  std::copy_n(v.begin() + 9, nv, out.shape_values.begin() + nv * k);
+  std::copy_n(v.begin() + 9, nt, out.shape_values.begin() + nt * k);
   std::copy_n(a.dofs.begin() + answer * width, width, out.dofs.begin() + k * width);
-  std::copy_n(a.owner.begin() + answer * nv, nv, out.owner.begin() + k * nv);
+  std::copy_n(a.owner.begin() + answer * nt, nt, out.owner.begin() + k * nt);
   std::ranges::copy(middle_of(a.name(answer)), out.middle.begin() + 3 * k);
   if (!a.side.empty())
     std::copy_n(a.side.begin() + answer * nv, nv, out.side.begin() + k * nv);
@@ -262,11 +262,12 @@ public:
         sides_(sides), refused_(nodes_.size(), 0), near_back_(nodes_.size(), 0),
         num_equal_(nodes_.size(), 0), sizes_(nodes_.size(), 0)
   {
-    const std::size_t n = nodes_.size(), nv = surface.num_vertices(), block = surface.block();
+    const std::size_t n = nodes_.size(), block = surface.block();
+    const std::size_t nv = surface.num_vertices(), nt = surface.num_trace();
     out_ = {std::vector<std::uint8_t>(n, 0),
-            std::vector<std::int64_t>(n * nv * block, -1),
-            std::vector<int>(n * nv, -1),
-            std::vector<double>(n * nv, 0),
+            std::vector<std::int64_t>(n * nt * block, -1),
+            std::vector<int>(n * nt, -1),
+            std::vector<double>(n * nt, 0),
             std::vector<double>(n * 3, 0),
             std::vector<double>(n * 3, 0),
             std::vector<double>(n * 3, 0),
@@ -448,9 +449,9 @@ ClosestFacets qsdolfinx::closest_facets(const Surface& nodes, const Surface& sur
 }
 
 ClosestFacets qsdolfinx::closest_facets(const Places& points, const Surface& own,
-                                        const Surface& surface, double radius)
+                                        const Surface& surface, const SearchRadius& radius)
 {
-  return NodeSearch(own, points, surface, SearchRadius{radius}, false, nullptr).run();
+  return NodeSearch(own, points, surface, radius, false, nullptr).run();
 }
 
 ClosestFacets qsdolfinx::closest_opposite(const Surface& of_places, const Nodes& places,

@@ -14,9 +14,9 @@ namespace qsdolfinx
 struct ClosestFacets
 {
   std::vector<std::uint8_t> found;  ///< 1 if the node is paired
-  std::vector<std::int64_t> dofs;   ///< unknowns of the facet's vertices, [node][vertex][block]
-  std::vector<int> owner;           ///< their owners, [node][vertex]
-  std::vector<double> shape_values; ///< shape functions at the closest point, [node][vertex]
+  std::vector<std::int64_t> dofs;   ///< unknowns of the facet's trace, [node][trace node][block]
+  std::vector<int> owner;           ///< their owners, [node][trace node]
+  std::vector<double> shape_values; ///< trace functions at the closest point, [node][trace node]
   std::vector<double> x;            ///< closest point, [node][3]
   std::vector<double> normal;       ///< outward unit normal of the facet there, [node][3]
   std::vector<double> mean_normal;  ///< mean of those of all facets whose closest point it is
@@ -53,7 +53,7 @@ ClosestFacets closest_facets(const Surface& nodes, const Surface& surface,
 
 /// The same for any points of this rank. @param own surface that they are on
 ClosestFacets closest_facets(const Places& points, const Surface& own, const Surface& surface,
-                             double radius);
+                             const SearchRadius& radius);
 
 /// The same for places with normals of their own on the first surface. Facets count if their normal
 /// and the place's enclose more than 120°. Collective.

@@ -36,7 +36,7 @@ def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
         'of: sliding="finite" and contact with itself keep no pairing points; use small sliding, '
         "in time steps",
     )
-    require(len(of.gaps) == 1, 'of: "double-pass" contact pairs twice; use "quasi-symmetric"')
+    require(len(of.of_sides) == 1, 'of: "double-pass" contact pairs twice; use "quasi-symmetric"')
     other, there = deformable(of.master), deformable(master)
     fits = _same_facets(of.slave, slave)  # also where a rank has none
     swapped = not fits and other is not None and _same_facets(other, slave)

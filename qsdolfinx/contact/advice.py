@@ -162,7 +162,7 @@ def _total(model: ContactModel, count: int) -> int:
 
 
 def _finer_master(model: ContactModel) -> str:
-    if model.settings.sampling.quadrature != "nodal" or len(model.gaps) > 1:
+    if model.settings.sampling.quadrature != "nodal" or len(model.of_sides) > 1:
         return ""
     sizes = local_sizes(model)
     if sizes is None or sizes[1] >= FINER * sizes[0]:

@@ -18,9 +18,8 @@ from qsdolfinx.contact.depth import depths_of_points
 from qsdolfinx.contact.depth import gap as gap_at_nodes
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
-from qsdolfinx.surface.affine import EDGES
+from qsdolfinx.pairing.vertices import sharp_nodes
 from qsdolfinx.surface.deformed import DegenerateFacetsError
-from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
 
@@ -30,10 +29,6 @@ NOTICED = 0.08
 
 #: The same of a corner where nothing else carries anything: it should bear from the first touch on.
 ALONE = 0.01
-
-#: Sum of the normals of a node's facets over their number, of facets that turn by 30° there: a
-#: corner for which no quadrature point stands.
-SMOOTH = float(np.cos(np.pi / 12))
 
 #: The same, in units of the largest weighted gap: a soft penalty lets in all around a node.
 UNEVEN = 3.0
@@ -123,38 +118,6 @@ def _deepest_mean(model: ContactModel) -> float:
         return results.weighted_penetration(model)
     means = gap.rows.on_nodes(gap.state.values[:, 0], 0.0)
     return float(model.comm.allreduce(float(np.max(means, initial=0.0)), op=MPI.MAX))
-
-
-def sharp_nodes(slave: Surface) -> npt.NDArray[np.bool_]:
-    """Owned nodes whose facets' normals are apart by more than some 30°. Collective."""
-    normals = _normals_at_vertices(slave).reshape(-1, 3)
-    dofs = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices, 0].astype(PETSc.IntType)
-    sums = []
-    for values in (*normals.T, np.ones(len(normals))):
-        vec = slave.create_vec()
-        vec.setValues(dofs.ravel(), values, addv=PETSc.InsertMode.ADD_VALUES)
-        vec.assemble()
-        sums.append(vec.array_r[slave.node_dofs[:, 0] - vec.owner_range[0]].copy())
-        vec.destroy()
-    return np.asarray(np.linalg.norm(sums[:3], axis=0) < SMOOTH * sums[3])
-
-
-def _normals_at_vertices(slave: Surface) -> Array:
-    """Outward unit normals of the facets, curved as their mesh is, (facets, vertices, 3)."""
-    x, inside, nodes = slave.coordinates
-    count = slave.num_facet_vertices
-    tangents: list[list[Array]] = [[] for _ in range(count)]
-    for at, (i, j) in enumerate(EDGES[count], start=count):
-        middle = (x[:, i] + x[:, j]) / 2 if nodes is None else nodes[:, at]
-        tangents[i].append(4 * middle - 3 * x[:, i] - x[:, j])
-        tangents[j].append(4 * middle - 3 * x[:, j] - x[:, i])
-    out = np.empty_like(x)
-    for i, (along, *others) in enumerate(tangents):
-        across = others[0] if others else np.broadcast_to([0.0, 0.0, 1.0], along.shape)
-        out[:, i] = np.cross(along, across)
-    outward = x.mean(axis=1) - inside
-    out *= np.sign(np.sum(outward[:, None] * out, axis=2))[..., None]
-    return np.asarray(out / np.maximum(np.linalg.norm(out, axis=2), 1e-300)[..., None])
 
 
 def _facet_sizes(model: ContactModel, gap: WeightedGap) -> Array:

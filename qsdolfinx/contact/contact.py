@@ -47,6 +47,7 @@ from qsdolfinx.gap.rows import CONSTRAINTS
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.pairing.relief import Side, Smoothing, sides_of
+from qsdolfinx.pairing.vertices import has_creases
 from qsdolfinx.surface.itself import boundary_of
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
@@ -273,6 +274,8 @@ class Contact:
         if itself:
             slave, master = boundary_of(slave), boundary_of(slave)
         follows = sliding == "finite" and not law.jump
+        at_points = constraints == "points" and not (itself or isinstance(law, Conductance))
+        sharp = has_creases(slave, at_points), has_creases(master, at_points)
         settings = Settings(
             slave,
             master,
@@ -286,6 +289,7 @@ class Contact:
             augmented,
             float(gap_tolerance),
             sliding,
+            sharp,
         )
         self._smoothing = smoothing
         self.model = ContactModel(
@@ -443,12 +447,12 @@ class Contact:
     @property
     def pairings(self) -> list[Pairing]:
         """Pairing points of every pass: two for double-pass contact, otherwise one."""
-        return [Pairing.from_cpp(p.points) for p in self.model.gaps]
+        return [Pairing.from_cpp(p.points) for p in self.model.of_sides]
 
     @property
     def num_unpaired(self) -> int:
         """Nodes that were searched and found no partner, over all passes and ranks. Collective."""
-        return int(self.comm.allreduce(sum(p.points.num_unpaired for p in self.model.gaps)))
+        return int(self.comm.allreduce(sum(p.points.num_unpaired for p in self.model.of_sides)))
 
     # --- Penalty
 

@@ -28,6 +28,7 @@ from qsdolfinx.gap.shape_points import ShapePoints
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
 from qsdolfinx.pairing.relief import check_curved
+from qsdolfinx.pairing.vertices import pair_vertices
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
@@ -63,6 +64,8 @@ class Settings:
         augmented: Whether the multiplier is augmented until the gap is closed.
         gap_tolerance: Gap at which augmentation ends, in units of the smallest facet.
         sliding: ``"small"`` or ``"finite"``: whether contact's geometry follows the bodies.
+        sharp: Whether vertices at creases of the slave's, and of the master's, have pairs of their
+            own; see :func:`pair_vertices`.
     """
 
     slave: Surface
@@ -75,6 +78,7 @@ class Settings:
     augmented: bool
     gap_tolerance: float
     sliding: str = "small"
+    sharp: tuple[bool, bool] = (False, False)
 
     @property
     def rows(self) -> str:
@@ -92,13 +96,23 @@ class Settings:
             return [first]
         return [first, (master, self.slave)]
 
+    @property
+    def roles_of_vertices(self) -> list[tuple[Surface, AnySurface]]:
+        """The same of the passes of vertices at creases."""
+        master, out = deformable(self.master), []
+        if self.sharp[0]:
+            out.append((self.slave, self.master))
+        if self.sharp[1] and master is not None:
+            out.append((master, self.slave))
+        return out
+
 
 @dataclasses.dataclass(frozen=True)
 class Paired:
     """What one pairing has found; of its parts only the states change.
 
     Attributes:
-        gaps: Weighted gap of each pass.
+        gaps: Weighted gap of each pass: of the sides with multipliers, then of vertices at creases.
         slips: Slip of each pass; none without friction.
         radius: Distance (length) beyond which points were not paired.
         facet_size: Of the smallest facet, length.
@@ -219,6 +233,17 @@ def find_pairs(
             turns=settings.sliding if settings.law.jump else None,
         )
         for (first, second), found in zip(roles, points, strict=True)
+    )
+    gaps += tuple(
+        WeightedGap(
+            *role,
+            pair_vertices(*role, radius),
+            settings.law,
+            1.0,
+            rows="cover",
+            augmented=settings.augmented,
+        )
+        for role in settings.roles_of_vertices
     )
     slips = () if friction is None else friction.slips_of(gaps)
     return Paired(gaps, slips, radius, low, master.version)
@@ -440,8 +465,18 @@ class ContactModel:
 
     @property
     def gaps(self) -> tuple[WeightedGap, ...]:
-        """Weighted gap of each pass."""
+        """Weighted gap of each pass: of the sides with multipliers, then of vertices at creases."""
         return self.paired.gaps
+
+    @property
+    def of_sides(self) -> tuple[WeightedGap, ...]:
+        """Those of the sides with multipliers."""
+        return self.paired.gaps[: len(self.settings.roles)]
+
+    @property
+    def of_vertices(self) -> tuple[WeightedGap, ...]:
+        """Those of vertices at creases."""
+        return self.paired.gaps[len(self.settings.roles) :]
 
     @property
     def slips(self) -> tuple[Slip, ...]:

@@ -83,7 +83,8 @@ def check_sliding(model: ContactModel) -> None:
 
 def _seen(model: ContactModel) -> list[Array]:
     """Where the slave's nodes of each pass are in the frame of its master. Collective."""
-    return [_seen_by(slave, master) for slave, master in model.settings.roles]
+    settings = model.settings
+    return [_seen_by(*role) for role in (*settings.roles, *settings.roles_of_vertices)]
 
 
 def _seen_by(slave: Surface, master: AnySurface) -> Array:

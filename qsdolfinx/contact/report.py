@@ -203,7 +203,7 @@ def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
     counts = np.array(
         [
             sum(p.points.size for p in model.gaps),
-            sum(p.points.num_unpaired for p in model.gaps),
+            sum(p.points.num_unpaired for p in model.of_sides),
             sum(p.num_rows for p in model.gaps),
             0 if model.penalty.value is None else num_closed(model),
             sum(int(np.count_nonzero(slip.slipping)) for slip in model.slips),
@@ -299,8 +299,8 @@ def _side(model: ContactModel, surface: AnySurface) -> SideReport | None:
 def _found(model: ContactModel, surface: AnySurface) -> int | None:
     """Nodes of this rank that found a partner."""
     first = model.gaps[0]
-    if surface is model.slave or len(model.gaps) > 1:
-        p = first if surface is model.slave else model.gaps[1]
+    if surface is model.slave or len(model.of_sides) > 1:
+        p = first if surface is model.slave else model.of_sides[1]
         overlay = model.settings.sampling.quadrature == "overlay"
         return len(p.rows.reached) if overlay else _at_slave(p)
     if (
@@ -355,7 +355,7 @@ def _advice(model: ContactModel, weighted: float, depth: float | None) -> str:
 def _unloaded(model: ContactModel) -> int:
     """Nodes of the master that face the slave within the radius, and no force reaches."""
     surface, p = deformable(model.master), model.gaps[0]
-    if surface is None or len(model.gaps) > 1 or model.with_itself or model.is_scalar:
+    if surface is None or len(model.of_sides) > 1 or model.with_itself or model.is_scalar:
         return 0
     master = surface.linear
     surfaces = master.cpp_object, model.slave.linear.cpp_object

@@ -59,7 +59,7 @@ def agreed(model: ContactModel, side: str) -> AnySurface:
 
 def has_multiplier(model: ContactModel, side: str) -> bool:
     """Whether a side carries multipliers."""
-    return side == "slave" or len(model.gaps) > 1
+    return side == "slave" or len(model.of_sides) > 1
 
 
 def gap_of(model: ContactModel, side: str) -> WeightedGap:
@@ -72,7 +72,7 @@ def gap_of(model: ContactModel, side: str) -> WeightedGap:
     if not has_multiplier(model, side):
         formulation = model.settings.formulation
         raise ValueError(f"side: {formulation} contact has no multiplier on the master")
-    return model.gaps[SIDES.index(side)]
+    return model.of_sides[SIDES.index(side)]
 
 
 def slip_of(model: ContactModel, side: str) -> Slip:
