@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import typing
 
 from mpi4py import MPI
@@ -11,9 +12,10 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.messages import ContactWarning, warn
-from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.model import ContactModel, Settings, radius_of
 from qsdolfinx.contact.orientation import find_turned
 from qsdolfinx.pairing.pair import check_quadrature, find_conforming
+from qsdolfinx.pairing.relief import Smoothing
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
@@ -226,52 +228,120 @@ def _overclosure(model: ContactModel) -> str:
 # --- Facets for curves
 
 
-def chords(model: ContactModel) -> str:
-    """What chord errors of facets do to the gap, if it is much; otherwise empty. Collective."""
-    sampling, master = model.settings.sampling, model.master
+class ChordErrors(typing.NamedTuple):
+    """What facets that stand for curves do to the gap between surfaces that are curved alike.
+
+    Attributes:
+        of_sides: Largest chord error of slave and master (length), 0 of what counts as curved.
+        error: By how much they change the gap (length).
+        gap: Largest clearance or interference there (length).
+    """
+
+    of_sides: Array
+    error: float
+    gap: float
+
+
+def chord_errors(settings: Settings) -> ChordErrors | None:
+    """Chord errors that change gaps much, as surfaces are paired first; None if none do.
+
+    Collective.
+    """
+    slave, sampling, master = settings.slave, settings.sampling, settings.master
     smoothing, analytic = sampling.smoothing, master.is_analytic
     assert smoothing is not None
-    sides: tuple[AnySurface, ...] = (model.slave,) if analytic else (model.slave, master)
-    flat = np.array([not smoothing.covers(side) for side in sides] + [False] * analytic)
+    flat = _flat_sides(settings)
     exact = analytic and sampling.quadrature == "nodal"
-    if model.law.jump or exact or not flat.any():
-        return ""
-    degree = check_quadrature(model.slave, master, "overlay", None)
-    found = find_conforming(model.slave, master, degree, model.paired.radius, smoothing)
+    if settings.law.jump or exact or not flat.any():
+        return None
+    degree = check_quadrature(slave, master, "overlay", None)
+    found = find_conforming(slave, master, degree, radius_of(settings), smoothing)
     if found.part < FEW:
-        return ""
+        return None
     bulges = found.bulges * flat  # what is measured from the curved surface has no chords
     local = bulges[:, 0], bulges[:, 1], bulges[:, 0] - bulges[:, 1], found.gap
     largest = np.array([np.max(np.abs(values), initial=0.0) for values in local])
-    model.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-    error, gap = largest[2:]
-    if error <= max(COARSE * gap, STRAIGHT * model.paired.facet_size):
+    slave.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+    error, gap = map(float, largest[2:])
+    if error <= max(COARSE * gap, STRAIGHT * settings.facet_size):
+        return None
+    if not _vary_with(slave.comm, found.gap, bulges[:, 0] - bulges[:, 1]):
+        return None
+    return ChordErrors(largest[:2], error, gap)
+
+
+def _flat_sides(settings: Settings) -> npt.NDArray[np.bool_]:
+    """Whether gaps are measured from the facets of slave and master, as they are."""
+    smoothing, analytic = settings.sampling.smoothing, settings.master.is_analytic
+    assert smoothing is not None
+    return np.array(
+        [not smoothing.covers(side) for side in _with_facets(settings)] + [False] * analytic
+    )
+
+
+def _with_facets(settings: Settings) -> tuple[AnySurface, ...]:
+    slave, master = settings.slave, settings.master
+    return (slave,) if master.is_analytic else (slave, master)
+
+
+def chords(model: ContactModel) -> str:
+    """What chord errors of facets do to the gap, if it is much; otherwise empty. Collective."""
+    settings = model.settings
+    found = chord_errors(settings)
+    if found is None:
         return ""
-    if not _vary_with(model, found.gap, bulges[:, 0] - bulges[:, 1]):
-        return ""
-    finer = _finer(model, largest[:2], COARSE * gap)
+    finer = _finer(model, found.of_sides, COARSE * found.gap)
     cure = 'smoothing="shared-curvature"'
-    if sampling.quadrature != "overlay":
+    if settings.sampling.quadrature != "overlay":
         cure += ' with quadrature="overlay"'
     cures = [cure, finer]
-    if model.settings.sliding == "finite":
-        cures = [_bent(sides, flat), finer or "finer facets"]
+    if settings.sliding == "finite":
+        cures = [_bent(_with_facets(settings), _flat_sides(settings)), finer or "finer facets"]
+    return f"{_text(settings, found)}: take {', or '.join(filter(None, cures))}"
+
+
+def _text(settings: Settings, found: ChordErrors) -> str:
+    """What chord errors do."""
+    (slave, master), error, gap = found.of_sides, found.error, found.gap
     beside = "; there is no clearance or interference beside it"
     if gap > STRAIGHT * error:
         beside = f", {error / gap:.2g} of the clearance or interference ({gap:.3g})"
     chords = (
-        f"chord error of the slave's facets ({largest[0]:.2g}) changes"
-        if analytic
+        f"chord error of the slave's facets ({slave:.2g}) changes"
+        if settings.master.is_analytic
         else "chord errors of the slave's and the master's facets "
-        f"({largest[0]:.2g}, {largest[1]:.2g}) change"
+        f"({slave:.2g}, {master:.2g}) change"
     )
     return (
         f"facets: where the surfaces are curved the same way, the {chords} the gap by up to "
-        f"{error:.2g}{beside}: take {', or '.join(filter(None, cures))}"
+        f"{error:.2g}{beside}"
     )
 
 
-def _vary_with(model: ContactModel, gap: Array, error: Array) -> bool:
+def smoothed(settings: Settings) -> Settings:
+    """The same with gaps between the curved surfaces that facets stand for. Collective."""
+    both = "shared-curvature", None if settings.master.is_analytic else "shared-curvature"
+    smoothing = Smoothing(settings.slave, settings.master, both)
+    return dataclasses.replace(settings, sampling=settings.sampling._replace(smoothing=smoothing))
+
+
+def tell_smoothed(model: ContactModel, found: ChordErrors) -> None:
+    """Warn that gaps are measured between curved surfaces. Collective.
+
+    Args:
+        model: The contact.
+        found: Why.
+    """
+    finer = _finer(model, found.of_sides, COARSE * found.gap)
+    warn(
+        f"{_text(model.settings, found)}: gaps are measured between the curved surfaces, as with "
+        f'smoothing="shared-curvature"{finer and f"; {finer} need none"}; if the bodies are as '
+        'flat as their facets, write smoothing="none"',
+        ContactWarning,
+    )
+
+
+def _vary_with(comm: MPI.Intracomm, gap: Array, error: Array) -> bool:
     """Whether facets stand for curves, and not for themselves. Collective.
 
     Bodies that are curved have the chord errors in the gap of their facets, which varies with them.
@@ -279,13 +349,13 @@ def _vary_with(model: ContactModel, gap: Array, error: Array) -> bool:
     over chord errors best tells: its slope is 1 or 0.
 
     Args:
-        model: The contact.
+        comm: Communicator of the surfaces.
         gap: Between curved surfaces at points (length).
         error: What chord errors add to it there (length).
     """
     measured = gap + error
     sums = np.array([len(gap), error.sum(), measured.sum(), error @ error, error @ measured])
-    n, e, g, ee, eg = model.comm.allreduce(sums, op=MPI.SUM)
+    n, e, g, ee, eg = comm.allreduce(sums, op=MPI.SUM)
     return bool(n * eg - e * g > 0.5 * (n * ee - e * e))
 
 

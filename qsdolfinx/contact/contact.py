@@ -18,7 +18,7 @@ from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact import fields, motion, multipliers, overclosed, results
 from qsdolfinx.contact.across import BodiesContact, check_of, shares_pairs
-from qsdolfinx.contact.advice import advise
+from qsdolfinx.contact.advice import advise, chord_errors, smoothed, tell_smoothed
 from qsdolfinx.contact.arguments import (
     SLAVE,
     Given,
@@ -141,17 +141,20 @@ class Contact:
             leaves any gap as it is; with it the first two are the same.
         constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
             weighted gaps. ``"points"``: at each pairing point, so that what is open takes nothing
-            from what is closed beside it; on the overlay, not tied.
+            from what is closed beside it, and at vertices at creases of both bodies, which are
+            ahead of their facets; on the overlay, not tied.
         smoothing: What the gap is measured between, one for both sides or a pair for slave and
-            master, on the overlay. ``"none"`` or None: the facets; those of a mesh of degree 2 as
-            they are curved. ``"shared-curvature"``: the curved surfaces that the facets
-            approximate, as far as both sides share their curvature, which is found from how
-            neighbouring facets turn. Creases of more than 30° stay. A surface by name, such as
-            ``qs.smooth.Cylinder``: the one that the side's vertices are on when the contact is
-            made; it goes along with the facets. On conforming surfaces of non-matching meshes, such
-            as shrink fits and journal bearings, or of a slave on an analytic tool, which itself has
-            nothing to smooth, chord errors are not part of the gap then. A tie leaves any gap as it
-            is.
+            master, on the overlay. ``"auto"``: the facets, or with small sliding, where both sides
+            are curved alike and chords change the gap by more than a tenth of the clearance or
+            interference, as ``"shared-curvature"``, with a warning that says so. ``"none"`` or
+            None: the facets; those of a mesh of degree 2 as they are curved. ``"shared-
+            curvature"``: the curved surfaces that the facets approximate, as far as both sides
+            share their curvature, which is found from how neighbouring facets turn. Creases of more
+            than 30° stay. A surface by name, such as ``qs.smooth.Cylinder``: the one that the
+            side's vertices are on when the contact is made; it goes along with the facets. On
+            conforming surfaces of non-matching meshes, such as shrink fits and journal bearings, or
+            of a slave on an analytic tool, which itself has nothing to smooth, chord errors are not
+            part of the gap then. A tie leaves any gap as it is.
 
         sliding: ``"small"``: pairs, normals and areas stay as they were paired while a solve lasts.
             ``"finite"``: the geometry of contact follows the bodies within the solve, however far
@@ -202,7 +205,7 @@ class Contact:
         friction_penalty: float | None = None,
         initial_overclosure: str = "resolve",
         constraints: str = "nodes",
-        smoothing: Side | tuple[Side, Side] = "none",
+        smoothing: Side | tuple[Side, Side] = "auto",
         sliding: str = "small",
         of: Contact | None = None,
     ) -> None:
@@ -244,8 +247,9 @@ class Contact:
                 averaging = quadrature == "overlay" or friction is not None
                 normals = "bisector" if averaging else "facet"
             same(one_of(NORMALS), normals=normals)
-            sides = sides_of(smoothing, master)
-            same(smoothing=sides)
+            automatic = isinstance(smoothing, str) and smoothing == "auto"
+            sides = sides_of("none" if automatic else smoothing, master)
+            same(smoothing=(automatic, sides))
             check_smoothing(sides, quadrature)
             same(either(POSITIVE, "auto"), penalty=penalty)
             same(either(either(POSITIVE, "local"), None), search_radius=search_radius)
@@ -291,6 +295,15 @@ class Contact:
             sliding,
             sharp,
         )
+        alike = None
+        if automatic:
+            may_be = (quadrature, sliding) == ("overlay", "small") and not (
+                itself or slave.is_scalar
+            )
+            alike = chord_errors(settings) if may_be else None
+            smoothing = "none"
+        if alike is not None:
+            settings, smoothing = smoothed(settings), "shared-curvature"
         self._smoothing = smoothing
         self.model = ContactModel(
             settings,
@@ -308,6 +321,8 @@ class Contact:
         )
         motion.pair_anew(self.model)
         advise(self.model)
+        if alike is not None:
+            tell_smoothed(self.model, alike)
 
     # --- What it was made with
 

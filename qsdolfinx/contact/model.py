@@ -88,6 +88,12 @@ class Settings:
         return "cover" if self.sampling.quadrature == "overlay" else "area"
 
     @property
+    def facet_size(self) -> float:
+        """Of the smallest facet, length."""
+        with_facets = [s for s in (self.slave, self.master) if not s.is_analytic]
+        return min(s.facet_size_range[0] for s in with_facets)
+
+    @property
     def roles(self) -> list[tuple[Surface, AnySurface]]:
         """Slave and master of each pass."""
         first: tuple[Surface, AnySurface] = (self.slave, self.master)
@@ -206,11 +212,9 @@ def find_pairs(
         known: Pairing points of its one pass; None if they are to be found.
     """
     slave, master = settings.slave, settings.master
-    with_facets = [s for s in (slave, master) if not s.is_analytic]
     bodies = [s for s in (slave, deformable(master)) if s is not None]
     check_curved(bodies, settings.sampling.quadrature, not master.is_analytic)
-    low = min(s.facet_size_range[0] for s in with_facets)
-    radius = _radius(settings)
+    radius = radius_of(settings)
     roles = settings.roles
     both = settings.formulation == "quasi-symmetric"
     corners = not settings.law.jump  # one pair ties a node in all directions
@@ -246,7 +250,7 @@ def find_pairs(
         for role in settings.roles_of_vertices
     )
     slips = () if friction is None else friction.slips_of(gaps)
-    return Paired(gaps, slips, radius, low, master.version)
+    return Paired(gaps, slips, radius, settings.facet_size, master.version)
 
 
 def _following(
@@ -265,7 +269,7 @@ def _following(
     return Following(slave, master, radius.largest, cutter)
 
 
-def _radius(settings: Settings) -> _cpp.SearchRadius:
+def radius_of(settings: Settings) -> _cpp.SearchRadius:
     """How far from each other points may be that are paired. Collective.
 
     By default the largest facet, as bodies that are pressed come closer to each other all over what

@@ -236,6 +236,7 @@ def test_chords_of_a_fit(misfit, quadrature):
         (text,) = warned(lambda s=sides, o=options: qs.Contact(*s, **o))
         assert text.startswith("facets: ") and "interference (0.01)" in text, text
         assert ('with quadrature="overlay"' in text) == (quadrature == "nodal")
+        assert ("measured between the curved surfaces" in text) == (quadrature == "overlay")
         first, second = map(float, re.search(r"facets \((\S+), (\S+)\)", text).groups())
         assert (second if swap else first) == pytest.approx(chord, rel=0.05)
         size = float(re.search(r"facets of size (\S+)", text).group(1))
@@ -361,7 +362,10 @@ def test_chords_of_hertz(quadrature):
 
 
 def test_chords_on_a_tool():
-    """A ring on a rigid cylinder; not if it is smoothed, fine, large, or its nodes count."""
+    """A ring on a rigid cylinder; not if it is smoothed, fine, large, or its nodes count.
+
+    Without a word about it gaps are measured from the curved ring, and the warning says so.
+    """
     for n, R, found in ((22, 10.005, 1), (22, 9.0, 0), (150, 10.005, 0)):
         ring = Shell((n, 3), (9.995, 15.0))
         tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.0], None, R)

@@ -53,6 +53,17 @@ def test_shrink_fit(n, formulation):
         assert abs(mean / exact - 1) > 0.3 and scatter / exact > 0.2
 
 
+@pytest.mark.parametrize(("n", "is_smooth"), ((RINGS, True), (((64, 4), (90, 4)), False)))
+def test_by_itself(n, is_smooth):
+    """As long as nobody says which surfaces are meant, they are smooth where chords matter."""
+    given = (ShrinkFit(n, smoothing=way).contact for way in ("auto", "shared-curvature", "none"))
+    gaps = [contact.pairing.gap for contact in given]
+    np.testing.assert_array_equal(gaps[0], gaps[1 if is_smooth else 2])
+    assert ShrinkFit(n, smoothing="auto").contact.smoothing == (
+        "shared-curvature" if is_smooth else "none"
+    )
+
+
 def test_shrink_fit_of_triangles():
     scene = ShrinkFit(RINGS, cell="triangle", enforcement="augmented-lagrangian", **SMOOTH)
     scene.problem().solve()
