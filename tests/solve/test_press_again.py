@@ -15,8 +15,9 @@ HEIGHTS = (-0.1, -0.2, -0.05, 0.05, 0.1, -0.15)
 
 
 @pytest.mark.parametrize("driven", (False, True))
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
 @pytest.mark.parametrize("enforcement", ENFORCEMENTS)
-def test_neo_hookean(enforcement, driven):
+def test_neo_hookean(enforcement, constraints, driven):
     """Forces do not depend on the cycle, and vanish twice in a row when the plane is lifted."""
     msh = box(WORLD, (6, 6), "triangle", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
@@ -24,7 +25,7 @@ def test_neo_hookean(enforcement, driven):
     F = ufl.inner(qs.materials.neo_hookean(u, 1.0, 0.3), ufl.grad(ufl.TestFunction(V))) * ufl.dx
     tool = qs.RigidSurface.plane(WORLD, [0.5, 1.0], [0.0, -1.0])
     top = qs.Surface(V, facets=plane(msh, 1, 1.0))
-    contact = qs.Contact(top, tool, enforcement=enforcement)
+    contact = qs.Contact(top, tool, enforcement=enforcement, constraints=constraints)
     problem = qs.ContactProblem([F], [u], [contact], [[clamp(V, plane(msh, 1, 0.0))]])
     forces = []
     for height in 3 * HEIGHTS:
