@@ -212,9 +212,8 @@ class Pair:
             surfaces.append(qs.Surface(V, facets=contact))
         self.master, self.slave = surfaces
         law = qs.Unilateral() if law is None else law
-        self.contact = qs.Contact(
-            self.slave, self.master, formulation, law, penalty, **(contact_options or {})
-        )
+        options = {"smoothing": "none"} | (contact_options or {})  # facets as they are
+        self.contact = qs.Contact(self.slave, self.master, formulation, law, penalty, **options)
 
     def problem(self, **options):
         return qs.ContactProblem(self.F, self.u, [self.contact], self.bcs, **options)

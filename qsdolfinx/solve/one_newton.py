@@ -122,7 +122,7 @@ class OneNewton:
 
         With γ near the bodies' own stiffness what is in contact travels by a facet or two in each
         iteration; the smaller it is the further it goes. Without line search, whose merit belongs
-        to the set of before.
+        to the set of before; a set that comes back would do so again.
 
         Args:
             z: Unknowns of this rank.
@@ -130,7 +130,7 @@ class OneNewton:
         Returns:
             What to go on from: z itself if that leads nowhere.
         """
-        equations, found = self.equations, z.copy()
+        equations, found, sets = self.equations, z.copy(), list[bytes]()
         equations.soften(SOFT)
         self._balance.begin()
         try:
@@ -139,6 +139,9 @@ class OneNewton:
                 done, now = self._is_found(at, 1.0), self._balance.history[-1]
                 if done or max(now.forces, now.constraints, now.tools) <= NEAR:
                     return found
+                sets.append(b"".join(e.closed.tobytes() for e in at.passes))
+                if self._comes_back(sets):
+                    break
                 found = found + self._change(at)
                 at = equations.evaluate(found)
         except (NoConvergence, NoGapError):
@@ -146,6 +149,16 @@ class OneNewton:
         finally:
             equations.soften(1.0)
         return z
+
+    def _comes_back(self, sets: list[bytes]) -> bool:
+        """Whether the last of these sets is that of an earlier one, with others since. Collective.
+
+        Args:
+            sets: What has been closed on this rank in each iteration.
+        """
+        same = np.array([each == sets[-1] for each in sets[:-1]], dtype=bool)
+        self.equations.system.comm.Allreduce(MPI.IN_PLACE, same, op=MPI.LAND)
+        return bool(same.any() and not same[-1])
 
     def _free_step(self, z: Array) -> Array | None:
         """Find where slip counts from, see :class:`Onset`. Collective.
