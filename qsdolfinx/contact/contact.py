@@ -149,9 +149,9 @@ class Contact:
             interference, as ``"shared-curvature"``, with a warning that says so. ``"none"`` or
             None: the facets; those of a mesh of degree 2 as they are curved.
             ``"shared-curvature"``: the curved surfaces that the facets approximate, as far as both
-            sides share their curvature, which is found from how neighbouring facets turn. Creases of more
-            than 30° stay. A surface by name, such as ``qs.smooth.Cylinder``: the one that the
-            side's vertices are on when the contact is made; it goes along with the facets. On
+            sides share their curvature, which is found from how neighbouring facets turn. Creases
+            of more than 30° stay. A surface by name, such as ``qs.smooth.Cylinder``: the one that
+            the side's vertices are on when the contact is made; it goes along with the facets. On
             conforming surfaces of non-matching meshes, such as shrink fits and journal bearings, or
             of a slave on an analytic tool, which itself has nothing to smooth, chord errors are not
             part of the gap then. A tie leaves any gap as it is.
