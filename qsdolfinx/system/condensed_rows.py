@@ -283,7 +283,7 @@ class PointConstraints(CondensedRows):
         state, cover = self.gap.state, self._points.cover_of_sides
         if self.model.augmented:
             some = self.model.comm.allreduce(bool(at.active.any()), op=MPI.LOR)
-            # Where nothing is closed, rounding is what is left of λ, and the next solve is a cold one.
+            # Where nothing is closed λ is rounding, and the next solve is a cold one.
             state.augmented = self.on_sides(at.multiplier if some else 0.0 * at.multiplier)
         closed = self._points.sums(at.active.astype(np.float64))
         state.closed = np.divide(closed, cover, out=np.zeros_like(cover), where=cover > 0)
