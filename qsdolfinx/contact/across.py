@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typing
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -14,6 +15,7 @@ from qsdolfinx.base.checks import require
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place, ToolPlace
+from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.surface.affine import EDGES, affine_vec
 from qsdolfinx.surface.surface import Surface
@@ -189,10 +191,26 @@ class BodiesContact:
 
     def dissipation(self) -> Array:
         """Energy that friction took in the last step, at the field's nodes. Collective."""
-        found: Array = np.zeros(len(self.of.slave.node_area))
+        slave, found = self.of.slave, np.zeros(len(self.of.slave.node_area))
         for slip in self.of.slips:
-            found = slip.dissipation_at_nodes()
-        return _at_nodes(self.of.slave, self._slave, found)
+            own = slip.slave is slave
+            found += slip.dissipation_at_nodes() if own else _faced_energy(slip, slave)
+        return _at_nodes(slave, self._slave, found)
+
+
+def _faced_energy(slip: Slip, slave: Surface) -> Array:
+    """Energy of friction at vertices of the master, at the slave's nodes opposite. Collective."""
+    energy = slip.dissipation()
+    rows = np.zeros((len(energy), slave.gdim))
+    rows[:, 0] = energy
+    vecs = slip.slave.create_vec(), slave.create_vec()
+    slip.operator.add_transpose(rows, *(vec.handle for vec in vecs))
+    # Of degree 2 nodes of edges have a part, which vertices take over.
+    out = -vecs[1].array_r[slave.node_dofs[:, 0] - vecs[1].owner_range[0]]
+    for vec in vecs:
+        vec.destroy()
+    sums = slave.comm.allreduce(np.array([energy.sum(), out.sum()]), op=MPI.SUM)
+    return np.asarray(out * (sums[0] / sums[1] if sums[1] > 0 else 0.0))
 
 
 def _trace(

@@ -117,10 +117,14 @@ def multiplier(model: ContactModel, side: str) -> Array:
 
 
 def active(model: ContactModel, side: str) -> Flags:
-    """Nodes in contact. Collective."""
+    """Nodes in contact, those with a vertex' constraint too. Collective."""
     agreed(model, side)
     p = gap_of(model, side)
-    return typing.cast(Flags, p.rows.on_nodes(rows_in_contact(model, p), False))
+    out = np.array(p.rows.on_nodes(rows_in_contact(model, p), False), dtype=bool)
+    for vertices in model.of_vertices if is_known(model) else ():
+        if vertices.slave is p.slave:
+            out |= vertices.rows.on_nodes(active_set.closed(model, vertices), False).astype(bool)
+    return out
 
 
 def is_known(model: ContactModel) -> bool:
@@ -157,12 +161,23 @@ def slipping(model: ContactModel, side: str) -> Flags:
     if not is_known(model):
         return slips
     closed = np.asarray(p.rows.on_nodes(active_set.closed(model, p), False), dtype=bool)
-    return like_neighbours(p.slave, closed, slips, active(model, side) & ~closed)
+    slips = np.array(like_neighbours(p.slave, closed, slips, active(model, side) & ~closed))
+    for vertices in model.slips[len(model.of_sides) :]:
+        if vertices.slave is p.slave:
+            at_nodes = vertices.gap.rows.on_nodes
+            there = at_nodes(active_set.closed(model, vertices.of), False).astype(bool)
+            slips = np.where(there, at_nodes(vertices.slipping, False).astype(bool), slips)
+    return slips
 
 
 def dissipation(model: ContactModel, side: str) -> Array:
     """Energy that friction took at each node in the last step."""
-    return slip_of(model, side).dissipation_at_nodes()
+    found = slip_of(model, side)
+    out = found.dissipation_at_nodes()
+    for vertices in model.slips[len(model.of_sides) :]:
+        if vertices.slave is found.slave:
+            out = out + vertices.dissipation_at_nodes()
+    return out
 
 
 # --- Totals

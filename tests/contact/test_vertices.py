@@ -112,6 +112,8 @@ def test_on_a_plane(case, cell, depth):
     np.testing.assert_allclose(force[-1], expected, rtol=1e-9)
     assert largest(force[:-1]) < 1e-9 * expected  # the plane is level
     assert contact.penetration() < 1e-9 / body.n
+    lowest = np.isclose(contact.slave.node_x[:, body.d - 1], 0.0)
+    np.testing.assert_array_equal(contact.active()[lowest], True)
 
 
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
@@ -181,7 +183,10 @@ def test_friction():
         force = contact.force("slave")
         np.testing.assert_allclose(force[0], 0.3 * force[1], rtol=1e-9)
         work += contact.step_dissipation() if t > 2.5 else 0.0
+        at_nodes = WORLD.allreduce(float(contact.dissipation().sum()))
+        assert at_nodes == pytest.approx(contact.step_dissipation(), rel=1e-12)
         assert problem.num_iterations <= 4
+        assert WORLD.allreduce(int(contact.slipping().sum())) == 1
     # In the last two steps nothing changes but where the tool is.
     np.testing.assert_allclose(work, force[0] * 2 * depth, rtol=1e-9)
 
@@ -199,3 +204,37 @@ def test_large_strains():
     assert problem.num_iterations <= 15
     assert contact.penetration() < 1e-9
     assert contact.force("slave")[1] > 0
+
+
+@pytest.mark.parametrize("swapped", (False, True))
+def test_heat(swapped):
+    """Insulated bodies keep what friction at a corner takes, whichever of them has the corner."""
+    body = Standing("square", "triangle")
+    depth, low = 0.1 / body.n, box(WORLD, (9, 4), "triangle", [-0.7, -0.5], [0.7, 0.0])
+    V = vector_space(low)
+    u = fem.Function(V)
+    bottom = fem.locate_dofs_topological(V, 1, plane(low, 1, -0.5))
+    lift = fem.Constant(low, np.array([0.3 * depth, depth]))
+    facets = [body.facets(0.0), plane(low, 1, 0.0)][:: -1 if swapped else 1]
+    spaces = [body.V, V][:: -1 if swapped else 1]
+    surfaces = [qs.Surface(W, facets=f) for W, f in zip(spaces, facets, strict=True)]
+    contact = qs.Contact(*surfaces, friction=qs.Coulomb(0.3), **POINTS)
+    forms, unknowns = [body.F, elastic(u, E=E, nu=0.3)], [body.u, u]
+    bcs = [body.bcs, [fem.dirichletbc(lift, bottom, V)]]
+    problem = qs.ContactProblem(forms, unknowns, [contact], bcs)
+    problem.solve()
+    lift.value[0] += depth
+    problem.solve()
+    taken = contact.step_dissipation()
+    assert taken > 0
+    scalars = [fem.functionspace(W.mesh, ("Lagrange", 1)) for W in spaces]
+    T = [fem.Function(Q) for Q in scalars]
+    dt, c = 0.5, 2.0
+    heat = [
+        qs.materials.heat(t, 1.0, c, fem.Function(Q), dt) for t, Q in zip(T, scalars, strict=True)
+    ]
+    fields = [qs.Surface(Q, facets=f) for Q, f in zip(scalars, facets, strict=True)]
+    law = qs.Conductance(1.0, friction=0.5)
+    qs.ContactProblem(heat, T, [qs.Contact(*fields, law=law, of=contact, dt=dt)]).solve()
+    kept = [fem.assemble_scalar(fem.form(c * t * ufl.dx)) for t in T]
+    np.testing.assert_allclose(WORLD.allreduce(sum(kept)), taken, rtol=1e-9)
