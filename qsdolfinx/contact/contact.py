@@ -621,13 +621,16 @@ class Contact:
     def multiplier(self, side: str = "slave") -> Array:
         """Multiplier λ (stress) at the nodes of this rank, 0 where unpaired; shaped as ḡ.
 
-        λ is what enforces the contact, not the contact pressure: see :meth:`traction`.
+        λ is what enforces the contact, not the contact pressure: see :meth:`traction`, which also
+        has the forces of vertices at creases; their multipliers are not among these.
         """
         return results.multiplier(self._shown, side)
 
     def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
         """Nodes of this rank that are in contact, or have a point that is, shape (nodes,).
 
+        Vertices at creases are if their own constraint is closed; what those of the other side
+        press on is not.
         Among them are nodes that are open between closed ones by less than 1e-3 of a facet, as
         beside edges where the pressure is singular; their multiplier is 0. So are grooves and
         dimples one or two nodes wide that are as flat: ``multiplier() > 0`` leaves them out.
