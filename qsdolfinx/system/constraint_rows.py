@@ -78,8 +78,8 @@ class ConstraintRows:
     the projection of τ + c_t g* onto the ball of radius μ λ₊ (Hüeber, Stadler & Wohlmuth, 2008).
     Of a law that jumps where rows open it is a part of that on the edge of contact, see ``fill``.
     A law of the whole jump has R_λ = W (⟦u⟧ − λ/ε). Where conditions hold both sides, no gap can
-    be closed: there R_λ = W/c_n (λ̄ − λ), λ̄ being the mean of the nodes around while the gap is
-    closed, and else 0. At points see ``PointConstraints``: friction, at nodes, has the mean of
+    be closed: there R_λ = W/c_n (λ̄ − λ), λ̄ being the mean of the nodes around while λ̄ + c_n ḡ > 0,
+    and else 0. At points see ``PointConstraints``: friction, at nodes, has the mean of
     their pressures there. All are functions of their arguments alone.
 
     Args:

@@ -695,7 +695,7 @@ class Equations:
         ]
         if p.gap.extension is not None:
             shape = p.rows.num_rows, p.rows.width
-            found.append(Entries(*rows.entries_of_means(own.reshape(shape))))
+            found.append(Entries(*rows.entries_of_means(at.normal, own.reshape(shape))))
         if p.tool is not None:
             found += self._with_tool(p, own, weight, by_gap, self.changes(p)[0])
         return found

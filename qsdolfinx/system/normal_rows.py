@@ -40,7 +40,8 @@ class Normal(typing.NamedTuple):
         pressure: Stress that makes forces at the rows of the gaps, (rows, width): λ, or at points
             [λ_h + γ g]₊.
         held: Components of λ that conditions hold on both sides; None if there are none anywhere.
-        means: λ̄ of these, of the same shape.
+        means: λ̄ of these, of the same shape; 0 where they bear nothing.
+        bears: Of these those with λ̄ + c_n ḡ > 0, of the same shape.
     """
 
     multiplier: Array
@@ -51,6 +52,7 @@ class Normal(typing.NamedTuple):
     pressure: Array
     held: Flags | None = None
     means: Array | None = None
+    bears: Flags | None = None
 
 
 class Scales(typing.NamedTuple):
@@ -203,40 +205,39 @@ class NodalRows:
         if opened is not None:
             active &= ~opened
         image = np.where(active[:, None], trial, 0.0)
-        held, means = self._means(multiplier)
-        return Normal(multiplier, gap, trial, image, active, multiplier, held, means)
+        at = Normal(multiplier, gap, trial, image, active, multiplier)
+        return self._with_means(at)
 
-    def _means(self, multiplier: Array) -> tuple[Flags | None, Array | None]:
-        """What is held on both sides, and λ̄ there. Collective."""
+    def _with_means(self, at: Normal) -> Normal:
+        """The same with what is held on both sides, and λ̄ there. Collective."""
         extension = self.gap.extension
         if extension is None:
-            return None, None
-        means = extension.means(multiplier)
+            return at
+        means = extension.means(at.multiplier)
+        bears: Flags = np.ones(means.shape, dtype=bool)
         if not self.gap.law.jump:
-            means = np.where(self.gap.state.values >= -self.model.paired.touching, means, 0.0)
-        return extension.held, means
+            bears = means + self._c[:, None] * self.gap.state.values > 0
+        return at._replace(held=extension.held, means=np.where(bears, means, 0.0), bears=bears)
 
     def by_means(self, at: Normal, changes: Array) -> Array:
         """Derivative of W/c_n λ̄ times changes of λ, of their shape. Collective."""
         extension = self.gap.extension
-        if extension is None or at.held is None:
+        if extension is None or at.held is None or at.bears is None:
             return np.zeros_like(changes)
-        means = self._means(changes)[1]
-        assert means is not None
+        means = np.where(at.bears, extension.means(changes), 0.0)
         return np.where(at.held, (self.gap.weight / self._c)[:, None] * means, 0.0)
 
-    def entries_of_means(self, numbers: Indices) -> tuple[Indices, Indices, Array]:
+    def entries_of_means(self, at: Normal, numbers: Indices) -> tuple[Indices, Indices, Array]:
         """Derivative of W/c_n λ̄ by λ: rows, columns and values. Collective.
 
         Args:
+            at: The rows.
             numbers: Of the rows of λ in z, of its shape.
         """
         extension = self.gap.extension
-        assert extension is not None
+        assert extension is not None and at.bears is not None
         factor = np.repeat((self.gap.weight / self._c)[:, None], self._width, axis=1)
-        if not self.gap.law.jump:
-            factor = np.where(self.gap.state.values >= -self.model.paired.touching, factor, 0.0)
-        return extension.entries(numbers, factor)
+        return extension.entries(numbers, np.where(at.bears, factor, 0.0))
 
     def residual(self, at: Normal) -> Array:
         """See ``NormalRows``."""
