@@ -25,6 +25,9 @@ UNHELD = 1e-3
 #: Unbalanced force of a tool over the force that drives it.
 RTOL_TOOLS = 1e-8
 
+#: Iterations within what rounding leaves after which a solve ends, even if steps are halved there.
+MOST_REFINED = 10
+
 #: What rounding leaves of forces and gaps, in units in the last place of the largest coordinate.
 ROUNDING = 50 * np.finfo(np.float64).eps
 
@@ -86,7 +89,7 @@ class Balance:
         self.until = 0.0
         #: Largest gap (length) that multipliers have left at the last iterate, over all ranks.
         self.open_gap = 0.0
-        self._was_in_floor, self._is_held, self._unheld = False, True, UNHELD
+        self._times_in_floor, self._is_held, self._unheld = 0, True, UNHELD
         #: Largest residual and contact forces of the solve so far.
         self._seen: Array = np.zeros(2)
         #: Largest multiplier of the last iterate: a step from there leaves rounding of it.
@@ -144,10 +147,11 @@ class Balance:
         self.until = max(self.until, float(ROUNDING * rounded))
         floors = max(limits[0], ROUNDING * rounded), max(limits[1], ROUNDING * largest[2])
         in_floor = bool(residual <= floors[0] and largest[0] <= floors[1])
-        # An iteration more, as a refinement, makes the most of what rounding leaves.
-        if in_floor and (self._was_in_floor or largest[1] == 0):
+        # An iteration more, as a refinement, makes the most of what rounding leaves: a whole one.
+        self._times_in_floor = self._times_in_floor + 1 if in_floor else 0
+        refined = self._times_in_floor > (MOST_REFINED if step < 1 else 1)
+        if in_floor and (refined or largest[1] == 0):
             limits = floors
-        self._was_in_floor = in_floor
         balanced = residual <= max(limits[0], self._atol) and tools <= RTOL_TOOLS
         met, closed = largest[0] <= limits[1], self._are_closed(at)
         self.lacks_closure = bool(balanced and met and not closed)
