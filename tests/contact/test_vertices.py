@@ -139,7 +139,7 @@ def test_roles_do_not_matter(case, cell, enforcement):
         problem.solve()
         forces.append(contact.force("master" if swapped else "slave")[-1])
         if enforcement == "augmented-lagrangian":
-            assert contact.penetration() < 0.02 / body.n
+            assert contact.penetration() < 0.005 / body.n
     assert forces[0] > 0
     rtol = 1e-9 if enforcement == "augmented-lagrangian" else 0.1  # weights are the slave's areas
     np.testing.assert_allclose(*forces, rtol=rtol)
