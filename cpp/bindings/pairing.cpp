@@ -91,6 +91,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           { return p.turning(slave.view(), master.view()); }, "slave"_a, "master"_a,
           "The same points, jumps turning with facets: what the nodes of each side add to a jump, "
           "[point][node][block][block].")
+      .def_ro("num_of_slave", &PairingPoints::num_of_slave,
+              "Points of the overlay that facets of the slave were cut for: the first ones.")
       .def_ro("num_unpaired", &PairingPoints::num_unpaired,
               "Owned nodes (overlay: facets) that found no partner.")
       .def_ro("num_corners", &PairingPoints::num_corners,

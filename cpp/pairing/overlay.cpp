@@ -885,6 +885,7 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
         .run();
   };
   cut(slave, master);
+  points.num_of_slave = points.size();
   if (curved)
     std::swap(curved->cut, curved->other);
   if (both)

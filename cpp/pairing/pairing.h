@@ -41,9 +41,11 @@ struct PairingPoints
   std::vector<std::uint8_t> multiplier_side; ///< smooth side of the slave there, likewise; of nodes
                                              ///< as of facets in a corner, otherwise 0
   std::vector<double> normal;                ///< outward of the slave, into the master, [point][3]
-  std::vector<double> gap;       ///< signed distance (x_master - x_slave)·n, positive when open
-  std::vector<double> weight;    ///< area
-  bool turns = false;            ///< whether jumps have `turn` of both sides, the same on all ranks
+  std::vector<double> gap;    ///< signed distance (x_master - x_slave)·n, positive when open
+  std::vector<double> weight; ///< area
+  bool turns = false;         ///< whether jumps have `turn` of both sides, the same on all ranks
+  std::size_t num_of_slave
+      = 0; ///< overlay: the first ones, on facets of the slave; then the master's
   std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
   /// Owned nodes of both surfaces that are in corners of the other one.
   std::int64_t num_corners = 0;

@@ -18,7 +18,7 @@ from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel, HeldNodes, HeldSlip
 from qsdolfinx.friction.history import AT_REST
 from qsdolfinx.friction.laws import Sticking
-from qsdolfinx.friction.slip import Slip
+from qsdolfinx.friction.slip import Held
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -60,7 +60,7 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
     """
     model.held_nodes, model.held_slips, alone = [], [], [False, False]
     for each in model.slips:
-        each.may_be_held, each.extension = False, None
+        each.may_be_held, each.held = False, None
         each.hold(None)
     if model.with_itself or (model.is_scalar and not model.augmented):
         return
@@ -72,7 +72,7 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         alone[sides[1]] |= _is_held(gap, vecs[1], ~of_slave)
         if not of_slave.any():
             continue
-        by_node = gap.by_node() if slip is None else slip.gap
+        by_node = gap.by_node()
         held = _held_on_both_sides(model, gap, by_node, *vecs)
         own = _read(gap.slave, vecs[0])[by_node.operator.row_node] != 0
         alone[sides[0]] |= bool(np.any(own & ~held))
@@ -84,7 +84,8 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
             slip.may_be_held = True
             of_master = None if vecs[1] is None else np.array(vecs[1].array_r)
             at_nodes = model.held_nodes[-1].at_nodes
-            model.held_slips.append(HeldSlip(slip, held, clamped, at_nodes, of_master))
+            of_slip = HeldSlip(slip, by_node, held, clamped, at_nodes, of_master)
+            model.held_slips.append(of_slip)
     model.held_alone = tuple(model.comm.allreduce(flag, op=MPI.LOR) for flag in alone)
 
 
@@ -111,15 +112,20 @@ def begin_solve(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None)
         if model.augmented and isinstance(slip.friction, Sticking):
             _warn_of_stick(model, float(way.max(initial=0.0)))
             moves = np.zeros_like(moves)
-        slip.state.moved = np.where(moves | (held.held & (slip.state.moved > 0)), 1.0, 0.0)
-        redundant = held.held & ~(slip.state.moved > 0)
+        row_node, on_nodes = held.by_node.operator.row_node, held.by_node.rows.on_nodes
+        moves |= held.held & (slip.state.moved[row_node] > 0)
+        slip.state.moved = on_nodes(moves, False).astype(np.float64)
+        redundant = held.held & ~moves
         same = held.redundant is not None and np.array_equal(redundant, held.redundant)
         if model.comm.allreduce(same, op=MPI.LAND):
             continue
         held.redundant = redundant
         clamped = held.clamped & redundant
-        slip.extension = _extension(model, slip.gap, slip.gap, redundant, clamped)
-        slip.hold(redundant & ~clamped)
+        if slip.gap.rows.are_points:  # which slip beside the plane, and stick at none
+            both = (on_nodes(flags, False).astype(bool) for flags in (redundant, clamped))
+            slip.held = Held(*both)
+        else:
+            slip.hold(redundant & ~clamped)
 
 
 def _relative_way(
@@ -129,7 +135,7 @@ def _relative_way(
 
     Since the step began, by conditions and by the motion of a rigid tool. Collective.
     """
-    slip, gap = held.slip, held.slip.gap
+    slip, gap = held.slip, held.by_node
     start, ways = slip.state.at_start, []
     kept, scale = (
         model.ordered(gap, both)
@@ -145,7 +151,7 @@ def _relative_way(
         ways.append(way)
     own = _read(gap.slave, ways[0])[gap.operator.row_node]
     if held.of_master is None:
-        of_partner = _way_of_tool(slip)
+        of_partner = _way_of_tool(held)
     else:
         ways[1].array[:] *= held.of_master
         of_partner = _way_of_partner(held, ways[1])
@@ -154,16 +160,20 @@ def _relative_way(
     return np.asarray(own - of_partner)
 
 
-def _way_of_tool(slip: Slip) -> Array:
+def _way_of_tool(held: HeldSlip) -> Array:
     """Displacement of a rigid tool at the rows since the step began (length), (rows, gdim)."""
-    gap, start = slip.gap, slip.state.at_start
+    slip, gap = held.slip, held.slip.gap
+    start, row_node = slip.state.at_start, held.by_node.operator.row_node
     if gap.state.base is None:
         shift = slip.state.shift if start is None else slip.state.shift - start.tool
-        return np.asarray(-shift / slip.cover[:, None])
+        way = -shift / slip.cover[:, None]
+        if gap.rows.are_points:
+            way = gap.rows.on_nodes(way, 0.0)[row_node].astype(np.float64)
+        return np.asarray(way)
     gdim = gap.slave.gdim
     now = Pose.from_matrix(gap.state.base[1], gdim)
     field = now.since(now if start is None else Pose.from_matrix(start.tool, gdim))
-    x = gap.slave.node_x[gap.operator.row_node, :gdim]
+    x = gap.slave.node_x[row_node, :gdim]
     return np.asarray(x @ field.A.T + field.b)
 
 
@@ -174,7 +184,7 @@ def _way_of_partner(held: HeldSlip, way: PETSc.Vec) -> Array:
         held: Where.
         way: Of the unknowns of the master's body, 0 of those that are not held.
     """
-    gap, at_nodes = held.slip.gap, held.at_nodes
+    gap, at_nodes = held.by_node, held.at_nodes
     row_node, linear, rows = gap.operator.row_node, at_nodes.slave, at_nodes.operator.row_node
     marker = way.duplicate()
     marker.array[:] = held.of_master

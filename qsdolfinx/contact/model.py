@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.timing import Stopwatch
-from qsdolfinx.contact.penalty import Penalty
+from qsdolfinx.contact.penalty import POINTS_FACTOR, Penalty
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
@@ -168,6 +168,7 @@ class HeldSlip:
 
     Attributes:
         slip: The slip.
+        by_node: Its pass with a row for each node.
         held: The components, shape (rows, block).
         clamped: Those of them at nodes that are held as a whole, of the same shape.
         at_nodes: The gaps of vertices themselves, without those around.
@@ -177,6 +178,7 @@ class HeldSlip:
     """
 
     slip: Slip
+    by_node: WeightedGap
     held: npt.NDArray[np.bool_]
     clamped: npt.NDArray[np.bool_]
     at_nodes: WeightedGap
@@ -510,6 +512,18 @@ class ContactModel:
         """ε in tangential direction; only with friction."""
         assert self.friction is not None
         return self.friction.penalty(self.eps)
+
+    @property
+    def slip_penalty(self) -> tuple[float, float]:
+        """What makes stress of slips at points: γ_t (stress per length), and γ_t/ε_t of a penalty.
+
+        γ_t is ε_t, but no more than an automatic one has: a stiffer one, with which the sense of
+        slip changes in each iteration, decides nothing but how points differ from their nodes. The
+        second number is 0 of an augmented Lagrangian.
+        """
+        eps, ratio = self.tangential_eps, self.penalty.ratio * self.tangential_eps / self.eps
+        gamma = eps * min(1.0, POINTS_FACTOR / ratio) if ratio > 0 else eps
+        return gamma, 0.0 if self.augmented else gamma / eps
 
     @property
     def compliance(self) -> float:

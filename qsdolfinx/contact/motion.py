@@ -16,6 +16,7 @@ from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import conduction, multipliers, overclosed, shown, terms
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.contact.placement import Placement
+from qsdolfinx.friction import carried
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
 from qsdolfinx.surface.surface import update_surfaces
 from qsdolfinx.tools.pose import Pose
@@ -45,6 +46,7 @@ def pair_anew(model: ContactModel) -> None:
             update_surfaces(*(s for s in surfaces if s is not None))
         kept = [] if first else multipliers.on_nodes(model.parts)
         pressed = [] if first else multipliers.pressures_on_nodes(model)
+        before = () if first else model.slips
         shares = model.mechanics is not None and model.mechanics.shares_pairs
         known = model.mechanics.points() if shares and model.mechanics is not None else None
         paired = find_pairs(model.settings, model.friction, known)
@@ -57,6 +59,8 @@ def pair_anew(model: ContactModel) -> None:
         if not first:
             multipliers.set_on_nodes(paired.parts, kept)
             multipliers.set_pressures_on_nodes(model, pressed)
+            for old, new in zip(before, paired.slips, strict=True):
+                carried.carry(old, new)
         _zero_offset(model)
         set_motion(model)
         model.placement = Placement.at_pairing(model.slave, model.master)
@@ -208,8 +212,6 @@ def set_motion(model: ContactModel) -> None:
         gap.state.scale = model.ordered(gap, model.kinematics.scale)
         if model.offset is not None:
             gap.set_offset(model.ordered(gap, model.offset))
-    for slip in model.slips:
-        slip.gap.state.scale = slip.of.state.scale
 
 
 def set_offset(

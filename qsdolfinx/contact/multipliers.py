@@ -10,8 +10,12 @@ import numpy.typing as npt
 from qsdolfinx.contact.model import ContactModel, Part
 from qsdolfinx.contact.shown import keep
 from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.rows import PointRows
 
 Array = npt.NDArray[np.float64]
+
+#: Part of what is around a row that has slipped, from which on the row has.
+MOST = 0.5
 
 
 def known(model: ContactModel) -> list[Array]:
@@ -42,7 +46,7 @@ def set_on_nodes(
     for part, multiplier in zip(parts, multipliers, strict=True):
         part.set_augmented_on_nodes(multiplier)
         if turn and isinstance(part, Slip):
-            part.state.augmented = part.turned(part.state.augmented)
+            part.turn_augmented()
 
 
 def pressures_on_nodes(model: ContactModel) -> list[Array]:
@@ -51,19 +55,26 @@ def pressures_on_nodes(model: ContactModel) -> list[Array]:
     Whether it slipped, the part of its area that was covered, and which components conditions have
     moved. Shape (nodes, 3 + gdim).
     """
-    states = [slip.state for slip in model.slips]
-    columns = [np.column_stack([s.pressed, s.slipped, s.covered, s.moved]) for s in states]
-    pairs = zip(model.slips, columns, strict=True)
-    return [np.asarray(s.gap.rows.on_nodes(c, 0.0), dtype=np.float64) for s, c in pairs]
+    out = []
+    for slip in model.slips:
+        state, rows = slip.state, slip.gap.rows
+        columns = np.column_stack([state.pressed, state.slipped])
+        if isinstance(rows, PointRows):
+            of_rows = rows.projected_means(columns)
+        else:
+            of_rows = rows.on_nodes(columns, 0.0).astype(np.float64)
+        out.append(np.column_stack([of_rows, state.covered, state.moved]))
+    return out
 
 
 def set_pressures_on_nodes(model: ContactModel, pressures: typing.Sequence[Array]) -> None:
     """Put back what :func:`pressures_on_nodes` gave."""
     for slip, columns in zip(model.slips, pressures, strict=True):
         state = slip.state
-        at_rows = [slip.gap.rows.from_nodes(column) for column in columns.T]
-        state.pressed, state.slipped, state.covered = at_rows[:3]
-        state.moved = np.column_stack(at_rows[3:])
+        at_rows = [slip.gap.rows.from_nodes(column) for column in columns.T[:2]]
+        state.pressed = np.maximum(at_rows[0], 0.0)
+        state.slipped = (at_rows[1] >= MOST).astype(np.float64)
+        state.covered, state.moved = np.array(columns[:, 2]), np.array(columns[:, 3:])
 
 
 def reset(model: ContactModel) -> None:
@@ -71,3 +82,5 @@ def reset(model: ContactModel) -> None:
     keep(model)
     for part in model.parts:
         part.state.augmented = np.zeros_like(part.state.augmented)
+        if isinstance(part, Slip):
+            part.state.rest, part.state.reached = 0.0, None

@@ -157,7 +157,7 @@ def slipping(model: ContactModel, side: str) -> Flags:
     if not model.slips:
         return np.zeros(len(p.slave.node_area), dtype=bool)
     found = slip_of(model, side)
-    slips = np.asarray(found.gap.rows.on_nodes(found.slipping, False), dtype=bool)
+    slips = _slipping(found)
     if not is_known(model):
         return slips
     closed = np.asarray(p.rows.on_nodes(active_set.closed(model, p), False), dtype=bool)
@@ -165,9 +165,18 @@ def slipping(model: ContactModel, side: str) -> Flags:
     for vertices in model.slips[len(model.of_sides) :]:
         if vertices.slave is p.slave:
             at_nodes = vertices.gap.rows.on_nodes
-            there = at_nodes(active_set.closed(model, vertices.of), False).astype(bool)
+            there = at_nodes(active_set.closed(model, vertices.gap), False).astype(bool)
             slips = np.where(there, at_nodes(vertices.slipping, False).astype(bool), slips)
     return slips
+
+
+def _slipping(found: Slip) -> Flags:
+    """Nodes that slip; with rows at points, more than half of what they cover in contact does."""
+    rows, slips, closed = found.gap.rows, found.slipping, found.state.closed
+    if not rows.are_points:
+        return np.asarray(rows.on_nodes(slips, False), dtype=bool)
+    parts = rows.on_nodes(np.column_stack([slips, closed]).astype(np.float64), 0.0)
+    return np.asarray(parts[:, 0] > 0.5 * parts[:, 1])
 
 
 def dissipation(model: ContactModel, side: str) -> Array:

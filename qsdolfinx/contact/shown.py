@@ -47,9 +47,8 @@ def _copied(gap: WeightedGap) -> WeightedGap:
 
 
 def _copied_slip(slip: Slip, gaps: dict[int, WeightedGap]) -> Slip:
-    """A slip whose passes are these copies, or copies of its own."""
+    """A slip whose pass is one of these copies."""
     out = copy.copy(slip)
     out.state = copy.copy(slip.state)
-    own, of = (gaps.get(id(gap)) or _copied(gap) for gap in (slip.gap, slip.of))
-    out.take_passes(own, of)
+    out.gap = gaps[id(slip.gap)]
     return out

@@ -46,17 +46,20 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
             model.placement = dataclasses.replace(model.placement, master=there)
         for slip in model.slips:
             assert model.friction is not None
-            gap = slip.gap
+            gap, penalty, elastic = slip.gap, model.tangential_eps, 0.0
+            if gap.rows.are_points:
+                penalty, elastic = model.slip_penalty
             slip.evaluate(
                 model.ordered(gap, (slave, master)),
-                slip.at_nodes(slip.of.multiplier(model.eps)[:, 0]),
-                slip.at_nodes(active_set.closed(model, slip.of)),
-                model.tangential_eps,
+                gap.multiplier(model.eps)[:, 0],
+                active_set.closed(model, gap),
+                penalty,
                 model.kinematics.dt,
                 model.friction.slow(model.kinematics.dt, model.paired.facet_size),
                 model.ordered(gap, model.kinematics.in_displacement),
-                slip.at_nodes(slip.of.state.values[:, 0]),
+                gap.state.values[:, 0],
                 model.compliance,
+                elastic,
             )
 
 
@@ -87,7 +90,7 @@ def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
             if not gap.add_curvature(gap.multiplier(model.eps), ordered):
                 model.curvature_is_symmetric = False
         for slip in model.slips:
-            slope = active_set.slope(model, slip.of)
+            slope = active_set.slope(model, slip.gap)
             ordered = _ordered(model, slip.slave is model.slave, blocks)
             slip.add_stiffness(slope, ordered)
             slip.add_curvature(ordered)
@@ -114,18 +117,13 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
         model.coupling = ConductanceCoupling(model) if _changes(model) else None
         if model.coupling is not None:
             model.coupling.add_to(blocks, True)
-        for slip in model.slips:
-            if slip.gap is not slip.of:
-                none = np.zeros(slip.gap.num_rows)
-                ordered = _ordered(model, slip.slave is model.slave, blocks)
-                slip.gap.add_stiffness(none, ordered, True)
 
 
 def has_factors(model: ContactModel) -> bool:
     """Whether the tangent is Gᵀ W G with gaps G that stay while contact does not pair anew."""
     if _changes(model):
         return False
-    return all(gap.is_linear for gap in model.gaps) and all(slip.is_at_rows for slip in model.slips)
+    return all(gap.is_linear for gap in model.gaps)
 
 
 def gaps_and_slips(model: ContactModel) -> list[tuple[WeightedGap | Slip, Weights]]:
@@ -138,7 +136,7 @@ def gaps_and_slips(model: ContactModel) -> list[tuple[WeightedGap | Slip, Weight
             (gap, gap.stiffness(active_set.slope(model, gap))) for gap in model.gaps
         ]
         slips = model.slips
-        out += [(slip, slip.stiffness(active_set.slope(model, slip.of))) for slip in slips]
+        out += [(slip, slip.stiffness(active_set.slope(model, slip.gap))) for slip in slips]
     return out
 
 

@@ -18,6 +18,11 @@ Flags = npt.NDArray[np.bool_]
 OF_PRESSURE = 100.0
 
 
+#: Pressures that the limit of friction is at points at most: what goes over to none within that
+#: does so where the pressure is 1 % of the limit.
+STEEP = 100.0
+
+
 class Filled(typing.NamedTuple):
     """What friction is, the edge of contact included.
 
@@ -111,4 +116,30 @@ def limited(law: Friction, response: Response, bound: Array, penalty: Array) -> 
         slipping=response.slipping | edge,
         dissipative=dissipative,
         secant=part * response.secant,
+    )
+
+
+def bounded(
+    law: Friction, response: Response, bound: Array, slope: float, penalty: Array
+) -> Response:
+    """The law's answer with |τ| at most a bound that goes with the pressure.
+
+    Args:
+        law: The law.
+        response: What it answers.
+        bound: Of |τ| (stress), (rows,).
+        slope: Its derivative by the pressure.
+        penalty: ε of each row in tangential direction (stress per length), (rows,).
+    """
+    size = np.linalg.norm(response.traction, axis=1)
+    out = limited(law, response, bound, penalty)
+    over = bound < size
+    if not over.any():
+        return out
+    d = np.where(over[:, None], response.traction / np.where(over, size, 1.0)[:, None], 0.0)
+    across = np.eye(d.shape[1]) - d[:, :, None] * d[:, None, :]
+    coupling = np.einsum("rij,rj->ri", across, out.coupling)
+    return out._replace(
+        stiffness=np.where(over[:, None, None], across @ out.stiffness, out.stiffness),
+        coupling=np.where(over[:, None], coupling + slope * d, out.coupling),
     )

@@ -18,6 +18,7 @@ from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.messages import ContactWarning
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.traction import facet_measure
@@ -60,13 +61,13 @@ class FrictionHistory:
 
     def slips_of(self, passes: typing.Sequence[WeightedGap]) -> tuple[Slip, ...]:
         """Slips of new passes, with the values of the law's parameters. Collective."""
-        slips = tuple(Slip(p.by_node(), p, self.law) for p in passes)
+        slips = tuple(Slip(p, self.law) for p in passes)
         if not self.slipped:
             self.slipped = [np.zeros((len(p.slave.node_area), p.slave.gdim)) for p in passes]
         for name, value in self.law.parameters.items():
             if isinstance(value, float):
                 for slip in slips:
-                    slip.parameters[name] = np.full(len(slip.row_node), value)
+                    slip.parameters[name] = np.full(slip.gap.num_rows, value)
         self.read_parameters(slips)
         return slips
 
@@ -126,7 +127,7 @@ class FrictionHistory:
             if isinstance(value, float):
                 continue
             if isinstance(value, fem.Constant):
-                at_rows: list[Array] = [np.full(len(s.row_node), float(value.value)) for s in slips]
+                at_rows: list[Array] = [np.full(s.gap.num_rows, float(value.value)) for s in slips]
             else:
                 at_rows = self._at_rows(self._means[name], slips)
             with collective_errors(self._slave.comm):
@@ -164,7 +165,7 @@ class FrictionHistory:
         out = []
         for slip in slips:
             if slip.gap.slave is self._slave:
-                out.append(values[slip.row_node])
+                out.append(slip.gap.rows.from_nodes(values))
             else:
                 out.append(self._on_other_side(values, slip))
         return out
@@ -213,7 +214,11 @@ class FrictionHistory:
         state = slip.state
         if state.ended:
             return self.slipped[i]
-        at_nodes = np.asarray(slip.gap.rows.on_nodes(slip.lost()[0], 0.0), dtype=np.float64)
+        rows, values = slip.gap.rows, slip.lost()[0]
+        if isinstance(rows, PointRows):
+            at_nodes = rows.means_of_some(values, state.closed)
+        else:
+            at_nodes = np.asarray(rows.on_nodes(values, 0.0), dtype=np.float64)
         return self.slipped[i] + at_nodes
 
     def dissipated_energy(self) -> float:

@@ -15,13 +15,12 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
-from qsdolfinx.friction.filled import limited
+from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
-from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
-from qsdolfinx.gap.weighted_gap import KINDS, Vecs, WeightedGap
+from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 
@@ -46,6 +45,18 @@ class Place(typing.NamedTuple):
     tool: Array
 
 
+class Held(typing.NamedTuple):
+    """Components of τ̂ that are no unknowns, of owned nodes, (nodes, gdim).
+
+    Attributes:
+        components: Which.
+        clamped: Those of them at nodes that are held as a whole.
+    """
+
+    components: npt.NDArray[np.bool_]
+    clamped: npt.NDArray[np.bool_]
+
+
 @dataclasses.dataclass
 class SlipState:
     """What changes at the rows of a slip, while its pairing stays.
@@ -57,17 +68,22 @@ class SlipState:
         start: Where it was when the step began.
         starts_there: Whether that is not known yet: it is where the bodies are when the next solve
             begins, before conditions are in place.
+        rest: With rows at points, what τ at the start of the step was beyond the multipliers of
+            nodes (stress), (rows, gdim): 0 in the mean.
+        reached: With rows at points and a penalty, τ of the nodes at the last solution, as
+            ``augmented``, which it becomes at the step's end; None before the first.
         until_closed: What the jump changed from there until the row closed in this step; 0 for
             rows that were closed at its start, and as long as nobody knows. Same shape.
         share: Part of the step for which the row has been closed since, shape (rows,).
         carried: Jump that the next step starts from if this one ends at the last evaluation.
         shift: What a rigid tool's motion adds to the jump.
-        augmented: τ̂, what the trial multiplier starts from.
+        augmented: τ̂, what the trial multiplier starts from; with rows at points for the sides of
+            all owned nodes, (nodes, gdim · gdim), see ``PointRows``.
         pressed: Pressure λ at the start of the step, shape (rows,).
         slipped: 1 of rows that slipped there, (rows,).
-        covered: Part of the node's area that was covered there, (rows,).
-        moved: 1 of components in which conditions have moved the row's node against what is
-            opposite to it in this step or before, while it was in contact, (rows, gdim).
+        covered: Part of the area of each owned node that was covered there, (nodes,).
+        moved: 1 of components in which conditions have moved an owned node against what is
+            opposite to it in this step or before, while it was in contact, (nodes, gdim).
         at_start: Where the two sides were when the step began; None before the first.
         now: Where they are at the last evaluation, if conditions hold nodes of both.
         pressure: The same at the last evaluation.
@@ -108,38 +124,43 @@ class SlipState:
     frames: Array | None = None
     at_start: Place | None = None
     now: Place | None = None
+    rest: Array | float = 0.0
+    reached: Array | None = None
 
     @classmethod
-    def at_rest(cls, rows: int, gdim: int) -> SlipState:
-        """Before the first evaluation."""
+    def at_rest(cls, rows: int, gdim: int, covered: Array, augmented: Array) -> SlipState:
+        """Before the first evaluation.
+
+        Args:
+            rows: Their number.
+            gdim: Of the bodies.
+            covered: Part of the area of each owned node that is covered.
+            augmented: τ̂ = 0.
+        """
         zero, no = np.zeros((rows, gdim)), np.zeros(rows, dtype=bool)
         stiffness = np.zeros((rows, gdim, gdim))
         response = Response(zero, stiffness, zero, no, zero, np.zeros(rows))
         none, all_ = np.zeros(rows), np.ones(rows)
-        starts = none, none, all_, zero
-        edge = np.full(rows, np.inf)
-        return cls(zero, zero, zero, zero, zero, zero, all_, *starts, none, no, response, edge)
+        starts = none, none, covered, np.zeros((len(covered), gdim))
+        edge, until = np.full(rows, np.inf), zero
+        start = zero, zero, zero, zero, augmented, until, all_
+        return cls(*start, *starts, none, no, response, edge)
 
 
 class Slip:
     """g_k = P_k (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), P_k = 1 − n_k n_kᵀ, on the rows of a gap.
 
     Δu is the displacement since the step began; n_k is the mean of the normals of the row's pairing
-    points.
-
-    Friction is at nodes, also where the pressure is at points: its limit is that of their mean,
-    λ_k = Σ_p w_p N_k λ_p / Σ_p w_p N_k.
+    points. With rows at points it is g_p = P_p (Δu_s − Δu_m), and the law is asked there, with the
+    pressure of the point.
 
     Args:
-        gap: The weighted gap of the pass, with a row for each node.
-        of: The pass whose multiplier is the pressure: the same, unless its rows are points.
+        gap: The weighted gap of the pass.
         friction: The law.
     """
 
-    def __init__(self, gap: WeightedGap, of: WeightedGap, friction: Friction) -> None:
-        assert isinstance(gap.rows, NodeRows)
-        self.gap, self.of, self._rows = gap, of, gap.rows
-        self.friction = friction
+    def __init__(self, gap: WeightedGap, friction: Friction) -> None:
+        self.gap, self.friction = gap, friction
         self.operator = gap.jump_operator()
         gdim = gap.slave.gdim
         #: P_k, shape (rows, gdim, gdim).
@@ -152,18 +173,34 @@ class Slip:
         #: Whether conditions hold nodes of both sides, on any rank.
         self.may_be_held = False
         #: Components of τ̂ that conditions hold on both sides, and that they do not move against
-        #: each other; None if there are none anywhere.
-        self.extension: Extension | None = None
+        #: each other, of owned nodes; none if there are none anywhere.
+        self.held: Held | None = None
         #: What changes while the pairing stays.
-        self.state = SlipState.at_rest(self.operator.num_rows, gdim)
-        self.state.covered = self.covered
+        num = self.operator.num_rows
+        shape = (len(self.covered), gdim * gdim) if gap.rows.are_points else (num, gdim)
+        self.state = SlipState.at_rest(num, gdim, self.covered, np.zeros(shape))
         #: Values of the law's parameters at the rows.
         self.parameters: dict[str, Array] = {}
 
-    def take_passes(self, gap: WeightedGap, of: WeightedGap) -> None:
-        """Replace the passes by copies of them."""
-        assert isinstance(gap.rows, NodeRows)
-        self.gap, self.of, self._rows = gap, of, gap.rows
+    def known(self, elastic: float, reached: Array | None = None) -> Array:
+        """τ that the trial starts from at the rows (stress), (rows, gdim). Collective.
+
+        At points τ_h + r (τ̂_h − τ_h) + what they had beyond that when the step began, r being the
+        part of a penalty's compliance, γ_t/ε_t.
+
+        Args:
+            elastic: r; 0 of an augmented Lagrangian.
+            reached: τ_h at the points, (rows, gdim); by default that of the last solution.
+        """
+        state, rows = self.state, self.gap.rows
+        if not isinstance(rows, PointRows):
+            return state.augmented
+        if reached is None:
+            nodal = state.augmented if state.reached is None else state.reached
+            reached = rows.vectors_from_sides(nodal)
+        start = rows.vectors_from_sides(state.augmented) if elastic > 0 else 0.0
+        known: Array = np.asarray((1 - elastic) * reached + elastic * start)
+        return np.asarray(self.tangential(known) + state.rest)
 
     @property
     def slave(self) -> Surface:
@@ -172,7 +209,7 @@ class Slip:
 
     @property
     def row_node(self) -> npt.NDArray[np.int64]:
-        """Slave node of each row."""
+        """Slave node of each row; not of points."""
         return self.gap.operator.row_node
 
     @property
@@ -207,9 +244,14 @@ class Slip:
 
     @property
     def covered(self) -> Array:
-        """Part of the area of each row's node that is opposite to something, (rows,)."""
-        covered = self.weight * self.operator.slave_sum[:, 0]
-        return np.asarray(covered / self.slave.node_area[self.row_node])
+        """Part of the area of each owned node that is opposite to something, (nodes,)."""
+        rows = self.gap.rows
+        if isinstance(rows, PointRows):
+            covered = self.gap.share * rows.cover
+        else:
+            assert isinstance(rows, NodeRows)
+            covered = rows.sums_on_nodes(self.weight * self.operator.slave_sum[:, 0])
+        return np.asarray(covered / self.slave.node_area)
 
     def tangential(self, vectors: Array) -> Array:
         """Tangential parts of vectors at the rows."""
@@ -221,19 +263,6 @@ class Slip:
         size = np.linalg.norm(flat, axis=1)
         grow = np.divide(np.linalg.norm(vectors, axis=1), size, where=size > 0, out=0 * size)
         return np.asarray(flat * grow[:, None])
-
-    def at_nodes(self, of_pass: npt.NDArray[typing.Any]) -> npt.NDArray[typing.Any]:
-        """What the pass has at its rows, at those of the slip: means, or any flag. Collective."""
-        if self.of is self.gap:
-            return of_pass
-        return self.of.rows.on_nodes(of_pass, 0)[self.row_node]
-
-    def largest_at_nodes(self, of_pass: Array) -> Array:
-        """The largest value of the pass' rows beside each of the slip's. Collective."""
-        rows = self.of.rows
-        if not isinstance(rows, PointRows):
-            return of_pass
-        return np.asarray(rows.largest_of_sides(of_pass).max(axis=1)[self.row_node])
 
     def jump_of(self, u: Vecs) -> Array:
         """Weighted jump for given displacements over the bodies' scales. Collective."""
@@ -257,6 +286,7 @@ class Slip:
         in_displacement: tuple[bool, bool],
         gap: Array,
         compliance: float,
+        elastic: float,
     ) -> None:
         """Compute slip and response for unknowns u. Collective.
 
@@ -264,13 +294,14 @@ class Slip:
             u: Unknowns of the bodies.
             pressure: λ at the rows.
             closed: Rows in contact.
-            penalty: ε in tangential direction.
+            penalty: ε in tangential direction, or at points γ_t.
             dt: Δt.
             slow: Slip rate (length per time) that is slow in the scene.
             in_displacement: Whether the slave's and the master's body have (total) displacements;
                 what moves with velocities starts each step from where it is.
             gap: Weighted gap at the rows, length.
             compliance: Gap (length) that a pressure closes, over it.
+            elastic: As for :meth:`known`.
         """
         state = self.state
         state.now = self._place_now(u, in_displacement) if self.may_be_held else None
@@ -289,7 +320,7 @@ class Slip:
             state.carried = state.carried + state.shift
         closed = closed | ((state.on_edge > 0) & np.isfinite(state.on_edge))
         state.closed, state.pressure, state.ended = closed, pressure, False
-        augmented = state.augmented
+        augmented = self.known(elastic)
         if self.gap.following is not None:  # kept as it is: to come back is to change nothing
             augmented = self.turned(augmented)
         rows = Rows(
@@ -310,7 +341,11 @@ class Slip:
         with collective_errors(self.slave.comm):  # a law may be the user's
             means = not all(in_displacement)
             state.response = self.respond(rows, means)
-            state.response = limited(self.friction, state.response, state.on_edge, rows.penalty)
+            if self.gap.rows.are_points:
+                state.response = self.with_bound(state.response, rows)
+            else:
+                edge = state.on_edge
+                state.response = limited(self.friction, state.response, edge, rows.penalty)
             state.response = self._as_solved(state.response)
         leaving = ~closed & (state.slipped > 0)
         state.evaluated = Evaluated(
@@ -327,7 +362,8 @@ class Slip:
     def _covers_the_same(self) -> bool:
         """Whether no row in contact, now or at the start, is covered more or less. Collective."""
         change = np.abs(self.state.covered - self.covered) > SAME_COVER * self.covered
-        local = bool(np.any(change & (self.state.closed | (self.state.pressed > 0))))
+        in_contact = self.state.closed | (self.state.pressed > 0)
+        local = bool(np.any(change & self.gap.rows.on_nodes(in_contact, False).astype(bool)))
         return not self.slave.comm.allreduce(local, op=MPI.LOR)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
@@ -451,17 +487,11 @@ class Slip:
         )
 
     def gap_at_start(self, gap: Array) -> Array:
-        """ḡ (length) of the pass' rows at the start of the step, given that now. Collective.
-
-        At points as far as the motion of the nodes tells.
-        """
+        """ḡ (length) of the pass' rows at the start of the step, given that now. Collective."""
         if self.state.pairs is not None:
             return self.state.pairs.gap
         moved = np.sum(self.gap.operator.slave_sum * (self.state.jump - self.state.start), axis=1)
-        moved = moved / self.cover
-        if self.of is not self.gap:
-            moved = self.of.rows.from_nodes(self.gap.rows.on_nodes(moved, 0.0).astype(np.float64))
-        return np.asarray(gap - moved)
+        return np.asarray(gap - moved / self.cover)
 
     def count_from(self, until_closed: Array, share: Array) -> None:
         """Let rows that close in this step count slip from when they close.
@@ -501,13 +531,39 @@ class Slip:
         self.state.on_edge = np.full_like(self.state.share, np.inf)
         self.count_whole_step()
 
+    def with_bound(self, response: Response, rows: Rows) -> Response:
+        """The answer at points of laws whose limit does not vanish with the pressure.
+
+        At points |τ| is at most :data:`STEEP` times the pressure, so that it does not jump where
+        one opens: any part of the limit is possible where the pressure is next to none.
+
+        Args:
+            response: What the law answers.
+            rows: What it was told.
+        """
+        if not self.friction.jumps:
+            return response
+        bound = np.where(rows.unlimited, np.inf, STEEP * rows.pressure)
+        return bounded(self.friction, response, bound, STEEP, rows.penalty)
+
+    # --- τ̂ at all owned nodes, the same when contact pairs anew
+
     def augmented_on_nodes(self) -> Array:
-        """τ̂ at all owned nodes, in corners of their sides; 0 where there is none."""
-        return self._rows.on_sides(self.state.augmented)
+        """τ̂ at all owned nodes, in corners and at points of their sides; 0 where there is none."""
+        rows, augmented = self.gap.rows, self.state.augmented
+        if isinstance(rows, NodeRows):
+            return rows.on_sides(augmented)
+        return augmented
 
     def set_augmented_on_nodes(self, values: Array) -> None:
         """Put back what :meth:`augmented_on_nodes` gave."""
-        self.state.augmented = self._rows.from_sides(values)
+        rows, values = self.gap.rows, np.array(values, dtype=np.float64)
+        self.state.augmented = rows.from_sides(values) if isinstance(rows, NodeRows) else values
+
+    def turn_augmented(self) -> None:
+        """Bring τ̂ into the tangent planes, if it belongs to rows."""
+        if not self.gap.rows.are_points:
+            self.state.augmented = self.turned(self.state.augmented)
 
     def add_forces(self, b: Vecs) -> None:
         """Add Jᵀ S τ to b. Collective."""
@@ -520,14 +576,13 @@ class Slip:
 
     def add_stiffness(self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
         """Add Lᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm); L is what τ works on."""
-        stiffness, coupling = self._slopes()
-        normal, weight = self._change_of_pressure(slope)
+        stiffness, coupling = self.stiffness(slope)
         _cpp.insert_friction(
             self.gap.slip_operators(),
             self.operator,
-            normal,
+            self.gap.operator,
             stiffness,
-            np.ascontiguousarray(weight[:, None] * coupling),
+            np.ascontiguousarray(coupling),
             [handle_of(mat) for mat in blocks],
             self.gap.state.scale,
         )
@@ -536,42 +591,20 @@ class Slip:
         """Add how the forces of τ change with τ held, where gaps follow the bodies. Collective."""
         self.gap.add_slip_curvature(self.state.response.traction, blocks)
 
-    @property
-    def is_at_rows(self) -> bool:
-        """Whether the pressure that friction follows, if any, is that of a row of the pass."""
-        return self.of is self.gap or self.friction.symmetric
-
     def stiffness(self, slope: Array) -> tuple[Array, Array]:
         """S D, shape (rows, gdim, gdim), and S ∂τ/∂λ ∂λ/∂ḡ of the row of the pass, (rows, gdim).
-
-        Only if ``is_at_rows``.
 
         Args:
             slope: ∂λ/∂ḡ at the rows of the pass.
         """
         stiffness, coupling = self._slopes()
-        weight = self._change_of_pressure(slope)[1]
-        return stiffness, weight[:, None] * coupling
+        return stiffness, (self.weight * slope)[:, None] * coupling
 
     def _slopes(self) -> tuple[Array, Array]:
         """S D and ∂τ/∂λ."""
         response = self.state.response
         stiffness = np.ascontiguousarray(self.weight[:, None, None] * response.stiffness)
         return stiffness, response.coupling
-
-    def _change_of_pressure(self, slope: Array) -> tuple[_cpp.GapOperator, Array]:
-        """S_k ∂λ_k/∂u as an operator and what its rows are to be multiplied by. Collective.
-
-        Args:
-            slope: ∂λ/∂ḡ at the rows of the pass.
-        """
-        gap, slave = self.gap, self.slave
-        if self.of is gap or self.friction.symmetric:  # which the pressure does not matter to
-            return gap.operator, self.weight * (slope if self.of is gap else 0.0)
-        points = gap.points.scaled(slope)
-        surfaces = slave.cpp_object, gap.master.cpp_object
-        operator = _cpp.GapOperator(*surfaces, points, jump=False, rows=KINDS.index("area"))
-        return operator, self.weight * slave.node_area[self.row_node] / gap.operator.row_area
 
     def fastest(self) -> float:
         """Largest way of a closed row on this rank, length: at its rate, in a whole step."""
@@ -595,8 +628,8 @@ class Slip:
         return self.lost()[1]
 
     def dissipation_at_nodes(self) -> Array:
-        """The same of all owned nodes."""
-        return self._rows.sums_on_nodes(self.dissipation())
+        """The same of all owned nodes; of points in the parts that nodes have of them. Collective."""
+        return self.gap.rows.sums_on_nodes(self.dissipation())
 
     @property
     def slipping(self) -> npt.NDArray[np.bool_]:
@@ -613,14 +646,22 @@ class Slip:
 
     def end_step(self) -> None:
         """Let the next step begin where this one ended."""
-        self.state.augmented = self.state.response.traction
+        traction, rows = self.state.response.traction, self.gap.rows
+        if isinstance(rows, PointRows):
+            if self.state.reached is not None:
+                self.state.augmented = self.state.reached
+            of_nodes = self.tangential(rows.vectors_from_sides(self.state.augmented))
+            self.state.rest = traction - of_nodes
+        else:
+            self.state.augmented = traction
         self.state.start = self.state.carried
         if self.gap.following is not None:
             self.state.pairs = PairsAtStart.of(self.gap)
         self.state.pressed = self.state.pressure
         self.state.covered = self.covered
         self.state.slipped = self.state.response.slipping.astype(np.float64)
-        self.state.moved = np.where(self.state.closed[:, None], self.state.moved, 0.0)
+        closed = self.gap.rows.on_nodes(self.state.closed, False).astype(bool)
+        self.state.moved = np.where(closed[:, None], self.state.moved, 0.0)
         self.state.at_start = self.state.now
         self.count_whole_step()
         self.state.ended = True

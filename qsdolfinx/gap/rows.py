@@ -26,6 +26,13 @@ CONSTRAINTS = ("nodes", "points")
 #: Part of a node's area that may be rounding.
 _SOME = 1e-10
 
+#: Part of the area of a side of a node below which what covers it determines no multiplier.
+LEAST_COVER = 0.1
+
+#: Relative accuracy of what is projected on nodes, and most iterations: the matrix of masses over
+#: its diagonal is as well conditioned as that of a facet, where nodes are covered.
+_PROJECTED, _MOST_PROJECTIONS = 1e-12, 200
+
 
 class Rows(abc.ABC):
     """Rows of a gap operator, and how values go between them and the slave's nodes.
@@ -65,6 +72,10 @@ class Rows(abc.ABC):
     @abc.abstractmethod
     def largest_on_nodes(self, values: Array) -> Array:
         """The largest of the values at a node's rows, at least 0; for values of shape (rows,)."""
+
+    @abc.abstractmethod
+    def sums_on_nodes(self, values: Array) -> Array:
+        """Values of shape (rows,) at all owned nodes, in the parts that these have of a row."""
 
     @abc.abstractmethod
     def from_nodes(self, values: Array) -> Array:
@@ -273,6 +284,105 @@ class PointRows(Rows):
         """Σ_p w_p N_k(ξ_p) c_p of values of shape (rows,), for the sides of the owned nodes."""
         return self._sums(values)
 
+    def sums_on_nodes(self, values: Array) -> Array:
+        """Σ_p N_k(ξ_p) c_p of values of shape (rows,) at all owned nodes."""
+        area = self.operator.row_area
+        of_area = np.divide(values, area, out=np.zeros_like(area), where=area > 0)
+        return np.asarray(self._sums(of_area).sum(axis=1))
+
+    def means_of_some(self, values: Array, which: Flags) -> Array:
+        """Means of vectors over these points alone, at nodes with none of them over all.
+
+        Args:
+            values: Shape (rows, gdim).
+            which: The points.
+        """
+        some = np.column_stack([np.where(which[:, None], values, 0.0), values, which])
+        means, gdim = self.on_nodes(some, 0.0).astype(np.float64), values.shape[1]
+        part = means[:, -1:]
+        return np.where(part > _SOME, means[:, :gdim] / np.maximum(part, _SOME), means[:, gdim:-1])
+
+    # --- Vectors: those of the sides of a node behind each other, (nodes, block · gdim)
+
+    def vectors_from_sides(self, values: Array) -> Array:
+        """Values of the vector functions Σ_k N_k v_k that each point sees, shape (rows, gdim)."""
+        sides = values.reshape(len(values), self.slave.block, -1)
+        columns = range(sides.shape[2])
+        return np.column_stack([self.from_sides(sides[:, :, k]) for k in columns])
+
+    def sums_of_vectors(self, values: Array) -> Array:
+        """Σ_p w_p N_k(ξ_p) v_p of values of shape (rows, gdim), for the sides of owned nodes."""
+        sums = np.stack([self._sums(np.ascontiguousarray(v)) for v in values.T], axis=2)
+        return np.asarray(sums.reshape(len(sums), -1))
+
+    def projected(self, values: Array) -> Array:
+        """The vector functions of the nodes closest to values at points, Σ w_p |v_h − v_p|² → min.
+
+        Their forces on the slave's nodes are the same. Of sides that points hardly cover there is
+        none but what the sides beside them have.
+
+        Args:
+            values: Shape (rows, gdim).
+        """
+        extension = self.extended(None)
+        free = self.covered if extension is None else self.covered & ~extension.held
+        cover = np.where(free, self.cover_of_sides, 1.0)
+
+        def full(values: Array) -> Array:
+            out = np.where(free, values, 0.0)
+            return out if extension is None else extension.fill(out)
+
+        def gathered(values: Array) -> Array:
+            sums = self._sums(values)
+            sums = sums if extension is None else extension.gather(sums)
+            return np.where(free, sums, 0.0)
+
+        def dot(a: Array, b: Array) -> float:
+            return float(self.slave.comm.allreduce(float(np.sum(a * b)), op=MPI.SUM))
+
+        found = []
+        for column in values.T:
+            x = np.zeros(free.shape)
+            r = gathered(np.ascontiguousarray(column))
+            z = r / cover
+            p, rz = z, dot(r, z)
+            last = _PROJECTED**2 * rz
+            for _ in range(_MOST_PROJECTIONS):
+                if rz <= last:
+                    break
+                q = gathered(self.from_sides(full(p)))
+                step = rz / dot(p, q)
+                x, r = x + step * p, r - step * q
+                z = r / cover
+                rz, before = dot(r, z), rz
+                p = z + rz / before * p
+            found.append(full(x))
+        return np.stack(found, axis=2).reshape(len(cover), -1)
+
+    def projected_means(self, values: Array) -> Array:
+        """The same as values of nodes, means of their sides where there are several.
+
+        Args:
+            values: Shape (rows, n).
+        """
+        sides = self.projected(values).reshape(len(self.cover), self.slave.block, -1)
+        sums = np.einsum("ks,ksc->kc", self.cover_of_sides, sides)
+        some, out = self.cover > _SOME * self.slave.node_area, np.zeros_like(sums)
+        return np.divide(sums, self.cover[:, None], out=out, where=some[:, None])
+
+    def extended(self, held: Extension | None) -> Extension | None:
+        """Of what is held, and of what is hardly covered beside something that is more. Collective.
+
+        Args:
+            held: Of what conditions hold on both sides; None for nothing.
+        """
+        hardly = self.covered & (self.cover_of_sides < LEAST_COVER * self.area_of_sides)
+        found = self.extension(hardly, hardly, held)
+        if found is None or found is held:
+            return held
+        hardly = hardly & found.filled
+        return self.extension(hardly, hardly, held)
+
     def largest_of_sides(self, values: Array) -> Array:
         """The largest of the values of the points beside each side of an owned node, or −∞."""
         vec = self.slave.create_vec()
@@ -284,28 +394,6 @@ class PointRows(Rows):
         """The least of what the sides have that a point sees, shape (rows,)."""
         offset, found = self.operator.functions[0], self._at_functions(values)
         return np.minimum.reduceat(found, offset[:-1]) if len(found) else np.zeros(0)
-
-    def shares_of_largest(self, values: Array) -> Array:
-        """1 at the function of a node at the point beside it with the largest value, 0 at others.
-
-        Shared out where several have it. Of the entries of ``operator.functions``.
-        """
-        offset, _, functions = self.operator.functions
-        nodes = np.repeat(self.largest_of_sides(values).max(axis=1)[:, None], self.slave.block, 1)
-        own = np.repeat(values, np.diff(offset))
-        has = ((self._at_functions(nodes) == own) & (functions != 0)).astype(np.float64)
-        count = self.sums_of_functions(has).sum(axis=1, keepdims=True)
-        several = self._at_functions(np.repeat(count, self.slave.block, axis=1))
-        return np.divide(has, several, out=np.zeros_like(has), where=has > 0)
-
-    def sums_of_functions(self, values: Array) -> Array:
-        """Sums of values of the entries of ``operator.functions``, for the sides of owned nodes."""
-        with self._scattered() as (vec, local, scatter):
-            local.array[:] = values
-            mode = PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE
-            scatter.scatter(local, vec, *mode)
-            out: Array = vec.array_r[self._own(vec)].copy()
-        return out
 
     def _at_functions(self, values: Array) -> Array:
         """Values of the sides of owned nodes, for each entry of ``operator.functions``."""

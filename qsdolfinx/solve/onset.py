@@ -39,7 +39,7 @@ class _Way:
 
     def __init__(self, p: Pass, slip: Slip) -> None:
         self.p, self.slip = p, slip
-        self._gap = slip.at_nodes(slip.gap_at_start(p.gap.state.values[:, 0]))
+        self._gap = slip.gap_at_start(p.gap.state.values[:, 0])
         self._jump = np.zeros_like(slip.state.jump)
         self.open: Flags = slip.is_fresh & (self._gap < -p.model.paired.touching)
         self._began_open = self.open.copy()
@@ -50,15 +50,6 @@ class _Way:
     def num_closed(self) -> int:
         """Rows on this rank that were closed when the step began."""
         return int(np.count_nonzero(self.slip.state.closed & ~self._began_open))
-
-    @property
-    def open_rows(self) -> Flags:
-        """Rows of the pass that belong to rows which are open. Collective."""
-        gap, of = self.slip.gap, self.slip.of
-        if of is gap:
-            return self.open
-        at_nodes = gap.rows.on_nodes(self.open.astype(np.float64), 0.0)
-        return np.asarray(of.rows.from_nodes(np.asarray(at_nodes, dtype=np.float64)) > 0.5)
 
     def go_on(self, now: float, gap: Array, jump: Array) -> None:
         """Let the way lead straight from where it is.
@@ -152,8 +143,7 @@ class Onset:
     def _open(self) -> list[Flags]:
         rows = zip(self._equations.passes, self._ways, strict=True)
         return [
-            np.zeros(p.rows.num_rows, dtype=bool) if way is None else way.open_rows
-            for p, way in rows
+            np.zeros(p.rows.num_rows, dtype=bool) if way is None else way.open for p, way in rows
         ]
 
     def _go_on(self, now: float, change: Array) -> None:
@@ -172,7 +162,7 @@ class Onset:
                     gap = gap + by_gap[:, 0] * displacements[p.tool]
                     if by_jump is not None:
                         jump = jump + by_jump * displacements[p.tool]
-                way.go_on(now, slip.at_nodes(gap), jump)
+                way.go_on(now, gap, jump)
 
     def _until(self, many: float) -> tuple[float, int, int]:
         """Until when a number of rows has closed. Collective.

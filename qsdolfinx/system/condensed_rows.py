@@ -10,7 +10,6 @@ import numpy.typing as npt
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.laws import Unilateral
 from qsdolfinx.gap.rows import PointRows
@@ -19,9 +18,6 @@ from qsdolfinx.system.normal_rows import Normal, Scales
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-
-#: Part of the area of a side of a node below which what covers it determines no multiplier.
-LEAST_COVER = 0.1
 
 #: Part of the diagonal by which the inexact derivative is softer at points: where sides of a node
 #: are pressed flat, their multipliers are more than there are motions.
@@ -155,25 +151,11 @@ class PointConstraints(CondensedRows):
         self.gamma: float = model.eps
         covered = self._points.covered
         #: E; None where λ_free is all of λ.
-        self.extension: Extension | None = self._extended(gap.extension)
+        self.extension: Extension | None = gap.rows.extended(gap.extension)
         none = np.zeros_like(covered)
         held = none if self.extension is None else self.extension.held
         #: Sides of owned nodes whose multipliers are unknowns, (nodes, block).
         self.free: Flags = covered & ~held if model.augmented else none
-
-    def _extended(self, held: Extension | None) -> Extension | None:
-        """Of what is held and of what is hardly covered beside something that is more. Collective.
-
-        Args:
-            held: Of what conditions hold on both sides.
-        """
-        points = self._points
-        hardly = points.covered & (points.cover_of_sides < LEAST_COVER * points.area_of_sides)
-        found = points.extension(hardly, hardly, held)
-        if found is None or found is held:
-            return held
-        hardly = hardly & found.filled
-        return points.extension(hardly, hardly, held)
 
     def soften(self, part: float) -> None:
         """Take this part of the penalty for γ, if there are multipliers: λ means the same."""
@@ -295,22 +277,6 @@ class PointConstraints(CondensedRows):
         if not self._is_unilateral:
             return np.asarray(np.where(at.active, self._slope(at.trial), 0.0)[:, None])
         return np.asarray(self.gamma * at.active[:, None])
-
-    def shares_of_largest(self, at: Normal) -> Array:
-        """Which functions of nodes belong to their largest y, see ``PointRows``. Collective."""
-        return self._points.shares_of_largest(at.trial[:, 0])
-
-    def of_largest(self, shares: Array, values: Array, slip: Slip) -> Array:
-        """Values of the points with the largest y, at the rows of a slip. Collective.
-
-        Args:
-            shares: Of :meth:`shares_of_largest`.
-            values: Of the points, (points,).
-            slip: The slip.
-        """
-        of_functions = shares * np.repeat(values, np.diff(self.gap.operator.functions[0]))
-        sums = self._points.sums_of_functions(of_functions).sum(axis=1)
-        return np.asarray(sums[slip.row_node])
 
     def softened(self, at: Normal) -> Array:
         """See ``NormalRows``."""

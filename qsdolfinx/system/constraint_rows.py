@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import typing
 
 import numpy as np
@@ -12,6 +13,7 @@ from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.laws import Conductance, Tied, Unilateral
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
+from qsdolfinx.system.friction_at_points import PointFriction
 from qsdolfinx.system.friction_rows import FrictionRows, Tangential
 from qsdolfinx.system.normal_rows import AugmentedLawRows, NodalRows, Normal, NormalRows
 
@@ -27,7 +29,7 @@ class Multipliers(typing.NamedTuple):
 
     Attributes:
         normal: λ, stress, (rows, 1), or (rows, gdim) of a law of the whole jump.
-        tangential: τ, stress, (rows, gdim); None without friction.
+        tangential: τ, stress, (rows, gdim), or at points (unknowns, 1); None without friction.
     """
 
     normal: Array
@@ -79,8 +81,8 @@ class ConstraintRows:
     Of a law that jumps where rows open it is a part of that on the edge of contact, see ``fill``.
     A law of the whole jump has R_λ = W (⟦u⟧ − λ/ε). Where conditions hold both sides, no gap can
     be closed: there R_λ = W/c_n (λ̄ − λ), λ̄ being the mean of the nodes around while λ̄ + c_n ḡ > 0,
-    and else 0. At points see ``PointConstraints``: friction, at nodes, has the mean of
-    their pressures there. All are functions of their arguments alone.
+    and else 0. At points see ``PointConstraints`` and ``PointFriction``.
+    All are functions of their arguments alone.
 
     Args:
         model: The contact.
@@ -108,8 +110,16 @@ class ConstraintRows:
         assert normal is not None
         #: Rows of λ.
         self.normal: NormalRows = normal
+        #: Rows of τ where they are nodes'; None of others, and without friction.
+        self.nodal_friction: FrictionRows | None = None
+        #: Those of points, whose slips make forces themselves.
+        self.condensed_friction: PointFriction | None = None
+        if slip is not None and gap.rows.are_points:
+            self.condensed_friction = PointFriction(model, slip)
+        elif slip is not None:
+            self.nodal_friction = FrictionRows(model, slip)
         #: Rows of τ; None without friction.
-        self.friction = None if slip is None else FrictionRows(model, slip)
+        self.friction = self.nodal_friction or self.condensed_friction
 
     @property
     def num_rows(self) -> int:
@@ -134,11 +144,12 @@ class ConstraintRows:
     @property
     def num_values(self) -> int:
         """Gaps on this rank, and components of slips."""
-        return self.num_rows * self.width + self._num_tangential
+        of_slip = 0 if self.slip is None else self.slip.operator.num_rows * self.gap.slave.gdim
+        return self.num_rows * self.width + of_slip
 
     @property
     def _num_tangential(self) -> int:
-        return 0 if self.friction is None else self.friction.num_rows * self.gap.slave.gdim
+        return 0 if self.friction is None else math.prod(self.friction.shape)
 
     def split(self, values: Array) -> Multipliers:
         """λ and τ in an array of the unknowns."""
@@ -146,8 +157,7 @@ class ConstraintRows:
         normal = values[:end].reshape(end // width, width)
         if self.friction is None:
             return Multipliers(normal, None)
-        shape = self.friction.num_rows, self.gap.slave.gdim
-        return Multipliers(normal, values[end:].reshape(shape))
+        return Multipliers(normal, values[end:].reshape(self.friction.shape))
 
     # --- Evaluation
 

@@ -419,7 +419,7 @@ class Equations:
         p.gap.add_forces(at.pressure, vecs)
         if p.slip is None or at.tangential is None:
             return
-        tangential = p.slip.tangential(at.tangential.multiplier)
+        tangential = at.tangential.traction
         if p.gap.following is not None:
             p.gap.add_slip_forces(tangential, vecs)
             return
@@ -458,7 +458,7 @@ class Equations:
             out[p.tool] += np.sum(p.gap.weight[:, None] * e.pressure * gap)
             if slip is not None and p.slip is not None and e.tangential is not None:
                 weight = p.slip.weight[:, None]
-                out[p.tool] += np.sum(weight * e.tangential.multiplier * slip)
+                out[p.tool] += np.sum(weight * e.tangential.traction * slip)
         self.system.comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
         forces = [tool.driven.force for tool in self.tools if tool.driven is not None]
         return out - np.array(forces)
@@ -605,7 +605,7 @@ class Equations:
             assert s is not None
             p.gap.add_curvature(e.pressure, given(s, m))
             if p.slip is not None and e.tangential is not None:
-                p.gap.add_slip_curvature(p.slip.tangential(e.tangential.multiplier), given(s, m))
+                p.gap.add_slip_curvature(e.tangential.traction, given(s, m))
         for contact, sides in zip(self.system.contacts, self.system.sides, strict=True):
             if contact.coupling is not None:
                 ss, sm, ms, mm = given(*sides)
@@ -669,14 +669,19 @@ class Equations:
         first = int(self._first[rank, len(self.system.bodies) + i])
         own = first + np.arange(rows.num_multipliers)
         if rows.condensed is not None:
-            found = [self._matrices(p, rows.condensed, own).normal(at.normal)]
+            of_friction = None if rows.condensed_friction is None else at.tangential
+            found = [self._matrices(p, rows.condensed, own).derivative(at.normal, of_friction)]
             if not exact:
-                found.append(Entries(own, own, rows.condensed.softened(at.normal)))
+                soft = rows.condensed.softened(at.normal)
+                if rows.condensed_friction is not None:
+                    soft = np.concatenate([soft, rows.condensed_friction.softened()])
+                every = first + np.arange(len(soft))
+                found.append(Entries(every, every, soft))
         else:
             assert rows.nodal is not None
             found = self._of_nodes(p, rows.nodal, at, exact, own)
-        if rows.friction is not None and at.tangential is not None:
-            by = rows.friction.derivative(at.tangential, exact)
+        if rows.nodal_friction is not None and at.tangential is not None:
+            by = rows.nodal_friction.derivative(at.tangential, exact)
             found += self._of_slip(p, at, by, own, first + len(own))
         return found
 
@@ -717,7 +722,7 @@ class Equations:
     def _by_multipliers(self, p: Pass, i: int, mat: PETSc.Mat) -> Entries:
         """Entries of a matrix of body i's unknowns by λ̂ at the rows of a pass. Collective."""
         first, part = mat.getOwnershipRange()[0], self._number_of_part(p)
-        own = self._first[self.system.comm.rank, part] + np.arange(p.rows.num_multipliers)
+        own = self._first_of(p) + np.arange(p.rows.num_multipliers)
         if p.rows.condensed is not None:
             functions = self._matrices(p, p.rows.condensed, own).functions
             assert functions is not None
@@ -745,17 +750,34 @@ class Equations:
         if not p.gap.is_linear and p.rows in self._of_gaps:
             self._of_gaps.pop(p.rows).destroy()
         if p.rows not in self._of_gaps:
-            gaps: list[Entries] = []
-            for scaled in (False, True):
-                found = [self._entries(p.gap.operator, p, 0, scaled)]
-                if p.tool is not None:
-                    row = np.arange(p.rows.num_rows * p.rows.width)
-                    tool = np.full(len(row), self._first[0, -2] + p.tool)
-                    found.append(Entries(row, tool, self.changes(p)[0].ravel()))
-                gaps.append(joined(found))
-            left, right = gaps
-            self._of_gaps[p.rows] = GapMatrices(rows, p.slip, (left, right), own, self.num_local)
+            friction, slips, change = p.rows.condensed_friction, None, (None, None)
+            if p.tool is not None:
+                change = self.changes(p)
+            gaps = self._both(p, p.gap.operator, change[0])
+            last = int(own[-1]) + 1 if len(own) else self._first_of(p)
+            of_slip = last + np.arange(0 if friction is None else friction.shape[0])
+            if friction is not None and p.slip is not None:
+                slips = self._both(p, p.slip.operator, change[1])
+            numbers = own, of_slip
+            made = GapMatrices(rows, friction, gaps, slips, numbers, self.num_local)
+            self._of_gaps[p.rows] = made
         return self._of_gaps[p.rows]
+
+    def _both(self, p: Pass, operator: typing.Any, change: Array | None) -> tuple[Entries, Entries]:
+        """Of G or J by displacements and by the unknowns, with those of a driven tool."""
+        found = []
+        for scaled in (False, True):
+            parts = [self._entries(operator, p, 0, scaled)]
+            if p.tool is not None and change is not None:
+                row = np.arange(change.size)
+                tool = np.full(len(row), self._first[0, -2] + p.tool)
+                parts.append(Entries(row, tool, change.ravel()))
+            found.append(joined(parts))
+        return found[0], found[1]
+
+    def _first_of(self, p: Pass) -> int:
+        """Number of a pass' first unknown on this rank."""
+        return int(self._first[self.system.comm.rank, self._number_of_part(p)])
 
     def _with_tool(
         self, p: Pass, own: Indices, weight: Array, by_gap: Array, change: Array
@@ -817,7 +839,7 @@ class Equations:
             if not p.slip.friction.symmetric:
                 found += _each(matrices.pressures(at.normal), by.by_pressure, own)
             if by.by_trial is not None:
-                found += _each(matrices.trials(at.normal), by.by_trial, own)
+                found += _each(matrices.trials(), by.by_trial, own)
             return found
         assert p.rows.nodal is not None
         of_gap, of_multiplier = p.rows.nodal.by_trial()

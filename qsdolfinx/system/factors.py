@@ -110,20 +110,17 @@ class ContactFactors:
                 block = start + np.arange(part.num_rows).reshape(-1, 1, gdim)
                 of_rows = np.broadcast_to(block, (block.shape[0], gdim, gdim))
                 gap = self._pass_of(part.of)
-                if gap is not None:
-                    row = self._starts[gap] + np.arange(block.shape[0])
-                    beside = np.broadcast_to(row[:, None, None], (row.size, gdim, 1))
-                    of_rows = np.concatenate([beside, of_rows], axis=2)
+                row = self._starts[gap] + np.arange(block.shape[0])
+                beside = np.broadcast_to(row[:, None, None], (row.size, gdim, 1))
+                of_rows = np.concatenate([beside, of_rows], axis=2)
                 of_rows = of_rows.reshape(part.num_rows, of_rows.shape[2])
             counts.append(np.full(part.num_rows, of_rows.shape[1], dtype=np.int64))
             columns.append(of_rows.ravel())
         pointer = np.cumsum(np.concatenate(counts))
         return pointer.astype(np.int32), (first + np.concatenate(columns)).astype(np.int32)
 
-    def _pass_of(self, slip: Slip) -> int | None:
-        """Part whose rows the pressure of a slip is at; None where it does not matter."""
-        if slip.of is not slip.gap:
-            return None
+    def _pass_of(self, slip: Slip) -> int:
+        """Part whose rows the pressure of a slip is at."""
         return next(i for i, part in enumerate(self._parts) if part.of is slip.gap)
 
     def update(self) -> None:
@@ -135,13 +132,12 @@ class ContactFactors:
         found = {id(of): stiffness for of, stiffness in given}
         values, beside = [np.zeros(0)], [np.zeros(0)]
         for part in self._parts:
-            of, stiffness = part.of, found[id(part.of)]
+            stiffness = found[id(part.of)]
             coupling = np.zeros(part.num_rows)
             if isinstance(stiffness, tuple):
                 block, change = stiffness
                 coupling = change.ravel()
-                if self._pass_of(typing.cast(Slip, of)) is not None:
-                    block = np.concatenate([change[:, :, None], block], axis=2)
+                block = np.concatenate([change[:, :, None], block], axis=2)
                 values.append(block.ravel())
             else:
                 stiffness = stiffness if stiffness.ndim == 2 else stiffness[:, None]

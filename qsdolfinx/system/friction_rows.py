@@ -1,4 +1,4 @@
-"""Rows of τ of one pass of a contact: the law of friction at nodes."""
+"""Rows of τ of one pass of a contact whose rows are nodes: the law of friction."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ class Tangential(typing.NamedTuple):
         response: What it answered.
         active: Rows in contact.
         filled: What the edge of contact makes of the answer; None of a law that does not jump.
+        traction: Stress that makes forces at the rows, (rows, gdim): τ, or at points the answer.
     """
 
     multiplier: Array
@@ -37,6 +38,7 @@ class Tangential(typing.NamedTuple):
     response: Response
     active: Flags
     filled: Filled | None
+    traction: Array
 
     @property
     def closed(self) -> Flags:
@@ -93,9 +95,9 @@ class FrictionRows:
         self._fills = slip.friction.jumps and slip.friction.is_bounded
 
     @property
-    def num_rows(self) -> int:
-        """Rows on this rank."""
-        return int(self.slip.operator.num_rows)
+    def shape(self) -> tuple[int, int]:
+        """Of the unknowns τ of this rank."""
+        return self.slip.operator.num_rows, self.slip.gap.slave.gdim
 
     def first(self) -> Array:
         """What is known of τ."""
@@ -114,8 +116,8 @@ class FrictionRows:
             opened: Rows of λ that count as open.
         """
         slip = self.slip
-        active = slip.at_nodes(normal.active)
-        pressure = slip.at_nodes(np.maximum(normal.pressure[:, 0], 0.0))
+        active = normal.active
+        pressure = np.maximum(normal.pressure[:, 0], 0.0)
         told = self._told(multiplier, active, pressure)
         if first:
             slipped = np.any(multiplier, axis=1) & (again | (slip.state.slipped > 0))
@@ -124,22 +126,21 @@ class FrictionRows:
             told = told._replace(closed=np.ones_like(active))
         with collective_errors(self.model.comm):  # a law may be the user's
             response = slip.respond(told, not all(self.model.kinematics.in_displacement))
-        found = Tangential(multiplier, told, response, active, None)
+        found = Tangential(multiplier, told, response, active, None, slip.tangential(multiplier))
         return self._filled(found, normal, first, opened) if self._fills else found
 
     def _filled(
         self, found: Tangential, normal: Normal, first: bool, opened: Flags | None
     ) -> Tangential:
         """The same with what friction is on the edge of contact, see ``fill``. Collective."""
-        active, at_nodes = found.active, self.slip.at_nodes
+        active = found.active
         # What conditions hold is closed or open, as their λ̄ tells.
         alone = np.zeros_like(active) if normal.held is None else normal.held[:, 0]
         whole = active & (alone | (first & (found.told.pressure > 0)))
         none = alone & ~active
         if opened is not None:
-            none = none | ~at_nodes(~opened)
-        trial = self.slip.largest_at_nodes(normal.trial[:, 0])
-        filled = fill(found.response, found.multiplier, trial, whole, none)
+            none = none | opened
+        filled = fill(found.response, found.multiplier, normal.trial[:, 0], whole, none)
         return found._replace(response=filled.response, filled=filled)
 
     def _told(self, multiplier: Array, closed: Flags, pressure: Array) -> Rows:

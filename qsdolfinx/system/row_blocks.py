@@ -11,7 +11,7 @@ import numpy.typing as npt
 from qsdolfinx.contact.terms import Weights
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.system.condensed_rows import PROXIMAL, CondensedRows, PointConstraints
+from qsdolfinx.system.condensed_rows import PROXIMAL, CondensedRows
 from qsdolfinx.system.constraint_rows import Evaluated
 from qsdolfinx.system.equations import Equations, Pass, State
 from qsdolfinx.system.factors import Entries, joined
@@ -42,7 +42,7 @@ class RowBlocks:
 
     def __init__(self, equations: Equations) -> None:
         self._passes = equations.passes
-        self._of: list[_PassBlocks] = []
+        self._of: list[_PassBlocks | _PointBlocks] = []
         self._ends = np.cumsum([0, *(p.rows.num_unknowns for p in self._passes)])
         self._gap_ends = np.cumsum([0, *(p.rows.num_values for p in self._passes)])
         self._is_first = equations.system.comm.rank == 0
@@ -50,7 +50,11 @@ class RowBlocks:
 
     def take(self, at: State) -> None:
         """Those of an evaluation."""
-        self._of = [_PassBlocks(p, e) for p, e in zip(self._passes, at.passes, strict=True)]
+        both = zip(self._passes, at.passes, strict=True)
+        self._of = [
+            _PassBlocks(p, e) if p.rows.condensed_friction is None else _PointBlocks(p, e)
+            for p, e in both
+        ]
 
     @property
     def scale(self) -> Array:
@@ -188,9 +192,8 @@ class _NodalBlocks:
 class _CondensedBlocks:
     """Of rows of λ whose gaps make forces themselves."""
 
-    def __init__(self, rows: CondensedRows, at: Normal, slip: Slip | None) -> None:
-        self._rows, self._at, self._slip = rows, at, slip
-        self._largest: Array | None = None
+    def __init__(self, rows: CondensedRows, at: Normal) -> None:
+        self._rows = rows
         stiffness = rows.stiffness(at)
         self._own: Array = rows.gap.weight[:, None] * stiffness
         self._areas = rows.areas
@@ -237,19 +240,12 @@ class _CondensedBlocks:
         return out if multiplier is None else out + self._rows.seen(multiplier)[:, 0]
 
     def pressure(self, gap: Array | None, multiplier: Array | None) -> Array:
-        """How pressures of friction change, (rows of the slip,). Collective."""
-        assert self._slip is not None
-        return self._slip.at_nodes(self._limiting * self._changes(gap, multiplier))
+        """How pressures of friction change, (rows,). Collective."""
+        return np.asarray(self._limiting * self._changes(gap, multiplier))
 
     def trial(self, gap: Array | None, multiplier: Array | None) -> Array:
         """How y_n changes, likewise. Collective."""
-        assert self._slip is not None
-        changes = self._changes(gap, multiplier)
-        if not isinstance(self._rows, PointConstraints):
-            return np.asarray(self._rows.by_trial() * changes)
-        if self._largest is None:
-            self._largest = self._rows.shares_of_largest(self._at)
-        return self._rows.of_largest(self._largest, changes, self._slip)
+        return np.asarray(self._rows.by_trial() * self._changes(gap, multiplier))
 
     def stiffness(self) -> Array:
         """Of S, (rows, width)."""
@@ -284,6 +280,103 @@ class _SlipBlocks:
             self.changing.append(self.by_trial)
 
 
+class _PointBlocks:
+    """Those of a pass with friction at points, where it was evaluated."""
+
+    def __init__(self, p: Pass, at: Evaluated) -> None:
+        rows, friction = p.rows.condensed, p.rows.condensed_friction
+        assert rows is not None and friction is not None
+        assert p.slip is not None and at.tangential is not None
+        self._p, self._friction = p, friction
+        self._normal = _CondensedBlocks(rows, at.normal)
+        self._weight: Array = p.gap.weight
+        self._by_slip = friction.by_slip(at.tangential)
+        self._by_pressure = friction.by_pressure(at.tangential)
+        self._areas = friction.areas
+
+    @property
+    def is_condensed(self) -> bool:
+        """Whether C_γ is C."""
+        return self._normal.is_condensed
+
+    @property
+    def scale(self) -> Array:
+        """What the rows are multiplied with."""
+        own = np.full(self._friction.shape[0], self._friction.gamma)
+        return np.concatenate([self._normal.scale, own])
+
+    def add_to(self, digest: typing.Any) -> None:
+        """Add all that may change."""
+        for array in (*self._normal.changing, self._by_slip, self._by_pressure):
+            digest.update(np.ascontiguousarray(array))
+
+    def _of_multipliers(self, m: Array) -> tuple[Array, Array]:
+        end = self._p.rows.num_multipliers
+        return m[:end, None], m[end:, None]
+
+    def _of_gaps(self, gaps: Array) -> tuple[Array, Array]:
+        end = self._p.rows.num_rows
+        return gaps[:end, None], gaps[end:].reshape(end, -1)
+
+    def _tractions(self, gap: Array, jump: Array) -> Array:
+        """How τ_p change with gaps and slips, (points, gdim). Collective."""
+        pressure = self._normal.pressure(gap, None)
+        return _times(self._by_slip, jump) + self._by_pressure * pressure[:, None]
+
+    def _of_nodes(self, normal: Array, tangential: Array) -> Array:
+        """The same with multipliers. Collective."""
+        part = (1 - self._friction.elastic) / self._friction.gamma
+        seen = part * self._friction.seen(tangential)
+        pressure = self._normal.pressure(None, normal)
+        return _times(self._by_slip, seen) + self._by_pressure * pressure[:, None]
+
+    def forces(self, m: Array) -> Array:
+        """F m. Collective."""
+        normal, tangential = self._of_multipliers(m)
+        of_slip = self._weight[:, None] * self._of_nodes(normal, tangential)
+        return _joined(self._normal.forces(normal), of_slip)
+
+    def own_forces(self, gaps: Array) -> Array:
+        """F_γ times gaps and slips. Collective."""
+        gap, jump = self._of_gaps(gaps)
+        of_slip = self._weight[:, None] * self._tractions(gap, jump)
+        return _joined(self._normal.own_forces(gap), of_slip)
+
+    def by_gaps(self, gaps: Array) -> Array:
+        """D times gaps and slips. Collective."""
+        gap, jump = self._of_gaps(gaps)
+        of_slip = self._friction.gathered(self._tractions(gap, jump))
+        return _joined(self._normal.by_gap(gap), of_slip)
+
+    def by_multipliers(self, m: Array) -> Array:
+        """C m. Collective."""
+        normal, tangential = self._of_multipliers(m)
+        change = self._of_nodes(normal, tangential) - self._friction.seen(tangential)
+        of_slip = self._friction.gathered(change) - PROXIMAL * self._areas * tangential
+        return _joined(self._normal.by_multiplier(normal), of_slip)
+
+    def solve(self, r: Array) -> Array:
+        """C_γ⁻¹ r."""
+        normal, tangential = self._of_multipliers(r)
+        return _joined(self._normal.solve(normal), -tangential / self._areas)
+
+    def condensed(self, gaps: Array) -> Array:
+        """Nothing: gaps and slips make forces themselves."""
+        return np.zeros(self._p.rows.num_unknowns)
+
+    def entries(self) -> Entries:
+        """Of S, in the numbers of this pass."""
+        return _entries_of(self.stiffness(), True)
+
+    def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
+        """Of S the blocks of pass and slip."""
+        assert self._p.slip is not None
+        slope = self._normal.pressure(np.ones((self._p.rows.num_rows, 1)), None)
+        coupling = (self._weight * slope)[:, None] * self._by_pressure
+        block = self._weight[:, None, None] * self._by_slip
+        return [(self._p.gap, self._normal.stiffness()), (self._p.slip, (block, coupling))]
+
+
 class _PassBlocks:
     """Those of one pass, where it was evaluated."""
 
@@ -291,13 +384,13 @@ class _PassBlocks:
         self._p, rows = p, p.rows
         self._normal: _NodalBlocks | _CondensedBlocks
         if rows.condensed is not None:
-            self._normal = _CondensedBlocks(rows.condensed, at.normal, p.slip)
+            self._normal = _CondensedBlocks(rows.condensed, at.normal)
         else:
             assert rows.nodal is not None
             self._normal = _NodalBlocks(rows.nodal, at.normal)
         self._slip: _SlipBlocks | None = None
-        if rows.friction is not None and at.tangential is not None:
-            self._slip = _SlipBlocks(rows.friction, at.tangential)
+        if rows.nodal_friction is not None and at.tangential is not None:
+            self._slip = _SlipBlocks(rows.nodal_friction, at.tangential)
 
     @property
     def _parts(self) -> list[_NodalBlocks | _CondensedBlocks | _SlipBlocks]:
@@ -323,7 +416,7 @@ class _PassBlocks:
         """Normal parts, of this count, and tangential ones; the latter are empty without."""
         width, friction = self._p.rows.width, self._p.rows.friction
         normal = values[:count].reshape(count // width, width)
-        shape = (0, 0) if friction is None else (friction.num_rows, self._p.gap.slave.gdim)
+        shape = (0, 0) if friction is None else friction.shape
         return normal, values[count:].reshape(shape)
 
     def _of_multipliers(self, m: Array) -> tuple[Array, Array]:
@@ -393,20 +486,7 @@ class _PassBlocks:
 
     def entries(self) -> Entries:
         """Of S, in the numbers of this pass."""
-        stiffness, rows = self.stiffness(), self._p.rows
-        end = rows.num_rows * rows.width
-        normal = np.arange(end)
-        found = [Entries(normal, normal, np.asarray(stiffness[0][1]).ravel())]
-        if self._slip is not None:
-            block, coupling = stiffness[1][1]
-            num, gdim = block.shape[:2]
-            own = end + np.arange(num * gdim).reshape(num, gdim)
-            row, column = (np.repeat(own[:, :, None], gdim, 2), np.repeat(own[:, None, :], gdim, 1))
-            found.append(Entries(row.ravel(), column.ravel(), block.ravel()))
-            if isinstance(self._normal, _NodalBlocks):
-                beside = np.repeat(normal, gdim)
-                found.append(Entries(own.ravel(), beside, coupling.ravel()))
-        return joined(found)
+        return _entries_of(self.stiffness(), isinstance(self._normal, _NodalBlocks))
 
     def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
         """Of S the blocks of pass and slip."""
@@ -421,6 +501,28 @@ class _PassBlocks:
                 coupling = _times(through, slip.known_by_pressure * ratio)
             found.append((self._p.slip, (through @ slip.by_slip, coupling)))
         return found
+
+
+def _entries_of(
+    stiffness: typing.Sequence[tuple[WeightedGap | Slip, Weights]], coupled: bool
+) -> Entries:
+    """Of the blocks of a pass, and of its slip, in the numbers of the pass.
+
+    Args:
+        stiffness: The blocks.
+        coupled: Whether slips are coupled with gaps.
+    """
+    own = np.asarray(stiffness[0][1]).ravel()
+    normal = np.arange(len(own))
+    found = [Entries(normal, normal, own)]
+    for _, (block, coupling) in stiffness[1:]:
+        num, gdim = block.shape[:2]
+        rows = len(own) + np.arange(num * gdim).reshape(num, gdim)
+        row, column = (np.repeat(rows[:, :, None], gdim, 2), np.repeat(rows[:, None, :], gdim, 1))
+        found.append(Entries(row.ravel(), column.ravel(), block.ravel()))
+        if coupled:
+            found.append(Entries(rows.ravel(), np.repeat(normal, gdim), coupling.ravel()))
+    return joined(found)
 
 
 def _joined(normal: Array, tangential: Array) -> Array:

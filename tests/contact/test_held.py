@@ -151,15 +151,17 @@ def test_no_node_beside_a_plane_of_symmetry_is_held(cell, master, law, element):
     )
     bcs = [[slide(s, axis, plane(s.mesh, axis, 0.0)) for axis in range(gdim - 1)] for s in V[parts]]
     qs.ContactProblem(F[parts], u[parts], [contact], bcs, solver="direct").set_up()
-    for part in (*contact.model.gaps, *contact.model.slips):
-        if part.extension is None:  # nothing is held along the normal
-            assert part in contact.model.gaps and law is qs.Unilateral
+    found = [(gap, gap.extension) for gap in contact.model.gaps]
+    found += [(of.by_node, of) for of in contact.model.held_slips]
+    assert len(found) == len(contact.model.parts)
+    for gap, of in found:
+        if of is None:  # nothing is held along the normal
+            assert law is qs.Unilateral
             continue
-        gap = getattr(part, "gap", part)
         x = contact.slave.node_x[gap.operator.row_node, :gdim]
         on_planes = np.isclose(x, 0.0)
         on_planes[:, -1] = False
-        np.testing.assert_array_equal(part.extension.held, on_planes)
+        np.testing.assert_array_equal(of.held, on_planes)
 
 
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
@@ -391,8 +393,8 @@ def test_friction_of_half_a_disc(enforcement, constraints):
         qs.ContactProblem([elastic(u)], [u], [contact], [bcs]).solve()
         forces.append(contact.force("slave")[1] * (2 if half else 1))
         tau, x = contact.tangential_multiplier()[:, 0], contact.slave.node_x[:, 0]
-        assert largest(tau[np.abs(x) < 1e-9]) < 1e-7 * abs(forces[0])
+        # Points of half a patch have a mean, those of multipliers that is not their node's.
+        if not half or constraints == "nodes" or enforcement == AUGMENTED:
+            assert largest(tau[np.abs(x) < 1e-9]) < 1e-7 * abs(forces[0])
         assert largest(tau) > 1e-3 * abs(forces[0])
-    # When points close is known as far as the motion of the nodes tells, here of half of a patch.
-    rtol = 1e-7 if constraints == "nodes" else 1e-3
-    np.testing.assert_allclose(forces[1], forces[0], rtol=rtol)
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-7 if constraints == "nodes" else 1e-5)

@@ -1,0 +1,221 @@
+"""Friction of one pass of a contact whose rows are points: slips make forces themselves."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.laws import Limited, Rows
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.rows import PointRows
+from qsdolfinx.system.condensed_rows import PROXIMAL
+from qsdolfinx.system.friction_rows import Tangential
+from qsdolfinx.system.normal_rows import Normal, Scales
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+
+class PointFriction:
+    """The law of friction at points, with multipliers of nodes.
+
+    With τ_h = Σ_k N_k τ_k, γ_t the penalty in tangential direction, and the pressure p_p of the
+    point, see ``PointConstraints``,
+
+        y_p = τ_h + ρ_p + γ_t (g_p − (τ_h − τ_0h)/ε_t),   τ_p = T(y_p, p_p),   (R_τ)_k = Σ_p w_p N_k (τ_p − τ_h)/γ_t,
+
+    T being the law: for Coulomb's the projection onto the ball of radius μ p_p; and ρ_p what τ_p − τ_h
+    was when the step began, Σ_p w_p N_k ρ_p = 0, so that a step without a load changes nothing. Forces are
+    Σ_p w_p τ_p · ∂g_p/∂u. 1/ε_t is 0 of an augmented Lagrangian, and τ_0h is τ_h at the start of
+    the step. A penalty has the multipliers, too: without, the sense of slip would change in each
+    iteration where it is stiff. Laws that slips alone tell, as Norton's, need none. A node has a multiplier for each of its smooth sides, with
+    gdim components; those that conditions hold on both sides and do not move against each other
+    are 0, or of clamped nodes, and where points hardly cover a side, the mean of the
+    neighbours', as those of the pressure are.
+
+    Args:
+        model: The contact.
+        slip: Its slip.
+    """
+
+    def __init__(self, model: ContactModel, slip: Slip) -> None:
+        assert isinstance(slip.gap.rows, PointRows)
+        self.model, self.slip, self._points = model, slip, slip.gap.rows
+        #: γ_t (stress per length).
+        self.gamma: float
+        #: γ_t/ε_t of a penalty, 0 of an augmented Lagrangian.
+        self.elastic: float
+        self.gamma, self.elastic = model.slip_penalty
+        #: Whether there are multipliers: not of laws that slips alone tell.
+        self.has_unknowns = isinstance(slip.friction, Limited)
+        self.scales = Scales.of(model, np.full(slip.gap.num_rows, self.gamma))
+        self._gdim = slip.gap.slave.gdim
+        #: E of each component; None where τ_free is all of it.
+        self.extensions: list[Extension | None] = self._extended() if self.has_unknowns else []
+        #: Components that are unknowns, of the sides of owned nodes, (nodes, block, gdim).
+        self.free: Flags = self._found()
+
+    def _extended(self) -> list[Extension | None]:
+        """Of what is held, and of what is hardly covered. Collective."""
+        held, points = self.slip.held, self._points
+        if not self.model.comm.allreduce(held is not None, op=MPI.LOR):
+            return [points.extended(None)] * self._gdim
+        none = np.zeros((len(points.covered), self._gdim), dtype=bool)
+        components, clamped = (none, none) if held is None else held
+
+        def of_sides(flags: Flags) -> Flags:
+            return np.asarray(flags[:, None] & points.covered)
+
+        both = zip(components.T, clamped.T, strict=True)
+        return [points.extended(points.extension(of_sides(h), of_sides(c))) for h, c in both]
+
+    def _found(self) -> Flags:
+        covered = self._points.covered
+        shape = *covered.shape, self._gdim
+        if not self.has_unknowns:
+            return np.zeros(shape, dtype=bool)
+        out: Flags = np.broadcast_to(covered[:, :, None], shape).copy()
+        for k, extension in enumerate(self.extensions):
+            if extension is not None:
+                out[:, :, k] &= ~extension.held
+        return out
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of the unknowns τ of this rank."""
+        return int(np.count_nonzero(self.free)), 1
+
+    def on_sides(self, multiplier: Array) -> Array:
+        """E τ_free at all sides of owned nodes, (nodes, block · gdim). Collective."""
+        out = np.zeros(self.free.shape)
+        out[self.free] = multiplier[:, 0]
+        for k, extension in enumerate(self.extensions):
+            if extension is not None:
+                out[:, :, k] = extension.fill(out[:, :, k])
+        return out.reshape(len(out), -1)
+
+    def seen(self, multiplier: Array) -> Array:
+        """τ_h at the points, (points, gdim). Collective."""
+        if not self.has_unknowns:
+            return np.zeros((self.slip.gap.num_rows, self._gdim))
+        return self._points.vectors_from_sides(self.on_sides(multiplier))
+
+    def gathered(self, values: Array) -> Array:
+        """Eᵀ Nᵀ W of values of the points, of the shape of τ_free. Collective."""
+        if not self.has_unknowns:
+            return np.zeros((0, 1))
+        sums = self.slip.gap.share * self._points.sums_of_vectors(values)
+        sums = sums.reshape(self.free.shape)
+        for k, extension in enumerate(self.extensions):
+            if extension is not None:
+                sums[:, :, k] = extension.gather(sums[:, :, k])
+        return np.asarray(sums[self.free][:, None])
+
+    @property
+    def areas(self) -> Array:
+        """Area of each of τ_free, of its shape. Collective."""
+        return self.gathered(np.ones((self.slip.gap.num_rows, self._gdim)))
+
+    # --- Evaluation
+
+    def first(self) -> Array:
+        """What is known of τ."""
+        if not self.has_unknowns:
+            return np.zeros((0, 1))
+        state = self.slip.state
+        known = state.augmented if state.reached is None else state.reached
+        return np.asarray(known.reshape(self.free.shape)[self.free][:, None])
+
+    def evaluate(
+        self, multiplier: Array, normal: Normal, first: bool, again: bool, opened: Flags | None
+    ) -> Tangential:
+        """The points where slip was evaluated last. Collective.
+
+        Args:
+            multiplier: τ.
+            normal: The points' pressures.
+            first: Whether what is closed sticks, but where it slipped when the step began.
+            again: Whether the step has been solved before, so that what has τ is what it seems.
+            opened: Points that count as open, which ``normal`` knows.
+        """
+        slip, state = self.slip, self.slip.state
+        known = slip.known(self.elastic, self.seen(multiplier))
+        told = self._told(known, normal)
+        if first:
+            slipped = np.any(known, axis=1) & (again | (state.slipped > 0))
+            told = told._replace(unlimited=normal.active & ~slipped)
+        with collective_errors(self.model.comm):  # a law may be the user's
+            response = slip.respond(told, not all(self.model.kinematics.in_displacement))
+        response = slip.with_bound(response, told)
+        return Tangential(multiplier, told, response, normal.active, None, response.traction)
+
+    def _told(self, known: Array, normal: Normal) -> Rows:
+        """What the law of friction is told."""
+        slip, state, dt = self.slip, self.slip.state, self.model.kinematics.dt
+        assert self.model.friction is not None
+        return Rows(
+            slip.values,
+            known,
+            np.maximum(normal.pressure[:, 0], 0.0),
+            normal.active,
+            np.zeros_like(normal.active),
+            self.scales.penalty,
+            slip.projector,
+            slip.cover,
+            dt,
+            self.model.friction.slow(dt, self.model.paired.facet_size),
+            slip.parameters,
+            state.share,
+            np.where(slip.is_fresh, 0.0, state.pressed),
+        )
+
+    def residual(self, at: Tangential) -> Array:
+        """R_τ. Collective."""
+        change = at.traction - self.seen(at.multiplier)
+        return np.asarray(self.gathered(change) / self.gamma)
+
+    def in_forces(self) -> Array:
+        """γ_t, (unknowns,)."""
+        return np.full(self.shape[0], self.gamma)
+
+    def stress(self, at: Tangential, forces: Array) -> Array:
+        """Mean stress, or what slips stand for in the stiffest body, beyond rounding. Collective."""
+        factor = max(self.scales.largest() / self.gamma, 1.0)
+        rounding = float(np.max(self.slip.rounding(at.response), initial=0.0))
+        return np.asarray(np.maximum(factor * np.abs(forces) / self.areas - rounding, 0.0))
+
+    def keep(self, at: Tangential) -> None:
+        """Let the slip know τ. Collective."""
+        state = self.slip.state
+        if self.has_unknowns:
+            some = self.model.comm.allreduce(bool(at.active.any()), op=MPI.LOR)
+            found = self.on_sides(at.multiplier if some else 0.0 * at.multiplier)
+            if self.model.augmented:
+                state.augmented = found
+            else:
+                state.reached = found
+        if self.slip.friction.needs_dt:
+            state.solved = at.traction
+
+    # --- Derivative
+
+    def by_slip(self, at: Tangential) -> Array:
+        """∂τ/∂g (stress per length), (points, gdim, gdim)."""
+        return np.asarray(at.response.stiffness @ self.slip.projector)
+
+    def by_pressure(self, at: Tangential) -> Array:
+        """∂τ/∂p where there is any pressure, (points, gdim)."""
+        return np.asarray((at.told.pressure > 0)[:, None] * at.response.coupling)
+
+    def softened(self) -> Array:
+        """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
+        return np.asarray((-PROXIMAL / self.gamma * self.areas).ravel())
+
+    def rounding(self) -> float:
+        """Largest factor that turns slips into stress on this rank."""
+        return self.scales.largest()
