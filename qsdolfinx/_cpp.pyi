@@ -146,6 +146,10 @@ class PairingPoints:
         """The same points, jumps turning with facets: what the nodes of each side add to a jump, [point][node][block][block]."""
 
     @property
+    def num_of_slave(self) -> int:
+        """Points of the overlay that facets of the slave were cut for: the first ones."""
+
+    @property
     def num_unpaired(self) -> int:
         """Owned nodes (overlay: facets) that found no partner."""
 

@@ -175,7 +175,8 @@ def _slipping(found: Slip) -> Flags:
     rows, slips, closed = found.gap.rows, found.slipping, found.state.closed
     if not rows.are_points:
         return np.asarray(rows.on_nodes(slips, False), dtype=bool)
-    parts = rows.on_nodes(np.column_stack([slips, closed]).astype(np.float64), 0.0)
+    both = np.column_stack([slips, closed]).astype(np.float64)
+    parts = rows.on_nodes(both, 0.0).astype(np.float64)
     return np.asarray(parts[:, 0] > 0.5 * parts[:, 1])
 
 

@@ -45,10 +45,9 @@ def closest(old: _cpp.PairingPoints, new: _cpp.PairingPoints) -> Indices:
     _, group = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
     group = group.ravel()
     order = np.argsort(group[:count], kind="stable")
-    starts, ends = (
-        np.searchsorted(group[:count][order], group[count:], side=side)
-        for side in ("left", "right")
-    )
+    known = group[:count][order]
+    starts = np.searchsorted(known, group[count:], side="left")
+    ends = np.searchsorted(known, group[count:], side="right")
     place, here = old.slave["shape_values"], new.slave["shape_values"]
     out, least = np.full(len(here), -1, dtype=np.int64), np.full(len(here), np.inf)
     for i in range(int(np.max(ends - starts, initial=0))):
@@ -82,7 +81,7 @@ def _turned(vectors: Array, before: Array, now: Array) -> Array:
         for n, length in zip((before, now), lengths, strict=True)
     )
     cosine = np.sum(a * b, axis=1, keepdims=True)
-    # R v = v + b (a·v) − a (b·v) + (a×b) (a×b)·v/(1 + a·b) − …, without cross products:
+    # R v = v − (a·v + b·v)/(1 + a·b) (a + b) + 2 (a·v) b
     along, across = np.sum(a * v, axis=1, keepdims=True), np.sum(b * v, axis=1, keepdims=True)
     part = np.divide(along + across, 1 + cosine, out=np.zeros_like(along), where=cosine > -1 + 1e-9)
     out = v - part * (a + b) + 2 * along * b

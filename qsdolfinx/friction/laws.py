@@ -1,4 +1,4 @@
-"""Friction laws: from slip and contact pressure to the tangential multiplier, at slave nodes."""
+"""Friction laws: from slip and contact pressure to the tangential multiplier, at rows of a gap."""
 
 from __future__ import annotations
 
@@ -88,7 +88,8 @@ class Friction(abc.ABC):
 
     A law with a limit that does not vanish with the pressure lets τ jump to zero when a node opens.
     Where such a node can be neither open nor closed with the whole of τ, it is closed without any
-    pressure and with a part of τ, see ``fill``; with points where the largest y_p is zero.
+    pressure and with a part of τ, see ``fill``. With ``constraints="points"`` the law is asked at
+    each pairing point, see ``PointFriction``, and |τ| is at most 100 times the pressure there.
 
     The virtual work of contact is Σ S_k (λ_k δḡ_k + τ_k · δg_k), g_k being the tangential part of
     (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), Δu the displacement since the step began.
@@ -205,7 +206,8 @@ class Tresca(Limited):
 
     τ jumps to zero where a node opens, so that a step in which nodes open can have more than one
     equilibrium: which one is found may depend on the order of bodies and on the number of ranks.
-    :class:`CoulombTresca`, whose bound vanishes with the pressure, has no such jump.
+    :class:`CoulombTresca`, whose bound vanishes with the pressure, has no such jump; nor has
+    ``constraints="points"``.
 
     Args:
         limit: κ, stress.

@@ -306,14 +306,14 @@ class PointRows(Rows):
 
     def vectors_from_sides(self, values: Array) -> Array:
         """Values of the vector functions Σ_k N_k v_k that each point sees, shape (rows, gdim)."""
-        sides = values.reshape(len(values), self.slave.block, -1)
-        columns = range(sides.shape[2])
+        columns = range(values.shape[1] // self.slave.block)
+        sides = values.reshape(len(values), self.slave.block, len(columns))
         return np.column_stack([self.from_sides(sides[:, :, k]) for k in columns])
 
     def sums_of_vectors(self, values: Array) -> Array:
         """Σ_p w_p N_k(ξ_p) v_p of values of shape (rows, gdim), for the sides of owned nodes."""
         sums = np.stack([self._sums(np.ascontiguousarray(v)) for v in values.T], axis=2)
-        return np.asarray(sums.reshape(len(sums), -1))
+        return np.asarray(sums.reshape(len(sums), self.slave.block * values.shape[1]))
 
     def projected(self, values: Array) -> Array:
         """The vector functions of the nodes closest to values at points, Σ w_p |v_h − v_p|² → min.
@@ -357,7 +357,7 @@ class PointRows(Rows):
                 rz, before = dot(r, z), rz
                 p = z + rz / before * p
             found.append(full(x))
-        return np.stack(found, axis=2).reshape(len(cover), -1)
+        return np.stack(found, axis=2).reshape(len(cover), self.slave.block * len(found))
 
     def projected_means(self, values: Array) -> Array:
         """The same as values of nodes, means of their sides where there are several.
@@ -365,7 +365,8 @@ class PointRows(Rows):
         Args:
             values: Shape (rows, n).
         """
-        sides = self.projected(values).reshape(len(self.cover), self.slave.block, -1)
+        shape = len(self.cover), self.slave.block, values.shape[1]
+        sides = self.projected(values).reshape(shape)
         sums = np.einsum("ks,ksc->kc", self.cover_of_sides, sides)
         some, out = self.cover > _SOME * self.slave.node_area, np.zeros_like(sums)
         return np.divide(sums, self.cover[:, None], out=out, where=some[:, None])

@@ -750,9 +750,8 @@ class Equations:
         if not p.gap.is_linear and p.rows in self._of_gaps:
             self._of_gaps.pop(p.rows).destroy()
         if p.rows not in self._of_gaps:
-            friction, slips, change = p.rows.condensed_friction, None, (None, None)
-            if p.tool is not None:
-                change = self.changes(p)
+            friction, slips = p.rows.condensed_friction, None
+            change = (None, None) if p.tool is None else self.changes(p)
             gaps = self._both(p, p.gap.operator, change[0])
             last = int(own[-1]) + 1 if len(own) else self._first_of(p)
             of_slip = last + np.arange(0 if friction is None else friction.shape[0])

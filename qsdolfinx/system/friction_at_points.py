@@ -27,16 +27,17 @@ class PointFriction:
     With τ_h = Σ_k N_k τ_k, γ_t the penalty in tangential direction, and the pressure p_p of the
     point, see ``PointConstraints``,
 
-        y_p = τ_h + ρ_p + γ_t (g_p − (τ_h − τ_0h)/ε_t),   τ_p = T(y_p, p_p),   (R_τ)_k = Σ_p w_p N_k (τ_p − τ_h)/γ_t,
+        y_p = τ_h + ρ_p + γ_t (g_p − (τ_h − τ_0h)/ε_t),   τ_p = T(y_p, p_p),
+        (R_τ)_k = Σ_p w_p N_k (τ_p − τ_h)/γ_t,
 
-    T being the law: for Coulomb's the projection onto the ball of radius μ p_p; and ρ_p what τ_p − τ_h
-    was when the step began, Σ_p w_p N_k ρ_p = 0, so that a step without a load changes nothing. Forces are
-    Σ_p w_p τ_p · ∂g_p/∂u. 1/ε_t is 0 of an augmented Lagrangian, and τ_0h is τ_h at the start of
-    the step. A penalty has the multipliers, too: without, the sense of slip would change in each
-    iteration where it is stiff. Laws that slips alone tell, as Norton's, need none. A node has a multiplier for each of its smooth sides, with
-    gdim components; those that conditions hold on both sides and do not move against each other
-    are 0, or of clamped nodes, and where points hardly cover a side, the mean of the
-    neighbours', as those of the pressure are.
+    T being the law: for Coulomb's the projection onto the ball of radius μ p_p; and ρ_p what
+    τ_p − τ_h was when the step began, Σ_p w_p N_k ρ_p = 0, so that a step without a load changes
+    nothing. Forces are Σ_p w_p τ_p · ∂g_p/∂u. 1/ε_t is 0 of an augmented Lagrangian, and τ_0h is
+    τ_h at the start of the step. A penalty has the multipliers, too: without, the sense of slip
+    would change in each iteration where it is stiff. Laws that slips alone tell, as Norton's, need
+    none. A node has a multiplier for each of its smooth sides, with gdim components; those that
+    conditions hold on both sides and do not move against each other are 0, or of clamped nodes,
+    and where points hardly cover a side, the mean of the neighbours', as those of the pressure are.
 
     Args:
         model: The contact.
@@ -71,8 +72,10 @@ class PointFriction:
         def of_sides(flags: Flags) -> Flags:
             return np.asarray(flags[:, None] & points.covered)
 
-        both = zip(components.T, clamped.T, strict=True)
-        return [points.extended(points.extension(of_sides(h), of_sides(c))) for h, c in both]
+        return [
+            points.extended(points.extension(of_sides(components[:, k]), of_sides(clamped[:, k])))
+            for k in range(self._gdim)
+        ]
 
     def _found(self) -> Flags:
         covered = self._points.covered
@@ -97,7 +100,7 @@ class PointFriction:
         for k, extension in enumerate(self.extensions):
             if extension is not None:
                 out[:, :, k] = extension.fill(out[:, :, k])
-        return out.reshape(len(out), -1)
+        return out.reshape(len(out), out.shape[1] * self._gdim)
 
     def seen(self, multiplier: Array) -> Array:
         """τ_h at the points, (points, gdim). Collective."""
@@ -184,7 +187,7 @@ class PointFriction:
         return np.full(self.shape[0], self.gamma)
 
     def stress(self, at: Tangential, forces: Array) -> Array:
-        """Mean stress, or what slips stand for in the stiffest body, beyond rounding. Collective."""
+        """Mean stress, or that of slips in the stiffest body, beyond rounding. Collective."""
         factor = max(self.scales.largest() / self.gamma, 1.0)
         rounding = float(np.max(self.slip.rounding(at.response), initial=0.0))
         return np.asarray(np.maximum(factor * np.abs(forces) / self.areas - rounding, 0.0))

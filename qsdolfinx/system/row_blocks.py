@@ -316,7 +316,7 @@ class _PointBlocks:
 
     def _of_gaps(self, gaps: Array) -> tuple[Array, Array]:
         end = self._p.rows.num_rows
-        return gaps[:end, None], gaps[end:].reshape(end, -1)
+        return gaps[:end, None], gaps[end:].reshape(end, self._p.gap.slave.gdim)
 
     def _tractions(self, gap: Array, jump: Array) -> Array:
         """How τ_p change with gaps and slips, (points, gdim). Collective."""
