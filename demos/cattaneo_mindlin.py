@@ -57,6 +57,7 @@ class Parameters:
     enforcement: str = option("penalty", "as accurate here, and faster")
     penalty: float | None = option(None, "ε, stress per length")
     friction_penalty: float | None = option(None, "ε in tangential direction, stress per length")
+    constraints: str = option("nodes")
     normals: str = option("bisector")
     steps: int = option(1, "steps of the tangential load")
     tilting: bool = option(False, "q alone, which tips the bodies")
@@ -76,6 +77,7 @@ def build(comm, p):
         penalty="auto" if p.penalty is None else p.penalty,
         quadrature=p.quadrature,
         enforcement=p.enforcement,
+        constraints=p.constraints,
         normals=p.normals,
         friction=qs.Coulomb(MU),
         friction_penalty=p.friction_penalty,

@@ -628,7 +628,7 @@ class Slip:
         return self.lost()[1]
 
     def dissipation_at_nodes(self) -> Array:
-        """The same of all owned nodes; of points in the parts that nodes have of them. Collective."""
+        """The same of all owned nodes; of points as their functions have them. Collective."""
         return self.gap.rows.sums_on_nodes(self.dissipation())
 
     @property
