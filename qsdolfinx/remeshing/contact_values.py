@@ -32,7 +32,7 @@ class ContactValues:
 
     Attributes:
         multipliers: λ̂ and τ̂ of each part.
-        totals: ∫ λ̂ of each part: force on its slave, signs apart, (columns,).
+        totals: ∫ λ̂ of each pass: force on its slave, signs apart, (columns,).
         pressures: Of each slip at the start of the step, whether it slipped, its cover, and
             what conditions have moved.
         slipped: Slip of each pass, (nodes, gdim).
@@ -57,7 +57,7 @@ class ContactValues:
         slipped = zip(slips, friction.slipped if friction else [], strict=True)
         return cls(
             [SurfaceValues.of(part.slave, at_nodes) for part, at_nodes in values],
-            [integral(part) for part in parts],
+            [integral(gap) for gap in model.gaps],
             [SurfaceValues.of(slip.slave, at_nodes) for slip, at_nodes in pressures],
             [SurfaceValues.of(slip.slave, at_nodes) for slip, at_nodes in slipped],
             friction.rate if friction else None,
@@ -72,9 +72,8 @@ class ContactValues:
             for kept, part in zip(self.multipliers, parts, strict=True)
         ]
         set_on_nodes(parts, found)
-        for part, total in zip(parts, self.totals, strict=True):
-            if isinstance(part, WeightedGap):
-                _correct(part, total)
+        for gap, total in zip(model.gaps, self.totals, strict=True):
+            _correct(gap, total)
         friction = model.friction
         if friction is None:
             return
@@ -89,12 +88,10 @@ class ContactValues:
         friction.dissipated = self.dissipated if model.comm.rank == 0 else 0.0
 
 
-def integral(part: Part) -> Array:
-    """∫ λ̂ or ∫ τ̂ of a part, shape (columns,). Collective."""
-    values = part.state.augmented
-    weight = part.multiplier_weight if isinstance(part, WeightedGap) else part.weight[:, None]
-    local = np.sum(weight * values, axis=0)
-    return np.asarray(part.slave.comm.allreduce(local, op=MPI.SUM))
+def integral(gap: WeightedGap) -> Array:
+    """∫ λ̂ of a pass, shape (columns,). Collective."""
+    local = np.sum(gap.multiplier_weight * gap.state.augmented, axis=0)
+    return np.asarray(gap.slave.comm.allreduce(local, op=MPI.SUM))
 
 
 def _correct(part: WeightedGap, total: Array) -> None:
