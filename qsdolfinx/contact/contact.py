@@ -140,9 +140,9 @@ class Contact:
             it is refused. Points deeper than the search radius are not paired, and not seen. A tie
             leaves any gap as it is; with it the first two are the same.
         constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
-            weighted gaps. ``"points"``: at each pairing point, so that what is open takes nothing
-            from what is closed beside it, and at vertices at creases of both bodies, which are
-            ahead of their facets; on the overlay, not tied.
+            weighted gaps. ``"points"``: at each pairing point, that of friction too, so that what
+            is open takes nothing from what is closed beside it, and at vertices at creases of both
+            bodies, which are ahead of their facets; on the overlay, not tied.
         smoothing: What the gap is measured between, one for both sides or a pair for slave and
             master, on the overlay. ``"auto"``: the facets, or with small sliding, where both sides
             are curved alike and chords change the gap by more than a tenth of the clearance or

@@ -19,8 +19,8 @@ OF_PRESSURE = 100.0
 
 
 #: Pressures that friction is at points at most: of laws whose limit does not vanish with the
-#: pressure it does so below a tenth of it. A steeper one changes forces by 3e-5 in a forging, and
-#: lets sets of points cycle: bench/one_newton.py, "closed die".
+#: pressure it does so below a tenth of it. With a steeper one sets of points may cycle: the third
+#: step of demos/closed_die.py --quick is cut back with 100.
 STEEP = 10.0
 
 

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.model import ContactModel, Part
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.multipliers import (
     num_columns,
     on_nodes,
