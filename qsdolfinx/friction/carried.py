@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import typing
+
 import numpy as np
 import numpy.typing as npt
 
-import qsdolfinx._cpp as _cpp
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.rows import PointRows
 
@@ -13,72 +14,127 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 
+class OfPoints(typing.NamedTuple):
+    """What points of a slip have beyond the multipliers of nodes.
+
+    Attributes:
+        keys: What tells apart between which facets they are, (points, n).
+        place: Where on the slave's facet: functions of its vertices, (points, vertices).
+        rest: τ beyond the nodes' when the step began (stress), (points, gdim).
+        normal: Normals, (points, gdim).
+    """
+
+    keys: Indices
+    place: Array
+    rest: Array
+    normal: Array
+
+    @classmethod
+    def of(cls, slip: Slip, keys: Indices, place: Array) -> OfPoints:
+        """Those of a slip.
+
+        Args:
+            slip: The slip, with rows at points.
+            keys: As of the class, for example :func:`facets`.
+            place: As of the class.
+        """
+        rest = slip.state.rest + np.zeros_like(slip.state.jump)
+        return cls(keys, place, rest, slip.gap.operator.slave_sum)
+
+
 def carry(old: Slip, new: Slip) -> None:
     """Let a slip with rows at points go on where another one of the same surfaces was. Collective.
-
-    What belongs to nodes is known already. Beyond that points have what the closest point had that
-    was on the same facet of the slave and opposite to the same one: if all are where they were
-    nothing changes, on any number of ranks. Where there was none they have no more than nodes tell.
-    Vectors turn with the surface, as its normals do.
 
     Args:
         old: Of the pairing before.
         new: Of the present one.
     """
-    rows, before = new.gap.rows, old.gap.rows
-    if not (isinstance(rows, PointRows) and isinstance(before, PointRows)):
+    if not new.gap.rows.are_points:
         return
-    turned = _turned(new.state.augmented, _of_nodes(old, before), _of_nodes(new, rows))
-    new.state.augmented = turned
-    rest, kept = np.zeros_like(new.state.jump), old.state.rest + np.zeros_like(old.state.jump)
-    at = closest(old.gap.points, new.gap.points)
-    found = at >= 0
-    normals = old.gap.operator.slave_sum[at[found]], new.gap.operator.slave_sum[found]
-    rest[found] = _turned(kept[at[found]], *normals)
-    new.state.rest = new.tangential(rest)
+    of_points = OfPoints.of(old, facets(old), old.gap.points.multiplier_values)
+    take(new, normals_of_nodes(old), of_points, facets(new), new.gap.points.multiplier_values)
 
 
-def closest(old: _cpp.PairingPoints, new: _cpp.PairingPoints) -> Indices:
-    """For each new point the closest old one between the same facets, or −1, (points,)."""
-    keys = [_facets(points) for points in (old, new)]
-    count = len(keys[0])
-    _, group = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
+def take(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array) -> None:
+    """Let a slip go on whose nodes have their multipliers already. Collective.
+
+    Points have what the closest point had that was on the same facet of the slave and opposite to
+    the same one: if all are where they were nothing changes, on any number of ranks. Where there
+    was none they have no more than nodes tell. Vectors turn with the surface, as its normals do.
+
+    Args:
+        slip: The slip.
+        normals: As :func:`normals_of_nodes`, of before.
+        old: Of the points before.
+        keys: Of the points now, as those of the old ones.
+        place: Likewise.
+    """
+    state, gdim = slip.state, slip.gap.slave.gdim
+    state.augmented = _turned(state.augmented, normals, normals_of_nodes(slip), gdim)
+    at = _closest(old.keys, old.place, keys, place)
+    found, rest = at >= 0, np.zeros_like(state.jump)
+    now = slip.gap.operator.slave_sum[found]
+    rest[found] = _turned(old.rest[at[found]], old.normal[at[found]], now, gdim)
+    state.rest = slip.tangential(rest)
+
+
+def facets(slip: Slip) -> Indices:
+    """What tells apart between which facets, and of which one's parts, points are, (points, n)."""
+    points = slip.gap.points
+    sides = [side["dofs"][:, :, 0] for side in (points.slave, points.master)]
+    return np.column_stack([parts(slip), *sides])
+
+
+def parts(slip: Slip) -> Indices:
+    """1 of points that facets of the slave were cut for, 0 of those of the master's, (points,)."""
+    points = slip.gap.points
+    return (np.arange(points.size) < points.num_of_slave).astype(np.int64)
+
+
+def normals_of_nodes(slip: Slip) -> Array:
+    """Sums of the points' normals for the sides of owned nodes, (nodes, block · gdim). Collective.
+
+    Args:
+        slip: With rows at points.
+    """
+    assert isinstance(slip.gap.rows, PointRows)
+    return slip.gap.rows.sums_of_vectors(slip.gap.operator.slave_sum)
+
+
+def _closest(known: Indices, places: Array, keys: Indices, place: Array) -> Indices:
+    """For each point the closest one with the same keys, or −1, (points,)."""
+    count = len(known)
+    _, group = np.unique(np.concatenate([known, keys]), axis=0, return_inverse=True)
     group = group.ravel()
     order = np.argsort(group[:count], kind="stable")
-    known = group[:count][order]
-    starts = np.searchsorted(known, group[count:], side="left")
-    ends = np.searchsorted(known, group[count:], side="right")
-    place, here = old.slave["shape_values"], new.slave["shape_values"]
-    out, least = np.full(len(here), -1, dtype=np.int64), np.full(len(here), np.inf)
+    of_known = group[:count][order]
+    starts = np.searchsorted(of_known, group[count:], side="left")
+    ends = np.searchsorted(of_known, group[count:], side="right")
+    out, least = np.full(len(keys), -1, dtype=np.int64), np.full(len(keys), np.inf)
     for i in range(int(np.max(ends - starts, initial=0))):
         some = np.flatnonzero(starts + i < ends)
         candidate = order[starts[some] + i]
-        distance = np.sum((place[candidate] - here[some]) ** 2, axis=1)
+        distance = np.sum((places[candidate] - place[some]) ** 2, axis=1)
         closer = distance < least[some]
         out[some[closer]], least[some[closer]] = candidate[closer], distance[closer]
     return out
 
 
-def _facets(points: _cpp.PairingPoints) -> Indices:
-    """What tells apart between which facets, and of which one's parts, points are."""
-    own = np.arange(points.size) < points.num_of_slave
-    sides = [side["dofs"][:, :, 0] for side in (points.slave, points.master)]
-    return np.column_stack([own.astype(np.int64), *sides])
+def _turned(vectors: Array, before: Array, now: Array, gdim: int) -> Array:
+    """Vectors turned as normals do, by the smallest angle, of the shape that is given.
 
-
-def _of_nodes(slip: Slip, rows: PointRows) -> Array:
-    """Mean normals of the sides of owned nodes, (nodes · sides, gdim). Collective."""
-    return rows.sums_of_vectors(slip.gap.operator.slave_sum).reshape(-1, slip.gap.slave.gdim)
-
-
-def _turned(vectors: Array, before: Array, now: Array) -> Array:
-    """Vectors turned as normals do, by the smallest angle, of the shape that is given."""
-    v = vectors.reshape(before.shape)
-    lengths = [np.linalg.norm(n, axis=1, keepdims=True) for n in (before, now)]
+    Args:
+        vectors: Several behind each other in each row, as the normals.
+        before: Normals of before, of any length, of the shape of the vectors.
+        now: Those of now.
+        gdim: Components of a vector.
+    """
+    v, *normals = (x.reshape(len(x) * (x.shape[1] // gdim), gdim) for x in (vectors, before, now))
+    lengths = [np.linalg.norm(n, axis=1, keepdims=True) for n in normals]
     some = (lengths[0] > 0) & (lengths[1] > 0)
     a, b = (
         np.divide(n, length, out=np.zeros_like(n), where=some)
-        for n, length in zip((before, now), lengths, strict=True)
+        for n, length in zip(normals, lengths, strict=True)
     )
     cosine = np.sum(a * b, axis=1, keepdims=True)
     # R v = v − (a·v + b·v)/(1 + a·b) (a + b) + 2 (a·v) b

@@ -46,6 +46,7 @@ class Checkpoint:
         meshes: typing.Mapping[str, tuple[mesh.Mesh, Array]],
         values: typing.Mapping[str, typing.Any],
         whole: typing.Mapping[str, typing.Mapping[str, npt.NDArray[typing.Any]]] | None = None,
+        points: typing.Mapping[str, tuple[Keys, Array]] | None = None,
     ) -> None:
         """Write a checkpoint. Collective.
 
@@ -55,6 +56,8 @@ class Checkpoint:
             meshes: Meshes with the coordinates to store, shape (geometry nodes, 3).
             values: What JSON can hold, the same on all ranks.
             whole: Arrays of rank 0 by files, see :meth:`arrays`.
+            points: Values of points and what they are known by on any partition, several with the
+                same keys among them, see :meth:`points`; shapes (points, n) each.
 
         Raises:
             ValueError: If the nodes of a function cannot be told by vertices.
@@ -70,7 +73,7 @@ class Checkpoint:
             with collective_errors(self._comm):
                 for name, arrays in (whole or {}).items() if self._comm.rank == 0 else ():
                     np.savez(aside / f"{name}.npz", **arrays)  # type: ignore[arg-type]
-            self._write(aside, functions, meshes, dict(values), identities)
+            self._write(aside, functions, meshes, dict(values), identities, points or {})
         except Exception:
             if self._comm.rank == 0:  # nobody writes any more
                 shutil.rmtree(aside, ignore_errors=True)
@@ -83,6 +86,7 @@ class Checkpoint:
         meshes: typing.Mapping[str, tuple[mesh.Mesh, Array]],
         values: dict[str, typing.Any],
         identities: dict[str, list[int]],
+        points: typing.Mapping[str, tuple[Keys, Array]],
     ) -> None:
         """Write all files into the new folder, and replace the old one by it."""
         with collective_errors(self._comm):
@@ -96,6 +100,8 @@ class Checkpoint:
             for name, (msh, x) in meshes.items():
                 arrays[f"{name}/keys"] = _geometry_keys(msh)
                 arrays[f"{name}/values"] = x
+            for name, (keys, of_points) in points.items():
+                arrays[f"{name}/keys"], arrays[f"{name}/values"] = keys, of_points
             np.savez(aside / f"{self._comm.rank}.npz", **arrays)  # type: ignore[arg-type]
         with collective_errors(self._comm):
             if self._comm.rank == 0:
@@ -145,6 +151,35 @@ class Checkpoint:
                 return None
             with np.load(folder / f"{name}.npz") as file:
                 return {key: file[key] for key in file.files}
+
+    def points(self, name: str, keys: Keys) -> tuple[Keys, Array] | None:
+        """Keys and values of all stored points that have one of these keys. Collective.
+
+        Args:
+            name: What they were stored as.
+            keys: The keys, shape (points, n).
+
+        Returns:
+            Shapes (stored points, n) each; None if they are not in the checkpoint.
+
+        Raises:
+            OSError: If there is no checkpoint.
+        """
+        found: list[tuple[Keys, Array]] = []
+        with collective_errors(self._comm):
+            folder, content = self._read()
+            for rank in range(content["ranks"]):
+                with np.load(folder / f"{rank}.npz") as stored:
+                    if f"{name}/keys" not in stored:
+                        return None
+                    known, values = stored[f"{name}/keys"], stored[f"{name}/values"]
+                    _, number = np.unique(
+                        np.concatenate([keys, known]), axis=0, return_inverse=True
+                    )
+                    number = number.ravel()
+                    wanted = np.isin(number[len(keys) :], number[: len(keys)])
+                    found.append((known[wanted], values[wanted]))
+        return np.concatenate([k for k, _ in found]), np.concatenate([v for _, v in found])
 
     def load(
         self,
@@ -330,6 +365,13 @@ def _point_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
     place = (number[:, :, None] * bs + np.arange(bs)).reshape(unrolled.shape)
     vertices = np.repeat(np.sort(nodes, axis=1), unrolled.shape[1], axis=0)
     return np.hstack([place.reshape(-1, 1), vertices]), unrolled.ravel()
+
+
+def vertex_unknowns(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
+    """First unknown on this rank of each vertex of the cells, and the vertex' input number."""
+    keys, unknowns = _leaf_keys(V)
+    of_vertices = (keys[:, 0] == 0) & (keys[:, 1] >= 0) & np.all(keys[:, 2:] < 0, axis=1)
+    return unknowns[of_vertices], keys[of_vertices, 1]
 
 
 def _leaf_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:

@@ -23,13 +23,16 @@ from qsdolfinx.contact.multipliers import (
     set_on_nodes,
     set_pressures_on_nodes,
 )
+from qsdolfinx.friction.carried import normals_of_nodes
 from qsdolfinx.steps.checkpoint import Checkpoint
 from qsdolfinx.steps.end_of_step import pair_at, show_at
 from qsdolfinx.steps.stepper import TimeStepper
 from qsdolfinx.steps.stored_mesh import stored
+from qsdolfinx.steps.stored_points import load_points, stored_points
 from qsdolfinx.steps.tool_motion import ToolRate
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 _SCALARS = ("t", "dt", "last_dt", "num_steps", "num_cutbacks")
 
@@ -69,7 +72,11 @@ def save_run(
         state["num_bodies"] = len(stepper.motions)
         state["remeshed_at"] = stepper.remeshed_at
     Checkpoint(stepper.problem.comm, folder).save(
-        _functions(stepper, functions) | multipliers, _meshes(stepper), state, stored(stepper)
+        _functions(stepper, functions) | multipliers,
+        _meshes(stepper),
+        state,
+        stored(stepper),
+        _points(stepper.problem.contacts),
     )
 
 
@@ -161,6 +168,11 @@ def load_run(
         # The next step turns τ̂ to its tangent planes; turned here as well it would be another.
         set_on_nodes(contact.model.parts, arrays, turn=False)
         _load_slip(contact.model, i, multipliers, values["dissipated"][i])
+        for j in _at_points(contact.model):
+            slip = contact.model.slips[j]
+            names = _normals(i, j, slip.slave.gdim)
+            normals = [slip.slave.linear.node_values(multipliers[name]) for name in names]
+            load_points(slip, np.hstack(normals), checkpoint, f"points_{i}_{j}")
         if contact.model.friction is not None:
             contact.model.friction.continue_with(values["slip_rates"][i])
     for place in stepper.ends():
@@ -227,7 +239,32 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
                 for name, columns in zip(_OF_START, np.split(values, [2, 3], axis=1), strict=True):
                     padded = _padded(columns, surface.gdim)
                     out[f"{name}_{i}_{j}"] = surface.function(padded)
+            for j in _at_points(contact.model):
+                surface = contact.model.slips[j].slave.linear
+                normals = np.hsplit(normals_of_nodes(contact.model.slips[j]), surface.gdim)
+                names = _normals(i, j, surface.gdim)
+                out |= {n: surface.function(v) for n, v in zip(names, normals, strict=True)}
     return out
+
+
+def _at_points(model: ContactModel) -> list[int]:
+    """Numbers of the slips with rows at points."""
+    return [j for j, slip in enumerate(model.slips) if slip.gap.rows.are_points]
+
+
+def _normals(i: int, j: int, gdim: int) -> list[str]:
+    """Names of the functions that hold the normals of the sides of nodes."""
+    return [f"normal_{i}_{j}_{k}" for k in range(gdim)]
+
+
+def _points(contacts: typing.Sequence[Contact]) -> dict[str, tuple[Indices, Array]]:
+    """What points of slips have beyond their nodes. Collective."""
+    models = [contact.model for contact in contacts]
+    return {
+        f"points_{i}_{j}": stored_points(model.slips[j])
+        for i, model in enumerate(models)
+        for j in _at_points(model)
+    }
 
 
 def _padded(values: Array, gdim: int) -> Array:

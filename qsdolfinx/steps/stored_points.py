@@ -1,0 +1,74 @@
+"""Friction at points in a checkpoint: what it is known by on any partition."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.friction import carried
+from qsdolfinx.friction.slip import Slip
+from qsdolfinx.steps.checkpoint import Checkpoint, vertex_unknowns
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import deformable
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+def stored_points(slip: Slip) -> tuple[Indices, Array]:
+    """Keys of the points of a slip, and their places, rest and normals. Collective."""
+    keys, place = _known_by(slip)
+    of_points = carried.OfPoints.of(slip, keys, place)
+    return keys, np.column_stack([place, of_points.rest, of_points.normal])
+
+
+def load_points(slip: Slip, normals: Array, checkpoint: Checkpoint, name: str) -> None:
+    """Let a slip go on from what a checkpoint has of its points. Collective.
+
+    Args:
+        slip: With rows at points; its nodes have their multipliers already.
+        normals: Of nodes, as saved, see ``carried.normals_of_nodes``.
+        checkpoint: The checkpoint.
+        name: What the points were stored as.
+    """
+    keys, place = _known_by(slip)
+    found = checkpoint.points(name, keys)
+    if found is None:
+        return
+    known, values = found
+    ends = np.cumsum([place.shape[1], slip.gap.slave.gdim])
+    old = carried.OfPoints(known, *np.split(values, ends, axis=1))
+    carried.take(slip, normals, old, keys, place)
+
+
+def _known_by(slip: Slip) -> tuple[Indices, Array]:
+    """Input numbers of the vertices of the facets on both sides, and places. Collective.
+
+    Vertices are in the order of their numbers, whatever a partition makes of that in a cell.
+    """
+    points, place = slip.gap.points, slip.gap.points.multiplier_values
+    slave = _numbers(slip.gap.slave, points.slave["dofs"])
+    order = np.argsort(slave, axis=1)
+    columns = [carried.parts(slip), np.take_along_axis(slave, order, axis=1)]
+    master = deformable(slip.gap.master)
+    if master is not None:
+        columns.append(np.sort(_numbers(master, points.master["dofs"]), axis=1))
+    return np.column_stack(columns), np.take_along_axis(place, order, axis=1)
+
+
+def _numbers(surface: Surface, dofs: Indices) -> Indices:
+    """Input numbers of the vertices of facets at points, (points, vertices). Collective."""
+    vec, wanted = surface.create_vec(), dofs[:, : surface.num_facet_vertices, 0]
+    unknowns, numbers = vertex_unknowns(surface.V)
+    owned = unknowns < vec.local_size
+    vec.array[unknowns[owned]] = numbers[owned]
+    local = PETSc.Vec().createSeq(wanted.size, comm=PETSc.COMM_SELF)
+    here = PETSc.IS().createGeneral(wanted.ravel().astype(PETSc.IntType), PETSc.COMM_SELF)
+    scatter = PETSc.Scatter().create(vec, here, local, None)
+    scatter.scatter(vec, local)
+    out = np.array(local.array_r).reshape(wanted.shape).astype(np.int64)
+    for thing in (vec, local, here, scatter):
+        thing.destroy()
+    return out
