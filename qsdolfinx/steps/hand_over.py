@@ -155,7 +155,7 @@ class HandOver:
         integrals = []
         for contact, kept in zip(problem.contacts, before.contacts, strict=True):
             kept.hand_over(contact.model)
-            integrals.append(np.array([kept.totals[0], integral(contact.model.parts[0])]))
+            integrals.append(np.array([kept.totals[0], integral(contact.model.gaps[0])]))
         after = self._balance(new, must=True)
         for i, flows in enumerate(new.in_velocity):
             if flows:

@@ -100,7 +100,7 @@ def test_derivative_on_the_edge_of_contact(law, cell, options):
 
 @pytest.mark.parametrize("options", (POINTS, SOFT_POINTS), ids=("points", "soft points"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
-@pytest.mark.parametrize("law", ("tresca", "norton", "sticking"))
+@pytest.mark.parametrize("law", ("tresca", "norton"))
 def test_derivative_on_the_edge_of_points(law, cell, options, monkeypatch):
     """There friction that jumps is a multiple of the pressure."""
     monkeypatch.setattr("qsdolfinx.friction.slip.STEEP", 0.01)
