@@ -86,9 +86,8 @@ def build(comm, p):
         [slave.F, master.F], [slave.u, master.u], [contact], [slave.bcs, master.bcs]
     )
     bodies = {"slave": slave, "master": master}
-    return types.SimpleNamespace(
-        exact=exact, bodies=bodies, contact=contact, problem=problem, factors=factors
-    )
+    made = {"exact": exact, "bodies": bodies, "contact": contact, "problem": problem}
+    return types.SimpleNamespace(**made, factors=factors)
 
 
 def load(scene, steps):
