@@ -485,6 +485,11 @@ class ContactModel:
         return self.paired.gaps[len(self.settings.roles) :]
 
     @property
+    def slips_of_vertices(self) -> tuple[Slip, ...]:
+        """Their slips; none without friction."""
+        return self.slips[len(self.settings.roles) :]
+
+    @property
     def slips(self) -> tuple[Slip, ...]:
         """Slip of each pass; none without friction."""
         return self.paired.slips

@@ -162,7 +162,7 @@ def slipping(model: ContactModel, side: str) -> Flags:
         return slips
     closed = np.asarray(p.rows.on_nodes(active_set.closed(model, p), False), dtype=bool)
     slips = np.array(like_neighbours(p.slave, closed, slips, active(model, side) & ~closed))
-    for vertices in model.slips[len(model.of_sides) :]:
+    for vertices in model.slips_of_vertices:
         if vertices.slave is p.slave:
             at_nodes = vertices.gap.rows.on_nodes
             there = at_nodes(active_set.closed(model, vertices.gap), False).astype(bool)
@@ -184,7 +184,7 @@ def dissipation(model: ContactModel, side: str) -> Array:
     """Energy that friction took at each node in the last step."""
     found = slip_of(model, side)
     out = found.dissipation_at_nodes()
-    for vertices in model.slips[len(model.of_sides) :]:
+    for vertices in model.slips_of_vertices:
         if vertices.slave is found.slave:
             out = out + vertices.dissipation_at_nodes()
     return out

@@ -1,0 +1,89 @@
+"""Friction at points: what these have beyond their nodes lasts from step to step."""
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+
+MU, PRESS, DRAG = 0.3, 0.05, 0.004
+ENFORCEMENTS = ("penalty", "augmented-lagrangian")
+
+
+class Block:
+    """A block between a clamped bottom and a wider block that presses and drags it: part slips."""
+
+    def __init__(self, cell, enforcement, law):
+        axis = 1 if cell == "triangle" else 2
+        low, high = [-0.5, -0.5, 1.0][2 - axis :], [1.5, 1.5, 1.5][2 - axis :]
+        meshes = (
+            box(WORLD, [4] * axis + [3], cell, [0.0] * (axis + 1), [1.0] * (axis + 1)),
+            box(WORLD, [7] * axis + [2], cell, low, high),
+        )
+        V = [vector_space(msh) for msh in meshes]
+        self.u = [fem.Function(space) for space in V]
+        surfaces = [
+            qs.Surface(space, facets=plane(msh, axis, 1.0))
+            for space, msh in zip(V, meshes, strict=True)
+        ]
+        self.contact = qs.Contact(
+            *surfaces,
+            quadrature="overlay",
+            constraints="points",
+            enforcement=enforcement,
+            friction=law,
+            dt=1.0 if law.needs_dt else None,
+        )
+        self.shift = fem.Constant(meshes[1], np.zeros(axis + 1))
+        top = fem.locate_dofs_topological(V[1], axis, plane(meshes[1], axis, 1.5))
+        bcs = [[clamp(V[0], plane(meshes[0], axis, 0.0))], [fem.dirichletbc(self.shift, top, V[1])]]
+        F = [elastic(u) for u in self.u]
+        problem = qs.ContactProblem(F, self.u, [self.contact], bcs)
+        self.stepper = qs.TimeStepper(problem, 1.0, self.drive)
+
+    def drive(self, t, dt):
+        self.shift.value[0], self.shift.value[-1] = DRAG * max(t - 1.0, 0.0), -PRESS
+
+    def state(self):
+        return [*(u.x.array.copy() for u in self.u), self.contact.force("slave")]
+
+
+@pytest.mark.parametrize("law", (qs.Coulomb(MU), qs.Tresca(0.01), qs.Norton(0.1, 0.3, 0.5)))
+@pytest.mark.parametrize("enforcement", ENFORCEMENTS)
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_restart(cell, enforcement, law, tmp_path_factory):
+    """The third step is the same whether a checkpoint has been loaded before it."""
+    folder = WORLD.bcast(str(tmp_path_factory.mktemp("points")), root=0)
+    case, again = (Block(cell, enforcement, law) for _ in range(2))
+    for _ in range(3):
+        case.stepper.step()
+    slip = case.contact.model.slips[0]
+    parts = WORLD.allreduce(np.array([slip.slipping.sum(), slip.state.closed.sum()]))
+    assert 0 < parts[0] < parts[1] or law.needs_dt
+    qs.save_run(case.stepper, f"{folder}/run")
+    qs.load_run(again.stepper, f"{folder}/run")
+    for one in (case, again):
+        one.stepper.step()
+    for a, b in zip(case.state(), again.state(), strict=True):
+        assert largest(a - b) < 1e-8 * largest(a)
+    energies = [one.contact.dissipated_energy() for one in (case, again)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("enforcement", ENFORCEMENTS)
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_paired_again(cell, enforcement):
+    """Contact that is paired anew where nothing moves stays as it is, but for where bodies are now."""
+    case = Block(cell, enforcement, qs.Coulomb(MU))
+    for _ in range(3):
+        case.stepper.step()
+    case.stepper.drive = lambda t, dt: None
+    case.stepper.step()  # pairs where the last one has led
+    before, energy = case.state(), case.contact.dissipated_energy()
+    for _ in range(4):
+        case.stepper.step()
+    for a, b in zip(before, case.state(), strict=True):
+        assert largest(a - b) < 2e-4 * largest(a)
+    assert case.contact.dissipated_energy() - energy < 1e-2 * energy
