@@ -50,7 +50,7 @@ class Counted:
     """Counts the iterations of all solves of problems that are made meanwhile.
 
     Args:
-        constraints: Of contacts in small sliding that name none; None for the default.
+        constraints: Of contacts on the overlay in small sliding that name none; or None.
     """
 
     def __init__(self, constraints):
@@ -83,7 +83,8 @@ class Counted:
             return out
 
         def made(contact, *args, **kwargs):
-            if self.constraints and kwargs.get("sliding", "small") == "small":
+            overlay = kwargs.get("quadrature", "overlay") == "overlay"
+            if self.constraints and overlay and kwargs.get("sliding", "small") == "small":
                 kwargs.setdefault("constraints", self.constraints)
             make(contact, *args, **kwargs)
 

@@ -14,9 +14,6 @@ from qsdolfinx.gap.rows import PointRows
 
 Array = npt.NDArray[np.float64]
 
-#: Part of what is around a row that has slipped, from which on the row has.
-MOST = 0.5
-
 
 def known(model: ContactModel) -> list[Array]:
     """λ̂ and τ̂, one array for each part; see :func:`set_known`."""
@@ -71,9 +68,7 @@ def set_pressures_on_nodes(model: ContactModel, pressures: typing.Sequence[Array
     """Put back what :func:`pressures_on_nodes` gave."""
     for slip, columns in zip(model.slips, pressures, strict=True):
         state = slip.state
-        at_rows = [slip.gap.rows.from_nodes(column) for column in columns.T[:2]]
-        state.pressed = np.maximum(at_rows[0], 0.0)
-        state.slipped = (at_rows[1] >= MOST).astype(np.float64)
+        state.pressed, state.slipped = (slip.gap.rows.from_nodes(c) for c in columns.T[:2])
         state.covered, state.moved = np.array(columns[:, 2]), np.array(columns[:, 3:])
 
 

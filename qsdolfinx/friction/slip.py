@@ -28,6 +28,9 @@ Array = npt.NDArray[np.float64]
 #: What rounding leaves of slips, over coordinates.
 OF_RATES = 10 * np.finfo(np.float64).eps
 
+#: Part of what is around a row that has slipped, from which on the row has.
+MOST = 0.5
+
 #: Pressure at the start of a step, relative to that at its end, that is none but for rounding.
 NO_PRESSURE = 1e-6
 
@@ -79,8 +82,9 @@ class SlipState:
         shift: What a rigid tool's motion adds to the jump.
         augmented: τ̂, what the trial multiplier starts from; with rows at points for the sides of
             all owned nodes, (nodes, gdim · gdim), see ``PointRows``.
-        pressed: Pressure λ at the start of the step, shape (rows,).
-        slipped: 1 of rows that slipped there, (rows,).
+        pressed: Pressure λ at the start of the step, shape (rows,); where contact has paired since
+            that of a function of nodes, which may be negative beside the edge.
+        slipped: 1 of rows that slipped there, (rows,); or such a function.
         covered: Part of the area of each owned node that was covered there, (nodes,).
         moved: 1 of components in which conditions have moved an owned node against what is
             opposite to it in this step or before, while it was in contact, (nodes, gdim).
@@ -347,7 +351,7 @@ class Slip:
                 edge = state.on_edge
                 state.response = limited(self.friction, state.response, edge, rows.penalty)
             state.response = self._as_solved(state.response)
-        leaving = ~closed & (state.slipped > 0)
+        leaving = ~closed & self.has_slipped
         state.evaluated = Evaluated(
             rows,
             state.response,
@@ -456,6 +460,11 @@ class Slip:
         return np.asarray(self.operator.apply(handle_of(u[0]), handle_of(u[1]), (s, m)))
 
     # --- Rows that close within a step
+
+    @property
+    def has_slipped(self) -> npt.NDArray[np.bool_]:
+        """Rows that slipped when the step began, or most of what is around them did."""
+        return np.asarray(self.state.slipped >= MOST)
 
     @property
     def is_fresh(self) -> npt.NDArray[np.bool_]:

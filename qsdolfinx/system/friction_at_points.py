@@ -150,7 +150,7 @@ class PointFriction:
         known = slip.known(self.elastic, self.seen(multiplier))
         told = self._told(known, normal)
         if first:
-            slipped = np.any(known, axis=1) & (again | (state.slipped > 0))
+            slipped = np.any(known, axis=1) & (again | slip.has_slipped)
             told = told._replace(unlimited=normal.active & ~slipped)
         with collective_errors(self.model.comm):  # a law may be the user's
             response = slip.respond(told, not all(self.model.kinematics.in_displacement))

@@ -120,7 +120,7 @@ class FrictionRows:
         pressure = np.maximum(normal.pressure[:, 0], 0.0)
         told = self._told(multiplier, active, pressure)
         if first:
-            slipped = np.any(multiplier, axis=1) & (again | (slip.state.slipped > 0))
+            slipped = np.any(multiplier, axis=1) & (again | slip.has_slipped)
             told = told._replace(unlimited=active & ~slipped)
         if self._fills:
             told = told._replace(closed=np.ones_like(active))
