@@ -146,7 +146,7 @@ class PointFriction:
             again: Whether the step has been solved before, so that what has τ is what it seems.
             opened: Points that count as open, which ``normal`` knows.
         """
-        slip, state = self.slip, self.slip.state
+        slip = self.slip
         known = slip.known(self.elastic, self.seen(multiplier))
         told = self._told(known, normal)
         if first:
