@@ -75,7 +75,7 @@ def test_restart(cell, enforcement, law, tmp_path_factory):
 @pytest.mark.parametrize("enforcement", ENFORCEMENTS)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_paired_again(cell, enforcement):
-    """Contact that is paired anew where nothing moves stays as it is, but for where bodies are now."""
+    """Contact that is paired anew where nothing moves stays as it is, but for where bodies are."""
     case = Block(cell, enforcement, qs.Coulomb(MU))
     for _ in range(3):
         case.stepper.step()
