@@ -189,11 +189,6 @@ class WeightedGap:
         return self._share
 
     @property
-    def is_augmented(self) -> bool:
-        """Whether there are multipliers."""
-        return self._is_augmented
-
-    @property
     def weight(self) -> Array:
         """Area in the energy of each row: what its gap is divided by, times the share."""
         return np.asarray(self._share * self._area)
