@@ -38,6 +38,13 @@ def default_enforcement(formulation: str, law: typing.Any) -> str:
     return "penalty" if none else "augmented-lagrangian"
 
 
+def default_constraints(quadrature: str, sliding: str, law: Law, enforcement: str) -> str:
+    """At points, where they are defined and have multipliers."""
+    points = quadrature == "overlay" and sliding == "small" and not law.jump
+    points = points and enforcement == "augmented-lagrangian"
+    return "points" if points else "nodes"
+
+
 class Given(typing.NamedTuple):
     """Arguments of :class:`qs.Contact` that scalar fields leave as they are by default."""
 
@@ -46,7 +53,7 @@ class Given(typing.NamedTuple):
     unknown: typing.Any = "displacement"
     sliding: str = "small"
     initial_overclosure: str = "resolve"
-    constraints: str = "nodes"
+    constraints: str | None = None
 
 
 def check_field(
@@ -70,6 +77,7 @@ def check_field(
     require(friction is None, "friction: scalar fields have none; see qs.Conductance(friction=)")
     for name in ("unknown", "sliding", "initial_overclosure", "constraints"):
         fits = getattr(given, name) == getattr(Given(), name)
+        fits = fits or (name, given.constraints) == ("constraints", "nodes")
         require(fits, f"{name}: leave it out, scalar fields move nothing")
     if conducts:
         text = "has no multiplier to augment and no penalty: h takes its place; leave it out"

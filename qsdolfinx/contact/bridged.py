@@ -35,7 +35,7 @@ def in_contact(model: ContactModel, gap: WeightedGap) -> Flags:
     and if so are all that are open around it: nowhere do they meet an open node that is not.
     """
     closed = active_set.closed(model, gap)
-    if model.law.linear or model.is_scalar:
+    if model.law.linear or model.is_scalar or gap.rows.are_points:
         return closed
     size = gap.rows.from_nodes(gap.slave.node_size)
     narrow = ~closed & (-gap.state.values[:, 0] <= NARROW * size)

@@ -32,6 +32,7 @@ from qsdolfinx.contact.arguments import (
     check_sliding,
     check_smoothing,
     check_surfaces,
+    default_constraints,
     default_enforcement,
 )
 from qsdolfinx.contact.model import ContactModel, Settings
@@ -139,10 +140,13 @@ class Contact:
             and nodes that the other surface slides to get the same if all are as deep. ``"error"``:
             it is refused. Points deeper than the search radius are not paired, and not seen. A tie
             leaves any gap as it is; with it the first two are the same.
-        constraints: Where the law is asked for a multiplier. ``"nodes"``: at the slave nodes, for
-            weighted gaps. ``"points"``: at each pairing point, that of friction too, so that what
-            is open takes nothing from what is closed beside it, and at vertices at creases of both
-            bodies, which are ahead of their facets; on the overlay, not tied.
+        constraints: Where the law is asked for a multiplier. ``"points"``: at each contact
+            quadrature point, that of friction too, so that what is open takes nothing from what is
+            closed beside it, and at vertices at creases of both bodies, which are ahead of their
+            facets; multipliers are functions on the slave's nodes. ``"nodes"``: at the slave nodes,
+            for weighted gaps. By default ``"points"`` of unilateral contact on the overlay with
+            multipliers and small sliding; ties, a penalty alone, nodal quadrature and finite
+            sliding have ``"nodes"``.
         smoothing: What the gap is measured between, one for both sides or a pair for slave and
             master, on the overlay. ``"auto"``: the facets, or with small sliding, where both sides
             are curved alike and chords change the gap by more than a tenth of the clearance or
@@ -204,7 +208,7 @@ class Contact:
         friction: Friction | None = None,
         friction_penalty: float | None = None,
         initial_overclosure: str = "resolve",
-        constraints: str = "nodes",
+        constraints: str | None = None,
         smoothing: Side | tuple[Side, Side] = "auto",
         sliding: str = "small",
         of: Contact | None = None,
@@ -255,7 +259,9 @@ class Contact:
             same(either(either(POSITIVE, "local"), None), search_radius=search_radius)
             same(POSITIVE, gap_tolerance=gap_tolerance)
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
-            same(one_of(CONSTRAINTS), constraints=constraints)
+            same(either(one_of(CONSTRAINTS), None), constraints=constraints)
+            if constraints is None:
+                constraints = default_constraints(quadrature, sliding, law, enforcement)
             check_sliding(sliding, quadrature, normals, constraints, sides)
             if itself:
                 check_itself(formulation, quadrature, law, sides, unknown)
@@ -661,10 +667,22 @@ class Contact:
         """Nodes of this rank that are in contact and slip, shape (nodes,).
 
         Among them are nodes that have a part of the friction of a law that jumps when they open, or
-        have lost it, and those between closed ones (see :meth:`active`) if most of these slip. None
+        have lost it, and those between closed ones (see :meth:`active`) if most of these slip; with
+        constraints at points those of whose contact more than half slips, see :meth:`shares`. None
         without friction. Collective.
         """
         return results.slipping(self._shown, side)
+
+    def shares(self, side: str = "slave") -> tuple[Array, Array]:
+        """Parts of the area S_k of each node of this rank that are in contact, and that slip.
+
+        From 0 to 1. With constraints at points a node may be in contact, and slip, in part; at
+        nodes it is or is not. ``closed - slips`` is what sticks. Collective.
+
+        Returns:
+            Shape (nodes,) each.
+        """
+        return results.shares(self._shown, side)
 
     def dissipation(self, side: str = "slave") -> Array:
         """Energy that friction took at each node of this rank in the last step, shape (nodes,)."""

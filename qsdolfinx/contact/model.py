@@ -507,10 +507,21 @@ class ContactModel:
     def eps(self) -> float:
         """ε as a number (stress per length).
 
+        Of multipliers at points no more than an automatic one: what multipliers cannot follow of
+        the gaps within a facet would be pressed out.
+
         Raises:
             RuntimeError: If an automatic penalty has not been computed yet.
         """
-        return self.penalty.eps
+        given = self.penalty.eps
+        at_points = self.settings.constraints == "points" and self.augmented
+        return min(given, self.penalty.most_at_points) if at_points else given
+
+    @property
+    def stiffness_ratio(self) -> float:
+        """Penalty over stiffness of the softer side; 0 if either is not known."""
+        ratio = self.penalty.ratio
+        return ratio * self.eps / self.penalty.eps if ratio > 0 else 0.0
 
     @property
     def tangential_eps(self) -> float:
@@ -526,7 +537,7 @@ class ContactModel:
         slip changes in each iteration, decides nothing but how points differ from their nodes. The
         second number is 0 of an augmented Lagrangian.
         """
-        eps, ratio = self.tangential_eps, self.penalty.ratio * self.tangential_eps / self.eps
+        eps, ratio = self.tangential_eps, self.stiffness_ratio * self.tangential_eps / self.eps
         gamma = eps * min(1.0, POINTS_FACTOR / ratio) if ratio > 0 else eps
         return gamma, 0.0 if self.augmented else gamma / eps
 
@@ -562,7 +573,7 @@ class ContactModel:
         if law is None or not equal:
             return equal
         # At points a limit that jumps goes with the pressure where that is next to none.
-        goes = law.jumps and law.is_bounded and any(slip.gap.rows.are_points for slip in self.slips)
+        goes = law.jumps and any(slip.gap.rows.are_points for slip in self.slips)
         return law.symmetric and not goes
 
     def ordered(self, gap: WeightedGap, of_bodies: tuple[T, T]) -> tuple[T, T]:

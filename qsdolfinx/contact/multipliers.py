@@ -15,15 +15,32 @@ from qsdolfinx.gap.rows import PointRows
 Array = npt.NDArray[np.float64]
 
 
-def known(model: ContactModel) -> list[Array]:
-    """λ̂ and τ̂, one array for each part; see :func:`set_known`."""
-    return [part.state.augmented for part in model.parts]
+class Known(typing.NamedTuple):
+    """λ̂ or τ̂ of a part; with rows at points the closed parts of the nodes, or τ of a penalty."""
+
+    multiplier: Array
+    at_points: Array | None
 
 
-def set_known(model: ContactModel, multipliers: typing.Sequence[Array]) -> None:
+def known(model: ContactModel) -> list[Known]:
+    """What the last solve has left of each part; see :func:`set_known`."""
+    return [
+        Known(
+            part.state.augmented,
+            part.state.reached if isinstance(part, Slip) else part.state.closed,
+        )
+        for part in model.parts
+    ]
+
+
+def set_known(model: ContactModel, multipliers: typing.Sequence[Known]) -> None:
     """Put back what :func:`known` gave."""
-    for part, multiplier in zip(model.parts, multipliers, strict=True):
-        part.state.augmented = multiplier
+    for part, kept in zip(model.parts, multipliers, strict=True):
+        part.state.augmented = kept.multiplier
+        if isinstance(part, Slip):
+            part.state.reached = kept.at_points
+        else:
+            part.state.closed = kept.at_points
 
 
 def on_nodes(parts: typing.Sequence[Part]) -> list[Array]:
@@ -79,3 +96,5 @@ def reset(model: ContactModel) -> None:
         part.state.augmented = np.zeros_like(part.state.augmented)
         if isinstance(part, Slip):
             part.state.rest, part.state.reached = 0.0, None
+        else:
+            part.state.closed = None

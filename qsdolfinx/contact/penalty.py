@@ -94,9 +94,7 @@ def automatic_penalty(
                 "look at the coefficients of F and at the values of u"
             )
     if augmented:
-        sizes, factor = _sizes(stiffness, modulus), _factor(together, at_points)
-        size = sizes[0] if at_points and sizes[0] < math.inf else min(sizes)
-        penalty = factor * min(modulus) / size
+        penalty = _usual(stiffness, modulus, together, at_points)
     else:
         penalty = FACTORS[quadrature] * min(stiffness)
     if not (math.isfinite(penalty) and penalty > 0):
@@ -105,6 +103,18 @@ def automatic_penalty(
             "contact surfaces; give a number instead"
         )
     return penalty
+
+
+def _usual(
+    stiffness: typing.Sequence[float],
+    modulus: typing.Sequence[float],
+    together: bool,
+    at_points: bool,
+) -> float:
+    """The penalty of an augmented Lagrangian; arguments as of :func:`automatic_penalty`."""
+    sizes = _sizes(stiffness, modulus)
+    size = sizes[0] if at_points and sizes[0] < math.inf else min(sizes)
+    return _factor(together, at_points) * min(modulus) / size
 
 
 def source(
@@ -162,6 +172,8 @@ class Penalty:
         #: Mean K_kk / S_k (stress per length) at the contact nodes of the slave and of a deformable
         #: master, when matrices were last made.
         self.stiffness: tuple[float, ...] = ()
+        #: The most that multipliers of points take for γ (stress per length), from these.
+        self.most_at_points = math.inf
 
     @property
     def eps(self) -> float:
@@ -201,6 +213,9 @@ class Penalty:
         Arguments are those of :func:`automatic_penalty`.
         """
         self.stiffness = stiffness
+        if self._at_points and self._augmented:
+            usual = _usual(stiffness, modulus, together, True)
+            self.most_at_points = usual if 0 < usual < math.inf else math.inf
         if self.automatic and (self.value is None or (self._augmented and self._flows)):
             kind = self._quadrature, self._augmented, together, self._at_points
             known = automatic_penalty(stiffness, modulus, *kind)

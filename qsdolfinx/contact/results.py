@@ -22,6 +22,7 @@ from qsdolfinx.contact.bridged import in_contact, like_neighbours
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place
 from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec, skew, trace_positions
 from qsdolfinx.surface.surface import Surface
@@ -168,6 +169,25 @@ def slipping(model: ContactModel, side: str) -> Flags:
             there = at_nodes(active_set.closed(model, vertices.gap), False).astype(bool)
             slips = np.where(there, at_nodes(vertices.slipping, False).astype(bool), slips)
     return slips
+
+
+def shares(model: ContactModel, side: str) -> tuple[Array, Array]:
+    """Parts of the nodes' areas that are in contact, and that slip. Collective."""
+    agreed(model, side)
+    p = gap_of(model, side)
+    closed = rows_in_contact(model, p)
+    slips: Flags = np.zeros(p.num_rows, dtype=bool)
+    if model.slips and is_known(model):
+        slips = slip_of(model, side).slipping & closed
+    return _share(p, closed), _share(p, slips)
+
+
+def _share(p: WeightedGap, flags: Flags) -> Array:
+    """Part of each node's area that rows with a flag stand for. Collective."""
+    if not isinstance(p.rows, PointRows):
+        return np.asarray(p.rows.on_nodes(flags.astype(np.float64), 0.0), dtype=np.float64)
+    sums = p.rows.sums(flags.astype(np.float64)).sum(axis=1)
+    return np.asarray(np.minimum(sums / p.slave.node_area, 1.0))
 
 
 def _slipping(found: Slip) -> Flags:

@@ -19,9 +19,9 @@ OF_PRESSURE = 100.0
 
 
 #: Pressures that friction is at points at most: of laws whose limit does not vanish with the
-#: pressure it does so below a thirtieth of it. With a steeper one sets of points may cycle.
-#: tests/friction/test_mean_slip.py has Norton's friction of 26 pressures.
-STEEP = 30.0
+#: pressure it does so below a tenth of it. With a steeper one sets of points may cycle
+#: (demos/closed_die.py).
+STEEP = 10.0
 
 
 class Filled(typing.NamedTuple):

@@ -550,7 +550,7 @@ class Slip:
             response: What the law answers.
             rows: What it was told.
         """
-        if not (self.friction.jumps and self.friction.is_bounded):
+        if not self.friction.jumps:
             return response
         bound = np.where(rows.unlimited, np.inf, STEEP * rows.pressure)
         return bounded(self.friction, response, bound, STEEP, rows.penalty)

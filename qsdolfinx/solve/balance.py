@@ -110,9 +110,13 @@ class Balance:
             * (np.minimum(np.abs(equations.part(at.z, i)[body.free]), most) + least)
             for i, (body, (most, least)) in enumerate(zip(bodies, self._sizes, strict=True))
         ]
-        sums = np.array([R @ R, f @ f, sum(float(r @ r) for r in rounding)])
+        of_slips = [
+            p.rows.rounded_forces(e) for p, e in zip(equations.passes, at.passes, strict=True)
+        ]
+        squares = [sum(float(r @ r) for r in of) for of in (rounding, of_slips)]
+        sums = np.array([R @ R, f @ f, *squares])
         comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
-        residual, forces, rounded = np.sqrt(sums)
+        residual, forces, rounded, of_rates = np.sqrt(sums)
         largest = np.zeros(3)
         counts: npt.NDArray[np.int64] = np.zeros(2, dtype=np.int64)
         for p, e in zip(equations.passes, at.passes, strict=True):
@@ -139,7 +143,7 @@ class Balance:
         self._unheld = UNHELD
         if not self._is_held and self._may_go_far:
             self._unheld = min(UNHELD, self._spring_of(R, free))
-        limits = self._rtol * forces, self._rtol * largest[1]
+        limits = max(self._rtol * forces, of_rates), self._rtol * largest[1]
         self.until = max(float(limits[0]), self._atol)
         self._seen = np.maximum(self._seen, [residual, forces])
         rounded, largest[2] = max(rounded, *self._seen), max(*largest[1:], self._last)

@@ -89,7 +89,7 @@ def solve_with_continuation(
 
 
 def _restore(
-    problem: ContactProblem, start: typing.Sequence[Array], known: list[list[Array]]
+    problem: ContactProblem, start: typing.Sequence[Array], known: list[list[multipliers.Known]]
 ) -> None:
     """Put unknowns and multipliers back."""
     for u, array in zip(problem.u, start, strict=True):

@@ -23,6 +23,10 @@ Flags = npt.NDArray[np.bool_]
 #: Halvings of a step, and what the merit has to fall by over what a whole step promises.
 MAX_HALVINGS, FALL = 8, 1e-4
 
+#: Part of a step below which it is asked first where forces do no more work; how little that is to
+#: be, over that at its start, and most evaluations.
+SMALL, AT_REST, MOST_ASKED = 0.125, 0.1, 24
+
 #: Part of the first step that is less than a good start allows.
 POOR = 0.1
 
@@ -36,9 +40,10 @@ class OneNewton:
 
     The merit is m² = |R_u|² + Σ W² (λ − [λ + c ḡ*]₊)² + the same of τ + |R_s|², which is continuous
     where sets change. A step is halved as long as the residual is not finite, a gap cannot be
-    evaluated, or the merit has not fallen. In the first iteration what has λ > 0 stays closed, and
-    what is closed without any τ sticks. If the user's options name a type of SNES or a line search,
-    that follows after the first step.
+    evaluated, or the merit has not fallen; where that would leave little of it, it ends where
+    forces do no more work, see :meth:`_until_rest`. In the first iteration what has λ > 0 stays
+    closed, and what is closed without any τ sticks. If the user's options name a type of SNES or a
+    line search, that follows after the first step.
 
     Args:
         equations: The equations.
@@ -75,6 +80,8 @@ class OneNewton:
         """
         self._balance.begin()
         z, step = z.copy(), 1.0
+        if begins and self._is_solution(z):
+            return z
         change = self._free_step(z) if begins else None
         at = self.equations.evaluate(z, first=True, again=self._again)
         if not np.isfinite(self._merit(at)):
@@ -97,6 +104,15 @@ class OneNewton:
         last = self._balance.history[-1]
         reason = NOT_CLOSED if self._balance.lacks_closure else LATE
         raise NoConvergence(f"no convergence in {self.max_it} iterations: {last}", reason)
+
+    def _is_solution(self, z: Array) -> bool:
+        """Whether z is one already: the first iteration would add closed points. Collective."""
+        if not self.equations.knows_closed_points:
+            return False
+        at = self.equations.evaluate(z, again=self._again)
+        found = bool(np.isfinite(self._merit(at))) and self._balance.is_found(at, 1.0)
+        self._balance.begin()
+        return found and self._is_found(at, 1.0)
 
     def _is_found(self, at: State, step: float) -> bool:
         """Whether z solves the equations; notes the iterate. Collective."""
@@ -135,7 +151,7 @@ class OneNewton:
         self._balance.begin()
         try:
             at = equations.evaluate(found, first=True, again=self._again)
-            for _ in range(MOST_SOFT):
+            for _ in range(min(MOST_SOFT, self.max_it)):
                 done, now = self._is_found(at, 1.0), self._balance.history[-1]
                 if done or max(now.forces, now.constraints, now.tools) <= NEAR:
                     return found
@@ -218,6 +234,10 @@ class OneNewton:
                 else:
                     largest = largest or step
             step /= 2
+            if step < SMALL <= 2 * step and largest is not None and self.equations.slips_at_points:
+                rest = self._until_rest(z, at, change, largest)
+                if rest is not None:
+                    return rest
         largest = largest or losing
         if largest is None:
             if unseen is not None:
@@ -225,6 +245,48 @@ class OneNewton:
             raise NoConvergence("no residual is finite along the step", NOT_FINITE)
         found = z + largest * change
         return found, self.equations.evaluate(found), largest
+
+    def _until_rest(
+        self, z: Array, at: State, change: Array, most: float
+    ) -> tuple[Array, State, float] | None:
+        """The step until the work of R_u along it changes its sign, None if not. Collective.
+
+        Where bodies slip along each other R_u is next to constant and has no curvature: |R_u| does
+        not fall before a step ends where something sticks, which Newton's step goes far beyond. Of
+        constraints at points R_u is nearly the gradient of an energy, which falls until there.
+
+        Args:
+            z: Where the step begins.
+            at: The evaluation there.
+            change: The step.
+            most: Part of it that can be evaluated.
+        """
+        equations = self.equations
+        along = equations.bodies_of(change)
+
+        def work(at: State) -> float:
+            """Of R_u along the step."""
+            local = float(along @ equations.bodies_of(equations.residual_of(at)))
+            return float(equations.system.comm.allreduce(local, op=MPI.SUM))
+
+        low, high = 0.0, most
+        begins, ends = work(at), work(equations.evaluate(z + most * change))
+        if not begins < 0 < ends:
+            return None
+        of_low, of_high = begins, ends
+        for _ in range(MOST_ASKED):
+            # The secant's point between, or the middle where that is near either end.
+            part = min(max(of_low / (of_low - of_high), 0.1), 0.9)
+            step = low + part * (high - low)
+            there = equations.evaluate(z + step * change)
+            found = work(there)
+            if abs(found) <= -AT_REST * begins:
+                break
+            if found < 0:
+                low, of_low = step, found
+            else:
+                high, of_high = step, found
+        return z + step * change, there, step
 
     def _loses_a_tool(self, at: State, there: State) -> bool:
         """Whether nothing is left that resists the force on a tool. Collective."""

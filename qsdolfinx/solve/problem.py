@@ -561,7 +561,7 @@ class ContactProblem:
             return False
         return True
 
-    def _put_back(self, known: list[list[Array]], measures: list[typing.Any]) -> None:
+    def _put_back(self, known: list[list[multipliers.Known]], measures: list[typing.Any]) -> None:
         """Multipliers, and areas of gaps that follow the bodies, as they were."""
         for contact, kept in zip(self.system.contacts, known, strict=True):
             multipliers.set_known(contact, kept)

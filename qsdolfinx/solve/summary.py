@@ -51,6 +51,6 @@ def _outcome(comm: MPI.Intracomm, contacts: typing.Sequence[ContactModel], recor
     forces = [float(np.linalg.norm(results.total(contact, "slave"))) for contact in contacts]
     counts = " + ".join(f"{a} of {n}" for a, n in zip(active, rows, strict=True))
     return (
-        f"active nodes {counts or 0}, largest gap violation {gap:.3g}, "
+        f"active constraints {counts or 0}, largest gap violation {gap:.3g}, "
         f"force {' + '.join(f'{f:.6g}' for f in forces) or 0}"
     )

@@ -21,7 +21,10 @@ Flags = npt.NDArray[np.bool_]
 
 #: Part of the diagonal by which the inexact derivative is softer at points: where sides of a node
 #: are pressed flat, their multipliers are more than there are motions.
-PROXIMAL = 1e-8
+PROXIMAL = 1e-10
+
+#: Penalty of linear solvers over γ.
+STIFFER = 3.3
 
 #: Closed part of what a node covers from which on points beside it begin closed.
 MOST = 0.5
@@ -47,6 +50,16 @@ class CondensedRows:
     @property
     def _width(self) -> int:
         return int(self.gap.operator.width)
+
+    @property
+    def has_multipliers(self) -> bool:
+        """Whether there are any, on any rank."""
+        return False
+
+    @property
+    def usual(self) -> float:
+        """Penalty that makes forces of R_λ for linear solvers (stress per length)."""
+        return self.gamma
 
     @property
     def num_multipliers(self) -> int:
@@ -161,6 +174,16 @@ class PointConstraints(CondensedRows):
         """Take this part of the penalty for γ, if there are multipliers: λ means the same."""
         if self.model.augmented:
             self.gamma = part * self.model.eps
+
+    @property
+    def has_multipliers(self) -> bool:
+        """Whether there are any, on any rank."""
+        return self.model.augmented
+
+    @property
+    def usual(self) -> float:
+        """Of a stiffness that solvers with factors of the bodies see well, beside γ itself."""
+        return STIFFER * self.gamma
 
     @property
     def num_multipliers(self) -> int:

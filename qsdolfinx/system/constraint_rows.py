@@ -228,6 +228,12 @@ class ConstraintRows:
         of_slip = 0.0 if self.friction is None else self.friction.rounding()
         return size * max(self.normal.rounding(), of_slip)
 
+    def rounded_forces(self, at: Evaluated) -> Array:
+        """What rounding of slips makes of forces at some rows of this rank."""
+        if self.condensed_friction is None or at.tangential is None:
+            return np.zeros(0)
+        return self.condensed_friction.rounded_forces(at.tangential)
+
     @property
     def softness(self) -> float:
         """Usual penalty over what gaps stand for in the stiffest body: the least on this rank."""

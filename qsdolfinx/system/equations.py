@@ -887,6 +887,22 @@ class Equations:
         return bool(following)
 
     @property
+    def slips_at_points(self) -> bool:
+        """Whether there is friction at points."""
+        return any(p.rows.condensed_friction is not None for p in self.passes)
+
+    @property
+    def knows_closed_points(self) -> bool:
+        """Whether it is known of points what has been closed before. Collective."""
+        known = any(
+            isinstance(p.rows.condensed, PointConstraints)
+            and p.gap.state.closed is not None
+            and bool(np.any(p.gap.state.closed > 0))
+            for p in self.passes
+        )
+        return bool(self.system.comm.allreduce(known, op=MPI.LOR))
+
+    @property
     def can_soften(self) -> bool:
         """Whether there are multipliers of points, and none of friction."""
         rows = [p.rows.condensed for p in self.passes]

@@ -219,6 +219,15 @@ class PointFriction:
         """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
         return np.asarray((-PROXIMAL / self.gamma * self.areas).ravel())
 
+    def rounded_forces(self, at: Tangential) -> Array:
+        """What rounding of slips makes of forces, (points,): of laws that slip rates steer.
+
+        Where there are unknowns τ it is in R_τ instead.
+        """
+        if self.has_unknowns:
+            return np.zeros(0)
+        return np.asarray(self.slip.gap.weight * self.slip.rounding(at.response))
+
     def rounding(self) -> float:
         """Largest factor that turns slips into stress on this rank."""
         return self.scales.largest()

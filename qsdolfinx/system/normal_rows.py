@@ -82,7 +82,7 @@ class Scales(typing.NamedTuple):
             model: The contact.
             penalty: ε of each row.
         """
-        exact, ratio = model.augmented, model.penalty.ratio
+        exact, ratio = model.augmented, model.stiffness_ratio
         stiffest = max((k for k in model.penalty.stiffness if k < np.inf), default=0.0)
         of_bodies: Array = np.maximum(penalty, stiffest)
         usual = min(1.0, USUAL / ratio) if ratio > 0 else 1.0

@@ -30,8 +30,8 @@ class RowBlocks:
     multipliers. Rows are scaled to forces, those of closed gaps by the usual penalty, so that one
     tolerance is for all. C_γ is C where closed rows have at least the
     compliance of the usual penalty, without what couples nodes that conditions hold.
-    At points gaps make forces themselves, F_γ R du: S is F_γ there, and C_γ diagonal, with what
-    each multiplier stands for.
+    At points gaps make forces themselves, F_γ R du, and C_γ is lumped: S is F_γ and what a
+    penalty at the points would be.
 
     On the edge of contact |τ| is what closes the gap: C has nothing of it. There C_γ has |τ| as of
     open rows, and what the row's gap and λ do to τ is left out of C_γ and S.
@@ -113,7 +113,7 @@ class RowBlocks:
         return self._each("solve", r, self._ends)
 
     def condensed(self, gaps: Array) -> Array:
-        """−C_γ⁻¹ D times gaps and slips, but for points."""
+        """−C_γ⁻¹ D times gaps and slips, but for slips at points."""
         return self._each("condensed", gaps, self._gap_ends)
 
     def own_forces(self, gaps: Array) -> Array:
@@ -190,19 +190,26 @@ class _NodalBlocks:
 
 
 class _CondensedBlocks:
-    """Of rows of λ whose gaps make forces themselves."""
+    """Of rows of λ whose gaps make forces themselves.
+
+    With multipliers of points C_γ is lumped, with the compliance of the usual penalty γ_u where
+    points are closed, so that S has γ + γ_u there.
+    """
 
     def __init__(self, rows: CondensedRows, at: Normal) -> None:
         self._rows = rows
-        stiffness = rows.stiffness(at)
+        stiffness, areas = rows.stiffness(at), rows.areas
         self._own: Array = rows.gap.weight[:, None] * stiffness
-        self._areas = rows.areas
         self._closed: Array = np.asarray(stiffness[:, 0] / rows.gamma, dtype=np.float64)
         self._limiting: Array = np.where(at.pressure[:, 0] > 0, self._closed, 0.0)
         #: Whether C_γ is C.
-        self.is_condensed = rows.num_multipliers == 0
+        self.is_condensed = not rows.has_multipliers
+        #: γ_u/γ.
+        self._usual = rows.usual / rows.gamma if rows.has_multipliers else 0.0
+        closed, self._soft = rows.gathered(self._closed)[:, :1], PROXIMAL * areas
+        self._regular: Array = closed + self._usual * np.maximum(areas - closed, 0.0)
         #: What the rows are multiplied with.
-        self.scale = rows.gamma * np.ones(rows.num_multipliers)
+        self.scale = rows.usual * np.ones(rows.num_multipliers)
         #: What changes from iteration to iteration.
         self.changing: list[Array] = [self._own]
 
@@ -216,21 +223,21 @@ class _CondensedBlocks:
 
     def by_gap(self, gap: Array) -> Array:
         """Rows by gaps. Collective."""
-        return self._rows.gathered(self._closed * self._rows.gamma * gap[:, 0])
+        return self._rows.gathered(self._closed * self._rows.usual * gap[:, 0])
 
     def by_multiplier(self, multiplier: Array) -> Array:
         """Rows by multipliers. Collective."""
         seen = self._rows.seen(multiplier)[:, 0]
-        soft = PROXIMAL * self._areas * multiplier
-        return np.asarray(self._rows.gathered((self._closed - 1.0) * seen) - soft)
+        change = self._rows.gathered((self._closed - 1.0) * seen) - self._soft * multiplier
+        return np.asarray(self._usual * change)
 
     def solve(self, r: Array) -> Array:
         """C_γ⁻¹ r."""
-        return np.asarray(-r / self._areas)
+        return np.asarray(-r / self._regular)
 
     def condensed(self, gap: Array) -> Array:
-        """Nothing: gaps make forces themselves."""
-        return np.zeros_like(self._areas)
+        """−C_γ⁻¹ D of gaps. Collective."""
+        return np.asarray(self.by_gap(gap) / self._regular)
 
     def _changes(self, gap: Array | None, multiplier: Array | None) -> Array:
         """How y changes, (rows,). Collective."""
@@ -249,7 +256,7 @@ class _CondensedBlocks:
 
     def stiffness(self) -> Array:
         """Of S, (rows, width)."""
-        return self._own
+        return np.asarray((1 + self._usual) * self._own)
 
 
 class _SlipBlocks:
@@ -361,8 +368,11 @@ class _PointBlocks:
         return _joined(self._normal.solve(normal), -tangential / self._areas)
 
     def condensed(self, gaps: Array) -> Array:
-        """Nothing: gaps and slips make forces themselves."""
-        return np.zeros(self._p.rows.num_unknowns)
+        """−C_γ⁻¹ D times gaps; slips make forces themselves. Collective."""
+        out = np.zeros(self._p.rows.num_unknowns)
+        normal = self._normal.condensed(self._of_gaps(gaps)[0]).ravel()
+        out[: len(normal)] = normal
+        return out
 
     def entries(self) -> Entries:
         """Of S, in the numbers of this pass."""
@@ -474,7 +484,7 @@ class _PassBlocks:
         return _joined(out, _times(slip.inverse, tangential))
 
     def condensed(self, gaps: Array) -> Array:
-        """−C_γ⁻¹ D times gaps and slips, but for points."""
+        """−C_γ⁻¹ D times gaps and slips. Collective."""
         gap, jump = self._of_gaps(gaps)
         out, slip = self._normal.condensed(gap), self._slip
         if slip is None:
