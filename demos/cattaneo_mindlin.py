@@ -57,7 +57,7 @@ class Parameters:
     enforcement: str = option("penalty", "as accurate here, and faster")
     penalty: float | None = option(None, "ε, stress per length")
     friction_penalty: float | None = option(None, "ε in tangential direction, stress per length")
-    constraints: str = option("nodes")
+    constraints: str | None = option(None)
     normals: str = option("bisector")
     steps: int = option(1, "steps of the tangential load")
     tilting: bool = option(False, "q alone, which tips the bodies")

@@ -56,7 +56,8 @@ class ElasticDie:
             traction: On it, a Function.
             dt: Length of a step, as the billet's unknowns are velocities.
         """
-        pair = qs.Contact(surface, self.surface, unknown=("velocity", "displacement"), dt=dt)
+        unknown = "velocity", "displacement"
+        pair = qs.Contact(surface, self.surface, unknown=unknown, dt=dt, constraints="nodes")
         gap = pair.model.gaps[0]
         operator = gap.jump_operator()
         forces = surface.node_values(traction) * surface.node_area[:, None]

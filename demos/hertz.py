@@ -55,7 +55,7 @@ class Parameters:
     enforcement: str = option("penalty", "as accurate here, and faster")
     penalty: float | None = option(None, "ε, stress per length")
     normals: str | None = option(None)
-    constraints: str = option("nodes")
+    constraints: str | None = option(None)
     integral: bool = option(False, "l2_error of the function t")
 
 

@@ -49,15 +49,16 @@ def stick_and_slip(contact):
 
     Returns:
         Under "stick" and "slip" parts of the closed area, under "stick_energy" the energy taken at
-        closed nodes that do not slip (others may slip and leave within the step), and under
+        closed nodes nothing of which slips (others may slip and leave within the step), and under
         "least" the least energy taken at any node.
     """
     areas, sticking, least = np.zeros(2), 0.0, 0.0
     for side in ("slave", "master") if contact.formulation == "double-pass" else ("slave",):
         area, energy = getattr(contact, side).node_area, contact.dissipation(side)
-        active, slipping = contact.active(side), contact.slipping(side)
-        areas += area[active & ~slipping].sum(), area[slipping].sum()
-        sticking += energy[active & ~slipping].sum()
+        closed, slips = contact.shares(side)
+        areas += area @ (closed - slips), area @ slips
+        sticks = contact.active(side) & (slips == 0) & ~contact.slipping(side)
+        sticking += energy[sticks].sum()
         least = min(least, energy.min(initial=0.0))
     areas, sticking = contact.comm.allreduce(areas), contact.comm.allreduce(sticking)
     least = contact.comm.allreduce(least, op=MPI.MIN)
@@ -66,8 +67,8 @@ def stick_and_slip(contact):
 
 
 def stick_zone(contact):
-    """Half the length of the slave's nodes that stick, in 2D, and their centre. Collective."""
-    surface, sticks = contact.slave, contact.active() & ~contact.slipping()
-    size, x = surface.node_area[sticks], surface.node_x[sticks, 0]
+    """Half the length of what sticks of the slave, in 2D, and its centre. Collective."""
+    closed, slips = contact.shares()
+    size, x = contact.slave.node_area * (closed - slips), contact.slave.node_x[:, 0]
     length, moment = contact.comm.allreduce(np.array([size.sum(), size @ x]))
     return length / 2, moment / max(length, 1e-300)

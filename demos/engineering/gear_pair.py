@@ -70,7 +70,7 @@ def turn(gears, s):
     angle = pinion.profile.pitch * (s - 0.25)
     slave = pinion.place(angle, WIND_UP)
     master = wheel.place(-angle * TEETH[0] / TEETH[1], 0.0)
-    contact = qs.Contact(slave, master, constraints="points")
+    contact = qs.Contact(slave, master)
     problem = qs.ContactProblem(
         [g.F for g in gears], [g.u for g in gears], [contact], [g.bcs for g in gears]
     )

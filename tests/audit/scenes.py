@@ -282,7 +282,7 @@ class Stage:
             mu=scene.mu,
             formulation=scene.options["formulation"],
             nodal=scene.options["quadrature"] == "nodal",
-            at_points=scene.options.get("constraints") == "points",
+            at_points=self.contact.constraints == "points",
             follows=scene.options.get("sliding") == "finite" and not scene.tied,
             reported=lambda: self.contact.force("slave"),
             contact=self.contact,

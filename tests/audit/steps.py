@@ -105,7 +105,7 @@ class StepAuditor:
             viscous=history.friction == "norton",
             formulation=history.options["formulation"],
             nodal=history.options["quadrature"] == "nodal",
-            at_points=history.options.get("constraints") == "points",
+            at_points=play.contact.constraints == "points",
             follows=history.options.get("sliding") == "finite" and not history.tied,
             reported=lambda: play.contact.force("slave"),
             dissipated=lambda: play.contact.step_dissipation(),

@@ -52,7 +52,11 @@ KINDS = {
     "overlay, degree 2": dataclasses.replace(PLAIN, degree=2, options=OVERLAY),
     "plane": dataclasses.replace(PLAIN, materials=("neo", "plane"), path=TURNED),
     "driven": dataclasses.replace(
-        PLAIN, materials=("elastic", "sphere"), curvature=0.3, driven=True, options=AUGMENTED
+        PLAIN,
+        materials=("elastic", "sphere"),
+        curvature=0.3,
+        driven=True,
+        options=AUGMENTED | {"constraints": "nodes"},
     ),
     "facets": dataclasses.replace(
         PLAIN,

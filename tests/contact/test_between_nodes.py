@@ -38,7 +38,7 @@ class Edge:
             facets = [[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4]]
         self.tool = qs.RigidSurface.triangulated(WORLD, roof, self.looking_down(roof, facets))
         surface = qs.Surface(V, facets=plane(msh, gdim - 1, 0.0))
-        self.contact = qs.Contact(surface, self.tool, quadrature="overlay", **options)
+        self.contact = qs.Contact(surface, self.tool, **{"constraints": "nodes"} | options)
         bcs = [[clamp(V, plane(msh, gdim - 1, -0.6))]]
         F = [elastic(self.u, 100.0)]
         self.problem = qs.ContactProblem(F, [self.u], [self.contact], bcs)

@@ -110,7 +110,7 @@ def test_friction_in_a_quarter(n):
             if low == 0:
                 planes = [(axis, plane(space.mesh, axis, 0.0)) for axis in (0, 1)]
                 of_body += [slide(space, axis, facets) for axis, facets in planes]
-        contact = contact_of(V, qs.Unilateral(), friction=qs.Sticking())
+        contact = contact_of(V, qs.Unilateral(), friction=qs.Sticking(), constraints="nodes")
         problem = qs.ContactProblem(F, u, [contact], bcs)
         problem.solve()
         p = contact.model.slips[0]
@@ -177,7 +177,7 @@ def test_friction_of_degree_2_beside_a_plane_of_symmetry(cell):
     bcs.append(slide(V, gdim - 1, plane(V.mesh, gdim - 1, 1.0), -0.05))
     floor = qs.RigidSurface.plane(WORLD, 0 * normal, normal)
     slave = qs.Surface(V, facets=plane(V.mesh, gdim - 1, 0.0))
-    contact = qs.Contact(slave, floor, friction=qs.Coulomb(0.02))
+    contact = qs.Contact(slave, floor, friction=qs.Coulomb(0.02), constraints="nodes")
     qs.ContactProblem([elastic(u)], [u], [contact], [bcs]).solve()
     limit = 0.02 * contact.multiplier()
     along = np.linalg.norm(contact.tangential_multiplier(), axis=1)

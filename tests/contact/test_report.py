@@ -90,6 +90,7 @@ def test_unloaded_nodes():
 def test_after_a_solve(quadrature, enforcement):
     """Gaps, active and slipping rows are those of the contact; the penalty that of the bodies."""
     more = {"quadrature": quadrature, "enforcement": enforcement, "friction": qs.Coulomb(0.1)}
+    more["constraints"] = "nodes"
     pair = Pair("triangle", penalty="auto", n=(6, 4), wave=0.05, load=-0.005, contact_options=more)
     before = report_of(pair)
     assert before.penalty is None and before.active is None and before.stiffness_ratio is None
@@ -166,7 +167,12 @@ def test_overclosure_and_tools():
     }
     for kind, tool in tools.items():
         pair.contact = qs.Contact(
-            pair.slave, tool, "master-slave", penalty=3.0, initial_overclosure="ignore"
+            pair.slave,
+            tool,
+            "master-slave",
+            penalty=3.0,
+            initial_overclosure="ignore",
+            constraints="nodes",
         )
         report = report_of(pair)
         assert np.isclose(report.overclosure, 0.06) and "100 %" in report.treatment
@@ -194,7 +200,7 @@ def test_a_line_per_solve(caplog):
     for _ in range(2):
         pair.contact.reset()
         problem.solve()
-    active = WORLD.allreduce(int(pair.contact.active().sum()))
+    active = pair.contact.report().active
     force = np.linalg.norm(pair.contact.force("slave"))
     gap = pair.contact.weighted_penetration()
     said = lines(caplog)
@@ -202,12 +208,14 @@ def test_a_line_per_solve(caplog):
     for line in said[-1:]:
         assert f"{problem.num_iterations} Newton" in line
         assert f"{problem.num_linear_iterations} linear" in line
-        assert f"active nodes {active} of " in line and f"force {force:.6g}" in line
+        assert f"active constraints {active} of " in line and f"force {force:.6g}" in line
         assert f"violation {gap:.3g}" in line and " s;" in line
 
 
 def test_failed_solve(caplog):
-    pair = Pair("triangle", n=(6, 4), wave=0.05, load=-0.005)  # nodes open: two steps at least
+    # Nodes open: two steps at least.
+    nodes = {"constraints": "nodes"}
+    pair = Pair("triangle", n=(6, 4), wave=0.05, load=-0.005, contact_options=nodes)
     options = {"snes_max_it": 1, "snes_linesearch_type": "basic"}
     problem = pair.problem(verbose=True, petsc_options=options)
     raises_everywhere(WORLD, qs.ConvergenceError, "MAX_IT", problem.solve)

@@ -270,7 +270,7 @@ def test_chords_and_pressure(misfit, found):
     """
     pressures, texts = [], []
     for smoothing in ("none", CURVED):
-        scene = ShrinkFit(FINE, misfit=misfit, smoothing=smoothing)
+        scene = ShrinkFit(FINE, misfit=misfit, smoothing=smoothing, constraints="nodes")
         texts += warned(scene.problem().solve)
         surface = scene.contact.slave
         pressures.append(scene.contact.model.gaps[0].multiplier(scene.contact.model.eps)[:, 0])
@@ -500,6 +500,7 @@ def on_its_corner(n, degree=1, **options):
     V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
     u = fem.Function(V)
     floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+    options = {"constraints": "nodes"} | options
     contact = qs.Contact(qs.Surface(V, facets=np.unique(low)), floor, **options)
     return qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, far)]]), floor
 

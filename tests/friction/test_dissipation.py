@@ -115,6 +115,7 @@ def test_energy_of_flow_that_closes(bulge):
     held = fem.locate_dofs_topological(V, 1, plane(msh, 1, 1.0))
     tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
     options = {"unknown": "velocity", "dt": 0.1, "friction": qs.Coulomb(0.3)}
+    options["constraints"] = "nodes"
     contact = qs.Contact(qs.Surface(V, facets=bottom), tool, **options)
     F = elastic(v, E=10.0)
     problem = qs.ContactProblem([F], [v], [contact], [[fem.dirichletbc(top, held, V)]])

@@ -116,7 +116,7 @@ def test_sticking_and_energy_in_one_step():
 
 def test_coulomb_takes_half():
     """Coulomb: the pressure grows from zero, and friction takes half of what its end would."""
-    case = Landing("coulomb", **AUGMENTED)
+    case = Landing("coulomb", constraints="nodes", **AUGMENTED)
     case.run(1, False)
     contact, nodes = case.contact, case.contact.active()
     tau, slip = contact.tangential_multiplier()[nodes], contact.slip()[nodes]
@@ -312,4 +312,4 @@ def test_stiff_rates_converge(options, monkeypatch):
         scene.problem.solve()
         counts.append(scene.problem.snes.getIterationNumber())
     assert counts[0] > 0
-    assert max(counts) <= 14
+    assert max(counts) <= 20

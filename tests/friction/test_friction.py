@@ -147,7 +147,7 @@ def test_sticking_is_tied(cell, quadrature, formulation):
     """Sticking friction on a closed interface: tied contact."""
     forces, solutions = [], []
     for law, more in ((qs.Tied(), {}), (qs.Unilateral(), {"friction": qs.Sticking()})):
-        options = {"quadrature": quadrature, "gap_tolerance": 1e-10, **more}
+        options = {"quadrature": quadrature, "constraints": "nodes", "gap_tolerance": 1e-10, **more}
         pair = Pair(cell, formulation, law, contact_options=options)
         drag_top(pair, 0.01)
         problem = pair.problem()
@@ -287,7 +287,7 @@ def test_other_spaces(space, formulation):
         pair.master,
         formulation,
         penalty=30.0,
-        quadrature="overlay",
+        constraints="nodes",
         friction=qs.Coulomb(mu),
     )
     drag_top(pair, 1.0)

@@ -78,6 +78,7 @@ def test_penalty_of_augmented_multipliers(cell, formulation):
     found, gaps = {}, []
     for enforcement in ("penalty", "augmented-lagrangian"):
         options = {"enforcement": enforcement, "penalty": eps, "formulation": formulation}
+        options["constraints"] = "nodes"
         rim = Rim(cell, lambda x: h + 0 * x, **options)
         contact, column = rim.contact, rim.column
         terms.evaluate(

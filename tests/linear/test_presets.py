@@ -91,7 +91,7 @@ def test_inexact_steps():
     """Fewer Krylov iterations than with exact ones, for the same solution."""
     counts, found = [], []
     for options in ({}, {"ksp_rtol": 1e-10}):
-        pair = Pair("hexahedron", n=(8, 6), contact_options={})
+        pair = Pair("hexahedron", n=(8, 6), wave=0.02, contact_options={})
         pair.contact = qs.Contact(pair.slave, pair.master, enforcement="augmented-lagrangian")
         problem = pair.problem(solver="amg", petsc_options=options)
         problem.solve()

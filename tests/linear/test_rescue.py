@@ -97,7 +97,8 @@ def test_patience(monkeypatch, caplog):
     caplog.set_level(logging.INFO, "qsdolfinx")
     found, iterations = [], []
     for name in ("direct", "auto", "amg"):
-        pair = Pair("hexahedron", n=(8, 6), wave=0.02, load=-0.05)
+        nodes = {"constraints": "nodes"}
+        pair = Pair("hexahedron", n=(8, 6), wave=0.02, load=-0.05, contact_options=nodes)
         pair.F = [elastic(u, nu=0.4999) for u in pair.u]
         problem = pair.problem(solver=name)
         problem.solve()

@@ -33,7 +33,11 @@ def solve(size, sliding, cell="quadrilateral", degree=1, swap=False, **options):
     top.value[0], top.value[-1] = 0.3 * size, -size
     surfaces = scene.above, scene.below
     contact = qs.Contact(
-        *(surfaces[::-1] if swap else surfaces), normals="facet", sliding=sliding, **options
+        *(surfaces[::-1] if swap else surfaces),
+        normals="facet",
+        sliding=sliding,
+        constraints="nodes",
+        **options,
     )
     scene.problem(contact, solver="direct").solve()
     return scene

@@ -222,7 +222,7 @@ def test_automatic_penalty():
     assert np.isclose(coarse, serial, rtol=1e-12)
     assert np.isclose(stiff, 10 * coarse, rtol=1e-12)
     assert 1.2 * coarse < fine < 4 * coarse
-    assert 10 < coarse < 1e4  # E/h is 4
+    assert 4 < coarse < 1e4  # E/h is 4
 
 
 def test_automatic_penalty_stays():

@@ -100,7 +100,7 @@ def test_a_round_tool_without_friction(gdim, theta, options):
 @pytest.mark.parametrize("gdim, theta", ((2, 0.5), (3, 0.0)))
 def test_torque_is_that_of_the_friction_that_acts(gdim, theta):
     """Torque · ω + force · v is the power of the forces at the nodes where they were found."""
-    stepper, contact, ball = rolled(gdim, theta, qs.Coulomb(0.3))
+    stepper, contact, ball = rolled(gdim, theta, qs.Coulomb(0.3), constraints="nodes")
     powers, v, omega = [], np.zeros(3), np.array([0.01, -0.03, 0.02])
     v[[0, gdim - 1]] = 0.04, -0.05
 

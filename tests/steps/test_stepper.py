@@ -47,7 +47,7 @@ def test_same_history_on_any_number_of_ranks(partition):
         assert case.problem.bodies[1].num_assemblies == 1
         assert np.array_equal(case.stepper.motions[1].reference, case.die_mesh.geometry.x)
         assert abs(case.forces()[[1, 3]].sum()) < 1e-8 * K
-        assert max(rows[-1][-2:]) < 1e-6
+        assert max(rows[-1][-2:]) < 1e-3  # of the deepest points
         history.append(np.array(rows)[:, :-2])
         case.problem.destroy()
     assert history[0].shape == history[1].shape == (3, 9)

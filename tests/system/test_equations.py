@@ -25,6 +25,7 @@ from qsdolfinx.system.equations import Equations
 
 EXACT = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
 SOFT = {"enforcement": "penalty"}
+NODES = {"constraints": "nodes"}
 POINTS = EXACT | {"constraints": "points"}
 SOFT_POINTS = SOFT | {"quadrature": "overlay", "constraints": "points"}
 
@@ -90,7 +91,7 @@ def test_derivative(law, cell, space, options):
 def test_derivative_on_the_edge_of_contact(law, cell, options):
     """Where all rows have part of friction that jumps."""
     friction = {"friction": LAWS[law]()} | ({"dt": 0.5} if law == "norton" else {})
-    pair = Pair(cell, contact_options=options | friction, wave=0.02)
+    pair = Pair(cell, contact_options=options | NODES | friction, wave=0.02)
     _, equations = equations_of(pair)
     z, scale = away(equations)
     z = on_edge(equations, z)
@@ -143,7 +144,7 @@ def test_driven_tool(cell, law):
     tool = qs.RigidSurface.plane(WORLD, np.zeros(gdim), -up)
     tool.drive(0.1, -up)
     friction = {} if law is None else {"friction": LAWS[law]()}
-    options = EXACT | friction
+    options = EXACT | NODES | friction
     contact = qs.Contact(pair.master, tool, **options)
     problem = qs.ContactProblem(pair.F[:1], pair.u[:1], [contact], pair.bcs[:1])
     problem.set_up()

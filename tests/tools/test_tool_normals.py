@@ -65,7 +65,7 @@ def test_a_flat_tool_does_not_push_sideways(gdim, degree, options):
     force, sideways = pressed_tip(gdim, degree, "facets", **options)
     assert force < -0.01 and sideways < 1e-10 * -force
     if not {"quadrature", "smoothing"} & set(options):
-        assert np.isclose(force, pressed_tip(gdim, degree, "plane", **options)[0], rtol=1e-2)
+        assert np.isclose(force, pressed_tip(gdim, degree, "plane", **options)[0], rtol=2e-2)
 
 
 def test_a_smoothed_tool_has_the_normals_of_its_shape():
