@@ -515,6 +515,24 @@ def pair_vertices(
 ) -> PairingPoints:
     """Points at some owned nodes of the slave, [node], with the closest places on the master; collective."""
 
+def points_between(
+    slave: Surface,
+    master: Surface,
+    x: numpy.typing.NDArray[numpy.float64],
+    dofs: numpy.typing.NDArray[numpy.int64],
+    owner: numpy.typing.NDArray[numpy.int32],
+    values: numpy.typing.NDArray[numpy.float64],
+    master_x: numpy.typing.NDArray[numpy.float64],
+    master_dofs: numpy.typing.NDArray[numpy.int64],
+    master_owner: numpy.typing.NDArray[numpy.int32],
+    master_values: numpy.typing.NDArray[numpy.float64],
+    place: numpy.typing.NDArray[numpy.float64],
+    normal: numpy.typing.NDArray[numpy.float64],
+    gap: numpy.typing.NDArray[numpy.float64],
+    weight: numpy.typing.NDArray[numpy.float64],
+) -> PairingPoints:
+    """Points on edges of the slave, opposite to points on edges of the master: of both sides positions [point][3], unknowns [point][node][block], owners and trace functions [point][node], the slave's place on its edge from 0 to 1, normals, gaps and areas."""
+
 def put_rows(
     block: int,
     matrix: int,

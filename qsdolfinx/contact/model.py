@@ -26,6 +26,7 @@ from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.shape_points import ShapePoints
 from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.pairing.edges import edges_of, pair_edges
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
 from qsdolfinx.pairing.relief import check_curved
 from qsdolfinx.pairing.vertices import pair_vertices
@@ -111,6 +112,19 @@ class Settings:
         if self.sharp[1] and master is not None:
             out.append((master, self.slave))
         return out
+
+    @property
+    def roles_of_edges(self) -> list[tuple[Surface, Surface, bool]]:
+        """The same of the passes of creases in 3D, and whether they cross creases."""
+        master = deformable(self.master)
+        if master is None or self.slave.gdim == 2:
+            return []
+        roles = [(self.slave, master, True)] if all(self.sharp) else []
+        if self.sharp[0]:
+            roles.append((self.slave, master, False))
+        if self.sharp[1]:
+            roles.append((master, self.slave, False))
+        return roles
 
 
 @dataclasses.dataclass(frozen=True)
@@ -251,8 +265,29 @@ def find_pairs(
         )
         for role in settings.roles_of_vertices
     )
+    gaps += _at_edges(settings, radius)
     slips = () if friction is None else friction.slips_of(gaps)
     return Paired(gaps, slips, radius, settings.facet_size, master.version)
+
+
+def _at_edges(settings: Settings, radius: _cpp.SearchRadius) -> tuple[WeightedGap, ...]:
+    """The passes of edges. Collective."""
+    roles = settings.roles_of_edges
+    if not roles:
+        return ()
+    edges = {surface: edges_of(surface) for surface in roles[0][:2]}
+    return tuple(
+        WeightedGap(
+            slave,
+            master,
+            pair_edges((slave, master), (edges[slave], edges[master]), radius, of_creases),
+            settings.law,
+            1.0,
+            rows="points",
+            augmented=settings.augmented,
+        )
+        for slave, master, of_creases in roles
+    )
 
 
 def _following(

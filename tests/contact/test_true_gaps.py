@@ -102,7 +102,7 @@ def everything(contact):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_soft_contact_of_other_meshes(cell, quadrature, formulation):
     """Curved blocks of 5 and 3 cells that a soft penalty lets into each other."""
-    options = {"quadrature": quadrature}
+    options = {"quadrature": quadrature, "enforcement": "penalty"}
     pair = Pair(cell, formulation, n=(5, 3), wave=0.05, load=-0.12, contact_options=options)
     pair.problem().solve()
     sides = [meshed(s, u.x.array) for s, u in zip((pair.master, pair.slave), pair.u, strict=True)]

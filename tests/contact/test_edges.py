@@ -1,0 +1,191 @@
+"""Edges that cross: no edge goes through another one without its force."""
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, elastic, largest, plane, vector_space
+
+import ufl
+from dolfinx import fem, mesh
+from dolfinx.fem.petsc import assemble_matrix
+
+import qsdolfinx as qs
+
+E, EDGE = 1e3, 0.6
+
+
+class Wedge:
+    """A cube that stands on an edge along y, or has it on top, held by the faces away from it.
+
+    Args:
+        n: Cells along an edge.
+        cell: Their type.
+        up: Whether the edge is on top.
+        yaw: By which it is turned about z (degrees).
+        shift: Then.
+    """
+
+    def __init__(self, n, cell, up=False, yaw=0.0, shift=(0.0, 0.0, 0.0)):
+        self.h, self.shift = EDGE / n, np.array(shift)
+        low, high = [0.0, -EDGE / 2, 0.0], [EDGE, EDGE / 2, EDGE]
+        self.msh = box(WORLD, (n, n, n), cell, low, high, "scattered")
+        s, w = np.sqrt(0.5), np.radians(yaw)
+        R = np.array([[s, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, s]])
+        R = np.diag([-1.0, 1.0, -1.0]) @ R if up else R
+        turn = [[np.cos(w), -np.sin(w), 0.0], [np.sin(w), np.cos(w), 0.0], [0.0, 0.0, 1.0]]
+        self.R = np.array(turn) @ R
+        self.msh.geometry.x[:] = self.msh.geometry.x @ self.R.T + self.shift
+        self.V = vector_space(self.msh)
+        self.u = fem.Function(self.V)
+        self.F = elastic(self.u, E=E, nu=0.3)
+        self.bcs = []
+
+    def local(self, x):
+        """Places in the cube: its edge is at 0, 0 of the first and last."""
+        return self.R.T @ (x - self.shift[:, None])
+
+    def facets(self, found):
+        return mesh.locate_entities_boundary(self.msh, 2, lambda x: found(self.local(x)))
+
+    def hold(self, up):
+        """Move the faces away from the edge by this along z."""
+        far = self.facets(lambda x: np.isclose(x[0], EDGE) | np.isclose(x[2], EDGE))
+        dofs = fem.locate_dofs_topological(self.V, 2, far)
+        self.moved = fem.Constant(self.msh, [0.0, 0.0, up])
+        self.bcs = [fem.dirichletbc(self.moved, dofs, self.V)]
+        return self
+
+    def surface(self):
+        """All faces but those."""
+
+        def found(x):
+            ends = np.isclose(np.abs(x[1]), EDGE / 2)
+            return np.isclose(x[0], 0.0) | np.isclose(x[2], 0.0) | ends
+
+        return qs.Surface(self.V, facets=self.facets(found))
+
+    def compliance(self, y):
+        """What a force of 1 along z on the edge there moves it by: a problem without contact."""
+        zero = self.hold(0.0).bcs
+        A = assemble_matrix(fem.form(ufl.derivative(self.F, self.u)), bcs=zero)
+        A.assemble()
+        b, x = A.createVecs()
+        owned = self.V.dofmap.index_map.size_local
+        at = self.local(self.V.tabulate_dof_coordinates()[:owned].T)
+        on_edge = np.isclose(at[0], 0.0) & np.isclose(at[2], 0.0)
+        share = np.maximum(1 - np.abs(at[1] - y) / self.h, 0.0) * on_edge
+        b.array[2::3] = share
+        ksp = PETSc.KSP().create(WORLD)
+        ksp.setType("preonly")
+        ksp.getPC().setType("lu")
+        ksp.getPC().setFactorSolverType("mumps")
+        ksp.setOperators(A)
+        ksp.solve(b, x)
+        return b.dot(x)
+
+
+def crossed(n, cell, depth, yaw=90.0):
+    """Two wedges whose edges cross off their nodes, and the force of the point where they do."""
+    y, x = 0.47 * EDGE / n[0], 0.3 * EDGE / n[1]
+    upper = Wedge(n[0], cell)
+    lower = Wedge(n[1], cell, up=True, yaw=yaw, shift=(x, -y, 0.0))
+    along = lower.R[:, 1]
+    place = -x / along[0]  # on the lower edge, where its x is 0
+    on_upper = -y + place * along[1]
+    force = depth * upper.h / (upper.compliance(on_upper) + lower.compliance(place))
+    return [upper.hold(-depth * upper.h), lower.hold(0.0)], force
+
+
+def problem_of(bodies, surfaces, **options):
+    contact = qs.Contact(*surfaces, **options)
+    forms, unknowns, bcs = ([getattr(b, name) for b in bodies] for name in ("F", "u", "bcs"))
+    return contact, qs.ContactProblem(forms, unknowns, [contact], bcs)
+
+
+@pytest.mark.parametrize("depth", (0.01, 0.2))
+@pytest.mark.parametrize("yaw", (90.0, 40.0))
+@pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
+def test_crossed(cell, yaw, depth):
+    """From the first touch on the force is that of the point where they cross."""
+    for formulation in ("quasi-symmetric", "master-slave"):
+        bodies, expected = crossed((4, 5), cell, depth, yaw)
+        surfaces = [body.surface() for body in bodies]
+        contact, problem = problem_of(bodies, surfaces, formulation=formulation)
+        problem.solve()
+        np.testing.assert_allclose(contact.force("slave")[2], expected, rtol=1e-8)
+        np.testing.assert_allclose(contact.force("master"), -contact.force("slave"), atol=1e-10)
+        assert problem.num_iterations <= 4
+
+
+@pytest.mark.parametrize("law", (qs.Coulomb(0.3), qs.Sticking()))
+def test_friction(law):
+    """Pressed and drawn along one edge: Coulomb's limit, or what sticks."""
+    bodies, expected = crossed((4, 5), "hexahedron", 0.2)
+    surfaces = [body.surface() for body in bodies]
+    contact, problem = problem_of(bodies, surfaces, friction=law)
+    problem.solve()
+    pressed = contact.force("slave")
+    np.testing.assert_allclose(pressed[2], expected, rtol=0.05)
+    bodies[0].moved.value[0] = 0.3 * bodies[0].h
+    problem.solve()
+    T, N = np.linalg.norm(contact.force("slave")[:2]), contact.force("slave")[2]
+    assert problem.num_iterations <= 10
+    if isinstance(law, qs.Coulomb):
+        np.testing.assert_allclose(T, 0.3 * N, rtol=2e-3)  # others touch slanted faces
+        assert contact.step_dissipation() > 0
+    else:
+        assert T > 0.3 * N and contact.step_dissipation() < 1e-9 * N * bodies[0].h
+
+
+class Plate:
+    """A plate below z = 0, held at its bottom."""
+
+    def __init__(self, n, cell):
+        self.msh = box(WORLD, (n, n, 4), cell, [-0.75, -0.8, -0.5], [0.85, 0.8, 0.0])
+        self.V = vector_space(self.msh)
+        self.u = fem.Function(self.V)
+        self.F = elastic(self.u, E=E, nu=0.3)
+        dofs = fem.locate_dofs_topological(self.V, 2, plane(self.msh, 2, -0.5))
+        self.bcs = [fem.dirichletbc(np.zeros(3), dofs, self.V)]
+
+    def surface(self):
+        return qs.Surface(self.V, facets=plane(self.msh, 2, 0.0))
+
+
+@pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
+def test_wedge_on_a_plate(cell):
+    """An edge of 2 cells on a plate of many: as deep as its vertices, whichever is the slave."""
+    forces = []
+    for swap in (False, True):
+        wedge, plate = Wedge(2, cell, yaw=20.0), Plate(12, cell)
+        bodies = [wedge.hold(-0.1 * wedge.h), plate]
+        surfaces = [body.surface() for body in bodies]
+        contact, problem = problem_of(bodies, surfaces[:: -1 if swap else 1])
+        problem.solve()
+        forces.append(contact.force("master" if swap else "slave")[2])
+        assert contact.penetration() < 0.02 * wedge.h
+        assert problem.num_iterations <= 8
+    np.testing.assert_allclose(*forces, rtol=0.02)
+
+
+def test_flat_on_a_block():
+    """A cube flat on a block: its creases are no edges that count, and the patch is exact."""
+    bodies = []
+    for n, low, high in ((5, (-0.4, -0.4, -1.0), (1.4, 1.4, 0.0)), (3, (0.0,) * 3, (1.0,) * 3)):
+        msh = box(WORLD, (n, n, n), "hexahedron", low, high)
+        V = vector_space(msh)
+        bodies.append((V, fem.Function(V)))
+    (V, u), (W, w) = bodies
+    top = fem.locate_dofs_topological(W, 2, plane(W.mesh, 2, 1.0))
+    bottom = fem.locate_dofs_topological(V, 2, plane(V.mesh, 2, -1.0))
+    bcs = [[fem.dirichletbc(np.zeros(3), bottom, V)]]
+    bcs.append([fem.dirichletbc(np.array([0.0, 0.0, -0.01]), top, W)])
+    every = mesh.exterior_facet_indices(W.mesh.topology)
+    slave = qs.Surface(W, facets=np.setdiff1d(every, plane(W.mesh, 2, 1.0)))
+    master = qs.Surface(V, facets=plane(V.mesh, 2, 0.0))
+    contact = qs.Contact(slave, master)
+    assert WORLD.allreduce(sum(gap.points.size for gap in contact.model.gaps[1:])) == 0
+    qs.ContactProblem([elastic(u), elastic(w)], [u, w], [contact], bcs).solve()
+    assert contact.force("slave")[2] > 0
+    assert largest(contact.force("slave") + contact.force("master")) < 1e-12
