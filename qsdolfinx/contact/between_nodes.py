@@ -46,15 +46,14 @@ def check_between_nodes(model: ContactModel) -> None:
     """
     _check_corners(model)
     settings = model.settings
-    at_nodes = settings.constraints == "nodes" and settings.sampling.quadrature == "overlay"
-    if model.depth_warned or model.law.jump or not at_nodes:
+    if model.depth_warned or model.law.jump or settings.sampling.quadrature != "overlay":
         return
     limit = NOTICED * model.slave.facet_size_range[0] + model.overclosure.allowed
     if _deepest_when_paired(model) + motion_since(model, model.placement.as_paired) <= limit:
         return
-    weighted = results.weighted_penetration(model)
+    weighted = results.mean_penetration(model)
     found: list[tuple[float, float, tuple[float, ...]]] = []
-    for gap in model.gaps:
+    for gap in model.of_sides:
         points, size = depths_of_points(model, gap), _facet_sizes(model, gap)
         limits = np.maximum(NOTICED * size + model.overclosure.allowed, UNEVEN * weighted)
         beyond = points.depth - limits
@@ -66,15 +65,18 @@ def check_between_nodes(model: ContactModel) -> None:
     if not all_found:
         return
     depth, size_there, x = max(all_found)
+    why = "an edge or tip sharper than the facets goes in between nodes, perhaps without a force"
     remedy = 'constraints="points", or finer facets'
-    if model.follows:
+    if settings.constraints == "points":
+        why = "facets are too coarse for what they meet there, or bodies went into each other"
+        remedy = "finer facets, or smaller steps"
+    elif model.follows:
         remedy = "finer facets, or swap slave and master"
     place = ", ".join(f"{c:.4g}" for c in x)
     warn(
         f"constraints: a point near ({place}) is {depth:.3g} deep in the other surface, "
         f"{depth / size_there:.2g} of the slave's facet there, and no weighted gap of a node is "
-        f"more than {weighted:.2g}: an edge or tip sharper than the facets goes in between nodes, "
-        f"perhaps without a force; take {remedy}",
+        f"more than {weighted:.2g}: {why}; take {remedy}",
         ContactWarning,
     )
     model.depth_warned = True
@@ -92,7 +94,7 @@ def _check_corners(model: ContactModel) -> None:
     closed = any(bool(np.any(gap.multiplier(model.eps) > 0)) for gap in model.gaps)
     noticed = NOTICED if model.comm.allreduce(closed, op=MPI.LOR) else ALONE
     limit = noticed * model.slave.facet_size_range[0] + model.overclosure.allowed
-    limit = max(limit, UNEVEN * _deepest_mean(model))
+    limit = max(limit, UNEVEN * results.mean_penetration(model))
     try:
         at_nodes = gap_at_nodes(model, "slave")
     except DegenerateFacetsError:  # there is no distance to them
@@ -103,24 +105,19 @@ def _check_corners(model: ContactModel) -> None:
     deepest, _, at = max(model.comm.allgather((deepest, model.comm.rank, tuple(map(float, x)))))
     if deepest <= limit:
         return
+    why = "gaps are means over the facets beside it: it bears too little, or nothing, until it is "
+    why, remedy = why + "some quarter of a facet deep", 'constraints="points", '
+    if model.settings.constraints == "points" or model.settings.sliding == "finite":
+        remedy = ""
+    if model.settings.constraints == "points":
+        why = "it is held by the points of the facets beside it alone: it bears too little"
     place = ", ".join(f"{c:.4g}" for c in at[: model.slave.gdim])
     warn(
         f"constraints: a corner of the slave near ({place}) is {deepest:.3g} deep in the other "
-        "surface, and gaps are means over the facets beside it: it bears too little, or nothing, "
-        "until it is some quarter of a facet deep; take finer facets there, or a rounding of "
-        "several facets",
+        f"surface, and {why}; take {remedy}finer facets there, or a rounding of several facets",
         ContactWarning,
     )
     model.corner_warned = True
-
-
-def _deepest_mean(model: ContactModel) -> float:
-    """Largest weighted gap of a node, also where constraints are at points. Collective."""
-    gap = model.gaps[0]
-    if not gap.rows.are_points:
-        return results.weighted_penetration(model)
-    means = gap.rows.on_nodes(gap.state.values[:, 0], 0.0)
-    return float(model.comm.allreduce(float(np.max(means, initial=0.0)), op=MPI.MAX))
 
 
 def _facet_sizes(model: ContactModel, gap: WeightedGap) -> Array:

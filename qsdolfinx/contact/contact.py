@@ -677,7 +677,8 @@ class Contact:
         """Parts of the area S_k of each node of this rank that are in contact, and that slip.
 
         From 0 to 1. With constraints at points a node may be in contact, and slip, in part; at
-        nodes it is or is not. ``closed - slips`` is what sticks. Collective.
+        nodes it is or is not. ``closed - slips`` is what sticks; what has left within the step may
+        have slipped. Collective.
 
         Returns:
             Shape (nodes,) each.

@@ -542,15 +542,16 @@ class ContactModel:
     def eps(self) -> float:
         """ε as a number (stress per length).
 
-        Of multipliers at points no more than an automatic one: what multipliers cannot follow of
-        the gaps within a facet would be pressed out.
+        Of multipliers at points the automatic one, whatever is given: what they cannot follow of
+        the gaps within a facet resists with it.
 
         Raises:
             RuntimeError: If an automatic penalty has not been computed yet.
         """
         given = self.penalty.eps
         at_points = self.settings.constraints == "points" and self.augmented
-        return min(given, self.penalty.most_at_points) if at_points else given
+        usual = self.penalty.of_points
+        return usual if at_points and usual is not None else given
 
     @property
     def stiffness_ratio(self) -> float:

@@ -172,8 +172,8 @@ class Penalty:
         #: Mean K_kk / S_k (stress per length) at the contact nodes of the slave and of a deformable
         #: master, when matrices were last made.
         self.stiffness: tuple[float, ...] = ()
-        #: The most that multipliers of points take for γ (stress per length), from these.
-        self.most_at_points = math.inf
+        #: γ of multipliers at points (stress per length), from these; None if they give none.
+        self.of_points: float | None = None
 
     @property
     def eps(self) -> float:
@@ -215,7 +215,7 @@ class Penalty:
         self.stiffness = stiffness
         if self._at_points and self._augmented:
             usual = _usual(stiffness, modulus, together, True)
-            self.most_at_points = usual if 0 < usual < math.inf else math.inf
+            self.of_points = usual if 0 < usual < math.inf else None
         if self.automatic and (self.value is None or (self._augmented and self._flows)):
             kind = self._quadrature, self._augmented, together, self._at_points
             known = automatic_penalty(stiffness, modulus, *kind)

@@ -26,6 +26,9 @@ Array = npt.NDArray[np.float64]
 #: Places that are named of those that penetrate.
 PLACES = 3
 
+#: Part of a depth that is rounding of weighted gaps.
+CLOSED = 0.05
+
 #: Penetration over the smallest facet, which weighted gaps do not show, that is worth a remark.
 HIDDEN = 0.01
 
@@ -230,7 +233,7 @@ def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
         weighted,
         depth,
         places,
-        _advice(model, weighted, depth),
+        _advice(model, depth),
         None if model.penalty.value is None else active,
         rows,
         _touching(model),
@@ -335,9 +338,11 @@ def _depth(model: ContactModel) -> tuple[float | None, tuple[DeepPlace, ...]]:
         return None, ()
 
 
-def _advice(model: ContactModel, weighted: float, depth: float | None) -> str:
+def _advice(model: ContactModel, depth: float | None) -> str:
     """What to do about penetration that weighted gaps hide; a penalty leaves some anyway."""
-    if not model.augmented or model.law.jump or depth is None or weighted > model.allowed_gap:
+    if not model.augmented or model.law.jump or depth is None:
+        return ""
+    if results.mean_penetration(model) > max(model.allowed_gap, CLOSED * depth):
         return ""
     if depth - model.overclosure.allowed <= HIDDEN * model.paired.facet_size:
         return ""

@@ -225,6 +225,15 @@ def weighted_penetration(model: ContactModel) -> float:
     return float(model.comm.allreduce(local, op=MPI.MAX))
 
 
+def mean_penetration(model: ContactModel) -> float:
+    """Largest weighted gap of a node, also where constraints are at points. Collective."""
+    gap = model.gaps[0]
+    if not gap.rows.are_points:
+        return weighted_penetration(model)
+    means = gap.rows.on_nodes(gap.state.values[:, 0], 0.0)
+    return float(model.comm.allreduce(float(np.max(means, initial=0.0)), op=MPI.MAX))
+
+
 def energy(model: ContactModel) -> float:
     """Energy Φ of the gaps. Collective."""
     local = sum(p.energy(model.eps) for p in model.gaps) if model.is_evaluated else 0.0

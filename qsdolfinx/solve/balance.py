@@ -106,8 +106,7 @@ class Balance:
         R, f = equations.forces_of(at), at.contact
         bodies = equations.system.bodies
         rounding = [
-            body.diagonal[body.free]
-            * (np.minimum(np.abs(equations.part(at.z, i)[body.free]), most) + least)
+            body.diagonal[body.free] * (np.minimum(self._sizes_in(at, i), most) + least)
             for i, (body, (most, least)) in enumerate(zip(bodies, self._sizes, strict=True))
         ]
         of_slips = [
@@ -160,6 +159,12 @@ class Balance:
         met, closed = largest[0] <= limits[1], self._are_closed(at)
         self.lacks_closure = bool(balanced and met and not closed)
         return bool(balanced and met and closed)
+
+    def _sizes_in(self, at: State, i: int) -> Array:
+        """Size of body i's free unknowns, or of those that its residual counts from."""
+        body = self._equations.system.bodies[i]
+        sizes = np.maximum(np.abs(self._equations.part(at.z, i)), body.reference)
+        return np.asarray(sizes[body.free])
 
     @property
     def _may_go_far(self) -> bool:

@@ -300,3 +300,25 @@ def test_refused():
     raises_everywhere(
         WORLD, ValueError, "constraints", lambda: qs.Contact(*surfaces, constraints="facets")
     )
+
+
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
+def test_a_tool_that_leaves(constraints):
+    """A linear body that is let go is at rest: steps end where rounding of where it was is left."""
+    msh = box(WORLD, (8, 4), "quadrilateral", [0.0, 0.0], [1.0, 0.5])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 0.5], [0.0, -1.0])
+    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 0.5)), tool, constraints=constraints)
+    bcs = [[clamp(V, plane(msh, 1, 0.0))]]
+    problem = qs.ContactProblem([elastic(u, E=100.0)], [u], [contact], bcs)
+    ways = iter((-0.02, 0.03, 0.01, 0.01, -0.05))
+
+    def drive(t, dt):
+        tool.displacement = [0.0, next(ways)]
+
+    stepper, iterations = qs.TimeStepper(problem, 1.0, drive), []
+    for _ in stepper.run(5.0):
+        iterations.append(problem.num_iterations)
+    assert stepper.num_cutbacks == 0 and max(iterations) <= 6
+    assert contact.force("slave")[1] < -0.1
