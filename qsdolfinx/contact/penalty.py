@@ -213,7 +213,7 @@ class Penalty:
         Arguments are those of :func:`automatic_penalty`.
         """
         self.stiffness = stiffness
-        if self._at_points and self._augmented:
+        if self._at_points and self._augmented and (self.of_points is None or self._flows):
             usual = _usual(stiffness, modulus, together, True)
             self.of_points = usual if 0 < usual < math.inf else None
         if self.automatic and (self.value is None or (self._augmented and self._flows)):
