@@ -292,7 +292,7 @@ def _side(
 ) -> tuple[Array, Indices, npt.NDArray[np.int32], Array]:
     """Positions, unknowns, owners and trace functions of one side's points."""
     nodes, block = surface.trace_dofs[0].shape[1:]
-    dofs = np.zeros((len(x), nodes, block), dtype=np.int64)
+    dofs = np.full((len(x), nodes, block), -1, dtype=np.int64)
     owner = np.full((len(x), nodes), -1, dtype=np.int32)
     values = np.zeros((len(x), nodes))
     at, s = [0, 1], place
