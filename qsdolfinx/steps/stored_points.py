@@ -59,16 +59,18 @@ def _known_by(slip: Slip) -> tuple[Indices, Array]:
 
 
 def _numbers(surface: Surface, dofs: Indices) -> Indices:
-    """Input numbers of the vertices of facets at points, (points, vertices). Collective."""
+    """Input numbers of the vertices at points, −1 for none, (points, vertices). Collective."""
     vec, wanted = surface.create_vec(), dofs[:, : surface.num_facet_vertices, 0]
     unknowns, numbers = vertex_unknowns(surface.V)
     owned = unknowns < vec.local_size
     vec.array[unknowns[owned]] = numbers[owned]
     local = PETSc.Vec().createSeq(wanted.size, comm=PETSc.COMM_SELF)
-    here = PETSc.IS().createGeneral(wanted.ravel().astype(PETSc.IntType), PETSc.COMM_SELF)
+    some = np.maximum(wanted, 0).ravel().astype(PETSc.IntType)
+    here = PETSc.IS().createGeneral(some, PETSc.COMM_SELF)
     scatter = PETSc.Scatter().create(vec, here, local, None)
     scatter.scatter(vec, local)
     out = np.array(local.array_r).reshape(wanted.shape).astype(np.int64)
+    out[wanted < 0] = -1
     for thing in (vec, local, here, scatter):
         thing.destroy()
     return out

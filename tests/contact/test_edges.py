@@ -189,3 +189,31 @@ def test_flat_on_a_block():
     qs.ContactProblem([elastic(u), elastic(w)], [u, w], [contact], bcs).solve()
     assert contact.force("slave")[2] > 0
     assert largest(contact.force("slave") + contact.force("master")) < 1e-12
+
+
+def test_restart(tmp_path):
+    """Friction of edges goes on as if a run had not been interrupted."""
+    folder = WORLD.bcast(tmp_path)
+
+    def made():
+        bodies, _ = crossed((4, 5), "hexahedron", 0.0)
+        surfaces = [body.surface() for body in bodies]
+        contact, problem = problem_of(bodies, surfaces, friction=qs.Coulomb(0.3))
+        h = bodies[0].h
+
+        def drive(t, dt):
+            along = max(t - 1, 0.0)
+            bodies[0].moved.value[:] = 0.15 * h * along, 0.1 * h * along, -0.1 * h * min(t, 2.0)
+
+        return contact, qs.TimeStepper(problem, 0.5, drive)
+
+    (contact, stepper), forces = made(), []
+    for _ in stepper.run(3.0):
+        forces.append(contact.force("slave"))
+        if stepper.num_steps == 4:
+            qs.save_run(stepper, folder / "run")
+    contact, stepper = made()
+    qs.load_run(stepper, folder / "run")
+    again = [contact.force("slave") for _ in stepper.run(3.0)]
+    np.testing.assert_allclose(again, forces[4:], rtol=1e-8, atol=1e-10)
+    assert largest(forces[-1][:2]) > 0.05
