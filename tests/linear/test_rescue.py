@@ -123,13 +123,17 @@ def test_soft_penalties():
     assert counts[0] < 4 * counts[1]
 
 
-def test_points_keep_their_penalty():
-    """It is part of their result: the same whatever the linear solver."""
-    options = {"law": qs.Unilateral(), "penalty": 0.3, "constraints": "points"}
-    (direct, expected), (iterative, found) = (tied(s, 1.0, **options) for s in ("direct", "amg"))
-    for problem in (direct, iterative):
-        assert problem.system.contacts[0].eps == 0.3
-    assert largest(found - expected) < 1e-6 * largest(expected)
+def test_points_have_their_own_penalty():
+    """It is part of their result: the same whatever the linear solver, and whatever is given."""
+    found = []
+    for solver, penalty in (("direct", 0.3), ("amg", 0.3), ("direct", 1e6)):
+        options = {"law": qs.Unilateral(), "penalty": penalty, "constraints": "points"}
+        problem, x = tied(solver, 1.0, **options)
+        assert problem.system.contacts[0].penalty.value == penalty
+        found.append((problem.system.contacts[0].eps, x))
+    for eps, x in found[1:]:
+        np.testing.assert_allclose(eps, found[0][0], rtol=1e-12)
+        assert largest(x - found[0][1]) < 1e-6 * largest(found[0][1])
 
 
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
