@@ -517,7 +517,7 @@ def pair_vertices(
 
 def points_between(
     slave: Surface,
-    master: Surface,
+    master: Surface | None,
     x: numpy.typing.NDArray[numpy.float64],
     dofs: numpy.typing.NDArray[numpy.int64],
     owner: numpy.typing.NDArray[numpy.int32],
@@ -526,12 +526,12 @@ def points_between(
     master_dofs: numpy.typing.NDArray[numpy.int64],
     master_owner: numpy.typing.NDArray[numpy.int32],
     master_values: numpy.typing.NDArray[numpy.float64],
-    place: numpy.typing.NDArray[numpy.float64],
+    multiplier_values: numpy.typing.NDArray[numpy.float64],
     normal: numpy.typing.NDArray[numpy.float64],
     gap: numpy.typing.NDArray[numpy.float64],
     weight: numpy.typing.NDArray[numpy.float64],
 ) -> PairingPoints:
-    """Points on edges of the slave, opposite to points on edges of the master: of both sides positions [point][3], unknowns [point][node][block], owners and trace functions [point][node], the slave's place on its edge from 0 to 1, normals, gaps and areas."""
+    """Points between places that are known: of both sides positions [point][3], unknowns [point][node][block], owners and trace functions [point][node], the functions of the multipliers [point][slave vertex], normals, gaps and areas. A rigid master has no unknowns."""
 
 def put_rows(
     block: int,

@@ -123,21 +123,23 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "collective.");
   m.def(
       "points_between",
-      [](const Surface& slave, const Surface& master, In<double> x, In<std::int64_t> dofs,
+      [](const Surface& slave, const Surface* master, In<double> x, In<std::int64_t> dofs,
          In<int> owner, In<double> values, In<double> master_x, In<std::int64_t> master_dofs,
-         In<int> master_owner, In<double> master_values, In<double> place, In<double> normal,
-         In<double> gap, In<double> weight)
+         In<int> master_owner, In<double> master_values, In<double> multiplier_values,
+         In<double> normal, In<double> gap, In<double> weight)
       {
         return points_between(
             slave, master, {x.view(), dofs.view(), owner.view(), values.view()},
             {master_x.view(), master_dofs.view(), master_owner.view(), master_values.view()},
-            place.view(), normal.view(), gap.view(), weight.view());
+            multiplier_values.view(), normal.view(), gap.view(), weight.view());
       },
-      "slave"_a, "master"_a, "x"_a, "dofs"_a, "owner"_a, "values"_a, "master_x"_a, "master_dofs"_a,
-      "master_owner"_a, "master_values"_a, "place"_a, "normal"_a, "gap"_a, "weight"_a,
-      "Points on edges of the slave, opposite to points on edges of the master: of both sides "
-      "positions [point][3], unknowns [point][node][block], owners and trace functions "
-      "[point][node], the slave's place on its edge from 0 to 1, normals, gaps and areas.");
+      "slave"_a, "master"_a.none(), "x"_a, "dofs"_a, "owner"_a, "values"_a, "master_x"_a,
+      "master_dofs"_a, "master_owner"_a, "master_values"_a, "multiplier_values"_a, "normal"_a,
+      "gap"_a, "weight"_a,
+      "Points between places that are known: of both sides positions [point][3], unknowns "
+      "[point][node][block], owners and trace functions [point][node], the functions of the "
+      "multipliers [point][slave vertex], normals, gaps and areas. A rigid master has no "
+      "unknowns.");
   m.def(
       "keep_points", [](PairingPoints& points, In<std::uint8_t> which)
       { points.keep(which.view()); }, "points"_a, "which"_a, "Forget points but those, [point].");

@@ -319,15 +319,15 @@ PairingPoints qsdolfinx::pair_vertices(const Surface& slave, const Surface& mast
   return points;
 }
 
-PairingPoints qsdolfinx::points_between(const Surface& slave, const Surface& master,
-                                        const OnEdges& on_slave, const OnEdges& on_master,
-                                        std::span<const double> place,
+PairingPoints qsdolfinx::points_between(const Surface& slave, const Surface* master,
+                                        const OnFacets& on_slave, const OnFacets& on_master,
+                                        std::span<const double> multiplier_values,
                                         std::span<const double> normal, std::span<const double> gap,
                                         std::span<const double> weight)
 {
-  PairingPoints out(slave, &master);
+  PairingPoints out(slave, master);
   const std::size_t n = weight.size(), nv = static_cast<std::size_t>(out.num_multipliers);
-  const auto take = [&](PairingSide& side, const OnEdges& on)
+  const auto take = [&](PairingSide& side, const OnFacets& on)
   {
     const std::size_t nodes = n * static_cast<std::size_t>(side.num_nodes);
     if (on.x.size() != 3 * n || on.owner.size() != nodes || on.shape_values.size() != nodes
@@ -338,17 +338,12 @@ PairingPoints qsdolfinx::points_between(const Surface& slave, const Surface& mas
     side.owner.assign(on.owner.begin(), on.owner.end());
     side.shape_values.assign(on.shape_values.begin(), on.shape_values.end());
   };
-  if (place.size() != n || normal.size() != 3 * n || gap.size() != n)
+  if (multiplier_values.size() != n * nv || normal.size() != 3 * n || gap.size() != n)
     throw std::invalid_argument("points_between: one entry for each point");
   take(out.slave, on_slave);
   take(out.master, on_master);
-  out.multiplier_values.assign(n * nv, 0.0);
+  out.multiplier_values.assign(multiplier_values.begin(), multiplier_values.end());
   out.multiplier_side.assign(n * nv, 0);
-  for (std::size_t p = 0; p < n; ++p)
-  {
-    out.multiplier_values[p * nv] = 1.0 - place[p];
-    out.multiplier_values[p * nv + 1] = place[p];
-  }
   out.normal.assign(normal.begin(), normal.end());
   out.gap.assign(gap.begin(), gap.end());
   out.weight.assign(weight.begin(), weight.end());

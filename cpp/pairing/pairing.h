@@ -135,8 +135,8 @@ PairingPoints pair_surfaces(const Surface& slave, const Surface& master, Samplin
 PairingPoints pair_vertices(const Surface& slave, const Surface& master,
                             std::span<const std::uint8_t> which, const SearchRadius& radius);
 
-/// One side of points on edges.
-struct OnEdges
+/// One side of points whose places are known.
+struct OnFacets
 {
   std::span<const double> x;            ///< positions, [point][3]
   std::span<const std::int64_t> dofs;   ///< unknowns, [point][node][block]
@@ -144,12 +144,13 @@ struct OnEdges
   std::span<const double> shape_values; ///< trace functions, [point][node]
 };
 
-/// Points on edges of the slave, whose ends are its first two vertices, and of the master. Local.
-/// @param place from 0 to 1 between these ends, [point]
+/// Points between places of the slave and of the master that are known. Local.
+/// @param master null for a rigid tool, of which only positions count
+/// @param multiplier_values functions of the multipliers, [point][slave vertex]
 /// @param normal outward of the slave, [point][3] @param gap signed distances @param weight areas
 /// @throws std::invalid_argument on numbers of values that do not fit
-PairingPoints points_between(const Surface& slave, const Surface& master, const OnEdges& on_slave,
-                             const OnEdges& on_master, std::span<const double> place,
+PairingPoints points_between(const Surface& slave, const Surface* master, const OnFacets& on_slave,
+                             const OnFacets& on_master, std::span<const double> multiplier_values,
                              std::span<const double> normal, std::span<const double> gap,
                              std::span<const double> weight);
 

@@ -77,7 +77,8 @@ def cattaneo_mindlin(scene, P, Q, R, stick_radius, centre):
         out[f"Q error, {side}"] = abs(force[0]) / Q - 1
         out[f"moment / (Q R), {side}"] = contact.moment(side, (0.0, 0.0))[0] / (Q * R)
     length = contact.patch()[0]
-    facet = length / max(contact.report().active, 1)
+    nodes = contact.comm.allreduce(int(np.count_nonzero(contact.active())))
+    facet = length / max(nodes, 1)
     return out | {
         "facet of the slave": facet,
         "stick radius": stick_radius,

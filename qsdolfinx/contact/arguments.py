@@ -10,7 +10,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import check, either, instance, require
 from qsdolfinx.friction.laws import Friction
-from qsdolfinx.gap.laws import Conductance, Law
+from qsdolfinx.gap.laws import Conductance, Law, Unilateral
 from qsdolfinx.pairing.relief import Side
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, deformable
@@ -38,11 +38,13 @@ def default_enforcement(formulation: str, law: typing.Any) -> str:
     return "penalty" if none else "augmented-lagrangian"
 
 
-def default_constraints(quadrature: str, sliding: str, law: Law, enforcement: str) -> str:
-    """At points, where they are defined and have multipliers."""
-    points = quadrature == "overlay" and sliding == "small" and not law.jump
-    points = points and enforcement == "augmented-lagrangian"
-    return "points" if points else "nodes"
+def default_constraints(
+    quadrature: str, sliding: str, formulation: str, law: Law, enforcement: str
+) -> str:
+    """At points, where they are defined; a law of the user's needs multipliers there."""
+    points = quadrature == "overlay" and sliding == "small" and formulation != "double-pass"
+    points &= enforcement == "augmented-lagrangian" or type(law) is Unilateral
+    return "points" if points and not law.jump else "nodes"
 
 
 class Given(typing.NamedTuple):

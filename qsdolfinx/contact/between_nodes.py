@@ -85,9 +85,8 @@ def check_between_nodes(model: ContactModel) -> None:
 def _check_corners(model: ContactModel) -> None:
     """Warn of corners of the slave that are deep: their sides' weighted gaps see them late."""
     sharp = sharp_nodes(model.slave)
-    for gap in model.of_vertices:  # which bear from the first touch on
-        if gap.slave is model.slave:
-            sharp[gap.rows.reached] = False
+    if model.settings.sharp[0]:  # the pass of the slave's vertices, which bear from the first touch
+        sharp[model.of_vertices[0].rows.reached] = False
     none = model.law.jump or model.with_itself
     if model.corner_warned or none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
         return

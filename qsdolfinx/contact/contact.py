@@ -142,11 +142,11 @@ class Contact:
             leaves any gap as it is; with it the first two are the same.
         constraints: Where the law is asked for a multiplier. ``"points"``: at each contact
             quadrature point, that of friction too, so that what is open takes nothing from what is
-            closed beside it, and at vertices at creases of both bodies, which are ahead of their
-            facets; multipliers are functions on the slave's nodes. ``"nodes"``: at the slave nodes,
-            for weighted gaps. By default ``"points"`` of unilateral contact on the overlay with
-            multipliers and small sliding; ties, a penalty alone, nodal quadrature and finite
-            sliding have ``"nodes"``.
+            closed beside it, and at vertices and edges of creases, which are ahead of their facets;
+            multipliers are functions on the slave's nodes. ``"nodes"``: at the slave nodes, for
+            weighted gaps. By default ``"points"`` of unilateral contact on the overlay in small
+            sliding; ties, double-pass contact, nodal quadrature, finite sliding, and a law of the
+            user's with a penalty have ``"nodes"``.
         smoothing: What the gap is measured between, one for both sides or a pair for slave and
             master, on the overlay. ``"auto"``: the facets, or with small sliding, where both sides
             are curved alike and chords change the gap by more than a tenth of the clearance or
@@ -261,7 +261,9 @@ class Contact:
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
             same(either(one_of(CONSTRAINTS), None), constraints=constraints)
             if constraints is None:
-                constraints = default_constraints(quadrature, sliding, law, enforcement)
+                constraints = default_constraints(
+                    quadrature, sliding, formulation, law, enforcement
+                )
             check_sliding(sliding, quadrature, normals, constraints, sides)
             if itself:
                 check_itself(formulation, quadrature, law, sides, unknown)
@@ -507,7 +509,7 @@ class Contact:
         Raises:
             RuntimeError: If an automatic penalty has not been computed yet.
         """
-        return self.model.eps
+        return self.model.eps if self.augmented else self.model.penalty.eps
 
     @property
     def tangential_penalty(self) -> float:

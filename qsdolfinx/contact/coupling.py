@@ -73,7 +73,8 @@ class ConductanceCoupling:
     def of_bodies(self) -> ContactModel | None:
         """The bodies' contact, if its multipliers are unknowns beside those of the field."""
         of = self._mechanics.of
-        return of if self._gaps and of.augmented else None
+        known = of.augmented or of.has_multipliers_at_points
+        return of if self._gaps and known else None
 
     def by_multipliers(self) -> list[PETSc.Mat]:
         """Derivatives of each side's flow by λ̂ at the rows of the bodies' gaps, new. Collective."""

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.timing import Stopwatch
-from qsdolfinx.contact.penalty import POINTS_FACTOR, Penalty
+from qsdolfinx.contact.penalty import SLIP_FACTOR, Penalty
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
@@ -21,15 +21,15 @@ from qsdolfinx.gap.facet_cutter import FacetCutter
 from qsdolfinx.gap.following import Cutter, Following
 from qsdolfinx.gap.friction_heat import FrictionHeat
 from qsdolfinx.gap.kinematics import Kinematics
-from qsdolfinx.gap.laws import Law
+from qsdolfinx.gap.laws import Law, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.shape_points import ShapePoints
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.pairing.edges import edges_of, pair_edges
+from qsdolfinx.pairing.edges import EdgesRole, edges_of, pair_edges
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
 from qsdolfinx.pairing.relief import check_curved
-from qsdolfinx.pairing.vertices import pair_vertices
+from qsdolfinx.pairing.vertices import VerticesRole, pair_vertices
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
@@ -38,6 +38,9 @@ T = typing.TypeVar("T")
 
 #: Gaps smaller than this part of the smallest facet count as closed.
 TOUCHING = 1e-12
+
+#: Penalty over γ of points up to which it needs no multipliers: it hardly changes what is closed.
+SOFT = 1.5
 
 #: Largest facets that bodies may be within each other where contact follows them.
 FOLLOWING_REACH = 4.0
@@ -104,26 +107,29 @@ class Settings:
         return [first, (master, self.slave)]
 
     @property
-    def roles_of_vertices(self) -> list[tuple[Surface, AnySurface]]:
+    def roles_of_vertices(self) -> list[VerticesRole]:
         """The same of the passes of vertices at creases."""
-        master, out = deformable(self.master), []
-        if self.sharp[0]:
-            out.append((self.slave, self.master))
+        master = deformable(self.master)
+        out = [VerticesRole(self.slave, self.master, of_tool=False)] if self.sharp[0] else []
         if self.sharp[1] and master is not None:
-            out.append((master, self.slave))
+            out.append(VerticesRole(master, self.slave, of_tool=False))
+        elif self.sharp[1]:
+            out.append(VerticesRole(self.slave, self.master, of_tool=True))
         return out
 
     @property
-    def roles_of_edges(self) -> list[tuple[Surface, Surface, bool]]:
-        """The same of the passes of creases in 3D, and whether they cross creases."""
-        master = deformable(self.master)
-        if master is None or self.slave.gdim == 2:
+    def roles_of_edges(self) -> list[EdgesRole]:
+        """The same of the passes of creases in 3D."""
+        if self.master.is_analytic or self.slave.gdim == 2:
             return []
-        roles = [(self.slave, master, True)] if all(self.sharp) else []
+        slave, master, other = self.slave, self.master, deformable(self.master)
+        roles = [EdgesRole(slave, master, (True, True))] if all(self.sharp) else []
         if self.sharp[0]:
-            roles.append((self.slave, master, False))
-        if self.sharp[1]:
-            roles.append((master, self.slave, False))
+            roles.append(EdgesRole(slave, master, (True, False)))
+        if self.sharp[1] and other is not None:
+            roles.append(EdgesRole(other, slave, (True, False)))
+        elif self.sharp[1]:
+            roles.append(EdgesRole(slave, master, (False, True)))
         return roles
 
 
@@ -248,45 +254,40 @@ def find_pairs(
             settings.law,
             1 / len(roles),
             rows=settings.rows,
-            augmented=settings.augmented,
+            augmented=settings.augmented or settings.rows == "points",
             following=_following(settings, first, second, radius),
             turns=settings.sliding if settings.law.jump else None,
         )
         for (first, second), found in zip(roles, points, strict=True)
     )
-    gaps += tuple(
-        WeightedGap(
-            *role,
-            pair_vertices(*role, radius),
-            settings.law,
-            1.0,
-            rows="cover",
-            augmented=settings.augmented,
-        )
-        for role in settings.roles_of_vertices
-    )
-    gaps += _at_edges(settings, radius)
+    gaps += _at_creases(settings, radius)
     slips = () if friction is None else friction.slips_of(gaps)
     return Paired(gaps, slips, radius, settings.facet_size, master.version)
 
 
-def _at_edges(settings: Settings, radius: _cpp.SearchRadius) -> tuple[WeightedGap, ...]:
-    """The passes of edges. Collective."""
-    roles = settings.roles_of_edges
-    if not roles:
-        return ()
-    edges = {surface: edges_of(surface) for surface in roles[0][:2]}
+def _at_creases(settings: Settings, radius: _cpp.SearchRadius) -> tuple[WeightedGap, ...]:
+    """The passes of vertices, then of edges. Collective."""
+    of_edges = settings.roles_of_edges
+    edges = {s: edges_of(s) for s in (settings.slave, settings.master)} if of_edges else {}
+    passes = [
+        (role.slave, role.master, pair_vertices(role, radius))
+        for role in settings.roles_of_vertices
+    ]
+    passes += [
+        (role.slave, role.master, pair_edges(role, (edges[role.slave], edges[role.master]), radius))
+        for role in of_edges
+    ]
     return tuple(
         WeightedGap(
             slave,
             master,
-            pair_edges((slave, master), (edges[slave], edges[master]), radius, of_creases),
+            points,
             settings.law,
             1.0,
             rows="points",
-            augmented=settings.augmented,
+            augmented=True,
         )
-        for slave, master, of_creases in roles
+        for slave, master, points in passes
     )
 
 
@@ -540,18 +541,30 @@ class ContactModel:
 
     @property
     def eps(self) -> float:
-        """ε as a number (stress per length).
+        """ε, or γ of multipliers at points, as a number (stress per length).
 
-        Of multipliers at points the automatic one, whatever is given: what they cannot follow of
-        the gaps within a facet resists with it.
+        γ is the automatic penalty, whatever is given: what multipliers cannot follow of the gaps
+        within a facet resists with it.
 
         Raises:
             RuntimeError: If an automatic penalty has not been computed yet.
         """
-        given = self.penalty.eps
-        at_points = self.settings.constraints == "points" and self.augmented
-        usual = self.penalty.of_points
-        return usual if at_points and usual is not None else given
+        given, usual = self.penalty.eps, self.penalty.of_points
+        return usual if self.has_multipliers_at_points and usual is not None else given
+
+    @property
+    def has_multipliers_at_points(self) -> bool:
+        """Whether constraints at points have λ: not of a penalty as soft as the bodies."""
+        if self.settings.constraints != "points" or self.augmented:
+            return self.settings.constraints == "points"
+        usual, given = self.penalty.of_points, self.penalty.eps
+        return type(self.law) is Unilateral and usual is not None and given > SOFT * usual
+
+    @property
+    def part_of_multipliers(self) -> float:
+        """What points see of multipliers: 1, or less of a penalty that is their compliance."""
+        exact = self.augmented or not self.has_multipliers_at_points
+        return 1.0 if exact else 1 - self.eps / self.penalty.eps
 
     @property
     def stiffness_ratio(self) -> float:
@@ -563,7 +576,7 @@ class ContactModel:
     def tangential_eps(self) -> float:
         """ε in tangential direction; only with friction."""
         assert self.friction is not None
-        return self.friction.penalty(self.eps)
+        return self.friction.penalty(self.eps if self.augmented else self.penalty.eps)
 
     @property
     def slip_penalty(self) -> tuple[float, float]:
@@ -573,15 +586,16 @@ class ContactModel:
         slip changes in each iteration, decides nothing but how points differ from their nodes. The
         second number is 0 of an augmented Lagrangian.
         """
-        eps, ratio = self.tangential_eps, self.stiffness_ratio * self.tangential_eps / self.eps
-        gamma = eps * min(1.0, POINTS_FACTOR / ratio) if ratio > 0 else eps
+        eps = self.tangential_eps
+        ratio = self.penalty.ratio * eps / self.penalty.eps
+        gamma = eps * min(1.0, SLIP_FACTOR / ratio) if ratio > 0 else eps
         return gamma, 0.0 if self.augmented else gamma / eps
 
     @property
     def compliance(self) -> float:
         """Gap that a pressure at a node closes, over it: of the penalty and of the bodies."""
         of_bodies = sum(1 / k for k in self.penalty.stiffness if k > 0)
-        return of_bodies + (0.0 if self.augmented else 1 / self.eps)
+        return of_bodies + (0.0 if self.augmented else 1 / self.penalty.eps)
 
     @property
     def allowed_gap(self) -> float:

@@ -84,7 +84,7 @@ def check_sliding(model: ContactModel) -> None:
 def _seen(model: ContactModel) -> list[Array]:
     """Where the slave's nodes of each pass are in the frame of its master. Collective."""
     settings = model.settings
-    roles = [*settings.roles, *settings.roles_of_vertices]
+    roles = [*settings.roles, *(role[:2] for role in settings.roles_of_vertices)]
     roles += [role[:2] for role in settings.roles_of_edges]
     return [_seen_by(*role) for role in roles]
 

@@ -25,8 +25,11 @@ AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
 
 #: The same with constraints at points, in units of the slave's facets, to which the multipliers
 #: belong. What these cannot follow of the gaps between polygons a stiffer one would press out of a
-#: finer master's traction; a softer one takes more updates.
-POINTS_FACTOR = 1.5
+#: finer master's traction; with a softer one pressures at the edge of contact are less accurate.
+POINTS_FACTOR = 4.0
+
+#: That of slips at points: a stiffer one changes their sense in each iteration.
+SLIP_FACTOR = 1.5
 
 #: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
 #: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,
@@ -213,10 +216,11 @@ class Penalty:
         Arguments are those of :func:`automatic_penalty`.
         """
         self.stiffness = stiffness
-        if self._at_points and self._augmented and (self.of_points is None or self._flows):
+        follows = self._augmented and self._flows
+        if self._at_points and (self.of_points is None or follows):
             usual = _usual(stiffness, modulus, together, True)
             self.of_points = usual if 0 < usual < math.inf else None
-        if self.automatic and (self.value is None or (self._augmented and self._flows)):
+        if self.automatic and (self.value is None or follows):
             kind = self._quadrature, self._augmented, together, self._at_points
             known = automatic_penalty(stiffness, modulus, *kind)
             self.set_automatic(known, source(stiffness, modulus, *kind))

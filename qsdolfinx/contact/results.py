@@ -236,7 +236,9 @@ def mean_penetration(model: ContactModel) -> float:
 
 def energy(model: ContactModel) -> float:
     """Energy Φ of the gaps. Collective."""
-    local = sum(p.energy(model.eps) for p in model.gaps) if model.is_evaluated else 0.0
+    local, part = 0.0, model.part_of_multipliers
+    if model.is_evaluated:
+        local = sum(p.energy(model.eps, part) for p in model.gaps)
     return float(model.comm.allreduce(local, op=MPI.SUM))
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.checks import FRACTION, check, one_of
 from qsdolfinx.base.collective import checked
+from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]
@@ -55,6 +56,7 @@ class Overclosure:
         #: Whether nodes of this rank are about as deep, and nothing tells what they are allowed.
         self.has_strangers = False
         self._at_first: list[Array] = []  # by pass; NaN where a node had no partner
+        self._first: tuple[WeightedGap, ...] = ()  # the passes then
         self._at_nodes: list[Array] = []  # with what others are allowed
         self._zones: list[tuple[Array, Array]] = []
 
@@ -89,6 +91,7 @@ class Overclosure:
                 '"resolve", which presses the bodies apart, or "ignore"'
             )
         self._at_first = self._at_nodes = [_depths(p) for p in passes]
+        self._first = tuple(passes)
         known = np.concatenate([depth.ravel() for depth in self._at_first])
         known = known[~np.isnan(known)]
         bounds = np.array([np.min(known, initial=np.inf), -np.max(known, initial=-np.inf)])
@@ -128,10 +131,16 @@ class Overclosure:
     def apply(self, passes: typing.Sequence[WeightedGap]) -> None:
         """Allow the passes, perhaps paired anew, the part that is not resolved. Collective."""
         for p, depth in zip(passes, self._at_nodes, strict=True):
-            if not p.law.jump:  # a tie keeps any gap
-                # What gaps that follow are covered by is known where they are evaluated.
-                share = p.cover_share if self.allowed > 0 and p.following is None else 1.0
-                p.allow(self.part * p.rows.from_largest(np.nan_to_num(depth)) * share)
+            if p.law.jump:  # a tie keeps any gap
+                continue
+            if isinstance(p.rows, PointRows):
+                is_first = any(p is first for first in self._first)
+                known = p.rows.from_sides(np.nan_to_num(depth))
+                p.allow(self.part * (_depths_of_points(p) if is_first else known))
+                continue
+            # What gaps that follow are covered by is known where they are evaluated.
+            share = p.cover_share if self.allowed > 0 and p.following is None else 1.0
+            p.allow(self.part * p.rows.from_largest(np.nan_to_num(depth)) * share)
 
     @property
     def deep_nodes(self) -> npt.NDArray[np.bool_]:
@@ -152,15 +161,24 @@ class Overclosure:
 def _depths(p: WeightedGap) -> Array:
     """Depths of the owned nodes, at least 0, NaN where there is no partner. Collective.
 
-    As the rows keep what is largest on nodes: where there may be corners, of each side.
+    As the rows keep what is largest on nodes: where there may be corners, of each side. With rows
+    at points, of the functions of the sides of nodes that are closest to the points' depths.
     """
     if p.law.jump:
         return np.full(len(p.slave.node_area), np.nan)
+    if isinstance(p.rows, PointRows):
+        found = np.maximum(p.rows.projected(_depths_of_points(p)[:, None]), 0.0)
+        return np.where(p.rows.covered, found.reshape(p.rows.covered.shape), np.nan)
     share = p.cover_share
     some = share > _SOME
     gap = np.divide(-p.operator.initial_gap, share, out=np.zeros(p.num_rows), where=some)
     has_partner = p.rows.largest_on_nodes(some.astype(np.float64)) > 0
     return np.where(has_partner, p.rows.largest_on_nodes(gap), np.nan)
+
+
+def _depths_of_points(p: WeightedGap) -> Array:
+    """Depths of pairing points, at least 0, (points,)."""
+    return np.maximum(-p.points.gap, 0.0)
 
 
 def _reach(p: WeightedGap) -> float:

@@ -506,14 +506,19 @@ class WeightedGap:
         eps = penalty * self.relative_penalty
         return self.law.slope(self._shifted(eps), eps, touching)
 
-    def energy(self, penalty: float) -> float:
-        """This rank's part of the energy at the last evaluation. Collective."""
+    def energy(self, penalty: float, part: float = 1.0) -> float:
+        """This rank's part of the energy at the last evaluation. Collective.
+
+        Args:
+            penalty: ε, stress per length.
+            part: a, what rows see of multipliers, see ``PointConstraints``.
+        """
         eps = penalty * self.relative_penalty
         density = self.law.energy(self._shifted(eps), eps)
         if self.state.conductance is not None:
             return float(self.weight @ density)
         known = np.sum(self._augmented_at_rows() ** 2, axis=1)
-        return float(self.weight @ (density - known / (2 * eps)))
+        return float(self.weight @ (density - known / (2 * part * eps)))
 
     def _shifted(self, eps: Array) -> Array:
         if self.state.conductance is not None:  # which may be 0, and has nothing to augment

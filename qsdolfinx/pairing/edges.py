@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.pairing.vertices import FLAT, ROUNDING
+from qsdolfinx.pairing.vertices import FLAT, NOTHING, ROUNDING, Faceted, as_facets
 from qsdolfinx.surface.affine import EDGES
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -32,7 +33,7 @@ _MANY = 1_000_000
 
 
 class Edges(typing.NamedTuple):
-    """Edges between two facets, on any rank.
+    """Edges of facets, on any rank.
 
     Attributes:
         x: Their ends, (edges, 2, 3).
@@ -66,25 +67,30 @@ class Edges(typing.NamedTuple):
         return cls(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def edges_of(surface: Surface) -> Edges:
-    """All edges between two facets, each on one rank. Collective."""
-    half = _of_facets(surface)
+def edges_of(surface: AnySurface) -> Edges:
+    """All edges, each on one rank. Collective.
+
+    Where a surface ends there is one facet, which counts as both.
+    """
+    half = _of_facets(as_facets(surface))
     comm, first = surface.comm, half.owner[:, 0]
     sent = [half.some(first == rank) for rank in range(comm.size)]
     here = Edges.joined(comm.alltoall(sent))
     keys = here.dofs[:, :2, 0]
     order = np.lexsort(keys.T)
     here, keys = here.some(order), keys[order]
-    twice = np.flatnonzero(np.all(keys[1:] == keys[:-1], axis=1)) if len(keys) else order
-    one, other = here.some(twice), here.some(twice + 1)
+    as_last = np.all(keys[1:] == keys[:-1], axis=1)
+    begins = np.flatnonzero(np.append(True, ~as_last)[: len(keys)])
+    ends = np.flatnonzero(np.append(~as_last, True)[: len(keys)])
+    one, other = here.some(begins), here.some(ends)
     return one._replace(
         normal=np.concatenate([one.normal, other.normal], axis=1),
         inward=np.concatenate([one.inward, other.inward], axis=1),
-        area=one.area + other.area,
+        area=one.area + np.where(begins < ends, other.area, 0.0),
     )
 
 
-def _of_facets(surface: Surface) -> Edges:
+def _of_facets(surface: Faceted) -> Edges:
     """Those of this rank's facets, with one normal and inward vector each."""
     x, inside, _ = surface.coordinates
     dofs, owner = surface.trace_dofs
@@ -145,42 +151,66 @@ class Crossings(typing.NamedTuple):
         return Crossings(*(values[which] for values in self))
 
 
+class EdgesRole(typing.NamedTuple):
+    """Whose edges cross.
+
+    Attributes:
+        slave: Surface that carries the multipliers.
+        master: The other one, or a rigid tool.
+        creases: Whether they are creases of the slave's, and of the master's, or mesh lines of its
+            smooth sides; not those of both.
+    """
+
+    slave: Surface
+    master: AnySurface
+    creases: tuple[bool, bool]
+
+
 def pair_edges(
-    surfaces: tuple[Surface, Surface],
-    edges: tuple[Edges, Edges],
-    radius: _cpp.SearchRadius,
-    of_creases: bool,
+    role: EdgesRole, edges: tuple[Edges, Edges], radius: _cpp.SearchRadius
 ) -> _cpp.PairingPoints:
-    """Points of the slave's creases where they cross edges of the master, in 3D. Collective.
+    """Points of creases where they cross edges of the other surface, in 3D. Collective.
 
     Either where creases of both cross, along the normal of both; or where a crease crosses a mesh
-    line of the master's smooth sides, seen along its normal. A point counts if all facets beside it
+    line of the other's smooth sides, seen along its normal. A point counts if all facets beside it
     lead away from the other body, and none is parallel to it up to 5°: their own points are as
     close as it is.
 
+    Multipliers are linear along the slave's crease. At a mesh line of the slave, as under the
+    crease of a rigid tool, a point has that of the line's end next to it.
+
     Args:
-        surfaces: The slave, whose creases they are, and the master.
+        role: Whose they are.
         edges: Of both, see :func:`edges_of`.
         radius: Beyond which points are not paired.
-        of_creases: Whether they are those of two creases.
     """
-    (slave, master), creases = surfaces, edges[0].some(edges[0].are_sharp)
-    others = edges[1].some(edges[1].are_sharp == of_creases)
-    others = _near(creases, others, radius.largest, slave.comm)
+    of_slave = role.creases[0]
+    (one, other), sharp = edges if of_slave else edges[::-1], all(role.creases)
+    creases = one.some(one.are_sharp)
+    others = _near(creases, other.some(other.are_sharp == sharp), radius.largest, role.slave.comm)
     found = _crossings(creases, others, radius.largest)
-    here, there = creases.some(found.crease), others.some(found.edge)
-    points = [_between(here, found.places[:, 0]), _between(there, found.places[:, 1])]
-    gap = np.sum((points[1] - points[0]) * found.normal, axis=1)
-    several = np.bincount(found.crease, minlength=len(creases.area))[found.crease]
+    sides = [creases.some(found.crease), others.some(found.edge)]
+    places, normal, which = found.places, found.normal, found.crease
+    if not of_slave:
+        sides, places, normal, which = sides[::-1], places[:, ::-1], -normal, found.edge
+    here, there = sides
+    points = [_between(here, places[:, 0]), _between(there, places[:, 1])]
+    several = np.bincount(which, minlength=1)[which]
+    along = places[:, 0] if of_slave else np.round(places[:, 0])
+    multipliers = np.zeros((len(along), role.slave.num_facet_vertices))
+    multipliers[:, :2] = np.column_stack([1 - along, along])
+    master = deformable(role.master)
     return _cpp.points_between(
-        slave.cpp_object,
-        master.cpp_object,
-        *_side(slave, here, found.places[:, 0], points[0]),
-        *_side(master, there, found.places[:, 1], points[1]),
-        found.places[:, 0].copy(),
-        np.ascontiguousarray(found.normal),
-        gap,
-        here.area / np.maximum(several, 1),
+        role.slave.cpp_object,
+        None if master is None else master.cpp_object,
+        points[0],
+        *_side(role.slave, here, places[:, 0]),
+        points[1],
+        *(NOTHING if master is None else _side(master, there, places[:, 1])),
+        multipliers,
+        np.ascontiguousarray(normal),
+        np.sum((points[1] - points[0]) * normal, axis=1),
+        here.area / several,
     )
 
 
@@ -288,17 +318,17 @@ def _between(edges: Edges, place: Array) -> Array:
 
 
 def _side(
-    surface: Surface, edges: Edges, place: Array, x: Array
-) -> tuple[Array, Indices, npt.NDArray[np.int32], Array]:
-    """Positions, unknowns, owners and trace functions of one side's points."""
+    surface: Surface, edges: Edges, place: Array
+) -> tuple[Indices, npt.NDArray[np.int32], Array]:
+    """Unknowns, owners and trace functions of one side's points."""
     nodes, block = surface.trace_dofs[0].shape[1:]
-    dofs = np.full((len(x), nodes, block), -1, dtype=np.int64)
-    owner = np.full((len(x), nodes), -1, dtype=np.int32)
-    values = np.zeros((len(x), nodes))
+    dofs = np.full((len(place), nodes, block), -1, dtype=np.int64)
+    owner = np.full((len(place), nodes), -1, dtype=np.int32)
+    values = np.zeros((len(place), nodes))
     at, s = [0, 1], place
     functions = np.column_stack([1 - s, s])
     if edges.dofs.shape[1] == 3:
         at = [0, 1, surface.num_facet_vertices]
         functions = np.column_stack([(1 - s) * (1 - 2 * s), s * (2 * s - 1), 4 * s * (1 - s)])
     dofs[:, at], owner[:, at], values[:, at] = edges.dofs, edges.owner, functions
-    return np.ascontiguousarray(x), dofs, owner, values
+    return dofs, owner, values

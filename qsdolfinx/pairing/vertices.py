@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import typing
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -11,10 +13,22 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.surface.affine import EDGES
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
+from qsdolfinx.tools.facet_surface import FacetSurface
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
+
+#: Unknowns, owners and trace functions of a tool.
+NOTHING = (
+    np.zeros(0, dtype=np.int64),
+    np.zeros(0, dtype=np.int32),
+    np.zeros(0),
+)
+
+#: What has facets: a body's surface, or a tool's read as one.
+Faceted = Surface | FacetSurface
 
 #: Sum of the normals of a node's facets over their number, of facets that turn by 30° there.
 SMOOTH = float(np.cos(np.pi / 12))
@@ -28,13 +42,19 @@ ROUNDING = 1e-9
 
 
 def has_creases(surface: AnySurface, asked: bool) -> bool:
-    """Whether a body's surface has sharp vertices, if that is asked. Collective."""
-    if not (asked and isinstance(surface, Surface)):
+    """Whether a surface has sharp vertices, if that is asked. Collective."""
+    if not asked or surface.is_analytic:
         return False
-    return bool(surface.comm.allreduce(bool(sharp_nodes(surface).any()), op=MPI.LOR))
+    sharp = sharp_nodes(as_facets(surface))
+    return bool(surface.comm.allreduce(bool(sharp.any()), op=MPI.LOR))
 
 
-def sharp_nodes(surface: Surface) -> Flags:
+def as_facets(surface: AnySurface) -> Faceted:
+    """A surface made of facets: the body's itself, or a tool's read as one. Collective."""
+    return surface.as_facets() if isinstance(surface, RigidSurface) else surface
+
+
+def sharp_nodes(surface: Faceted) -> Flags:
     """Owned nodes whose facets' normals are apart by more than some 30°. Collective."""
     normals = _normals_at_vertices(surface).reshape(-1, 3)
     ones = np.ones(len(normals))
@@ -42,20 +62,40 @@ def sharp_nodes(surface: Surface) -> Flags:
     return np.asarray(np.linalg.norm(sums[:3], axis=0) < SMOOTH * sums[3])
 
 
-def pair_vertices(
-    slave: Surface, master: AnySurface, radius: _cpp.SearchRadius
-) -> _cpp.PairingPoints:
-    """Points at sharp vertices of the slave that are ahead of their facets. Collective.
+class VerticesRole(typing.NamedTuple):
+    """Whose vertices face what.
 
-    A vertex faces the closest place on the master, along the normal there. It counts if the middles
-    of all facets beside it are further away, and none is parallel to the master up to 5°: their own
-    points are as close as it is, and what it adds would be redundant.
+    Attributes:
+        slave: Surface that carries the multipliers.
+        master: The other one, or a rigid tool.
+        of_tool: Whether they are the tool's; else the slave's.
+    """
+
+    slave: Surface
+    master: AnySurface
+    of_tool: bool
+
+
+def pair_vertices(role: VerticesRole, radius: _cpp.SearchRadius) -> _cpp.PairingPoints:
+    """Points at sharp vertices that are ahead of their facets. Collective.
+
+    A vertex faces the closest place on the other surface, along the normal there. It counts if the
+    middles of all facets beside it are further away, and none is parallel to the other surface up
+    to 5°: their own points are as close as it is, and what it adds would be redundant.
+
+    A tool has no multipliers: a point at its vertex has that of the slave's vertex next to it.
 
     Args:
-        slave: Surface whose vertices they are.
-        master: The other surface.
+        role: Whose they are.
         radius: Beyond which points are not paired.
     """
+    if role.of_tool:
+        return _of_tool(role.slave, role.master, radius)
+    return _of_slave(role.slave, role.master, radius)
+
+
+def _of_slave(slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> _cpp.PairingPoints:
+    """Vertices of the slave; see :func:`pair_vertices`."""
     which = sharp_nodes(slave).astype(np.uint8)
     tool = as_tool(master)
     if tool is not None and tool.is_analytic:
@@ -72,7 +112,46 @@ def pair_vertices(
     return points
 
 
-def _lead_away(slave: Surface, points: _cpp.PairingPoints) -> Flags:
+def _of_tool(slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> _cpp.PairingPoints:
+    """Vertices of a tool: points on the slave's facets opposite; see :func:`pair_vertices`."""
+    of_tool = as_facets(tool)
+    which = sharp_nodes(of_tool).astype(np.uint8)
+    found = _cpp.pair_vertices(of_tool.cpp_object, slave.cpp_object, which, radius)
+    _cpp.keep_points(found, _lead_away(of_tool, found).astype(np.uint8))
+    at, on_tool = found.master, found.slave
+    functions = _linear(slave, at["shape_values"])
+    next_to = np.zeros_like(functions)
+    next_to[np.arange(len(next_to)), functions.argmax(axis=1)] = 1.0
+    nodes = np.ascontiguousarray(at["dofs"][:, : slave.num_facet_vertices, 0])
+    area = _gathered(slave, slave.node_area, nodes)
+    return _cpp.points_between(
+        slave.cpp_object,
+        None,
+        at["x"],
+        at["dofs"],
+        at["owner"],
+        at["shape_values"],
+        on_tool["x"],
+        *NOTHING,
+        next_to,
+        -found.normal,
+        found.gap,
+        np.sum(functions * area, axis=1),
+    )
+
+
+def _linear(surface: Surface, values: Array) -> Array:
+    """Linear functions of the vertices at points with given functions of the trace."""
+    count = surface.num_facet_vertices
+    out = values[:, :count].copy()
+    if values.shape[1] > count:
+        for at, ends in enumerate(EDGES[count], start=count):
+            out[:, ends] += values[:, at, None] / 2
+        out += values[:, count + len(EDGES[count]) :].sum(axis=1, keepdims=True) / count
+    return out
+
+
+def _lead_away(slave: Faceted, points: _cpp.PairingPoints) -> Flags:
     """Points at nodes whose facets all lead away from what is opposite. Collective."""
     node = np.searchsorted(slave.node_dofs[:, 0], points.slave["dofs"][:, 0, 0])
     normal = np.zeros((len(slave.node_area), 3))
@@ -87,7 +166,7 @@ def _lead_away(slave: Surface, points: _cpp.PairingPoints) -> Flags:
     return np.asarray(_sums(slave, stays.ravel())[node] == 0)
 
 
-def _normals_at_vertices(surface: Surface) -> Array:
+def _normals_at_vertices(surface: Faceted) -> Array:
     """Outward unit normals of the facets, curved as their mesh is, (facets, vertices, 3)."""
     x, inside, nodes = surface.coordinates
     count = surface.num_facet_vertices
@@ -105,13 +184,13 @@ def _normals_at_vertices(surface: Surface) -> Array:
     return np.asarray(out / np.maximum(np.linalg.norm(out, axis=2), 1e-300)[..., None])
 
 
-def _vertex_dofs(surface: Surface) -> npt.NDArray[np.int32]:
+def _vertex_dofs(surface: Faceted) -> npt.NDArray[np.int32]:
     """First unknowns of the vertices of the facets, (facets, vertices)."""
     dofs = surface.cpp_object.facet_dofs[:, : surface.num_facet_vertices, 0]
     return np.ascontiguousarray(dofs.astype(PETSc.IntType))
 
 
-def _sums(surface: Surface, values: Array) -> Array:
+def _sums(surface: Faceted, values: Array) -> Array:
     """Sums over the facets of values of their vertices, (facets · vertices,), at owned nodes."""
     vec = surface.create_vec()
     vec.setValues(_vertex_dofs(surface).ravel(), values, addv=PETSc.InsertMode.ADD_VALUES)
@@ -121,12 +200,17 @@ def _sums(surface: Surface, values: Array) -> Array:
     return out
 
 
-def _at_vertices(surface: Surface, values: Array) -> Array:
+def _at_vertices(surface: Faceted, values: Array) -> Array:
     """Values of the owned nodes at the vertices of the facets, (facets, vertices)."""
-    dofs, vec = _vertex_dofs(surface), surface.create_vec()
+    return _gathered(surface, values, _vertex_dofs(surface))
+
+
+def _gathered(surface: Faceted, values: Array, dofs: npt.NDArray[np.integer]) -> Array:
+    """Values of the owned nodes at nodes given by their first unknowns. Collective."""
+    vec = surface.create_vec()
     vec.array[surface.node_dofs[:, 0] - vec.owner_range[0]] = values
     local = PETSc.Vec().createSeq(dofs.size)
-    here = PETSc.IS().createGeneral(dofs.ravel(), PETSc.COMM_SELF)
+    here = PETSc.IS().createGeneral(dofs.ravel().astype(PETSc.IntType), PETSc.COMM_SELF)
     scatter = PETSc.Scatter().create(vec, here, local, None)
     scatter.scatter(vec, local)
     out: Array = local.array_r.reshape(dofs.shape).copy()

@@ -94,9 +94,18 @@ class CondensedRows:
         """Derivative of y by γ ḡ and what rows see of multipliers, (rows,)."""
         return self.scales.penalty
 
-    def seen(self, multiplier: Array) -> Array:
-        """What the rows see of multipliers (stress), (rows, width). Collective."""
+    @property
+    def part(self) -> float:
+        """Of the multipliers that rows see, over what they are."""
+        return 1.0
+
+    def at_points(self, multiplier: Array) -> Array:
+        """Multipliers at the rows (stress), (rows, width). Collective."""
         return np.zeros((self.gap.num_rows, self._width))
+
+    def seen(self, multiplier: Array) -> Array:
+        """What the rows see of multipliers, likewise. Collective."""
+        return self.part * self.at_points(multiplier)
 
     def gathered(self, values: Array) -> Array:
         """The transposed, times areas, of values (rows,). Collective."""
@@ -142,14 +151,16 @@ class CondensedRows:
 class PointConstraints(CondensedRows):
     """Unilateral contact at points, with multipliers of nodes.
 
-    With λ_h = Σ_k N_k λ_k, γ the penalty, and w_p the weights of the points,
+    With λ_h = Σ_k N_k λ_k, γ the automatic penalty, a = 1, and w_p the weights of the points,
 
-        y_p = λ_h + γ g_p,   p_p = [y_p]₊,   (R_λ)_k = Σ_p w_p N_k (p_p − λ_h)/γ,
+        y_p = a λ_h + γ g_p,   p_p = [y_p]₊,   (R_λ)_k = a Σ_p w_p N_k (p_p − λ_h)/γ,
 
-    and forces are Σ_p w_p p_p ∂g_p/∂u: the derivatives of Σ_p w_p/(2γ) ([y_p]₊² − λ_h²). Without
-    multipliers, of a penalty, y_p = ε g_p. A user's law has p_p = φ'(y_p/γ). A node has a
-    multiplier for each of its smooth sides; what conditions hold on both sides or points hardly
-    cover has the mean of its neighbours, λ = E λ_free, and R_λ is of λ_free.
+    and forces are Σ_p w_p p_p ∂g_p/∂u: the derivatives of Σ_p w_p/(2γ) ([y_p]₊² − a λ_h²). A
+    penalty ε is the compliance λ_h/ε, y_p = λ_h + γ (g_p − λ_h/ε), so that a = 1 − γ/ε;
+    one that is about as soft as the bodies has γ = ε and no multipliers. A user's law has
+    p_p = φ'(y_p/γ). A node has a multiplier for each of its smooth sides; what conditions hold on
+    both sides or points hardly cover has the mean of its neighbours, λ = E λ_free, and R_λ is of
+    λ_free.
 
     Arguments as of :class:`CondensedRows`; rows are points.
     """
@@ -162,23 +173,29 @@ class PointConstraints(CondensedRows):
         self.cover: Array = gap.rows.cover
         self._is_unilateral = type(gap.law) is Unilateral
         self.gamma: float = model.eps
+        self._has: bool = model.has_multipliers_at_points
         covered = self._points.covered
         #: E; None where λ_free is all of λ.
         self.extension: Extension | None = gap.rows.extended(gap.extension)
         none = np.zeros_like(covered)
         held = none if self.extension is None else self.extension.held
         #: Sides of owned nodes whose multipliers are unknowns, (nodes, block).
-        self.free: Flags = covered & ~held if model.augmented else none
+        self.free: Flags = covered & ~held if self._has else none
 
     def soften(self, part: float) -> None:
-        """Take this part of the penalty for γ, if there are multipliers: λ means the same."""
-        if self.model.augmented:
+        """Take this part of γ, if there are multipliers: λ means the same."""
+        if self._has:
             self.gamma = part * self.model.eps
+
+    @property
+    def part(self) -> float:
+        """A."""
+        return 1.0 if self.model.augmented else 1 - self.gamma / self.model.penalty.eps
 
     @property
     def has_multipliers(self) -> bool:
         """Whether there are any, on any rank."""
-        return self.model.augmented
+        return self._has
 
     @property
     def usual(self) -> float:
@@ -196,9 +213,9 @@ class PointConstraints(CondensedRows):
         out[self.free] = multiplier[:, 0]
         return out if self.extension is None else self.extension.fill(out)
 
-    def seen(self, multiplier: Array) -> Array:
+    def at_points(self, multiplier: Array) -> Array:
         """λ_h at the points, (points, 1). Collective."""
-        if not self.model.augmented:
+        if not self._has:
             return np.zeros((self.gap.num_rows, 1))
         return self._points.from_sides(self.on_sides(multiplier))[:, None]
 
@@ -218,7 +235,7 @@ class PointConstraints(CondensedRows):
 
     def first(self) -> Array:
         """What is known of λ."""
-        return np.asarray(self.gap.state.augmented[self.free][:, None])
+        return np.asarray(self.gap.state.augmented[self.free][:, None] / self.part)
 
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
         """Gaps and y of the points, and which are closed. Collective."""
@@ -264,8 +281,8 @@ class PointConstraints(CondensedRows):
 
     def residual(self, at: Normal) -> Array:
         """R_λ. Collective."""
-        change = at.pressure - self.seen(at.multiplier)
-        return np.asarray(self.gathered(change[:, 0]) / self.gamma)
+        change = at.pressure - self.at_points(at.multiplier)
+        return np.asarray(self.part / self.gamma * self.gathered(change[:, 0]))
 
     def in_forces(self) -> Array:
         """γ."""
@@ -280,16 +297,16 @@ class PointConstraints(CondensedRows):
         return float(np.max(np.abs(self.residual(at) / self.areas), initial=0.0))
 
     def known(self, multiplier: Array) -> Array:
-        """λ of all sides. Collective."""
-        return self.on_sides(multiplier)
+        """A λ of all sides: with γ the gaps' law makes p of it. Collective."""
+        return self.part * self.on_sides(multiplier)
 
     def keep(self, at: Normal) -> None:
         """Let the pass know λ, and what of each side is closed. Collective."""
         state, cover = self.gap.state, self._points.cover_of_sides
-        if self.model.augmented:
+        if self._has:
             some = self.model.comm.allreduce(bool(at.active.any()), op=MPI.LOR)
             # Where nothing is closed λ is rounding, and the next solve is a cold one.
-            state.augmented = self.on_sides(at.multiplier if some else 0.0 * at.multiplier)
+            state.augmented = self.known(at.multiplier if some else 0.0 * at.multiplier)
         closed = self._points.sums(at.active.astype(np.float64))
         state.closed = np.divide(closed, cover, out=np.zeros_like(cover), where=cover > 0)
 

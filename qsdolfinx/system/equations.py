@@ -906,8 +906,8 @@ class Equations:
     def can_soften(self) -> bool:
         """Whether there are multipliers of points, and none of friction."""
         rows = [p.rows.condensed for p in self.passes]
-        augmented = any(isinstance(of, PointConstraints) and of.model.augmented for of in rows)
-        return augmented and all(p.slip is None for p in self.passes)
+        found = any(isinstance(of, PointConstraints) and of.has_multipliers for of in rows)
+        return found and all(p.slip is None for p in self.passes)
 
     def soften(self, part: float) -> None:
         """Take a part of γ in constraints at points. Collective.

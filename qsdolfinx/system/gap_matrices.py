@@ -22,13 +22,13 @@ Indices = npt.NDArray[np.int64]
 
 
 class GapMatrices:
-    """B = γ G + N, rows being those of the gaps, columns all unknowns of the equations.
+    """B = γ G + a N, rows being those of the gaps, columns all unknowns of the equations.
 
     B z is y but for a constant at points, and the gap itself of a law without multipliers. Of the
-    potential Σ_p w_p/(2γ) ([y_p]₊² − λ_h²) the second derivative is Bᵀ W/γ χ B − Nᵀ W/γ N, χ being
-    1 at closed points; of Σ_k S_k φ(ḡ_k) it is Gᵀ S φ'' G. Of friction at points there are three
-    more rows, B_t = γ_t J + N_t, of each, and the derivative is Bᵀ W D B* − Nᵀ W/γ N, D having a
-    block for each point, and B* having (1 − γ_t/ε_t) N_t with a penalty. Collective.
+    potential Σ_p w_p/(2γ) ([y_p]₊² − a λ_h²) the second derivative is Bᵀ W/γ χ B − a Nᵀ W/γ N, χ
+    being 1 at closed points; of Σ_k S_k φ(ḡ_k) it is Gᵀ S φ'' G. Of friction at points there
+    are three more rows, B_t = γ_t J + N_t, of each, and the derivative is Bᵀ W D B* − Nᵀ W/γ N, D
+    having a block for each point, and B* having (1 − γ_t/ε_t) N_t with a penalty. Collective.
 
     Args:
         rows: The rows.
@@ -52,13 +52,17 @@ class GapMatrices:
         self._rows, self._comm, self._num = rows, rows.model.comm, num_local
         self._friction, self._width = friction, rows.gap.operator.width
         self._size: int = rows.gap.num_rows * self._width
-        #: N E of λ; None without multipliers.
+        #: a N E of λ; None without multipliers.
         self.functions: PETSc.Mat | None = None
         self._all: PETSc.Mat | None = None
         found = [Entries(e.row, e.column, rows.gamma * e.value) for e in gaps]
         functions: list[Entries] = []
-        if isinstance(rows, PointConstraints) and rows.model.augmented:
-            functions.append(self._of_nodes(rows.free, numbers[0], rows.extension))
+        of_nodes: list[Entries] = []
+        self._part = 1.0
+        if isinstance(rows, PointConstraints) and rows.has_multipliers:
+            of_nodes.append(self._of_nodes(rows.free, numbers[0], rows.extension))
+            self._part = rows.part
+            functions.append(of_nodes[0]._replace(value=rows.part * of_nodes[0].value))
             self.functions = functions[0].matrix(self._size, self._num, self._comm)
         if friction is not None and slips is not None:
             first, gdim = self._size, friction.free.shape[2]
@@ -70,7 +74,7 @@ class GapMatrices:
         if friction is not None:
             of_slips = self._of_slips(friction, numbers[1], self._width * rows.gap.num_rows)
         if functions or of_slips:
-            every = joined([*functions, *of_slips])
+            every = joined([*of_nodes, *of_slips])
             self._all = every.matrix(self._size, self._num, self._comm)
         left, right = found
         self._left = joined([left, *functions, *of_slips]).matrix(self._size, self._num, self._comm)
@@ -138,7 +142,7 @@ class GapMatrices:
         rows, friction = self._rows, self._friction
         weight = rows.gap.weight[:, None] / rows.gamma
         own = (weight / rows.gamma * rows.stiffness(at)).ravel()
-        of_nodes = np.repeat(-weight, self._width)
+        of_nodes = np.repeat(-self._part * weight, self._width)
         if friction is None or tangential is None:
             found = [_product(self._left, own, self._right)]
         else:

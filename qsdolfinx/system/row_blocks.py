@@ -206,8 +206,13 @@ class _CondensedBlocks:
         self.is_condensed = not rows.has_multipliers
         #: γ_u/γ.
         self._usual = rows.usual / rows.gamma if rows.has_multipliers else 0.0
+        #: a, and what C has of it at closed points.
+        self._part = rows.part
+        compliant = 1 + self._part * (1 - self._part) * self._usual
         closed, self._soft = rows.gathered(self._closed)[:, :1], PROXIMAL * areas
-        self._regular: Array = closed + self._usual * np.maximum(areas - closed, 0.0)
+        self._regular: Array = compliant * closed
+        self._regular += self._part * self._usual * np.maximum(areas - closed, 0.0)
+        self._of_multipliers = self._usual * self._part**2 / compliant
         #: What the rows are multiplied with.
         self.scale = rows.usual * np.ones(rows.num_multipliers)
         #: What changes from iteration to iteration.
@@ -223,13 +228,13 @@ class _CondensedBlocks:
 
     def by_gap(self, gap: Array) -> Array:
         """Rows by gaps. Collective."""
-        return self._rows.gathered(self._closed * self._rows.usual * gap[:, 0])
+        return self._rows.gathered(self._closed * self._part * self._rows.usual * gap[:, 0])
 
     def by_multiplier(self, multiplier: Array) -> Array:
         """Rows by multipliers. Collective."""
-        seen = self._rows.seen(multiplier)[:, 0]
-        change = self._rows.gathered((self._closed - 1.0) * seen) - self._soft * multiplier
-        return np.asarray(self._usual * change)
+        seen = self._rows.at_points(multiplier)[:, 0]
+        change = self._rows.gathered(self._part * (self._part * self._closed - 1.0) * seen)
+        return np.asarray(self._usual * (change - self._soft * multiplier))
 
     def solve(self, r: Array) -> Array:
         """C_γ⁻¹ r."""
@@ -256,7 +261,7 @@ class _CondensedBlocks:
 
     def stiffness(self) -> Array:
         """Of S, (rows, width)."""
-        return np.asarray((1 + self._usual) * self._own)
+        return np.asarray((1 + self._of_multipliers) * self._own)
 
 
 class _SlipBlocks:

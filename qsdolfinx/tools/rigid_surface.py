@@ -31,6 +31,7 @@ from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix, rotation_vector
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import triangulation
+from qsdolfinx.tools.facet_surface import FacetSurface
 from qsdolfinx.tools.pose import Pose, padded, point_of, unit_vector
 from qsdolfinx.tools.shapes import Plane, Round, Shape
 from qsdolfinx.tools.shells import Shells
@@ -364,6 +365,26 @@ class RigidSurface:
             surface = self._facets.surface(self.comm, self.gdim, R, t, axisymmetric)
             self._surface = state, surface
         return self._surface[1]
+
+    def as_facets(self, axisymmetric: bool = False) -> FacetSurface:
+        """Its facets where it is now, read as those of a body. Collective if its position changed.
+
+        Args:
+            axisymmetric: Whether facets stand for rings.
+
+        Raises:
+            ValueError: If the shape is analytic.
+        """
+        surface, facets = self.facets(axisymmetric), self._facets
+        x = np.asarray(surface.facet_x)
+        return FacetSurface(
+            self.comm,
+            self.gdim,
+            surface,
+            (x, facets.behind(x), None),
+            (facets.dofs(self.gdim), facets.owner),
+            facets.num_owned * self.gdim,
+        )
 
     def twin(self, axisymmetric: bool) -> _cpp.Surface:
         """New object of the extension with the tool's facets, to be moved by itself. Collective.

@@ -50,7 +50,6 @@ class Facets:
     ) -> _cpp.Surface:
         """The surface after x ↦ R x + t; the vertices get unknowns that nobody has. Collective."""
         x = self.x @ R.T + t
-        behind = x.mean(axis=1) - self.sign[:, None] * area_vectors(x)
         return _cpp.Surface(
             comm=comm.py2f(),
             gdim=gdim,
@@ -58,12 +57,20 @@ class Facets:
             num_vertices=x.shape[1],
             x=np.ascontiguousarray(x),
             degree=1,
-            dofs=np.ascontiguousarray(self.vertices[..., None] * gdim + np.arange(gdim)),
+            dofs=self.dofs(gdim),
             owner=np.ascontiguousarray(self.owner),
-            inside=np.ascontiguousarray(behind),
+            inside=np.ascontiguousarray(self.behind(x)),
             local_size=self.num_owned * gdim,
             axisymmetric=axisymmetric,
         )
+
+    def dofs(self, gdim: int) -> Indices:
+        """Unknowns that nobody has, shape (facets, vertices, gdim)."""
+        return np.ascontiguousarray(self.vertices[..., None] * gdim + np.arange(gdim))
+
+    def behind(self, x: Array) -> Array:
+        """Points behind the facets where their vertices are elsewhere, shape (facets, 3)."""
+        return np.asarray(x.mean(axis=1) - self.sign[:, None] * area_vectors(x))
 
 
 def scatter(

@@ -39,7 +39,12 @@ PLAIN = dataclasses.replace(
     E=3.0,
     L=2.0,
 )
-OVERLAY = {"formulation": "quasi-symmetric", "quadrature": "overlay", "enforcement": "penalty"}
+OVERLAY = {
+    "formulation": "quasi-symmetric",
+    "quadrature": "overlay",
+    "enforcement": "penalty",
+    "constraints": "nodes",
+}
 SOLID = {
     "gdim": 3,
     "cells": ("hexahedron", "tetrahedron"),

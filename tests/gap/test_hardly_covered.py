@@ -100,7 +100,7 @@ def test_patch(cell, n, part):
 def test_which_nodes_have_none(quadrature):
     """Those that are covered by less than the least part; with a penalty none."""
     for part in (0.05, 0.4, 0.5, 0.9):
-        for options in (AUGMENTED, {"enforcement": "penalty"}):
+        for options in (AUGMENTED, {"enforcement": "penalty", "constraints": "nodes"}):
             scene = Overhang(part, quadrature=quadrature, **options)
             plain = Overhang(part, quadrature=quadrature, enforcement="penalty").contact.pairings[0]
             points = scene.contact.pairings[0]

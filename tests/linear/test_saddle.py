@@ -17,7 +17,7 @@ AUGMENTED, PENALTY = "augmented-lagrangian", "penalty"
 KINDS = {
     "frictionless": {"enforcement": AUGMENTED},
     "friction": {"enforcement": AUGMENTED, "friction": qs.Coulomb(0.3)},
-    "soft": {"enforcement": PENALTY, "friction": qs.Tresca(0.01)},
+    "soft": {"enforcement": PENALTY, "friction": qs.Tresca(0.01), "constraints": "nodes"},
     "stiff": {"enforcement": PENALTY, "penalty": 1e4},
     "tied": {"enforcement": AUGMENTED, "law": qs.Tied()},
     "finite": {"enforcement": AUGMENTED, "friction": qs.Coulomb(0.3), "sliding": "finite"},

@@ -84,8 +84,9 @@ def test_finer_master():
 def test_rigid_stick():
     """An augmented Lagrangian is the limit of large ε, and no better than the default."""
     h = 0.05
-    elastic, stiff = solve(h=h), solve(h=h, penalty=1e4 * 200 / h)
-    rigid = solve(h=h, enforcement="augmented-lagrangian", constraints="nodes")
+    nodes = {"h": h, "constraints": "nodes"}
+    elastic, stiff = solve(**nodes), solve(**nodes, penalty=1e4 * 200 / h)
+    rigid = solve(**nodes, enforcement="augmented-lagrangian")
     for key in demo.KEYS:
         assert abs(stiff[key] - rigid[key]) < 1e-3
     assert elastic["l2_error_tangential"] < rigid["l2_error_tangential"] < 0.10

@@ -61,8 +61,8 @@ def test_a_guess_that_changes_volumes(monkeypatch):
         return step(stepper, *args, **kwargs)
 
     monkeypatch.setattr(qs.TimeStepper, "step", stepped)
-    _, iterations, _ = script.squeeze(WORLD, script.Parameters(), "p2")
-    assert steppers[-1].num_cutbacks == 0 and iterations < 160
+    script.squeeze(WORLD, script.Parameters(), "p2")
+    assert steppers[-1].num_cutbacks == 0
 
 
 def test_pulling_takes_from_the_pressure():

@@ -27,7 +27,8 @@ def test_rests_at_once(cell, gap, slope):
     low[-1] = -gap
     tool = qs.RigidSurface.plane(WORLD, low, -weight)
     surface = qs.Surface(V, facets=facets)
-    contact = qs.Contact(surface, tool, penalty=1e3, search_radius=0.5, enforcement="penalty")
+    options = {"enforcement": "penalty", "constraints": "nodes"}
+    contact = qs.Contact(surface, tool, penalty=1e3, search_radius=0.5, **options)
     form = elastic(u, force=fem.Constant(msh, weight))
     problem = qs.ContactProblem([form], [u], [contact], [held])
     problem.solve()

@@ -68,19 +68,26 @@ def equations_of(pair):
 
 
 @pytest.mark.parametrize(
-    "options",
-    (EXACT, SOFT, POINTS, SOFT_POINTS),
-    ids=("exact", "soft", "points", "soft points"),
+    "options, penalty",
+    (
+        (EXACT | NODES, 30.0),
+        (SOFT | NODES, 30.0),
+        (POINTS, 30.0),
+        (SOFT_POINTS, 1.0),
+        (SOFT_POINTS, 300.0),
+    ),
+    ids=("exact", "soft", "points", "soft points", "stiff points"),
 )
 @pytest.mark.parametrize("space", (vector_space, quadratic_space), ids=("P1", "P2"))
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
 @pytest.mark.parametrize("law", [None, *LAWS])
-def test_derivative(law, cell, space, options):
+def test_derivative(law, cell, space, options, penalty):
     friction = {} if law is None else {"friction": LAWS[law]()}
     if law == "norton":
         friction["dt"] = 0.5
-    pair = Pair(cell, space=space, contact_options=options | friction, wave=0.02)
+    pair = Pair(cell, space=space, penalty=penalty, contact_options=options | friction, wave=0.02)
     _, equations = equations_of(pair)
+    assert pair.contact.model.has_multipliers_at_points == (options is POINTS or penalty == 300.0)
     z, scale = away(equations)
     assert errors(equations, z, scale) < 1e-7
 
@@ -241,11 +248,11 @@ def test_derivative_of_the_users_own(options, law):
     assert errors(equations, *away(equations)) < 1e-7
 
 
-@pytest.mark.parametrize("options", (SOFT, SOFT_POINTS, SOFT | {"sliding": "finite"}))
+@pytest.mark.parametrize("options", (SOFT | NODES, SOFT_POINTS, SOFT | {"sliding": "finite"}))
 def test_laws_of_the_users_own(options):
     """Forces are those of a law that is the same."""
     forces = []
-    for law, penalty in ((Softened(), 200.0), (qs.Unilateral(), 100.0)):
+    for law, penalty in ((Softened(), 8.0), (qs.Unilateral(), 4.0)):
         pair = Pair("triangle", law=law, penalty=penalty, contact_options=options, wave=0.02)
         pair.problem(solver="direct").solve()
         forces.append(pair.contact.force("slave"))

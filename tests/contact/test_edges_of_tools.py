@@ -1,0 +1,239 @@
+"""Edges and tips of rigid tools: none goes into a body without its force, wherever it meets it."""
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
+
+import ufl
+from dolfinx import fem, mesh
+from dolfinx.fem.petsc import assemble_matrix
+
+import qsdolfinx as qs
+
+E, SIZE = 1e3, 0.25
+
+
+def roof(at, slope, yaw):
+    """A roof upside down, its edge along y but turned about z (degrees), with a place of it."""
+    x = [[s * 1.2, y, abs(s) * 1.2 * slope] for y in (-1.0, 1.0) for s in (-1, 0, 1)]
+    c, s = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    return np.array(x) @ R.T + at, [[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4]]
+
+
+def tip(at, slope):
+    """A pyramid upside down with its tip there."""
+    base = [[-1.0, -1.0, slope], [1.0, -1.0, slope], [1.0, 1.0, slope], [-1.0, 1.0, slope]]
+    return np.array([[0.0, 0.0, 0.0], *base]) + at, [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]]
+
+
+def facing(x, facets, up):
+    """A tool of these facets, with normals upwards, or downwards."""
+    across = [np.cross(x[f[1]] - x[f[0]], x[f[2]] - x[f[0]])[2] for f in facets]
+    turned = [f if (z > 0) == up else f[::-1] for f, z in zip(facets, across, strict=True)]
+    return qs.RigidSurface.triangulated(WORLD, x, turned)
+
+
+def made(kind, at, slope=1.0, yaw=0.0):
+    """The tool of a kind: an edge in 2D, a roof or a pyramid in 3D."""
+    if kind == "edge":
+        x = np.array([[1.2, 1.2 * slope], [0.0, 0.0], [-1.2, 1.2 * slope]]) + at
+        return qs.RigidSurface.triangulated(WORLD, x, [[1, 0], [2, 1]])
+    return facing(*(tip(at, slope) if kind == "tip" else roof(at, slope, yaw)), up=False)
+
+
+def compliance(body, loads):
+    """Work of each of the loads on the displacements of each: without contact."""
+    A = assemble_matrix(fem.form(ufl.derivative(body.F, body.u)), bcs=body.bcs)
+    A.assemble()
+    ksp = PETSc.KSP().create(WORLD)
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("mumps")
+    ksp.setOperators(A)
+    x = A.createVecRight()
+    b, out = [load(x) for load in loads], []
+    for load in b:
+        ksp.solve(load, x)
+        out.append([x.dot(other) for other in b])
+    return np.array(out)
+
+
+class Block:
+    """A block below the last coordinate 0, held at its bottom.
+
+    Args:
+        cell: Its cells' type.
+        tool: What it is in contact with.
+        options: Of the contact.
+    """
+
+    def __init__(self, cell, tool, **options):
+        d = self.d = tool.gdim
+        mid = [2] * (d - 2)
+        self.low = [-1.0, *[-SIZE] * len(mid), -0.75]
+        self.msh = box(
+            WORLD, [8, *mid, 3], cell, self.low, [1.0, *[SIZE] * len(mid), 0.0], "scattered"
+        )
+        self.V = vector_space(self.msh)
+        self.u, self.tool = fem.Function(self.V), tool
+        self.F = elastic(self.u, E, 0.3)
+        self.bcs = [clamp(self.V, plane(self.msh, d - 1, -0.75))]
+        self.contact = qs.Contact(
+            qs.Surface(self.V, facets=plane(self.msh, d - 1, 0.0)), tool, **options
+        )
+        self.problem = qs.ContactProblem([self.F], [self.u], [self.contact], [self.bcs])
+
+    def press(self, depth, *along):
+        """Move the tool down, and by what is given along the first axes."""
+        self.tool.displacement[-1] = -depth
+        self.tool.displacement[: len(along)] = along
+        self.problem.solve()
+        return self.contact.force("slave")
+
+    def load(self, like, place):
+        """Force of 1 along the last axis at a place of the top: on a line or in a square."""
+        out, owned = like.duplicate(), self.V.dofmap.index_map.size_local
+        x = self.V.tabulate_dof_coordinates()[:owned, : self.d]
+        hats = np.maximum(1 - np.abs(x[:, :-1] - place[: self.d - 1]) / SIZE, 0.0).prod(axis=1)
+        out.array[self.d - 1 :: self.d] = hats * np.isclose(x[:, -1], 0.0)
+        return out
+
+    def compliance(self, places):
+        """Displacements along the last axis at places by forces there: without contact."""
+        return compliance(self, [lambda like, at=place: self.load(like, at) for place in places])
+
+
+#: Kinds of tools, places of their edges or tips, where they press, and cells of the block.
+ON_LINES = (-SIZE, 0.0, SIZE)
+CASES = {
+    "between nodes": ("edge", [0.1, 0.0], [[0.1, 0.0]], "triangle"),
+    "at a node": ("edge", [0.25, 0.0], [[0.25, 0.0]], "quadrilateral"),
+    "on a square": ("tip", [0.1, 0.06, 0.0], [[0.1, 0.06]], "hexahedron"),
+    "on a line": ("tip", [0.1, 0.0, 0.0], [[0.1, 0.0]], "tetrahedron"),
+    "across lines": ("roof", [0.1, 0.0, 0.0], [[0.1, y] for y in ON_LINES], "hexahedron"),
+    "along a line": (
+        "roof",
+        [0.25, 0.0, 0.0],
+        [[0.25, y] for y in ON_LINES],
+        "tetrahedron",
+    ),
+}
+
+
+@pytest.mark.parametrize("depth", (0.01, 0.1))
+@pytest.mark.parametrize("case", CASES)
+def test_pressed(case, depth):
+    """From the first touch on the force is that of the points where it presses."""
+    kind, at, places, cell = CASES[case]
+    depth *= SIZE
+    for formulation in ("quasi-symmetric", "master-slave"):
+        block = Block(cell, made(kind, at, slope=1.5), formulation=formulation)
+        force = block.press(depth)
+        C = block.compliance(np.array(places))
+        expected = np.linalg.solve(C, np.full(len(places), depth)).sum()
+        np.testing.assert_allclose(force[-1], -expected, rtol=1e-8)
+        np.testing.assert_allclose(block.contact.force("master"), -force, atol=1e-9)
+        assert largest(force[:-1]) < 1e-9 * expected  # the block is level
+        assert block.problem.num_iterations <= 4
+        assert block.contact.penetration() < 0.01 * depth  # as the top moves sideways, too
+
+
+def test_turned_edge():
+    """Across many triangles, whose nodes share what presses: nowhere deep, at any angle."""
+    for yaw in (10.0, 37.0):
+        block = Block("tetrahedron", made("roof", [0.1, 0.03, 0.0], 1.5, yaw))
+        force = block.press(0.2 * SIZE)
+        assert -force[-1] > 0 and block.contact.penetration() < 0.02 * SIZE
+        assert block.problem.num_iterations <= 8
+
+
+@pytest.mark.parametrize("law", (qs.Coulomb(0.3), qs.Sticking()))
+@pytest.mark.parametrize("case", ("between nodes", "on a square", "across lines"))
+def test_friction(case, law):
+    """Drawn sideways: Coulomb's limit, or all that sticks."""
+    kind, at, _, cell = CASES[case]
+    block = Block(cell, made(kind, at, slope=1.5), friction=law)
+    pressed = block.press(0.02 * SIZE)
+    force = block.press(0.02 * SIZE, 0.03 * SIZE)
+    T, N = np.linalg.norm(force[:-1]), -force[-1]
+    if isinstance(law, qs.Coulomb):
+        rtol = 1e-2 if kind == "roof" else 1e-8  # its points slip in directions of their own
+        np.testing.assert_allclose(T, 0.3 * N, rtol=rtol)
+        assert block.contact.step_dissipation() > 0
+    else:
+        assert T > 0.3 * N and block.contact.step_dissipation() < 1e-9 * N * SIZE
+    assert largest(pressed) > 0 and block.problem.num_iterations <= 10
+
+
+@pytest.mark.parametrize("kind", ("edge", "tip", "roof"))
+def test_driven(kind):
+    """A force in place of a displacement: the tool stops where the edge balances it."""
+    at, cell = ([0.1, 0.0], "triangle") if kind == "edge" else ([0.1, 0.0, 0.0], "hexahedron")
+    block = Block(cell, made(kind, at))
+    down = -np.eye(block.d)[-1]
+    block.tool.drive(3.0, down)
+    block.problem.solve()
+    np.testing.assert_allclose(block.contact.force("slave")[-1], -3.0, rtol=1e-8)
+    depth = -block.tool.displacement[-1]
+    block.tool.release()
+    np.testing.assert_allclose(block.press(depth)[-1], -3.0, rtol=1e-7)
+
+
+class Wedge:
+    """A cube that stands on an edge along y, held by the faces away from it."""
+
+    def __init__(self):
+        n, s = 4, np.sqrt(0.5)
+        self.msh = box(WORLD, (n,) * 3, "hexahedron", [0, -0.5, 0], [1, 0.5, 1], "scattered")
+        self.R = np.array([[s, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, s]])
+        self.msh.geometry.x[:] = self.msh.geometry.x @ self.R.T
+        self.V = vector_space(self.msh)
+        self.u = fem.Function(self.V)
+        self.F = elastic(self.u, E, 0.3)
+        far = self.facets(lambda x: np.isclose(x[0], 1) | np.isclose(x[2], 1))
+        self.bcs = [clamp(self.V, far)]
+
+    def facets(self, found):
+        return mesh.locate_entities_boundary(self.msh, 2, lambda x: found(self.R.T @ x))
+
+    def compliance(self, y):
+        """What a force of 1 along z on the edge there moves it by."""
+
+        def load(like):
+            owned = self.V.dofmap.index_map.size_local
+            x = self.V.tabulate_dof_coordinates()[:owned] @ self.R
+            on_edge = np.isclose(x[:, 0], 0) & np.isclose(x[:, 2], 0)
+            out = like.duplicate()
+            out.array[2::3] = np.maximum(1 - np.abs(x[:, 1] - y) * 4, 0) * on_edge
+            return out
+
+        return float(compliance(self, [load])[0, 0])
+
+    def on(self, tool):
+        """Force of a tool that is lifted against the edge."""
+        near = self.facets(lambda x: np.isclose(x[0], 0) | np.isclose(x[2], 0))
+        self.contact = qs.Contact(qs.Surface(self.V, facets=near), tool)
+        problem = qs.ContactProblem([self.F], [self.u], [self.contact], [self.bcs])
+        tool.displacement[2] = 0.05
+        problem.solve()
+        return self.contact.force("slave")
+
+
+def test_on_triangles():
+    """A body's edge on a flat tool: how it is cut into triangles does not matter."""
+    exact = Wedge().on(qs.RigidSurface.plane(WORLD, np.zeros(3), [0.0, 0.0, 1.0]))
+    x = np.array([[-1.2, -1.3, 0], [1.3, -1.1, 0], [1.2, 1.3, 0], [-1.1, 1.2, 0], [0.1, 0.07, 0]])
+    up = facing(x, [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], up=True)
+    np.testing.assert_allclose(Wedge().on(up), exact, rtol=1e-8, atol=1e-9)
+
+
+def test_edges_that_cross():
+    """A body's edge across a tool's: the force of the point, where nodes are far away."""
+    for yaw in (90.0, 50.0):
+        wedge = Wedge()
+        x, facets = roof([0.0, 0.08, 0.0], 0.5, yaw)
+        force = wedge.on(facing(x * [1, 1, -1], facets, up=True))
+        np.testing.assert_allclose(force[2], 0.05 / wedge.compliance(0.08), rtol=1e-8)
