@@ -39,8 +39,9 @@ T = typing.TypeVar("T")
 #: Gaps smaller than this part of the smallest facet count as closed.
 TOUCHING = 1e-12
 
-#: Penalty over γ of points up to which it needs no multipliers: it hardly changes what is closed.
-SOFT = 1.5
+#: Penalty over γ of points up to which it needs no multipliers: Newton's method takes some more
+#: iterations, and where facets are coarse beside a tool less energy is lost within them.
+SOFT = 5.0
 
 #: Largest facets that bodies may be within each other where contact follows them.
 FOLLOWING_REACH = 4.0

@@ -23,9 +23,6 @@ Flags = npt.NDArray[np.bool_]
 #: are pressed flat, their multipliers are more than there are motions.
 PROXIMAL = 1e-10
 
-#: Penalty of linear solvers over γ.
-STIFFER = 3.3
-
 #: Closed part of what a node covers from which on points beside it begin closed.
 MOST = 0.5
 
@@ -55,11 +52,6 @@ class CondensedRows:
     def has_multipliers(self) -> bool:
         """Whether there are any, on any rank."""
         return False
-
-    @property
-    def usual(self) -> float:
-        """Penalty that makes forces of R_λ for linear solvers (stress per length)."""
-        return self.gamma
 
     @property
     def num_multipliers(self) -> int:
@@ -196,11 +188,6 @@ class PointConstraints(CondensedRows):
     def has_multipliers(self) -> bool:
         """Whether there are any, on any rank."""
         return self._has
-
-    @property
-    def usual(self) -> float:
-        """Of a stiffness that solvers with factors of the bodies see well, beside γ itself."""
-        return STIFFER * self.gamma
 
     @property
     def num_multipliers(self) -> int:

@@ -192,8 +192,8 @@ class _NodalBlocks:
 class _CondensedBlocks:
     """Of rows of λ whose gaps make forces themselves.
 
-    With multipliers of points C_γ is lumped, with the compliance of the usual penalty γ_u where
-    points are closed, so that S has γ + γ_u there.
+    With multipliers of points C_γ is lumped, with the compliance 1/γ where points are closed, so
+    that S has 2 γ there.
     """
 
     def __init__(self, rows: CondensedRows, at: Normal) -> None:
@@ -204,17 +204,15 @@ class _CondensedBlocks:
         self._limiting: Array = np.where(at.pressure[:, 0] > 0, self._closed, 0.0)
         #: Whether C_γ is C.
         self.is_condensed = not rows.has_multipliers
-        #: γ_u/γ.
-        self._usual = rows.usual / rows.gamma if rows.has_multipliers else 0.0
-        #: a, and what C has of it at closed points.
+        #: a, and what C_γ has at closed points.
         self._part = rows.part
-        compliant = 1 + self._part * (1 - self._part) * self._usual
+        compliant = 1 + self._part * (1 - self._part)
         closed, self._soft = rows.gathered(self._closed)[:, :1], PROXIMAL * areas
-        self._regular: Array = compliant * closed
-        self._regular += self._part * self._usual * np.maximum(areas - closed, 0.0)
-        self._of_multipliers = self._usual * self._part**2 / compliant
+        self._regular: Array = compliant * closed + self._part * np.maximum(areas - closed, 0.0)
+        #: What C_γ adds to S, over what gaps have themselves.
+        self._more = self._part**2 / compliant if rows.has_multipliers else 0.0
         #: What the rows are multiplied with.
-        self.scale = rows.usual * np.ones(rows.num_multipliers)
+        self.scale = rows.gamma * np.ones(rows.num_multipliers)
         #: What changes from iteration to iteration.
         self.changing: list[Array] = [self._own]
 
@@ -228,13 +226,13 @@ class _CondensedBlocks:
 
     def by_gap(self, gap: Array) -> Array:
         """Rows by gaps. Collective."""
-        return self._rows.gathered(self._closed * self._part * self._rows.usual * gap[:, 0])
+        return self._rows.gathered(self._closed * self._part * self._rows.gamma * gap[:, 0])
 
     def by_multiplier(self, multiplier: Array) -> Array:
         """Rows by multipliers. Collective."""
         seen = self._rows.at_points(multiplier)[:, 0]
         change = self._rows.gathered(self._part * (self._part * self._closed - 1.0) * seen)
-        return np.asarray(self._usual * (change - self._soft * multiplier))
+        return np.asarray(change - self._soft * multiplier)
 
     def solve(self, r: Array) -> Array:
         """C_γ⁻¹ r."""
@@ -261,7 +259,7 @@ class _CondensedBlocks:
 
     def stiffness(self) -> Array:
         """Of S, (rows, width)."""
-        return np.asarray((1 + self._of_multipliers) * self._own)
+        return np.asarray((1 + self._more) * self._own)
 
 
 class _SlipBlocks:
