@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import typing
+import weakref
 
 from mpi4py import MPI
 
@@ -13,7 +14,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.vertices import FLAT, NOTHING, ROUNDING, Faceted, as_facets
 from qsdolfinx.surface.affine import EDGES
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -67,11 +68,32 @@ class Edges(typing.NamedTuple):
         return cls(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
+#: Edges of tools where these were made: they only move.
+_OF_TOOLS: weakref.WeakKeyDictionary[RigidSurface, Edges] = weakref.WeakKeyDictionary()
+
+
 def edges_of(surface: AnySurface) -> Edges:
     """All edges, each on one rank. Collective.
 
     Where a surface ends there is one facet, which counts as both.
     """
+    tool = as_tool(surface)
+    if tool is None:
+        return _found(surface)
+    R, t = tool.position[:, :-1], tool.position[:, -1]
+    if tool not in _OF_TOOLS:
+        _OF_TOOLS[tool] = _turned(_found(tool), R.T, -t @ R)
+    return _turned(_OF_TOOLS[tool], R, t)
+
+
+def _turned(edges: Edges, R: Array, t: Array) -> Edges:
+    """Where x ↦ R x + t takes them."""
+    x, normal, inward = edges.x @ R.T + t, edges.normal @ R.T, edges.inward @ R.T
+    return edges._replace(x=x, normal=normal, inward=inward)
+
+
+def _found(surface: AnySurface) -> Edges:
+    """Edges where the surface is now; see :func:`edges_of`."""
     half = _of_facets(as_facets(surface))
     comm, first = surface.comm, half.owner[:, 0]
     sent = [half.some(first == rank) for rank in range(comm.size)]

@@ -150,6 +150,29 @@ def test_turned_edge():
         assert block.problem.num_iterations <= 8
 
 
+def test_moved_tool():
+    """One that has come here and turned on its way is one that was made here."""
+    forces = []
+    for moves in (False, True):
+        at, yaw = ([0.1, 0.03, 0.0], 37.0) if not moves else ([-0.2, 0.1, 0.3], 10.0)
+        block = Block("hexahedron", made("roof", at, 1.5, yaw), search_radius=SIZE)
+        if moves:
+            tool = block.tool
+            for part in (0.4, 0.6):
+                turn = np.radians(27.0 * part)
+                tool.rotation = [0.0, 0.0, turn]
+                tool.displacement = np.zeros(3)
+                tool.advance()
+            x = tool.position[:, :3] @ np.array(at) + tool.position[:, 3]
+            tool.displacement = np.array([0.1, 0.03, 0.0]) - x
+            tool.advance()
+            block.contact.update()
+        forces.append(block.press(0.1 * SIZE))
+        sizes = [gap.points.size for gap in block.contact.model.of_vertices]
+        forces[-1] = np.append(forces[-1], WORLD.allreduce(np.array(sizes)))
+    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-6, atol=1e-8)
+
+
 @pytest.mark.parametrize("law", (qs.Coulomb(0.3), qs.Sticking()))
 @pytest.mark.parametrize("case", ("between nodes", "on a square", "across lines"))
 def test_friction(case, law):
