@@ -298,23 +298,45 @@ PairingPoints qsdolfinx::pair_vertices(const Surface& slave, const Surface& mast
   if (which.size() != nodes.size())
     throw std::invalid_argument("pair_vertices: one flag for each owned node");
   PairingPoints points(slave, &master);
+  const Sides sides = slave.has_creases() ? slave.sides() : Sides{};
   std::vector<std::size_t> at;
-  Nodes places; // of these nodes
-  for (std::size_t k = 0; k < which.size(); ++k)
-    if (which[k])
-    {
-      at.push_back(k);
-      append_record(places.x, nodes.x, k, 3);
-      append_record(places.normal, nodes.normal, k, 3);
-      places.area.push_back(nodes.area[k]);
-      places.facet_size.push_back(nodes.facet_size[k]);
-    }
+  Nodes places; // of these nodes, with the normals of each of their sides
+  const auto append = [&](std::size_t k, const std::vector<double>& normals, std::size_t entry)
+  {
+    at.push_back(k);
+    append_record(places.x, nodes.x, k, 3);
+    append_record(places.normal, normals, entry, 3);
+    places.area.push_back(nodes.area[k]);
+    places.facet_size.push_back(nodes.facet_size[k]);
+  };
+  for (std::size_t k = 0, entry = 0; k < which.size(); ++k)
+  {
+    while (entry < sides.node.size() && sides.node[entry] < k)
+      ++entry;
+    if (!which[k])
+      continue;
+    append(k, nodes.normal, k);
+    for (; entry < sides.node.size() && sides.node[entry] == k; ++entry)
+      append(k, sides.at.normal, entry);
+  }
   const ClosestFacets found
       = closest_facets({places.x, places.normal, places.facet_size}, slave, master, radius);
+  const auto distance = [&](std::size_t i)
+  {
+    const auto k = static_cast<int>(i);
+    return norm(facet_vertex(places.x, k) - facet_vertex(found.x, k));
+  };
   NodalPoints out(points, slave, true, 1.0, Normals::facet);
-  for (std::size_t i = 0; i < at.size(); ++i)
-    if (found.found[i])
-      out.append(at[i], places, places.normal, found, i, 0);
+  for (std::size_t i = 0; i < at.size();)
+  {
+    std::size_t best = at.size(), end = i;
+    for (; end < at.size() && at[end] == at[i]; ++end)
+      if (found.found[end] && (best == at.size() || distance(end) < distance(best)))
+        best = end;
+    if (best < at.size())
+      out.append(at[i], places, places.normal, found, best, 0);
+    i = end;
+  }
   append_own_multipliers(points);
   return points;
 }

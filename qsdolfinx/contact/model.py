@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.timing import Stopwatch
-from qsdolfinx.contact.penalty import SLIP_FACTOR, Penalty
+from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
@@ -42,6 +42,9 @@ TOUCHING = 1e-12
 #: Penalty over γ of points up to which it needs no multipliers: Newton's method takes some more
 #: iterations, and where facets are coarse beside a tool less energy is lost within them.
 SOFT = 5.0
+
+#: Part of multipliers that points see, below which they see none.
+LEAST_PART = 1e-3
 
 #: Largest facets that bodies may be within each other where contact follows them.
 FOLLOWING_REACH = 4.0
@@ -545,13 +548,15 @@ class ContactModel:
         """ε, or γ of multipliers at points, as a number (stress per length).
 
         γ is the automatic penalty, whatever is given: what multipliers cannot follow of the gaps
-        within a facet resists with it.
+        within a facet resists with it. With a penalty it is the largest one that has none.
 
         Raises:
             RuntimeError: If an automatic penalty has not been computed yet.
         """
         given, usual = self.penalty.eps, self.penalty.of_points
-        return usual if self.has_multipliers_at_points and usual is not None else given
+        if not self.has_multipliers_at_points or usual is None:
+            return given
+        return usual if self.augmented else SOFT * usual
 
     @property
     def has_multipliers_at_points(self) -> bool:
@@ -559,7 +564,9 @@ class ContactModel:
         if self.settings.constraints != "points" or self.augmented:
             return self.settings.constraints == "points"
         usual, given = self.penalty.of_points, self.penalty.eps
-        return type(self.law) is Unilateral and usual is not None and given > SOFT * usual
+        if usual is None or type(self.law) is not Unilateral:
+            return False
+        return given * (1 - LEAST_PART) > SOFT * usual
 
     @property
     def part_of_multipliers(self) -> float:
@@ -587,9 +594,8 @@ class ContactModel:
         slip changes in each iteration, decides nothing but how points differ from their nodes. The
         second number is 0 of an augmented Lagrangian.
         """
-        eps = self.tangential_eps
-        ratio = self.penalty.ratio * eps / self.penalty.eps
-        gamma = eps * min(1.0, SLIP_FACTOR / ratio) if ratio > 0 else eps
+        eps, usual = self.tangential_eps, self.penalty.of_slips
+        gamma = eps if usual is None else min(eps, usual)
         return gamma, 0.0 if self.augmented else gamma / eps
 
     @property

@@ -28,8 +28,9 @@ AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
 #: finer master's traction; with a softer one pressures at the edge of contact are less accurate.
 POINTS_FACTOR = 4.0
 
-#: That of slips at points: a stiffer one changes their sense in each iteration.
-SLIP_FACTOR = 1.5
+#: That of slips at points, in units of the softer side's stiffness: a stiffer one changes their
+#: sense in each iteration.
+SLIPS_FACTOR = 1.5
 
 #: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
 #: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,
@@ -177,6 +178,8 @@ class Penalty:
         self.stiffness: tuple[float, ...] = ()
         #: γ of multipliers at points (stress per length), from these; None if they give none.
         self.of_points: float | None = None
+        #: That of slips there.
+        self.of_slips: float | None = None
 
     @property
     def eps(self) -> float:
@@ -220,6 +223,8 @@ class Penalty:
         if self._at_points and (self.of_points is None or follows):
             usual = _usual(stiffness, modulus, together, True)
             self.of_points = usual if 0 < usual < math.inf else None
+            softest = SLIPS_FACTOR * min(stiffness, default=0.0)
+            self.of_slips = softest if 0 < softest < math.inf else None
         if self.automatic and (self.value is None or follows):
             kind = self._quadrature, self._augmented, together, self._at_points
             known = automatic_penalty(stiffness, modulus, *kind)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import typing
-
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.friction.of_points import OfPoints, SavedNormals
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.rows import PointRows
 
@@ -14,32 +13,16 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 
-class OfPoints(typing.NamedTuple):
-    """What points of a slip have beyond the multipliers of nodes.
+def of_points(slip: Slip, keys: Indices, place: Array) -> OfPoints:
+    """What points of a slip have.
 
-    Attributes:
-        keys: What tells apart between which facets they are, (points, n).
-        place: Where on the slave's facet: functions of its vertices, (points, vertices).
-        rest: τ beyond the nodes' when the step began (stress), (points, gdim).
-        normal: Normals, (points, gdim).
+    Args:
+        slip: The slip, with rows at points.
+        keys: As of the class, for example :func:`facets`.
+        place: As of the class.
     """
-
-    keys: Indices
-    place: Array
-    rest: Array
-    normal: Array
-
-    @classmethod
-    def of(cls, slip: Slip, keys: Indices, place: Array) -> OfPoints:
-        """Those of a slip.
-
-        Args:
-            slip: The slip, with rows at points.
-            keys: As of the class, for example :func:`facets`.
-            place: As of the class.
-        """
-        rest = slip.state.rest + np.zeros_like(slip.state.jump)
-        return cls(keys, place, rest, slip.gap.operator.slave_sum)
+    rest = slip.state.rest + np.zeros_like(slip.state.jump)
+    return OfPoints(keys, place, rest, slip.gap.operator.slave_sum)
 
 
 def carry(old: Slip, new: Slip) -> None:
@@ -51,8 +34,12 @@ def carry(old: Slip, new: Slip) -> None:
     """
     if not new.gap.rows.are_points:
         return
-    of_points = OfPoints.of(old, facets(old), old.gap.points.multiplier_values)
-    take(new, normals_of_nodes(old), of_points, facets(new), new.gap.points.multiplier_values)
+    points, normals = of_points(old, facets(old), old.gap.points.multiplier_values), None
+    if old.state.saved is not None:
+        normals = old.state.saved.of_nodes
+        points = points._replace(normal=old.state.saved.of_points)
+    normals = normals_of_nodes(old) if normals is None else normals
+    take(new, normals, points, facets(new), new.gap.points.multiplier_values)
 
 
 def take(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array) -> None:
@@ -76,6 +63,19 @@ def take(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array)
     now = slip.gap.operator.slave_sum[found]
     rest[found] = _turned(old.rest[at[found]], old.normal[at[found]], now, gdim)
     state.rest = slip.tangential(rest)
+
+
+def take_saved(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array) -> None:
+    """The same from a checkpoint, without any turning, see ``SavedNormals``.
+
+    Arguments are those of :func:`take`.
+    """
+    at = _closest(old.keys, old.place, keys, place)
+    found, rest = at >= 0, np.zeros_like(slip.state.jump)
+    of_points = np.array(slip.gap.operator.slave_sum)
+    rest[found], of_points[found] = old.rest[at[found]], old.normal[at[found]]
+    slip.state.rest = rest
+    slip.state.saved = SavedNormals(normals, of_points)
 
 
 def facets(slip: Slip) -> Indices:

@@ -89,7 +89,7 @@ class Friction(abc.ABC):
     A law with a limit that does not vanish with the pressure lets τ jump to zero when a node opens.
     Where such a node can be neither open nor closed with the whole of τ, it is closed without any
     pressure and with a part of τ, see ``fill``. With ``constraints="points"`` the law is asked at
-    each pairing point, see ``PointFriction``, and |τ| is at most 10 times the pressure
+    each pairing point, see ``PointFriction``, and |τ| is at most 3 times the pressure
     there.
 
     The virtual work of contact is Σ S_k (λ_k δḡ_k + τ_k · δg_k), g_k being the tangential part of
@@ -250,7 +250,7 @@ class CoulombTresca(Limited):
 
 
 class Sticking(Limited):
-    """No slip at nodes in contact; at points none up to a friction of 10 pressures."""
+    """No slip at nodes in contact; at points none up to a friction of 3 pressures."""
 
     is_bounded = False
 

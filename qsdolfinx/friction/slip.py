@@ -18,6 +18,7 @@ from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
+from qsdolfinx.friction.of_points import SavedNormals
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
@@ -75,6 +76,7 @@ class SlipState:
             nodes (stress), (rows, gdim): 0 in the mean.
         reached: With rows at points and a penalty, τ of the nodes at the last solution, as
             ``augmented``, which it becomes at the step's end; None before the first.
+        saved: Normals of the pairing that a checkpoint was written with; None otherwise.
         until_closed: What the jump changed from there until the row closed in this step; 0 for
             rows that were closed at its start, and as long as nobody knows. Same shape.
         share: Part of the step for which the row has been closed since, shape (rows,).
@@ -130,6 +132,7 @@ class SlipState:
     now: Place | None = None
     rest: Array | float = 0.0
     reached: Array | None = None
+    saved: SavedNormals | None = None
 
     @classmethod
     def at_rest(cls, rows: int, gdim: int, covered: Array, augmented: Array) -> SlipState:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import typing
+import weakref
 
 from mpi4py import MPI
 
@@ -56,7 +57,7 @@ class Overclosure:
         #: Whether nodes of this rank are about as deep, and nothing tells what they are allowed.
         self.has_strangers = False
         self._at_first: list[Array] = []  # by pass; NaN where a node had no partner
-        self._first: tuple[WeightedGap, ...] = ()  # the passes then
+        self._first: list[weakref.ref[WeightedGap]] = []  # the passes then
         self._at_nodes: list[Array] = []  # with what others are allowed
         self._zones: list[tuple[Array, Array]] = []
 
@@ -91,7 +92,7 @@ class Overclosure:
                 '"resolve", which presses the bodies apart, or "ignore"'
             )
         self._at_first = self._at_nodes = [_depths(p) for p in passes]
-        self._first = tuple(passes)
+        self._first = [weakref.ref(p) for p in passes]
         known = np.concatenate([depth.ravel() for depth in self._at_first])
         known = known[~np.isnan(known)]
         bounds = np.array([np.min(known, initial=np.inf), -np.max(known, initial=-np.inf)])
@@ -134,7 +135,7 @@ class Overclosure:
             if p.law.jump:  # a tie keeps any gap
                 continue
             if isinstance(p.rows, PointRows):
-                is_first = any(p is first for first in self._first)
+                is_first = any(p is first() for first in self._first)
                 known = p.rows.from_sides(np.nan_to_num(depth))
                 p.allow(self.part * (_depths_of_points(p) if is_first else known))
                 continue

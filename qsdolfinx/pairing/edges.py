@@ -23,10 +23,11 @@ Indices = npt.NDArray[np.int64]
 #: Cosine of the angle (30°) by which facets turn at a crease.
 CREASE = float(np.cos(np.pi / 6))
 
-#: Sine of the least angle (5°) between creases that cross, and of a crease and a mesh line.
-ACROSS, ALONG = float(np.sin(np.pi / 36)), 0.01
+#: Sine of the least angle (0.5°) between creases that cross, and of a crease and a mesh line.
+ACROSS, ALONG = float(np.sin(np.pi / 360)), 0.01
 
-#: Part of an edge within which a crossing is at its end, or the same as another one.
+#: Part of the shorter edge within which a crossing is at the end of the crease, or the same as
+#: another one.
 AT_END = 0.01
 
 #: Pairs of edges that are looked at at a time.
@@ -57,6 +58,11 @@ class Edges(typing.NamedTuple):
     def are_sharp(self) -> Flags:
         """Creases, (edges,)."""
         return np.asarray(np.sum(self.normal[:, 0] * self.normal[:, 1], axis=1) < CREASE)
+
+    @property
+    def length(self) -> Array:
+        """Length of each, (edges,)."""
+        return np.asarray(np.linalg.norm(self.x[:, 1] - self.x[:, 0], axis=1))
 
     def some(self, which: typing.Any) -> Edges:
         """Those of an index."""
@@ -195,7 +201,7 @@ def pair_edges(
 
     Either where creases of both cross, along the normal of both; or where a crease crosses a mesh
     line of the other's smooth sides, seen along its normal. A point counts if all facets beside it
-    lead away from the other body, and none is parallel to it up to 5°: their own points are as
+    lead away from the other body, and none is parallel to it up to 0.5°: their own points are as
     close as it is.
 
     Multipliers are linear along the slave's crease. At a mesh line of the slave, as under the
@@ -260,7 +266,9 @@ def _crossings(creases: Edges, edges: Edges, reach: float) -> Crossings:
     found = Crossings(*(np.concatenate(values) for values in zip(*parts, strict=True)))
     order = np.lexsort((found.places[:, 0], found.crease))
     found = found.some(order)
-    same = np.diff(found.places[:, 0], prepend=-1.0) < AT_END
+    ends = creases.some(found.crease), edges.some(found.edge)
+    near = AT_END * np.minimum(1.0, ends[1].length / np.maximum(ends[0].length, 1e-300))
+    same = np.diff(found.places[:, 0], prepend=-1.0) < near
     same &= np.diff(found.crease, prepend=-1) == 0
     return found.some(~same)
 
@@ -303,8 +311,9 @@ def _crossing(creases: Edges, edges: Edges, i: Indices, j: Indices, reach: float
     normal *= np.where(sharp, np.sign(outward), 1.0)[:, None]
     places, is_across = _closest(here, there, along, across, normal)
     s, t = places.T
-    end = np.where(sharp, -ROUNDING, AT_END)
-    keep &= is_across & (s >= end) & (s < np.where(sharp, 1 - ROUNDING, 1 - AT_END))
+    near = AT_END * np.minimum(1.0, there.length / np.maximum(here.length, 1e-300))
+    end = np.where(sharp, -ROUNDING, near)
+    keep &= is_across & (s >= end) & (s < np.where(sharp, 1 - ROUNDING, 1 - near))
     keep &= (t >= -ROUNDING) & (t < np.where(sharp, 1 - ROUNDING, 1 + ROUNDING))
     gap = np.sum((_between(there, t) - _between(here, s)) * normal, axis=1)
     keep &= np.abs(gap) <= reach

@@ -33,9 +33,9 @@ Faceted = Surface | FacetSurface
 #: Sum of the normals of a node's facets over their number, of facets that turn by 30° there.
 SMOOTH = float(np.cos(np.pi / 12))
 
-#: Cosine of the angle (5°) up to which a facet is parallel to what is opposite: its own points
+#: Cosine of the angle (0.5°) up to which a facet is parallel to what is opposite: its own points
 #: see what comes.
-FLAT = float(np.cos(np.pi / 36))
+FLAT = float(np.cos(np.pi / 360))
 
 #: Part of a facet's size by which it may lead towards what is opposite: rounding.
 ROUNDING = 1e-9
@@ -81,7 +81,7 @@ def pair_vertices(role: VerticesRole, radius: _cpp.SearchRadius) -> _cpp.Pairing
 
     A vertex faces the closest place on the other surface, along the normal there. It counts if the
     middles of all facets beside it are further away, and none is parallel to the other surface up
-    to 5°: their own points are as close as it is, and what it adds would be redundant.
+    to 0.5°: their own points are as close as it is, and what it adds would be redundant.
 
     A tool has no multipliers: a point at its vertex has that of the slave's vertex next to it.
 

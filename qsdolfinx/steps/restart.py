@@ -62,7 +62,8 @@ def save_run(
     state["positions"] = [tool.position.tolist() for tool in stepper.tools]
     state["tool_rates"] = [[x.tolist() for x in rate] for rate in stepper.tool_rates]
     state["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
-    state["of_points"] = [c.model.penalty.of_points for c in stepper.problem.contacts]
+    penalties = [contact.model.penalty for contact in stepper.problem.contacts]
+    state["of_points"] = [(p.of_points, p.of_slips) for p in penalties]
     state["automatic"] = [contact.has_automatic_penalty for contact in stepper.problem.contacts]
     state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
     state["slip_rates"] = [_slip_rate(contact) for contact in stepper.problem.contacts]
@@ -161,7 +162,8 @@ def load_run(
             contact.model.penalty.set_automatic(penalty, "automatic, before the restart")
         elif penalty is not None:
             contact.set_penalty(penalty)
-        contact.model.penalty.of_points = values["of_points"][i]
+        penalty_of = contact.model.penalty
+        penalty_of.of_points, penalty_of.of_slips = values["of_points"][i]
         arrays = []
         for j, part in enumerate(contact.model.parts):
             names = _names(i, j, num_columns(part), part.slave.gdim)

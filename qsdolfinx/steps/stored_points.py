@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.friction import carried
+from qsdolfinx.friction.of_points import OfPoints
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.steps.checkpoint import Checkpoint, vertex_unknowns
 from qsdolfinx.surface.surface import Surface
@@ -20,7 +21,7 @@ Indices = npt.NDArray[np.int64]
 def stored_points(slip: Slip) -> tuple[Indices, Array]:
     """Keys of the points of a slip, and their places, rest and normals. Collective."""
     keys, place = _known_by(slip)
-    of_points = carried.OfPoints.of(slip, keys, place)
+    of_points = carried.of_points(slip, keys, place)
     return keys, np.column_stack([place, of_points.rest, of_points.normal])
 
 
@@ -39,8 +40,8 @@ def load_points(slip: Slip, normals: Array, checkpoint: Checkpoint, name: str) -
         return
     known, values = found
     ends = np.cumsum([place.shape[1], slip.gap.slave.gdim])
-    old = carried.OfPoints(known, *np.split(values, ends, axis=1))
-    carried.take(slip, normals, old, keys, place)
+    old = OfPoints(known, *np.split(values, ends, axis=1))
+    carried.take_saved(slip, normals, old, keys, place)
 
 
 def _known_by(slip: Slip) -> tuple[Indices, Array]:

@@ -146,7 +146,7 @@ def test_friction(friction):
     assert "friction" not in before[-1]
     taken = [row["friction"] for row in rows]
     if friction == "sticking":
-        assert abs(taken[1]) < 1e-4 * rows[1]["work"]  # it is ten pressures at most
+        assert abs(taken[1]) < 1e-4 * rows[1]["work"]  # it is three pressures at most
     else:
         assert 0.01 * rows[1]["work"] < taken[0] + taken[1] and taken[0] < taken[1]
 
@@ -194,10 +194,10 @@ def test_restart(tmp_path, monkeypatch, friction):
     for row, other in zip(rows, expected, strict=True):
         for key, value in other.items():
             if "force" not in key or key.endswith("z"):  # the others are differences of large ones
-                # Vectors at points turn twice, which is not quite to turn once.
-                assert np.isclose(row[key], value, rtol=1e-6, atol=1e-12), key
-    assert np.isclose(resumed["forming_force"], whole["forming_force"], rtol=1e-8)
-    np.testing.assert_allclose(states[0], states[1], rtol=1e-5)
+                rtol = 1e-7 if key.startswith("penetration") else 1e-9  # of one point
+                assert np.isclose(row[key], value, rtol=rtol, atol=1e-12), key
+    assert np.isclose(resumed["forming_force"], whole["forming_force"], rtol=1e-9)
+    np.testing.assert_allclose(states[0], states[1], rtol=1e-9)
     assert ("friction" in rows[0]) == (friction != "none")
     names = {path.name for path in (root / "stopped").iterdir()}
     assert {"workpiece.xdmf", "workpiece_from_1.xdmf", "upper_die_from_1.xdmf"} <= names

@@ -196,4 +196,4 @@ def test_goes_on_as_if_uninterrupted(folder, name, at, options):
         for numbers in expected:
             run.stepper.step()
             scale = np.abs(numbers).max()
-            np.testing.assert_allclose(results(run), numbers, rtol=1e-6, atol=3e-7 * scale)
+            np.testing.assert_allclose(results(run), numbers, rtol=1e-6, atol=1e-8 * scale)

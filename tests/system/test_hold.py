@@ -68,7 +68,7 @@ def test_uniform(cell):
     """Uniaxial stress; 1/ε of both contacts is in series with the block."""
     case = Pressed(cell, enforcement="penalty")
     case.problem.solve()
-    assert case.problem.num_iterations <= 4
+    assert case.problem.num_iterations <= 6
     modulus = E / (1 - NU**2) if case.gdim == 2 else E
     stress = DEPTH / (1 / modulus + 2 / 1e4)
     expected = np.zeros((2, case.gdim))
