@@ -20,6 +20,7 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
 from qsdolfinx.pairing.vertices import sharp_nodes
 from qsdolfinx.surface.deformed import DegenerateFacetsError
+from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -67,16 +68,19 @@ def check_between_nodes(model: ContactModel) -> None:
     depth, size_there, x = max(all_found)
     why = "an edge or tip sharper than the facets goes in between nodes, perhaps without a force"
     remedy = 'constraints="points", or finer facets'
+    mean = "weighted gap of a node"
     if settings.constraints == "points":
+        mean = "mean gap of a node's points"
         why = "facets are too coarse for what they meet there, or bodies went into each other"
         remedy = "finer facets, or smaller steps"
     elif model.follows:
-        remedy = "finer facets, or swap slave and master"
+        is_tool = as_tool(model.master) is not None
+        remedy = "finer facets" if is_tool else "finer facets, or swap slave and master"
     place = ", ".join(f"{c:.4g}" for c in x)
     warn(
         f"constraints: a point near ({place}) is {depth:.3g} deep in the other surface, "
-        f"{depth / size_there:.2g} of the slave's facet there, and no weighted gap of a node is "
-        f"more than {weighted:.2g}: {why}; take {remedy}",
+        f"{depth / size_there:.2g} of the slave's facet there, and no {mean} is more than "
+        f"{weighted:.2g}: {why}; take {remedy}",
         ContactWarning,
     )
     model.depth_warned = True

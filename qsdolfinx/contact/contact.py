@@ -637,8 +637,9 @@ class Contact:
     def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
         """Nodes of this rank that are in contact, or have a point that is, shape (nodes,).
 
-        Vertices at creases are if their own constraint is closed; what those of the other side
-        press on is not.
+        Nodes of the slave are whose multiplier vertices and edges at creases have, those of tools
+        included, while they bear; what those of a deformable master press on is not. Areas of
+        contact, as :meth:`shares` and :meth:`patch` have them, know nothing of such points.
         Among them are nodes that are open between closed ones by less than 1e-3 of a facet, as
         beside edges where the pressure is singular; their multiplier is 0. So are grooves and
         dimples one or two nodes wide that are as flat: ``multiplier() > 0`` leaves them out.

@@ -39,10 +39,6 @@ T = typing.TypeVar("T")
 #: Gaps smaller than this part of the smallest facet count as closed.
 TOUCHING = 1e-12
 
-#: Penalty over γ of points up to which it needs no multipliers: Newton's method takes some more
-#: iterations, and where facets are coarse beside a tool less energy is lost within them.
-SOFT = 5.0
-
 #: Part of multipliers that points see, below which they see none.
 LEAST_PART = 1e-3
 
@@ -548,15 +544,13 @@ class ContactModel:
         """ε, or γ of multipliers at points, as a number (stress per length).
 
         γ is the automatic penalty, whatever is given: what multipliers cannot follow of the gaps
-        within a facet resists with it. With a penalty it is the largest one that has none.
+        within a facet resists with it. A softer penalty than that has no multipliers there.
 
         Raises:
             RuntimeError: If an automatic penalty has not been computed yet.
         """
         given, usual = self.penalty.eps, self.penalty.of_points
-        if not self.has_multipliers_at_points or usual is None:
-            return given
-        return usual if self.augmented else SOFT * usual
+        return usual if self.has_multipliers_at_points and usual is not None else given
 
     @property
     def has_multipliers_at_points(self) -> bool:
@@ -566,7 +560,7 @@ class ContactModel:
         usual, given = self.penalty.of_points, self.penalty.eps
         if usual is None or type(self.law) is not Unilateral:
             return False
-        return given * (1 - LEAST_PART) > SOFT * usual
+        return given * (1 - LEAST_PART) > usual
 
     @property
     def part_of_multipliers(self) -> float:

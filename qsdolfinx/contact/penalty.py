@@ -78,7 +78,8 @@ def automatic_penalty(
 
     A multiple of the softer side's stiffness. With an augmented Lagrangian of the softer side's
     modulus over the finer side's facet size: the finer side has the modes that converge last. With
-    constraints at points over that of the slave.
+    constraints at points over that of the slave; with a penalty there over the coarser side's, so
+    that it is as soft as its multipliers would be, whichever is the slave.
 
     Args:
         stiffness: Mean of K_kk / S_k of each side, stress per length.
@@ -99,6 +100,9 @@ def automatic_penalty(
             )
     if augmented:
         penalty = _usual(stiffness, modulus, together, at_points)
+    elif at_points:
+        sizes = _sizes(stiffness, modulus)
+        penalty = POINTS_FACTOR * min(modulus) / sizes[_coarser(sizes)]
     else:
         penalty = FACTORS[quadrature] * min(stiffness)
     if not (math.isfinite(penalty) and penalty > 0):
@@ -131,9 +135,10 @@ def source(
 ) -> str:
     """What :func:`automatic_penalty` has done, in words; arguments as there."""
     sides = ("slave", "master")
-    if augmented:
+    if augmented or at_points:
         sizes, factor = _sizes(stiffness, modulus), _factor(together, at_points)
         i = 0 if at_points and sizes[0] < math.inf else int(np.argmin(sizes))
+        i = i if augmented else _coarser(sizes)
         return (
             f"automatic: {factor:g} x modulus {min(modulus):.4g} of the "
             f"{sides[np.argmin(modulus)]} / facet size {sizes[i]:.4g} of the {sides[i]}"
@@ -146,6 +151,11 @@ def _sizes(stiffness: typing.Sequence[float], modulus: typing.Sequence[float]) -
     """Facet size of each side, infinite where nothing is free."""
     pairs = zip(stiffness, modulus, strict=True)
     return [E / k if 0 < k < math.inf else math.inf for k, E in pairs]
+
+
+def _coarser(sizes: list[float]) -> int:
+    """Side of the larger facets, of those where something is free."""
+    return int(np.argmax([size if size < math.inf else -math.inf for size in sizes]))
 
 
 def _factor(together: bool, at_points: bool) -> float:

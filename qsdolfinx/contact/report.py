@@ -354,7 +354,8 @@ def _advice(model: ContactModel, depth: float | None) -> str:
         cure += ', or constraints="points"'
         if settings.sampling.quadrature != "overlay":
             cure += ' with quadrature="overlay"'
-    return f"weighted gaps are closed and points are not: {cure}"
+    what = "mean gaps" if settings.constraints == "points" else "weighted gaps"
+    return f"{what} are closed and points are not: {cure}"
 
 
 def _unloaded(model: ContactModel) -> int:

@@ -45,7 +45,8 @@ class Surface:
     Contact nodes are the vertices of the facets. Every facet belongs to the rank that owns its
     cell, every node to the rank that owns its unknowns; a rank may own neither. On a mesh of degree
     2 areas and normals at nodes are those of the flat facets through the vertices; contact knows
-    how far the curved ones are from them.
+    how far the curved ones are from them. Coordinates are read when the surface is made, and by
+    ``surface.update()`` and ``contact.update()`` if the mesh has moved since.
 
     Args:
         V: Blocked vector space of the body's displacement or velocity, one component per space

@@ -150,6 +150,54 @@ def test_turned_edge():
         assert block.problem.num_iterations <= 8
 
 
+@pytest.mark.parametrize("reach", (1.0, 40.0))
+def test_long_edge(reach):
+    """Of hundreds of facets' length, most of it beside the block: that changes nothing."""
+    x, facets = roof([0.25, 0.0, 0.0], 1.5, 0.0)
+    x[:, 1] *= reach
+    block = Block("hexahedron", facing(x, facets, up=False))
+    C = block.compliance(np.array([[0.25, y] for y in ON_LINES]))
+    depth = 0.05 * SIZE
+    expected = np.linalg.solve(C, np.full(3, depth)).sum()
+    np.testing.assert_allclose(block.press(depth)[2], -expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("slope", (0.03, 0.08, 0.3))
+@pytest.mark.parametrize("kind", ("edge", "tip"))
+def test_faces_that_hardly_lean(kind, slope):
+    """The sharp end of a face that leans by 2° and more bears before the face does."""
+    at, cell = ([0.1, 0.0], "triangle") if kind == "edge" else ([0.1, 0.06, 0.0], "hexahedron")
+    steep = 2.0
+    if kind == "edge":
+        x = np.array([[1.2, 1.2 * steep], [0.0, 0.0], [-1.2, 1.2 * slope]]) + at
+        tool = qs.RigidSurface.triangulated(WORLD, x, [[1, 0], [2, 1]])
+    else:  # two faces that lean a little, and two large ones that are steep
+        low = [[-1.0, -0.6, slope], [0.0, -1.0, slope], [1.0, -0.6, slope]]
+        x = np.array([[0.0, 0.0, 0.0], *low, [0.0, 0.1, 1.0]]) + at
+        tool = facing(x, [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]], up=False)
+    block = Block(cell, tool)
+    depth = 2e-3 * SIZE * slope
+    C = block.compliance(np.array([at]))
+    np.testing.assert_allclose(block.press(depth)[-1], -depth / C[0, 0], rtol=1e-8)
+
+
+def test_penalties_on_coarse_facets():
+    """Forces grow with the penalty, without a jump where it begins to have multipliers."""
+    forces, has_multipliers = [], []
+    block = Block("triangle", made("edge", [0.1, 0.0], slope=0.05), enforcement="penalty")
+    block.problem.set_up()
+    model = block.contact.model
+    switch = model.penalty.of_points
+    for factor in (0.1, 0.5, 0.99, 1.01, 2.0, 10.0, 1e3, 1e6):
+        block = Block("triangle", made("edge", [0.1, 0.0], slope=0.05), enforcement="penalty")
+        block.contact.set_penalty(factor * switch)
+        forces.append(-block.press(0.05 * SIZE)[-1])
+        has_multipliers.append(block.contact.model.has_multipliers_at_points)
+    assert has_multipliers == [False] * 3 + [True] * 5
+    assert np.all(np.diff(forces) > -1e-9 * forces[-1])
+    np.testing.assert_allclose(forces[3], forces[2], rtol=5e-3)
+
+
 def test_moved_tool():
     """One that has come here and turned on its way is one that was made here."""
     forces = []

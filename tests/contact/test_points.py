@@ -66,7 +66,7 @@ def tractions(pair, master, slave, options):
     """Of a contact of the lower and the upper block, in any roles: on the lower, the upper one."""
     for u in pair.u:
         u.x.array[:] = 0
-    contact = qs.Contact(slave, master, penalty=30.0, **options)
+    contact = qs.Contact(slave, master, penalty=2.0, **options)
     problem = qs.ContactProblem(pair.F, pair.u, [contact], pair.bcs)
     problem.solve()
     of = {slave: contact.traction("slave"), master: contact.traction("master")}
