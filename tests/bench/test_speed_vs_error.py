@@ -32,7 +32,7 @@ def test_errors():
         assert result["unknowns"][level] == expected["dofs"]
     overlay, nodal, augmented, _ = (speed_vs_error.worst(row, "traction") for row in result["rows"])
     for coarse, fine in (overlay, augmented):
-        assert coarse < nodal[0] and fine < 0.5 * coarse
+        assert coarse < nodal[0] and fine < 0.6 * coarse
     assert nodal[1] > 0.5 * nodal[0]
 
 

@@ -137,7 +137,9 @@ def test_tool_driven_by_a_force(sampling, law, enforcement):
     tool.drive(0.08, direction)
     problem.solve()
     first = contact.force("master") @ direction
-    tool.displacement = tool.displacement + np.array([0.5, 0.0])  # slip as well
+    # All slip as well, but what sticks up to three pressures.
+    way = 0.1 if isinstance(law, qs.Sticking) else 0.5
+    tool.displacement = tool.displacement + np.array([way, 0.0])
     problem.solve()
     force = contact.force("slave")
     held = contact.force("master") @ direction
