@@ -49,9 +49,14 @@ def has_creases(surface: AnySurface, asked: bool) -> bool:
     return bool(surface.comm.allreduce(bool(sharp.any()), op=MPI.LOR))
 
 
-def as_facets(surface: AnySurface) -> Faceted:
-    """A surface made of facets: the body's itself, or a tool's read as one. Collective."""
-    return surface.as_facets() if isinstance(surface, RigidSurface) else surface
+def as_facets(surface: AnySurface, axisymmetric: bool = False) -> Faceted:
+    """A surface made of facets: the body's itself, or a tool's read as one. Collective.
+
+    Args:
+        surface: The surface.
+        axisymmetric: Whether a tool's facets stand for rings.
+    """
+    return surface.as_facets(axisymmetric) if isinstance(surface, RigidSurface) else surface
 
 
 def sharp_nodes(surface: Faceted) -> Flags:
@@ -114,7 +119,7 @@ def _of_slave(slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> 
 
 def _of_tool(slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> _cpp.PairingPoints:
     """Vertices of a tool: points on the slave's facets opposite; see :func:`pair_vertices`."""
-    of_tool = as_facets(tool)
+    of_tool = as_facets(tool, slave.axisymmetric)
     which = sharp_nodes(of_tool).astype(np.uint8)
     found = _cpp.pair_vertices(of_tool.cpp_object, slave.cpp_object, which, radius)
     _cpp.keep_points(found, _lead_away(of_tool, found).astype(np.uint8))

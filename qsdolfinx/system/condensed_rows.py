@@ -181,7 +181,7 @@ class PointConstraints(CondensedRows):
 
     @property
     def part(self) -> float:
-        """A."""
+        """The factor a of λ_h in y_p."""
         return 1.0 if self.model.augmented else 1 - self.gamma / self.model.penalty.eps
 
     @property
@@ -284,7 +284,7 @@ class PointConstraints(CondensedRows):
         return float(np.max(np.abs(self.residual(at) / self.areas), initial=0.0))
 
     def known(self, multiplier: Array) -> Array:
-        """A λ of all sides: with γ the gaps' law makes p of it. Collective."""
+        """Multipliers of all sides times a: with γ the gaps' law makes p of it. Collective."""
         return self.part * self.on_sides(multiplier)
 
     def keep(self, at: Normal) -> None:

@@ -4,7 +4,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
+from scenes import WORLD, box, clamp, elastic, largest, plane, slide, vector_space
 
 import ufl
 from dolfinx import fem, mesh
@@ -148,6 +148,38 @@ def test_turned_edge():
         force = block.press(0.2 * SIZE)
         assert -force[-1] > 0 and block.contact.penetration() < 0.02 * SIZE
         assert block.problem.num_iterations <= 8
+
+
+def test_ring():
+    """An edge that is a ring, between the nodes of a disc: it does not go in, from the first."""
+    msh = box(WORLD, (8, 3), "quadrilateral", [0.0, -0.75], [2.0, 0.0], "scattered")
+    V = vector_space(msh)
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    r = ufl.SpatialCoordinate(msh)[0]
+
+    def strain(w):
+        around = w[0] / r
+        d = ufl.grad(w)
+        return ufl.as_tensor(
+            [[d[0, 0], (d[0, 1] + d[1, 0]) / 2, 0], [(d[0, 1] + d[1, 0]) / 2, d[1, 1], 0],
+             [0, 0, around]]
+        )  # fmt: skip
+
+    F = E * ufl.inner(strain(u), strain(v)) * 2 * np.pi * r * ufl.dx(degree=4)
+    x = np.array([[1.7, 0.9], [1.1, 0.0], [0.2, 1.35]])
+    tool = qs.RigidSurface.triangulated(WORLD, x, [[1, 0], [2, 1]])
+    surface = qs.Surface(V, facets=plane(msh, 1, 0.0), axisymmetric=True)
+    contact = qs.Contact(surface, tool)
+    bcs = [clamp(V, plane(msh, 1, -0.75)), slide(V, 0, plane(msh, 0, 0.0))]
+    problem = qs.ContactProblem([F], [u], [contact], [bcs])
+    forces = []
+    for depth in (1e-3, 2e-3):
+        tool.displacement[1] = -depth * SIZE
+        problem.solve()
+        forces.append(contact.force("slave")[1])
+        assert contact.penetration() < 0.01 * depth * SIZE
+    np.testing.assert_allclose(forces[1], 2 * forces[0], rtol=1e-8)
+    assert forces[0] < 0
 
 
 @pytest.mark.parametrize("reach", (1.0, 40.0))
