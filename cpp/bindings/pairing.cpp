@@ -126,19 +126,20 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       [](const Surface& slave, const Surface* master, In<double> x, In<std::int64_t> dofs,
          In<int> owner, In<double> values, In<double> master_x, In<std::int64_t> master_dofs,
          In<int> master_owner, In<double> master_values, In<double> multiplier_values,
-         In<double> normal, In<double> gap, In<double> weight)
+         In<std::uint8_t> side, In<double> normal, In<double> gap, In<double> weight)
       {
         return points_between(
             slave, master, {x.view(), dofs.view(), owner.view(), values.view()},
             {master_x.view(), master_dofs.view(), master_owner.view(), master_values.view()},
-            multiplier_values.view(), normal.view(), gap.view(), weight.view());
+            multiplier_values.view(), side.view(), normal.view(), gap.view(), weight.view());
       },
       "slave"_a, "master"_a.none(), "x"_a, "dofs"_a, "owner"_a, "values"_a, "master_x"_a,
-      "master_dofs"_a, "master_owner"_a, "master_values"_a, "multiplier_values"_a, "normal"_a,
-      "gap"_a, "weight"_a,
+      "master_dofs"_a, "master_owner"_a, "master_values"_a, "multiplier_values"_a, "side"_a,
+      "normal"_a, "gap"_a, "weight"_a,
       "Points between places that are known: of both sides positions [point][3], unknowns "
       "[point][node][block], owners and trace functions [point][node], the functions of the "
-      "multipliers [point][slave vertex], normals, gaps and areas. A rigid master has no "
+      "multipliers [point][slave vertex], and which of a vertex' multipliers they are of [point], "
+      "normals, gaps and areas. A rigid master has no "
       "unknowns.");
   m.def(
       "keep_points", [](PairingPoints& points, In<std::uint8_t> which)

@@ -58,18 +58,21 @@ void qsdolfinx::bind_search(nb::module_& m)
           throw std::invalid_argument("closest_points: one normal for each point");
         const ClosestFacets c
             = closest_facets({x.view(), normal.view()}, own, surface, SearchRadius{radius});
-        const std::size_t n = c.found.size(), width = n > 0 ? c.dofs.size() / n : 0;
-        std::vector<std::int64_t> first(n);
-        for (std::size_t i = 0; i < n; ++i)
-          first[i] = c.dofs[i * width];
-        return std::tuple(copy(c.found, {n}), copy(c.x, {n, 3}), copy(c.mean_normal, {n, 3}),
-                          copy(first, {n}));
+        const std::size_t n = c.found.size(), nodes = surface.num_trace(), block = surface.block();
+        nb::dict out;
+        out["found"] = copy(c.found, {n});
+        out["x"] = copy(c.x, {n, 3});
+        out["normal"] = copy(c.normal, {n, 3});
+        out["mean_normal"] = copy(c.mean_normal, {n, 3});
+        out["dofs"] = copy(c.dofs, {n, nodes, block});
+        out["owner"] = copy(c.owner, {n, nodes});
+        out["shape_values"] = copy(c.shape_values, {n, nodes});
+        return out;
       },
       "x"_a, "normal"_a, "own"_a, "surface"_a, "radius"_a,
-      "Which points x [point][3] of a surface find a facet of another, [point], the closest "
-      "points, "
-      "[point][3], means of the normals of the facets there, and the first unknowns of the facets, "
-      "[point]; collective.");
+      "Of points x [point][3] of a surface the closest ones of another: found [point], x, normal "
+      "and mean_normal of all facets there [point][3], dofs [point][node][block], owner and "
+      "shape_values [point][node] of the facet; collective.");
   m.def(
       "closest_point",
       [](int num_vertices, In<double> vertices, std::array<double, 3> p)

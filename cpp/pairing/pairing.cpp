@@ -344,6 +344,7 @@ PairingPoints qsdolfinx::pair_vertices(const Surface& slave, const Surface& mast
 PairingPoints qsdolfinx::points_between(const Surface& slave, const Surface* master,
                                         const OnFacets& on_slave, const OnFacets& on_master,
                                         std::span<const double> multiplier_values,
+                                        std::span<const std::uint8_t> side,
                                         std::span<const double> normal, std::span<const double> gap,
                                         std::span<const double> weight)
 {
@@ -360,12 +361,14 @@ PairingPoints qsdolfinx::points_between(const Surface& slave, const Surface* mas
     side.owner.assign(on.owner.begin(), on.owner.end());
     side.shape_values.assign(on.shape_values.begin(), on.shape_values.end());
   };
-  if (multiplier_values.size() != n * nv || normal.size() != 3 * n || gap.size() != n)
+  if (multiplier_values.size() != n * nv || side.size() != n || normal.size() != 3 * n
+      || gap.size() != n || std::ranges::any_of(side, [&](auto s) { return s >= out.block; }))
     throw std::invalid_argument("points_between: one entry for each point");
   take(out.slave, on_slave);
   take(out.master, on_master);
   out.multiplier_values.assign(multiplier_values.begin(), multiplier_values.end());
-  out.multiplier_side.assign(n * nv, 0);
+  for (std::uint8_t s : side)
+    out.multiplier_side.insert(out.multiplier_side.end(), nv, s);
   out.normal.assign(normal.begin(), normal.end());
   out.gap.assign(gap.begin(), gap.end());
   out.weight.assign(weight.begin(), weight.end());

@@ -147,11 +147,12 @@ struct OnFacets
 /// Points between places of the slave and of the master that are known. Local.
 /// @param master null for a rigid tool, of which only positions count
 /// @param multiplier_values functions of the multipliers, [point][slave vertex]
+/// @param side which of a vertex' multipliers, that of a smooth side elsewhere, [point]
 /// @param normal outward of the slave, [point][3] @param gap signed distances @param weight areas
 /// @throws std::invalid_argument on numbers of values that do not fit
 PairingPoints points_between(const Surface& slave, const Surface* master, const OnFacets& on_slave,
                              const OnFacets& on_master, std::span<const double> multiplier_values,
-                             std::span<const double> normal, std::span<const double> gap,
-                             std::span<const double> weight);
+                             std::span<const std::uint8_t> side, std::span<const double> normal,
+                             std::span<const double> gap, std::span<const double> weight);
 
 } // namespace qsdolfinx

@@ -18,7 +18,7 @@ from qsdolfinx.contact.depth import depths_of_points
 from qsdolfinx.contact.depth import gap as gap_at_nodes
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
-from qsdolfinx.pairing.vertices import sharp_nodes
+from qsdolfinx.pairing.facets import sharp_nodes
 from qsdolfinx.surface.deformed import DegenerateFacetsError
 from qsdolfinx.tools.rigid_surface import as_tool
 

@@ -45,10 +45,10 @@ from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
 from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
+from qsdolfinx.pairing.facets import has_creases
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.pairing.relief import Side, Smoothing, sides_of
-from qsdolfinx.pairing.vertices import has_creases
 from qsdolfinx.surface.itself import boundary_of
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool

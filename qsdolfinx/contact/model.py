@@ -26,7 +26,8 @@ from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.shape_points import ShapePoints
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.pairing.edges import EdgesRole, edges_of, pair_edges
+from qsdolfinx.pairing.crossings import EdgesRole, pair_edges
+from qsdolfinx.pairing.edges import edges_of
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
 from qsdolfinx.pairing.relief import check_curved
 from qsdolfinx.pairing.vertices import VerticesRole, pair_vertices

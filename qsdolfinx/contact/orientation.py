@@ -114,6 +114,6 @@ def _offsets(
 
     Negative behind; NaN for none.
     """
-    found, foot, _, first = _cpp.closest_points(x, np.ascontiguousarray(normal), own, other, radius)
-    along = np.sum((foot - x) * normal, axis=1)
-    return np.where(found.astype(bool), along, np.nan), np.asarray(first)
+    closest = _cpp.closest_points(x, np.ascontiguousarray(normal), own, other, radius)
+    along = np.sum((closest["x"] - x) * normal, axis=1)
+    return np.where(closest["found"].astype(bool), along, np.nan), closest["dofs"][:, 0, 0]

@@ -60,8 +60,8 @@ def of_points(
         other: The other one.
         radius: Length beyond which nothing is in reach.
     """
-    found, foot, mean, _ = _cpp.closest_points(x, normal, own, other, radius)
-    away, reached = x - foot, found.astype(bool)
+    closest = _cpp.closest_points(x, normal, own, other, radius)
+    away, mean, reached = x - closest["x"], closest["mean_normal"], closest["found"].astype(bool)
     size = np.linalg.norm(mean, axis=1)
     n = np.divide(mean, size[:, None], out=np.zeros_like(mean), where=size[:, None] > 0)
     height, length = np.sum(away * n, axis=1), np.linalg.norm(away, axis=1)

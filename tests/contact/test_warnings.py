@@ -28,8 +28,8 @@ from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx._cpp import SearchRadius
+from qsdolfinx.pairing.facets import sharp_nodes
 from qsdolfinx.pairing.pair import find_conforming
-from qsdolfinx.pairing.vertices import sharp_nodes
 
 
 def warned(call):

@@ -1,0 +1,169 @@
+"""Points of edges and vertices that go ahead of the quadrature points of their facets."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.pairing.facets import gathered
+from qsdolfinx.pairing.points import PairingSide
+from qsdolfinx.surface.affine import EDGES
+from qsdolfinx.surface.surface import Surface
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Ranks = npt.NDArray[np.int32]
+
+#: Cosine of the angle (0.5°) up to which a facet is parallel to what is opposite: its own points
+#: see what comes.
+FLAT = float(np.cos(np.pi / 360))
+
+#: Part of a facet's size by which it may lead towards what is opposite: rounding.
+ROUNDING = 1e-9
+
+
+def of_tool(x: Array) -> PairingSide:
+    """Points of a rigid tool at these places (points, 3): there are no unknowns."""
+    none = np.zeros((len(x), 0))
+    return PairingSide(x, none[..., None].astype(np.int64), none.astype(np.int32), none)
+
+
+def between(
+    surfaces: tuple[Surface, Surface | None],
+    on_slave: PairingSide,
+    on_master: PairingSide,
+    normal: Array,
+    multipliers: tuple[Array, npt.NDArray[np.uint8]],
+    weight: Array,
+) -> _cpp.PairingPoints:
+    """Points between places that are known.
+
+    Args:
+        surfaces: Slave and master, None for a rigid tool.
+        on_slave: The slave's side.
+        on_master: The master's, see :func:`of_tool`.
+        normal: Outward unit normals of the slave, (points, 3).
+        multipliers: Their functions (points, vertices of a facet), and which of a vertex'
+            multipliers they are of (points,).
+        weight: Areas, (points,).
+    """
+    slave, master = surfaces
+    return _cpp.points_between(
+        slave.cpp_object,
+        None if master is None else master.cpp_object,
+        on_slave.x,
+        on_slave.dofs,
+        on_slave.owner,
+        on_slave.shape_values,
+        on_master.x,
+        on_master.dofs,
+        on_master.owner,
+        on_master.shape_values,
+        *multipliers,
+        np.ascontiguousarray(normal),
+        np.sum((on_master.x - on_slave.x) * normal, axis=1),
+        weight,
+    )
+
+
+def below_tool(
+    slave: Surface, on_slave: PairingSide, x: Array, normal: Array
+) -> _cpp.PairingPoints:
+    """Points on the slave below places of a tool, which has no multipliers. Collective.
+
+    A point has a multiplier of a vertex of its facet: one of its own, while there are any. A vertex
+    has as many as there are directions, which points take that are next to it, then others.
+
+    Args:
+        slave: The slave.
+        on_slave: Where on it.
+        x: Where on the tool, (points, 3).
+        normal: Outward unit normals of the slave, of the same shape.
+    """
+    functions = np.round(_linear(slave, on_slave.shape_values), 9)
+    nodes = np.ascontiguousarray(on_slave.dofs[:, : slave.num_facet_vertices, 0])
+    owner = on_slave.owner[:, : slave.num_facet_vertices]
+    vertex, number, count = _taken(slave, nodes, owner, functions, x)
+    multipliers = np.zeros_like(functions)
+    multipliers[np.arange(len(vertex)), vertex] = 1.0
+    used = np.where(nodes >= 0, nodes, nodes[:, :1])  # of a point on an edge its ends are, first
+    area = np.sum(functions * gathered(slave, slave.node_area, used), axis=1)
+    return between((slave, None), on_slave, of_tool(x), normal, (multipliers, number), area / count)
+
+
+def _taken(
+    slave: Surface, nodes: Indices, owner: Ranks, functions: Array, x: Array
+) -> tuple[Indices, npt.NDArray[np.uint8], Indices]:
+    """Vertices whose multipliers points take, which of them, and over how many points. Collective.
+
+    Args:
+        slave: The slave.
+        nodes: First unknowns of the vertices, −1 if they are none, (points, vertices).
+        owner: Their owners, of the same shape.
+        functions: Linear functions there, of the same shape.
+        x: Positions, (points, 3).
+
+    Returns:
+        Numbers of the vertices and of their multipliers, and how many points take those that are
+        next to them, at most as many as there are multipliers; each (points,).
+    """
+    rows, last = np.arange(len(nodes)), slave.block - 1
+    order = np.argsort(np.where(nodes < 0, 2.0, -functions), axis=1, kind="stable")
+    vertex, count = order[:, 0].copy(), np.ones(len(nodes), dtype=np.int64)
+    number, waits = np.full(len(nodes), last), np.ones(len(nodes), dtype=bool)
+    taken = np.zeros(len(slave.node_dofs), dtype=np.int64)
+    for choice in order.T:
+        asks = np.flatnonzero(waits & (nodes[rows, choice] >= 0))
+        at = asks, choice[asks]
+        places = np.column_stack([-functions[at], x[asks] / slave.facet_size_range[1]])
+        found = _asked(slave, nodes[at], owner[at], places, taken)
+        if choice is order.T[0]:
+            count = np.clip(found[:, 1], 1, slave.block)
+        free = found[:, 0] <= last
+        number[asks[free]], vertex[asks[free]] = found[free, 0], at[1][free]
+        waits[asks[free]] = False
+    return vertex, number.astype(np.uint8), count
+
+
+def _asked(
+    slave: Surface, node: Indices, owner: Ranks, places: Array, taken: Indices
+) -> npt.NDArray[np.int64]:
+    """Number that each point gets at its node, and how many ask there, (points, 2). Collective.
+
+    Args:
+        slave: The slave.
+        node: First unknowns of the nodes, (points,).
+        owner: Their owners, (points,).
+        places: What orders the points of a node, the same on any number of ranks, (points, n).
+        taken: How many have asked owned nodes before, (nodes,); raised by those that ask now.
+    """
+    comm = slave.comm
+    keys = np.column_stack([node.astype(np.float64), np.round(places, 6)])
+    to = [np.flatnonzero(owner == rank) for rank in range(comm.size)]
+    came = comm.alltoall([keys[some] for some in to])
+    here = np.concatenate(came)
+    order = np.lexsort(here.T[::-1])
+    begins = np.searchsorted(here[order, 0], here[:, 0], side="left")
+    ends = np.searchsorted(here[order, 0], here[:, 0], side="right")
+    place = np.empty(len(here), dtype=np.int64)
+    place[order] = np.arange(len(here))
+    at = np.searchsorted(slave.node_dofs[:, 0], here[:, 0])
+    answers = np.column_stack([taken[at] + place - begins, ends - begins])
+    np.add.at(taken, at, 1)
+    back = comm.alltoall(np.split(answers, np.cumsum([len(part) for part in came])[:-1]))
+    out = np.zeros((len(node), 2), dtype=np.int64)
+    for some, values in zip(to, back, strict=True):
+        out[some] = values
+    return out
+
+
+def _linear(surface: Surface, values: Array) -> Array:
+    """Linear functions of the vertices at points with given functions of the trace."""
+    count = surface.num_facet_vertices
+    out = values[:, :count].copy()
+    if values.shape[1] > count:
+        for at, ends in enumerate(EDGES[count], start=count):
+            out[:, ends] += values[:, at, None] / 2
+        out += values[:, count + len(EDGES[count]) :].sum(axis=1, keepdims=True) / count
+    return out

@@ -1,0 +1,102 @@
+"""Facets of a surface, or of a tool read as one, and where they turn sharply."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.surface.affine import EDGES
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.facet_surface import FacetSurface
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+#: What has facets: a body's surface, or a tool's read as one.
+Faceted = Surface | FacetSurface
+
+#: Sum of the normals of a node's facets over their number, of facets that turn by 30° there.
+SMOOTH = float(np.cos(np.pi / 12))
+
+
+def has_creases(surface: AnySurface, asked: bool) -> bool:
+    """Whether a surface has sharp vertices, if that is asked. Collective."""
+    if not asked or surface.is_analytic:
+        return False
+    sharp = sharp_nodes(as_facets(surface))
+    return bool(surface.comm.allreduce(bool(sharp.any()), op=MPI.LOR))
+
+
+def as_facets(surface: AnySurface, axisymmetric: bool = False) -> Faceted:
+    """A surface made of facets: the body's itself, or a tool's read as one. Collective.
+
+    Args:
+        surface: The surface.
+        axisymmetric: Whether a tool's facets stand for rings.
+    """
+    return surface.as_facets(axisymmetric) if isinstance(surface, RigidSurface) else surface
+
+
+def sharp_nodes(surface: Faceted) -> Flags:
+    """Owned nodes whose facets' normals are apart by more than some 30°. Collective."""
+    normals = normals_at_vertices(surface).reshape(-1, 3)
+    ones = np.ones(len(normals))
+    total = np.array([sums(surface, values) for values in (*normals.T, ones)])
+    return np.asarray(np.linalg.norm(total[:3], axis=0) < SMOOTH * total[3])
+
+
+def normals_at_vertices(surface: Faceted) -> Array:
+    """Outward unit normals of the facets, curved as their mesh is, (facets, vertices, 3)."""
+    x, inside, nodes = surface.coordinates
+    count = surface.num_facet_vertices
+    tangents: list[list[Array]] = [[] for _ in range(count)]
+    for at, (i, j) in enumerate(EDGES[count], start=count):
+        middle = (x[:, i] + x[:, j]) / 2 if nodes is None else nodes[:, at]
+        tangents[i].append(4 * middle - 3 * x[:, i] - x[:, j])
+        tangents[j].append(4 * middle - 3 * x[:, j] - x[:, i])
+    out = np.empty_like(x)
+    for i, (along, *others) in enumerate(tangents):
+        across = others[0] if others else np.broadcast_to([0.0, 0.0, 1.0], along.shape)
+        out[:, i] = np.cross(along, across)
+    outward = x.mean(axis=1) - inside
+    out *= np.sign(np.sum(outward[:, None] * out, axis=2))[..., None]
+    return np.asarray(out / np.maximum(np.linalg.norm(out, axis=2), 1e-300)[..., None])
+
+
+def vertex_dofs(surface: Faceted) -> npt.NDArray[np.int32]:
+    """First unknowns of the vertices of the facets, (facets, vertices)."""
+    dofs = surface.cpp_object.facet_dofs[:, : surface.num_facet_vertices, 0]
+    return np.ascontiguousarray(dofs.astype(PETSc.IntType))
+
+
+def sums(surface: Faceted, values: Array) -> Array:
+    """Sums over the facets of values of their vertices, (facets · vertices,), at owned nodes."""
+    vec = surface.create_vec()
+    vec.setValues(vertex_dofs(surface).ravel(), values, addv=PETSc.InsertMode.ADD_VALUES)
+    vec.assemble()
+    out: Array = vec.array_r[surface.node_dofs[:, 0] - vec.owner_range[0]].copy()
+    vec.destroy()
+    return out
+
+
+def at_vertices(surface: Faceted, values: Array) -> Array:
+    """Values of the owned nodes at the vertices of the facets, (facets, vertices)."""
+    return gathered(surface, values, vertex_dofs(surface))
+
+
+def gathered(surface: Faceted, values: Array, dofs: npt.NDArray[np.integer]) -> Array:
+    """Values of the owned nodes at nodes given by their first unknowns. Collective."""
+    vec = surface.create_vec()
+    vec.array[surface.node_dofs[:, 0] - vec.owner_range[0]] = values
+    local = PETSc.Vec().createSeq(dofs.size)
+    here = PETSc.IS().createGeneral(dofs.ravel().astype(PETSc.IntType), PETSc.COMM_SELF)
+    scatter = PETSc.Scatter().create(vec, here, local, None)
+    scatter.scatter(vec, local)
+    out: Array = local.array_r.reshape(dofs.shape).copy()
+    for thing in (vec, local, here, scatter):
+        thing.destroy()
+    return out
