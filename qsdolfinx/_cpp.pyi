@@ -356,13 +356,8 @@ def closest_points(
     own: Surface,
     surface: Surface,
     radius: float,
-) -> tuple[
-    numpy.typing.NDArray[numpy.uint8],
-    numpy.typing.NDArray[numpy.float64],
-    numpy.typing.NDArray[numpy.float64],
-    numpy.typing.NDArray[numpy.int64],
-]:
-    """Which points x [point][3] of a surface find a facet of another, [point], the closest points, [point][3], means of the normals of the facets there, and the first unknowns of the facets, [point]; collective."""
+) -> dict[str, Any]:
+    """Of points x [point][3] of a surface the closest ones of another: found [point], x, normal and mean_normal of all facets there [point][3], dofs [point][node][block], owner and shape_values [point][node] of the facet; collective."""
 
 def conforming_points(
     slave: Surface,
@@ -527,11 +522,12 @@ def points_between(
     master_owner: numpy.typing.NDArray[numpy.int32],
     master_values: numpy.typing.NDArray[numpy.float64],
     multiplier_values: numpy.typing.NDArray[numpy.float64],
+    side: numpy.typing.NDArray[numpy.uint8],
     normal: numpy.typing.NDArray[numpy.float64],
     gap: numpy.typing.NDArray[numpy.float64],
     weight: numpy.typing.NDArray[numpy.float64],
 ) -> PairingPoints:
-    """Points between places that are known: of both sides positions [point][3], unknowns [point][node][block], owners and trace functions [point][node], the functions of the multipliers [point][slave vertex], normals, gaps and areas. A rigid master has no unknowns."""
+    """Points between places that are known: of both sides positions [point][3], unknowns [point][node][block], owners and trace functions [point][node], the functions of the multipliers [point][slave vertex], and which of a vertex' multipliers they are of [point], normals, gaps and areas. A rigid master has no unknowns."""
 
 def put_rows(
     block: int,

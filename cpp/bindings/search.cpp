@@ -59,7 +59,7 @@ void qsdolfinx::bind_search(nb::module_& m)
         const ClosestFacets c
             = closest_facets({x.view(), normal.view()}, own, surface, SearchRadius{radius});
         const std::size_t n = c.found.size(), nodes = surface.num_trace(), block = surface.block();
-        nb::dict out;
+        nb::typed<nb::dict, nb::str, nb::any> out;
         out["found"] = copy(c.found, {n});
         out["x"] = copy(c.x, {n, 3});
         out["normal"] = copy(c.normal, {n, 3});

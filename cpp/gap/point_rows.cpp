@@ -22,10 +22,12 @@ struct Functions
     return dofs[(p * num_nodes + j) * block + i];
   }
   bool used(std::size_t p, std::size_t j) const { return dof(p, j) >= 0; }
-  bool same_facet(std::size_t p, std::size_t q) const
+  /// Whether functions of two points have the same columns.
+  bool same_columns(std::size_t p, std::size_t q) const
   {
-    const std::size_t width = num_nodes * block;
-    return std::equal(&dofs[p * width], &dofs[p * width] + width, &dofs[q * width]);
+    const auto same = [p, q](const auto& values, std::size_t width)
+    { return std::equal(&values[p * width], &values[p * width] + width, &values[q * width]); };
+    return same(dofs, num_nodes * block) && (!component || same(*component, num_functions));
   }
 };
 
@@ -34,7 +36,7 @@ std::vector<std::int64_t> find_columns(const Functions& f, std::size_t num_point
 {
   std::vector<std::int64_t> out;
   for (std::size_t p = 0; p < num_points; ++p)
-    if (p == 0 || !f.same_facet(p, p - 1))
+    if (p == 0 || !f.same_columns(p, p - 1))
       for (std::size_t j = 0; j < f.num_functions; ++j)
         if (f.used(p, j))
           out.push_back(f.dof(p, j));
@@ -53,7 +55,7 @@ void compress(GapOperator::Side& out, const Functions& f, std::size_t num_points
   out.offset.assign(1, 0);
   for (std::size_t p = 0; p < num_points; ++p)
   {
-    if (p == 0 || !f.same_facet(p, p - 1))
+    if (p == 0 || !f.same_columns(p, p - 1))
     {
       order.clear();
       column.assign(f.num_functions, -1);
@@ -97,7 +99,7 @@ void qsdolfinx::rows_at_points(GapOperator::Side& out, const PairingPoints& poin
   // The unknowns of a node need not follow each other: they are read where it appears.
   out.dofs.resize(columns.size() * d);
   for (std::size_t p = 0; p < points.size(); ++p)
-    if (p == 0 || !f.same_facet(p, p - 1))
+    if (p == 0 || !f.same_columns(p, p - 1))
       for (std::size_t j = 0; j < n; ++j)
         if (f.used(p, j))
         {

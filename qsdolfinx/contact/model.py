@@ -126,10 +126,11 @@ class Settings:
         slave, master, other = self.slave, self.master, deformable(self.master)
         roles = [EdgesRole(slave, master, (True, True))] if all(self.sharp) else []
         if self.sharp[0]:
-            roles.append(EdgesRole(slave, master, (True, False)))
-        if self.sharp[1] and other is not None:
-            roles.append(EdgesRole(other, slave, (True, False)))
-        elif self.sharp[1]:
+            below = (
+                (slave, master, (True, False)) if other is None else (other, slave, (False, True))
+            )
+            roles.append(EdgesRole(*below))
+        if self.sharp[1]:
             roles.append(EdgesRole(slave, master, (False, True)))
         return roles
 

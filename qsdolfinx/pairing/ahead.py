@@ -67,20 +67,24 @@ def between(
     )
 
 
-def below_tool(
-    slave: Surface, on_slave: PairingSide, x: Array, normal: Array
+def with_own_multipliers(
+    surfaces: tuple[Surface, Surface | None],
+    on_slave: PairingSide,
+    on_master: PairingSide,
+    normal: Array,
 ) -> _cpp.PairingPoints:
-    """Points on the slave below places of a tool, which has no multipliers. Collective.
+    """Points of the slave below edges or vertices of the other surface. Collective.
 
     A point has a multiplier of a vertex of its facet: one of its own, while there are any. A vertex
     has as many as there are directions, which points take that are next to it, then others.
 
     Args:
-        slave: The slave.
-        on_slave: Where on it.
-        x: Where on the tool, (points, 3).
-        normal: Outward unit normals of the slave, of the same shape.
+        surfaces: Slave and master, None for a rigid tool.
+        on_slave: The slave's side.
+        on_master: The master's, see :func:`of_tool`.
+        normal: Outward unit normals of the slave, (points, 3).
     """
+    slave, x = surfaces[0], on_master.x
     functions = np.round(_linear(slave, on_slave.shape_values), 9)
     nodes = np.ascontiguousarray(on_slave.dofs[:, : slave.num_facet_vertices, 0])
     owner = on_slave.owner[:, : slave.num_facet_vertices]
@@ -89,7 +93,7 @@ def below_tool(
     multipliers[np.arange(len(vertex)), vertex] = 1.0
     used = np.where(nodes >= 0, nodes, nodes[:, :1])  # of a point on an edge its ends are, first
     area = np.sum(functions * gathered(slave, slave.node_area, used), axis=1)
-    return between((slave, None), on_slave, of_tool(x), normal, (multipliers, number), area / count)
+    return between(surfaces, on_slave, on_master, normal, (multipliers, number), area / count)
 
 
 def _taken(
@@ -110,16 +114,19 @@ def _taken(
     """
     rows, last = np.arange(len(nodes)), slave.block - 1
     order = np.argsort(np.where(nodes < 0, 2.0, -functions), axis=1, kind="stable")
-    vertex, count = order[:, 0].copy(), np.ones(len(nodes), dtype=np.int64)
-    number, waits = np.full(len(nodes), last), np.ones(len(nodes), dtype=bool)
+    vertex: Indices = order[:, 0].copy()
+    count: Indices = np.ones(len(nodes), dtype=np.int64)
+    number: Indices = np.full(len(nodes), last)
+    waits = np.ones(len(nodes), dtype=bool)
     taken = np.zeros(len(slave.node_dofs), dtype=np.int64)
-    for choice in order.T:
+    for turn in range(order.shape[1]):
+        choice = order[:, turn]
         asks = np.flatnonzero(waits & (nodes[rows, choice] >= 0))
         at = asks, choice[asks]
         places = np.column_stack([-functions[at], x[asks] / slave.facet_size_range[1]])
         found = _asked(slave, nodes[at], owner[at], places, taken)
-        if choice is order.T[0]:
-            count = np.clip(found[:, 1], 1, slave.block)
+        if turn == 0:
+            count[:] = np.clip(found[:, 1], 1, slave.block)
         free = found[:, 0] <= last
         number[asks[free]], vertex[asks[free]] = found[free, 0], at[1][free]
         waits[asks[free]] = False

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.pairing.ahead import FLAT, ROUNDING, below_tool, between, of_tool
+from qsdolfinx.pairing.ahead import FLAT, ROUNDING, between, of_tool, with_own_multipliers
 from qsdolfinx.pairing.edges import Edges
 from qsdolfinx.pairing.facets import as_facets
 from qsdolfinx.pairing.points import PairingSide
@@ -27,7 +27,10 @@ ACROSS, ALONG = float(np.sin(np.pi / 360)), 0.01
 
 #: Part of the shorter edge within which a crossing is at the end of the crease, or the same as
 #: another one.
-AT_END = 0.01
+AT_END = 0.1
+
+#: Tangent of the angle (15°) to a facet's normal beyond which what is closest is beside the facet.
+BESIDE = float(np.tan(np.pi / 12))
 
 #: Pairs of edges that are looked at at a time.
 _MANY = 1_000_000
@@ -78,8 +81,9 @@ def pair_edges(
     lead away from the other body, and none is parallel to it up to 0.5°: their own points are as
     close as it is.
 
-    Multipliers are linear along the slave's crease. At a mesh line of the slave, as under the
-    crease of a rigid tool, a point has that of the line's end next to it.
+    Multipliers are linear along the slave's crease; a point that is opposite to a crease of the
+    master has one of its own, see :func:`with_own_multipliers`. Only a crease on a rigid tool has
+    to be the slave's, if the other surface is smooth there.
 
     Args:
         role: Whose they are.
@@ -101,19 +105,19 @@ def pair_edges(
             found.normal,
         )
     ]
-    if not sharp and (_is_curved(own) or _is_curved(opposite)):
+    if own is None and _may_bend(role.slave):
         parts.append(_between_crossings(role, creases, found, radius.largest))
     facing = Facing.joined(parts)
-    if not of_slave:
-        here = creases.some(facing.crease).at(facing.place)
-        return below_tool(role.slave, facing.opposite, here, -facing.normal)
     here = creases.some(facing.crease)
+    at_crease = _side(own, here, facing.place)
+    if not of_slave:
+        return with_own_multipliers(bodies, facing.opposite, at_crease, -facing.normal)
     several = np.bincount(facing.crease, minlength=1)[facing.crease]
     multipliers = np.zeros((len(several), role.slave.num_facet_vertices))
     multipliers[:, :2] = np.column_stack([1 - facing.place, facing.place])
     return between(
         bodies,
-        _side(role.slave, here, facing.place),
+        at_crease,
         facing.opposite,
         facing.normal,
         (multipliers, np.zeros(len(several), dtype=np.uint8)),
@@ -147,38 +151,36 @@ class Facing(typing.NamedTuple):
         return cls(crease, place, opposite, normal)
 
 
-def _is_curved(surface: Surface | None) -> bool:
-    """Whether gaps along an edge may bend within a facet."""
-    return surface is not None and (surface.degree > 1 or surface.num_facet_vertices == 4)
+def _may_bend(surface: Surface) -> bool:
+    """Whether displacements along a line may be of the second degree within a facet."""
+    return surface.degree > 1 or surface.num_facet_vertices == 4
 
 
 def _between_crossings(role: EdgesRole, creases: Edges, found: Crossings, reach: float) -> Facing:
-    """Points halfway between crossings, and between them and the ends of creases. Collective.
+    """Points halfway between crossings, and between them and ends of creases. Collective.
 
-    The gap is no linear function of the place there, but one of the second degree.
+    The slave's surface may come up there.
     """
     count = len(creases.area)
     crease = np.concatenate([found.crease, np.arange(count), np.arange(count)])
     place = np.concatenate([found.places[:, 0], np.zeros(count), np.ones(count)])
     order = np.lexsort((place, crease))
     crease, place = crease[order], place[order]
-    wide = (np.diff(crease) == 0) & (np.diff(place) > AT_END)
+    least = AT_END * role.slave.facet_size_range[0] / np.maximum(creases.length[crease[1:]], 1e-300)
+    wide = (np.diff(crease) == 0) & (np.diff(place) > least)
     crease, place = crease[:-1][wide], (place[:-1] + place[1:])[wide] / 2
     here = creases.some(crease)
     x, normal = here.at(place), here.normal.sum(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-    surfaces = role.slave, role.master
-    own, opposite = (
-        as_facets(surface, role.slave.axisymmetric).cpp_object
-        for surface in (surfaces if role.creases[0] else surfaces[::-1])
-    )
-    closest = _cpp.closest_points(x, normal, own, opposite, reach)
-    normal = -closest["normal"]
+    own = as_facets(role.master).cpp_object
+    closest = _cpp.closest_points(x, normal, own, role.slave.cpp_object, reach)
+    normal, away = -closest["normal"], closest["x"] - x
+    gap = np.sum(away * normal, axis=1)
+    beside = np.linalg.norm(away - gap[:, None] * normal, axis=1)
     keep = closest["found"].astype(bool) & _leads_away(here, normal)
-    side = PairingSide(closest["x"], closest["dofs"], closest["owner"], closest["shape_values"])
-    if not isinstance(role.master, Surface) and role.creases[0]:
-        side = of_tool(side.x)
-    side = PairingSide(*(values[keep] for values in dataclasses.astuple(side)))
+    keep &= beside <= BESIDE * np.abs(gap) + AT_END * here.length
+    names = ("x", "dofs", "owner", "shape_values")
+    side = PairingSide(**{name: closest[name][keep] for name in names})
     return Facing(crease[keep], place[keep], side, normal[keep])
 
 

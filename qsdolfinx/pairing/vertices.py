@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.pairing.ahead import FLAT, ROUNDING, below_tool
+from qsdolfinx.pairing.ahead import FLAT, ROUNDING, of_tool, with_own_multipliers
 from qsdolfinx.pairing.facets import (
     Faceted,
     as_facets,
@@ -46,7 +46,7 @@ def pair_vertices(role: VerticesRole, radius: _cpp.SearchRadius) -> _cpp.Pairing
     middles of all facets beside it are further away, and none is parallel to the other surface up
     to 0.5°: their own points are as close as it is, and what it adds would be redundant.
 
-    A tool has no multipliers: a point at its vertex has that of the slave's vertex next to it.
+    A tool has no multipliers: points at its vertices have some of the slave's.
 
     Args:
         role: Whose they are.
@@ -81,7 +81,9 @@ def _of_tool(slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> _cp
     which = sharp_nodes(facets).astype(np.uint8)
     found = _cpp.pair_vertices(facets.cpp_object, slave.cpp_object, which, radius)
     _cpp.keep_points(found, _lead_away(facets, found).astype(np.uint8))
-    return below_tool(slave, PairingSide(**found.master), found.slave["x"], -found.normal)
+    return with_own_multipliers(
+        (slave, None), PairingSide(**found.master), of_tool(found.slave["x"]), -found.normal
+    )
 
 
 def _lead_away(slave: Faceted, points: _cpp.PairingPoints) -> Flags:
