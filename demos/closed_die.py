@@ -21,8 +21,8 @@ Keys of the JSON object:
 - facet_size: mean edge of the billet's facets that it is to be compared with (mm);
 - filled: share of the cavity within the land that is filled at the end;
 - force_max: largest force of the press, for the whole wheel (N);
-- energy_error: work of the press, less dissipation and friction, over the work; or what is missing
-  of the billet's heat, over that of the work, if that is more;
+- energy_error: work of the press, less dissipation, friction and what the contacts' penalty holds,
+  over the work; or what is missing of the billet's heat, over that of the work, if that is more;
 - die_traction_peak: largest traction on the elastic die (MPa);
 - total_seconds.
 """

@@ -48,7 +48,7 @@ class Record:
         self.facet_size = mean_edge(scene.contacts[0].slave)
         self.history = qs.History(comm, t_end=whole / SPEED, verbose=verbose)
         self.way = self.work = self.dissipated = self.friction = 0.0
-        self.cooled = self.warmed = 0.0
+        self.stored = self.cooled = self.warmed = 0.0
         self.steps = 0
         self.last_volume, self.last_filled, self.depth = self.volume, 0.0, 0.0
         #: Way (mm) and force of the whole wheel (N) after each step.
@@ -65,6 +65,7 @@ class Record:
         self.work += force * SPEED * dt
         self.dissipated += dt * scene.power
         self.friction += sum(contact.step_dissipation() for contact in scene.contacts)
+        self.stored = sum(contact.stored_energy() for contact in scene.contacts)
         self.cooled += dt * scene.cooled
         self.warmed += scene.warmed
         depth = scene.penetration()
@@ -85,8 +86,8 @@ class Record:
         self.history.add({"t": self.way / SPEED, "dt": dt} | row)
 
     def energy_error(self):
-        """What is neither dissipated nor friction, of the work."""
-        return 1 - (self.dissipated + self.friction) / self.work
+        """What is not dissipated, nor friction, nor in the contacts' penalty, of the work."""
+        return 1 - (self.dissipated + self.friction + self.stored) / self.work
 
     def heat_error(self):
         """What the billet should have warmed up by and has not, of the work's heat."""
