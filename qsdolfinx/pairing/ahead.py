@@ -19,8 +19,9 @@ Ranks = npt.NDArray[np.int32]
 #: see what comes.
 FLAT = float(np.cos(np.pi / 360))
 
-#: Part of a facet's size by which it may lead towards what is opposite: rounding.
-ROUNDING = 1e-9
+#: Sine of the angle (20°) up to which a facet may lead towards what is opposite: a body that bends
+#: around a tip leans with one of its faces, and next with another one.
+TOWARDS = float(np.sin(np.pi / 9))
 
 
 def of_tool(x: Array) -> PairingSide:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.pairing.ahead import FLAT, ROUNDING, between, of_tool, with_own_multipliers
+from qsdolfinx.pairing.ahead import FLAT, TOWARDS, between, of_tool, with_own_multipliers
 from qsdolfinx.pairing.edges import Edges
 from qsdolfinx.pairing.facets import as_facets
 from qsdolfinx.pairing.points import PairingSide
@@ -24,6 +24,9 @@ Indices = npt.NDArray[np.int64]
 
 #: Sine of the least angle (0.5°) between creases that cross, and of a crease and a mesh line.
 ACROSS, ALONG = float(np.sin(np.pi / 360)), 0.01
+
+#: Part of an edge within which a place is on its end: rounding.
+ROUNDING = 1e-9
 
 #: Part of the shorter edge within which a crossing is at the end of the crease, or the same as
 #: another one.
@@ -77,9 +80,9 @@ def pair_edges(
     """Points of creases where they cross edges of the other surface, in 3D. Collective.
 
     Either where creases of both cross, along the normal of both; or where a crease crosses a mesh
-    line of the other's smooth sides, seen along its normal. A point counts if all facets beside it
-    lead away from the other body, and none is parallel to it up to 0.5°: their own points are as
-    close as it is.
+    line of the other's smooth sides, seen along its normal. A point counts if no facet beside it
+    leads towards the other body by more than 20°, and none is parallel to it up to 0.5°: their own
+    points are as close as it is.
 
     Multipliers are linear along the slave's crease; a point that is opposite to a crease of the
     master has one of its own, see :func:`with_own_multipliers`. Only a crease on a rigid tool has
@@ -185,10 +188,10 @@ def _between_crossings(role: EdgesRole, creases: Edges, found: Crossings, reach:
 
 
 def _leads_away(edges: Edges, normal: Array) -> Flags:
-    """Whether both facets lead away from what is there along the normal, and none is parallel."""
+    """Whether no facet leads towards what is there along the normal, or is parallel to it."""
     inward = np.einsum("pfk,pk->pf", edges.inward, normal)
     level = np.einsum("pfk,pk->pf", edges.normal, normal)
-    return np.asarray(np.all((inward < -ROUNDING) & (level < FLAT), axis=1))
+    return np.asarray(np.all((inward < TOWARDS) & (level < FLAT), axis=1))
 
 
 def _near(creases: Edges, edges: Edges, reach: float, comm: MPI.Intracomm) -> Edges:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.pairing.ahead import FLAT, ROUNDING, of_tool, with_own_multipliers
+from qsdolfinx.pairing.ahead import FLAT, TOWARDS, of_tool, with_own_multipliers
 from qsdolfinx.pairing.facets import (
     Faceted,
     as_facets,
@@ -42,8 +42,8 @@ class VerticesRole(typing.NamedTuple):
 def pair_vertices(role: VerticesRole, radius: _cpp.SearchRadius) -> _cpp.PairingPoints:
     """Points at sharp vertices that are ahead of their facets. Collective.
 
-    A vertex faces the closest place on the other surface, along the normal there. It counts if the
-    middles of all facets beside it are further away, and none is parallel to the other surface up
+    A vertex faces the closest place on the other surface, along the normal there. It counts if no
+    facet beside it leads towards the other surface by more than 20°, and none is parallel to it up
     to 0.5°: their own points are as close as it is, and what it adds would be redundant.
 
     A tool has no multipliers: points at its vertices have some of the slave's.
@@ -87,7 +87,7 @@ def _of_tool(slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> _cp
 
 
 def _lead_away(slave: Faceted, points: _cpp.PairingPoints) -> Flags:
-    """Points at nodes whose facets all lead away from what is opposite. Collective."""
+    """Points at nodes none of whose facets leads towards what is opposite. Collective."""
     node = np.searchsorted(slave.node_dofs[:, 0], points.slave["dofs"][:, 0, 0])
     normal = np.zeros((len(slave.node_area), 3))
     normal[node] = points.normal
@@ -95,7 +95,7 @@ def _lead_away(slave: Faceted, points: _cpp.PairingPoints) -> Flags:
     opposite = np.stack([at_vertices(slave, values) for values in normal.T], axis=2)
     inward = x.mean(axis=1, keepdims=True) - x
     size = np.linalg.norm(inward, axis=2)
-    ahead = np.sum(inward * opposite, axis=2) > ROUNDING * size
+    ahead = np.sum(inward * opposite, axis=2) > TOWARDS * size
     flat = np.sum(normals_at_vertices(slave) * opposite, axis=2) > FLAT
     stays = (ahead | flat).astype(np.float64)
     return np.asarray(sums(slave, stays.ravel())[node] == 0)

@@ -179,6 +179,23 @@ def test_turned_edge(cell, at, yaw):
         np.testing.assert_allclose(force[2], -forces.sum(), rtol=rtol)
 
 
+def test_tip_that_goes_in():
+    """Steps that pair anew: the tip counts in each of them, as the top bends around it."""
+    msh = box(WORLD, (8, 8, 6), "hexahedron", [-0.5, -0.5, -0.75], [0.5, 0.5, 0.0], "scattered")
+    V, tool = vector_space(msh), made("tip", [0.03, 0.02, 0.0], 0.3)
+    u, bcs = fem.Function(V), [clamp(V, plane(msh, 2, -0.75))]
+    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 2, 0.0)), tool)
+    problem = qs.ContactProblem([elastic(u, E, 0.3)], [u], [contact], [bcs])
+
+    def drive(t, dt):
+        tool.displacement[2] = -0.12 * dt
+
+    stepper = qs.TimeStepper(problem, 1 / 8, drive)
+    for _ in stepper.run(1.0):
+        assert WORLD.allreduce(contact.model.of_vertices[0].points.size) == 1
+    assert sum(row.iterations for row in stepper.log.rows) <= 60  # 88 where it came and went
+
+
 def test_ring():
     """An edge that is a ring, between the nodes of a disc: it does not go in, from the first."""
     msh = box(WORLD, (8, 3), "quadrilateral", [0.0, -0.75], [2.0, 0.0], "scattered")
