@@ -3,12 +3,16 @@
 #include "parallel/records.h"
 
 #include <algorithm>
+#include <cmath>
 #include <stdexcept>
 
 using namespace qsdolfinx;
 
 namespace
 {
+/// Places that are apart by less than this part of a facet are the same: rounding.
+constexpr double same_place = 1e-6;
+
 /// Keep entries of `width` values for which `keep` is set.
 template <typename T>
 void filter(std::vector<T>& values, std::span<const std::uint8_t> keep, std::size_t width)
@@ -30,6 +34,19 @@ void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, 
   append_record(side.dofs, found.dofs, k, side.num_nodes * block);
   append_record(side.owner, found.owner, k, side.num_nodes);
   append_record(side.shape_values, found.shape_values, k, side.num_nodes);
+}
+
+/// Whether a place looks past what is closest to it: that ends there, or turns away.
+/// @param size of facets, in which rounding is measured
+bool is_beside(const Vec3& place, const ClosestFacets& found, std::size_t i, double size)
+{
+  const auto k = static_cast<int>(i);
+  const Vec3 mean = facet_vertex(found.mean_normal, k), away = place - facet_vertex(found.x, k);
+  const double length = norm(mean), height = dot(away, mean) / length;
+  // At an edge that all its facets see the place from, it is in the cone of their normals.
+  const double cone = std::sqrt(std::max(1 - length * length, 0.0)) / length;
+  const double offset = norm(away - (height / length) * mean);
+  return offset > cone * std::abs(height) + same_place * size;
 }
 
 /// Appends points at the nodes of one side, projected onto the other.
@@ -331,7 +348,9 @@ PairingPoints qsdolfinx::pair_vertices(const Surface& slave, const Surface& mast
   {
     std::size_t best = at.size(), end = i;
     for (; end < at.size() && at[end] == at[i]; ++end)
-      if (found.found[end] && (best == at.size() || distance(end) < distance(best)))
+      if (found.found[end] && (best == at.size() || distance(end) < distance(best))
+          && !is_beside(facet_vertex(places.x, static_cast<int>(end)), found, end,
+                        places.facet_size[end]))
         best = end;
     if (best < at.size())
       out.append(at[i], places, places.normal, found, best, 0);

@@ -16,7 +16,7 @@ from qsdolfinx.pairing.edges import Edges
 from qsdolfinx.pairing.facets import as_facets
 from qsdolfinx.pairing.points import PairingSide
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, deformable
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -32,8 +32,11 @@ ROUNDING = 1e-9
 #: another one.
 AT_END = 0.1
 
-#: Tangent of the angle (15°) to a facet's normal beyond which what is closest is beside the facet.
-BESIDE = float(np.tan(np.pi / 12))
+#: Part of a facet's size by which places are apart that are the same: rounding.
+SAME = 1e-6
+
+#: Part of a facet between whose ends two bodies have points: both give way there.
+BENDS = 0.5
 
 #: Pairs of edges that are looked at at a time.
 _MANY = 1_000_000
@@ -108,8 +111,9 @@ def pair_edges(
             found.normal,
         )
     ]
-    if own is None and _may_bend(role.slave):
-        parts.append(_between_crossings(role, creases, found, radius.largest))
+    degree = max(1 if own is None else own.degree, _degree_along(opposite))
+    if not sharp and degree > 1:
+        parts.append(_between_crossings(role, creases, found, degree, radius.largest))
     facing = Facing.joined(parts)
     here = creases.some(facing.crease)
     at_crease = _side(own, here, facing.place)
@@ -154,37 +158,62 @@ class Facing(typing.NamedTuple):
         return cls(crease, place, opposite, normal)
 
 
-def _may_bend(surface: Surface) -> bool:
-    """Whether displacements along a line may be of the second degree within a facet."""
-    return surface.degree > 1 or surface.num_facet_vertices == 4
+def _degree_along(surface: Surface | None) -> int:
+    """Degree of displacements along a line within a facet."""
+    if surface is None:
+        return 1
+    return surface.degree * (2 if surface.num_facet_vertices == 4 else 1)
 
 
-def _between_crossings(role: EdgesRole, creases: Edges, found: Crossings, reach: float) -> Facing:
-    """Points halfway between crossings, and between them and ends of creases. Collective.
+def _between_crossings(
+    role: EdgesRole, creases: Edges, found: Crossings, degree: int, reach: float
+) -> Facing:
+    """Points between crossings, and between them and the ends of creases. Collective.
 
-    The slave's surface may come up there.
+    Surfaces may come up there: with those at both ends there are as many as a function of the
+    given degree has values.
     """
-    count = len(creases.area)
+    count, parts = len(creases.area), np.arange(1, degree) / degree
     crease = np.concatenate([found.crease, np.arange(count), np.arange(count)])
     place = np.concatenate([found.places[:, 0], np.zeros(count), np.ones(count)])
     order = np.lexsort((place, crease))
     crease, place = crease[order], place[order]
-    least = AT_END * role.slave.facet_size_range[0] / np.maximum(creases.length[crease[1:]], 1e-300)
+    part = AT_END if isinstance(role.master, RigidSurface) else BENDS
+    least = part * role.slave.facet_size_range[0] / np.maximum(creases.length[crease[1:]], 1e-300)
     wide = (np.diff(crease) == 0) & (np.diff(place) > least)
-    crease, place = crease[:-1][wide], (place[:-1] + place[1:])[wide] / 2
+    crease = np.repeat(crease[:-1][wide], degree - 1)
+    place = (place[:-1][wide, None] + np.diff(place)[wide, None] * parts).ravel()
     here = creases.some(crease)
     x, normal = here.at(place), here.normal.sum(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-    own = as_facets(role.master).cpp_object
-    closest = _cpp.closest_points(x, normal, own, role.slave.cpp_object, reach)
-    normal, away = -closest["normal"], closest["x"] - x
-    gap = np.sum(away * normal, axis=1)
-    beside = np.linalg.norm(away - gap[:, None] * normal, axis=1)
+    surfaces = (role.slave, role.master) if role.creases[0] else (role.master, role.slave)
+    own, opposite = (as_facets(surface).cpp_object for surface in surfaces)
+    closest = _cpp.closest_points(x, normal, own, opposite, reach)
+    normal = -closest["normal"]
     keep = closest["found"].astype(bool) & _leads_away(here, normal)
-    keep &= beside <= BESIDE * np.abs(gap) + AT_END * here.length
+    keep &= ~_are_beside(x, closest, role.slave.facet_size_range[0])
+    if not isinstance(surfaces[1], Surface):
+        return Facing(crease[keep], place[keep], of_tool(closest["x"][keep]), normal[keep])
     names = ("x", "dofs", "owner", "shape_values")
     side = PairingSide(**{name: closest[name][keep] for name in names})
     return Facing(crease[keep], place[keep], side, normal[keep])
+
+
+def _are_beside(x: Array, closest: dict[str, typing.Any], size: float) -> Flags:
+    """Whether places look past what is closest to them: that ends there, or turns away.
+
+    Args:
+        x: The places, (points, 3).
+        closest: What is closest, see ``closest_points``.
+        size: Of facets, in which rounding is measured.
+    """
+    mean, away = closest["mean_normal"], x - closest["x"]
+    length = np.maximum(np.linalg.norm(mean, axis=1), 1e-300)
+    height = np.sum(away * mean, axis=1) / length
+    offset = np.linalg.norm(away - (height / length)[:, None] * mean, axis=1)
+    # At an edge that all its facets see the place from, it is in the cone of their normals.
+    cone = np.sqrt(np.maximum(1 - length**2, 0.0)) / length
+    return np.asarray(offset > cone * np.abs(height) + SAME * size)
 
 
 def _leads_away(edges: Edges, normal: Array) -> Flags:
@@ -216,13 +245,24 @@ def _crossings(creases: Edges, edges: Edges, reach: float) -> Crossings:
         none = np.zeros(0, dtype=np.int64)
         return Crossings(none, none, np.zeros((0, 2)), np.zeros((0, 3)))
     found = Crossings(*(np.concatenate(values) for values in zip(*parts, strict=True)))
-    order = np.lexsort((found.places[:, 0], found.crease))
-    found = found.some(order)
+    along = _from_the_same_end(creases, found)
+    order = np.lexsort((along, found.crease))
+    found, along = found.some(order), along[order]
     ends = creases.some(found.crease), edges.some(found.edge)
     near = AT_END * np.minimum(1.0, ends[1].length / np.maximum(ends[0].length, 1e-300))
-    same = np.diff(found.places[:, 0], prepend=-1.0) < near
+    same = np.diff(along, prepend=-1.0) < near
     same &= np.diff(found.crease, prepend=-1) == 0
     return found.some(~same)
+
+
+def _from_the_same_end(creases: Edges, found: Crossings) -> Array:
+    """Places along creases from the same end on any number of ranks, (points,)."""
+    along = creases.x[:, 1] - creases.x[:, 0]
+    along = np.round(along / np.maximum(creases.length, 1e-300)[:, None], 6)
+    leading = np.argmax(along != 0, axis=1)
+    turned = along[np.arange(len(along)), leading] < 0
+    places = found.places[:, 0]
+    return np.where(turned[found.crease], 1 - places, places)
 
 
 def _candidates(
