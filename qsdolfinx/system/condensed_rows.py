@@ -21,7 +21,7 @@ Flags = npt.NDArray[np.bool_]
 
 #: Part of the diagonal by which the inexact derivative is softer at points: where sides of a node
 #: are pressed flat, their multipliers are more than there are motions.
-PROXIMAL = 1e-10
+PROXIMAL = 1e-5
 
 #: Closed part of what a node covers from which on points beside it begin closed.
 MOST = 0.5
