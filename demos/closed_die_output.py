@@ -114,7 +114,7 @@ def checks(result):
     limits = {
         "volume_change": (abs(result["volume_change"]), 5e-3),
         "max_penetration": (result["max_penetration"], 0.1 * result["facet_size"]),
-        "energy_error": (abs(result["energy_error"]), 1e-2),
+        "energy_error": (abs(result["energy_error"]), 2e-2),
     }
     for name, (value, limit) in limits.items():
         kept = "kept" if value <= limit else "MISSED"

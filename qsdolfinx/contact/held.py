@@ -263,7 +263,8 @@ def _held_on_both_sides(
     tool = as_tool(gap.master)
     of_force = np.zeros(gap.slave.block, dtype=bool)
     if tool is not None and tool.driven is not None:  # it goes where its force is balanced
-        of_force |= (np.abs(tool.driven.direction) > _NONE) | gap.law.jump
+        every = gap.law.jump or tool.driven.turns
+        of_force |= every or np.abs(tool.driven.direction) > _NONE
     own = (_read(gap.slave, slave) != 0) & ~of_force
     at_nodes = _at_nodes(model, gap)
     linear = at_nodes.slave

@@ -86,7 +86,7 @@ def with_own_multipliers(
         normal: Outward unit normals of the slave, (points, 3).
     """
     slave, x = surfaces[0], on_master.x
-    functions = np.round(_linear(slave, on_slave.shape_values), 9)
+    functions = np.round(linear(slave, on_slave.shape_values), 9)
     nodes = np.ascontiguousarray(on_slave.dofs[:, : slave.num_facet_vertices, 0])
     owner = on_slave.owner[:, : slave.num_facet_vertices]
     vertex, number, count = _taken(slave, nodes, owner, functions, x)
@@ -166,7 +166,7 @@ def _asked(
     return out
 
 
-def _linear(surface: Surface, values: Array) -> Array:
+def linear(surface: Surface, values: Array) -> Array:
     """Linear functions of the vertices at points with given functions of the trace."""
     count = surface.num_facet_vertices
     out = values[:, :count].copy()

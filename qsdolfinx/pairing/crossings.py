@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.pairing.ahead import FLAT, TOWARDS, between, of_tool, with_own_multipliers
+from qsdolfinx.pairing.ahead import FLAT, TOWARDS, between, linear, of_tool, with_own_multipliers
 from qsdolfinx.pairing.edges import Edges
 from qsdolfinx.pairing.facets import as_facets
 from qsdolfinx.pairing.points import PairingSide
@@ -111,9 +111,10 @@ def pair_edges(
             found.normal,
         )
     ]
-    degree = max(1 if own is None else own.degree, _degree_along(opposite))
-    if not sharp and degree > 1:
-        parts.append(_between_crossings(role, creases, found, degree, radius.largest))
+    degrees = _degrees(own, opposite)
+    if not sharp and max(degrees) > 1:
+        places = _between(role, creases, found, degrees, radius.largest)
+        parts.append(_facing(role, creases, places, radius.largest))
     facing = Facing.joined(parts)
     here = creases.some(facing.crease)
     at_crease = _side(own, here, facing.place)
@@ -158,41 +159,88 @@ class Facing(typing.NamedTuple):
         return cls(crease, place, opposite, normal)
 
 
-def _degree_along(surface: Surface | None) -> int:
-    """Degree of displacements along a line within a facet."""
-    if surface is None:
-        return 1
-    return surface.degree * (2 if surface.num_facet_vertices == 4 else 1)
+def _degrees(own: Surface | None, opposite: Surface | None) -> tuple[int, int]:
+    """Degrees of displacements along a line within a facet: along a side, and elsewhere."""
+    along = 1 if opposite is None else opposite.degree
+    twice = opposite is not None and opposite.num_facet_vertices == 4
+    least = 1 if own is None else own.degree
+    return max(least, along), max(least, 2 * along if twice else along)
 
 
-def _between_crossings(
-    role: EdgesRole, creases: Edges, found: Crossings, degree: int, reach: float
-) -> Facing:
-    """Points between crossings, and between them and the ends of creases. Collective.
+def _between(
+    role: EdgesRole, creases: Edges, found: Crossings, degrees: tuple[int, int], reach: float
+) -> tuple[Indices, Array]:
+    """Places between crossings, and between them and the ends of creases. Collective.
 
     Surfaces may come up there: with those at both ends there are as many as a function of the
-    given degree has values.
+    degree has values.
+
+    Returns:
+        Which of the creases, and places from 0 to 1; both (places,).
     """
-    count, parts = len(creases.area), np.arange(1, degree) / degree
-    crease = np.concatenate([found.crease, np.arange(count), np.arange(count)])
+    count = len(creases.area)
+    of_ends: npt.NDArray[np.int64] = np.arange(count)
+    crease = np.concatenate([found.crease, of_ends, of_ends])
     place = np.concatenate([found.places[:, 0], np.zeros(count), np.ones(count)])
     order = np.lexsort((place, crease))
     crease, place = crease[order], place[order]
     part = AT_END if isinstance(role.master, RigidSurface) else BENDS
     least = part * role.slave.facet_size_range[0] / np.maximum(creases.length[crease[1:]], 1e-300)
     wide = (np.diff(crease) == 0) & (np.diff(place) > least)
-    crease = np.repeat(crease[:-1][wide], degree - 1)
-    place = (place[:-1][wide, None] + np.diff(place)[wide, None] * parts).ravel()
+    crease, ends = crease[:-1][wide], (place[:-1][wide], place[1:][wide])
+    along: Flags = np.ones(len(crease), dtype=bool)
+    if degrees[0] < degrees[1]:
+        along = _are_along_sides(role, creases, crease, ends, reach)
+    out: tuple[list[Indices], list[Array]] = ([], [])
+    for degree, which in zip(degrees, (along, ~along), strict=True):
+        first, last = (end[which, None] for end in ends)
+        out[0].append(np.repeat(crease[which], degree - 1))
+        out[1].append((first + (last - first) * np.arange(1, degree) / degree).ravel())
+    return np.concatenate(out[0]), np.concatenate(out[1])
+
+
+def _are_along_sides(
+    role: EdgesRole, creases: Edges, crease: Indices, ends: tuple[Array, Array], reach: float
+) -> Flags:
+    """Whether creases go along sides of quadrilaterals between two places. Collective.
+
+    Args:
+        role: Whose they are.
+        creases: All of them.
+        crease: Which, (intervals,).
+        ends: Both places, (intervals,) each.
+        reach: Length beyond which nothing is in reach.
+    """
+    middle, part = (ends[0] + ends[1]) / 2, 0.05 * (ends[1] - ends[0])
+    found = [_closest(role, creases, crease, middle + step * part, reach)[0] for step in (-1, 1)]
+    linear_values = [linear(role.slave, closest["shape_values"]) for closest in found]
+    # Of the vertices (0, 0), (1, 0), (0, 1), (1, 1) of a facet.
+    at = [np.column_stack([v[:, 1] + v[:, 3], v[:, 2] + v[:, 3]]) for v in linear_values]
+    same = np.all(found[0]["dofs"] == found[1]["dofs"], axis=(1, 2))
+    change = np.abs(at[1] - at[0]) / 0.1
+    return np.asarray(same & (change.min(axis=1) < AT_END))
+
+
+def _closest(
+    role: EdgesRole, creases: Edges, crease: Indices, place: Array, reach: float
+) -> tuple[dict[str, typing.Any], Array, Edges]:
+    """What is closest to places of creases, the places, and the creases. Collective."""
     here = creases.some(crease)
     x, normal = here.at(place), here.normal.sum(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     surfaces = (role.slave, role.master) if role.creases[0] else (role.master, role.slave)
     own, opposite = (as_facets(surface).cpp_object for surface in surfaces)
-    closest = _cpp.closest_points(x, normal, own, opposite, reach)
+    return _cpp.closest_points(x, normal, own, opposite, reach), x, here
+
+
+def _facing(role: EdgesRole, creases: Edges, places: tuple[Indices, Array], reach: float) -> Facing:
+    """What is opposite to places of creases. Collective."""
+    crease, place = places
+    closest, x, here = _closest(role, creases, crease, place, reach)
     normal = -closest["normal"]
     keep = closest["found"].astype(bool) & _leads_away(here, normal)
     keep &= ~_are_beside(x, closest, role.slave.facet_size_range[0])
-    if not isinstance(surfaces[1], Surface):
+    if role.creases[0] and not isinstance(role.master, Surface):
         return Facing(crease[keep], place[keep], of_tool(closest["x"][keep]), normal[keep])
     names = ("x", "dofs", "owner", "shape_values")
     side = PairingSide(**{name: closest[name][keep] for name in names})
@@ -301,7 +349,7 @@ def _crossing(creases: Edges, edges: Edges, i: Indices, j: Indices, reach: float
     normal = normal / np.maximum(size, 1e-300)[:, None]
     outward = np.sum(normal * here.normal.sum(axis=1), axis=1)
     normal *= np.where(sharp, np.sign(outward), 1.0)[:, None]
-    places, is_across = _closest(here, there, along, across, normal)
+    places, is_across = _lines_closest(here, there, along, across, normal)
     s, t = places.T
     near = AT_END * np.minimum(1.0, there.length / np.maximum(here.length, 1e-300))
     end = np.where(sharp, -ROUNDING, near)
@@ -313,7 +361,7 @@ def _crossing(creases: Edges, edges: Edges, i: Indices, j: Indices, reach: float
     return Crossings(i[keep], j[keep], places[keep], normal[keep])
 
 
-def _closest(
+def _lines_closest(
     here: Edges, there: Edges, along: Array, across: Array, normal: Array
 ) -> tuple[Array, Flags]:
     """Where lines are closest to each other seen along a normal, and whether they cross there."""

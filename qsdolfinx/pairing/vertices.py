@@ -8,11 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.pairing.ahead import FLAT, TOWARDS, of_tool, with_own_multipliers
+from qsdolfinx.pairing.ahead import FLAT, TOWARDS, linear, of_tool, with_own_multipliers
 from qsdolfinx.pairing.facets import (
     Faceted,
     as_facets,
     at_vertices,
+    gathered,
     normals_at_vertices,
     sharp_nodes,
     sums,
@@ -71,7 +72,7 @@ def _of_slave(slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> 
         points = _cpp.pair_vertices(slave.cpp_object, other, which, radius)
         if tool is not None:
             _cpp.forget_master(points)
-    _cpp.keep_points(points, _lead_away(slave, points).astype(np.uint8))
+    _cpp.keep_points(points, _lead_away(slave, points, points.normal).astype(np.uint8))
     return points
 
 
@@ -80,17 +81,46 @@ def _of_tool(slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> _cp
     facets = as_facets(tool, slave.axisymmetric)
     which = sharp_nodes(facets).astype(np.uint8)
     found = _cpp.pair_vertices(facets.cpp_object, slave.cpp_object, which, radius)
-    _cpp.keep_points(found, _lead_away(facets, found).astype(np.uint8))
-    return with_own_multipliers(
-        (slave, None), PairingSide(**found.master), of_tool(found.slave["x"]), -found.normal
-    )
+    normal = _smoothed(slave, PairingSide(**found.master), -found.normal)
+    ahead = _lead_away(facets, found, -normal)
+    _cpp.keep_points(found, ahead.astype(np.uint8))
+    on_slave, on_tool = PairingSide(**found.master), of_tool(found.slave["x"])
+    return with_own_multipliers((slave, None), on_slave, on_tool, normal[ahead])
 
 
-def _lead_away(slave: Faceted, points: _cpp.PairingPoints) -> Flags:
-    """Points at nodes none of whose facets leads towards what is opposite. Collective."""
+def _smoothed(surface: Surface, at: PairingSide, normal: Array) -> Array:
+    """Normals that do not jump where places go from a facet to the next. Collective.
+
+    Those of the vertices of the facet, between which they are linear; but for vertices at creases,
+    where that of the facet stays.
+
+    Args:
+        surface: The surface.
+        at: Places on it.
+        normal: Unit normals of their facets, outward, (points, 3).
+    """
+    functions = linear(surface, at.shape_values)
+    nodes = at.dofs[:, : surface.num_facet_vertices, 0]
+    nodes = np.where(nodes >= 0, nodes, nodes[:, :1])
+    of_nodes = surface.cpp_object.node_normal
+    sharp = gathered(surface, sharp_nodes(surface).astype(np.float64), nodes)
+    means = np.stack([gathered(surface, values, nodes) for values in of_nodes.T], axis=2)
+    values = np.where(sharp[..., None] > 0.5, normal[:, None], means)
+    out = np.einsum("pk,pki->pi", functions, values)
+    return np.asarray(out / np.maximum(np.linalg.norm(out, axis=1), 1e-300)[:, None])
+
+
+def _lead_away(slave: Faceted, points: _cpp.PairingPoints, along: Array) -> Flags:
+    """Points at nodes none of whose facets leads towards what is opposite. Collective.
+
+    Args:
+        slave: Whose nodes they are at.
+        points: The points.
+        along: Unit normals towards what is opposite, (points, 3).
+    """
     node = np.searchsorted(slave.node_dofs[:, 0], points.slave["dofs"][:, 0, 0])
     normal = np.zeros((len(slave.node_area), 3))
-    normal[node] = points.normal
+    normal[node] = along
     x = slave.coordinates[0]
     opposite = np.stack([at_vertices(slave, values) for values in normal.T], axis=2)
     inward = x.mean(axis=1, keepdims=True) - x

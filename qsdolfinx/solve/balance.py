@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.surface.unknowns import is_vertex_scalar
+from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL, PROXIMAL
 from qsdolfinx.system.equations import REGULAR, Equations, State
 from qsdolfinx.system.system import ContactSystem
 
@@ -21,6 +22,9 @@ SPRINGS = 1e-4
 
 #: Springs, over that diagonal, of bodies that some conditions and closed rows leave a rigid motion.
 UNHELD = 1e-3
+
+#: Residual, relative to contact forces, from which on rows at points are less and less soft.
+LITTLE = 1e-2
 
 #: Unbalanced force of a tool over the force that drives it.
 RTOL_TOOLS = 1e-8
@@ -234,6 +238,15 @@ class Balance:
             unbalanced = now.residual / largest if largest > 0 else 0.0
             some = max(some, self._unheld * min(1.0, unbalanced + now.constraints))
         return some, none
+
+    @property
+    def proximal(self) -> float:
+        """For ``Equations.set_proximal``: its most until little is left of the residual."""
+        if len(self.history) < 2:
+            return PROXIMAL
+        now = self.history[-1]
+        left = max(now.forces, now.constraints, now.tools)
+        return float(np.clip(PROXIMAL * left / LITTLE, LEAST_PROXIMAL, PROXIMAL))
 
     @property
     def _left(self) -> float:

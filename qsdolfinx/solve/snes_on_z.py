@@ -137,6 +137,7 @@ class SnesOnZ:
         """Take the derivative at x."""
         at = self._equations.evaluate(x.array_r.copy())
         self._measure(at)
+        self._equations.set_proximal(self._balance.proximal)
         self._step.set_up(at, self._balance.shift)
 
     def converged(self, snes: PETSc.SNES) -> int:

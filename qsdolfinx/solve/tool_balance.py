@@ -89,22 +89,24 @@ class ToolBalance:
                 self.tools.append(tool)
                 self._pressed.append([])
                 forces.append(tool.driven.force)
-            field = Affine(np.zeros((tool.gdim, tool.gdim)), tool.driven.direction)
+            field = tool.driven_motion
             i = next(i for i, known in enumerate(self.tools) if known is tool)
             for j, p in enumerate(contact.gaps):
                 slip = contact.slips[j] if contact.slips else None
                 self._pressed[i].append(Pressed(contact, p, field, modulus, slip))
         self._force = np.array(forces)
-        for force, pressed in zip(forces, self._pressed, strict=True):
+        for tool, force, pressed in zip(self.tools, forces, self._pressed, strict=True):
+            if tool.driven is not None and tool.driven.turns:
+                continue
             holds = [p.contact.law.linear or p.slip is not None for p in pressed]
             if force < 0 and not any(holds):
                 raise ValueError("force: a negative one pulls the tool, which needs tied contact")
-        self._start = [tool.displacement.copy() for tool in self.tools]
+        self._start = [(tool.displacement.copy(), tool.rotation.copy()) for tool in self.tools]
 
     def restore(self) -> None:
-        """Put the displacements back that were there at first. Collective."""
-        for tool, displacement in zip(self.tools, self._start, strict=True):
-            tool.displacement = displacement
+        """Put the motions back that were there at first. Collective."""
+        for tool, start in zip(self.tools, self._start, strict=True):
+            tool.displacement, tool.rotation = start
         self._tell()
 
     def _tell(self) -> None:
@@ -114,8 +116,7 @@ class ToolBalance:
 
     def _move(self, steps: Array) -> None:
         for tool, step in zip(self.tools, steps, strict=True):
-            assert tool.driven is not None
-            tool.displacement = tool.displacement + step * tool.driven.direction
+            tool.move_driven((tool.displacement, tool.rotation), step)
         self._tell()
 
     def _sum(self, values: Array) -> Array:

@@ -43,12 +43,13 @@ class ToolRate(typing.NamedTuple):
         """Let the tool go on at this rate; what is left of its motion stays to be made."""
         if not np.any([*self.displacement, *self.rotation]):
             return
-        displacement = time * self.displacement
+        displacement, rotation = time * self.displacement, time * self.rotation
         if tool.driven is not None:  # nobody knows how far a force will push it
-            along = tool.driven.direction
-            missing = (displacement - tool.displacement) @ along
-            tool.displacement = tool.displacement + missing * along
-        tool.go_ahead(displacement, time * self.rotation)
+            further = displacement - tool.displacement, rotation - tool.rotation
+            missing = tool.driven.missing(*further)
+            tool.displacement = tool.displacement + missing[0]
+            tool.rotation = tool.rotation + missing[1]
+        tool.go_ahead(displacement, rotation)
 
 
 def left_until(tool: RigidSurface, before: Pose, part: float) -> tuple[Array, Array]:

@@ -20,8 +20,10 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 #: Part of the diagonal by which the inexact derivative is softer at points: where sides of a node
-#: are pressed flat, their multipliers are more than there are motions.
-PROXIMAL = 1e-5
+#: are pressed flat, or many edges meet a facet, multipliers are more than there are motions. The
+#: most, far from a solution, where multipliers that are next to redundant would be huge; and the
+#: least, with which they are found.
+PROXIMAL, LEAST_PROXIMAL = 1e-5, 1e-10
 
 #: Closed part of what a node covers from which on points beside it begin closed.
 MOST = 0.5
@@ -39,6 +41,9 @@ class CondensedRows:
 
     #: γ (stress per length): y = γ ḡ but for multipliers, and 1 of laws that are not asked by y.
     gamma = 1.0
+
+    #: Part of the diagonal by which the inexact derivative is softer.
+    proximal = LEAST_PROXIMAL
 
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
         self.model, self.gap = model, gap
@@ -307,4 +312,4 @@ class PointConstraints(CondensedRows):
 
     def softened(self, at: Normal) -> Array:
         """See ``NormalRows``."""
-        return np.asarray((-PROXIMAL / self.gamma * self.areas).ravel())
+        return np.asarray((-self.proximal / self.gamma * self.areas).ravel())

@@ -142,7 +142,7 @@ class Equations:
                 bodies = side if gap.slave is contact.slave else side[::-1]
                 rows = ConstraintRows(contact, gap, slip)
                 self.passes.append(Pass(contact, bodies, rows, tool))
-        self._starts = [tool.displacement.copy() for tool in self.tools]
+        self._starts = [(tool.displacement.copy(), tool.rotation.copy()) for tool in self.tools]
         self.one_step: typing.Callable[[], contextlib.AbstractContextManager[None]] = (
             contextlib.nullcontext
         )
@@ -160,6 +160,11 @@ class Equations:
         tool = as_tool(contact.master)
         if tool is None or tool.driven is None:
             return None
+        if tool.driven.turns and contact.follows:
+            raise ValueError(
+                'drive_moment: sliding="finite" knows forces on tools alone; use sliding="small" '
+                "with time steps, or prescribe the rotation"
+            )
         for i, known in enumerate(self.tools):
             if known is tool:
                 return i
@@ -431,18 +436,17 @@ class Equations:
 
     def _move_tools(self, displacements: Array) -> None:
         for tool, start, s in zip(self.tools, self._starts, displacements, strict=True):
-            assert tool.driven is not None
-            tool.displacement = start + s * tool.driven.direction
+            tool.move_driven(start, s)
         for contact in {id(p.model): p.model for p in self.passes if p.tool is not None}.values():
             motion.move_tool(contact)
 
     def changes(self, p: Pass) -> tuple[Array, Array | None]:
         """∂ḡ/∂s and ∂g/∂s of the rows of a pass with a driven tool. Collective."""
         assert p.tool is not None
-        driven = self.tools[p.tool].driven
-        assert driven is not None
-        gdim = p.gap.slave.gdim
-        field = Affine(np.zeros((gdim, gdim)), driven.direction)
+        return self._moved_by(p, self.tools[p.tool].driven_motion)
+
+    def _moved_by(self, p: Pass, field: Affine) -> tuple[Array, Array | None]:
+        """How the rows of a pass change when the tool moves by a field. Collective."""
         slip = None if p.slip is None else p.slip.tangential(p.slip.change(field))
         return p.gap.change(field), slip
 
@@ -450,18 +454,37 @@ class Equations:
         """R_s on all ranks. Collective."""
         if not self.tools:
             return np.zeros(0)
+        out = self._work_of([tool.driven_motion for tool in self.tools], passes)
+        forces = [tool.driven.force for tool in self.tools if tool.driven is not None]
+        return out - np.array(forces)
+
+    def _work_of(
+        self, fields: typing.Sequence[Affine | None], passes: typing.Sequence[Evaluated]
+    ) -> Array:
+        """Of the tractions where each tool moves by a field, on all ranks. Collective."""
         out = np.zeros(len(self.tools))
         for p, e in zip(self.passes, passes, strict=True):
-            if p.tool is None:
+            field = None if p.tool is None else fields[p.tool]
+            if p.tool is None or field is None:
                 continue
-            gap, slip = self.changes(p)
+            gap, slip = self._moved_by(p, field)
             out[p.tool] += np.sum(p.gap.weight[:, None] * e.pressure * gap)
             if slip is not None and p.slip is not None and e.tangential is not None:
                 weight = p.slip.weight[:, None]
                 out[p.tool] += np.sum(weight * e.tangential.traction * slip)
         self.system.comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
-        forces = [tool.driven.force for tool in self.tools if tool.driven is not None]
-        return out - np.array(forces)
+        return out
+
+    @property
+    def _turning(self) -> bool:
+        """Whether a moment drives a tool: what its rows change by changes with its angle."""
+        return any(tool.driven is not None and tool.driven.turns for tool in self.tools)
+
+    def turned(self, at: State) -> Array:
+        """∂R_s/∂s at given tractions, of tools that turn, on all ranks. Collective."""
+        if not self._turning:
+            return np.zeros(len(self.tools))
+        return self._work_of([tool.driven_curvature for tool in self.tools], at.passes)
 
     # --- Tangent
 
@@ -491,6 +514,10 @@ class Equations:
         self.softened = np.zeros(self.num_local)
         found = [*self._bulk(), *self._curvature(at), *self._shift(shift)]
         found += self._of_conductances()
+        if self._turning:
+            turned = self.turned(at)
+            own = np.arange(self._ends[-2], self._ends[-1]) + self.start
+            found.append(Entries(own, own, turned[: len(own)]))
         for i, p in enumerate(self.passes):
             found += self._of_pass(i, p, at.passes[i], exact)
             if not exact:
@@ -747,7 +774,8 @@ class Equations:
 
         Collective.
         """
-        if not p.gap.is_linear and p.rows in self._of_gaps:
+        turns = p.tool is not None and self._turning
+        if (turns or not p.gap.is_linear) and p.rows in self._of_gaps:
             self._of_gaps.pop(p.rows).destroy()
         if p.rows not in self._of_gaps:
             friction, slips = p.rows.condensed_friction, None
@@ -871,7 +899,7 @@ class Equations:
 
     def restart(self) -> None:
         """Count displacements of driven tools from where they are now."""
-        self._starts = [tool.displacement.copy() for tool in self.tools]
+        self._starts = [(tool.displacement.copy(), tool.rotation.copy()) for tool in self.tools]
         self._at = None
 
     def measure(self) -> bool:
@@ -920,6 +948,12 @@ class Equations:
                 p.rows.condensed.soften(part)
         self._forget_gaps()
         self._at = None
+
+    def set_proximal(self, part: float) -> None:
+        """Take this part of the diagonal by which λ's inexact derivative is softer at points."""
+        for p in self.passes:
+            if p.rows.condensed is not None:
+                p.rows.condensed.proximal = part
 
     def _forget_gaps(self) -> None:
         """Free derivatives of gaps. Collective."""

@@ -13,7 +13,7 @@ from qsdolfinx.friction.laws import Limited, Rows
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.rows import PointRows
-from qsdolfinx.system.condensed_rows import PROXIMAL
+from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL
 from qsdolfinx.system.friction_rows import Tangential
 from qsdolfinx.system.normal_rows import Normal, Scales
 
@@ -217,7 +217,7 @@ class PointFriction:
 
     def softened(self) -> Array:
         """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
-        return np.asarray((-PROXIMAL / self.gamma * self.areas).ravel())
+        return np.asarray((-LEAST_PROXIMAL / self.gamma * self.areas).ravel())
 
     def rounded_forces(self, at: Tangential) -> Array:
         """What rounding of slips makes of forces, (points,): of laws that slip rates steer.

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from qsdolfinx.contact.terms import Weights
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.system.condensed_rows import PROXIMAL, CondensedRows
+from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL, CondensedRows
 from qsdolfinx.system.constraint_rows import Evaluated
 from qsdolfinx.system.equations import Equations, Pass, State
 from qsdolfinx.system.factors import Entries, joined
@@ -207,7 +207,7 @@ class _CondensedBlocks:
         #: a, and what C_γ has at closed points.
         self._part = rows.part
         compliant = 1 + self._part * (1 - self._part)
-        closed, self._soft = rows.gathered(self._closed)[:, :1], PROXIMAL * areas
+        closed, self._soft = rows.gathered(self._closed)[:, :1], rows.proximal * areas
         self._regular: Array = compliant * closed + self._part * np.maximum(areas - closed, 0.0)
         #: What C_γ adds to S, over what gaps have themselves.
         self._more = self._part**2 / compliant if rows.has_multipliers else 0.0
@@ -362,7 +362,8 @@ class _PointBlocks:
         """C m. Collective."""
         normal, tangential = self._of_multipliers(m)
         change = self._of_nodes(normal, tangential) - self._friction.seen(tangential)
-        of_slip = self._friction.gathered(change) - PROXIMAL * self._areas * tangential
+        of_slip = self._friction.gathered(change)
+        of_slip -= LEAST_PROXIMAL * self._areas * tangential
         return _joined(self._normal.by_multiplier(normal), of_slip)
 
     def solve(self, r: Array) -> Array:

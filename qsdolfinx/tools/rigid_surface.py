@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import typing
 
@@ -31,6 +32,7 @@ from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix, rotation_vector
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import triangulation
+from qsdolfinx.tools.driven import Driven
 from qsdolfinx.tools.facet_surface import FacetSurface
 from qsdolfinx.tools.pose import Pose, padded, point_of, unit_vector
 from qsdolfinx.tools.shapes import Plane, Round, Shape
@@ -41,18 +43,6 @@ from qsdolfinx.tools.triangulation import Facets
 Array = npt.NDArray[np.float64]
 
 COMMUNICATOR = instance(MPI.Intracomm, "a communicator of mpi4py")
-
-
-class Driven(typing.NamedTuple):
-    """A force that drives a tool.
-
-    Attributes:
-        force: Force (in 2D per length) with which the tool is pushed along the direction.
-        direction: Unit vector, shape (gdim,).
-    """
-
-    force: float
-    direction: Array
 
 
 class ToolState(typing.NamedTuple):
@@ -553,14 +543,56 @@ class RigidSurface:
             same(force=driven.force, direction=driven.direction)
         self._driven = driven
 
+    def drive_moment(self, moment: float, axis: npt.ArrayLike | None = None) -> None:
+        """Turn the tool with a moment, instead of a prescribed rotation, in the next solves.
+
+        A solve finds the angle about the axis through :attr:`center` for which the contact forces
+        balance this one: ``contact.moment("master", tool.center) @ axis == -moment`` where the tool
+        then is, to 1e-8 of the moment. :attr:`rotation` holds it afterwards; the displacement stays
+        prescribed. It takes the place of a force.
+
+        Args:
+            moment: Moment, in 2D per length and counter-clockwise.
+            axis: Vector of any length, shape (3,); None in 2D.
+
+        Raises:
+            ValueError: If the moment is zero or not finite, or the axis is zero or has another
+                shape, or is given in 2D.
+        """
+        with checked_once(self.comm) as same:
+            check(FINITE, moment=moment)
+            require(moment, "moment: must not be zero; use release to prescribe the rotation")
+            require(self.gdim == 3 or axis is None, "axis: there is one alone in 2D: give None")
+            along = np.ones(1) if self.gdim == 2 else unit_vector("axis", axis, 3)
+            driven = Driven(float(moment), along, turns=True)
+            same(moment=driven.force, axis=driven.direction)
+        self._driven = driven
+
     def release(self) -> None:
-        """Prescribe all of the displacement again."""
+        """Prescribe all of the displacement and rotation again."""
         self._driven = None
 
     @property
     def driven(self) -> Driven | None:
-        """The force that drives the tool, None if its displacement is prescribed."""
+        """The force or moment that drives the tool, None if its motion is prescribed."""
         return self._driven
+
+    @property
+    def driven_motion(self) -> Affine:
+        """How places of the tool move with what is driven: a length, or an angle."""
+        assert self._driven is not None
+        return self._driven.field(self._rotation, self.center)
+
+    @property
+    def driven_curvature(self) -> Affine | None:
+        """The second derivative; None for 0."""
+        assert self._driven is not None
+        return self._driven.curvature(self._rotation, self.center)
+
+    def move_driven(self, start: tuple[Array, Array], s: float) -> None:
+        """Go on by a length or an angle from a displacement and a rotation."""
+        assert self._driven is not None
+        self._displacement, self._rotation = self._driven.moved(*start, s)
 
     # --- For contacts
 
@@ -594,12 +626,13 @@ class RigidSurface:
         Raises:
             ValueError: With the name of what is wrong.
         """
-        force, direction = (None, None) if self._driven is None else self._driven
+        driven = None if self._driven is None else dataclasses.astuple(self._driven)
+        force, direction, turns = driven or (None, None, None)
         with checked(self.comm) as same:
             check_vector("displacement", self._displacement, self.gdim)
             check_vector("rotation", self._rotation, len(self._rotation))
             same(displacement=self._displacement, rotation=self._rotation, position=self.position)
-            same(force=force, direction=direction)
+            same(force=force, direction=direction, turns=turns)
 
     @property
     def _facets(self) -> Facets:

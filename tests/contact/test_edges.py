@@ -24,9 +24,10 @@ class Wedge:
         up: Whether the edge is on top.
         yaw: By which it is turned about z (degrees).
         shift: Then.
+        degree: Of its displacements.
     """
 
-    def __init__(self, n, cell, up=False, yaw=0.0, shift=(0.0, 0.0, 0.0)):
+    def __init__(self, n, cell, up=False, yaw=0.0, shift=(0.0, 0.0, 0.0), degree=1):
         self.h, self.shift = EDGE / n, np.array(shift)
         low, high = [0.0, -EDGE / 2, 0.0], [EDGE, EDGE / 2, EDGE]
         self.msh = box(WORLD, (n, n, n), cell, low, high, "scattered")
@@ -36,7 +37,7 @@ class Wedge:
         turn = [[np.cos(w), -np.sin(w), 0.0], [np.sin(w), np.cos(w), 0.0], [0.0, 0.0, 1.0]]
         self.R = np.array(turn) @ R
         self.msh.geometry.x[:] = self.msh.geometry.x @ self.R.T + self.shift
-        self.V = vector_space(self.msh)
+        self.V = fem.functionspace(self.msh, ("Lagrange", degree, (3,)))
         self.u = fem.Function(self.V)
         self.F = elastic(self.u, E=E, nu=0.3)
         self.bcs = []
@@ -178,6 +179,21 @@ def test_wedge_on_a_plate(cell, cells, yaw, solver):
         assert contact.penetration() < 0.02 * wedge.h
         assert problem.num_iterations <= 12
     np.testing.assert_allclose(*forces, rtol=1e-6)
+
+
+def test_between_crossings():
+    """An edge of degree 2 along diagonals of quadrilaterals: nothing bulges into the other body."""
+    forces = []
+    for swap in (False, True):
+        wedge = Wedge(2, "hexahedron", yaw=45.0, shift=(0.05, 0.0, 0.0), degree=2)
+        bodies = [wedge.hold(-0.02), Plate(4, "hexahedron")]
+        surfaces = [body.surface() for body in bodies][:: -1 if swap else 1]
+        contact, problem = problem_of(bodies, surfaces)
+        problem.solve()
+        forces.append(contact.force("master" if swap else "slave")[2])
+        assert contact.penetration() < 0.01 * 0.02 and problem.num_iterations <= 10
+    np.testing.assert_allclose(*forces, rtol=1e-6)
+    assert forces[0] > 3.5  # 1.55 and .017 deep with points at nodes and mesh lines alone
 
 
 def test_flat_on_a_block():

@@ -1,5 +1,6 @@
 """Edges and tips of rigid tools: none goes into a body without its force, wherever it meets it."""
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -194,6 +195,94 @@ def test_tip_that_goes_in():
     for _ in stepper.run(1.0):
         assert WORLD.allreduce(contact.model.of_vertices[0].points.size) == 1
     assert sum(row.iterations for row in stepper.log.rows) <= 60  # 88 where it came and went
+
+
+def pressed(tool, cell, n, depth, degree=1, comm=WORLD, **options):
+    """A block [−.5, .5]² below 0, held at its bottom, and a tool that has been pressed into it."""
+    msh = box(comm, (n, n, 2), cell, [-0.5, -0.5, -0.5], [0.5, 0.5, 0.0])
+    V = fem.functionspace(msh, ("Lagrange", degree, (3,)))
+    u, bcs = fem.Function(V), [clamp(V, plane(msh, 2, -0.5))]
+    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 2, 0.0)), tool, **options)
+    problem = qs.ContactProblem([elastic(u, E, 0.3)], [u], [contact], [bcs])
+    tool.displacement[2] = -depth
+    problem.solve()
+    return contact, problem
+
+
+@pytest.mark.parametrize("enforcement", ("augmented-lagrangian", "penalty"))
+@pytest.mark.parametrize("kind", ("roof", "tip"))
+def test_beside_the_rim(kind, enforcement):
+    """What passes beside the body, and does not touch it, has no force."""
+    for cell in ("hexahedron", "tetrahedron"):
+        tool = made(kind, [-0.515, 0.07, 0.0], 1.5)
+        contact, _ = pressed(tool, cell, 5, 0.01, enforcement=enforcement)
+        assert largest(contact.force("slave")) == 0.0
+
+
+def test_degree_2_along_diagonals():
+    """Where only nodes of the corners are below an edge it goes no deeper than beside these."""
+    forces = []
+    for yaw in (45.0, 47.0):
+        contact, problem = pressed(
+            made("roof", [0.0, 0.0, 0.0], 4.0, yaw), "hexahedron", 2, 0.02, 2
+        )
+        forces.append(contact.force("slave")[2])
+        assert problem.num_iterations <= 10
+    np.testing.assert_allclose(*forces, rtol=0.03)  # .26 apart with a point in the middle alone
+
+
+@pytest.mark.parametrize("law", (None, qs.Coulomb(0.2)))
+def test_merged_alike(law):
+    """Near mesh lines crossings are one, the same ones on any number of ranks."""
+    forces = []
+    for comm in (WORLD, MPI.COMM_SELF):
+        x, facets = roof([0.0, -0.02, 0.0], 1.5, 90.0)
+        turned = [f[::-1] for f in facets]
+        down = [f if np.cross(x[f[1]] - x[f[0]], x[f[2]] - x[f[0]])[2] < 0 else t
+                for f, t in zip(facets, turned, strict=True)]  # fmt: skip
+        tool = qs.RigidSurface.triangulated(comm, x, down)
+        contact, _ = pressed(tool, "tetrahedron", 4, 0.01, comm=comm, friction=law)
+        forces.append(contact.force("slave"))
+    np.testing.assert_allclose(*forces, rtol=1e-7, atol=1e-7 * largest(forces[0]))
+
+
+def test_many_tips():
+    """More tips than there are motions below them: no more iterations than elsewhere."""
+    pitch, m, slope = 0.15, 1, 0.5
+    places = pitch * np.array([[i, j] for i in range(-m, m + 1) for j in range(-m, m + 1)])
+    x, facets = [], []
+    for place in places:
+        start, half = len(x), pitch / 2
+        around = [place + half * np.array(d) for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        x += [[*place, 0.0], *([*a, slope * half] for a in around)]
+        facets += [[start, start + 1 + k, start + 1 + (k + 1) % 4] for k in range(4)]
+    c, s = np.cos(0.254), np.sin(0.254)
+    x = np.array(x) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [0.0316, -0.033, 0.0]
+    for law in (None, qs.Coulomb(0.3)):
+        contact, problem = pressed(facing(x, facets, up=False), "hexahedron", 3, 0.01, friction=law)
+        assert problem.num_iterations <= (15 if law is None else 50)  # 67, and no end
+        assert contact.force("slave")[2] < -9.0
+
+
+def test_held_in_rubber():
+    """A sharp corner that is pressed into rubber, and held: its force does not wander."""
+    msh = box(WORLD, (12, 8), "quadrilateral", [0.0, -2.0], [3.0, 0.0], "scattered")
+    V = vector_space(msh)
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    F = ufl.inner(qs.materials.neo_hookean(u, 1.0, 5.0), ufl.grad(v)) * ufl.dx(degree=4)
+    x = np.array([[-1.0, 3.0], [-1.0, 0.0], [1.0, 0.0], [1.0, 3.0]])
+    tool = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2], [2, 3]])
+    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 0.0)), tool)
+    bcs = [clamp(V, plane(msh, 1, -2.0)), slide(V, 0, plane(msh, 0, 0.0))]
+    problem = qs.ContactProblem([F], [u], [contact], [bcs])
+
+    def drive(t, dt):
+        tool.displacement[1] = -0.2 * (min(t, 1.0) - min(t - dt, 1.0))
+
+    stepper = qs.TimeStepper(problem, 0.25, drive)
+    forces = [contact.force("master")[1] for _ in stepper.run(2.0)]
+    np.testing.assert_allclose(forces[4:], forces[3], rtol=5e-3)  # 2.6e-2 along facets' normals
+    assert max(row.iterations for row in stepper.log.rows) <= 10
 
 
 def test_ring():

@@ -164,7 +164,7 @@ def test_conjugate_gradients_after_gmres():
 
 def test_a_choice_of_the_user_stays():
     """Who names the linear solver is told that it fails."""
-    pair = Pair("hexahedron", n=(4, 3), wave=0.02, load=-0.05)
+    pair = Pair("hexahedron", n=(8, 6), wave=0.02, load=-0.05)
     options = {"ksp_type": "cg", "pc_type": "none", "ksp_max_it": 1}
     problem = pair.problem(petsc_options=options)
     with pytest.raises(qs.ConvergenceError, match="DIVERGED_MAX_IT"):
