@@ -160,6 +160,10 @@ class Equations:
         tool = as_tool(contact.master)
         if tool is None or tool.driven is None:
             return None
+        if tool.driven.turns and contact.slave.axisymmetric:
+            raise ValueError(
+                "drive_moment: a tool of an axisymmetric scene is a ring, which none turns"
+            )
         if tool.driven.turns and contact.follows:
             raise ValueError(
                 'drive_moment: sliding="finite" knows forces on tools alone; use sliding="small" '

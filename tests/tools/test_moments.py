@@ -17,11 +17,12 @@ class Lever:
     Args:
         gdim: Of space.
         solver: Linear one.
+        rings: Whether it is axisymmetric.
         options: Of the contact.
     """
 
-    def __init__(self, gdim, solver="auto", **options):
-        low, n = [-1.0, *[-0.25] * (gdim - 2), -0.5], [8, *[2] * (gdim - 2), 2]
+    def __init__(self, gdim, solver="auto", rings=False, **options):
+        low, n = [-1.0 + rings, *[-0.25] * (gdim - 2), -0.5], [8, *[2] * (gdim - 2), 2]
         cell = "quadrilateral" if gdim == 2 else "hexahedron"
         self.msh = box(WORLD, n, cell, low, [1.0, *[0.25] * (gdim - 2), 0.0], "scattered")
         V, up = vector_space(self.msh), gdim - 1
@@ -37,7 +38,9 @@ class Lever:
             center = [-1.4, 0.0, 0.3]
         self.tool = qs.RigidSurface.triangulated(WORLD, x, edges, center=center)
         self.contact = qs.Contact(
-            qs.Surface(V, facets=plane(self.msh, up, 0.0)), self.tool, **options
+            qs.Surface(V, facets=plane(self.msh, up, 0.0), axisymmetric=rings),
+            self.tool,
+            **options,
         )
         self.problem = qs.ContactProblem(
             [elastic(self.u, E, 0.3)], [self.u], [self.contact], [self.bcs], solver=solver
@@ -120,7 +123,8 @@ def test_bad_moments():
     with pytest.raises(ValueError, match="axis: there is one alone in 2D"):
         lever.tool.drive_moment(1.0, [0.0, 0.0, 1.0])
     assert lever.tool.driven is None
-    lever = Lever(2, sliding="finite")
-    lever.tool.drive_moment(-1.0)
-    with pytest.raises(ValueError, match="drive_moment: sliding"):
-        lever.problem.solve()
+    for options, message in (({"sliding": "finite"}, "sliding"), ({"rings": True}, "a tool of an")):
+        lever = Lever(2, **options)
+        lever.tool.drive_moment(-1.0)
+        with pytest.raises(ValueError, match=f"drive_moment: {message}"):
+            lever.problem.solve()
