@@ -90,7 +90,9 @@ class Scales(typing.NamedTuple):
             usual = max(usual, LEAST / ratio)
         soft = LEAST / ratio if ratio > 0 else 1.0
         soft = soft if exact else min(soft, 1.0)
-        compliance: Array = np.zeros_like(penalty) if exact else 1 / penalty
+        compliance: Array = np.full_like(penalty, 0.0 if exact else np.inf)
+        if not exact:  # a conductance may be 0
+            np.divide(1.0, penalty, out=compliance, where=penalty > 0)
         proximal: Array = np.asarray(exact * PROXIMAL / of_bodies)
         return cls(penalty, usual, soft, of_bodies, compliance, proximal)
 
