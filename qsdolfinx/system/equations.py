@@ -162,7 +162,7 @@ class Equations:
             return None
         if tool.driven.turns and contact.slave.axisymmetric:
             raise ValueError(
-                "drive_moment: a tool of an axisymmetric scene is a ring, which none turns"
+                "drive_moment: a tool of an axisymmetric scene stands for a ring"
             )
         if tool.driven.turns and contact.follows:
             raise ValueError(

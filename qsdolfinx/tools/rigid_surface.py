@@ -547,9 +547,10 @@ class RigidSurface:
         """Turn the tool with a moment, instead of a prescribed rotation, in the next solves.
 
         A solve finds the angle about the axis through :attr:`center` for which the contact forces
-        balance this one: ``contact.moment("master", tool.center) @ axis == -moment`` where the tool
-        then is, to 1e-8 of the moment. :attr:`rotation` holds it afterwards; the displacement stays
-        prescribed. It takes the place of a force.
+        do as much work as the moment, to 1e-8. They act where contact has paired: for small angles
+        ``contact.moment("master", tool.center) @ axis`` is minus the moment, up to what arms change
+        in the step. :attr:`rotation` holds the angle afterwards; the displacement stays prescribed.
+        It takes the place of a force.
 
         Args:
             moment: Moment, in 2D per length and counter-clockwise.
