@@ -161,9 +161,7 @@ class Equations:
         if tool is None or tool.driven is None:
             return None
         if tool.driven.turns and contact.slave.axisymmetric:
-            raise ValueError(
-                "drive_moment: a tool of an axisymmetric scene stands for a ring"
-            )
+            raise ValueError("drive_moment: a tool of an axisymmetric scene stands for a ring")
         if tool.driven.turns and contact.follows:
             raise ValueError(
                 'drive_moment: sliding="finite" knows forces on tools alone; use sliding="small" '
