@@ -120,10 +120,13 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
 
 
 def has_factors(model: ContactModel) -> bool:
-    """Whether the tangent is Gᵀ W G with gaps G that stay while contact does not pair anew."""
+    """Whether the tangent is best had as Gᵀ W G, with G that stay while contact does not pair anew.
+
+    Rows are few then: there are many more points than nodes.
+    """
     if _changes(model):
         return False
-    return all(gap.is_linear for gap in model.gaps)
+    return all(gap.is_linear and not gap.rows.are_points for gap in model.gaps)
 
 
 def gaps_and_slips(model: ContactModel) -> list[tuple[WeightedGap | Slip, Weights]]:

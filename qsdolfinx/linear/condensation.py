@@ -20,43 +20,48 @@ from qsdolfinx.system.system import ContactSystem
 Array = npt.NDArray[np.float64]
 
 
-class ContactRows(typing.NamedTuple):
-    """Contact, at one evaluation.
+class ContactPart(typing.NamedTuple):
+    """What contact adds to the bodies' matrices, at one evaluation.
 
     Attributes:
-        L: What forces of multipliers work on, rows by unknowns.
-        R: Gaps and slips as functions of the unknowns, likewise.
-        H: How forces change with multipliers held; None if they do not.
-        blocks: What there is at the rows.
+        matrix: H, F, D and C: the derivative by all unknowns but for the bodies' own matrices.
+        blocks: C_γ of its rows of multipliers.
+        num_bodies: Unknowns of bodies on this rank, which are first; those of multipliers follow.
     """
 
-    L: PETSc.Mat
-    R: PETSc.Mat
-    H: PETSc.Mat | None
+    matrix: PETSc.Mat
     blocks: RowBlocks
+    num_bodies: int
 
-    def contact(self) -> PETSc.Mat:
-        """Lᵀ S R + H as a new matrix. Collective."""
-        num = self.blocks.num_rows
-        first = self.L.getOwnershipRange()[0]
-        weights = self.blocks.matrix_entries(first).matrix(num, num, self.L.comm)
-        half = weights.matMult(self.R)
-        out: PETSc.Mat = self.L.transposeMatMult(half)
-        if self.H is not None:
-            out.axpy(1.0, self.H, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        weights.destroy()
-        half.destroy()
+    def condensed(self) -> PETSc.Mat:
+        """H − F C_γ⁻¹ D of the bodies' unknowns as a new matrix. Collective."""
+        inverse = self.blocks.inverse()
+        start, num = self.matrix.getOwnershipRange()[0], self.blocks.num_rows
+        sets = [
+            PETSc.IS().createStride(size, first, 1, comm=self.matrix.comm)
+            for size, first in ((self.num_bodies, start), (num, start + self.num_bodies))
+        ]
+        (out, F), (D, none) = (
+            [self.matrix.createSubMatrix(rows, columns) for columns in sets] for rows in sets
+        )
+        inverse = inverse._replace(column=inverse.column + none.getOwnershipRange()[0])
+        C = inverse._replace(value=-inverse.value).matrix(num, num, self.matrix.comm)
+        half = C.matMult(D)
+        product = F.matMult(half)
+        out.axpy(1.0, product, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        for thing in (F, D, none, C, half, product, *sets):
+            thing.destroy()
         return out
 
 
 class Condensation(typing.Protocol):
-    """K + Lᵀ S R + H, and V that solves with it nearly."""
+    """K + H − F C_γ⁻¹ D, and V that solves with it nearly."""
 
-    def update(self, rows: ContactRows, springs: Array, free: Array) -> None:
+    def update(self, contact: ContactPart, springs: Array, free: Array) -> None:
         """Follow bodies and contact. Collective.
 
         Args:
-            rows: Contact.
+            contact: Contact.
             springs: On top of the diagonal, owned unknowns.
             free: Motions that closed contacts do not resist, as ``Hold.free_motions`` has them.
         """
@@ -84,11 +89,11 @@ class _OfSum:
         assert isinstance(system.made.tangent, Additive)
         self._tangent, self._linear = system.made.tangent, linear
 
-    def update(self, rows: ContactRows, springs: Array, free: Array) -> None:
+    def update(self, contact: ContactPart, springs: Array, free: Array) -> None:
         if self._tangent.has_factors:
-            self._tangent.assemble_with(rows.blocks.stiffness(), springs)
+            self._tangent.assemble_with(contact.blocks.stiffness(), springs)
         else:
-            self._tangent.assemble_beside(rows.contact(), springs)
+            self._tangent.assemble_beside(contact.condensed(), springs)
         self._linear.precondition(free)
 
     def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -109,16 +114,16 @@ class _OfMatrix:
         self._sum: Sum | None = None
         self._own: list[PETSc.Mat] = []
 
-    def update(self, rows: ContactRows, springs: Array, free: Array) -> None:
+    def update(self, contact: ContactPart, springs: Array, free: Array) -> None:
         self._forget()
         bodies = self._system.bodies
         bulk = [body.matrix() for body in bodies]
-        contact = Formed(rows.contact())
+        beside = Formed(contact.condensed())
         parts = [(K, body.linear) for K, body in zip(bulk, bodies, strict=True)]
-        self._sum = Sum(parts, contact, [None] * len(parts))
+        self._sum = Sum(parts, beside, [None] * len(parts))
         self._sum.renew(springs)
         whole = self._sum.formed()
-        self._own = [contact.matrix, whole]
+        self._own = [beside.matrix, whole]
         if self._system.form is Form.NEST:
             whole = self._as_nest(whole)
         else:

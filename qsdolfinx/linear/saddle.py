@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import typing
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -10,14 +12,11 @@ import numpy.typing as npt
 
 from qsdolfinx.base.passing import passing
 from qsdolfinx.base.reasons import reason_name
-from qsdolfinx.linear.condensation import ContactRows, condensation_of
+from qsdolfinx.linear.condensation import ContactPart, condensation_of
 from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.linear.stop import Stop
-from qsdolfinx.system.additive import Additive
 from qsdolfinx.system.equations import Equations, State
-from qsdolfinx.system.factors import Number
-from qsdolfinx.system.numbering import numbering
 from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
@@ -30,13 +29,28 @@ CRAWLING = 2 * GMRES_RESTART
 PART, LEAST_PART = 0.3, 1e-2
 
 
-class SaddlePoint:
-    """Solves [K, Lᵀ F; D R, C] [du; dm] = −[R_u; R_m], m being multipliers, F, D and C of few rows.
+class _Parts(typing.NamedTuple):
+    """Parts of a product, rows of multipliers as forces.
 
-    L and R have the gaps and slips of all rows as functions of the bodies' unknowns; F, D and C are
-    blocks of the rows of a node, see :class:`RowBlocks`; at points gaps add to forces, and K is
-    K + Lᵀ F_γ R. GMRES is preconditioned with factors of the matrix in which closed rows have the
-    compliance of a penalty, C_γ: with S = −F C_γ⁻¹ D
+    Attributes:
+        forces: Of the bodies' unknowns.
+        rows: Of multipliers.
+        tools: On all ranks.
+    """
+
+    forces: Array
+    rows: Array
+    tools: Array
+
+
+class SaddlePoint:
+    """Solves [K + H, Lᵀ F; D R, C] [du; dm] = −[R_u; R_m], m being multipliers.
+
+    K are the bodies' own matrices, and all else is one matrix of few rows. L and R have the gaps
+    and slips of all rows as functions of the bodies' unknowns; F, D and C are blocks of the rows of
+    a node, see :class:`RowBlocks`; at points gaps add Lᵀ F_γ R to H. GMRES is preconditioned with
+    factors of the matrix in which closed rows have the compliance of a penalty, C_γ: with
+    S = −F C_γ⁻¹ D
 
         [I, 0; D R V, I]⁻¹ · diag(V, C_γ)⁻¹ · [I, Lᵀ F C_γ⁻¹; 0, I]⁻¹,   V ≈ (K + Lᵀ S R)⁻¹.
 
@@ -56,21 +70,11 @@ class SaddlePoint:
         self._comm = equations.system.comm
         bodies = equations.system.bodies
         self._num_u = sum(body.num_owned for body in bodies)
-        of_bodies = numbering([body.matrix() for body in bodies])
-        self._numbers: list[Number] = [number.__call__ for number in of_bodies]
         self._condensation = condensation_of(equations.system, linear)
-        blocks, tangent = RowBlocks(equations), equations.system.made.tangent
-        #: L and R that multigrid has already, as long as contact does not pair anew.
-        self._kept_rows = isinstance(tangent, Additive) and tangent.has_factors
-        if isinstance(tangent, Additive) and tangent.has_factors:
-            product = tangent.factors.product
-            self._rows = ContactRows(product.left, product.right, None, blocks)
-        else:
-            self._rows = ContactRows(*self._factors(blocks), None, blocks)
-        self._m, self._n = self._rows.L.createVecLeft(), self._rows.L.createVecLeft()
-        self._u, self._f = self._rows.L.createVecRight(), self._rows.L.createVecRight()
-        #: Of tools: how rows move with them, (tools, rows).
-        self._rigid: Array = np.zeros((len(equations.tools), blocks.num_rows))
+        self._blocks = RowBlocks(equations)
+        self._u, self._f = equations.system.x.duplicate(), equations.system.x.duplicate()
+        #: The derivative but for the bodies' own matrices, of the equations.
+        self._contact: PETSc.Mat | None = None
         self._before = b""
         #: Whether GMRES is too slow.
         self._crawls = False
@@ -86,6 +90,7 @@ class SaddlePoint:
         size = (equations.num_local, equations.size)
         self._matrix: PETSc.Mat = PETSc.Mat().createPython((size, size), self, self._comm)
         self._matrix.setUp()
+        self._x, self._y = self._matrix.createVecs()
         self._ksp = PETSc.KSP().create(self._comm)
         self._ksp.setOptionsPrefix(linear.ksp.getOptionsPrefix())
         self._ksp.setFromOptions()
@@ -105,7 +110,7 @@ class SaddlePoint:
             at: The evaluation.
             springs: On top of the diagonal of the bodies' matrices, owned unknowns.
         """
-        self._rows.blocks.take(at)
+        self._blocks.take(at)
         self._follow(at, springs)
 
     def solve(
@@ -175,7 +180,7 @@ class SaddlePoint:
     def _iterate(self, b: PETSc.Vec, x: PETSc.Vec, until: float, exact: bool) -> None:
         """GMRES, and conjugate gradients inside where they do and it is slow. Collective."""
         linear, ksp = self._linear, self._ksp
-        condensed = self._comm.allreduce(self._rows.blocks.is_condensed, op=MPI.LAND)
+        condensed = self._comm.allreduce(self._blocks.is_condensed, op=MPI.LAND)
         symmetric = linear.system.symmetric and not self._equations.tools
         linear.choose_inner(symmetric and (condensed or self._crawls))
         self._choose_type()
@@ -232,7 +237,7 @@ class SaddlePoint:
         """Whether blocks of rows are others than at the last solve. Collective."""
         if not self._may_change:
             return False
-        digest = self._rows.blocks.digest
+        digest = self._blocks.digest
         same = self._comm.allreduce(digest == self._before, op=MPI.LAND)
         self._before = digest
         return not same
@@ -245,7 +250,7 @@ class SaddlePoint:
     @property
     def row_scale(self) -> Array:
         """What rows of multipliers and of tools were multiplied with to be forces."""
-        return self._rows.blocks.scale
+        return self._blocks.scale
 
     @property
     def num_iterations(self) -> int:
@@ -281,34 +286,52 @@ class SaddlePoint:
     # --- Products
 
     def _multiply(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        u, m, s = self._split(x.array_r)
-        self._u.array[:] = u
+        assert self._contact is not None
+        self._contact.mult(x, y)
+        self._u.array[:] = x.array_r[: self._num_u]
         self._condensation.multiply_bodies(self._u, self._f)
-        if self._rows.H is not None:
-            self._rows.H.multAdd(self._u, self._f, self._f)
-        forces, gaps = self._f.array_r.copy(), self._gaps(u) + self._rigid.T @ s
-        blocks = self._rows.blocks
-        at_rows = blocks.forces(m) + blocks.own_forces(gaps)
-        y.array[: self._num_u] = forces + self._forces(at_rows)
-        of_rows = blocks.by_gaps(gaps) + blocks.by_multipliers(m)
-        y.array[self._num_u : self._num_u + len(m)] = of_rows
-        self._put_tools(y, self._of_tools(at_rows))
+        y.array[: self._num_u] += self._f.array_r
+        y.array[self._num_u :] *= self.row_scale
 
     def _precondition(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         u, m, s = self._split(r.array_r)
-        blocks = self._rows.blocks
-        known = blocks.solve(m)
-        pushing = blocks.forces(known)
-        du = self._cycle(u - self._forces(pushing))
+        known = self._blocks.solve(m)
+        pushing = self._beside(multipliers=known)
+        du = self._cycle(u - pushing.forces)
         ds: Array = np.zeros(len(s))
+        change = self._condensed(du)
         if len(s):
-            left = s - self._of_tools(pushing + blocks.resisting(self._gaps(du)))
+            left = s - self._beside(du, known + change).tools
             ds = np.asarray(np.linalg.solve(self._schur, left))
             du -= ds @ self._moved
-        dm = known + blocks.condensed(self._gaps(du) + self._rigid.T @ ds)
+            change = self._condensed(du, ds)
         z.array[: self._num_u] = du
-        z.array[self._num_u : self._num_u + len(m)] = dm
+        z.array[self._num_u : self._num_u + len(m)] = known + change
         self._put_tools(z, ds)
+
+    def _condensed(self, du: Array | None, ds: Array | None = None) -> Array:
+        """Change of multipliers where bodies and tools move. Collective."""
+        return self._blocks.condensed(self._beside(du, None, ds).rows)
+
+    def _beside(
+        self,
+        bodies: Array | None = None,
+        multipliers: Array | None = None,
+        tools: Array | None = None,
+    ) -> _Parts:
+        """What contact makes of these unknowns. Collective."""
+        assert self._contact is not None
+        x, y = self._x, self._y
+        x.zeroEntries()
+        if bodies is not None:
+            x.array[: self._num_u] = bodies
+        if multipliers is not None:
+            x.array[self._num_u : self._num_u + len(multipliers)] = multipliers
+        if tools is not None:
+            self._put_tools(x, tools)
+        self._contact.mult(x, y)
+        y.array[self._num_u :] *= self.row_scale
+        return _Parts(*(part.copy() for part in self._split(y.array_r)))
 
     # --- Parts of it
 
@@ -327,103 +350,41 @@ class SaddlePoint:
         if len(s) and self._comm.rank == 0:
             x.array[-len(s) :] = s
 
-    def _forces(self, at_rows: Array) -> Array:
-        """Lᵀ times forces at the rows. Collective."""
-        self._m.array[:] = at_rows
-        self._rows.L.multTranspose(self._m, self._f)
-        return self._f.array_r.copy()
-
-    def _gaps(self, u: Array) -> Array:
-        """R u. Collective."""
-        self._u.array[:] = u
-        self._rows.R.mult(self._u, self._n)
-        return self._n.array_r.copy()
-
     def _cycle(self, f: Array) -> Array:
         """V f. Collective."""
         self._u.array[:] = f
         self._condensation.solve(self._u, self._f)
         return self._f.array_r.copy()
 
-    # --- L, R and how forces change with multipliers held
-
     def _follow(self, at: State, springs: Array) -> None:
         """Follow bodies, contact and tools. Collective."""
-        blocks, system = self._rows.blocks, self._equations.system
-        if self._equations.moves:
-            self._forget_rows()
-            self._rows = ContactRows(*self._factors(blocks), self._curvature(at), blocks)
-        elif self._equations.follows:
-            if self._rows.H is not None:
-                self._rows.H.destroy()
-            self._rows = self._rows._replace(H=self._curvature(at))
+        system = self._equations.system
+        self._contact = self._equations.beside_bodies(at)
         free = system.made.hold.free_motions([e.active for e in at.passes])
-        self._condensation.update(self._rows, springs, free)
+        contact = ContactPart(self._contact, self._blocks, self._num_u)
+        self._condensation.update(contact, springs, free)
         self._find_rigid()
-
-    def _factors(self, blocks: RowBlocks) -> tuple[PETSc.Mat, PETSc.Mat]:
-        """New L and R at the last evaluation. Collective."""
-        rows = self._equations.rows(self._numbers)
-        left, right = (e.matrix(blocks.num_rows, self._num_u, self._comm) for e in rows)
-        return left, right
-
-    def _curvature(self, at: State) -> PETSc.Mat | None:
-        """New matrix of all bodies. Collective."""
-        blocks = self._equations.curvature(at)
-        if not blocks:
-            return None
-        bodies = range(len(self._equations.system.bodies))
-        nest = PETSc.Mat().createNest(
-            [[blocks.get((i, j)) for j in bodies] for i in bodies], comm=self._comm
-        )
-        out: PETSc.Mat = nest.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-        for mat in (nest, *blocks.values()):
-            mat.destroy()
-        return out
-
-    def _forget_rows(self) -> None:
-        """Free L, R and H, unless they are the tangent's. Collective."""
-        for mat in (self._rows.H,) if self._kept_rows else self._rows[:3]:
-            if mat is not None:
-                mat.destroy()
 
     # --- Driven tools
 
-    def _of_tools(self, at_rows: Array) -> Array:
-        """Forces at the rows on tools, on all ranks. Collective."""
-        out: Array = self._rigid @ at_rows
-        if len(out):
-            self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
-        return np.asarray(out)
-
     def _find_rigid(self) -> None:
-        """What tools need: their gaps, and their Schur complement with V. Collective."""
-        equations = self._equations
-        self._rigid = np.zeros((len(equations.tools), len(self._m.array_r)))
-        if not equations.tools:
-            return
-        first = 0
-        for p in equations.passes:
-            end = first + p.rows.num_values
-            if p.tool is not None:
-                gap, slip = equations.changes(p)
-                parts = [gap.ravel()] if slip is None else [gap.ravel(), slip.ravel()]
-                self._rigid[p.tool, first:end] = np.concatenate(parts)
-            first = end
-        blocks, tools = self._rows.blocks, range(len(equations.tools))
-        reached = [blocks.resisting(np.asarray(self._rigid[i])) for i in tools]
-        moved = [self._cycle(self._forces(f)) for f in reached]
-        left = [
-            self._of_tools(f - blocks.resisting(self._gaps(u)))
-            for f, u in zip(reached, moved, strict=True)
-        ]
-        #: V Lᵀ F of what multipliers change by with each tool, (tools, unknowns).
+        """What tools need: where bodies go with them, and their Schur complement with V.
+
+        Collective.
+        """
+        moved, left = [], []
+        for unit in np.eye(len(self._equations.tools)):
+            change = self._condensed(None, unit)
+            pushed = self._beside(None, change, unit)
+            moved.append(self._cycle(pushed.forces))
+            back = self._beside(moved[-1], self._condensed(moved[-1]))
+            left.append(pushed.tools - back.tools)
+        #: V times the forces that each tool makes, (tools, unknowns).
         self._moved: Array = np.array(moved)
         self._schur: Array = np.array(left).T
 
     def free(self) -> None:
         """Free PETSc's objects. Collective."""
-        self._forget_rows()
         self._condensation.free()
-        for thing in (self._ksp, self._matrix, self._m, self._n, self._u, self._f):
+        for thing in (self._ksp, self._matrix, self._x, self._y, self._u, self._f):
             thing.destroy()

@@ -94,6 +94,9 @@ class Balance:
         #: Largest gap (length) that multipliers have left at the last iterate, over all ranks.
         self.open_gap = 0.0
         self._times_in_floor, self._is_held, self._unheld = 0, True, UNHELD
+        #: Closed rows of each pass at the last iterate, and whether the one before had the same.
+        self._closed: list[npt.NDArray[np.bool_]] = []
+        self._keeps_its_set = False
         #: Largest residual and contact forces of the solve so far.
         self._seen: Array = np.zeros(2)
         #: Largest multiplier of the last iterate: a step from there leaves rounding of it.
@@ -121,14 +124,18 @@ class Balance:
         comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
         residual, forces, rounded, of_rates = np.sqrt(sums)
         largest = np.zeros(3)
-        counts: npt.NDArray[np.int64] = np.zeros(2, dtype=np.int64)
+        counts: npt.NDArray[np.int64] = np.zeros(3, dtype=np.int64)
+        before, self._closed = self._closed, [e.closed for e in at.passes]
+        counts[2] = len(before) != len(at.passes)
+        counts[2] += sum(np.sum(a != b) for a, b in zip(before, self._closed, strict=False))
         for p, e in zip(equations.passes, at.passes, strict=True):
             largest[0] = max(largest[0], p.rows.violation(e))
             largest[1] = max(largest[1], float(np.max(np.abs(e.pressure), initial=0.0)))
             largest[2] = max(largest[2], p.rows.rounding())
-            counts += np.sum(e.closed), np.sum(e.sticking)
+            counts[:2] += np.sum(e.closed), np.sum(e.sticking)
         comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
+        self._keeps_its_set = bool(counts[2] == 0)
         driving = [tool.driven.force for tool in equations.tools if tool.driven is not None]
         tools = float(np.max(np.abs(at.tools / np.array(driving)), initial=0.0))
         found = Iterate(
@@ -241,7 +248,9 @@ class Balance:
 
     @property
     def proximal(self) -> float:
-        """For ``Equations.set_proximal``: its most until little is left of the residual."""
+        """For ``Equations.set_proximal``: its most until little is left, or the set stays."""
+        if self._keeps_its_set:
+            return LEAST_PROXIMAL
         if len(self.history) < 2:
             return PROXIMAL
         now = self.history[-1]

@@ -110,8 +110,8 @@ class Additive:
         """
         self._follow_bodies()
         assert isinstance(self._contact, ContactFormed)
-        self._contact.product.replace(contact)
-        self._contact.is_other = self.has_other_pattern = True
+        if not self._contact.product.take(contact):
+            self._contact.is_other = self.has_other_pattern = True
         self.sum.renew(shift)
 
     def _follow_bodies(self) -> None:

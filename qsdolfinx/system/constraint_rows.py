@@ -142,12 +142,6 @@ class ConstraintRows:
         return self.num_multipliers + self._num_tangential
 
     @property
-    def num_values(self) -> int:
-        """Gaps on this rank, and components of slips."""
-        of_slip = 0 if self.slip is None else self.slip.operator.num_rows * self.gap.slave.gdim
-        return self.num_rows * self.width + of_slip
-
-    @property
     def _num_tangential(self) -> int:
         return 0 if self.friction is None else math.prod(self.friction.shape)
 

@@ -150,8 +150,7 @@ class Equations:
         self.free_bodies = system.free_bodies
         self.softened: Array = np.zeros(self.num_local)
         self._blocks: Blocks | None = None
-        self._matrix: PETSc.Mat | None = None
-        self._pattern: tuple[Indices, Indices] | None = None
+        self._whole, self._contact = (_Assembled(self) for _ in range(2))
         self._at: State | None = None
         self._of_gaps: dict[ConstraintRows, GapMatrices] = {}
 
@@ -514,38 +513,35 @@ class Equations:
                 leave some rigid motion, and of those that have no condition at all.
         """
         self.softened = np.zeros(self.num_local)
-        found = [*self._bulk(), *self._curvature(at), *self._shift(shift)]
-        found += self._of_conductances()
+        found = [*self._bulk(), *self._shift(shift), *self._beside(at, exact)]
+        if not exact:
+            for i, p in enumerate(self.passes):
+                first = int(self._ends[len(self.system.bodies) + i])
+                soft = p.rows.softened(at.passes[i])
+                self.softened[first : first + len(soft)] = soft
+        return self._whole.assemble(found)
+
+    def beside_bodies(self, at: State) -> PETSc.Mat:
+        """The inexact derivative but for the bodies' own matrices. Collective.
+
+        Args:
+            at: The last evaluation.
+
+        Returns:
+            An AIJ matrix by all unknowns that stays this object's.
+        """
+        return self._contact.assemble(self._beside(at, False))
+
+    def _beside(self, at: State, exact: bool) -> list[Entries]:
+        """Its entries. Collective."""
+        found = [*self._curvature(at), *self._of_conductances()]
         if self._turning:
             turned = self.turned(at)
             own = np.arange(self._ends[-2], self._ends[-1]) + self.start
             found.append(Entries(own, own, turned[: len(own)]))
         for i, p in enumerate(self.passes):
             found += self._of_pass(i, p, at.passes[i], exact)
-            if not exact:
-                first = int(self._ends[len(self.system.bodies) + i])
-                soft = p.rows.softened(at.passes[i])
-                self.softened[first : first + len(soft)] = soft
-        row, column, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-        keep = (row >= 0) & (column >= 0)
-        row, column, value = row[keep], column[keep], value[keep]
-        known = self._pattern
-        same = known is not None and all(map(np.array_equal, known, (row, column)))
-        if not self.system.comm.allreduce(same, op=MPI.LAND):
-            self._allocate(row, column)
-        assert self._matrix is not None
-        _cpp.set_values(self._matrix.handle, value)
-        return self._matrix
-
-    def _allocate(self, row: Indices, column: Indices) -> None:
-        if self._matrix is not None:
-            self._matrix.destroy()
-        sizes = (self.num_local, self.size), (self.num_local, self.size)
-        self._matrix = PETSc.Mat().create(comm=self.system.comm)
-        self._matrix.setSizes(sizes)
-        self._matrix.setType(PETSc.Mat.Type.AIJ)
-        _cpp.set_places(self._matrix.handle, row, column)
-        self._pattern = row, column
+        return found
 
     def _numbers(self, i: int, unknowns: Indices) -> Indices:
         """Numbers in z of global unknowns of body i; −1 stays."""
@@ -607,12 +603,12 @@ class Equations:
     def _curvature(self, at: State) -> list[Entries]:
         """Σ λ ∂²G, and how the forces of τ change with τ held, of gaps that follow. Collective."""
         found = []
-        for (i, j), mat in self.curvature(at).items():
+        for (i, j), mat in self._curvatures(at).items():
             found.append(self._of_matrix(mat, i, j))
             mat.destroy()
         return found
 
-    def curvature(self, at: State) -> dict[tuple[int, int], PETSc.Mat]:
+    def _curvatures(self, at: State) -> dict[tuple[int, int], PETSc.Mat]:
         """The same as new AIJ matrices for pairs of bodies; none without such gaps. Collective.
 
         And what conductances add as they change.
@@ -643,51 +639,17 @@ class Equations:
             mat.assemble()
         return blocks
 
-    @property
-    def follows(self) -> bool:
-        """Whether forces change with multipliers held."""
-        coupled = any(contact.coupling is not None for contact in self.system.contacts)
-        return coupled or any(p.gap.following is not None for p in self.passes)
-
-    @property
-    def moves(self) -> bool:
-        """Whether gaps are other functions of the unknowns where bodies are elsewhere."""
-        return not all(p.gap.is_linear for p in self.passes)
-
-    def rows(self, numbers: typing.Sequence[Number]) -> tuple[Entries, Entries]:
-        """What forces of λ and τ work on, and gaps and slips as functions of the unknowns.
-
-        Rows are gaps and components of slips on this rank. Collective.
-
-        Args:
-            numbers: For each body what numbers its global unknowns in columns.
-        """
-        left: list[Entries] = []
-        right: list[Entries] = []
-        first = 0
-        for p in self.passes:
-            for found, scaled in ((left, False), (right, True)):
-                found.append(self._entries(p.gap.operator, p, first, scaled, numbers))
-            of_slip = first + p.rows.num_rows * p.rows.width
-            if p.slip is not None:
-                gdim = p.gap.slave.gdim
-                right.append(self._entries(p.slip.operator, p, of_slip, True, numbers))
-                for k, works in enumerate(self._works_on(p, numbers)):
-                    left.append(works._replace(row=of_slip + gdim * works.row + k))
-            first += p.rows.num_values
-        return joined(left), joined(right)
-
     def _entries(
         self,
         operator: typing.Any,
         p: Pass,
         first: int,
         scaled: bool,
-        numbers: typing.Sequence[Number] | None = None,
     ) -> Entries:
         """Of G or J with its rows from a number on; by displacements or by the unknowns."""
-        if numbers is None:
-            numbers = [functools.partial(self._numbers, i) for i in range(len(self._ranges))]
+        numbers: list[Number] = [
+            functools.partial(self._numbers, i) for i in range(len(self._ranges))
+        ]
         scale = self.system.scales if scaled else [1.0] * len(self._ranges)
         found = entries_of(operator, p.bodies, numbers, scale)
         return found._replace(row=found.row + first)
@@ -885,14 +847,14 @@ class Equations:
         pressure = np.repeat(normal[:, None], gdim, axis=1)
         return [*found, Entries(own.ravel(), pressure.ravel(), by_multiplier.ravel())]
 
-    def _works_on(self, p: Pass, numbers: typing.Sequence[Number] | None = None) -> list[Entries]:
+    def _works_on(self, p: Pass) -> list[Entries]:
         """What each component of the tangential force works on, over the weight. Collective."""
         assert p.slip is not None
         gdim = p.gap.slave.gdim
         operators = p.gap.slip_operators()
         if operators:
-            return [self._entries(operator, p, 0, False, numbers) for operator in operators]
-        J = self._entries(p.slip.operator, p, 0, False, numbers)
+            return [self._entries(operator, p, 0, False) for operator in operators]
+        J = self._entries(p.slip.operator, p, 0, False)
         out = []
         for k in range(gdim):
             of = J.row % gdim == k
@@ -968,11 +930,46 @@ class Equations:
         self._at = None
 
     def destroy(self) -> None:
-        """Free the matrix. Collective."""
+        """Free the matrices. Collective."""
+        for assembled in (self._whole, self._contact):
+            assembled.destroy()
+        self._forget_gaps()
+
+
+class _Assembled:
+    """Matrix of entries by all unknowns, whose pattern stays while they are at the same places."""
+
+    def __init__(self, equations: Equations) -> None:
+        self._comm, self._size = equations.system.comm, (equations.num_local, equations.size)
+        self._matrix: PETSc.Mat | None = None
+        self._places: tuple[Indices, Indices] | None = None
+
+    def assemble(self, found: typing.Sequence[Entries]) -> PETSc.Mat:
+        """Take these entries, some perhaps of rows of other ranks. Collective."""
+        row, column, value = joined(found)
+        keep = (row >= 0) & (column >= 0)
+        row, column, value = row[keep], column[keep], value[keep]
+        known = self._places
+        same = known is not None and all(map(np.array_equal, known, (row, column)))
+        if not self._comm.allreduce(same, op=MPI.LAND):
+            self._allocate(row, column)
+        assert self._matrix is not None
+        _cpp.set_values(self._matrix.handle, value)
+        return self._matrix
+
+    def _allocate(self, row: Indices, column: Indices) -> None:
+        self.destroy()
+        self._matrix = PETSc.Mat().create(comm=self._comm)
+        self._matrix.setSizes((self._size, self._size))
+        self._matrix.setType(PETSc.Mat.Type.AIJ)
+        _cpp.set_places(self._matrix.handle, row, column)
+        self._places = row, column
+
+    def destroy(self) -> None:
+        """Free it. Collective."""
         if self._matrix is not None:
             self._matrix.destroy()
-            self._matrix = None
-        self._forget_gaps()
+        self._matrix = self._places = None
 
 
 def _any_entries(rows: int, columns: int, equations: Equations) -> PETSc.Mat:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import typing
 
+from mpi4py import MPI
 from petsc4py import PETSc
+
+import numpy as np
 
 
 class Beside(typing.Protocol):
@@ -187,6 +190,20 @@ class Formed:
         """Take another matrix, of any pattern, in the place of this one. Collective."""
         self.matrix.destroy()
         self.matrix = matrix
+
+    def take(self, matrix: PETSc.Mat) -> bool:
+        """Take another matrix, which becomes this object's; whether its pattern is the same.
+
+        Collective.
+        """
+        pairs = zip(self.matrix.getRowIJ(), matrix.getRowIJ(), strict=True)
+        same = all(np.array_equal(a, b) for a, b in pairs)
+        if not self.comm.tompi4py().allreduce(same, op=MPI.LAND):
+            self.replace(matrix)
+            return False
+        matrix.copy(self.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        matrix.destroy()
+        return True
 
     def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Y += C x. Collective."""

@@ -221,14 +221,6 @@ class NodalRows:
             bears = means + self._c[:, None] * self.gap.state.values > 0
         return at._replace(held=extension.held, means=np.where(bears, means, 0.0), bears=bears)
 
-    def by_means(self, at: Normal, changes: Array) -> Array:
-        """Derivative of W/c_n λ̄ times changes of λ, of their shape. Collective."""
-        extension = self.gap.extension
-        if extension is None or at.held is None or at.bears is None:
-            return np.zeros_like(changes)
-        means = np.where(at.bears, extension.means(changes), 0.0)
-        return np.where(at.held, (self.gap.weight / self._c)[:, None] * means, 0.0)
-
     def entries_of_means(self, at: Normal, numbers: Indices) -> tuple[Indices, Indices, Array]:
         """Derivative of W/c_n λ̄ by λ: rows, columns and values. Collective.
 

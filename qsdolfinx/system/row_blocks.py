@@ -1,4 +1,4 @@
-"""Blocks of the rows of a node in the tangent: what gaps and multipliers do to them."""
+"""Blocks of the rows of a node in the tangent: what multipliers do to them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from qsdolfinx.contact.terms import Weights
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL, CondensedRows
+from qsdolfinx.system.condensed_rows import CondensedRows
 from qsdolfinx.system.constraint_rows import Evaluated
 from qsdolfinx.system.equations import Equations, Pass, State
 from qsdolfinx.system.factors import Entries, joined
@@ -24,17 +24,15 @@ Indices = npt.NDArray[np.int64]
 
 
 class RowBlocks:
-    """F, D and C of [K, Lᵀ F; D R, C], see ``linear/saddle.py``, for the rows of all passes.
+    """C_γ of the rows of all passes, see ``linear/saddle.py``, and what they are scaled with.
 
-    F makes forces of multipliers, D and C are the derivatives of the rows by gaps and slips and by
-    multipliers. Rows are scaled to forces, those of closed gaps by the usual penalty, so that one
-    tolerance is for all. C_γ is C where closed rows have at least the
-    compliance of the usual penalty, without what couples nodes that conditions hold.
-    At points gaps make forces themselves, F_γ R du, and C_γ is lumped: S is F_γ and what a
-    penalty at the points would be.
+    Rows are scaled to forces, those of closed gaps by the usual penalty, so that one tolerance is
+    for all. C_γ is the derivative of rows by multipliers where closed rows have at least the
+    compliance of the usual penalty, without what couples nodes that conditions hold. At points gaps
+    make forces themselves, and C_γ is lumped.
 
     On the edge of contact |τ| is what closes the gap: C has nothing of it. There C_γ has |τ| as of
-    open rows, and what the row's gap and λ do to τ is left out of C_γ and S.
+    open rows, and nothing of what the row's λ does to τ.
 
     Args:
         equations: The equations.
@@ -44,7 +42,6 @@ class RowBlocks:
         self._passes = equations.passes
         self._of: list[_PassBlocks | _PointBlocks] = []
         self._ends = np.cumsum([0, *(p.rows.num_unknowns for p in self._passes)])
-        self._gap_ends = np.cumsum([0, *(p.rows.num_values for p in self._passes)])
         self._is_first = equations.system.comm.rank == 0
         self._tools = len(equations.tools)
 
@@ -77,56 +74,34 @@ class RowBlocks:
 
     def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
         """Of S = −F C_γ⁻¹ D the blocks of passes and slips."""
-        return [pair for of in self._of for pair in of.stiffness()]
+        return [pair for of in self._of if isinstance(of, _PassBlocks) for pair in of.stiffness()]
 
     @property
     def num_rows(self) -> int:
-        """Gaps and slips on this rank."""
-        return int(self._gap_ends[-1])
+        """Rows of multipliers on this rank."""
+        return int(self._ends[-1])
 
-    def matrix_entries(self, first: int) -> Entries:
-        """Of S, with global columns.
-
-        Args:
-            first: Number of this rank's first row.
-        """
+    def inverse(self) -> Entries:
+        """Of C_γ⁻¹ times the scale, as :meth:`condensed` has it, in the numbers of this rank."""
         parts = []
-        for of, start in zip(self._of, self._gap_ends, strict=False):
-            part = of.entries()
-            parts.append(Entries(start + part.row, first + start + part.column, part.value))
-        return joined(parts)
-
-    def forces(self, m: Array) -> Array:
-        """F m."""
-        return self._each("forces", m, self._ends)
-
-    def by_gaps(self, gaps: Array) -> Array:
-        """D times gaps and slips."""
-        return self._each("by_gaps", gaps, self._gap_ends)
-
-    def by_multipliers(self, m: Array) -> Array:
-        """C m. Collective."""
-        return self._each("by_multipliers", m, self._ends)
+        for of, start in zip(self._of, self._ends, strict=False):
+            part = of.inverse()
+            parts.append(Entries(start + part.row, start + part.column, part.value))
+        found = joined(parts)
+        scale = np.concatenate([np.zeros(0), *(of.scale for of in self._of)])
+        return found._replace(value=found.value * scale[found.column])
 
     def solve(self, r: Array) -> Array:
         """C_γ⁻¹ r."""
-        return self._each("solve", r, self._ends)
+        return self._each("solve", r)
 
-    def condensed(self, gaps: Array) -> Array:
-        """−C_γ⁻¹ D times gaps and slips, but for slips at points."""
-        return self._each("condensed", gaps, self._gap_ends)
+    def condensed(self, rows: Array) -> Array:
+        """−C_γ⁻¹ times rows as bodies and tools move, but for slips at points."""
+        return self._each("condensed", rows)
 
-    def own_forces(self, gaps: Array) -> Array:
-        """F_γ times gaps and slips."""
-        return self._each("own_forces", gaps, self._gap_ends)
-
-    def resisting(self, gaps: Array) -> Array:
-        """S times gaps and slips."""
-        return self.forces(self.condensed(gaps)) + self.own_forces(gaps)
-
-    def _each(self, name: str, values: Array, ends: Indices) -> Array:
+    def _each(self, name: str, values: Array) -> Array:
         """Of each pass what its method of this name makes of its part."""
-        pairs = zip(self._of, np.split(values, ends[1:-1]), strict=True)
+        pairs = zip(self._of, np.split(values, self._ends[1:-1]), strict=True)
         return np.concatenate([np.zeros(0), *(getattr(of, name)(part) for of, part in pairs)])
 
 
@@ -149,40 +124,13 @@ class _NodalBlocks:
         #: What changes from iteration to iteration.
         self.changing: list[Array] = [self._by_gap, self._own]
 
-    def forces(self, multiplier: Array) -> Array:
-        """Of multipliers at the rows."""
-        return np.asarray(self._weight[:, None] * multiplier)
-
-    def own_forces(self, gap: Array) -> Array:
-        """Of gaps."""
-        return np.zeros_like(gap)
-
-    def by_gap(self, gap: Array) -> Array:
-        """Rows by gaps."""
-        return np.asarray(self._by_gap * gap)
-
-    def by_multiplier(self, multiplier: Array) -> Array:
-        """Rows by multipliers. Collective."""
-        means = self._rows.by_means(self._at, multiplier)
-        return np.asarray(self._own * multiplier + self._scale[:, None] * means)
-
     def solve(self, r: Array) -> Array:
         """C_γ⁻¹ r."""
         return np.asarray(r / self._regular)
 
-    def condensed(self, gap: Array) -> Array:
-        """−C_γ⁻¹ D of gaps."""
-        return np.asarray(-self._by_gap * gap / self._regular)
-
-    def pressure(self, gap: Array | None, multiplier: Array | None) -> Array | float:
-        """How pressures of friction change, (rows,)."""
-        return 0.0 if multiplier is None else multiplier[:, 0]
-
-    def trial(self, gap: Array | None, multiplier: Array | None) -> Array | float:
-        """How y_n changes, (rows,)."""
-        of_gap, of_multiplier = self._rows.by_trial()
-        out: Array | float = 0.0 if gap is None else of_gap * gap[:, 0]
-        return out if multiplier is None else out + of_multiplier * multiplier[:, 0]
+    def inverse(self) -> Entries:
+        """C_γ⁻¹."""
+        return _diagonal(1 / self._regular)
 
     def stiffness(self) -> Array:
         """Of S, (rows, width)."""
@@ -192,74 +140,35 @@ class _NodalBlocks:
 class _CondensedBlocks:
     """Of rows of λ whose gaps make forces themselves.
 
-    With multipliers of points C_γ is lumped, with the compliance 1/γ where points are closed, so
-    that S has 2 γ there.
+    With multipliers of points C_γ is lumped, with the compliance 1/γ where points are closed.
     """
 
     def __init__(self, rows: CondensedRows, at: Normal) -> None:
         self._rows = rows
         stiffness, areas = rows.stiffness(at), rows.areas
         self._own: Array = rows.gap.weight[:, None] * stiffness
-        self._closed: Array = np.asarray(stiffness[:, 0] / rows.gamma, dtype=np.float64)
-        self._limiting: Array = np.where(at.pressure[:, 0] > 0, self._closed, 0.0)
         #: Whether C_γ is C.
         self.is_condensed = not rows.has_multipliers
-        #: a, and what C_γ has at closed points.
-        self._part = rows.part
-        compliant = 1 + self._part * (1 - self._part)
-        closed, self._soft = rows.gathered(self._closed)[:, :1], rows.proximal * areas
-        self._regular: Array = compliant * closed + self._part * np.maximum(areas - closed, 0.0)
-        #: What C_γ adds to S, over what gaps have themselves.
-        self._more = self._part**2 / compliant if rows.has_multipliers else 0.0
+        part = rows.part
+        compliant = 1 + part * (1 - part)
+        closed = rows.gathered(np.asarray(stiffness[:, 0] / rows.gamma))[:, :1]
+        self._regular: Array = compliant * closed + part * np.maximum(areas - closed, 0.0)
         #: What the rows are multiplied with.
         self.scale = rows.gamma * np.ones(rows.num_multipliers)
         #: What changes from iteration to iteration.
         self.changing: list[Array] = [self._own]
 
-    def forces(self, multiplier: Array) -> Array:
-        """Of what the rows see of multipliers."""
-        return np.asarray(self._own / self._rows.gamma * self._rows.seen(multiplier))
-
-    def own_forces(self, gap: Array) -> Array:
-        """Of gaps."""
-        return np.asarray(self._own * gap)
-
-    def by_gap(self, gap: Array) -> Array:
-        """Rows by gaps. Collective."""
-        return self._rows.gathered(self._closed * self._part * self._rows.gamma * gap[:, 0])
-
-    def by_multiplier(self, multiplier: Array) -> Array:
-        """Rows by multipliers. Collective."""
-        seen = self._rows.at_points(multiplier)[:, 0]
-        change = self._rows.gathered(self._part * (self._part * self._closed - 1.0) * seen)
-        return np.asarray(change - self._soft * multiplier)
-
     def solve(self, r: Array) -> Array:
         """C_γ⁻¹ r."""
         return np.asarray(-r / self._regular)
 
-    def condensed(self, gap: Array) -> Array:
-        """−C_γ⁻¹ D of gaps. Collective."""
-        return np.asarray(self.by_gap(gap) / self._regular)
-
-    def _changes(self, gap: Array | None, multiplier: Array | None) -> Array:
-        """How y changes, (rows,). Collective."""
-        out = np.zeros(self._rows.gap.num_rows)
-        if gap is not None:
-            out += self._rows.gamma * gap[:, 0]
-        return out if multiplier is None else out + self._rows.seen(multiplier)[:, 0]
-
-    def pressure(self, gap: Array | None, multiplier: Array | None) -> Array:
-        """How pressures of friction change, (rows,). Collective."""
-        return np.asarray(self._limiting * self._changes(gap, multiplier))
-
-    def trial(self, gap: Array | None, multiplier: Array | None) -> Array:
-        """How y_n changes, likewise. Collective."""
-        return np.asarray(self._rows.by_trial() * self._changes(gap, multiplier))
+    def inverse(self) -> Entries:
+        """C_γ⁻¹."""
+        return _diagonal(-1 / self._regular)
 
     def stiffness(self) -> Array:
         """Of S, (rows, width)."""
-        return np.asarray((1 + self._more) * self._own)
+        return self._own
 
 
 class _SlipBlocks:
@@ -299,7 +208,6 @@ class _PointBlocks:
         assert p.slip is not None and at.tangential is not None
         self._p, self._friction = p, friction
         self._normal = _CondensedBlocks(rows, at.normal)
-        self._weight: Array = p.gap.weight
         self._by_slip = friction.by_slip(at.tangential)
         self._by_pressure = friction.by_pressure(at.tangential)
         self._areas = friction.areas
@@ -324,71 +232,21 @@ class _PointBlocks:
         end = self._p.rows.num_multipliers
         return m[:end, None], m[end:, None]
 
-    def _of_gaps(self, gaps: Array) -> tuple[Array, Array]:
-        end = self._p.rows.num_rows
-        return gaps[:end, None], gaps[end:].reshape(end, self._p.gap.slave.gdim)
-
-    def _tractions(self, gap: Array, jump: Array) -> Array:
-        """How τ_p change with gaps and slips, (points, gdim). Collective."""
-        pressure = self._normal.pressure(gap, None)
-        return _times(self._by_slip, jump) + self._by_pressure * pressure[:, None]
-
-    def _of_nodes(self, normal: Array, tangential: Array) -> Array:
-        """The same with multipliers. Collective."""
-        part = (1 - self._friction.elastic) / self._friction.gamma
-        seen = part * self._friction.seen(tangential)
-        pressure = self._normal.pressure(None, normal)
-        return _times(self._by_slip, seen) + self._by_pressure * pressure[:, None]
-
-    def forces(self, m: Array) -> Array:
-        """F m. Collective."""
-        normal, tangential = self._of_multipliers(m)
-        of_slip = self._weight[:, None] * self._of_nodes(normal, tangential)
-        return _joined(self._normal.forces(normal), of_slip)
-
-    def own_forces(self, gaps: Array) -> Array:
-        """F_γ times gaps and slips. Collective."""
-        gap, jump = self._of_gaps(gaps)
-        of_slip = self._weight[:, None] * self._tractions(gap, jump)
-        return _joined(self._normal.own_forces(gap), of_slip)
-
-    def by_gaps(self, gaps: Array) -> Array:
-        """D times gaps and slips. Collective."""
-        gap, jump = self._of_gaps(gaps)
-        of_slip = self._friction.gathered(self._tractions(gap, jump))
-        return _joined(self._normal.by_gap(gap), of_slip)
-
-    def by_multipliers(self, m: Array) -> Array:
-        """C m. Collective."""
-        normal, tangential = self._of_multipliers(m)
-        change = self._of_nodes(normal, tangential) - self._friction.seen(tangential)
-        of_slip = self._friction.gathered(change)
-        of_slip -= LEAST_PROXIMAL * self._areas * tangential
-        return _joined(self._normal.by_multiplier(normal), of_slip)
-
     def solve(self, r: Array) -> Array:
         """C_γ⁻¹ r."""
         normal, tangential = self._of_multipliers(r)
         return _joined(self._normal.solve(normal), -tangential / self._areas)
 
-    def condensed(self, gaps: Array) -> Array:
-        """−C_γ⁻¹ D times gaps; slips make forces themselves. Collective."""
-        out = np.zeros(self._p.rows.num_unknowns)
-        normal = self._normal.condensed(self._of_gaps(gaps)[0]).ravel()
-        out[: len(normal)] = normal
+    def condensed(self, rows: Array) -> Array:
+        """−C_γ⁻¹ times rows as bodies move; slips make forces themselves."""
+        out = np.zeros(len(rows))
+        normal = self._of_multipliers(rows)[0]
+        out[: len(normal)] = -self._normal.solve(normal).ravel()
         return out
 
-    def entries(self) -> Entries:
-        """Of S, in the numbers of this pass."""
-        return _entries_of(self.stiffness(), True)
-
-    def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
-        """Of S the blocks of pass and slip."""
-        assert self._p.slip is not None
-        slope = self._normal.pressure(np.ones((self._p.rows.num_rows, 1)), None)
-        coupling = (self._weight * slope)[:, None] * self._by_pressure
-        block = self._weight[:, None, None] * self._by_slip
-        return [(self._p.gap, self._normal.stiffness()), (self._p.slip, (block, coupling))]
+    def inverse(self) -> Entries:
+        """Of C_γ⁻¹ but for slips, in the numbers of this pass."""
+        return self._normal.inverse()
 
 
 class _PassBlocks:
@@ -436,47 +294,6 @@ class _PassBlocks:
     def _of_multipliers(self, m: Array) -> tuple[Array, Array]:
         return self._split(m, self._p.rows.num_multipliers)
 
-    def _of_gaps(self, gaps: Array) -> tuple[Array, Array]:
-        return self._split(gaps, self._p.rows.num_rows * self._p.rows.width)
-
-    def forces(self, m: Array) -> Array:
-        """F m."""
-        normal, tangential = self._of_multipliers(m)
-        of_slip = tangential if self._slip is None else _times(self._slip.projector, tangential)
-        return _joined(self._normal.forces(normal), of_slip)
-
-    def own_forces(self, gaps: Array) -> Array:
-        """F_γ times gaps and slips."""
-        gap, jump = self._of_gaps(gaps)
-        return _joined(self._normal.own_forces(gap), np.zeros_like(jump))
-
-    def by_gaps(self, gaps: Array) -> Array:
-        """D times gaps and slips. Collective."""
-        gap, jump = self._of_gaps(gaps)
-        if self._slip is None:
-            return _joined(self._normal.by_gap(gap), jump)
-        of_slip = _times(self._slip.by_slip, jump) + self._limits(gap, None)
-        return _joined(self._normal.by_gap(gap), of_slip)
-
-    def by_multipliers(self, m: Array) -> Array:
-        """C m. Collective."""
-        normal, tangential = self._of_multipliers(m)
-        if self._slip is None:
-            return _joined(self._normal.by_multiplier(normal), tangential)
-        of_slip = _times(self._slip.by_own, tangential) + self._limits(None, normal)
-        return _joined(self._normal.by_multiplier(normal), of_slip)
-
-    def _limits(self, gap: Array | None, multiplier: Array | None) -> Array:
-        """How rows of τ change by pressures and y_n. Collective."""
-        slip = self._slip
-        assert slip is not None
-        pressure = self._normal.pressure(gap, multiplier)
-        out = slip.by_pressure * np.reshape(pressure, (-1, 1))
-        if slip.by_trial is None:
-            return np.asarray(out)
-        trial = self._normal.trial(gap, multiplier)
-        return np.asarray(out + slip.by_trial * np.reshape(trial, (-1, 1)))
-
     def solve(self, r: Array) -> Array:
         """C_γ⁻¹ r."""
         normal, tangential = self._of_multipliers(r)
@@ -487,20 +304,24 @@ class _PassBlocks:
             tangential = tangential - slip.known_by_pressure * out
         return _joined(out, _times(slip.inverse, tangential))
 
-    def condensed(self, gaps: Array) -> Array:
-        """−C_γ⁻¹ D times gaps and slips. Collective."""
-        gap, jump = self._of_gaps(gaps)
-        out, slip = self._normal.condensed(gap), self._slip
-        if slip is None:
-            return _joined(out, jump)
-        pushing = _times(slip.by_slip, jump)
-        if isinstance(self._normal, _NodalBlocks):
-            pushing = pushing + slip.known_by_pressure * out
-        return _joined(out, -_times(slip.inverse, pushing))
+    def condensed(self, rows: Array) -> Array:
+        """−C_γ⁻¹ times rows as bodies and tools move."""
+        return -self.solve(rows)
 
-    def entries(self) -> Entries:
-        """Of S, in the numbers of this pass."""
-        return _entries_of(self.stiffness(), isinstance(self._normal, _NodalBlocks))
+    def inverse(self) -> Entries:
+        """Of C_γ⁻¹, in the numbers of this pass."""
+        found, slip = [self._normal.inverse()], self._slip
+        if slip is None:
+            return found[0]
+        num, gdim = slip.inverse.shape[:2]
+        rows = self._p.rows.num_multipliers + np.arange(num * gdim).reshape(num, gdim)
+        row, column = (np.repeat(rows[:, :, None], gdim, 2), np.repeat(rows[:, None, :], gdim, 1))
+        found.append(Entries(row.ravel(), column.ravel(), slip.inverse.ravel()))
+        if isinstance(self._normal, _NodalBlocks):
+            own = found[0]
+            coupling = -_times(slip.inverse, slip.known_by_pressure) * own.value[:, None]
+            found.append(Entries(rows.ravel(), np.repeat(own.column, gdim), coupling.ravel()))
+        return joined(found)
 
     def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
         """Of S the blocks of pass and slip."""
@@ -517,26 +338,9 @@ class _PassBlocks:
         return found
 
 
-def _entries_of(
-    stiffness: typing.Sequence[tuple[WeightedGap | Slip, Weights]], coupled: bool
-) -> Entries:
-    """Of the blocks of a pass, and of its slip, in the numbers of the pass.
-
-    Args:
-        stiffness: The blocks.
-        coupled: Whether slips are coupled with gaps.
-    """
-    own = np.asarray(stiffness[0][1]).ravel()
-    normal = np.arange(len(own))
-    found = [Entries(normal, normal, own)]
-    for _, (block, coupling) in stiffness[1:]:
-        num, gdim = block.shape[:2]
-        rows = len(own) + np.arange(num * gdim).reshape(num, gdim)
-        row, column = (np.repeat(rows[:, :, None], gdim, 2), np.repeat(rows[:, None, :], gdim, 1))
-        found.append(Entries(row.ravel(), column.ravel(), block.ravel()))
-        if coupled:
-            found.append(Entries(rows.ravel(), np.repeat(normal, gdim), coupling.ravel()))
-    return joined(found)
+def _diagonal(values: Array) -> Entries:
+    every = np.arange(values.size, dtype=np.int64)
+    return Entries(every, every, values.ravel())
 
 
 def _joined(normal: Array, tangential: Array) -> Array:
