@@ -55,6 +55,9 @@ class GapMatrices:
         #: a N E of λ; None without multipliers.
         self.functions: PETSc.Mat | None = None
         self._all: PETSc.Mat | None = None
+        #: What stays: −a Nᵀ W/γ N, and the patterns of the products.
+        self._own: Entries | None = None
+        self._products: tuple[PETSc.Mat, PETSc.Mat] | None = None
         found = [Entries(e.row, e.column, rows.gamma * e.value) for e in gaps]
         functions: list[Entries] = []
         of_nodes: list[Entries] = []
@@ -77,7 +80,9 @@ class GapMatrices:
             every = joined([*of_nodes, *of_slips])
             self._all = every.matrix(self._size, self._num, self._comm)
         left, right = found
-        self._left = joined([left, *functions, *of_slips]).matrix(self._size, self._num, self._comm)
+        works_on = joined([left, *functions, *of_slips]).matrix(self._size, self._num, self._comm)
+        #: Bᵀ.
+        self._left: PETSc.Mat = works_on.transpose()
         if friction is not None:  # of a penalty τ has a compliance
             of_slips = [e._replace(value=(1 - friction.elastic) * e.value) for e in of_slips]
         self._right = joined([right, *functions, *of_slips]).matrix(
@@ -142,22 +147,49 @@ class GapMatrices:
         rows, friction = self._rows, self._friction
         weight = rows.gap.weight[:, None] / rows.gamma
         own = (weight / rows.gamma * rows.stiffness(at)).ravel()
-        of_nodes = np.repeat(-self._part * weight, self._width)
         if friction is None or tangential is None:
-            found = [_product(self._left, own, self._right)]
+            weights = _diagonal(self._right, own)
         else:
-            found = [self._with_friction(friction, at, tangential, own)]
+            weights = self._with_friction(friction, at, tangential, own)
+        found = [self._product(weights)]
+        weights.destroy()
+        if self._all is not None:
+            self._own = self._own or self._of_multipliers(self._all)
+            found.append(self._own)
+        return joined(found)
+
+    def _of_multipliers(self, functions: PETSc.Mat) -> Entries:
+        """−a Nᵀ W/γ N, which stays. Collective."""
+        rows, friction = self._rows, self._friction
+        weight = rows.gap.weight[:, None] / rows.gamma
+        values = np.repeat(-self._part * weight, self._width)
+        if friction is not None:
             gdim = friction.free.shape[2]
             of_slips = np.repeat(-rows.gap.weight / friction.gamma, gdim)
-            of_nodes = np.concatenate([of_nodes, of_slips])
-        if self._all is not None:
-            found.append(_product(self._all, of_nodes, self._all))
-        return joined(found)
+            values = np.concatenate([values, of_slips])
+        weights = _diagonal(functions, values)
+        scaled = weights.matMult(functions)
+        product = functions.transposeMatMult(scaled)
+        out = _global_entries(product)
+        for mat in (weights, scaled, product):
+            mat.destroy()
+        return out
+
+    def _product(self, weights: PETSc.Mat) -> Entries:
+        """Bᵀ D B*; patterns stay. Collective."""
+        if self._products is None:
+            scaled = weights.matMult(self._right)
+            self._products = scaled, self._left.matMult(scaled)
+        else:
+            scaled, product = self._products
+            weights.matMult(self._right, scaled)
+            self._left.matMult(scaled, product)
+        return _global_entries(self._products[1])
 
     def _with_friction(
         self, friction: PointFriction, at: Normal, tangential: Tangential, own: Array
-    ) -> Entries:
-        """Bᵀ W D B, D with the blocks of points."""
+    ) -> PETSc.Mat:
+        """W D, D with the blocks of points, as a new matrix. Collective."""
         num, gdim = len(own), friction.free.shape[2]
         weight, gamma = self._rows.gap.weight, friction.gamma
         blocks = (weight / gamma**2)[:, None, None] * friction.by_slip(tangential)
@@ -176,12 +208,7 @@ class GapMatrices:
                 blocks.ravel(),
             ),
         ]
-        weights = joined(parts).matrix(self._size, self._size, self._comm)
-        scaled = weights.matMult(self._right)
-        out = _multiplied(self._left, scaled)
-        weights.destroy()
-        scaled.destroy()
-        return out
+        return joined(parts).matrix(self._size, self._size, self._comm)
 
     def pressures(self, at: Normal) -> Entries:
         """Derivatives of the pressures of rows of nodes, which friction knows there."""
@@ -199,7 +226,7 @@ class GapMatrices:
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        for mat in (self._left, self._right, self.functions, self._all):
+        for mat in (self._left, self._right, self.functions, self._all, *(self._products or ())):
             if mat is not None:
                 mat.destroy()
 
@@ -212,29 +239,21 @@ def _layout(slave: Surface) -> tuple[int, int]:
     return out
 
 
-def _vec(mat: PETSc.Mat, values: Array) -> PETSc.Vec:
-    vec = mat.createVecLeft()
+def _diagonal(like: PETSc.Mat, values: Array) -> PETSc.Mat:
+    """New diagonal matrix of the rows of another. Collective."""
+    vec = like.createVecLeft()
     vec.array[:] = values
-    return vec
-
-
-def _product(left: PETSc.Mat, weight: Array, right: PETSc.Mat) -> Entries:
-    """Aᵀ diag(weight) B: entries of this rank's rows, all numbers global. Collective."""
-    scaled, factor = right.copy(), _vec(right, weight)
-    scaled.diagonalScale(factor, None)
-    out = _multiplied(left, scaled)
-    scaled.destroy()
-    factor.destroy()
+    size = like.getSizes()[0]
+    csr = np.arange(len(values) + 1, dtype=np.int32), np.arange(*vec.owner_range, dtype=np.int32)
+    out = PETSc.Mat().createAIJ((size, size), csr=(*csr, values), comm=like.comm)
+    vec.destroy()
     return out
 
 
-def _multiplied(left: PETSc.Mat, right: PETSc.Mat) -> Entries:
-    """Aᵀ B, likewise. Collective."""
-    product = left.transposeMatMult(right)
-    out = _entries(product)
-    first = product.getOwnershipRange()[0]
-    product.destroy()
-    return out._replace(row=first + out.row)
+def _global_entries(mat: PETSc.Mat) -> Entries:
+    """Entries of this rank's rows, all numbers global."""
+    out = _entries(mat)
+    return out._replace(row=mat.getOwnershipRange()[0] + out.row)
 
 
 def _entries(mat: PETSc.Mat) -> Entries:

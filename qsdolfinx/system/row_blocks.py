@@ -238,15 +238,15 @@ class _PointBlocks:
         return _joined(self._normal.solve(normal), -tangential / self._areas)
 
     def condensed(self, rows: Array) -> Array:
-        """−C_γ⁻¹ times rows as bodies move; slips make forces themselves."""
-        out = np.zeros(len(rows))
-        normal = self._of_multipliers(rows)[0]
-        out[: len(normal)] = -self._normal.solve(normal).ravel()
-        return out
+        """−C_γ⁻¹ times rows as bodies and tools move."""
+        return -self.solve(rows)
 
     def inverse(self) -> Entries:
-        """Of C_γ⁻¹ but for slips, in the numbers of this pass."""
-        return self._normal.inverse()
+        """Of C_γ⁻¹, in the numbers of this pass."""
+        of_slips = _diagonal(-1 / self._areas)
+        first = self._p.rows.num_multipliers
+        moved = of_slips._replace(row=first + of_slips.row, column=first + of_slips.column)
+        return joined([self._normal.inverse(), moved])
 
 
 class _PassBlocks:
