@@ -102,6 +102,15 @@ void qsdolfinx::bind_gap(nb::module_& m)
           },
           "slave"_a, "master"_a.none(), "pieces"_a, "area"_a, "jump"_a,
           "Derivative of gaps that follow the bodies, a row for each owned node; collective.")
+      .def(
+          "__init__",
+          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
+             In<std::int64_t> alone, In<double> weight, double far)
+          {
+            new (self) GapOperator(slave, master, pieces, alone.view(), weight.view(), far);
+          },
+          "slave"_a, "master"_a.none(), "points_of"_a, nb::kw_only(), "alone"_a, "weight"_a,
+          "far"_a, "The same with a row for each point of pieces; see gap/gap.h; collective.")
       .def("covers", &GapOperator::covers, "other"_a,
            "Whether rows of another operator have no columns but those of this one's.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)

@@ -83,6 +83,11 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "weight", [](const PairingPoints& p) { return copy(p.weight, {p.size()}); },
           "Areas, [point].")
       .def(
+          "with_alone", [](const PairingPoints& p, In<std::int64_t> unknown, In<double> weight,
+                           double far) { return p.with_alone(unknown.view(), weight.view(), far); },
+          "unknown"_a, "weight"_a, "far"_a,
+          "The same points, and some that see one multiplier each; see pairing/pairing.h.")
+      .def(
           "scaled",
           [](const PairingPoints& p, In<double> factor) { return p.scaled(factor.view()); },
           "factor"_a, "The same points, their weights multiplied by factors [point].")

@@ -158,6 +158,24 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Piec
     build_scatter(sides_[1], *master);
 }
 
+GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+                         std::span<const std::int64_t> alone, std::span<const double> weight,
+                         double far)
+    : kind_(GapKind::normal), block_(pieces.gdim), num_sides_(master ? 2 : 1)
+{
+  const PairingPoints points = 
+      points_of_pieces(slave, master, pieces).with_alone(alone, weight, far);
+  for (int i = 0; i < num_sides_; ++i)
+    rows_of_pieces(sides_[i], pieces, points, i);
+  multipliers_at_points(multipliers_, points);
+  row_area_ = points.weight;
+  initial_gap_ = points.gap;
+  build_scatter(multipliers_, slave);
+  build_scatter(sides_[0], slave);
+  if (master)
+    build_scatter(sides_[1], *master);
+}
+
 GapOperator::~GapOperator()
 {
   if (!petsc_is_running())

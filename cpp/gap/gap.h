@@ -27,6 +27,7 @@ enum class GapRows
 };
 
 struct PieceRows;
+struct Pieces;
 struct Slots;
 
 /// Weighted gaps of the slave nodes that this rank owns, one row per node with at least one pairing
@@ -57,6 +58,10 @@ public:
   /// @param area D_k, [node]
   GapOperator(const Surface& slave, const Surface* master, const PieceRows& rows,
               std::span<const double> area, GapKind kind);
+  /// The same with a row for each point of pieces on this rank, where rays have been solved for,
+  /// and for some that are alone, see PairingPoints::with_alone. Collective.
+  GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+              std::span<const std::int64_t> alone, std::span<const double> weight, double far);
   ~GapOperator();
   GapOperator(const GapOperator&) = delete;
   GapOperator& operator=(const GapOperator&) = delete;

@@ -1,4 +1,5 @@
 #include "gap/point_rows.h"
+#include "gap/piece_forces.h"
 
 #include <algorithm>
 #include <numeric>
@@ -76,6 +77,33 @@ void compress(GapOperator::Side& out, const Functions& f, std::size_t num_points
     out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
   }
 }
+/// Unknowns of one side, none of points that are alone.
+std::vector<std::int64_t> without_alone(const PairingPoints& points, const PairingSide& side)
+{
+  std::vector<std::int64_t> out = side.dofs;
+  const std::size_t first = points.size() - points.num_alone;
+  const std::size_t width = static_cast<std::size_t>(side.num_nodes) * points.block;
+  std::fill(out.begin() + static_cast<std::ptrdiff_t>(first * width), out.end(), -1);
+  return out;
+}
+
+/// All unknowns of the columns: those of a node need not follow each other.
+void fill_dofs(GapOperator::Side& out, const Functions& f, std::size_t num_points,
+               const std::vector<std::int64_t>& columns)
+{
+  const std::size_t d = f.block;
+  out.dofs.resize(columns.size() * d);
+  for (std::size_t p = 0; p < num_points; ++p)
+    if (p == 0 || !f.same_columns(p, p - 1))
+      for (std::size_t j = 0; j < f.num_functions; ++j)
+        if (f.used(p, j))
+        {
+          const auto at = std::ranges::lower_bound(columns, f.dof(p, j)) - columns.begin();
+          for (std::size_t i = 0; i < d; ++i)
+            out.dofs[at * d + i] = static_cast<PetscInt>(f.dofs[(p * f.num_nodes + j) * d + i]);
+        }
+  out.free_dofs = out.dofs;
+}
 } // namespace
 
 void qsdolfinx::rows_at_points(GapOperator::Side& out, const PairingPoints& points, int side,
@@ -83,7 +111,8 @@ void qsdolfinx::rows_at_points(GapOperator::Side& out, const PairingPoints& poin
 {
   const PairingSide& s = side == 0 ? points.slave : points.master;
   const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.block);
-  const Functions f{s.dofs, s.shape_values, n, n, d};
+  const std::vector<std::int64_t> dofs = without_alone(points, s);
+  const Functions f{dofs, s.shape_values, n, n, d};
   const std::vector<std::int64_t> columns = find_columns(f, points.size());
   const double sign = side == 0 ? 1.0 : -1.0;
   compress(out, f, points.size(), columns,
@@ -96,18 +125,7 @@ void qsdolfinx::rows_at_points(GapOperator::Side& out, const PairingPoints& poin
                for (std::size_t i = 0; i < d; ++i)
                  out.coefficient.push_back(value * points.normal[3 * p + i]);
            });
-  // The unknowns of a node need not follow each other: they are read where it appears.
-  out.dofs.resize(columns.size() * d);
-  for (std::size_t p = 0; p < points.size(); ++p)
-    if (p == 0 || !f.same_columns(p, p - 1))
-      for (std::size_t j = 0; j < n; ++j)
-        if (f.used(p, j))
-        {
-          const auto at = std::ranges::lower_bound(columns, f.dof(p, j)) - columns.begin();
-          for (std::size_t i = 0; i < d; ++i)
-            out.dofs[at * d + i] = static_cast<PetscInt>(s.dofs[(p * n + j) * d + i]);
-        }
-  out.free_dofs = out.dofs;
+  fill_dofs(out, f, points.size(), columns);
 }
 
 void qsdolfinx::multipliers_at_points(GapOperator::Side& out, const PairingPoints& points)
@@ -123,4 +141,73 @@ void qsdolfinx::multipliers_at_points(GapOperator::Side& out, const PairingPoint
   compress(out, f, points.size(), columns, [&](std::size_t p, std::size_t j)
            { out.coefficient.push_back(f.values[p * f.num_functions + j]); });
   out.dofs.assign(columns.begin(), columns.end());
+}
+
+PairingPoints qsdolfinx::points_of_pieces(const Surface& slave, const Surface* master,
+                                          const Pieces& pieces)
+{
+  PairingPoints out(slave, master);
+  out.slave.num_nodes = pieces.slave.num_nodes;
+  out.master.num_nodes = pieces.master.num_nodes;
+  const auto d = static_cast<std::size_t>(pieces.gdim),
+             nk = static_cast<std::size_t>(pieces.num_multipliers);
+  const auto append = [d](PairingSide& to, const PieceSide& from, std::size_t piece)
+  {
+    const auto n = static_cast<std::size_t>(from.num_nodes);
+    const auto dofs = std::span(from.dofs).subspan(piece * n * d, n * d);
+    to.dofs.insert(to.dofs.end(), dofs.begin(), dofs.end());
+  };
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const bool on_slave = pieces.cut_is_slave[i];
+    const auto sides = std::span(pieces.multiplier_side).subspan(i * nk, nk);
+    for (const RayPoint& point : pieces.points_of(i))
+    {
+      append(out.slave, pieces.slave, i);
+      append(out.master, pieces.master, i);
+      const auto N = shape_functions(pieces.slave.type, on_slave ? point.xi : point.zeta);
+      out.multiplier_values.insert(out.multiplier_values.end(), N.begin(),
+                                   N.begin() + pieces.num_multipliers);
+      out.multiplier_side.insert(out.multiplier_side.end(), sides.begin(), sides.end());
+      out.gap.push_back(point.t);
+      out.weight.push_back(point.weight);
+    }
+  }
+  out.normal.resize(3 * out.size());
+  for (PairingSide* side : {&out.slave, &out.master})
+  {
+    side->x.resize(3 * out.size());
+    side->owner.resize(out.size() * static_cast<std::size_t>(side->num_nodes));
+    side->shape_values.resize(side->owner.size());
+  }
+  return out;
+}
+
+void qsdolfinx::rows_of_pieces(GapOperator::Side& out, const Pieces& pieces,
+                               const PairingPoints& points, int side)
+{
+  const PairingSide& s = side == 0 ? points.slave : points.master;
+  const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.block);
+  const auto ns = static_cast<std::size_t>(pieces.slave.num_nodes),
+             nodes = ns + static_cast<std::size_t>(pieces.master.num_nodes);
+  std::vector<double> gradients(pieces.points.size() * nodes * 3);
+  std::size_t done = 0;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const auto of_piece = pieces.points_of(i);
+    const std::size_t size = of_piece.size() * nodes * 3;
+    gap_gradients(pair_of(pieces, i), of_piece, std::span(gradients).subspan(done, size));
+    done += size;
+  }
+  const std::vector<std::int64_t> dofs = without_alone(points, s);
+  const Functions f{dofs, gradients, n, n, d};
+  const std::vector<std::int64_t> columns = find_columns(f, points.size());
+  const std::size_t first = side == 0 ? 0 : ns;
+  compress(out, f, points.size(), columns,
+           [&](std::size_t p, std::size_t j)
+           {
+             const double* row = &gradients[(p * nodes + first + j) * 3];
+             out.coefficient.insert(out.coefficient.end(), row, row + d);
+           });
+  fill_dofs(out, f, points.size(), columns);
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "gap/gap.h"
+#include "pairing/pieces.h"
 
 namespace qsdolfinx
 {
@@ -13,5 +14,14 @@ void rows_at_points(GapOperator::Side& out, const PairingPoints& points, int sid
 /// Functions N_k of the slave's vertices at each point, of a field with one value for each smooth
 /// side of a node: its column is the component of the vertex' unknowns with the side's number.
 void multipliers_at_points(GapOperator::Side& out, const PairingPoints& points);
+
+/// Points of pieces, where rays have been solved for, as pairing points without normals: shape
+/// functions of both sides are of no use.
+PairingPoints points_of_pieces(const Surface& slave, const Surface* master, const Pieces& pieces);
+
+/// Rows of one side, one for each point of pieces: gradients of the gaps. @param side as above
+/// @param points those of points_of_pieces, perhaps with some that are alone
+void rows_of_pieces(GapOperator::Side& out, const Pieces& pieces, const PairingPoints& points,
+                    int side);
 
 } // namespace qsdolfinx

@@ -224,6 +224,35 @@ void PairingPoints::keep(std::span<const std::uint8_t> which)
   for_each_array([which](auto& values, std::size_t width) { filter(values, which, width); });
 }
 
+PairingPoints PairingPoints::with_alone(std::span<const std::int64_t> unknown,
+                                        std::span<const double> added, double far) const
+{
+  const std::size_t n = unknown.size(), first = size();
+  if (added.size() != n)
+    throw std::invalid_argument("one area for each unknown");
+  PairingPoints out = *this;
+  out.for_each_array([total = first + n](auto& values, std::size_t width)
+                     { values.resize(total * width); });
+  out.num_alone = n;
+  const auto s = static_cast<std::size_t>(slave.num_nodes), m = static_cast<std::size_t>(block),
+             nk = static_cast<std::size_t>(num_multipliers);
+  for (PairingSide* side : {&out.slave, &out.master})
+  {
+    const auto places = static_cast<std::ptrdiff_t>(first) * side->num_nodes;
+    std::fill(side->dofs.begin() + places * block, side->dofs.end(), -1);
+    std::fill(side->owner.begin() + places, side->owner.end(), -1);
+  }
+  for (std::size_t i = 0; i < n; ++i)
+  {
+    const std::size_t p = first + i;
+    out.slave.dofs[p * s * m] = unknown[i];
+    out.multiplier_values[p * nk] = 1.0;
+    out.gap[p] = far;
+    out.weight[p] = added[i];
+  }
+  return out;
+}
+
 PairingPoints PairingPoints::scaled(std::span<const double> factor) const
 {
   if (factor.size() != size())

@@ -46,6 +46,7 @@ struct PairingPoints
   bool turns = false;         ///< whether jumps have `turn` of both sides, the same on all ranks
   std::size_t num_of_slave
       = 0; ///< overlay: the first ones, on facets of the slave; then the master's
+  std::size_t num_alone = 0;     ///< the last ones: each sees one multiplier, and no facet
   std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
   /// Owned nodes of both surfaces that are in corners of the other one.
   std::int64_t num_corners = 0;
@@ -93,6 +94,12 @@ struct PairingPoints
   /// The same points with jumps that turn with a facet. @param slave, master see PairingSide::turn
   /// @throws std::invalid_argument on numbers of values that do not fit
   PairingPoints turning(std::span<const double> slave, std::span<const double> master) const;
+  /// The same points, and some that see the multiplier of one side of a node each, where nothing is
+  /// opposite. @param unknown of the slave, stands for the side, [point] @param added areas
+  /// @param far gaps, open
+  /// @throws std::invalid_argument on different numbers of them
+  PairingPoints with_alone(std::span<const std::int64_t> unknown, std::span<const double> added,
+                           double far) const;
   /// The same points with other weights. @param factor by which they are multiplied, [point]
   PairingPoints scaled(std::span<const double> factor) const;
 };

@@ -243,6 +243,8 @@ struct Multipliers
 /// w Σ_k λ_k N_k at a ray, and w Σ_k λ_k N_k (g − a_k) with g held, with their derivatives by ζ.
 struct Pressure
 {
+  explicit Pressure(double constant) : value(constant) {}
+
   Pressure(const RayPair& pair, const RayPoint& point, const RayForces& forces)
   {
     constexpr std::array<double, 4> corners{1, -1, -1, 1};
@@ -357,10 +359,9 @@ public:
   }
 
   /// The terms with δζ of w Σ_k λ_k N_k (g − a_k), and the sums that those with δn need.
-  void add_point(const RayPoint& point, const RayForces& pressures)
+  void add_point(const RayPoint& point, const Pressure& L)
   {
     const Ray ray(pair_, normal_, point);
-    const Pressure L(pair_, point, pressures);
     const RayForms forms(ray, columns_, normal_, dim_);
     add_second_variation(ray, point.zeta, forms, ray.of_gap(L.value, L.slope), L.gradient, L.mixed);
   }
@@ -544,7 +545,32 @@ void qsdolfinx::add_curvature(const RayPair& pair, std::span<const RayPoint> poi
 {
   HalfHessian half(pair);
   for (const RayPoint& point : points)
-    half.add_point(point, forces);
+    half.add_point(point, Pressure(pair, point, forces));
+  half.add_normal();
+  half.add_to(hessian);
+}
+
+void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> points,
+                              std::span<double> out)
+{
+  const Normal normal(pair.cut);
+  const Columns columns(pair);
+  const auto size = static_cast<std::size_t>(columns.size());
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    const Ray ray(pair, normal, points[p]);
+    const Row row = ray.form(columns, normal, -1 * ray.A.t);
+    std::copy_n(row.begin(), size, out.subspan(p * size).begin());
+  }
+}
+
+void qsdolfinx::add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
+                                        std::span<const double> pressure, std::span<double> hessian)
+{
+  HalfHessian half(pair);
+  for (std::size_t p = 0; p < points.size(); ++p)
+    if (pressure[p] != 0)
+      half.add_point(points[p], Pressure(points[p].weight * pressure[p]));
   half.add_normal();
   half.add_to(hessian);
 }

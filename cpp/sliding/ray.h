@@ -67,6 +67,14 @@ struct RaySums
 };
 void add_gap(const RayPair& pair, std::span<const RayPoint> points, const RaySums& sums);
 
+/// Gradients of the gaps of single points, ξ fixed. @param out [point][node][3]
+void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out);
+
+/// Add Σ_p w_p p_p ∂²g_p, ξ and w fixed. What is added is symmetric to the last bit.
+/// @param pressure p_p, [point] @param hessian [node][3][node][3]
+void add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
+                             std::span<const double> pressure, std::span<double> hessian);
+
 /// Multipliers of gaps less what counts as none, Σ_k λ_k (G_k − a_k Σ w N_k).
 struct RayForces
 {

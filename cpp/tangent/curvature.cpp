@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <stdexcept>
 
 using namespace qsdolfinx;
 
@@ -169,6 +170,29 @@ bool qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Ve
   MPI_Comm comm;
   check(PetscObjectGetComm(reinterpret_cast<PetscObject>(lambda), &comm));
   return asymmetry.is_none(comm);
+}
+
+void qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& pieces,
+                                           std::span<const double> pressure,
+                                           std::array<Vec, 2> markers, ContactBlocks blocks,
+                                           std::array<double, 2> scale)
+{
+  if (pressure.size() < pieces.points.size())
+    throw std::invalid_argument("a pressure for each point");
+  Insertion insertion(master, pieces, markers, blocks, scale);
+  std::vector<double> H(insertion.size() * insertion.size());
+  std::size_t first = 0;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const auto points = pieces.points_of(i);
+    const auto of_piece = pressure.subspan(first, points.size());
+    first += points.size();
+    if (std::ranges::all_of(of_piece, is_zero))
+      continue;
+    std::ranges::fill(H, 0.0);
+    add_curvature_of_points(pair_of(pieces, i), points, of_piece, H);
+    insertion.insert(i, H);
+  }
 }
 
 void qsdolfinx::insert_slip_curvature(const Surface* master, const Pieces& pieces, Vec cover,

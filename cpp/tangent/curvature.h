@@ -23,6 +23,12 @@ bool insert_curvature(const Surface* master, const Pieces& pieces, Vec cover, Ve
                       Vec allowance, std::array<Vec, 2> markers, ContactBlocks blocks,
                       std::array<double, 2> scale);
 
+/// Add Σ_p w_p p_p ∂²g_p of points of pieces, likewise: symmetric but for the scale. Collective.
+/// @param pressure p_p, [point]
+void insert_curvature_of_points(const Surface* master, const Pieces& pieces,
+                                std::span<const double> pressure, std::array<Vec, 2> markers,
+                                ContactBlocks blocks, std::array<double, 2> scale);
+
 /// Add how the forces Σ_k τ_k·slip_k of friction, see add_slip_forces, change with tractions held,
 /// to the blocks. Not symmetric. Collective.
 /// @param traction τ_k at the unknowns of each node, a vector of the slave's body

@@ -167,7 +167,6 @@ def check_sliding(
         'jump from facet to facet; use quadrature="overlay"',
     )
     require(normals == "facet", of + 'measures gaps along normals of facets; leave out "normals"')
-    require(constraints == "nodes", of + 'has constraints at "nodes"')
     require(sides == (None, None), of + "measures gaps between facets; leave out smoothing")
 
 

@@ -421,7 +421,7 @@ def _prescribed_gap(
             p.state.offset = p.operator.apply(handle_of(offset[0]), handle_of(offset[1]))
     allowance = gap.slave.create_vec()
     at = gap.slave.node_dofs[:, 0] - allowance.owner_range[0]
-    allowance.array[at] = gap.rows.on_nodes(gap.state.allowance, 0.0)
+    allowance.array[at] = gap.rows.on_nodes(gap.allowance, 0.0)
     with _linear(gap, (allowance, None)) as allowed:
         p.allow(_read(p.slave, allowed[0])[p.operator.row_node, 0])
     allowance.destroy()

@@ -306,7 +306,7 @@ def _following(
     else:
         both = settings.formulation == "quasi-symmetric"
         cutter = FacetCutter(slave, master, both, radius, degree)
-    return Following(slave, master, radius.largest, cutter)
+    return Following(slave, master, radius.largest, cutter, settings.rows == "points")
 
 
 def radius_of(settings: Settings) -> _cpp.SearchRadius:

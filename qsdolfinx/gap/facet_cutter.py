@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.gap.following import Found, Places, Vecs
+from qsdolfinx.gap.following import Alone, Found, Places, Vecs
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
@@ -72,6 +72,35 @@ class FacetCutter:
         )
         rows = _cpp.PieceRows(self._slave, pieces, handle_of(cover), handle_of(allowance))
         return Found(cover, allowance, rows, pieces)
+
+    def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
+        """See :class:`Cutter`."""
+        return _cpp.GapOperator(
+            self._slave,
+            self._master,
+            points_of=found.of_cutter,
+            alone=alone.unknown,
+            weight=alone.weight,
+            far=alone.far,
+        )
+
+    def add_curvature_of_points(
+        self,
+        found: Found,
+        force: Array,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """See :class:`Cutter`."""
+        _cpp.insert_curvature_of_points(
+            self._master,
+            found.of_cutter,
+            np.ascontiguousarray(force),
+            [handle_of(vec) for vec in markers],
+            [handle_of(mat) for mat in blocks],
+            scale,
+        )
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""

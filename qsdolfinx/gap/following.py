@@ -82,6 +82,20 @@ class Found(typing.NamedTuple):
     of_cutter: typing.Any
 
 
+class Alone(typing.NamedTuple):
+    """Points that see the multiplier of one side of a node each, where nothing is opposite.
+
+    Attributes:
+        unknown: Global unknowns of the slave that stand for these sides of owned nodes.
+        weight: Areas.
+        far: Their gaps (length), open.
+    """
+
+    unknown: npt.NDArray[np.int64]
+    weight: Array
+    far: float
+
+
 class Cutter(typing.Protocol):
     """Finds what is opposite to what, and gaps."""
 
@@ -103,6 +117,19 @@ class Cutter(typing.Protocol):
             cover: ``Measure.cover`` at the unknowns of each node.
             allowance: a_k, likewise; None for none.
         """
+
+    def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
+        """Derivative of the gaps of these points, which are its rows. Collective."""
+
+    def add_curvature_of_points(
+        self,
+        found: Found,
+        force: Array,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm). Collective."""
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps along the rays, positive when open."""
@@ -185,9 +212,19 @@ class Following:
         master: The other surface, or a rigid tool.
         radius: Distance (length) beyond which nothing is opposite.
         cutter: Finds what is opposite to what.
+        at_points: Whether rows are the points themselves, with the multipliers of all sides of
+            nodes.
     """
 
-    def __init__(self, slave: Surface, master: AnySurface, radius: float, cutter: Cutter) -> None:
+    def __init__(
+        self,
+        slave: Surface,
+        master: AnySurface,
+        radius: float,
+        cutter: Cutter,
+        at_points: bool = False,
+    ) -> None:
+        self.at_points = at_points
         self._slave, self._master, self._cutter = slave, master, cutter
         self._tool = as_tool(master)
         self._creases = bool(np.any(slave.cpp_object.vertex_side > 0))
@@ -239,7 +276,9 @@ class Following:
             kept: With which nodes neighbours go on to carry multipliers; None to choose them anew.
         """
         node_area = self._cutter.node_area(places)
-        cover = self._hardly_covered(places, node_area) if kept is None else kept.cover
+        cover = None if kept is None else kept.cover
+        if kept is None and not self.at_points:
+            cover = self._hardly_covered(places, node_area)
         found = self._cutter.find(places, places, self._kept_vec(cover))
         covered = found.rows.cover(len(node_area))
         area = np.where(covered > 0, np.maximum(covered, LEAST_COVER * node_area), node_area)
@@ -293,7 +332,8 @@ class Following:
             NoGapError: If places are not finite, or a ray of a curved facet meets no other.
         """
         last, comm = self._last, self._slave.comm
-        allowed = np.zeros(len(measure.area)) if allowance is None else allowance
+        none = allowance is None or self.at_points  # points take it from their gaps
+        allowed = np.zeros(len(measure.area)) if none or allowance is None else allowance
         same = last is not None and last.measure is measure and _equal(last.places, places)
         same = same and last is not None and np.array_equal(last.allowance, allowed)
         if comm.allreduce(same, op=MPI.LAND):
@@ -315,11 +355,23 @@ class Following:
                 f"{missed} pieces of curved contact facets have rays that meet no point of the "
                 "facet opposite: the facets are too curved for their size"
             )
-        operator = _cpp.GapOperator(*self._objects, found.rows, measure.area, jump=False)
+        operator = self._operator(found, measure)
         self._constrain(operator)
         share = np.asarray(found.rows.cover(len(measure.area))) / measure.area
         self._last = Cut(places, measure, found, operator, share, allowed)
         return self._last
+
+    def _operator(self, found: Found, measure: Measure) -> _cpp.GapOperator:
+        """Derivative of the gaps of nodes, or of points. Collective."""
+        if not self.at_points:
+            return _cpp.GapOperator(*self._objects, found.rows, measure.area, jump=False)
+        # What keeps multipliers regular where nothing, or next to nothing, is opposite.
+        slave = self._slave
+        covered = np.asarray(found.rows.cover_of_sides(len(measure.node_area)))
+        missing = LEAST_COVER * sides_of(slave) * measure.node_area[:, None] - covered
+        some = missing > 0
+        alone = Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
+        return self._cutter.operator_at_points(found, alone)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
@@ -437,6 +489,11 @@ class Following:
             Whether it is symmetric but for the scale.
         """
         assert self._marked is not None
+        if self.at_points:
+            self._cutter.add_curvature_of_points(
+                last.found, multiplier, self._marked, blocks, scale
+            )
+            return True
         vec = self._slave.create_vec()
         vec.array[self._slave.node_dofs[:, 0] - vec.owner_range[0]] = multiplier
         symmetric = self._cutter.add_curvature(last.found, vec, self._marked, blocks, scale)
@@ -446,3 +503,16 @@ class Following:
 
 def _equal(a: Places, b: Places) -> bool:
     return all(x is y or np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def sides_of(slave: Surface) -> npt.NDArray[np.bool_]:
+    """Smooth sides that owned nodes have, (nodes, block). Collective."""
+    vec, surface = slave.create_vec(), slave.cpp_object
+    nv = slave.num_facet_vertices
+    sides = np.asarray(surface.vertex_side)[:, :nv, None].astype(np.int64)
+    dofs = np.take_along_axis(np.asarray(surface.facet_dofs)[:, :nv], sides, axis=2).ravel()
+    vec.setValues(dofs.astype(PETSc.IntType), np.ones(len(dofs)), PETSc.InsertMode.ADD_VALUES)
+    vec.assemble()
+    out: npt.NDArray[np.bool_] = vec.array_r[slave.node_dofs - vec.owner_range[0]] > 0
+    vec.destroy()
+    return out

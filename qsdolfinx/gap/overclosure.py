@@ -134,6 +134,9 @@ class Overclosure:
         for p, depth in zip(passes, self._at_nodes, strict=True):
             if p.law.jump:  # a tie keeps any gap
                 continue
+            if isinstance(p.rows, PointRows) and p.following is not None:
+                p.allow(self.part * np.nan_to_num(depth))
+                continue
             if isinstance(p.rows, PointRows):
                 is_first = any(p is first() for first in self._first)
                 known = p.rows.from_sides(np.nan_to_num(depth))
@@ -179,7 +182,7 @@ def _depths(p: WeightedGap) -> Array:
 
 def _depths_of_points(p: WeightedGap) -> Array:
     """Depths of pairing points, at least 0, (points,)."""
-    return np.maximum(-p.points.gap, 0.0)
+    return np.maximum(-p.operator.initial_gap, 0.0)
 
 
 def _reach(p: WeightedGap) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.gap.following import HARDLY_COVERED, Found, Places, Vecs
+from qsdolfinx.gap.following import HARDLY_COVERED, Alone, Found, Places, Vecs
 from qsdolfinx.pairing.pair import facet_rule
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
@@ -24,6 +24,7 @@ class Points(typing.NamedTuple):
 
     Attributes:
         x: Where all points are, shape (facets, points, 3).
+        normal: Of the tool there, out of it, likewise.
         distance: From the tool, (facets, points).
         weight: Areas, 0 of those that are opposite to nothing, (facets, points).
         position: Of the tool.
@@ -31,6 +32,7 @@ class Points(typing.NamedTuple):
     """
 
     x: Array
+    normal: Array
     distance: Array
     weight: Array
     position: Array
@@ -52,7 +54,7 @@ class ShapePoints:
     def __init__(self, slave: Surface, tool: RigidSurface, radius: float, degree: int) -> None:
         self._slave, self._tool, self._radius = slave, tool, radius
         x, w = facet_rule(slave, degree)
-        self._w = w
+        self._rule, self._w = (x, w), w
         kind = slave.num_facet_vertices
         #: Functions of the vertices and of the trace at the points, (points, functions).
         self._N = np.asarray(_cpp.trace_values(kind, 1, x))
@@ -134,7 +136,33 @@ class ShapePoints:
             -np.einsum("fpk,pj,fpd->fkjd", wN, T, normal),
             np.einsum("fpk,pj->fkj", wN, T),
         )
-        return Found(cover, allowance, rows, Points(x, distance, weight, position, N))
+        return Found(cover, allowance, rows, Points(x, normal, distance, weight, position, N))
+
+    def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
+        """See :class:`Cutter`."""
+        at, surface = found.of_cutter, self._slave.cpp_object
+        points = _cpp.sample_facets(surface, *self._rule)
+        kept = at.weight.ravel() > 0
+        normal, gap = -at.normal.reshape(-1, 3), at.distance.ravel()
+        weight = at.weight.ravel() / np.asarray(points.weight)
+        _cpp.face_tool(points, kept.astype(np.uint8), normal, gap, len(self._w))
+        points = points.scaled(weight[kept]).with_alone(*alone)
+        return _cpp.GapOperator(surface, None, points, jump=False, rows=2)
+
+    def add_curvature_of_points(
+        self,
+        found: Found,
+        force: Array,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """See :class:`Cutter`."""
+        points = found.of_cutter
+        kept = points.weight > 0
+        of_points = np.zeros(kept.shape)
+        of_points[kept] = force[: np.count_nonzero(kept)]
+        self._add_curvature(points, points.weight * of_points, markers, blocks, scale)
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""
@@ -163,10 +191,23 @@ class ShapePoints:
         scale: tuple[float, float],
     ) -> bool:
         """See :class:`Cutter`."""
-        points, gdim, block = found.of_cutter, self._slave.gdim, blocks[0]
-        assert isinstance(points, Points) and block is not None
+        points = found.of_cutter
         pressure = self._values(multiplier)[:, : self._N.shape[1], 0]
         force = points.weight * np.einsum("fk,fpk->fp", pressure, points.N)
+        self._add_curvature(points, force, markers, blocks, scale)
+        return True
+
+    def _add_curvature(
+        self,
+        points: Points,
+        force: Array,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """Add Σ_p f_p ∂²g_p for forces of all points, (facets, points)."""
+        gdim, block = self._slave.gdim, blocks[0]
+        assert block is not None
         held = self._values(markers[0])[..., :gdim] != 0
         dofs = np.where(held, -1, self._slave.trace_dofs[0]).astype(PETSc.IntType)
         some = np.flatnonzero(np.any(force != 0, axis=1))
@@ -177,7 +218,6 @@ class ShapePoints:
         for f, of_facet in zip(some, H, strict=True):
             at = dofs[f].ravel()
             block.setValues(at, at, of_facet.reshape(width, width), PETSc.InsertMode.ADD_VALUES)
-        return True
 
     def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
         """See :class:`Cutter`: the tool has no unknowns, forces act on the slave alone."""

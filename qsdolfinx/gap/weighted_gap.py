@@ -46,6 +46,7 @@ class GapState:
         offset: Gap of displacements on top of those of the unknowns, of the same shape.
         shift: What a rigid tool's motion adds to ḡ, of the same shape.
         allowance: Gap (length) at each row that counts as none: overclosure that is not resolved.
+            With rows at points of gaps that follow, of the sides of nodes, as ``augmented``.
         scale: Displacement per unknown of the slave's and of the master's body.
         carried: Jump (length) that meshes and a tool have made since they were tied, likewise.
         places: Where meshes had moved tied surfaces by then; None where they were tied.
@@ -156,7 +157,9 @@ class WeightedGap:
         #: Components of λ̂ that conditions hold on both sides; None if there are none anywhere.
         self.extension: Extension | None = None
         #: What changes while the pairing stays.
-        self.state = GapState(zero, multipliers, zero, zero, zero[:, 0])
+        at_sides = following is not None and rows == "points"
+        allowance = np.zeros_like(multipliers) if at_sides else zero[:, 0]
+        self.state = GapState(zero, multipliers, zero, zero, allowance)
         self.state.base, self.state.measure = base, measure
         #: How ties count what has moved since they were made; None of other laws.
         self.tie = Tie(slave, master) if law.jump and not slave.is_scalar else None
@@ -180,7 +183,7 @@ class WeightedGap:
     @property
     def _area(self) -> Array:
         """What each row's gap is divided by."""
-        measure = self.state.measure
+        measure = None if self.rows.are_points else self.state.measure
         return self.operator.row_area if measure is None else measure.area
 
     @property
@@ -237,7 +240,7 @@ class WeightedGap:
         Σ_p w_p N_k over what a row's gap is divided by: 1, unless that is the area of a node, or
         hardly anything is covered of that where gaps follow the bodies.
         """
-        if self.cut is not None:
+        if self.cut is not None and not self.rows.are_points:
             return self.cut.share
         if KINDS[self._kind] != "area":
             return np.ones(self.num_rows)
@@ -336,20 +339,34 @@ class WeightedGap:
         self.show(self.following.cut(places, state.measure, state.allowance))
         state.values = self._values_of_cut() - self._counted(state.allowance)[:, None]
 
+    @property
+    def allowance(self) -> Array:
+        """Gap (length) at the rows that counts as none, (rows,). Collective."""
+        if self.following is not None and isinstance(self.rows, PointRows):
+            return self.rows.from_sides(self.state.allowance)
+        return self.state.allowance
+
     def _counted(self, allowance: Array) -> Array:
         """What allowances take from the gaps of the rows, of gaps that follow at the last cut."""
-        return allowance if self.cut is None else allowance * self.cut.share
+        if self.cut is None:
+            return allowance
+        if isinstance(self.rows, PointRows):
+            return self.rows.from_sides(allowance)
+        return allowance * self.cut.share
 
     def show(self, cut: Cut) -> None:
-        """Take what an evaluation has found for the last one, but for the state."""
+        """Take what an evaluation has found for the last one, but for the state. Collective."""
+        is_same = self._own is cut.operator
         self.cut, self._own = cut, cut.operator
         if isinstance(self.rows, NodeRows):
             self.rows.covered_nodes = cut.covered
+        elif not is_same:
+            self.rows = PointRows(cut.operator, self.slave)
 
     def _values_of_cut(self) -> Array:
         """ḡ of the operator alone; that of the search radius where nothing is opposite."""
         values = -self._own.initial_gap[:, None]
-        if self.cut is None or self.following is None:
+        if self.cut is None or self.following is None or self.rows.are_points:
             return values
         return np.where(self.cut.covered[:, None], values, -self.following.radius)
 
@@ -585,10 +602,10 @@ class WeightedGap:
     ) -> None:
         """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
         handles = [handle_of(mat) for mat in blocks]
-        stiffness = self.weight * slope if pattern else self.stiffness(slope)
         operator = self.operator
         if pattern and self.following is not None and self.cut is not None:
             operator = self.following.make_pattern(self.cut)
+        stiffness = np.zeros(operator.num_rows) if pattern else self.stiffness(slope)
         _cpp.insert_contact(operator, stiffness, handles, self.state.scale, pattern)
 
     def stiffness(self, slope: Array) -> Array:

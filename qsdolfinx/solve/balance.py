@@ -127,7 +127,8 @@ class Balance:
         counts: npt.NDArray[np.int64] = np.zeros(3, dtype=np.int64)
         before, self._closed = self._closed, [e.closed for e in at.passes]
         counts[2] = len(before) != len(at.passes)
-        counts[2] += sum(np.sum(a != b) for a, b in zip(before, self._closed, strict=False))
+        pairs = zip(before, self._closed, strict=False)
+        counts[2] += sum(not np.array_equal(a, b) for a, b in pairs)
         for p, e in zip(equations.passes, at.passes, strict=True):
             largest[0] = max(largest[0], p.rows.violation(e))
             largest[1] = max(largest[1], float(np.max(np.abs(e.pressure), initial=0.0)))

@@ -103,7 +103,7 @@ def _on_nodes(gap: WeightedGap, values: Array) -> Array:
 
 def _resolved(gap: WeightedGap) -> Array:
     """Part of the initial gap of each row that counts: allowances are parts of it, (rows,)."""
-    allowance = gap.state.allowance
+    allowance = gap.allowance
     depth = np.maximum(-gap.operator.initial_gap, allowance)
     some = allowance > 0
     return 1 - np.divide(allowance, depth, out=np.zeros_like(depth), where=some)

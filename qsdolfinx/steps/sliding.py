@@ -62,7 +62,7 @@ def _slid(
     model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None, turn: float
 ) -> float:
     touched = (
-        gap.operator.initial_gap + gap.state.allowance < TOUCHING * gap.slave.facet_size_range[0]
+        gap.operator.initial_gap + gap.allowance < TOUCHING * gap.slave.facet_size_range[0]
     )
     counts = np.asarray(
         gap.rows.on_nodes(active_set.closed(model, gap) | touched, False), dtype=bool

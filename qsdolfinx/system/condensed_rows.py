@@ -164,20 +164,27 @@ class PointConstraints(CondensedRows):
 
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
         super().__init__(model, gap)
-        assert isinstance(gap.rows, PointRows)
-        self._points: PointRows = gap.rows
-        #: Σ_p w_p N_k of owned nodes, shape (nodes,).
-        self.cover: Array = gap.rows.cover
         self._is_unilateral = type(gap.law) is Unilateral
         self.gamma: float = model.eps
         self._has: bool = model.has_multipliers_at_points
         covered = self._points.covered
         #: E; None where λ_free is all of λ.
-        self.extension: Extension | None = gap.rows.extended(gap.extension)
+        self.extension: Extension | None = self._points.extended(gap.extension)
         none = np.zeros_like(covered)
         held = none if self.extension is None else self.extension.held
         #: Sides of owned nodes whose multipliers are unknowns, (nodes, block).
         self.free: Flags = covered & ~held if self._has else none
+
+    @property
+    def _points(self) -> PointRows:
+        """The points, others at each evaluation where gaps follow the bodies."""
+        assert isinstance(self.gap.rows, PointRows)
+        return self.gap.rows
+
+    @property
+    def _penalty(self) -> Array:
+        """ε of the points, as a user's law is told."""
+        return np.full(self.gap.num_rows, self.model.eps)
 
     def soften(self, part: float) -> None:
         """Take this part of γ, if there are multipliers: λ means the same."""
@@ -237,7 +244,7 @@ class PointConstraints(CondensedRows):
         if not self._is_unilateral:
             shifted = np.asarray(trial / self.gamma, dtype=np.float64)
             with collective_errors(self.model.comm):  # the law is the user's
-                pressure = self.gap.law.multiplier(shifted, self.scales.penalty)
+                pressure = self.gap.law.multiplier(shifted, self._penalty)
             active = self._slope(trial) > 0
         elif first:
             active |= trial[:, 0] >= -self.gamma * self.model.paired.touching
@@ -252,7 +259,7 @@ class PointConstraints(CondensedRows):
         shifted = np.asarray(trial / self.gamma, dtype=np.float64)
         with collective_errors(self.model.comm):
             touching = self.model.paired.touching
-            return self.gap.law.slope(shifted, self.scales.penalty, touching)
+            return self.gap.law.slope(shifted, self._penalty, touching)
 
     def _kept_closed(self, active: Flags, trial: Array) -> Flags:
         """With points that were closed by the most, and one at least of each such node.

@@ -108,7 +108,7 @@ def test_patience(monkeypatch, caplog):
         if name == "auto":
             assert problem.solver == "amg" and problem.num_linear_iterations < 200
     assert largest(found[1] - found[0]) < 1e-6 * largest(found[0])
-    assert iterations[1] <= iterations[0] + 4  # from before what multigrid has made of it
+    assert iterations[1] <= iterations[0] + 8  # from before what multigrid has made of it
     assert "DIVERGED_MAX_IT; a direct" in caplog.text or WORLD.rank > 0
 
 
