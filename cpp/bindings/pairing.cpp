@@ -1,6 +1,7 @@
 #include "pairing/pairing.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "gap/piece_forces.h"
 #include "pairing/cover.h"
 #include "pairing/overlay.h"
 #include "pairing/rigid.h"
@@ -192,6 +193,23 @@ void qsdolfinx::bind_pairing(nb::module_& m)
             return copy(std::move(out), {p.points.size()});
           },
           "Distances along the rays, positive when open, [point].")
+      .def(
+          "rim_gaps",
+          [](const Pieces& p)
+          {
+            std::vector<double> out;
+            for (const RimPoint& at : p.rim)
+              out.push_back(at.point.t);
+            return copy(std::move(out), {p.rim.size()});
+          },
+          "The same of the points of the rim.")
+      .def(
+          "rim_values",
+          [](const Pieces& p, Handle values)
+          {
+            return copy(values_at_rim(p, reinterpret_cast<Vec>(values)), {p.rim.size()});
+          },
+          "values"_a, "Values of a field of the sides of the slave's nodes there; collective.")
       .def(
           "slave_sizes",
           [](const Pieces& p)

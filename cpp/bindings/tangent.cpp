@@ -78,17 +78,19 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       "whether that is symmetric but for the scale. Collective.");
   m.def(
       "insert_curvature_of_points",
-      [](const Surface* master, const Pieces& pieces, In<double> pressure,
-         std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
+      [](const Surface& slave, const Surface* master, const Pieces& pieces, In<double> pressure,
+         In<double> at_rim, std::array<Handle, 2> markers, std::array<Handle, 4> blocks,
+         std::array<double, 2> scale)
       {
-        insert_curvature_of_points(
-            master, pieces, pressure.view(),
+        return insert_curvature_of_points(
+            master, pieces, pressure.view(), at_rim.view(),
             {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
-            contact_blocks(blocks), scale);
+            contact_blocks(blocks), scale, slave.comm());
       },
-      "master"_a.none(), "pieces"_a, "pressure"_a, "markers"_a, "blocks"_a, "scale"_a,
+      "slave"_a, "master"_a.none(), "pieces"_a, "pressure"_a, "at_rim"_a, "markers"_a, "blocks"_a,
+      "scale"_a,
       "Add the sum of pressures at points times second derivatives of their gaps to the blocks "
-      "(ss, sm, ms, mm). Collective.");
+      "(ss, sm, ms, mm); whether that is symmetric but for the scale. Collective.");
   m.def(
       "put_rows",
       [](Handle block, Handle matrix, In<std::int32_t> rows,

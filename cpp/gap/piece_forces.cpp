@@ -96,6 +96,24 @@ std::vector<std::int64_t> side_dofs(const Pieces& pieces)
 }
 } // namespace
 
+std::vector<double> qsdolfinx::values_at_rim(const Pieces& pieces, Vec values)
+{
+  const std::vector<double> v = values_at(values, side_dofs(pieces));
+  const auto nk = static_cast<std::size_t>(pieces.num_multipliers);
+  std::vector<double> out;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+    for (const RimPoint& at : pieces.rim_of(i))
+    {
+      const auto N = shape_functions(pieces.slave.type,
+                                     pieces.cut_is_slave[i] ? at.point.xi : at.point.zeta);
+      double sum = 0;
+      for (std::size_t k = 0; k < nk; ++k)
+        sum += N[k] * v[i * nk + k];
+      out.push_back(sum);
+    }
+  return out;
+}
+
 Shares::Shares(const Pieces& pieces, Vec cover)
     : num_multipliers_(static_cast<std::size_t>(pieces.num_multipliers))
 {

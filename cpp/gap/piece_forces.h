@@ -20,6 +20,10 @@ std::vector<std::int64_t> first_dofs(const Pieces& pieces);
 /// Unknowns of the nodes with multipliers, [piece][multiplier][gdim].
 std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces);
 
+/// Values Σ_k N_k v_k at the points of the rim, [point]. Collective. @param values v_k at the
+/// unknowns that stand for the sides of nodes, a vector of the slave's body
+std::vector<double> values_at_rim(const Pieces& pieces, Vec values);
+
 /// Which multipliers of a slave's facet carry those of its hardly covered vertices, as beyond the
 /// rim of the master: two that are to close nearly the same gap would grow against each other. So
 /// do they on all smooth sides of a node but one: the mean gap of two sides lets an edge in.

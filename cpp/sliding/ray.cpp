@@ -586,6 +586,17 @@ void qsdolfinx::add_rim(const RayPair& pair, std::span<const RimPoint> rim, cons
              });
 }
 
+void qsdolfinx::add_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
+                                  std::span<const double> pressure, std::span<double> hessian)
+{
+  const double* next = pressure.data();
+  for (const RimPoint& at : rim)
+    if (const double p = *next++; p != 0)
+      add_rim_of(pair, std::span(&at, 1), hessian,
+                 [p](const Ray& ray, const RayPoint& point, const Vec3&)
+                 { return ray.of_gap(point.weight * p, {0, 0}); });
+}
+
 void qsdolfinx::add_slip_curvature(const RayPair& pair, std::span<const RayPoint> points,
                                    std::span<const RimPoint> rim, std::span<const double> traction,
                                    std::span<double> hessian)

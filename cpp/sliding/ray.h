@@ -75,6 +75,11 @@ void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::s
 void add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
                              std::span<const double> pressure, std::span<double> hessian);
 
+/// Add what the motion of the rim adds to the derivative of Σ_p w_p p_p ∂g_p, see add_rim.
+/// @param pressure p at the rim, [point] @param hessian as above, rows are those of ∂g_p
+void add_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
+                       std::span<const double> pressure, std::span<double> hessian);
+
 /// Multipliers of gaps less what counts as none, Σ_k λ_k (G_k − a_k Σ w N_k).
 struct RayForces
 {

@@ -172,27 +172,38 @@ bool qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Ve
   return asymmetry.is_none(comm);
 }
 
-void qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& pieces,
+bool qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& pieces,
                                            std::span<const double> pressure,
+                                           std::span<const double> at_rim,
                                            std::array<Vec, 2> markers, ContactBlocks blocks,
-                                           std::array<double, 2> scale)
+                                           std::array<double, 2> scale, MPI_Comm comm)
 {
-  if (pressure.size() < pieces.points.size())
-    throw std::invalid_argument("a pressure for each point");
+  if (pressure.size() < pieces.points.size() || at_rim.size() != pieces.rim.size())
+    throw std::invalid_argument("a pressure for each point, and for each one of the rim");
   Insertion insertion(master, pieces, markers, blocks, scale);
   std::vector<double> H(insertion.size() * insertion.size());
-  std::size_t first = 0;
+  std::vector<std::uint64_t> numbers;
+  Asymmetry asymmetry;
+  std::size_t first = 0, first_of_rim = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     const auto points = pieces.points_of(i);
-    const auto of_piece = pressure.subspan(first, points.size());
+    const auto rim = pieces.rim_of(i);
+    const auto of_piece = pressure.subspan(first, points.size()),
+               of_rim = at_rim.subspan(first_of_rim, rim.size());
     first += points.size();
-    if (std::ranges::all_of(of_piece, is_zero))
+    first_of_rim += rim.size();
+    if (std::ranges::all_of(of_piece, is_zero) && std::ranges::all_of(of_rim, is_zero))
       continue;
     std::ranges::fill(H, 0.0);
-    add_curvature_of_points(pair_of(pieces, i), points, of_piece, H);
+    const RayPair pair = pair_of(pieces, i);
+    add_curvature_of_points(pair, points, of_piece, H);
+    add_rim_of_points(pair, rim, of_rim, H);
+    insertion.number(i, numbers);
+    asymmetry.add(H, insertion.size(), numbers);
     insertion.insert(i, H);
   }
+  return asymmetry.is_none(comm);
 }
 
 void qsdolfinx::insert_slip_curvature(const Surface* master, const Pieces& pieces, Vec cover,

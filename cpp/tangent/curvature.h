@@ -23,11 +23,12 @@ bool insert_curvature(const Surface* master, const Pieces& pieces, Vec cover, Ve
                       Vec allowance, std::array<Vec, 2> markers, ContactBlocks blocks,
                       std::array<double, 2> scale);
 
-/// Add Σ_p w_p p_p ∂²g_p of points of pieces, likewise: symmetric but for the scale. Collective.
-/// @param pressure p_p, [point]
-void insert_curvature_of_points(const Surface* master, const Pieces& pieces,
-                                std::span<const double> pressure, std::array<Vec, 2> markers,
-                                ContactBlocks blocks, std::array<double, 2> scale);
+/// Add Σ_p w_p p_p ∂²g_p of points of pieces, and what rims add, likewise. Collective.
+/// @param pressure p_p, [point] @param at_rim p at the points of the rim, [point]
+bool insert_curvature_of_points(const Surface* master, const Pieces& pieces,
+                                std::span<const double> pressure, std::span<const double> at_rim,
+                                std::array<Vec, 2> markers, ContactBlocks blocks,
+                                std::array<double, 2> scale, MPI_Comm comm);
 
 /// Add how the forces Σ_k τ_k·slip_k of friction, see add_slip_forces, change with tractions held,
 /// to the blocks. Not symmetric. Collective.

@@ -36,7 +36,7 @@ from qsdolfinx.contact.arguments import (
     default_enforcement,
 )
 from qsdolfinx.contact.model import ContactModel, Settings
-from qsdolfinx.contact.penalty import Penalty
+from qsdolfinx.contact.penalty import Penalty, points_factor
 from qsdolfinx.contact.report import ContactReport, make_report
 from qsdolfinx.contact.shown import keep, shown
 from qsdolfinx.friction.history import FrictionHistory
@@ -286,7 +286,9 @@ class Contact:
         if itself:
             slave, master = boundary_of(slave), boundary_of(slave)
         follows = sliding == "finite" and not law.jump
-        at_points = constraints == "points" and not (itself or isinstance(law, Conductance))
+        at_points = constraints == "points" and not (
+            itself or follows or isinstance(law, Conductance)
+        )
         sharp = has_creases(slave, at_points), has_creases(master, at_points)
         settings = Settings(
             slave,
@@ -321,7 +323,7 @@ class Contact:
                 quadrature,
                 augmented,
                 "velocity" in kinematics.unknown,
-                constraints == "points",
+                points_factor(constraints, follows),
             ),
             overclosure,
             None if friction is None else FrictionHistory(friction, slave, friction_penalty),

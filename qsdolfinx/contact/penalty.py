@@ -28,6 +28,11 @@ AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
 #: finer master's traction; with a softer one pressures at the edge of contact are less accurate.
 POINTS_FACTOR = 4.0
 
+#: The same where gaps follow the bodies. What bodies come nearer to each other, or bend, in a step
+#: gives y of points their sign before multipliers have theirs: with 1 half rings of degree 2 that
+#: pass each other lose contact in one iteration, and all points close in the next.
+FOLLOWING_FACTOR = 0.3
+
 #: That of slips at points, in units of the softer side's stiffness: a stiffer one changes their
 #: sense in each iteration.
 SLIPS_FACTOR = 1.5
@@ -72,7 +77,7 @@ def automatic_penalty(
     quadrature: str,
     augmented: bool,
     together: bool,
-    at_points: bool,
+    at_points: float,
 ) -> float:
     """The penalty, stress per length, for the nodal stiffness of the two sides.
 
@@ -87,7 +92,7 @@ def automatic_penalty(
         quadrature: ``"nodal"`` or ``"overlay"``.
         augmented: Whether augmented multipliers close the gap.
         together: Whether its multipliers come from one linear system: tied contact with ``"amg"``.
-        at_points: Whether constraints are at points.
+        at_points: Factor of constraints at points, 0 of others.
 
     Raises:
         ValueError: If neither gives a positive number, or one gives NaN.
@@ -117,11 +122,11 @@ def _usual(
     stiffness: typing.Sequence[float],
     modulus: typing.Sequence[float],
     together: bool,
-    at_points: bool,
+    at_points: float,
 ) -> float:
     """The penalty of an augmented Lagrangian; arguments as of :func:`automatic_penalty`."""
     sizes = _sizes(stiffness, modulus)
-    size = sizes[0] if at_points and sizes[0] < math.inf else min(sizes)
+    size = sizes[0] if at_points > 0 and sizes[0] < math.inf else min(sizes)
     return _factor(together, at_points) * min(modulus) / size
 
 
@@ -131,7 +136,7 @@ def source(
     quadrature: str,
     augmented: bool,
     together: bool,
-    at_points: bool,
+    at_points: float,
 ) -> str:
     """What :func:`automatic_penalty` has done, in words; arguments as there."""
     sides = ("slave", "master")
@@ -158,8 +163,20 @@ def _coarser(sizes: list[float]) -> int:
     return int(np.argmax([size if size < math.inf else -math.inf for size in sizes]))
 
 
-def _factor(together: bool, at_points: bool) -> float:
-    return POINTS_FACTOR if at_points else AUGMENTED_FACTORS[together]
+def _factor(together: bool, at_points: float) -> float:
+    return at_points or AUGMENTED_FACTORS[together]
+
+
+def points_factor(constraints: str, follows: bool) -> float:
+    """Of constraints at points; 0 of others.
+
+    Args:
+        constraints: ``"nodes"`` or ``"points"``.
+        follows: Whether gaps follow the bodies.
+    """
+    if constraints != "points":
+        return 0.0
+    return FOLLOWING_FACTOR if follows else POINTS_FACTOR
 
 
 class Penalty:
@@ -170,11 +187,11 @@ class Penalty:
         quadrature: ``"nodal"`` or ``"overlay"``.
         augmented: Whether augmented multipliers close the gap.
         flows: Whether a body has velocities.
-        at_points: Whether constraints are at points.
+        at_points: Factor of constraints at points, see :func:`points_factor`; 0 of others.
     """
 
     def __init__(
-        self, given: float | str, quadrature: str, augmented: bool, flows: bool, at_points: bool
+        self, given: float | str, quadrature: str, augmented: bool, flows: bool, at_points: float
     ) -> None:
         self._quadrature, self._augmented, self._flows = quadrature, augmented, flows
         self._at_points = at_points
@@ -231,7 +248,7 @@ class Penalty:
         self.stiffness = stiffness
         follows = self._augmented and self._flows
         if self._at_points and (self.of_points is None or follows):
-            usual = _usual(stiffness, modulus, together, True)
+            usual = _usual(stiffness, modulus, together, self._at_points)
             self.of_points = usual if 0 < usual < math.inf else None
             softest = SLIPS_FACTOR * min(stiffness, default=0.0)
             self.of_slips = softest if 0 < softest < math.inf else None

@@ -87,16 +87,21 @@ class FacetCutter:
     def add_curvature_of_points(
         self,
         found: Found,
-        force: Array,
+        pressure: Array,
+        at_rim: typing.Callable[[Array, typing.Callable[[PETSc.Vec], Array]], Array],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
-    ) -> None:
-        """See :class:`Cutter`."""
-        _cpp.insert_curvature_of_points(
+    ) -> bool:
+        """See :class:`Cutter`; what parts are covered depends on where facets are, too."""
+        pieces = found.of_cutter
+        of_rim = at_rim(-np.asarray(pieces.rim_gaps()), lambda vec: pieces.rim_values(vec.handle))
+        return _cpp.insert_curvature_of_points(
+            self._slave,
             self._master,
-            found.of_cutter,
-            np.ascontiguousarray(force),
+            pieces,
+            np.ascontiguousarray(pressure),
+            np.ascontiguousarray(of_rim),
             [handle_of(vec) for vec in markers],
             [handle_of(mat) for mat in blocks],
             scale,

@@ -124,12 +124,23 @@ class Cutter(typing.Protocol):
     def add_curvature_of_points(
         self,
         found: Found,
-        force: Array,
+        pressure: Array,
+        at_rim: typing.Callable[[Array, typing.Callable[[PETSc.Vec], Array]], Array],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
-    ) -> None:
-        """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm). Collective."""
+    ) -> bool:
+        """Add Σ_p w_p p_p ∂²g_p to the blocks; whether it is symmetric. Collective.
+
+        Args:
+            found: What has been found there.
+            pressure: p_p.
+            at_rim: p at other points, for their gaps and what gives values of fields of the sides
+                of nodes there.
+            markers: As for :meth:`add_curvature`.
+            blocks: Likewise.
+            scale: Likewise.
+        """
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps along the rays, positive when open."""
@@ -470,6 +481,43 @@ class Following:
         """Whether the pattern has room for what was found, on this rank."""
         return self.pattern is None or bool(self.pattern.covers(last.operator))
 
+    def add_curvature_of_points(
+        self,
+        last: Cut,
+        pressure: Array,
+        law: typing.Callable[[Array, typing.Callable[[Array], Array]], Array],
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> bool:
+        """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm). Collective.
+
+        Args:
+            last: The last evaluation.
+            pressure: p_p.
+            law: p at other points, for their gaps and what gives values there of fields of the
+                sides of nodes, (nodes, block).
+            blocks: The matrices.
+            scale: Displacement per unknown of both bodies.
+
+        Returns:
+            Whether it is symmetric but for the scale.
+        """
+        assert self._marked is not None
+
+        def at_rim(gap: Array, values: typing.Callable[[PETSc.Vec], Array]) -> Array:
+            def of_sides(field: Array) -> Array:
+                vec = self._slave.create_vec()
+                vec.array[self._slave.node_dofs - vec.owner_range[0]] = field
+                out = values(vec)
+                vec.destroy()
+                return out
+
+            return law(gap, of_sides)
+
+        return self._cutter.add_curvature_of_points(
+            last.found, pressure, at_rim, self._marked, blocks, scale
+        )
+
     def add_curvature(
         self,
         last: Cut,
@@ -489,11 +537,6 @@ class Following:
             Whether it is symmetric but for the scale.
         """
         assert self._marked is not None
-        if self.at_points:
-            self._cutter.add_curvature_of_points(
-                last.found, multiplier, self._marked, blocks, scale
-            )
-            return True
         vec = self._slave.create_vec()
         vec.array[self._slave.node_dofs[:, 0] - vec.owner_range[0]] = multiplier
         symmetric = self._cutter.add_curvature(last.found, vec, self._marked, blocks, scale)

@@ -152,17 +152,19 @@ class ShapePoints:
     def add_curvature_of_points(
         self,
         found: Found,
-        force: Array,
+        pressure: Array,
+        at_rim: typing.Callable[[Array, typing.Callable[[PETSc.Vec], Array]], Array],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
-    ) -> None:
-        """See :class:`Cutter`."""
+    ) -> bool:
+        """See :class:`Cutter`; points are fixed."""
         points = found.of_cutter
         kept = points.weight > 0
         of_points = np.zeros(kept.shape)
-        of_points[kept] = force[: np.count_nonzero(kept)]
+        of_points[kept] = pressure[: np.count_nonzero(kept)]
         self._add_curvature(points, points.weight * of_points, markers, blocks, scale)
+        return True
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""

@@ -496,6 +496,33 @@ class WeightedGap:
         force = self._share * multiplier[:, 0]
         return self.following.add_curvature(self.cut, force, blocks, self.state.scale)
 
+    def add_curvature_of_points(
+        self,
+        pressure: Array,
+        law: typing.Callable[[Array, Array], Array],
+        of_sides: Array,
+        blocks: typing.Sequence[PETSc.Mat | None],
+    ) -> bool:
+        """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm), of gaps that follow. Collective.
+
+        Args:
+            pressure: p_p, (rows,).
+            law: p for gaps and values of λ_h.
+            of_sides: λ of the sides of owned nodes, (nodes, block).
+            blocks: The matrices.
+
+        Returns:
+            Whether it is symmetric but for the scale.
+        """
+        assert self.following is not None and self.cut is not None
+        allowance = self.state.allowance
+
+        def elsewhere(gap: Array, values: typing.Callable[[Array], Array]) -> Array:
+            return self._share * law(gap - values(allowance), values(of_sides))
+
+        scale, force = self.state.scale, self._share * pressure
+        return self.following.add_curvature_of_points(self.cut, force, elsewhere, blocks, scale)
+
     def fits_pattern(self) -> bool:
         """Whether the tangent has room for the last evaluation, on this rank."""
         return self.following is None or self.cut is None or self.following.fits(self.cut)

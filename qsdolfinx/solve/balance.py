@@ -248,6 +248,12 @@ class Balance:
         return some, none
 
     @property
+    def is_far(self) -> bool:
+        """Whether much is left of the residual."""
+        now = self.history[-1]
+        return len(self.history) < 2 or max(now.forces, now.constraints, now.tools) > LITTLE
+
+    @property
     def proximal(self) -> float:
         """For ``Equations.set_proximal``: its most until little is left, or the set stays."""
         if self._keeps_its_set:

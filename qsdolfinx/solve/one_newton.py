@@ -206,7 +206,7 @@ class OneNewton:
             exact: Whether an iterative solver is to find it whatever Newton's method needs.
         """
         self._newton.record.iterations += 1
-        self.equations.set_proximal(self._balance.proximal)
+        self.equations.set_proximal(self._balance.proximal, self._balance.is_far)
         self._step.set_up(at, self._balance.shift)
         return self._step.solve(-self.equations.residual_of(at), self._balance.until, exact)
 

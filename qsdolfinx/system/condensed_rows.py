@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import typing
+
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +47,7 @@ class CondensedRows:
 
     #: Part of the diagonal by which the inexact derivative is softer.
     proximal = LEAST_PROXIMAL
+    far = False
 
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
         self.model, self.gap = model, gap
@@ -316,6 +320,25 @@ class PointConstraints(CondensedRows):
         if not self._is_unilateral:
             return np.asarray(np.where(at.active, self._slope(at.trial), 0.0)[:, None])
         return np.asarray(self.gamma * at.active[:, None])
+
+    def add_curvature(self, at: Normal, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
+        """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm), of gaps that follow. Collective."""
+
+        def pressure(gap: Array, functions: Array) -> Array:
+            trial = self.part * functions + self.gamma * gap
+            if self._is_unilateral:
+                return np.maximum(trial, 0.0)
+            penalty = np.full(len(gap), self.model.eps)
+            with collective_errors(self.model.comm):  # the law is the user's
+                return self.gap.law.multiplier(trial[:, None] / self.gamma, penalty)[:, 0]
+
+        of_sides = np.zeros(self.free.shape)
+        if self._has:
+            of_sides = self.on_sides(at.multiplier)
+        found = at.pressure[:, 0]
+        if self.far and self._has:
+            found = np.where(at.active, np.clip(self.at_points(at.multiplier)[:, 0], 0.0, found), 0)
+        self.gap.add_curvature_of_points(found, pressure, of_sides, blocks)
 
     def softened(self, at: Normal) -> Array:
         """See ``NormalRows``."""

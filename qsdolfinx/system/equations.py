@@ -628,7 +628,10 @@ class Equations:
                 continue
             s, m = p.bodies
             assert s is not None
-            p.gap.add_curvature(e.pressure, given(s, m))
+            if isinstance(p.rows.condensed, PointConstraints):
+                p.rows.condensed.add_curvature(e.normal, given(s, m))
+            else:
+                p.gap.add_curvature(e.pressure, given(s, m))
             if p.slip is not None and e.tangential is not None:
                 p.gap.add_slip_curvature(e.tangential.traction, given(s, m))
         for contact, sides in zip(self.system.contacts, self.system.sides, strict=True):
@@ -913,11 +916,12 @@ class Equations:
         self._forget_gaps()
         self._at = None
 
-    def set_proximal(self, part: float) -> None:
+    def set_proximal(self, part: float, far: bool = False) -> None:
         """Take this part of the diagonal by which λ's inexact derivative is softer at points."""
         for p in self.passes:
             if p.rows.condensed is not None:
                 p.rows.condensed.proximal = part
+                p.rows.condensed.far = far
 
     def _forget_gaps(self) -> None:
         """Free derivatives of gaps. Collective."""
