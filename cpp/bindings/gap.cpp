@@ -3,6 +3,7 @@
 #include "bindings/module.h"
 #include "gap/piece_forces.h"
 #include "gap/piece_rows.h"
+#include "gap/point_rows.h"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
@@ -80,6 +81,23 @@ void qsdolfinx::bind_gap(nb::module_& m)
       },
       "pieces"_a, "cover"_a, "traction"_a, "slave"_a, "master"_a,
       "Add the forces of friction on slip that rigid motions do not have; collective.");
+  nb::class_<SlipOfPieces>(m, "SlipOfPieces", "Slip at the points of pieces; see gap/point_rows.h.")
+      .def(
+          "__init__",
+          [](SlipOfPieces* self, const Pieces& pieces, Handle slave, Handle master,
+             In<double> of_tool)
+          {
+            new (self) SlipOfPieces(pieces, reinterpret_cast<Vec>(slave),
+                                    reinterpret_cast<Vec>(master), of_tool.view());
+          },
+          "pieces"_a, "slave"_a, "master"_a, "of_tool"_a,
+          "From where nodes were when it began; collective.")
+      .def_prop_ro(
+          "slip", [](const SlipOfPieces& s) { return copy(s.slip, {s.slip.size() / 3, 3}); },
+          "Of the slave against the master, [point][3].")
+      .def_prop_ro(
+          "normal", [](const SlipOfPieces& s) { return copy(s.normal, {s.normal.size() / 3, 3}); },
+          "Outward of the slave, [point][3].");
   nb::class_<GapOperator>(m, "GapOperator",
                           "Weighted gaps of the slave nodes of this rank; see gap/gap.h.")
       .def(
@@ -111,6 +129,17 @@ void qsdolfinx::bind_gap(nb::module_& m)
           },
           "slave"_a, "master"_a.none(), "points_of"_a, nb::kw_only(), "alone"_a, "weight"_a,
           "far"_a, "The same with a row for each point of pieces; see gap/gap.h; collective.")
+      .def(
+          "__init__",
+          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
+             const SlipOfPieces& slip, bool works, In<std::int64_t> alone, In<double> weight)
+          {
+            new (self) GapOperator(slave, master, pieces, works ? slip.works : slip.gradient,
+                                   alone.view(), weight.view());
+          },
+          "slave"_a, "master"_a.none(), "points_of"_a, "slip"_a, nb::kw_only(), "works"_a,
+          "alone"_a, "weight"_a,
+          "Derivative of slip at these points, or what tractions work on there; collective.")
       .def("covers", &GapOperator::covers, "other"_a,
            "Whether rows of another operator have no columns but those of this one's.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)

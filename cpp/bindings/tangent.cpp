@@ -92,6 +92,19 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       "Add the sum of pressures at points times second derivatives of their gaps to the blocks "
       "(ss, sm, ms, mm); whether that is symmetric but for the scale. Collective.");
   m.def(
+      "insert_slip_curvature_of_points",
+      [](const Surface* master, const Pieces& pieces, In<double> traction,
+         std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
+      {
+        insert_slip_curvature_of_points(
+            master, pieces, traction.view(),
+            {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
+            contact_blocks(blocks), scale);
+      },
+      "master"_a.none(), "pieces"_a, "traction"_a, "markers"_a, "blocks"_a, "scale"_a,
+      "Add how forces of given tractions at points change to the blocks (ss, sm, ms, mm). "
+      "Collective.");
+  m.def(
       "put_rows",
       [](Handle block, Handle matrix, In<std::int32_t> rows,
          std::array<In<std::int64_t>, 2> row_numbers, std::array<In<std::int64_t>, 2> columns,

@@ -176,6 +176,21 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Piec
     build_scatter(sides_[1], *master);
 }
 
+GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+                         const std::vector<double>& gradient, std::span<const std::int64_t> alone,
+                         std::span<const double> weight)
+    : kind_(GapKind::jump), block_(pieces.gdim), num_sides_(master ? 2 : 1), turns_(true)
+{
+  const PairingPoints points = points_of_pieces(slave, master, pieces).with_alone(alone, weight, 0);
+  for (int i = 0; i < num_sides_; ++i)
+    rows_of_slip(sides_[i], pieces, points, i, gradient);
+  row_area_ = points.weight;
+  initial_gap_.assign(points.size(), 0);
+  build_scatter(sides_[0], slave);
+  if (master)
+    build_scatter(sides_[1], *master);
+}
+
 GapOperator::~GapOperator()
 {
   if (!petsc_is_running())

@@ -62,6 +62,10 @@ public:
   /// and for some that are alone, see PairingPoints::with_alone. Collective.
   GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
               std::span<const std::int64_t> alone, std::span<const double> weight, double far);
+  /// Derivative of the slip at the same rows, or what tractions work on there. Collective.
+  GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+              const std::vector<double>& gradient, std::span<const std::int64_t> alone,
+              std::span<const double> weight);
   ~GapOperator();
   GapOperator(const GapOperator&) = delete;
   GapOperator& operator=(const GapOperator&) = delete;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <numeric>
+#include <stdexcept>
 
 using namespace qsdolfinx;
 
@@ -208,6 +209,80 @@ void qsdolfinx::rows_of_pieces(GapOperator::Side& out, const Pieces& pieces,
            {
              const double* row = &gradients[(p * nodes + first + j) * 3];
              out.coefficient.insert(out.coefficient.end(), row, row + d);
+           });
+  fill_dofs(out, f, points.size(), columns);
+}
+
+SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_start,
+                           std::span<const double> of_tool)
+{
+  const auto d = static_cast<std::size_t>(pieces.gdim),
+             ns = static_cast<std::size_t>(pieces.slave.num_nodes),
+             nm = static_cast<std::size_t>(pieces.master.num_nodes);
+  if (!master_start && of_tool.size() != 12)
+    throw std::invalid_argument("a rigid tool's map has 3 rows of 4 numbers");
+  const auto in_space = [d](const std::vector<double>& from, std::size_t first, std::size_t nodes)
+  {
+    std::vector<double> out(3 * nodes, 0.0);
+    for (std::size_t j = 0; j < nodes; ++j)
+      std::copy_n(from.begin() + static_cast<std::ptrdiff_t>((first + j) * d), d,
+                  out.begin() + static_cast<std::ptrdiff_t>(3 * j));
+    return out;
+  };
+  const std::vector<double> of_slave = values_at(slave_start, pieces.slave.dofs);
+  const std::vector<double> of_master
+      = master_start ? values_at(master_start, pieces.master.dofs) : std::vector<double>{};
+  const std::size_t n = pieces.points.size(), size = 9 * (ns + nm);
+  slip.resize(3 * n);
+  normal.resize(3 * n);
+  gradient.resize(n * size);
+  works.resize(n * size);
+  std::size_t done = 0;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const RayPair pair = pair_of(pieces, i);
+    const auto points = pieces.points_of(i);
+    const std::vector<double> first = in_space(of_slave, i * ns, ns);
+    std::vector<double> second(3 * nm);
+    if (master_start)
+      second = in_space(of_master, i * nm, nm);
+    else
+      for (std::size_t j = 0; j < nm; ++j)
+      {
+        const Vec3 x = facet_vertex(pieces.master.x_of(i), static_cast<int>(j));
+        for (std::size_t r = 0; r < 3; ++r)
+          second[3 * j + r] = of_tool[4 * r] * x[0] + of_tool[4 * r + 1] * x[1]
+                              + of_tool[4 * r + 2] * x[2] + of_tool[4 * r + 3];
+      }
+    const RayStart start{pair.cut_is_slave ? first : second, pair.cut_is_slave ? second : first};
+    const std::size_t count = points.size();
+    slip_of_points(pair, start, points,
+                   {std::span(slip).subspan(3 * done, 3 * count),
+                    std::span(normal).subspan(3 * done, 3 * count),
+                    std::span(gradient).subspan(done * size, count * size),
+                    std::span(works).subspan(done * size, count * size)});
+    done += count;
+  }
+}
+
+void qsdolfinx::rows_of_slip(GapOperator::Side& out, const Pieces& pieces,
+                             const PairingPoints& points, int side,
+                             const std::vector<double>& gradient)
+{
+  const PairingSide& s = side == 0 ? points.slave : points.master;
+  const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.block);
+  const auto ns = static_cast<std::size_t>(pieces.slave.num_nodes),
+             nodes = ns + static_cast<std::size_t>(pieces.master.num_nodes);
+  const std::vector<std::int64_t> dofs = without_alone(points, s);
+  const Functions f{dofs, gradient, n, n, d};
+  const std::vector<std::int64_t> columns = find_columns(f, points.size());
+  const std::size_t first = side == 0 ? 0 : ns;
+  compress(out, f, points.size(), columns,
+           [&](std::size_t p, std::size_t j)
+           {
+             const double* matrix = &gradient[(p * nodes + first + j) * 9];
+             for (std::size_t r = 0; r < d; ++r)
+               out.coefficient.insert(out.coefficient.end(), matrix + 3 * r, matrix + 3 * r + d);
            });
   fill_dofs(out, f, points.size(), columns);
 }

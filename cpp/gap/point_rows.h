@@ -24,4 +24,20 @@ PairingPoints points_of_pieces(const Surface& slave, const Surface* master, cons
 void rows_of_pieces(GapOperator::Side& out, const Pieces& pieces, const PairingPoints& points,
                     int side);
 
+/// Slip at the points of pieces, see RaySlip, [point][3] and [point][node][3][3], the slave's nodes
+/// first.
+struct SlipOfPieces
+{
+  std::vector<double> slip, normal, gradient, works;
+
+  /// Collective. @param slave, master places of the bodies' nodes when slip began, vectors of them;
+  /// master null for a rigid tool @param of_tool where a place of it was then, rows of an affine
+  /// map, [3][4]
+  SlipOfPieces(const Pieces& pieces, Vec slave, Vec master, std::span<const double> of_tool);
+};
+
+/// Rows of one side, one for each point of pieces and component, of one of these gradients.
+void rows_of_slip(GapOperator::Side& out, const Pieces& pieces, const PairingPoints& points,
+                  int side, const std::vector<double>& gradient);
+
 } // namespace qsdolfinx

@@ -318,6 +318,14 @@ struct Sliding
       s[d] = weight_ * (dot(p_, ray.a[d]) + ray.t * dot(q_[d], n));
   }
 
+  /// Of a traction that belongs to the ray alone.
+  Sliding(const RayPair& pair, const Ray& ray, const Vec3& traction)
+      : weight_((pair.cut_is_slave ? 1 : -1) * ray.weight), p_(traction)
+  {
+    for (int d = 0; d < 2; ++d)
+      s[d] = weight_ * dot(p_, ray.a[d]);
+  }
+
   /// The variation of s_α.
   Row variation(int alpha, const RayPair& pair, const Ray& ray, const RayPoint& point,
                 const RayForms& forms, const Columns& columns, const Normal& normal) const
@@ -655,4 +663,111 @@ void qsdolfinx::add_slip(const RayPair& pair, std::span<const RayPoint> points,
   for (int k = 0; k < nk; ++k)
     for (int r = 0; r < 3; ++r)
       normal.add_to(lever[k][r], &slip[k * size + 9 * columns.cut + 3 * r], 9);
+}
+
+namespace
+{
+/// Unit vectors e₁ along the first edge of a facet, and e₂ = n × e₁.
+struct Frame
+{
+  Frame(const RayFacet& facet, const Vec3& normal)
+      : n(normal), edge(facet_vertex(facet.x, 1) - facet_vertex(facet.x, 0)), length(norm(edge)),
+        e{1 / length * edge, cross(normal, 1 / length * edge)}
+  {
+  }
+
+  /// Add the gradient of c·(s₁ e₁ + s₂ e₂) by the nodes of the facet, s constant.
+  void add_to(const Normal& normal, const Vec3& c, const Vec2& s, double* row, int stride) const
+  {
+    // c·δe₁ = k·δd₁ with k = (c − e₁ (e₁·c))/|d₁|, and c·δe₂ = c·(δn × e₁) + c·(n × δe₁).
+    const Vec3 with_first = s[0] * c + s[1] * cross(c, n);
+    const Vec3 k = 1 / length * (with_first - dot(e[0], with_first) * e[0]);
+    add(row, -1, k);
+    add(row + stride, 1, k);
+    normal.add_to(s[1] * cross(e[0], c), row, stride);
+  }
+
+  Vec3 n, edge;
+  double length;
+  std::array<Vec3, 2> e;
+};
+
+RayFacet moved_to(const RayFacet& facet, std::span<const double> x)
+{
+  return {facet.type, facet.degree, x, facet.orientation};
+}
+} // namespace
+
+void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
+                               std::span<const RayPoint> points, const RaySlip& out)
+{
+  const Normal normal(pair.cut);
+  const Columns columns(pair);
+  const RayFacet cut = moved_to(pair.cut, start.cut), other = moved_to(pair.other, start.other);
+  const Frame now(pair.cut, normal.n()), then(cut, Normal(cut).n());
+  const int dim = pair.other.type == FacetType::interval ? 1 : 2;
+  const double sign = pair.cut_is_slave ? 1 : -1;
+  const Vec3 origin = facet_vertex(cut.x, 0);
+  const auto size = static_cast<std::size_t>(3 * columns.size());
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    const RayPoint& point = points[p];
+    const Ray ray(pair, normal, point);
+    const Vec3 d = point_of(cut, origin, point.xi) - point_of(other, origin, point.zeta);
+    const Vec2 s{-sign * dot(then.e[0], d), dim == 2 ? -sign * dot(then.e[1], d) : 0.0};
+    const Vec3 slip = s[0] * now.e[0] + s[1] * now.e[1], n = sign * normal.n();
+    std::copy_n(slip.begin(), 3, out.slip.subspan(3 * p).begin());
+    std::copy_n(n.begin(), 3, out.normal.subspan(3 * p).begin());
+    // ∂s_a/∂ζ_α = sign E_a·∂x_other₀/∂ζ_α
+    const auto a0 = tangents(other, origin, ray.dM);
+    std::array<Vec3, 3> slides{}, works{}; // forms c·v of each component
+    for (int alpha = 0; alpha < dim; ++alpha)
+    {
+      Vec3 along{};
+      for (int b = 0; b < dim; ++b)
+        along = along + sign * dot(then.e[b], a0[alpha]) * now.e[b];
+      for (int r = 0; r < 3; ++r)
+      {
+        slides[r] = slides[r] + along[r] * ray.A.zeta[alpha];
+        works[r] = works[r] + sign * ray.a[alpha][r] * ray.A.zeta[alpha];
+      }
+    }
+    double *gradient = &out.gradient[p * size], *work = &out.works[p * size];
+    for (int r = 0; r < 3; ++r)
+    {
+      Vec3 axis{};
+      axis[r] = 1;
+      ray.add_to(columns, slides[r], gradient + 3 * r, 9);
+      normal.add_to(ray.t * slides[r], gradient + 9 * columns.cut + 3 * r, 9);
+      now.add_to(normal, axis, s, gradient + 9 * columns.cut + 3 * r, 9);
+      ray.add_to(columns, works[r], work + 3 * r, 9);
+      normal.add_to(ray.t * works[r], work + 9 * columns.cut + 3 * r, 9);
+    }
+  }
+}
+
+void qsdolfinx::add_slip_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
+                                             std::span<const double> traction,
+                                             std::span<double> hessian)
+{
+  const Normal normal(pair.cut);
+  const Columns columns(pair);
+  const int dim = pair.other.type == FacetType::interval ? 1 : 2, n = columns.size();
+  HalfHessian half(pair);
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    const Vec3 tau = facet_vertex(traction, static_cast<int>(p));
+    if (dot(tau, tau) == 0)
+      continue;
+    const RayPoint& point = points[p];
+    const Ray ray(pair, normal, point);
+    const RayForms forms(ray, columns, normal, dim);
+    const Sliding sliding(pair, ray, tau);
+    half.add_point(point, ray, forms, sliding.s);
+    for (int alpha = 0; alpha < dim; ++alpha)
+      add_outer(alpha == 0 ? forms.first : forms.second,
+                sliding.variation(alpha, pair, ray, point, forms, columns, normal), n, hessian);
+  }
+  half.add_normal();
+  half.add_to(hessian);
 }

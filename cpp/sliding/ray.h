@@ -80,6 +80,31 @@ void add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> poin
 void add_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
                        std::span<const double> pressure, std::span<double> hessian);
 
+/// Places of the nodes of both facets when slip began, [node][3].
+struct RayStart
+{
+  std::span<const double> cut, other;
+};
+
+/// Slip of the slave against the master at points, and its derivatives. Where a point and the end
+/// of its ray were when slip began, d₀ was between them, and now nothing is but the ray along n:
+/// the tangential part of −d₀ (master to slave) is the slip, by the frame of the facet that is cut,
+/// which turns with it. Rigid motions of both have none.
+struct RaySlip
+{
+  std::span<double> slip;     ///< [point][3]
+  std::span<double> normal;   ///< n, outward of the slave, [point][3]
+  std::span<double> gradient; ///< by the nodes of both, ξ fixed, [point][node][3][3]; rows: slip
+  std::span<double> works;    ///< what tractions work on: Σ a_α δζ_α of the end, likewise
+};
+void slip_of_points(const RayPair& pair, const RayStart& start, std::span<const RayPoint> points,
+                    const RaySlip& out);
+
+/// Add the derivative of Σ_p w_p τ_p·(what it works on), tractions held, ξ and w fixed.
+/// @param traction τ_p, [point][3] @param hessian as below; not symmetric
+void add_slip_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
+                                  std::span<const double> traction, std::span<double> hessian);
+
 /// Multipliers of gaps less what counts as none, Σ_k λ_k (G_k − a_k Σ w N_k).
 struct RayForces
 {

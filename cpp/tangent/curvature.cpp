@@ -230,3 +230,26 @@ void qsdolfinx::insert_slip_curvature(const Surface* master, const Pieces& piece
     insertion.insert(i, H);
   }
 }
+
+void qsdolfinx::insert_slip_curvature_of_points(const Surface* master, const Pieces& pieces,
+                                                std::span<const double> traction,
+                                                std::array<Vec, 2> markers, ContactBlocks blocks,
+                                                std::array<double, 2> scale)
+{
+  if (traction.size() < 3 * pieces.points.size())
+    throw std::invalid_argument("a traction for each point");
+  Insertion insertion(master, pieces, markers, blocks, scale);
+  std::vector<double> H(insertion.size() * insertion.size());
+  std::size_t first = 0;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const auto points = pieces.points_of(i);
+    const auto of_piece = traction.subspan(3 * first, 3 * points.size());
+    first += points.size();
+    if (std::ranges::all_of(of_piece, is_zero))
+      continue;
+    std::ranges::fill(H, 0.0);
+    add_slip_curvature_of_points(pair_of(pieces, i), points, of_piece, H);
+    insertion.insert(i, H);
+  }
+}

@@ -37,4 +37,9 @@ void insert_slip_curvature(const Surface* master, const Pieces& pieces, Vec cove
                            std::array<Vec, 2> markers, ContactBlocks blocks,
                            std::array<double, 2> scale);
 
+/// The same of tractions at the points of pieces. Collective. @param traction τ_p, [point][3]
+void insert_slip_curvature_of_points(const Surface* master, const Pieces& pieces,
+                                     std::span<const double> traction, std::array<Vec, 2> markers,
+                                     ContactBlocks blocks, std::array<double, 2> scale);
+
 } // namespace qsdolfinx

@@ -86,6 +86,7 @@ def set_pressures_on_nodes(model: ContactModel, pressures: typing.Sequence[Array
     for slip, columns in zip(model.slips, pressures, strict=True):
         state = slip.state
         state.pressed, state.slipped = (slip.gap.rows.from_nodes(c) for c in columns.T[:2])
+        state.of_nodes = np.array(columns[:, :2])
         state.covered, state.moved = np.array(columns[:, 2]), np.array(columns[:, 3:])
 
 

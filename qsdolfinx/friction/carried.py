@@ -34,6 +34,11 @@ def carry(old: Slip, new: Slip) -> None:
     """
     if not new.gap.rows.are_points:
         return
+    if new.gap.following is not None:  # whose points are others at each evaluation
+        new.state.augmented = _turned(
+            new.state.augmented, normals_of_nodes(old), normals_of_nodes(new), new.slave.gdim
+        )
+        return
     points, normals = of_points(old, facets(old), old.gap.points.multiplier_values), None
     if old.state.saved is not None:
         normals = old.state.saved.of_nodes

@@ -67,6 +67,7 @@ class FrictionHistory:
         for name, value in self.law.parameters.items():
             if isinstance(value, float):
                 for slip in slips:
+                    slip.of_nodes[name] = value
                     slip.parameters[name] = np.full(slip.gap.num_rows, value)
         self.read_parameters(slips)
         return slips
@@ -127,9 +128,15 @@ class FrictionHistory:
             if isinstance(value, float):
                 continue
             if isinstance(value, fem.Constant):
-                at_rows: list[Array] = [np.full(s.gap.num_rows, float(value.value)) for s in slips]
+                number = float(value.value)
+                at_rows: list[Array] = [np.full(s.gap.num_rows, number) for s in slips]
+                for slip in slips:
+                    slip.of_nodes[name] = max(number, 0.0)
             else:
                 at_rows = self._at_rows(self._means[name], slips)
+                for slip in slips:
+                    if slip.gap.following is not None and slip.gap.rows.are_points:
+                        slip.of_nodes[name] = np.maximum(self._at_nodes(self._means[name]), 0.0)
             with collective_errors(self._slave.comm):
                 for values in at_rows:
                     if not (np.isfinite(values).all() and np.all(values >= -1e-12)):
@@ -155,20 +162,23 @@ class FrictionHistory:
 
     def _at_rows(self, form: fem.Form, slips: typing.Sequence[Slip]) -> list[Array]:
         """Means with the weights N_k at the rows of all passes. Collective."""
-        linear = self._slave.linear
-        b = fem.assemble_vector(form)
-        b.scatter_reverse(la.InsertMode.add)
-        integrals = fem.Function(linear.collapsed_space)
-        integrals.x.array[:] = b.array
-        means = linear.node_values(integrals)
-        values = means[:, 0] / means[:, 1]
-        out = []
+        values, out = self._at_nodes(form), []
         for slip in slips:
             if slip.gap.slave is self._slave:
                 out.append(slip.gap.rows.from_nodes(values))
             else:
                 out.append(self._on_other_side(values, slip))
         return out
+
+    def _at_nodes(self, form: fem.Form) -> Array:
+        """The same at the slave's owned nodes. Collective."""
+        linear = self._slave.linear
+        b = fem.assemble_vector(form)
+        b.scatter_reverse(la.InsertMode.add)
+        integrals = fem.Function(linear.collapsed_space)
+        integrals.x.array[:] = b.array
+        means = linear.node_values(integrals)
+        return np.asarray(means[:, 0] / means[:, 1])
 
     def _on_other_side(self, values: Array, slip: Slip) -> Array:
         """Mean over what the rows of the second pass face of values at the slave's nodes.

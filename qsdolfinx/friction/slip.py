@@ -19,6 +19,7 @@ from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
 from qsdolfinx.friction.of_points import SavedNormals
+from qsdolfinx.gap.following import Places
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
@@ -77,6 +78,10 @@ class SlipState:
         reached: With rows at points and a penalty, τ of the nodes at the last solution, as
             ``augmented``, which it becomes at the step's end; None before the first.
         saved: Normals of the pairing that a checkpoint was written with; None otherwise.
+        begun: With rows at points of gaps that follow the bodies, where everything was when the
+            step began; None before that is known.
+        of_nodes: With such rows, which are others at each evaluation, functions of the nodes in the
+            place of ``pressed`` and ``slipped``, (nodes, 2); None before there are any.
         until_closed: What the jump changed from there until the row closed in this step; 0 for
             rows that were closed at its start, and as long as nobody knows. Same shape.
         share: Part of the step for which the row has been closed since, shape (rows,).
@@ -133,6 +138,8 @@ class SlipState:
     rest: Array | float = 0.0
     reached: Array | None = None
     saved: SavedNormals | None = None
+    begun: Places | None = None
+    of_nodes: Array | None = None
 
     @classmethod
     def at_rest(cls, rows: int, gdim: int, covered: Array, augmented: Array) -> SlipState:
@@ -173,6 +180,9 @@ class Slip:
         #: P_k, shape (rows, gdim, gdim).
         self.projector: Array
         self._held: npt.NDArray[np.bool_] | None = None
+        self._normal: Array | None = None
+        #: What tractions work on; the slip itself but for gaps that follow the bodies.
+        self.works: _cpp.GapOperator = self.operator
         self._frames: Frames | None = None
         self.hold(None)
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
@@ -188,6 +198,8 @@ class Slip:
         self.state = SlipState.at_rest(num, gdim, self.covered, np.zeros(shape))
         #: Values of the law's parameters at the rows.
         self.parameters: dict[str, Array] = {}
+        #: The same of nodes, or numbers, for rows that are others at each evaluation.
+        self.of_nodes: dict[str, Array | float] = {}
 
     def known(self, elastic: float, reached: Array | None = None) -> Array:
         """τ that the trial starts from at the rows (stress), (rows, gdim). Collective.
@@ -236,7 +248,7 @@ class Slip:
         On a plane of symmetry what is beyond it slips the other way: the mean of the whole is zero.
         """
         self._held = held
-        normal = self.gap.operator.slave_sum
+        normal = self.gap.operator.slave_sum if self._normal is None else self._normal
         free = np.ones_like(normal) if held is None else np.where(held, 0.0, 1.0)
         normal = free * normal
         length = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -278,7 +290,7 @@ class Slip:
     def change(self, field: Affine) -> Array:
         """How the jump changes when a rigid tool is displaced by this field. Collective."""
         r = affine_vec(self.gap.slave, field)
-        out = -self.operator.apply(r.handle, 0)
+        out = -self.works.apply(r.handle, 0)
         r.destroy()
         return out
 
@@ -328,7 +340,8 @@ class Slip:
         closed = closed | ((state.on_edge > 0) & np.isfinite(state.on_edge))
         state.closed, state.pressure, state.ended = closed, pressure, False
         augmented = self.known(elastic)
-        if self.gap.following is not None:  # kept as it is: to come back is to change nothing
+        follows = self.gap.following is not None and not self.gap.rows.are_points
+        if follows:  # kept as it is: to come back is to change nothing
             augmented = self.turned(augmented)
         rows = Rows(
             self.values,
@@ -414,7 +427,11 @@ class Slip:
         self.begin_with(u, in_displacement, state.start)
         if self.gap.following is not None:
             self.gap.evaluate_kept(u, in_displacement)
-            state.pairs = PairsAtStart.of(self.gap)
+            if self.gap.rows.are_points:
+                assert self.gap.cut is not None
+                state.begun = self.gap.cut.places
+            else:
+                state.pairs = PairsAtStart.of(self.gap)
         else:
             state.start = state.start + self._carried(u, in_displacement)
         state.starts_there = False
@@ -424,6 +441,9 @@ class Slip:
     def _follow(self, u: Vecs) -> None:
         """Operator, normals, jump and τ̂ at the last cut. Collective."""
         state = self.state
+        if self.gap.rows.are_points:
+            self._follow_points()
+            return
         if state.pairs is None:
             state.pairs = PairsAtStart.of(self.gap)
         self.take_operator()
@@ -431,8 +451,36 @@ class Slip:
         state.start = np.zeros_like(state.jump)
         self._turn_augmented()
 
+    def _follow_points(self) -> None:
+        """The same of rows at points, all of which may be others. Collective."""
+        state, rows, gap = self.state, self.gap.rows, self.gap
+        assert gap.cut is not None and isinstance(rows, PointRows)
+        if state.begun is None:
+            state.begun = gap.cut.places
+        self.take_operator()
+        state.jump = gap.slip_at_points(state.begun).slip
+        self._turn_augmented()
+        zero, none = np.zeros_like(state.jump), np.zeros(len(state.jump))
+        state.start, state.shift, state.rest = zero, zero, 0.0
+        state.until_closed, state.share = zero, np.ones_like(none)
+        state.on_edge = np.full_like(none, np.inf)
+        state.pressed, state.slipped = none, none
+        if state.of_nodes is not None:
+            state.pressed, state.slipped = (rows.from_nodes(c) for c in state.of_nodes.T)
+        for name, values in self.of_nodes.items():
+            constant = isinstance(values, float)
+            self.parameters[name] = np.full_like(none, values) if constant else rows.from_nodes(values)
+
     def take_operator(self) -> None:
         """Take operator and normals of the gap's last evaluation. Collective."""
+        if self.gap.rows.are_points:
+            if self.state.begun is None:
+                return
+            found = self.gap.slip_at_points(self.state.begun)
+            self.operator, self.works, self._normal = found.operator, found.works, found.normal
+            self.hold(self._held)
+            self.cover = np.ones(len(found.normal))
+            return
         self.operator = self.gap.jump_operator()
         self.hold(self._held)
         self.cover = self._cover()
@@ -443,10 +491,18 @@ class Slip:
         assert gap.cut is not None
         if self._frames is None:
             self._frames = Frames(self.slave)
-        now = self._frames.at(gap.cut.places[0])[self.row_node]
+        now = self._frames.at(gap.cut.places[0])
+        if isinstance(gap.rows, NodeRows):
+            now = now[self.row_node]
         if state.frames is not None:
-            state.augmented = turned(state.augmented, state.frames, now)
+            state.augmented = self._turned_with(state.augmented, state.frames, now)
         state.frames = now
+
+    def _turned_with(self, vectors: Array, before: Array, now: Array) -> Array:
+        """Vectors, of the sides of a node behind each other, turned with frames."""
+        gdim = self.slave.gdim
+        parts = np.split(vectors, vectors.shape[1] // gdim, axis=1)
+        return np.concatenate([turned(part, before, now) for part in parts], axis=1)
 
     @property
     def has_turned(self) -> bool:
@@ -579,12 +635,12 @@ class Slip:
 
     def add_forces(self, b: Vecs) -> None:
         """Add Jᵀ S τ to b. Collective."""
-        if self.gap.following is not None:
+        if self.gap.following is not None and not self.gap.rows.are_points:
             self.gap.add_slip_forces(self.state.response.traction, b)
             return
         force = np.ascontiguousarray(self.weight[:, None] * self.state.response.traction)
         handles = handle_of(b[0]), handle_of(b[1])
-        self.operator.add_transpose(force, *handles)
+        self.works.add_transpose(force, *handles)
 
     def add_stiffness(self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
         """Add Lᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm); L is what τ works on."""
@@ -664,10 +720,16 @@ class Slip:
                 self.state.augmented = self.state.reached
             of_nodes = self.tangential(rows.vectors_from_sides(self.state.augmented))
             self.state.rest = traction - of_nodes
+            if self.gap.following is not None:
+                flags = np.column_stack([self.state.pressure, self.state.response.slipping])
+                self.state.of_nodes = rows.projected_means(flags.astype(np.float64))
         else:
             self.state.augmented = traction
         self.state.start = self.state.carried
-        if self.gap.following is not None:
+        if self.gap.following is not None and self.gap.rows.are_points:
+            assert self.gap.cut is not None
+            self.state.begun = self.gap.cut.places
+        elif self.gap.following is not None:
             self.state.pairs = PairsAtStart.of(self.gap)
         self.state.pressed = self.state.pressure
         self.state.covered = self.covered

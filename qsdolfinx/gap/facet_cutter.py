@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.gap.following import Alone, Found, Places, Vecs
+from qsdolfinx.gap.following import Alone, Found, Places, SlipAtPoints, Vecs
 from qsdolfinx.pairing.pair import overlay_rules
+from qsdolfinx.surface.affine import trace_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
 
@@ -43,6 +44,7 @@ class FacetCutter:
     def __init__(
         self, slave: Surface, master: AnySurface, both: bool, radius: _cpp.SearchRadius, degree: int
     ) -> None:
+        self._surfaces = slave, master
         self._slave, self._master = slave.cpp_object, master.cpp_object
         self._both, self._radius = both, radius
         self._rules = overlay_rules(slave.gdim, degree)
@@ -102,6 +104,60 @@ class FacetCutter:
             pieces,
             np.ascontiguousarray(pressure),
             np.ascontiguousarray(of_rim),
+            [handle_of(vec) for vec in markers],
+            [handle_of(mat) for mat in blocks],
+            scale,
+        )
+
+    def slip_at_points(
+        self, found: Found, places: Places, alone: Alone, start: Places
+    ) -> SlipAtPoints:
+        """See :class:`Cutter`."""
+        pieces, gdim = found.of_cutter, found.of_cutter.gdim
+        slave, master = self._surfaces
+        vecs, of_tool = [trace_vec(slave, start[0][..., :gdim])], np.zeros(0)
+        if isinstance(master, Surface):
+            vecs.append(trace_vec(master, start[1][..., :gdim]))
+        else:
+            of_tool = _back(places[1], start[1])
+        handles = [vec.handle for vec in vecs] + [0] * (2 - len(vecs))
+        slips = _cpp.SlipOfPieces(pieces, *handles, of_tool)
+        operator, works = (
+            _cpp.GapOperator(
+                self._slave,
+                self._master,
+                points_of=pieces,
+                slip=slips,
+                works=of_works,
+                alone=alone.unknown,
+                weight=alone.weight,
+            )
+            for of_works in (False, True)
+        )
+        for vec in vecs:
+            vec.destroy()
+        none = np.zeros((len(alone.weight), gdim))
+        slip, normal = (
+            np.concatenate([np.asarray(values)[:, :gdim], none])
+            for values in (slips.slip, slips.normal)
+        )
+        return SlipAtPoints(slip, normal, operator, works)
+
+    def add_slip_curvature_of_points(
+        self,
+        found: Found,
+        traction: Array,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """See :class:`Cutter`."""
+        in_space = np.zeros((len(traction), 3))
+        in_space[:, : traction.shape[1]] = traction
+        _cpp.insert_slip_curvature_of_points(
+            self._master,
+            found.of_cutter,
+            in_space,
             [handle_of(vec) for vec in markers],
             [handle_of(mat) for mat in blocks],
             scale,
@@ -187,3 +243,16 @@ class FacetCutter:
         if self._measured_at is not places:
             self._put(self._measured, places)
             self._measured_at = places
+
+
+def _back(now: Array, before: Array) -> Array:
+    """Rows of the map from places of a tool now to those before, (3, 4), in one row.
+
+    Args:
+        now: [R | t], (gdim, gdim + 1).
+        before: Likewise.
+    """
+    gdim, out = len(now), np.eye(3, 4)
+    turn = before[:, :gdim] @ now[:, :gdim].T
+    out[:gdim, :gdim], out[:gdim, 3] = turn, before[:, gdim] - turn @ now[:, gdim]
+    return np.ascontiguousarray(out.ravel())

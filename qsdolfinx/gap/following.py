@@ -96,6 +96,22 @@ class Alone(typing.NamedTuple):
     far: float
 
 
+class SlipAtPoints(typing.NamedTuple):
+    """Slip at the points of the last evaluation.
+
+    Attributes:
+        slip: Of the slave against the other side, (rows, gdim).
+        normal: Outward of the slave, likewise.
+        operator: Its derivative, a matrix for each node.
+        works: What tractions work on.
+    """
+
+    slip: Array
+    normal: Array
+    operator: _cpp.GapOperator
+    works: _cpp.GapOperator
+
+
 class Cutter(typing.Protocol):
     """Finds what is opposite to what, and gaps."""
 
@@ -141,6 +157,21 @@ class Cutter(typing.Protocol):
             blocks: Likewise.
             scale: Likewise.
         """
+
+    def slip_at_points(
+        self, found: Found, places: Places, alone: Alone, start: Places
+    ) -> SlipAtPoints:
+        """Slip at these points since everything was at the start. Collective."""
+
+    def add_slip_curvature_of_points(
+        self,
+        found: Found,
+        traction: Array,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """Add how the forces of tractions τ_p change with these held. Collective."""
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps along the rays, positive when open."""
@@ -189,6 +220,7 @@ class Cut:
         operator: Derivative of the gaps (G_k − a_k C_k)/D_k; its ``initial_gap`` is −G_k/D_k.
         share: C_k/D_k of each owned node, C_k what is covered of it there.
         allowance: a_k, penetration (length) of each owned node that counts as none.
+        alone: With rows at points, the last of them.
     """
 
     places: Places
@@ -197,6 +229,7 @@ class Cut:
     operator: _cpp.GapOperator
     share: Array
     allowance: Array
+    alone: Alone | None = None
 
     @property
     def covered(self) -> npt.NDArray[np.bool_]:
@@ -247,6 +280,7 @@ class Following:
         self.pair()
         self._last: Cut | None = None
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
+        self._slip: tuple[Cut, Places, SlipAtPoints] | None = None
         self._of_base: tuple[_cpp.GapOperator, Array, Array | None, Array] | None = None
         self._kept: list[tuple[Array, PETSc.Vec]] = []
         self._marked: Vecs | None = None
@@ -366,23 +400,46 @@ class Following:
                 f"{missed} pieces of curved contact facets have rays that meet no point of the "
                 "facet opposite: the facets are too curved for their size"
             )
-        operator = self._operator(found, measure)
+        alone = self._alone(found, measure) if self.at_points else None
+        if alone is None:
+            operator = _cpp.GapOperator(*self._objects, found.rows, measure.area, jump=False)
+        else:
+            operator = self._cutter.operator_at_points(found, alone)
         self._constrain(operator)
         share = np.asarray(found.rows.cover(len(measure.area))) / measure.area
-        self._last = Cut(places, measure, found, operator, share, allowed)
+        self._last = Cut(places, measure, found, operator, share, allowed, alone)
         return self._last
 
-    def _operator(self, found: Found, measure: Measure) -> _cpp.GapOperator:
-        """Derivative of the gaps of nodes, or of points. Collective."""
-        if not self.at_points:
-            return _cpp.GapOperator(*self._objects, found.rows, measure.area, jump=False)
-        # What keeps multipliers regular where nothing, or next to nothing, is opposite.
+    def _alone(self, found: Found, measure: Measure) -> Alone:
+        """What keeps multipliers regular where next to nothing is opposite. Collective."""
         slave = self._slave
         covered = np.asarray(found.rows.cover_of_sides(len(measure.node_area)))
         missing = LEAST_COVER * sides_of(slave) * measure.node_area[:, None] - covered
         some = missing > 0
-        alone = Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
-        return self._cutter.operator_at_points(found, alone)
+        return Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
+
+    def slip_at_points(self, last: Cut, start: Places) -> SlipAtPoints:
+        """Slip at the points of the last evaluation since everything was there. Collective."""
+        known = self._slip
+        if known is None or known[0] is not last or known[1] is not start:
+            assert last.alone is not None
+            found = self._cutter.slip_at_points(last.found, last.places, last.alone, start)
+            for operator in (found.operator, found.works):
+                self._constrain(operator)
+            self._slip = last, start, found
+        assert self._slip is not None
+        return self._slip[2]
+
+    def add_slip_curvature_of_points(
+        self,
+        last: Cut,
+        traction: Array,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """Add how the forces of tractions τ_p change with these held. Collective."""
+        assert self._marked is not None
+        self._cutter.add_slip_curvature_of_points(last.found, traction, self._marked, blocks, scale)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
@@ -394,6 +451,9 @@ class Following:
             self._constrain(self._last.operator)
         if self._jump is not None:
             self._constrain(self._jump[1])
+        if self._slip is not None:
+            self._constrain(self._slip[2].operator)
+            self._constrain(self._slip[2].works)
 
     def _constrain(self, operator: _cpp.GapOperator) -> None:
         if self._marked is not None:

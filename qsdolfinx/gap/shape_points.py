@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.gap.following import HARDLY_COVERED, Alone, Found, Places, Vecs
+from qsdolfinx.gap.following import HARDLY_COVERED, Alone, Found, Places, SlipAtPoints, Vecs
 from qsdolfinx.pairing.pair import facet_rule
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
@@ -140,14 +140,51 @@ class ShapePoints:
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
-        at, surface = found.of_cutter, self._slave.cpp_object
-        points = _cpp.sample_facets(surface, *self._rule)
+        points = self._paired(found, alone)
+        return _cpp.GapOperator(self._slave.cpp_object, None, points, jump=False, rows=2)
+
+    def _paired(self, found: Found, alone: Alone) -> _cpp.PairingPoints:
+        """The points that are opposite to the tool, and those that are alone."""
+        at = found.of_cutter
+        points = _cpp.sample_facets(self._slave.cpp_object, *self._rule)
         kept = at.weight.ravel() > 0
         normal, gap = -at.normal.reshape(-1, 3), at.distance.ravel()
         weight = at.weight.ravel() / np.asarray(points.weight)
         _cpp.face_tool(points, kept.astype(np.uint8), normal, gap, len(self._w))
-        points = points.scaled(weight[kept]).with_alone(*alone)
-        return _cpp.GapOperator(surface, None, points, jump=False, rows=2)
+        return points.scaled(weight[kept]).with_alone(*alone)
+
+    def slip_at_points(
+        self, found: Found, places: Places, alone: Alone, start: Places
+    ) -> SlipAtPoints:
+        """See :class:`Cutter`: what has been between a point and its place on the tool.
+
+        That turns with the tool, and its tangential part is the slip.
+        """
+        at, gdim = found.of_cutter, self._slave.gdim
+        kept = at.weight > 0
+        x, n = at.x[kept][:, :gdim], at.normal[kept][:, :gdim]
+        on_tool = x - at.distance[kept][:, None] * n
+        before = np.einsum("pj,fjd->fpd", self._T, start[0])[kept][:, :gdim]
+        now, then = places[1], start[1]
+        turn = now[:, :gdim] @ then[:, :gdim].T
+        was_there = (on_tool - now[:, gdim]) @ turn + then[:, gdim]
+        way = (was_there - before) @ turn.T
+        slip = way - np.sum(way * n, axis=1, keepdims=True) * n
+        points, surface = self._paired(found, alone), self._slave.cpp_object
+        operator = _cpp.GapOperator(surface, None, points, jump=True, rows=2)
+        none = np.zeros((len(alone.weight), gdim))
+        slip, normal = (np.concatenate([values, none]) for values in (slip, -n))
+        return SlipAtPoints(slip, normal, operator, operator)
+
+    def add_slip_curvature_of_points(
+        self,
+        found: Found,
+        traction: Array,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """See :class:`Cutter`: points keep their places on the facets."""
 
     def add_curvature_of_points(
         self,

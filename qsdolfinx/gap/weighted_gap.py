@@ -14,7 +14,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.extension import Extension
-from qsdolfinx.gap.following import Cut, Following, Measure, Places
+from qsdolfinx.gap.following import Cut, Following, Measure, Places, SlipAtPoints
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
 from qsdolfinx.gap.tie import Places as TiePlaces
@@ -362,6 +362,7 @@ class WeightedGap:
             self.rows.covered_nodes = cut.covered
         elif not is_same:
             self.rows = PointRows(cut.operator, self.slave)
+            self._at_rows = np.zeros(0), np.zeros(0)
 
     def _values_of_cut(self) -> Array:
         """ḡ of the operator alone; that of the search radius where nothing is opposite."""
@@ -442,6 +443,11 @@ class WeightedGap:
         assert self.following is not None and self.state.base is not None
         self.state.base = self.state.base[0], position
 
+    def slip_at_points(self, start: Places) -> SlipAtPoints:
+        """Slip at the points of the last evaluation since everything was there. Collective."""
+        assert self.following is not None and self.cut is not None
+        return self.following.slip_at_points(self.cut, start)
+
     def add_slip_forces(self, traction: Array, b: Vecs) -> None:
         """Add forces of friction τ, (rows, gdim), on slip at the last evaluation. Collective."""
         assert self.following is not None and self.cut is not None
@@ -449,7 +455,7 @@ class WeightedGap:
 
     def slip_operators(self) -> list[_cpp.GapOperator]:
         """Variations of slip along each axis at the last evaluation; none: a jump's. Collective."""
-        if self.following is None or self.cut is None:
+        if self.following is None or self.cut is None or self.rows.are_points:
             return []
         return self.following.slip_operators(self.cut)
 
@@ -459,6 +465,10 @@ class WeightedGap:
         """Add how forces of friction τ, (rows, gdim), change with τ held. Collective."""
         if self.following is not None and self.cut is not None:
             scale = self.state.scale
+            if self.rows.are_points:
+                forces = self._share * traction
+                self.following.add_slip_curvature_of_points(self.cut, forces, blocks, scale)
+                return
             self.following.add_slip_curvature(self.cut, self._share * traction, blocks, scale)
 
     def set_offset(self, u: Vecs) -> None:

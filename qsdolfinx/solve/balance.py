@@ -250,8 +250,10 @@ class Balance:
     @property
     def is_far(self) -> bool:
         """Whether much is left of the residual."""
+        if len(self.history) < 2:
+            return True
         now = self.history[-1]
-        return len(self.history) < 2 or max(now.forces, now.constraints, now.tools) > LITTLE
+        return max(now.forces, now.constraints, now.tools) > LITTLE
 
     @property
     def proximal(self) -> float:

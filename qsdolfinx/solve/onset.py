@@ -103,7 +103,13 @@ class Onset:
 
     def __init__(self, equations: Equations) -> None:
         self._equations, self._comm = equations, equations.system.comm
-        self._ways = [None if p.slip is None else _Way(p, p.slip) for p in equations.passes]
+        # Points of gaps that follow the bodies are others at each evaluation.
+        self._ways = [
+            None
+            if p.slip is None or (p.gap.following is not None and p.gap.rows.are_points)
+            else _Way(p, p.slip)
+            for p in equations.passes
+        ]
         found = any(bool(way.open.any()) for way in self._with_friction)
         #: Whether there are rows that were open.
         self.counts: bool = self._comm.allreduce(found, op=MPI.LOR)

@@ -426,12 +426,12 @@ class Equations:
         if p.slip is None or at.tangential is None:
             return
         tangential = at.tangential.traction
-        if p.gap.following is not None:
+        if p.gap.following is not None and not p.gap.rows.are_points:
             p.gap.add_slip_forces(tangential, vecs)
             return
         handles = [0 if vec is None else vec.handle for vec in vecs]
         force = np.ascontiguousarray(p.slip.weight[:, None] * tangential)
-        p.slip.operator.add_transpose(force, *handles)
+        p.slip.works.add_transpose(force, *handles)
 
     # --- Driven tools
 
@@ -747,20 +747,22 @@ class Equations:
         if p.rows not in self._of_gaps:
             friction, slips = p.rows.condensed_friction, None
             change = (None, None) if p.tool is None else self.changes(p)
-            gaps = self._both(p, p.gap.operator, change[0])
+            gaps = self._both(p, (p.gap.operator, p.gap.operator), change[0])
             last = int(own[-1]) + 1 if len(own) else self._first_of(p)
             of_slip = last + np.arange(0 if friction is None else friction.shape[0])
             if friction is not None and p.slip is not None:
-                slips = self._both(p, p.slip.operator, change[1])
+                slips = self._both(p, (p.slip.works, p.slip.operator), change[1])
             numbers = own, of_slip
             made = GapMatrices(rows, friction, gaps, slips, numbers, self.num_local)
             self._of_gaps[p.rows] = made
         return self._of_gaps[p.rows]
 
-    def _both(self, p: Pass, operator: typing.Any, change: Array | None) -> tuple[Entries, Entries]:
-        """Of G or J by displacements and by the unknowns, with those of a driven tool."""
+    def _both(
+        self, p: Pass, operators: tuple[typing.Any, typing.Any], change: Array | None
+    ) -> tuple[Entries, Entries]:
+        """Of L by displacements, and G or J by the unknowns, with those of a driven tool."""
         found = []
-        for scaled in (False, True):
+        for operator, scaled in zip(operators, (False, True), strict=True):
             parts = [self._entries(operator, p, 0, scaled)]
             if p.tool is not None and change is not None:
                 row = np.arange(change.size)

@@ -45,8 +45,7 @@ class PointFriction:
     """
 
     def __init__(self, model: ContactModel, slip: Slip) -> None:
-        assert isinstance(slip.gap.rows, PointRows)
-        self.model, self.slip, self._points = model, slip, slip.gap.rows
+        self.model, self.slip = model, slip
         #: γ_t (stress per length).
         self.gamma: float
         #: γ_t/ε_t of a penalty, 0 of an augmented Lagrangian.
@@ -60,6 +59,12 @@ class PointFriction:
         self.extensions: list[Extension | None] = self._extended() if self.has_unknowns else []
         #: Components that are unknowns, of the sides of owned nodes, (nodes, block, gdim).
         self.free: Flags = self._found()
+
+    @property
+    def _points(self) -> PointRows:
+        """The points, others at each evaluation where gaps follow the bodies."""
+        assert isinstance(self.slip.gap.rows, PointRows)
+        return self.slip.gap.rows
 
     def _extended(self) -> list[Extension | None]:
         """Of what is held, and of what is hardly covered. Collective."""
@@ -167,7 +172,7 @@ class PointFriction:
             np.maximum(normal.pressure[:, 0], 0.0),
             normal.active,
             np.zeros_like(normal.active),
-            self.scales.penalty,
+            np.full(slip.gap.num_rows, self.gamma),
             slip.projector,
             slip.cover,
             dt,
