@@ -78,6 +78,8 @@ class State(typing.NamedTuple):
         bulk: Residual of the bulk forms with conditions, owned unknowns.
         contact: Forces of contact on the owned unknowns, with reactions of conditions.
         passes: Constraints of each pass.
+        constraints: R_λ and R_τ of all passes: where gaps follow the bodies, the points of another
+            evaluation are others.
         tools: Σ (∂ḡ/∂s · S λ + ∂g/∂s · S τ) − force of each driven tool (force).
     """
 
@@ -85,6 +87,7 @@ class State(typing.NamedTuple):
     bulk: Array
     contact: Array
     passes: list[Evaluated]
+    constraints: Array
     tools: Array
 
 
@@ -328,8 +331,7 @@ class Equations:
 
     def residual_of(self, at: State) -> Array:
         """R where it was evaluated."""
-        parts = [self.forces_of(at)]
-        parts += [p.rows.residual(e) for p, e in zip(self.passes, at.passes, strict=True)]
+        parts = [self.forces_of(at), at.constraints]
         if self.system.comm.rank == 0:
             parts.append(at.tools)
         return np.concatenate(parts)
@@ -398,7 +400,9 @@ class Equations:
                 contact.friction_heat.add_to((bodies[first_body].force, other))
         forces = np.concatenate([body.force.array_r for body in system.bodies])
         tools = self._on_tools(passes)
-        at = State(z.copy(), np.concatenate(bulk), forces, passes, tools)
+        pairs = zip(self.passes, passes, strict=True)
+        constraints = np.concatenate([np.zeros(0), *(p.rows.residual(e) for p, e in pairs)])
+        at = State(z.copy(), np.concatenate(bulk), forces, passes, constraints, tools)
         self._at = None if first else at
         return at
 
