@@ -73,7 +73,10 @@ def pressures_on_nodes(model: ContactModel) -> list[Array]:
     for slip in model.slips:
         state, rows = slip.state, slip.gap.rows
         columns = np.column_stack([state.pressed, state.slipped])
-        if isinstance(rows, PointRows):
+        if isinstance(rows, PointRows) and slip.gap.following is not None:
+            none = np.zeros((len(state.covered), 2))
+            of_rows = none if state.of_nodes is None else state.of_nodes
+        elif isinstance(rows, PointRows):
             of_rows = rows.projected_means(columns)
         else:
             of_rows = rows.on_nodes(columns, 0.0).astype(np.float64)

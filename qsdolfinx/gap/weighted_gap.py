@@ -504,6 +504,13 @@ class WeightedGap:
         if self.following is None or self.cut is None:
             return True
         force = self._share * multiplier[:, 0]
+        if self.rows.are_points:  # but for what rims add
+
+            def none(gap: Array, values: typing.Callable[[Array], Array]) -> Array:
+                return np.zeros_like(gap)
+
+            following, scale = self.following, self.state.scale
+            return following.add_curvature_of_points(self.cut, force, none, blocks, scale)
         return self.following.add_curvature(self.cut, force, blocks, self.state.scale)
 
     def add_curvature_of_points(

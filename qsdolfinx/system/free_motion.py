@@ -52,6 +52,7 @@ class Hold:
         sides: Sides,
     ) -> None:
         self._bodies, self._contacts, self._rigid = bodies, contacts, rigid
+        self._sides = sides
         self._motions = rigid.free_motions
         #: Those motions for which something was added last, (modes of all bodies, motions).
         self.held: Array = self._motions[:, :0]
@@ -59,11 +60,18 @@ class Hold:
         self._changes: list[list[Array]] = []
         if self._motions.shape[1] == 0:
             return
-        for contact, side in zip(contacts, sides, strict=True):
+        self._changes = self._found()
+
+    def _found(self) -> list[list[Array]]:
+        """See ``_changes``."""
+        found = []
+        for contact, side in zip(self._contacts, self._sides, strict=True):
             changes = []
             for p in contact.gaps:
-                changes.append(rigid.gap_changes(p, contact.ordered(p, side)) @ self._motions)
-            self._changes.append(changes)
+                change = self._rigid.gap_changes(p, contact.ordered(p, side))
+                changes.append(change @ self._motions)
+            found.append(changes)
+        return found
 
     def free_motions(self, closed: typing.Sequence[Flags] | None = None) -> Array:
         """Motions that closed contacts do not resist either, (modes of all bodies, motions).
@@ -78,6 +86,8 @@ class Hold:
         if count == 0:
             return self._motions
         passes = [(c, p) for c in self._contacts for p in c.gaps]
+        if any(p.following is not None and p.rows.are_points for _, p in passes):
+            self._changes = self._found()  # points are others at each evaluation
         if closed is None:
             closed = [active_set.closed(contact, p) for contact, p in passes]
         changes = [change for of_contact in self._changes for change in of_contact]
