@@ -81,6 +81,27 @@ void qsdolfinx::bind_gap(nb::module_& m)
       },
       "pieces"_a, "cover"_a, "traction"_a, "slave"_a, "master"_a,
       "Add the forces of friction on slip that rigid motions do not have; collective.");
+  nb::class_<FunctionsOfPieces>(m, "FunctionsOfPieces",
+                                "How functions move at the points of pieces; see gap/point_rows.h.")
+      .def(
+          "__init__",
+          [](FunctionsOfPieces* self, const Pieces& pieces, Handle field, In<double> rest,
+             std::array<Handle, 2> markers)
+          {
+            new (self) FunctionsOfPieces(pieces, reinterpret_cast<Vec>(field), rest.view(),
+                                         vecs(markers[0], markers[1]));
+          },
+          "pieces"_a, "field"_a, "rest"_a, "markers"_a,
+          "Of a field of the sides of the slave's nodes, and numbers at the points; collective.")
+      .def(
+          "entries",
+          [](const FunctionsOfPieces& f, int side)
+          {
+            const std::size_t n = f.value[side].size();
+            return std::tuple(copy(f.row[side], {n}), copy(f.column[side], {n}),
+                              copy(f.value[side], {n}));
+          },
+          "side"_a, "Unknowns of sides of nodes, of one body (-1 if held), and values, [entry].");
   nb::class_<SlipOfPieces>(m, "SlipOfPieces", "Slip at the points of pieces; see gap/point_rows.h.")
       .def(
           "__init__",
@@ -140,6 +161,16 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "slave"_a, "master"_a.none(), "points_of"_a, "slip"_a, nb::kw_only(), "works"_a,
           "alone"_a, "weight"_a,
           "Derivative of slip at these points, or what tractions work on there; collective.")
+      .def(
+          "__init__",
+          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
+             const FunctionsOfPieces& functions, In<std::int64_t> alone, In<double> weight)
+          {
+            new (self)
+                GapOperator(slave, master, pieces, functions, alone.view(), weight.view());
+          },
+          "slave"_a, "master"_a.none(), "points_of"_a, "functions"_a, nb::kw_only(), "alone"_a,
+          "weight"_a, "Gradients of their field at these points; collective.")
       .def("covers", &GapOperator::covers, "other"_a,
            "Whether rows of another operator have no columns but those of this one's.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)

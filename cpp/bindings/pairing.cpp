@@ -211,6 +211,42 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           },
           "values"_a, "Values of a field of the sides of the slave's nodes there; collective.")
       .def(
+          "functions",
+          [](const Pieces& p)
+          {
+            const auto nk = static_cast<std::size_t>(p.num_multipliers);
+            std::vector<double> out;
+            for (std::size_t i = 0; i < p.size(); ++i)
+              for (const RayPoint& point : p.points_of(i))
+              {
+                const auto N
+                    = shape_functions(p.slave.type, p.cut_is_slave[i] ? point.xi : point.zeta);
+                out.insert(out.end(), N.begin(), N.begin() + p.num_multipliers);
+              }
+            return copy(std::move(out), {p.points.size(), nk});
+          },
+          "Functions of the slave's vertices at the points, [point][k].")
+      .def(
+          "facets",
+          [](const Pieces& p)
+          {
+            const auto d = static_cast<std::size_t>(p.gdim);
+            const std::size_t vertices = static_cast<std::size_t>(p.slave.type)
+                                         + static_cast<std::size_t>(p.master.type);
+            std::vector<std::int64_t> out;
+            for (std::size_t i = 0; i < p.size(); ++i)
+              for (std::size_t q = 0; q < p.points_of(i).size(); ++q)
+              {
+                out.push_back(p.cut_is_slave[i]);
+                for (const PieceSide* side : {&p.slave, &p.master})
+                  for (std::size_t j = 0; j < static_cast<std::size_t>(side->type); ++j)
+                    out.push_back(
+                        side->dofs[(i * static_cast<std::size_t>(side->num_nodes) + j) * d]);
+              }
+            return copy(std::move(out), {p.points.size(), vertices + 1});
+          },
+          "What tells apart between which facets points are, and which was cut, [point][n].")
+      .def(
           "slave_sizes",
           [](const Pieces& p)
           {

@@ -165,12 +165,28 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Piec
 {
   const PairingPoints points = 
       points_of_pieces(slave, master, pieces).with_alone(alone, weight, far);
+  const std::vector<double> gradients = gradients_of_pieces(pieces);
   for (int i = 0; i < num_sides_; ++i)
-    rows_of_pieces(sides_[i], pieces, points, i);
+    rows_of_pieces(sides_[i], pieces, points, i, gradients);
   multipliers_at_points(multipliers_, points);
   row_area_ = points.weight;
   initial_gap_ = points.gap;
   build_scatter(multipliers_, slave);
+  build_scatter(sides_[0], slave);
+  if (master)
+    build_scatter(sides_[1], *master);
+}
+
+GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+                         const FunctionsOfPieces& functions, std::span<const std::int64_t> alone,
+                         std::span<const double> weight)
+    : kind_(GapKind::normal), block_(pieces.gdim), num_sides_(master ? 2 : 1)
+{
+  const PairingPoints points = points_of_pieces(slave, master, pieces).with_alone(alone, weight, 0);
+  for (int i = 0; i < num_sides_; ++i)
+    rows_of_pieces(sides_[i], pieces, points, i, functions.gradient);
+  row_area_ = points.weight;
+  initial_gap_.assign(points.size(), 0);
   build_scatter(sides_[0], slave);
   if (master)
     build_scatter(sides_[1], *master);

@@ -26,6 +26,7 @@ enum class GapRows
   points         ///< the pairing points, w_p taking the place of S_k: nothing is averaged
 };
 
+struct FunctionsOfPieces;
 struct PieceRows;
 struct Pieces;
 struct Slots;
@@ -62,6 +63,10 @@ public:
   /// and for some that are alone, see PairingPoints::with_alone. Collective.
   GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
               std::span<const std::int64_t> alone, std::span<const double> weight, double far);
+  /// Of other gradients at the same rows, see point_rows.h. Collective.
+  GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+              const FunctionsOfPieces& functions, std::span<const std::int64_t> alone,
+              std::span<const double> weight);
   /// Derivative of the slip at the same rows, or what tractions work on there. Collective.
   GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
               const std::vector<double>& gradient, std::span<const std::int64_t> alone,

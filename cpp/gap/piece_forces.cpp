@@ -83,8 +83,9 @@ namespace
 /// Part of a node's area that is covered, below which its neighbours carry its multiplier.
 constexpr double least_cover = 0.1;
 
-/// Unknowns that stand for the smooth sides of the nodes with multipliers, [piece][multiplier].
-std::vector<std::int64_t> side_dofs(const Pieces& pieces)
+} // namespace
+
+std::vector<std::int64_t> qsdolfinx::side_dofs(const Pieces& pieces)
 {
   std::vector<std::int64_t> out = first_dofs(pieces);
   const auto n = static_cast<std::size_t>(pieces.num_multipliers),
@@ -94,7 +95,6 @@ std::vector<std::int64_t> side_dofs(const Pieces& pieces)
     out[i] = pieces.slave.dofs[((i / n) * width + i % n) * d + pieces.multiplier_side[i]];
   return out;
 }
-} // namespace
 
 std::vector<double> qsdolfinx::values_at_rim(const Pieces& pieces, Vec values)
 {

@@ -20,6 +20,9 @@ std::vector<std::int64_t> first_dofs(const Pieces& pieces);
 /// Unknowns of the nodes with multipliers, [piece][multiplier][gdim].
 std::vector<std::int64_t> multiplier_dofs(const Pieces& pieces);
 
+/// Unknowns that stand for the smooth sides of the nodes with multipliers, [piece][multiplier].
+std::vector<std::int64_t> side_dofs(const Pieces& pieces);
+
 /// Values Σ_k N_k v_k at the points of the rim, [point]. Collective. @param values v_k at the
 /// unknowns that stand for the sides of nodes, a vector of the slave's body
 std::vector<double> values_at_rim(const Pieces& pieces, Vec values);

@@ -184,22 +184,29 @@ PairingPoints qsdolfinx::points_of_pieces(const Surface& slave, const Surface* m
   return out;
 }
 
-void qsdolfinx::rows_of_pieces(GapOperator::Side& out, const Pieces& pieces,
-                               const PairingPoints& points, int side)
+std::vector<double> qsdolfinx::gradients_of_pieces(const Pieces& pieces)
 {
-  const PairingSide& s = side == 0 ? points.slave : points.master;
-  const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.block);
-  const auto ns = static_cast<std::size_t>(pieces.slave.num_nodes),
-             nodes = ns + static_cast<std::size_t>(pieces.master.num_nodes);
-  std::vector<double> gradients(pieces.points.size() * nodes * 3);
+  const auto nodes = static_cast<std::size_t>(pieces.slave.num_nodes + pieces.master.num_nodes);
+  std::vector<double> out(pieces.points.size() * nodes * 3);
   std::size_t done = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     const auto of_piece = pieces.points_of(i);
     const std::size_t size = of_piece.size() * nodes * 3;
-    gap_gradients(pair_of(pieces, i), of_piece, std::span(gradients).subspan(done, size));
+    gap_gradients(pair_of(pieces, i), of_piece, std::span(out).subspan(done, size));
     done += size;
   }
+  return out;
+}
+
+void qsdolfinx::rows_of_pieces(GapOperator::Side& out, const Pieces& pieces,
+                               const PairingPoints& points, int side,
+                               const std::vector<double>& gradients)
+{
+  const PairingSide& s = side == 0 ? points.slave : points.master;
+  const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.block);
+  const auto ns = static_cast<std::size_t>(pieces.slave.num_nodes),
+             nodes = ns + static_cast<std::size_t>(pieces.master.num_nodes);
   const std::vector<std::int64_t> dofs = without_alone(points, s);
   const Functions f{dofs, gradients, n, n, d};
   const std::vector<std::int64_t> columns = find_columns(f, points.size());
@@ -211,6 +218,59 @@ void qsdolfinx::rows_of_pieces(GapOperator::Side& out, const Pieces& pieces,
              out.coefficient.insert(out.coefficient.end(), row, row + d);
            });
   fill_dofs(out, f, points.size(), columns);
+}
+
+FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest,
+                                     std::array<Vec, 2> markers)
+{
+  if (rest.size() < pieces.points.size())
+    throw std::invalid_argument("a number for each point");
+  const auto d = static_cast<std::size_t>(pieces.gdim),
+             nk = static_cast<std::size_t>(pieces.num_multipliers),
+             ns = static_cast<std::size_t>(pieces.slave.num_nodes),
+             nm = static_cast<std::size_t>(pieces.master.num_nodes), size = 3 * (ns + nm);
+  const std::vector<std::int64_t> of_sides = side_dofs(pieces);
+  const std::vector<double> lambda = values_at(field, of_sides);
+  const std::array<const PieceSide*, 2> sides{&pieces.slave, &pieces.master};
+  std::array<std::vector<double>, 2> held;
+  for (std::size_t s = 0; s < 2; ++s)
+    if (markers[s])
+      held[s] = values_at(markers[s], sides[s]->dofs);
+  gradient.resize(pieces.points.size() * size);
+  std::vector<double> functions, sum(nk * size);
+  std::size_t done = 0;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const auto points = pieces.points_of(i);
+    const std::size_t first = done;
+    done += points.size();
+    if (pieces.cut_is_slave[i])
+      continue;
+    functions.resize(points.size() * nk * size);
+    function_gradients(pair_of(pieces, i), points, functions);
+    std::ranges::fill(sum, 0.0);
+    for (std::size_t p = 0; p < points.size(); ++p)
+      for (std::size_t k = 0; k < nk; ++k)
+        for (std::size_t c = 0; c < size; ++c)
+        {
+          const double value = functions[(p * nk + k) * size + c];
+          gradient[(first + p) * size + c] += lambda[i * nk + k] * value;
+          sum[k * size + c] += points[p].weight * rest[first + p] * value;
+        }
+    for (std::size_t s = 0; s < 2; ++s)
+    {
+      const std::size_t nodes = s == 0 ? ns : nm, column0 = s == 0 ? 0 : 3 * ns;
+      for (std::size_t k = 0; markers[s] && k < nk; ++k)
+        for (std::size_t j = 0; j < nodes; ++j)
+          for (std::size_t c = 0; c < d; ++c)
+          {
+            const std::size_t at = (i * nodes + j) * d + c;
+            row[s].push_back(of_sides[i * nk + k]);
+            column[s].push_back(held[s][at] != 0 ? -1 : sides[s]->dofs[at]);
+            value[s].push_back(sum[k * size + column0 + 3 * j + c]);
+          }
+    }
+  }
 }
 
 SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_start,

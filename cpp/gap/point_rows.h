@@ -19,10 +19,29 @@ void multipliers_at_points(GapOperator::Side& out, const PairingPoints& points);
 /// functions of both sides are of no use.
 PairingPoints points_of_pieces(const Surface& slave, const Surface* master, const Pieces& pieces);
 
-/// Rows of one side, one for each point of pieces: gradients of the gaps. @param side as above
+/// Gradients of the gaps, [point][node][3], the slave's nodes first.
+std::vector<double> gradients_of_pieces(const Pieces& pieces);
+
+/// Rows of one side, one for each point of pieces, of such gradients. @param side as above
 /// @param points those of points_of_pieces, perhaps with some that are alone
 void rows_of_pieces(GapOperator::Side& out, const Pieces& pieces, const PairingPoints& points,
-                    int side);
+                    int side, const std::vector<double>& gradients);
+
+/// How functions of the slave's vertices move along its facets at the points of pieces.
+struct FunctionsOfPieces
+{
+  /// Gradients of Σ_k λ_k N_k, [point][node][3], the slave's nodes first.
+  std::vector<double> gradient;
+  /// Σ_p w_p q_p ∂N_k: unknown that stands for the side of a node, unknown of a body, and value.
+  std::array<std::vector<std::int64_t>, 2> row, column; ///< [side of contact][entry]
+  std::array<std::vector<double>, 2> value;
+
+  /// Collective. @param field λ, as of insert_curvature_of_points @param rest q_p, [point]
+  /// @param markers vectors of the bodies, nonzero at unknowns with conditions, whose columns are
+  /// −1; of a rigid tool null
+  FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest,
+                    std::array<Vec, 2> markers);
+};
 
 /// Slip at the points of pieces, see RaySlip, [point][3] and [point][node][3][3], the slave's nodes
 /// first.

@@ -572,6 +572,27 @@ void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> poi
   }
 }
 
+void qsdolfinx::function_gradients(const RayPair& pair, std::span<const RayPoint> points,
+                                   std::span<double> out)
+{
+  const Normal normal(pair.cut);
+  const Columns columns(pair);
+  const auto size = static_cast<std::size_t>(columns.size()),
+             nk = static_cast<std::size_t>(pair.slave().num_vertices());
+  std::ranges::fill(out, 0.0);
+  for (std::size_t p = 0; p < points.size() && !pair.cut_is_slave; ++p)
+  {
+    const Ray ray(pair, normal, points[p]);
+    const Multipliers multipliers(pair, points[p]);
+    for (std::size_t k = 0; k < nk; ++k)
+    {
+      const auto& [first, second] = multipliers.dN[k];
+      const Row row = ray.form(columns, normal, first * ray.A.zeta[0] + second * ray.A.zeta[1]);
+      std::copy_n(row.begin(), size, out.subspan((p * nk + k) * size).begin());
+    }
+  }
+}
+
 void qsdolfinx::add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
                                         std::span<const double> pressure, std::span<double> hessian)
 {

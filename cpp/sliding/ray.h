@@ -70,6 +70,11 @@ void add_gap(const RayPair& pair, std::span<const RayPoint> points, const RaySum
 /// Gradients of the gaps of single points, ξ fixed. @param out [point][node][3]
 void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out);
 
+/// Gradients of the slave's vertex functions at points by the nodes of both: none if the slave is
+/// cut. @param out [point][k][node][3]
+void function_gradients(const RayPair& pair, std::span<const RayPoint> points,
+                        std::span<double> out);
+
 /// Add Σ_p w_p p_p ∂²g_p, ξ and w fixed. What is added is symmetric to the last bit.
 /// @param pressure p_p, [point] @param hessian [node][3][node][3]
 void add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,

@@ -304,7 +304,9 @@ def _following(
     if tool is not None and tool.is_analytic:
         cutter = ShapePoints(slave, tool, radius.largest, degree)
     else:
-        both = settings.formulation == "quasi-symmetric"
+        at_points, both = settings.rows == "points", settings.formulation == "quasi-symmetric"
+        if at_points and tool is not None:  # points of the slave's facets see all of its shape
+            both = False
         cutter = FacetCutter(slave, master, both, radius, degree)
     return Following(slave, master, radius.largest, cutter, settings.rows == "points")
 
@@ -618,7 +620,8 @@ class ContactModel:
     @property
     def symmetric(self) -> bool:
         """Whether what contact adds to the tangent is symmetric."""
-        if self.coupling is not None:
+        at_points = any(gap.rows.are_points and gap.following is not None for gap in self.gaps)
+        if self.coupling is not None or at_points:  # whose functions of nodes move
             return False
         first, second = self.kinematics.scale
         equal = first == second and self.curvature_is_symmetric

@@ -454,7 +454,8 @@ def _force_vec(
     """
     vecs = model.slave.create_vec(), model.master.create_vec()
     for p in model.gaps if part != "tangential" else ():
-        p.add_forces(multiplier_of(model, p), model.ordered(p, vecs))
+        multiplier, ordered = multiplier_of(model, p), model.ordered(p, vecs)
+        p.add_forces(multiplier, ordered)
     for slip in model.slips if part != "normal" else ():
         slip.add_forces(model.ordered(slip.gap, vecs))
     if model.friction_heat is not None:

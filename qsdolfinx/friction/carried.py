@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.friction.of_points import OfPoints, SavedNormals
+from qsdolfinx.friction.of_points import OfPoints, SavedNormals, carried_to, closest, turned
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.rows import PointRows
 
@@ -35,9 +35,10 @@ def carry(old: Slip, new: Slip) -> None:
     if not new.gap.rows.are_points:
         return
     if new.gap.following is not None:  # whose points are others at each evaluation
-        new.state.augmented = _turned(
+        new.state.augmented = turned(
             new.state.augmented, normals_of_nodes(old), normals_of_nodes(new), new.slave.gdim
         )
+        new.state.of_points = old.state.of_points
         return
     points, normals = of_points(old, facets(old), old.gap.points.multiplier_values), None
     if old.state.saved is not None:
@@ -62,12 +63,9 @@ def take(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array)
         place: Likewise.
     """
     state, gdim = slip.state, slip.gap.slave.gdim
-    state.augmented = _turned(state.augmented, normals, normals_of_nodes(slip), gdim)
-    at = _closest(old.keys, old.place, keys, place)
-    found, rest = at >= 0, np.zeros_like(state.jump)
-    now = slip.gap.operator.slave_sum[found]
-    rest[found] = _turned(old.rest[at[found]], old.normal[at[found]], now, gdim)
-    state.rest = slip.tangential(rest)
+    state.augmented = turned(state.augmented, normals, normals_of_nodes(slip), gdim)
+    normal = np.asarray(slip.gap.operator.slave_sum)
+    state.rest = slip.tangential(carried_to(old, keys, place, normal))
 
 
 def take_saved(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array) -> None:
@@ -75,7 +73,7 @@ def take_saved(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: 
 
     Arguments are those of :func:`take`.
     """
-    at = _closest(old.keys, old.place, keys, place)
+    at = closest(old.keys, old.place, keys, place)
     found, rest = at >= 0, np.zeros_like(slip.state.jump)
     of_points = np.array(slip.gap.operator.slave_sum)
     rest[found], of_points[found] = old.rest[at[found]], old.normal[at[found]]
@@ -104,46 +102,3 @@ def normals_of_nodes(slip: Slip) -> Array:
     """
     assert isinstance(slip.gap.rows, PointRows)
     return slip.gap.rows.sums_of_vectors(slip.gap.operator.slave_sum)
-
-
-def _closest(known: Indices, places: Array, keys: Indices, place: Array) -> Indices:
-    """For each point the closest one with the same keys, or −1, (points,)."""
-    count = len(known)
-    _, group = np.unique(np.concatenate([known, keys]), axis=0, return_inverse=True)
-    group = group.ravel()
-    order = np.argsort(group[:count], kind="stable")
-    of_known = group[:count][order]
-    starts = np.searchsorted(of_known, group[count:], side="left")
-    ends = np.searchsorted(of_known, group[count:], side="right")
-    out, least = np.full(len(keys), -1, dtype=np.int64), np.full(len(keys), np.inf)
-    for i in range(int(np.max(ends - starts, initial=0))):
-        some = np.flatnonzero(starts + i < ends)
-        candidate = order[starts[some] + i]
-        distance = np.sum((places[candidate] - place[some]) ** 2, axis=1)
-        closer = distance < least[some]
-        out[some[closer]], least[some[closer]] = candidate[closer], distance[closer]
-    return out
-
-
-def _turned(vectors: Array, before: Array, now: Array, gdim: int) -> Array:
-    """Vectors turned as normals do, by the smallest angle, of the shape that is given.
-
-    Args:
-        vectors: Several behind each other in each row, as the normals.
-        before: Normals of before, of any length, of the shape of the vectors.
-        now: Those of now.
-        gdim: Components of a vector.
-    """
-    v, *normals = (x.reshape(len(x) * (x.shape[1] // gdim), gdim) for x in (vectors, before, now))
-    lengths = [np.linalg.norm(n, axis=1, keepdims=True) for n in normals]
-    some = (lengths[0] > 0) & (lengths[1] > 0)
-    a, b = (
-        np.divide(n, length, out=np.zeros_like(n), where=some)
-        for n, length in zip(normals, lengths, strict=True)
-    )
-    cosine = np.sum(a * b, axis=1, keepdims=True)
-    # R v = v − (a·v + b·v)/(1 + a·b) (a + b) + 2 (a·v) b
-    along, across = np.sum(a * v, axis=1, keepdims=True), np.sum(b * v, axis=1, keepdims=True)
-    part = np.divide(along + across, 1 + cosine, out=np.zeros_like(along), where=cosine > -1 + 1e-9)
-    out = v - part * (a + b) + 2 * along * b
-    return np.where(some, out, v).reshape(vectors.shape)

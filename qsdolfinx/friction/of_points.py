@@ -40,3 +40,64 @@ class SavedNormals(typing.NamedTuple):
 
     of_nodes: Array
     of_points: Array
+
+
+def carried_to(old: OfPoints, keys: Indices, place: Array, normal: Array) -> Array:
+    """What the closest point between the same facets had, 0 where there was none, (points, gdim).
+
+    Vectors turn as normals do.
+
+    Args:
+        old: Of the points before.
+        keys: Of the points now, as those of the old ones.
+        place: Likewise.
+        normal: Likewise.
+    """
+    at = closest(old.keys, old.place, keys, place)
+    found, out = at >= 0, np.zeros_like(normal)
+    before = old.normal[at[found]]
+    out[found] = turned(old.rest[at[found]], before, normal[found], normal.shape[1])
+    return out
+
+
+def closest(known: Indices, places: Array, keys: Indices, place: Array) -> Indices:
+    """For each point the closest one with the same keys, or −1, (points,)."""
+    count = len(known)
+    _, group = np.unique(np.concatenate([known, keys]), axis=0, return_inverse=True)
+    group = group.ravel()
+    order = np.argsort(group[:count], kind="stable")
+    of_known = group[:count][order]
+    starts = np.searchsorted(of_known, group[count:], side="left")
+    ends = np.searchsorted(of_known, group[count:], side="right")
+    out, least = np.full(len(keys), -1, dtype=np.int64), np.full(len(keys), np.inf)
+    for i in range(int(np.max(ends - starts, initial=0))):
+        some = np.flatnonzero(starts + i < ends)
+        candidate = order[starts[some] + i]
+        distance = np.sum((places[candidate] - place[some]) ** 2, axis=1)
+        closer = distance < least[some]
+        out[some[closer]], least[some[closer]] = candidate[closer], distance[closer]
+    return out
+
+
+def turned(vectors: Array, before: Array, now: Array, gdim: int) -> Array:
+    """Vectors turned as normals do, by the smallest angle, of the shape that is given.
+
+    Args:
+        vectors: Several behind each other in each row, as the normals.
+        before: Normals of before, of any length, of the shape of the vectors.
+        now: Those of now.
+        gdim: Components of a vector.
+    """
+    v, *normals = (x.reshape(len(x) * (x.shape[1] // gdim), gdim) for x in (vectors, before, now))
+    lengths = [np.linalg.norm(n, axis=1, keepdims=True) for n in normals]
+    some = (lengths[0] > 0) & (lengths[1] > 0)
+    a, b = (
+        np.divide(n, length, out=np.zeros_like(n), where=some)
+        for n, length in zip(normals, lengths, strict=True)
+    )
+    cosine = np.sum(a * b, axis=1, keepdims=True)
+    # R v = v − (a·v + b·v)/(1 + a·b) (a + b) + 2 (a·v) b
+    along, across = np.sum(a * v, axis=1, keepdims=True), np.sum(b * v, axis=1, keepdims=True)
+    part = np.divide(along + across, 1 + cosine, out=np.zeros_like(along), where=cosine > -1 + 1e-9)
+    out = v - part * (a + b) + 2 * along * b
+    return np.where(some, out, v).reshape(vectors.shape)

@@ -18,7 +18,7 @@ from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
-from qsdolfinx.friction.of_points import SavedNormals
+from qsdolfinx.friction.of_points import OfPoints, SavedNormals, carried_to
 from qsdolfinx.gap.following import Places
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
@@ -80,6 +80,7 @@ class SlipState:
         saved: Normals of the pairing that a checkpoint was written with; None otherwise.
         begun: With rows at points of gaps that follow the bodies, where everything was when the
             step began; None before that is known.
+        of_points: With such rows, what they had then, see ``rest``; None before that is known.
         of_nodes: With such rows, which are others at each evaluation, functions of the nodes in the
             place of ``pressed`` and ``slipped``, (nodes, 2); None before there are any.
         until_closed: What the jump changed from there until the row closed in this step; 0 for
@@ -139,6 +140,7 @@ class SlipState:
     reached: Array | None = None
     saved: SavedNormals | None = None
     begun: Places | None = None
+    of_points: OfPoints | None = None
     of_nodes: Array | None = None
 
     @classmethod
@@ -458,10 +460,15 @@ class Slip:
         if state.begun is None:
             state.begun = gap.cut.places
         self.take_operator()
-        state.jump = gap.slip_at_points(state.begun).slip
+        found = gap.slip_at_points(state.begun)
+        state.jump = found.slip
         self._turn_augmented()
         zero, none = np.zeros_like(state.jump), np.zeros(len(state.jump))
         state.start, state.shift, state.rest = zero, zero, 0.0
+        if state.of_points is not None:
+            state.rest = self.tangential(
+                carried_to(state.of_points, found.facets, found.place, found.normal)
+            )
         state.until_closed, state.share = zero, np.ones_like(none)
         state.on_edge = np.full_like(none, np.inf)
         state.pressed, state.slipped = none, none
@@ -721,6 +728,10 @@ class Slip:
             of_nodes = self.tangential(rows.vectors_from_sides(self.state.augmented))
             self.state.rest = traction - of_nodes
             if self.gap.following is not None:
+                assert self.state.begun is not None and self._normal is not None
+                at = self.gap.slip_at_points(self.state.begun)
+                kept = OfPoints(at.facets, at.place, self.state.rest, self._normal)
+                self.state.of_points = kept
                 flags = np.column_stack([self.state.pressure, self.state.response.slipping])
                 self.state.of_nodes = rows.projected_means(flags.astype(np.float64))
         else:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.gap.following import Alone, Found, Places, SlipAtPoints, Vecs
+from qsdolfinx.gap.following import Alone, Found, MovingFunctions, Places, SlipAtPoints, Vecs
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.surface.affine import trace_vec
 from qsdolfinx.surface.surface import Surface
@@ -109,6 +109,28 @@ class FacetCutter:
             scale,
         )
 
+    def moving_functions(
+        self, found: Found, alone: Alone, field: PETSc.Vec, rest: Array, markers: Vecs
+    ) -> MovingFunctions | None:
+        """See :class:`Cutter`: points of the slave's facets stay there."""
+        if not self._both:
+            return None
+        pieces = found.of_cutter
+        handles = [handle_of(vec) for vec in markers]
+        functions = _cpp.FunctionsOfPieces(
+            pieces, field.handle, np.ascontiguousarray(rest), handles
+        )
+        operator = _cpp.GapOperator(
+            self._slave,
+            self._master,
+            points_of=pieces,
+            functions=functions,
+            alone=alone.unknown,
+            weight=alone.weight,
+        )
+        sides = range(1 if self._tool is not None else 2)
+        return MovingFunctions(operator, [functions.entries(side) for side in sides])
+
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places
     ) -> SlipAtPoints:
@@ -136,12 +158,16 @@ class FacetCutter:
         )
         for vec in vecs:
             vec.destroy()
-        none = np.zeros((len(alone.weight), gdim))
+        count = len(alone.weight)
         slip, normal = (
-            np.concatenate([np.asarray(values)[:, :gdim], none])
+            np.concatenate([np.asarray(values)[:, :gdim], np.zeros((count, gdim))])
             for values in (slips.slip, slips.normal)
         )
-        return SlipAtPoints(slip, normal, operator, works)
+        facets, place = (
+            np.concatenate([values, np.full((count, values.shape[1]), -1, dtype=values.dtype)])
+            for values in (np.asarray(pieces.facets()), np.asarray(pieces.functions()))
+        )
+        return SlipAtPoints(slip, normal, operator, works, facets, place)
 
     def add_slip_curvature_of_points(
         self,

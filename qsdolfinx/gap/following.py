@@ -104,12 +104,29 @@ class SlipAtPoints(typing.NamedTuple):
         normal: Outward of the slave, likewise.
         operator: Its derivative, a matrix for each node.
         works: What tractions work on.
+        facets: What tells apart between which facets points are, (rows, n).
+        place: Where on the slave's: functions of its vertices, (rows, vertices).
     """
 
     slip: Array
     normal: Array
     operator: _cpp.GapOperator
     works: _cpp.GapOperator
+    facets: npt.NDArray[np.int64]
+    place: Array
+
+
+class MovingFunctions(typing.NamedTuple):
+    """How functions of the slave's nodes move along its facets at the last evaluation.
+
+    Attributes:
+        operator: Derivative of Σ_k λ_k N_k at the points, which are its rows.
+        mixed: Of each body Σ_p w_p r_p ∂N_k for some numbers r_p: unknowns of the slave that stand for sides of nodes,
+            unknowns of the body, −1 where conditions hold, and values.
+    """
+
+    operator: _cpp.GapOperator
+    mixed: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array]]
 
 
 class Cutter(typing.Protocol):
@@ -157,6 +174,11 @@ class Cutter(typing.Protocol):
             blocks: Likewise.
             scale: Likewise.
         """
+
+    def moving_functions(
+        self, found: Found, alone: Alone, field: PETSc.Vec, rest: Array, markers: Vecs
+    ) -> MovingFunctions | None:
+        """How a field of the sides of the slave's nodes moves; None if it does not. Collective."""
 
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places
@@ -566,8 +588,7 @@ class Following:
 
         def at_rim(gap: Array, values: typing.Callable[[PETSc.Vec], Array]) -> Array:
             def of_sides(field: Array) -> Array:
-                vec = self._slave.create_vec()
-                vec.array[self._slave.node_dofs - vec.owner_range[0]] = field
+                vec = self._vec_of_sides(field)
                 out = values(vec)
                 vec.destroy()
                 return out
@@ -577,6 +598,29 @@ class Following:
         return self._cutter.add_curvature_of_points(
             last.found, pressure, at_rim, self._marked, blocks, scale
         )
+
+    def _vec_of_sides(self, field: Array) -> PETSc.Vec:
+        """New vector of values of the sides of owned nodes. Collective."""
+        vec = self._slave.create_vec()
+        vec.array[self._slave.node_dofs - vec.owner_range[0]] = field
+        return vec
+
+    def moving_functions(self, last: Cut, field: Array, rest: Array) -> MovingFunctions | None:
+        """How λ_h moves at the last evaluation; None if it does not. Collective.
+
+        Args:
+            last: That evaluation.
+            field: λ of the sides of nodes, (nodes, block).
+            rest: r_p, (rows,).
+        """
+        assert last.alone is not None
+        markers = self._marked or (self._slave.create_vec(), None)
+        vec = self._vec_of_sides(field)
+        found = self._cutter.moving_functions(last.found, last.alone, vec, rest, markers)
+        vec.destroy()
+        if found is not None:
+            self._constrain(found.operator)
+        return found
 
     def add_curvature(
         self,

@@ -10,7 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.gap.following import HARDLY_COVERED, Alone, Found, Places, SlipAtPoints, Vecs
+from qsdolfinx.gap.following import (
+    HARDLY_COVERED,
+    Alone,
+    Found,
+    MovingFunctions,
+    Places,
+    SlipAtPoints,
+    Vecs,
+)
 from qsdolfinx.pairing.pair import facet_rule
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
@@ -153,6 +161,12 @@ class ShapePoints:
         _cpp.face_tool(points, kept.astype(np.uint8), normal, gap, len(self._w))
         return points.scaled(weight[kept]).with_alone(*alone)
 
+    def moving_functions(
+        self, found: Found, alone: Alone, field: PETSc.Vec, rest: Array, markers: Vecs
+    ) -> MovingFunctions | None:
+        """See :class:`Cutter`: points are fixed."""
+        return None
+
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places
     ) -> SlipAtPoints:
@@ -174,7 +188,9 @@ class ShapePoints:
         operator = _cpp.GapOperator(surface, None, points, jump=True, rows=2)
         none = np.zeros((len(alone.weight), gdim))
         slip, normal = (np.concatenate([values, none]) for values in (slip, -n))
-        return SlipAtPoints(slip, normal, operator, operator)
+        facets = np.asarray(points.slave["dofs"])[:, : self._N.shape[1], 0]
+        place = np.asarray(points.multiplier_values)
+        return SlipAtPoints(slip, normal, operator, operator, facets, place)
 
     def add_slip_curvature_of_points(
         self,

@@ -14,7 +14,14 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.extension import Extension
-from qsdolfinx.gap.following import Cut, Following, Measure, Places, SlipAtPoints
+from qsdolfinx.gap.following import (
+    Cut,
+    Following,
+    Measure,
+    MovingFunctions,
+    Places,
+    SlipAtPoints,
+)
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
 from qsdolfinx.gap.tie import Places as TiePlaces
@@ -539,6 +546,17 @@ class WeightedGap:
 
         scale, force = self.state.scale, self._share * pressure
         return self.following.add_curvature_of_points(self.cut, force, elsewhere, blocks, scale)
+
+    def moving_functions(self, of_sides: Array, rest: Array) -> MovingFunctions | None:
+        """How λ_h moves at the last evaluation; None if it does not. Collective.
+
+        Args:
+            of_sides: λ of the sides of owned nodes, (nodes, block).
+            rest: r_p, see :class:`MovingFunctions`, (rows,).
+        """
+        if self.following is None or self.cut is None:
+            return None
+        return self.following.moving_functions(self.cut, of_sides, self._share * rest)
 
     def fits_pattern(self) -> bool:
         """Whether the tangent has room for the last evaluation, on this rank."""

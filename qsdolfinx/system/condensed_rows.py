@@ -14,6 +14,7 @@ from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.following import MovingFunctions
 from qsdolfinx.gap.laws import Unilateral
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -169,6 +170,7 @@ class PointConstraints(CondensedRows):
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
         super().__init__(model, gap)
         self._is_unilateral = type(gap.law) is Unilateral
+        self._moving: tuple[Array, MovingFunctions | None] | None = None
         self.gamma: float = model.eps
         self._has: bool = model.has_multipliers_at_points
         covered = self._points.covered
@@ -339,6 +341,26 @@ class PointConstraints(CondensedRows):
         if self.far and self._has:
             found = np.where(at.active, np.clip(self.at_points(at.multiplier)[:, 0], 0.0, found), 0)
         self.gap.add_curvature_of_points(found, pressure, of_sides, blocks)
+
+    def _rest(self, at: Normal) -> Array:
+        """a (p_p − λ_h)/γ (length), (points,). Collective."""
+        change = at.pressure - self.at_points(at.multiplier)
+        return np.asarray(self.part / self.gamma * change[:, 0])
+
+    def moving(self, at: Normal) -> MovingFunctions | None:
+        """How λ_h moves along facets, of gaps that follow; None if it does not. Collective.
+
+        Args:
+            at: The points, at the last evaluation.
+        """
+        if not self._has or self.gap.following is None:
+            return None
+        known = self._moving
+        if known is None or known[0] is not at.pressure:
+            of_sides = self.on_sides(at.multiplier)
+            found = self.gap.moving_functions(of_sides, self._rest(at))
+            self._moving = known = at.pressure, found
+        return known[1]
 
     def softened(self, at: Normal) -> Array:
         """See ``NormalRows``."""

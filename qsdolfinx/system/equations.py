@@ -19,15 +19,16 @@ from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import motion
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.following import MovingFunctions
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.surface.affine import Affine
+from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.system.blocks import Blocks
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated, Multipliers
 from qsdolfinx.system.factors import Entries, Number, entries_of, joined
 from qsdolfinx.system.friction_rows import OfTangential
-from qsdolfinx.system.gap_matrices import GapMatrices
-from qsdolfinx.system.normal_rows import NodalRows
+from qsdolfinx.system.gap_matrices import GapMatrices, Moving
+from qsdolfinx.system.normal_rows import NodalRows, Normal
 from qsdolfinx.system.system import ContactSystem
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
@@ -668,7 +669,8 @@ class Equations:
         own = first + np.arange(rows.num_multipliers)
         if rows.condensed is not None:
             of_friction = None if rows.condensed_friction is None else at.tangential
-            found = [self._matrices(p, rows.condensed, own).derivative(at.normal, of_friction)]
+            matrices = self._matrices(p, rows.condensed, own, at.normal)
+            found = [matrices.derivative(at.normal, of_friction)]
             if not exact:
                 soft = rows.condensed.softened(at.normal)
                 if rows.condensed_friction is not None:
@@ -740,13 +742,22 @@ class Equations:
         """Of the unknowns of a pass among the parts of z."""
         return len(self.system.bodies) + self.passes.index(p)
 
-    def _matrices(self, p: Pass, rows: CondensedRows, own: Indices) -> GapMatrices:
+    def _matrices(
+        self, p: Pass, rows: CondensedRows, own: Indices, at: Normal | None = None
+    ) -> GapMatrices:
         """Derivatives that stay while gaps are linear and contact does not pair anew.
 
         Collective.
+
+        Args:
+            p: The pass.
+            rows: Its rows.
+            own: Numbers of λ.
+            at: The rows at the last evaluation; None for what has been made there.
         """
         turns = p.tool is not None and self._turning
-        if (turns or not p.gap.is_linear) and p.rows in self._of_gaps:
+        is_new = at is not None and (turns or not p.gap.is_linear)
+        if is_new and p.rows in self._of_gaps:
             self._of_gaps.pop(p.rows).destroy()
         if p.rows not in self._of_gaps:
             friction, slips = p.rows.condensed_friction, None
@@ -757,9 +768,34 @@ class Equations:
             if friction is not None and p.slip is not None:
                 slips = self._both(p, (p.slip.works, p.slip.operator), change[1])
             numbers = own, of_slip
-            made = GapMatrices(rows, friction, gaps, slips, numbers, self.num_local)
+            moving = self._moving(p, rows, at)
+            made = GapMatrices(rows, friction, gaps, slips, numbers, self.num_local, moving)
             self._of_gaps[p.rows] = made
         return self._of_gaps[p.rows]
+
+    def _moving(self, p: Pass, rows: CondensedRows, at: Normal | None) -> Moving | None:
+        """How λ_h moves along facets at the last evaluation; None if it does not. Collective."""
+        if at is None or not isinstance(rows, PointConstraints):
+            return None
+        found = rows.moving(at)
+        if found is None:
+            return None
+        mixed = []
+        for (side, unknown, value), body in zip(found.mixed, p.bodies, strict=False):
+            assert body is not None
+            scaled = self.system.scales[body] * value
+            mixed.append(Entries(side, self._numbers(body, unknown), scaled))
+        of_tool = None if p.tool is None else self._moved_functions(p, found)
+        operators = found.operator, found.operator
+        return Moving(self._both(p, operators, of_tool)[1], joined(mixed))
+
+    def _moved_functions(self, p: Pass, found: MovingFunctions) -> Array:
+        """How λ_h changes at the rows when a driven tool moves, (rows, 1). Collective."""
+        assert p.tool is not None
+        r = affine_vec(p.gap.slave, self.tools[p.tool].driven_motion)
+        out = -found.operator.apply(r.handle, 0)
+        r.destroy()
+        return np.asarray(out)
 
     def _both(
         self, p: Pass, operators: tuple[typing.Any, typing.Any], change: Array | None

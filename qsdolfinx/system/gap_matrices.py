@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import typing
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -21,6 +23,19 @@ Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
 
+class Moving(typing.NamedTuple):
+    """How λ_h moves along facets, in numbers of all unknowns of the equations.
+
+    Attributes:
+        rows: Derivative of λ_h at the rows.
+        mixed: Σ_p w_p a (p_p − λ_h)/γ ∂N_k; rows are unknowns of the slave that stand for the sides
+            of nodes.
+    """
+
+    rows: Entries
+    mixed: Entries
+
+
 class GapMatrices:
     """B = γ G + a N, rows being those of the gaps, columns all unknowns of the equations.
 
@@ -38,6 +53,8 @@ class GapMatrices:
         slips: J likewise, a row for each component; None without friction.
         numbers: Of the unknowns λ of this rank among all, shape (λ,), and of τ.
         num_local: Unknowns of this rank.
+        moving: How λ_h moves where gaps follow the bodies; None if it does not. What R_λ and forces
+            depend on has that, too; what forces work on has not.
     """
 
     def __init__(
@@ -48,6 +65,7 @@ class GapMatrices:
         slips: tuple[Entries, Entries] | None,
         numbers: tuple[Indices, Indices],
         num_local: int,
+        moving: Moving | None = None,
     ) -> None:
         self._rows, self._comm, self._num = rows, rows.model.comm, num_local
         self._friction, self._width = friction, rows.gap.operator.width
@@ -67,6 +85,14 @@ class GapMatrices:
             self._part = rows.part
             functions.append(of_nodes[0]._replace(value=rows.part * of_nodes[0].value))
             self.functions = functions[0].matrix(self._size, self._num, self._comm)
+        #: Of λ by how its functions move.
+        self._mixed: list[Entries] = []
+        in_rows: list[list[Entries]] = [[], []]
+        if moving is not None and isinstance(rows, PointConstraints):
+            in_rows[1] = [moving.rows]
+            of_functions = moving.rows._replace(value=rows.part * moving.rows.value)
+            found[1] = joined([found[1], of_functions])
+            self._mixed = [self._of_moving(moving.mixed, rows, numbers[0])]
         if friction is not None and slips is not None:
             first, gdim = self._size, friction.free.shape[2]
             self._size += first * gdim
@@ -76,9 +102,13 @@ class GapMatrices:
         of_slips = []
         if friction is not None:
             of_slips = self._of_slips(friction, numbers[1], self._width * rows.gap.num_rows)
+        #: The same without how functions move; None without multipliers.
+        self._all_left: PETSc.Mat | None = None
         if functions or of_slips:
-            every = joined([*of_nodes, *of_slips])
-            self._all = every.matrix(self._size, self._num, self._comm)
+            self._all_left, self._all = (
+                joined([*of_nodes, *of_slips, *moved]).matrix(self._size, self._num, self._comm)
+                for moved in in_rows
+            )
         left, right = found
         works_on = joined([left, *functions, *of_slips]).matrix(self._size, self._num, self._comm)
         #: Bᵀ.
@@ -88,6 +118,23 @@ class GapMatrices:
         self._right = joined([right, *functions, *of_slips]).matrix(
             self._size, self._num, self._comm
         )
+
+    def _of_moving(self, mixed: Entries, rows: PointConstraints, numbers: Indices) -> Entries:
+        """Of R_λ by the bodies' unknowns, as the functions of the sides of nodes move. Collective."""
+        extended = self._extended(rows.free, numbers, rows.extension)
+        of_sides = PETSc.Mat().create(comm=self._comm)
+        sizes = (_layout(rows.gap.slave)[0], PETSc.DETERMINE), (self._num, PETSc.DETERMINE)
+        of_sides.setSizes(sizes)
+        of_sides.setType(PETSc.Mat.Type.AIJ)
+        some = mixed.column >= 0
+        row, column, value = (np.ascontiguousarray(array[some]) for array in mixed)
+        _cpp.set_places(of_sides.handle, row, column)  # some are of rows of other ranks
+        _cpp.set_values(of_sides.handle, value)
+        product = extended.transposeMatMult(of_sides)
+        out = _global_entries(product)
+        for mat in (extended, of_sides, product):
+            mat.destroy()
+        return out
 
     def _of_slips(self, friction: PointFriction, numbers: Indices, first: int) -> list[Entries]:
         """N E of τ, a component after the other, at rows from a number on."""
@@ -104,8 +151,18 @@ class GapMatrices:
 
     def _of_nodes(self, free: Flags, numbers: Indices, extension: Extension | None) -> Entries:
         """N E by the unknowns of these sides of nodes, in rows of this rank."""
+        sides, mat = self._of_sides(), self._extended(free, numbers, extension)
+        out = sides.matMult(mat)
+        found = _entries(out)
+        for thing in (sides, mat, out):
+            thing.destroy()
+        return found
+
+    def _extended(
+        self, free: Flags, numbers: Indices, extension: Extension | None
+    ) -> PETSc.Mat:
+        """E: sides of nodes by the unknowns of these, a new matrix. Collective."""
         slave = self._rows.gap.slave
-        sides = self._of_sides()
         num_sides, first = _layout(slave)
         dofs = slave.node_dofs[free] - first
         mat = Entries(dofs, numbers, np.ones(len(dofs))).matrix(num_sides, self._num, self._comm)
@@ -123,11 +180,7 @@ class GapMatrices:
                 mat.axpy(1.0, part, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
                 part.destroy()
             means.destroy()
-        out = sides.matMult(mat)
-        found = _entries(out)
-        for thing in (sides, mat, out):
-            thing.destroy()
-        return found
+        return mat
 
     def _of_sides(self) -> PETSc.Mat:
         """N by the unknowns of the slave that stand for sides of nodes."""
@@ -156,7 +209,7 @@ class GapMatrices:
         if self._all is not None:
             self._own = self._own or self._of_multipliers(self._all)
             found.append(self._own)
-        return joined(found)
+        return joined([*found, *self._mixed])
 
     def _of_multipliers(self, functions: PETSc.Mat) -> Entries:
         """−a Nᵀ W/γ N, which stays. Collective."""
@@ -169,7 +222,8 @@ class GapMatrices:
             values = np.concatenate([values, of_slips])
         weights = _diagonal(functions, values)
         scaled = weights.matMult(functions)
-        product = functions.transposeMatMult(scaled)
+        assert self._all_left is not None
+        product = self._all_left.transposeMatMult(scaled)
         out = _global_entries(product)
         for mat in (weights, scaled, product):
             mat.destroy()
@@ -226,7 +280,8 @@ class GapMatrices:
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        for mat in (self._left, self._right, self.functions, self._all, *(self._products or ())):
+        kept = self._left, self._right, self.functions, self._all, self._all_left
+        for mat in (*kept, *(self._products or ())):
             if mat is not None:
                 mat.destroy()
 
