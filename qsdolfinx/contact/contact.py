@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.base import interrupt
-from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
+from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact import fields, motion, multipliers, overclosed, results
@@ -271,6 +271,11 @@ class Contact:
                 check_of(of.model, slave, master)
                 if shares:
                     formulation = of.formulation
+            at_points = (sliding, constraints) == ("finite", "points")
+            require(
+                not at_points or initial_overclosure != "ignore",
+                'initial_overclosure: "ignore" is for constraints="nodes" with sliding="finite"',
+            )
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.

@@ -94,8 +94,9 @@ class Balance:
         #: Largest gap (length) that multipliers have left at the last iterate, over all ranks.
         self.open_gap = 0.0
         self._times_in_floor, self._is_held, self._unheld = 0, True, UNHELD
-        #: Closed rows of each pass at the last iterate, and whether the one before had the same.
-        self._closed: list[npt.NDArray[np.bool_]] = []
+        #: Closed rows of each pass at the last iterate, and those that stick; and whether the one
+        #: before had the same.
+        self._sets: list[npt.NDArray[np.bool_]] = []
         self._keeps_its_set = False
         #: Largest residual and contact forces of the solve so far.
         self._seen: Array = np.zeros(2)
@@ -125,9 +126,9 @@ class Balance:
         residual, forces, rounded, of_rates = np.sqrt(sums)
         largest = np.zeros(3)
         counts: npt.NDArray[np.int64] = np.zeros(3, dtype=np.int64)
-        before, self._closed = self._closed, [e.closed for e in at.passes]
-        counts[2] = len(before) != len(at.passes)
-        pairs = zip(before, self._closed, strict=False)
+        before, self._sets = self._sets, [f for e in at.passes for f in (e.closed, e.sticking)]
+        counts[2] = len(before) != len(self._sets)
+        pairs = zip(before, self._sets, strict=False)
         counts[2] += sum(not np.array_equal(a, b) for a, b in pairs)
         for p, e in zip(equations.passes, at.passes, strict=True):
             largest[0] = max(largest[0], p.rows.violation(e))

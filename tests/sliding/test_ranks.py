@@ -15,6 +15,8 @@ KINDS = {
     "double-pass": {"formulation": "double-pass"},
     "friction": {"friction": qs.Coulomb(0.3), "enforcement": "penalty"},
     "second-degree": {"degree": 2},
+    "points": {"constraints": "points"},
+    "points, friction": {"constraints": "points", "friction": qs.Coulomb(0.3)},
 }
 
 

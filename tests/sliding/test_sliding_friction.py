@@ -14,6 +14,7 @@ KINDS = {
     "quasi-symmetric": {},
     "master-slave": {"formulation": "master-slave"},
     "penalty": {"enforcement": "penalty", "penalty": 3e3},
+    "points": {"constraints": "points"},
 }
 kinds = pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 
