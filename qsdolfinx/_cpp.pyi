@@ -4,6 +4,27 @@ from typing import Any, overload
 import numpy
 import numpy.typing
 
+class FunctionsOfPieces:
+    """How functions move at the points of pieces; see gap/point_rows.h."""
+
+    def __init__(
+        self,
+        pieces: Pieces,
+        field: int,
+        rest: numpy.typing.NDArray[numpy.float64],
+        markers: Sequence[int],
+    ) -> None:
+        """Of a field of the sides of the slave's nodes, and numbers at the points; collective."""
+
+    def entries(
+        self, side: int
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.float64],
+    ]:
+        """Unknowns of sides of nodes, of one body (-1 if held), and values, [entry]."""
+
 class GapOperator:
     """Weighted gaps of the slave nodes of this rank; see gap/gap.h."""
 
@@ -23,6 +44,46 @@ class GapOperator:
         jump: bool,
     ) -> None:
         """Derivative of gaps that follow the bodies, a row for each owned node; collective."""
+
+    @overload
+    def __init__(
+        self,
+        slave: Surface,
+        master: Surface | None,
+        points_of: Pieces,
+        *,
+        alone: numpy.typing.NDArray[numpy.int64],
+        weight: numpy.typing.NDArray[numpy.float64],
+        far: float,
+    ) -> None:
+        """The same with a row for each point of pieces; see gap/gap.h; collective."""
+
+    @overload
+    def __init__(
+        self,
+        slave: Surface,
+        master: Surface | None,
+        points_of: Pieces,
+        slip: SlipOfPieces,
+        *,
+        works: bool,
+        alone: numpy.typing.NDArray[numpy.int64],
+        weight: numpy.typing.NDArray[numpy.float64],
+    ) -> None:
+        """Derivative of slip at these points, or what tractions work on there; collective."""
+
+    @overload
+    def __init__(
+        self,
+        slave: Surface,
+        master: Surface | None,
+        points_of: Pieces,
+        functions: FunctionsOfPieces,
+        *,
+        alone: numpy.typing.NDArray[numpy.int64],
+        weight: numpy.typing.NDArray[numpy.float64],
+    ) -> None:
+        """Gradients of their field at these points; collective."""
 
     def covers(self, other: GapOperator) -> bool:
         """Whether rows of another operator have no columns but those of this one's."""
@@ -135,6 +196,14 @@ class PairingPoints:
     def weight(self) -> numpy.typing.NDArray[numpy.float64]:
         """Areas, [point]."""
 
+    def with_alone(
+        self,
+        unknown: numpy.typing.NDArray[numpy.int64],
+        weight: numpy.typing.NDArray[numpy.float64],
+        far: float,
+    ) -> PairingPoints:
+        """The same points, and some that see one multiplier each; see pairing/pairing.h."""
+
     def scaled(self, factor: numpy.typing.NDArray[numpy.float64]) -> PairingPoints:
         """The same points, their weights multiplied by factors [point]."""
 
@@ -220,6 +289,18 @@ class Pieces:
     def gaps(self) -> numpy.typing.NDArray[numpy.float64]:
         """Distances along the rays, positive when open, [point]."""
 
+    def rim_gaps(self) -> numpy.typing.NDArray[numpy.float64]:
+        """The same of the points of the rim."""
+
+    def rim_values(self, values: int) -> numpy.typing.NDArray[numpy.float64]:
+        """Values of a field of the sides of the slave's nodes there; collective."""
+
+    def functions(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Functions of the slave's vertices at the points, [point][k]."""
+
+    def facets(self) -> numpy.typing.NDArray[numpy.int64]:
+        """What tells apart between which facets points are, and which was cut, [point][n]."""
+
     def slave_sizes(self) -> numpy.typing.NDArray[numpy.float64]:
         """Size of the slave's facet at each point, [point]."""
 
@@ -264,6 +345,22 @@ class SearchRadius:
     @property
     def largest(self) -> float:
         """Anywhere."""
+
+class SlipOfPieces:
+    """Slip at the points of pieces; see gap/point_rows.h."""
+
+    def __init__(
+        self, pieces: Pieces, slave: int, master: int, of_tool: numpy.typing.NDArray[numpy.float64]
+    ) -> None:
+        """From where nodes were when it began; collective."""
+
+    @property
+    def slip(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Of the slave against the master, [point][3]."""
+
+    @property
+    def normal(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Outward of the slave, [point][3]."""
 
 class Surface:
     """Distributed contact surface; see surface/surface.h."""
@@ -427,6 +524,18 @@ def insert_curvature(
 ) -> bool:
     """Add the sum of multipliers times second derivatives of gaps to the blocks (ss, sm, ms, mm); whether that is symmetric but for the scale. Collective."""
 
+def insert_curvature_of_points(
+    slave: Surface,
+    master: Surface | None,
+    pieces: Pieces,
+    pressure: numpy.typing.NDArray[numpy.float64],
+    at_rim: numpy.typing.NDArray[numpy.float64],
+    markers: Sequence[int],
+    blocks: Sequence[int],
+    scale: Sequence[float],
+) -> bool:
+    """Add the sum of pressures at points times second derivatives of their gaps to the blocks (ss, sm, ms, mm); whether that is symmetric but for the scale. Collective."""
+
 def insert_friction(
     slip: Sequence[GapOperator],
     jump: GapOperator,
@@ -448,6 +557,16 @@ def insert_slip_curvature(
     scale: Sequence[float],
 ) -> None:
     """Add how the forces of given tractions on objective slip change to the blocks (ss, sm, ms, mm). Collective."""
+
+def insert_slip_curvature_of_points(
+    master: Surface | None,
+    pieces: Pieces,
+    traction: numpy.typing.NDArray[numpy.float64],
+    markers: Sequence[int],
+    blocks: Sequence[int],
+    scale: Sequence[float],
+) -> None:
+    """Add how forces of given tractions at points change to the blocks (ss, sm, ms, mm). Collective."""
 
 def keep_points(points: PairingPoints, which: numpy.typing.NDArray[numpy.uint8]) -> None:
     """Forget points but those, [point]."""

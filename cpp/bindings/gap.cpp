@@ -145,9 +145,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
              In<std::int64_t> alone, In<double> weight, double far)
-          {
-            new (self) GapOperator(slave, master, pieces, alone.view(), weight.view(), far);
-          },
+          { new (self) GapOperator(slave, master, pieces, alone.view(), weight.view(), far); },
           "slave"_a, "master"_a.none(), "points_of"_a, nb::kw_only(), "alone"_a, "weight"_a,
           "far"_a, "The same with a row for each point of pieces; see gap/gap.h; collective.")
       .def(
@@ -166,8 +164,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
              const FunctionsOfPieces& functions, In<std::int64_t> alone, In<double> weight)
           {
-            new (self)
-                GapOperator(slave, master, pieces, functions, alone.view(), weight.view());
+            new (self) GapOperator(slave, master, pieces, functions, alone.view(), weight.view());
           },
           "slave"_a, "master"_a.none(), "points_of"_a, "functions"_a, nb::kw_only(), "alone"_a,
           "weight"_a, "Gradients of their field at these points; collective.")

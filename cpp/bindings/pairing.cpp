@@ -84,10 +84,10 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "weight", [](const PairingPoints& p) { return copy(p.weight, {p.size()}); },
           "Areas, [point].")
       .def(
-          "with_alone", [](const PairingPoints& p, In<std::int64_t> unknown, In<double> weight,
-                           double far) { return p.with_alone(unknown.view(), weight.view(), far); },
-          "unknown"_a, "weight"_a, "far"_a,
-          "The same points, and some that see one multiplier each; see pairing/pairing.h.")
+          "with_alone",
+          [](const PairingPoints& p, In<std::int64_t> unknown, In<double> weight, double far)
+          { return p.with_alone(unknown.view(), weight.view(), far); }, "unknown"_a, "weight"_a,
+          "far"_a, "The same points, and some that see one multiplier each; see pairing/pairing.h.")
       .def(
           "scaled",
           [](const PairingPoints& p, In<double> factor) { return p.scaled(factor.view()); },
@@ -204,11 +204,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           },
           "The same of the points of the rim.")
       .def(
-          "rim_values",
-          [](const Pieces& p, Handle values)
-          {
-            return copy(values_at_rim(p, reinterpret_cast<Vec>(values)), {p.rim.size()});
-          },
+          "rim_values", [](const Pieces& p, Handle values)
+          { return copy(values_at_rim(p, reinterpret_cast<Vec>(values)), {p.rim.size()}); },
           "values"_a, "Values of a field of the sides of the slave's nodes there; collective.")
       .def(
           "functions",
@@ -231,8 +228,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           [](const Pieces& p)
           {
             const auto d = static_cast<std::size_t>(p.gdim);
-            const std::size_t vertices = static_cast<std::size_t>(p.slave.type)
-                                         + static_cast<std::size_t>(p.master.type);
+            const std::size_t vertices
+                = static_cast<std::size_t>(p.slave.type) + static_cast<std::size_t>(p.master.type);
             std::vector<std::int64_t> out;
             for (std::size_t i = 0; i < p.size(); ++i)
               for (std::size_t q = 0; q < p.points_of(i).size(); ++q)

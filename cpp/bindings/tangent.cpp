@@ -87,7 +87,8 @@ void qsdolfinx::bind_tangent(nb::module_& m)
             {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
             contact_blocks(blocks), scale, slave.comm());
       },
-      "slave"_a, "master"_a.none(), "pieces"_a, "pressure"_a, "at_rim"_a, "markers"_a, "blocks"_a, "scale"_a,
+      "slave"_a, "master"_a.none(), "pieces"_a, "pressure"_a, "at_rim"_a, "markers"_a, "blocks"_a,
+      "scale"_a,
       "Add the sum of pressures at points times second derivatives of their gaps to the blocks "
       "(ss, sm, ms, mm); whether that is symmetric but for the scale. Collective.");
   m.def(

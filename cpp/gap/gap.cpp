@@ -163,8 +163,8 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Piec
                          double far)
     : kind_(GapKind::normal), block_(pieces.gdim), num_sides_(master ? 2 : 1)
 {
-  const PairingPoints points = 
-      points_of_pieces(slave, master, pieces).with_alone(alone, weight, far);
+  const PairingPoints points
+      = points_of_pieces(slave, master, pieces).with_alone(alone, weight, far);
   const std::vector<double> gradients = gradients_of_pieces(pieces);
   for (int i = 0; i < num_sides_; ++i)
     rows_of_pieces(sides_[i], pieces, points, i, gradients);

@@ -45,8 +45,8 @@ struct PairingPoints
   std::vector<double> weight; ///< area
   bool turns = false;         ///< whether jumps have `turn` of both sides, the same on all ranks
   std::size_t num_of_slave
-      = 0; ///< overlay: the first ones, on facets of the slave; then the master's
-  std::size_t num_alone = 0;     ///< the last ones: each sees one multiplier, and no facet
+      = 0;                   ///< overlay: the first ones, on facets of the slave; then the master's
+  std::size_t num_alone = 0; ///< the last ones: each sees one multiplier, and no facet
   std::int64_t num_unpaired = 0; ///< owned nodes (overlay: facets) that found no partner
   /// Owned nodes of both surfaces that are in corners of the other one.
   std::int64_t num_corners = 0;

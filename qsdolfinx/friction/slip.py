@@ -475,8 +475,10 @@ class Slip:
         if state.of_nodes is not None:
             state.pressed, state.slipped = (rows.from_nodes(c) for c in state.of_nodes.T)
         for name, values in self.of_nodes.items():
-            constant = isinstance(values, float)
-            self.parameters[name] = np.full_like(none, values) if constant else rows.from_nodes(values)
+            if isinstance(values, float):
+                self.parameters[name] = np.full_like(none, values)
+            else:
+                self.parameters[name] = rows.from_nodes(values)
 
     def take_operator(self) -> None:
         """Take operator and normals of the gap's last evaluation. Collective."""

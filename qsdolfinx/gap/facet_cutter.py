@@ -137,13 +137,14 @@ class FacetCutter:
         """See :class:`Cutter`."""
         pieces, gdim = found.of_cutter, found.of_cutter.gdim
         slave, master = self._surfaces
-        vecs, of_tool = [trace_vec(slave, start[0][..., :gdim])], np.zeros(0)
+        of_tool: Array = np.zeros(0)
+        vecs = [trace_vec(slave, start[0][..., :gdim])]
         if isinstance(master, Surface):
             vecs.append(trace_vec(master, start[1][..., :gdim]))
         else:
             of_tool = _back(places[1], start[1])
-        handles = [vec.handle for vec in vecs] + [0] * (2 - len(vecs))
-        slips = _cpp.SlipOfPieces(pieces, *handles, of_tool)
+        on_master = vecs[1].handle if len(vecs) > 1 else 0
+        slips = _cpp.SlipOfPieces(pieces, vecs[0].handle, on_master, of_tool)
         operator, works = (
             _cpp.GapOperator(
                 self._slave,

@@ -121,8 +121,8 @@ class MovingFunctions(typing.NamedTuple):
 
     Attributes:
         operator: Derivative of Σ_k λ_k N_k at the points, which are its rows.
-        mixed: Of each body Σ_p w_p r_p ∂N_k for some numbers r_p: unknowns of the slave that stand for sides of nodes,
-            unknowns of the body, −1 where conditions hold, and values.
+        mixed: Of each body Σ_p w_p r_p ∂N_k for some numbers r_p: unknowns of the slave that stand
+            for sides of nodes, unknowns of the body, −1 where conditions hold, and values.
     """
 
     operator: _cpp.GapOperator

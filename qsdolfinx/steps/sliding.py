@@ -61,9 +61,7 @@ def _turn(model: ContactModel, tool: Affine | None) -> float:
 def _slid(
     model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None, turn: float
 ) -> float:
-    touched = (
-        gap.operator.initial_gap + gap.allowance < TOUCHING * gap.slave.facet_size_range[0]
-    )
+    touched = gap.operator.initial_gap + gap.allowance < TOUCHING * gap.slave.facet_size_range[0]
     counts = np.asarray(
         gap.rows.on_nodes(active_set.closed(model, gap) | touched, False), dtype=bool
     )

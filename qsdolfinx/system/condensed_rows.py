@@ -327,12 +327,13 @@ class PointConstraints(CondensedRows):
         """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm), of gaps that follow. Collective."""
 
         def pressure(gap: Array, functions: Array) -> Array:
-            trial = self.part * functions + self.gamma * gap
+            trial: Array = np.asarray(self.part * functions + self.gamma * gap)
             if self._is_unilateral:
                 return np.maximum(trial, 0.0)
             penalty = np.full(len(gap), self.model.eps)
             with collective_errors(self.model.comm):  # the law is the user's
-                return self.gap.law.multiplier(trial[:, None] / self.gamma, penalty)[:, 0]
+                shifted = np.asarray(trial[:, None] / self.gamma, dtype=np.float64)
+                return self.gap.law.multiplier(shifted, penalty)[:, 0]
 
         of_sides = np.zeros(self.free.shape)
         if self._has:
@@ -343,7 +344,7 @@ class PointConstraints(CondensedRows):
         self.gap.add_curvature_of_points(found, pressure, of_sides, blocks)
 
     def _rest(self, at: Normal) -> Array:
-        """a (p_p − λ_h)/γ (length), (points,). Collective."""
+        """A (p_p − λ_h)/γ (length), (points,). Collective."""
         change = at.pressure - self.at_points(at.multiplier)
         return np.asarray(self.part / self.gamma * change[:, 0])
 

@@ -120,16 +120,16 @@ class GapMatrices:
         )
 
     def _of_moving(self, mixed: Entries, rows: PointConstraints, numbers: Indices) -> Entries:
-        """Of R_λ by the bodies' unknowns, as the functions of the sides of nodes move. Collective."""
+        """Of R_λ by the bodies' unknowns, as functions of the sides of nodes move. Collective."""
         extended = self._extended(rows.free, numbers, rows.extension)
         of_sides = PETSc.Mat().create(comm=self._comm)
         sizes = (_layout(rows.gap.slave)[0], PETSc.DETERMINE), (self._num, PETSc.DETERMINE)
         of_sides.setSizes(sizes)
         of_sides.setType(PETSc.Mat.Type.AIJ)
         some = mixed.column >= 0
-        row, column, value = (np.ascontiguousarray(array[some]) for array in mixed)
-        _cpp.set_places(of_sides.handle, row, column)  # some are of rows of other ranks
-        _cpp.set_values(of_sides.handle, value)
+        # Some are of rows of other ranks.
+        _cpp.set_places(of_sides.handle, mixed.row[some], mixed.column[some])
+        _cpp.set_values(of_sides.handle, mixed.value[some])
         product = extended.transposeMatMult(of_sides)
         out = _global_entries(product)
         for mat in (extended, of_sides, product):
@@ -158,9 +158,7 @@ class GapMatrices:
             thing.destroy()
         return found
 
-    def _extended(
-        self, free: Flags, numbers: Indices, extension: Extension | None
-    ) -> PETSc.Mat:
+    def _extended(self, free: Flags, numbers: Indices, extension: Extension | None) -> PETSc.Mat:
         """E: sides of nodes by the unknowns of these, a new matrix. Collective."""
         slave = self._rows.gap.slave
         num_sides, first = _layout(slave)

@@ -52,6 +52,7 @@ def pressed_tip(gdim, degree, kind, **options):
         (2, 1, {"constraints": "points"}),
         (2, 1, {"formulation": "master-slave", "normals": "bisector"}),
         (2, 1, {"sliding": "finite"}),
+        (2, 1, {"sliding": "finite", "constraints": "points"}),
         (2, 1, {"quadrature": "nodal", "friction": qs.Coulomb(0.0)}),
         (2, 1, {"smoothing": "shared-curvature"}),
         (2, 2, {"normals": "facet"}),
