@@ -146,7 +146,8 @@ class Contact:
             multipliers are functions on the slave's nodes. ``"nodes"``: at the slave nodes, for
             weighted gaps. By default ``"points"`` of unilateral contact on the overlay in small
             sliding; ties, double-pass contact, nodal quadrature, finite sliding, and a law of the
-            user's with a penalty have ``"nodes"``.
+            user's with a penalty have ``"nodes"``. With friction in finite sliding ``"points"`` has
+            the better energies, and takes fewer iterations.
         smoothing: What the gap is measured between, one for both sides or a pair for slave and
             master, on the overlay. ``"auto"``: the facets, or with small sliding, where both sides
             are curved alike and chords change the gap by more than a tenth of the clearance or

@@ -115,6 +115,20 @@ def test_floor_is_slave(facets):
     assert scene.problem.num_iterations <= 12
 
 
+@pytest.mark.parametrize("floor_is_slave", (False, True))
+@pytest.mark.parametrize("facets", (2, 6))
+def test_energy_at_points(facets, floor_is_slave):
+    """All of the work along, however far the slide and whichever is the slave."""
+    scene = Drag("quadrilateral", 5.6, floor_is_slave, constraints="points")
+    way = facets * FACET
+    for _ in range(2):
+        scene.slide([way])
+        assert scene.problem.num_iterations <= 10
+    assert abs(scene.ratio / MU - 1) < 2e-3
+    work = MU * scene.force[-1] * way
+    assert abs(scene.contact.step_dissipation() / work - 1) < 1e-3
+
+
 def test_direction_in_three_dimensions():
     """Friction is against the slide, whatever its direction to the facets."""
     scene = Drag("tetrahedron", 3.4)
