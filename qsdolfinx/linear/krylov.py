@@ -28,6 +28,9 @@ NEAR = 1e-5
 #: Iterations that any solve is given.
 LEAST = 30
 
+#: Factor of the tolerance for each iteration after the first one in which the residual is no less.
+TIGHTER = 0.1
+
 #: Upper bound of the relative tolerance of a linear solve.
 _LOOSEST = 0.1
 
@@ -86,7 +89,8 @@ class Krylov:
 
         While the tangent changes a few digits do (inexact Newton methods: Eisenstat and Walker,
         1996). For linear bodies the residual is linear while the active set stays: one solve then
-        ends Newton's method.
+        ends Newton's method. Where the residual does not fall any more, what linear solves leave
+        may be what opens and closes contacts in turns: they get more exact then.
 
         Args:
             norms: Norm of the residual at each iteration so far.
@@ -101,7 +105,7 @@ class Krylov:
         elif last >= NEAR:
             tolerance = last
         elif len(norms) < 2 or (self._linear and not self._slips):
-            tolerance = self._loose
+            tolerance = max(last, self._loose * TIGHTER ** max(_stalls(norms) - 1, 0))
         else:
             tolerance = max(last, min(self._loose, (norms[-1] / norms[-2]) ** 2))
         self._set(min(max(tolerance, TIGHTEST), _LOOSEST))
@@ -120,3 +124,12 @@ class Krylov:
     def _set(self, tolerance: float) -> None:
         longest = self.longest(tolerance)
         self._ksp.setTolerances(rtol=tolerance, **({} if longest is None else {"max_it": longest}))
+
+
+def _stalls(norms: typing.Sequence[float]) -> int:
+    """Iterations since a norm was half of the least one before."""
+    least, stalls = np.inf, 0
+    for norm in norms:
+        stalls = 0 if norm <= least / 2 else stalls + 1
+        least = min(least, norm)
+    return stalls
