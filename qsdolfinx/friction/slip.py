@@ -490,7 +490,7 @@ class Slip:
             self.hold(self._held)
             self.cover = np.ones(len(found.normal))
             return
-        self.operator = self.gap.jump_operator()
+        self.operator = self.works = self.gap.jump_operator()
         self.hold(self._held)
         self.cover = self._cover()
 

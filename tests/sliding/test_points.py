@@ -8,6 +8,7 @@ from scenes import WORLD, Pair, box, largest, plane, vector_space
 from system.test_equations import away, equations_of
 
 import qsdolfinx as qs
+from qsdolfinx.system.equations import Equations
 
 FINITE = {"sliding": "finite", "constraints": "points"}
 
@@ -110,3 +111,30 @@ def test_energy_of_friction(slave):
     scene = Passing(0.3, slave)
     work, taken = scene.work(), scene.rows[-1][3]
     assert taken > 0 and abs(taken / work - 1) < 0.03
+
+
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
+@pytest.mark.parametrize("shape", ("plane", "facets"))
+def test_driven_tool(shape, constraints):
+    """What its row says is the force that the body has from it, wherever both are."""
+    pair = Pair("triangle", wave=0.02)
+    along = np.array([0.6, -0.8])
+    if shape == "plane":
+        tool = qs.RigidSurface.plane(WORLD, np.zeros(2), [0.0, -1.0])
+    else:
+        x = np.array([[-0.5, 0.0], [0.3, 0.01], [0.6, 0.0], [1.5, 0.02]])
+        ends = np.array([[0, 1], [1, 2], [2, 3]])
+        tool = qs.RigidSurface.triangulated(WORLD, x, ends, [0.5, 3.0])
+    tool.drive(0.1, along)
+    options = {"sliding": "finite", "constraints": constraints, "friction": qs.Coulomb(0.3)}
+    contact = qs.Contact(pair.master, tool, **options)
+    problem = qs.ContactProblem(pair.F[:1], pair.u[:1], [contact], pair.bcs[:1])
+    problem.set_up()
+    equations = Equations(problem.system)
+    z, _ = away(equations)
+    equations.evaluate(z)
+    at = equations.evaluate(z + 0.01 * away(equations, seed=3)[0])
+    forces = equations.bodies_of(at.contact).reshape(-1, 2)
+    total = WORLD.allreduce(forces.sum(axis=0))
+    assert abs(total @ along) > 1e-3
+    assert abs(at.tools[0] + 0.1 + total @ along) < 1e-10
