@@ -123,7 +123,9 @@ def test_energy_at_points(facets, floor_is_slave):
     way = facets * FACET
     for _ in range(2):
         scene.slide([way])
-        assert scene.problem.num_iterations <= 10
+        assert (
+            scene.problem.num_iterations <= 15
+        )  # with those after which others are hardly covered
     assert abs(scene.ratio / MU - 1) < 2e-3
     work = MU * scene.force[-1] * way
     assert abs(scene.contact.step_dissipation() / work - 1) < 1e-3
