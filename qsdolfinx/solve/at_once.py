@@ -92,10 +92,6 @@ class AtOnce:
         try:
             with system.watch.stage("solve"):
                 z = self._find(equations, loop)
-                for _ in range(MAX_MEASURES):
-                    if not equations.are_stale:
-                        break
-                    equations, loop, z = self._go_on(equations, loop, z, stiffness)
             equations.end_at(z)
             self._again = True
         except (NoConvergence, NoGapError) as error:
@@ -114,25 +110,6 @@ class AtOnce:
             system.forget_tangent()
             equations.destroy()
         return True
-
-    def _go_on(
-        self, equations: Equations, loop: OneNewton, z: Array, stiffness: float | None
-    ) -> tuple[Equations, OneNewton, Array]:
-        """New equations, with the multipliers that are unknowns now, and their solution.
-
-        Collective.
-        """
-        equations.keep(z)
-        anew = Equations(self._system)
-        after = OneNewton(anew, self._newton, True, stiffness)
-        at = anew.join(
-            self._system.x.array_r.copy(),
-            [p.rows.first() for p in anew.passes],
-            np.zeros(len(anew.tools)),
-        )
-        loop.destroy()
-        equations.destroy()
-        return anew, after, after.solve(at, begins=False)
 
     def _note_failure(self, error: NoConvergence | NoGapError, loop: OneNewton) -> None:
         """Remember why there is no solution."""

@@ -182,17 +182,6 @@ class PointConstraints(CondensedRows):
         self.free: Flags = covered & ~held if self._has else none
 
     @property
-    def is_stale(self) -> bool:
-        """Whether points hardly cover other sides of nodes than when this was made. Collective."""
-        if self.gap.following is None or not self._has:
-            return False
-        found, known = self._points.extended(self.gap.extension), self.extension
-        none = np.zeros_like(self.free)
-        now, then = (none if of is None else of.held for of in (found, known))
-        changed = bool(np.any(now != then))
-        return bool(self.model.comm.allreduce(changed, op=MPI.LOR))
-
-    @property
     def _points(self) -> PointRows:
         """The points, others at each evaluation where gaps follow the bodies."""
         assert isinstance(self.gap.rows, PointRows)

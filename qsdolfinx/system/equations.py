@@ -294,7 +294,9 @@ class Equations:
 
     def end_at(self, z: Array) -> None:
         """Let bodies, contacts and tools be at z, which is known to be a solution. Collective."""
-        self.keep(z)
+        for p, e in zip(self.passes, self.evaluate(z).passes, strict=True):
+            p.rows.keep(e)
+        self.system.x.array[:] = self.bodies_of(z)
         self.system.residual(self.system.x.array_r)
         self._at = None
 
@@ -903,22 +905,6 @@ class Equations:
             of = J.row % gdim == k
             out.append(Entries(J.row[of] // gdim, J.column[of], J.value[of]))
         return out
-
-    @property
-    def are_stale(self) -> bool:
-        """Whether other multipliers would be unknowns at the last evaluation. Collective."""
-        rows = [p.rows.condensed for p in self.passes]
-        return any([of.is_stale for of in rows if isinstance(of, PointConstraints)])
-
-    def keep(self, z: Array) -> None:
-        """Let passes know their multipliers, and bodies where they are. Collective.
-
-        Args:
-            z: Unknowns, at the last evaluation.
-        """
-        for p, e in zip(self.passes, self.evaluate(z).passes, strict=True):
-            p.rows.keep(e)
-        self.system.x.array[:] = self.bodies_of(z)
 
     def restart(self) -> None:
         """Count displacements of driven tools from where they are now."""

@@ -17,12 +17,11 @@ from qsdolfinx.system.equations import Equations
 @pytest.mark.parametrize("formulation", ("quasi-symmetric", "master-slave"))
 @pytest.mark.parametrize("enforcement", ("augmented-lagrangian", "penalty"))
 @pytest.mark.parametrize("way", (0.35, 0.75))
-@pytest.mark.parametrize("constraints", ("nodes", "points"))
-def test_solve_again(constraints, way, enforcement, formulation):
+def test_solve_again(way, enforcement, formulation):
     """Of a wide slave other nodes are covered at the end than where the block came from."""
     scene = Boxes("quadrilateral", ((12, 4), (5, 4)), ((2.4, 1.0), (1.0, 1.0)), start=0.7)
     top = scene.clamp_far()
-    options = {"sliding": "finite", "enforcement": enforcement, "constraints": constraints}
+    options = {"sliding": "finite", "enforcement": enforcement}
     contact = qs.Contact(scene.below, scene.above, formulation, **options)
     problem = scene.problem(contact)
     top.value[:] = way, -0.03
