@@ -199,7 +199,7 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Piec
 {
   const PairingPoints points = points_of_pieces(slave, master, pieces).with_alone(alone, weight, 0);
   for (int i = 0; i < num_sides_; ++i)
-    rows_of_slip(sides_[i], pieces, points, i, gradient);
+    rows_of_pieces(sides_[i], pieces, points, i, gradient, 3);
   row_area_ = points.weight;
   initial_gap_.assign(points.size(), 0);
   build_scatter(sides_[0], slave);

@@ -201,7 +201,7 @@ std::vector<double> qsdolfinx::gradients_of_pieces(const Pieces& pieces)
 
 void qsdolfinx::rows_of_pieces(GapOperator::Side& out, const Pieces& pieces,
                                const PairingPoints& points, int side,
-                               const std::vector<double>& gradients)
+                               const std::vector<double>& gradients, std::size_t components)
 {
   const PairingSide& s = side == 0 ? points.slave : points.master;
   const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.block);
@@ -214,8 +214,9 @@ void qsdolfinx::rows_of_pieces(GapOperator::Side& out, const Pieces& pieces,
   compress(out, f, points.size(), columns,
            [&](std::size_t p, std::size_t j)
            {
-             const double* row = &gradients[(p * nodes + first + j) * 3];
-             out.coefficient.insert(out.coefficient.end(), row, row + d);
+             const double* row = &gradients[(p * nodes + first + j) * 3 * components];
+             for (std::size_t r = 0; r < std::min(components, d); ++r)
+               out.coefficient.insert(out.coefficient.end(), row + 3 * r, row + 3 * r + d);
            });
   fill_dofs(out, f, points.size(), columns);
 }
@@ -323,26 +324,4 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
                     std::span(works).subspan(done * size, count * size)});
     done += count;
   }
-}
-
-void qsdolfinx::rows_of_slip(GapOperator::Side& out, const Pieces& pieces,
-                             const PairingPoints& points, int side,
-                             const std::vector<double>& gradient)
-{
-  const PairingSide& s = side == 0 ? points.slave : points.master;
-  const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.block);
-  const auto ns = static_cast<std::size_t>(pieces.slave.num_nodes),
-             nodes = ns + static_cast<std::size_t>(pieces.master.num_nodes);
-  const std::vector<std::int64_t> dofs = without_alone(points, s);
-  const Functions f{dofs, gradient, n, n, d};
-  const std::vector<std::int64_t> columns = find_columns(f, points.size());
-  const std::size_t first = side == 0 ? 0 : ns;
-  compress(out, f, points.size(), columns,
-           [&](std::size_t p, std::size_t j)
-           {
-             const double* matrix = &gradient[(p * nodes + first + j) * 9];
-             for (std::size_t r = 0; r < d; ++r)
-               out.coefficient.insert(out.coefficient.end(), matrix + 3 * r, matrix + 3 * r + d);
-           });
-  fill_dofs(out, f, points.size(), columns);
 }

@@ -24,8 +24,10 @@ std::vector<double> gradients_of_pieces(const Pieces& pieces);
 
 /// Rows of one side, one for each point of pieces, of such gradients. @param side as above
 /// @param points those of points_of_pieces, perhaps with some that are alone
+/// @param components of what they are gradients of, [point][node][component][3]: 1, or 3 of a
+/// vector
 void rows_of_pieces(GapOperator::Side& out, const Pieces& pieces, const PairingPoints& points,
-                    int side, const std::vector<double>& gradients);
+                    int side, const std::vector<double>& gradients, std::size_t components = 1);
 
 /// How functions of the slave's vertices move along its facets at the points of pieces.
 struct FunctionsOfPieces
@@ -54,9 +56,5 @@ struct SlipOfPieces
   /// map, [3][4]
   SlipOfPieces(const Pieces& pieces, Vec slave, Vec master, std::span<const double> of_tool);
 };
-
-/// Rows of one side, one for each point of pieces and component, of one of these gradients.
-void rows_of_slip(GapOperator::Side& out, const Pieces& pieces, const PairingPoints& points,
-                  int side, const std::vector<double>& gradient);
 
 } // namespace qsdolfinx

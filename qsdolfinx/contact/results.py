@@ -454,8 +454,7 @@ def _force_vec(
     """
     vecs = model.slave.create_vec(), model.master.create_vec()
     for p in model.gaps if part != "tangential" else ():
-        multiplier, ordered = multiplier_of(model, p), model.ordered(p, vecs)
-        p.add_forces(multiplier, ordered)
+        p.add_forces(multiplier_of(model, p), model.ordered(p, vecs))
     for slip in model.slips if part != "normal" else ():
         slip.add_forces(model.ordered(slip.gap, vecs))
     if model.friction_heat is not None:

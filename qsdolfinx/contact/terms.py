@@ -72,8 +72,7 @@ def add_residual(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None
         with collective_errors(model.comm):  # a law may be the user's
             multipliers = [gap.multiplier(model.eps) for gap in model.gaps]
         for gap, multiplier in zip(model.gaps, multipliers, strict=True):
-            vecs = model.ordered(gap, (slave, master))
-            gap.add_forces(multiplier, vecs)
+            gap.add_forces(multiplier, model.ordered(gap, (slave, master)))
         for slip in model.slips:
             slip.add_forces(model.ordered(slip.gap, (slave, master)))
         if model.friction_heat is not None:

@@ -291,6 +291,8 @@ class Following:
         at_points: bool = False,
     ) -> None:
         self.at_points = at_points
+        #: Smooth sides that owned nodes have, (nodes, block).
+        self._sides_of_nodes = sides_of(slave)
         self._slave, self._master, self._cutter = slave, master, cutter
         self._tool = as_tool(master)
         self._creases = bool(np.any(slave.cpp_object.vertex_side > 0))
@@ -434,9 +436,9 @@ class Following:
 
     def _alone(self, found: Found, measure: Measure) -> Alone:
         """What keeps multipliers regular where next to nothing is opposite. Collective."""
-        slave = self._slave
+        slave, sides = self._slave, self._sides_of_nodes
         covered = np.asarray(found.rows.cover_of_sides(len(measure.node_area)))
-        missing = LEAST_COVER * sides_of(slave) * measure.node_area[:, None] - covered
+        missing = LEAST_COVER * sides * measure.node_area[:, None] - covered
         some = missing > 0
         return Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
 
@@ -614,9 +616,9 @@ class Following:
             rest: r_p, (rows,).
         """
         assert last.alone is not None
-        markers = self._marked or (self._slave.create_vec(), None)
+        assert self._marked is not None
         vec = self._vec_of_sides(field)
-        found = self._cutter.moving_functions(last.found, last.alone, vec, rest, markers)
+        found = self._cutter.moving_functions(last.found, last.alone, vec, rest, self._marked)
         vec.destroy()
         if found is not None:
             self._constrain(found.operator)

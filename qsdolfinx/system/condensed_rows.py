@@ -344,7 +344,7 @@ class PointConstraints(CondensedRows):
         self.gap.add_curvature_of_points(found, pressure, of_sides, blocks)
 
     def _rest(self, at: Normal) -> Array:
-        """A (p_p − λ_h)/γ (length), (points,). Collective."""
+        """The part a of (p_p − λ_h)/γ (length), (points,). Collective."""
         change = at.pressure - self.at_points(at.multiplier)
         return np.asarray(self.part / self.gamma * change[:, 0])
 

@@ -87,9 +87,9 @@ class GapMatrices:
             self.functions = functions[0].matrix(self._size, self._num, self._comm)
         #: Of λ by how its functions move.
         self._mixed: list[Entries] = []
-        in_rows: list[list[Entries]] = [[], []]
+        in_rows: list[Entries] = []
         if moving is not None and isinstance(rows, PointConstraints):
-            in_rows[1] = [moving.rows]
+            in_rows = [moving.rows]
             of_functions = moving.rows._replace(value=rows.part * moving.rows.value)
             found[1] = joined([found[1], of_functions])
             self._mixed = [self._of_moving(moving.mixed, rows, numbers[0])]
@@ -105,14 +105,15 @@ class GapMatrices:
         #: The same without how functions move; None without multipliers.
         self._all_left: PETSc.Mat | None = None
         if functions or of_slips:
-            self._all_left, self._all = (
-                joined([*of_nodes, *of_slips, *moved]).matrix(self._size, self._num, self._comm)
-                for moved in in_rows
-            )
+            every = joined([*of_nodes, *of_slips])
+            self._all = self._all_left = every.matrix(self._size, self._num, self._comm)
+            if in_rows:
+                every = joined([every, *in_rows])
+                self._all = every.matrix(self._size, self._num, self._comm)
         left, right = found
         works_on = joined([left, *functions, *of_slips]).matrix(self._size, self._num, self._comm)
         #: Bᵀ.
-        self._left: PETSc.Mat = works_on.transpose()
+        self._left: PETSc.Mat = works_on.transpose()  # in place
         if friction is not None:  # of a penalty τ has a compliance
             of_slips = [e._replace(value=(1 - friction.elastic) * e.value) for e in of_slips]
         self._right = joined([right, *functions, *of_slips]).matrix(
@@ -204,10 +205,18 @@ class GapMatrices:
             weights = self._with_friction(friction, at, tangential, own)
         found = [self._product(weights)]
         weights.destroy()
-        if self._all is not None:
-            self._own = self._own or self._of_multipliers(self._all)
+        if self._own is None and self._all is not None:
+            self._own = self._of_multipliers(self._all)
+            self._forget_functions()
+        if self._own is not None:
             found.append(self._own)
         return joined([*found, *self._mixed])
+
+    def _forget_functions(self) -> None:
+        """Free N, which is of points: its product stays. Collective."""
+        for mat in {id(m): m for m in (self._all, self._all_left) if m is not None}.values():
+            mat.destroy()
+        self._all = self._all_left = None
 
     def _of_multipliers(self, functions: PETSc.Mat) -> Entries:
         """−a Nᵀ W/γ N, which stays. Collective."""
@@ -278,8 +287,8 @@ class GapMatrices:
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        kept = self._left, self._right, self.functions, self._all, self._all_left
-        for mat in (*kept, *(self._products or ())):
+        self._forget_functions()
+        for mat in (self._left, self._right, self.functions, *(self._products or ())):
             if mat is not None:
                 mat.destroy()
 

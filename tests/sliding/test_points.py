@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from following import Body, problem_of
 from friction.test_friction import quadratic_space
-from scenes import WORLD, Pair, box, largest, plane, vector_space
-from system.test_equations import away, equations_of
+from scenes import WORLD, Pair, box, plane, vector_space
+from system.test_equations import away, equations_of, errors
 
 import qsdolfinx as qs
 from qsdolfinx.system.equations import Equations
@@ -31,20 +31,7 @@ def test_derivative_of_forces(cell, space, tolerance, formulation):
     z, scale = away(equations, size=0.01)
     for values in equations.multipliers(z):  # all points are closed: none is where p has a kink
         values.normal[:] += 5.0
-    rng = np.random.default_rng((1, WORLD.rank))
-    direction = scale * rng.uniform(-1, 1, len(z))
-    for i, body in enumerate(equations.system.bodies):
-        equations.part(direction, i)[body.owned_constrained] = 0.0
-    matrix = equations.tangent(z)
-    x, y = matrix.createVecs()
-    x.array[:] = direction
-    matrix.mult(x, y)
-    step = 1e-6
-    ahead, behind = (equations.residual(z + sign * step * direction) for sign in (1, -1))
-    difference = (ahead - behind) / (2 * step)
-    equations.residual(z)
-    error, size = (equations.bodies_of(values) for values in (y.array_r - difference, difference))
-    assert largest(error) < tolerance * largest(size)
+    assert errors(equations, z, scale, of=equations.bodies_of) < tolerance
 
 
 def half_ring(start, center):

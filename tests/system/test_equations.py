@@ -44,8 +44,8 @@ def away(equations, seed=0, size=0.02):
     return scale * rng.uniform(-1, 1, equations.num_local), scale
 
 
-def errors(equations, z, scale, exact=True, seed=1):
-    """By how much the tangent and differences of the residual disagree, by parts of z."""
+def errors(equations, z, scale, exact=True, seed=1, of=lambda values: values):
+    """By how much the tangent and differences of the residual, or parts of them, disagree."""
     matrix, rng = equations.tangent(z, exact), np.random.default_rng((seed, WORLD.rank))
     direction = scale * rng.uniform(-1, 1, len(z))
     for i, body in enumerate(equations.system.bodies):
@@ -57,7 +57,7 @@ def errors(equations, z, scale, exact=True, seed=1):
     ahead, behind = (equations.residual(z + sign * step * direction) for sign in (1, -1))
     difference = (ahead - behind) / (2 * step)
     equations.residual(z)
-    return largest(y.array_r - difference) / largest(difference)
+    return largest(of(y.array_r - difference)) / largest(of(difference))
 
 
 def equations_of(pair):
