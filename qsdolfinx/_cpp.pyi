@@ -126,10 +126,13 @@ class GapOperator:
         self, side: int
     ) -> tuple[
         numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.int32],
         numpy.typing.NDArray[numpy.float64],
     ]:
-        """Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where conditions hold, [entry][block]; coefficients, [entry][gdim], of a jump [entry][1], or [entry][gdim * gdim] if it turns."""
+        """Of one side: first entry of each row, [row + 1]; place of its node among the columns, [entry]; coefficients, [entry][gdim], of a jump [entry][1], or [entry][gdim * gdim] if it turns."""
+
+    def columns(self, side: int) -> numpy.typing.NDArray[numpy.int64]:
+        """Unknowns of one side's nodes, -1 where conditions hold, [column][block]."""
 
     @property
     def num_sides(self) -> int:

@@ -204,23 +204,22 @@ void qsdolfinx::bind_gap(nb::module_& m)
           [](const GapOperator& g, int side)
           {
             const GapOperator::Side& s = g.side(side);
-            const auto d = static_cast<std::size_t>(g.block());
-            std::vector<std::int64_t> unknowns;
-            unknowns.reserve(s.column.size() * d);
-            for (std::int32_t column : s.column)
-              for (std::size_t k = 0; k < d; ++k)
-                unknowns.push_back(s.free_dofs[column * d + k]);
-            const std::size_t entries = s.column.size();
-            const std::size_t width = g.entry_size();
-            return std::tuple(copy(s.offset, {s.offset.size()}),
-                              copy(std::move(unknowns), {entries, d}),
-                              copy(s.coefficient, {entries, width}));
+            return std::tuple(copy(s.offset, {s.offset.size()}), copy(s.column, {s.column.size()}),
+                              copy(s.coefficient, {s.column.size(), g.entry_size()}));
           },
           "side"_a,
-          "Of one side: first entry of each row, [row + 1]; the nodes' unknowns, -1 where "
-          "conditions "
-          "hold, [entry][block]; coefficients, [entry][gdim], of a jump [entry][1], or "
-          "[entry][gdim * gdim] if it turns.")
+          "Of one side: first entry of each row, [row + 1]; place of its node among the columns, "
+          "[entry]; coefficients, [entry][gdim], of a jump [entry][1], or [entry][gdim * gdim] if "
+          "it turns.")
+      .def(
+          "columns",
+          [](const GapOperator& g, int side)
+          {
+            const auto& dofs = g.side(side).free_dofs;
+            const auto d = static_cast<std::size_t>(g.block());
+            return copy(std::vector<std::int64_t>(dofs.begin(), dofs.end()), {dofs.size() / d, d});
+          },
+          "side"_a, "Unknowns of one side's nodes, -1 where conditions hold, [column][block].")
       .def_prop_ro("num_sides", &GapOperator::num_sides, "2, or 1 if the master is rigid.")
       .def(
           "apply",

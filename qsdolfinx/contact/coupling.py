@@ -142,7 +142,8 @@ def _both(slave: Surface, master: AnySurface) -> list[Surface]:
 
 def _matrix(operator: _cpp.GapOperator, side: int, surface: Surface) -> PETSc.Mat:
     """One side of an operator with scalar rows, without what conditions hold. Collective."""
-    offset, unknowns, coefficients = operator.entries(side)
+    offset, column, coefficients = operator.entries(side)
+    unknowns = operator.columns(side)[column]
     kept = unknowns >= 0
     ends = np.concatenate([[0], np.cumsum(np.count_nonzero(kept, axis=1))])[offset]
     vec = surface.create_vec()

@@ -45,12 +45,13 @@ class ContactPart(typing.NamedTuple):
             [self.matrix.createSubMatrix(rows, columns) for columns in sets] for rows in sets
         )
         inverse = inverse._replace(column=inverse.column + none.getOwnershipRange()[0])
-        C = inverse._replace(value=-inverse.value).matrix(num, num, self.matrix.comm)
+        C = inverse.scaled(-1.0).matrix(num, num, self.matrix.comm)
         half = C.matMult(D)
         product = F.matMult(half)
-        out.axpy(1.0, product, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        for thing in (F, D, none, C, half, product, *sets):
+        for thing in (F, D, none, C, half, *sets):  # before the sum needs its memory
             thing.destroy()
+        out.axpy(1.0, product, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        product.destroy()
         return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import typing
 
 from petsc4py import PETSc
@@ -16,6 +17,7 @@ from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.blocks import Blocks, Sides, is_symmetric
 from qsdolfinx.system.body import Body
+from qsdolfinx.system.entries import joined
 from qsdolfinx.system.factored import Formed
 from qsdolfinx.system.factors import ContactFactors
 from qsdolfinx.system.sum import Sum
@@ -171,14 +173,18 @@ class ContactFormed:
         matrices: typing.Sequence[PETSc.Mat],
         watch: Stopwatch,
     ) -> None:
-        self._blocks, self._watch = Blocks(bodies, contacts, sides, matrices, bulk=False), watch
-        with watch.stage("conversion"):
-            #: The matrix, and whether its pattern is another than that of blocks.
-            self.is_other = False
-            self.product = Formed(self._blocks.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
+        self._watch = watch
+        self._blocks: Blocks | None = None
+        self._make = functools.partial(Blocks, bodies, contacts, sides, matrices, bulk=False)
+        size = sum(K.getLocalSize()[0] for K in matrices)
+        #: The matrix, nothing at first, and whether its pattern is another than that of blocks.
+        self.product = Formed(joined([]).matrix(size, size, matrices[0].comm))
+        self.is_other = True
 
     def update(self) -> None:
         """Follow the contacts. Collective."""
+        if self._blocks is None:
+            self._blocks = self._make()
         self._blocks.assemble()
         with self._watch.stage("conversion"):
             if self.is_other:
@@ -190,4 +196,5 @@ class ContactFormed:
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
         self.product.destroy()
-        self._blocks.destroy()
+        if self._blocks is not None:
+            self._blocks.destroy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import typing
 
 from mpi4py import MPI
@@ -25,9 +26,10 @@ from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.system.blocks import Blocks
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated, Multipliers
-from qsdolfinx.system.factors import Entries, Number, entries_of, joined
+from qsdolfinx.system.entries import Entries, joined
+from qsdolfinx.system.factors import Number, entries_of
 from qsdolfinx.system.friction_rows import OfTangential
-from qsdolfinx.system.gap_matrices import GapMatrices, Moving
+from qsdolfinx.system.gap_matrices import GapMatrices, Moving, Sided
 from qsdolfinx.system.normal_rows import NodalRows, Normal
 from qsdolfinx.system.system import ContactSystem
 from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
@@ -647,20 +649,17 @@ class Equations:
             mat.assemble()
         return blocks
 
-    def _entries(
-        self,
-        operator: typing.Any,
-        p: Pass,
-        first: int,
-        scaled: bool,
-    ) -> Entries:
+    def _entries(self, operator: typing.Any, p: Pass, first: int, scaled: bool) -> Entries:
         """Of G or J with its rows from a number on; by displacements or by the unknowns."""
+        return joined(self._of_sides(operator, p, scaled)).below(first)
+
+    def _of_sides(self, operator: typing.Any, p: Pass, scaled: bool) -> list[Entries]:
+        """Those of each body, rows being numbers on this rank."""
         numbers: list[Number] = [
             functools.partial(self._numbers, i) for i in range(len(self._ranges))
         ]
         scale = self.system.scales if scaled else [1.0] * len(self._ranges)
-        found = entries_of(operator, p.bodies, numbers, scale)
-        return found._replace(row=found.row + first)
+        return entries_of(operator, p.bodies, numbers, scale)
 
     def _of_pass(self, i: int, p: Pass, at: Evaluated, exact: bool) -> list[Entries]:
         """Entries that the constraints of a pass have a part in. Collective."""
@@ -724,9 +723,7 @@ class Equations:
         first, part = mat.getOwnershipRange()[0], self._number_of_part(p)
         own = self._first_of(p) + np.arange(p.rows.num_multipliers)
         if p.rows.condensed is not None:
-            functions = self._matrices(p, p.rows.condensed, own).functions
-            assert functions is not None
-            mat = mat.matMult(functions)
+            mat = mat.matMult(self._matrices(p, p.rows.condensed, own).functions())
         starts, columns, values = mat.getValuesCSR()
         row = first + np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts))
         numbers = columns.astype(np.int64)
@@ -787,7 +784,7 @@ class Equations:
             mixed.append(Entries(side, self._numbers(body, unknown), scaled))
         of_tool = None if p.tool is None else self._moved_functions(p, found)
         operators = found.operator, found.operator
-        return Moving(self._both(p, operators, of_tool)[1], joined(mixed))
+        return Moving(joined(self._both(p, operators, of_tool)[1]), joined(mixed))
 
     def _moved_functions(self, p: Pass, found: MovingFunctions) -> Array:
         """How λ_h changes at the rows when a driven tool moves, (rows, 1). Collective."""
@@ -799,17 +796,24 @@ class Equations:
 
     def _both(
         self, p: Pass, operators: tuple[typing.Any, typing.Any], change: Array | None
-    ) -> tuple[Entries, Entries]:
+    ) -> Sided:
         """Of L by displacements, and G or J by the unknowns, with those of a driven tool."""
-        found = []
-        for operator, scaled in zip(operators, (False, True), strict=True):
-            parts = [self._entries(operator, p, 0, scaled)]
-            if p.tool is not None and change is not None:
-                row = np.arange(change.size)
-                tool = np.full(len(row), self._first[0, -2] + p.tool)
-                parts.append(Entries(row, tool, change.ravel()))
-            found.append(joined(parts))
-        return found[0], found[1]
+        first, last = operators
+        by_displacement = self._with_change(p, first, False, change)
+        if first is last and all(scale == 1 for scale in self.system.scales):
+            return by_displacement, by_displacement
+        return by_displacement, self._with_change(p, last, True, change)
+
+    def _with_change(
+        self, p: Pass, operator: typing.Any, scaled: bool, change: Array | None
+    ) -> list[Entries]:
+        """Of one of them."""
+        found = self._of_sides(operator, p, scaled)
+        if p.tool is not None and change is not None:
+            row = np.arange(change.size)
+            tool = np.full(len(row), self._first[0, -2] + p.tool)
+            found.append(Entries(row, tool, change.ravel()))
+        return found
 
     def _first_of(self, p: Pass) -> int:
         """Number of a pass' first unknown on this rank."""
@@ -988,17 +992,18 @@ class _Assembled:
     def __init__(self, equations: Equations) -> None:
         self._comm, self._size = equations.system.comm, (equations.num_local, equations.size)
         self._matrix: PETSc.Mat | None = None
-        self._places: tuple[Indices, Indices] | None = None
+        self._places = b""
 
     def assemble(self, found: typing.Sequence[Entries]) -> PETSc.Mat:
         """Take these entries, some perhaps of rows of other ranks. Collective."""
         row, column, value = joined(found)
         keep = (row >= 0) & (column >= 0)
         row, column, value = row[keep], column[keep], value[keep]
-        known = self._places
-        same = known is not None and all(map(np.array_equal, known, (row, column)))
-        if not self._comm.allreduce(same, op=MPI.LAND):
+        places = hashlib.blake2b(np.ascontiguousarray(row))
+        places.update(np.ascontiguousarray(column))
+        if not self._comm.allreduce(places.digest() == self._places, op=MPI.LAND):
             self._allocate(row, column)
+            self._places = places.digest()
         assert self._matrix is not None
         _cpp.set_values(self._matrix.handle, value)
         return self._matrix
@@ -1009,13 +1014,12 @@ class _Assembled:
         self._matrix.setSizes((self._size, self._size))
         self._matrix.setType(PETSc.Mat.Type.AIJ)
         _cpp.set_places(self._matrix.handle, row, column)
-        self._places = row, column
 
     def destroy(self) -> None:
         """Free it. Collective."""
         if self._matrix is not None:
             self._matrix.destroy()
-        self._matrix = self._places = None
+        self._matrix, self._places = None, b""
 
 
 def _any_entries(rows: int, columns: int, equations: Equations) -> PETSc.Mat:

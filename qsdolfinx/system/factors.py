@@ -15,6 +15,7 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.blocks import Side, Sides
+from qsdolfinx.system.entries import Entries, joined
 from qsdolfinx.system.factored import Factored
 from qsdolfinx.system.numbering import numbering
 
@@ -22,29 +23,6 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 #: Numbers in a larger system of global unknowns of a body; -1 stays.
 Number = typing.Callable[[Indices], Indices]
-
-
-class Entries(typing.NamedTuple):
-    """Entries of a matrix in rows of this rank; columns are numbers in all bodies' unknowns."""
-
-    row: Indices
-    column: Indices
-    value: Array
-
-    def matrix(self, num_rows: int, num_columns: int, comm: typing.Any) -> PETSc.Mat:
-        """AIJ matrix of these numbers of rows and columns on this rank. Collective."""
-        keep = self.column >= 0
-        row, column, value = self.row[keep], self.column[keep], self.value[keep]
-        order = np.lexsort((column, row))
-        row, column, value = row[order], column[order], value[order]
-        if len(row) > 0:  # a surface that meets itself may have a place twice
-            new = np.append(True, (np.diff(row) != 0) | (np.diff(column) != 0))
-            row, column = row[new], column[new]
-            value = np.add.reduceat(value, np.flatnonzero(new))
-        pointer = np.append(0, np.cumsum(np.bincount(row, minlength=num_rows)))
-        csr = pointer.astype(np.int32), column.astype(np.int32), value
-        sizes = (num_rows, PETSc.DETERMINE), (num_columns, PETSc.DETERMINE)
-        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
 
 
 class ContactFactors:
@@ -204,16 +182,16 @@ def _sides(
     out = []
     for k, body in enumerate(bodies[: operator.num_sides]):
         assert body is not None
-        offset, unknowns, value = operator.entries(k)
-        gap = np.repeat(np.arange(operator.num_rows), np.diff(offset))[:, None]
-        row = gap * operator.width + np.arange(operator.width)
+        offset, column, value = operator.entries(k)
+        unknowns = numbers[body](operator.columns(k)).astype(PETSc.IntType)[column]
+        gap = np.arange(operator.num_rows * operator.width, dtype=PETSc.IntType)
+        row = np.repeat(gap.reshape(-1, operator.width), np.diff(offset), axis=0)
         if operator.turns:  # each component has columns of all unknowns of a node
             row, width = np.repeat(row, operator.width, axis=1), operator.width
             unknowns = np.tile(unknowns, (1, width))
         shape = unknowns.shape
-        every = (np.broadcast_to(a, shape).ravel() for a in (row, value))
-        row, value = every
-        out.append(Entries(row.astype(np.int64), numbers[body](unknowns.ravel()), value))
+        row, value = (np.broadcast_to(a, shape).ravel() for a in (row, value))
+        out.append(Entries(row, unknowns.ravel(), value))
     return out
 
 
@@ -222,20 +200,14 @@ def entries_of(
     bodies: typing.Sequence[int | None],
     numbers: typing.Sequence[Number],
     scales: typing.Sequence[float],
-) -> Entries:
-    """Entries of both sides together, times the scale of each body."""
+) -> list[Entries]:
+    """Entries of both sides, times the scale of each body."""
     sides = _sides(operator, bodies, numbers)
     pairs = zip(sides, bodies, strict=False)
-    return joined([e._replace(value=scales[i] * e.value) for e, i in pairs if i is not None])
-
-
-def joined(parts: typing.Sequence[Entries]) -> Entries:
-    """All entries."""
-    none = Entries(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
-    return Entries(*(np.concatenate(arrays) for arrays in zip(none, *parts, strict=True)))
+    return [e if scales[i] == 1 else e.scaled(scales[i]) for e, i in pairs if i is not None]
 
 
 def _stacked(parts: typing.Sequence[Entries], starts: Indices) -> Entries:
     """All entries, rows one part below the other."""
     pairs = zip(parts, starts, strict=False)
-    return joined([part._replace(row=part.row + start) for part, start in pairs])
+    return joined([part.below(int(start)) for part, start in pairs])

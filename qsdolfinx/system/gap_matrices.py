@@ -13,7 +13,13 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
-from qsdolfinx.system.factors import Entries, joined
+from qsdolfinx.system.entries import (
+    Entries,
+    global_entries,
+    joined,
+    local_entries,
+    matrix_of,
+)
 from qsdolfinx.system.friction_at_points import PointFriction
 from qsdolfinx.system.friction_rows import Tangential
 from qsdolfinx.system.normal_rows import Normal
@@ -21,6 +27,9 @@ from qsdolfinx.system.normal_rows import Normal
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
+#: By what moves the bodies and a driven tool, of which forces are the transposed; and by the
+#: unknowns: the same list where that is the same.
+Sided = tuple[list[Entries], list[Entries]]
 
 
 class Moving(typing.NamedTuple):
@@ -48,9 +57,8 @@ class GapMatrices:
     Args:
         rows: The rows.
         friction: Friction at these points; None without.
-        gaps: G by what moves the bodies, and a driven tool: forces are its transposed; and by the
-            unknowns.
-        slips: J likewise, a row for each component; None without friction.
+        gaps: G.
+        slips: J, a row for each component; None without friction.
         numbers: Of the unknowns λ of this rank among all, shape (λ,), and of τ.
         num_local: Unknowns of this rank.
         moving: How λ_h moves where gaps follow the bodies; None if it does not. What R_λ and forces
@@ -61,8 +69,8 @@ class GapMatrices:
         self,
         rows: CondensedRows,
         friction: PointFriction | None,
-        gaps: tuple[Entries, Entries],
-        slips: tuple[Entries, Entries] | None,
+        gaps: Sided,
+        slips: Sided | None,
         numbers: tuple[Indices, Indices],
         num_local: int,
         moving: Moving | None = None,
@@ -70,55 +78,70 @@ class GapMatrices:
         self._rows, self._comm, self._num = rows, rows.model.comm, num_local
         self._friction, self._width = friction, rows.gap.operator.width
         self._size: int = rows.gap.num_rows * self._width
-        #: a N E of λ; None without multipliers.
-        self.functions: PETSc.Mat | None = None
-        self._all: PETSc.Mat | None = None
+        self._numbers, self._functions = numbers[0], typing.cast("PETSc.Mat | None", None)
+        self._all: PETSc.Mat | None
+        self._all_left: PETSc.Mat | None
         #: What stays: −a Nᵀ W/γ N, and the patterns of the products.
         self._own: Entries | None = None
-        self._products: tuple[PETSc.Mat, PETSc.Mat] | None = None
-        found = [Entries(e.row, e.column, rows.gamma * e.value) for e in gaps]
-        functions: list[Entries] = []
+        self._products: tuple[PETSc.Mat, ...] = ()
         of_nodes: list[Entries] = []
         self._part = 1.0
         if isinstance(rows, PointConstraints) and rows.has_multipliers:
             of_nodes.append(self._of_nodes(rows.free, numbers[0], rows.extension))
             self._part = rows.part
-            functions.append(of_nodes[0]._replace(value=rows.part * of_nodes[0].value))
-            self.functions = functions[0].matrix(self._size, self._num, self._comm)
+        functions = [e.scaled(self._part) for e in of_nodes]
         #: Of λ by how its functions move.
         self._mixed: list[Entries] = []
         in_rows: list[Entries] = []
         if moving is not None and isinstance(rows, PointConstraints):
             in_rows = [moving.rows]
-            of_functions = moving.rows._replace(value=rows.part * moving.rows.value)
-            found[1] = joined([found[1], of_functions])
             self._mixed = [self._of_moving(moving.mixed, rows, numbers[0])]
-        if friction is not None and slips is not None:
-            first, gdim = self._size, friction.free.shape[2]
-            self._size += first * gdim
-            shifted = [e._replace(row=e.row + first, value=friction.gamma * e.value) for e in slips]
-            found = [joined(pair) for pair in zip(found, shifted, strict=True)]
-        #: N E of λ and τ; None without multipliers.
         of_slips = []
         if friction is not None:
-            of_slips = self._of_slips(friction, numbers[1], self._width * rows.gap.num_rows)
-        #: The same without how functions move; None without multipliers.
-        self._all_left: PETSc.Mat | None = None
+            first = self._size
+            self._size += first * friction.free.shape[2]
+            of_slips = self._of_slips(friction, numbers[1], first)
+        #: N E of λ and τ, and that without how functions move; None without multipliers.
+        self._all = self._all_left = None
         if functions or of_slips:
-            every = joined([*of_nodes, *of_slips])
-            self._all = self._all_left = every.matrix(self._size, self._num, self._comm)
+            self._all = self._all_left = self._matrix([*of_nodes, *of_slips])
             if in_rows:
-                every = joined([every, *in_rows])
-                self._all = every.matrix(self._size, self._num, self._comm)
-        left, right = found
-        works_on = joined([left, *functions, *of_slips]).matrix(self._size, self._num, self._comm)
-        #: Bᵀ.
-        self._left: PETSc.Mat = works_on.transpose()  # in place
-        if friction is not None:  # of a penalty τ has a compliance
-            of_slips = [e._replace(value=(1 - friction.elastic) * e.value) for e in of_slips]
-        self._right = joined([right, *functions, *of_slips]).matrix(
-            self._size, self._num, self._comm
-        )
+                self._all = self._matrix([*of_nodes, *of_slips, *in_rows])
+        of_gaps = self._stacked(gaps, slips)
+        elastic = 0.0 if friction is None else friction.elastic  # of a penalty τ has a compliance
+        #: Bᵀ of what forces work on; None if that is B.
+        self._left: PETSc.Mat | None = None
+        if of_gaps[0] is not of_gaps[1] or in_rows or elastic:
+            works_on = self._matrix([*of_gaps[0], *functions, *of_slips])
+            self._left = works_on.transpose()  # in place
+        of_functions = [e.scaled(self._part) for e in in_rows]
+        of_slips = [e.scaled(1 - elastic) for e in of_slips]
+        self._right = self._matrix([*of_gaps[1], *of_functions, *functions, *of_slips])
+
+    def functions(self) -> PETSc.Mat:
+        """A N E of λ, which stays this object's. Collective."""
+        rows = self._rows
+        assert isinstance(rows, PointConstraints)
+        if self._functions is None:
+            of_nodes = self._of_nodes(rows.free, self._numbers, rows.extension).scaled(self._part)
+            num = rows.gap.num_rows * self._width
+            self._functions = of_nodes.matrix(num, self._num, self._comm)
+        return self._functions
+
+    def _stacked(self, gaps: Sided, slips: Sided | None) -> Sided:
+        """γ G, and γ_t J below it."""
+        friction, rows = self._friction, self._rows
+        same = gaps[0] is gaps[1] and (slips is None or slips[0] is slips[1])
+        found, first = [], rows.gap.num_rows * self._width
+        for i in range(1 if same else 2):
+            found.append([e.scaled(rows.gamma) for e in gaps[i]])
+            if slips is not None and friction is not None:
+                found[i] += [e.scaled(friction.gamma).below(first) for e in slips[i]]
+        return found[0], found[-1]
+
+    def _matrix(self, parts: list[Entries]) -> PETSc.Mat:
+        """Of all rows by all unknowns."""
+        return matrix_of(parts, self._size, self._num, self._comm)
 
     def _of_moving(self, mixed: Entries, rows: PointConstraints, numbers: Indices) -> Entries:
         """Of R_λ by the bodies' unknowns, as functions of the sides of nodes move. Collective."""
@@ -132,7 +155,7 @@ class GapMatrices:
         _cpp.set_places(of_sides.handle, mixed.row[some], mixed.column[some])
         _cpp.set_values(of_sides.handle, mixed.value[some])
         product = extended.transposeMatMult(of_sides)
-        out = _global_entries(product)
+        out = global_entries(product)
         for mat in (extended, of_sides, product):
             mat.destroy()
         return out
@@ -154,7 +177,7 @@ class GapMatrices:
         """N E by the unknowns of these sides of nodes, in rows of this rank."""
         sides, mat = self._of_sides(), self._extended(free, numbers, extension)
         out = sides.matMult(mat)
-        found = _entries(out)
+        found = local_entries(out)
         for thing in (sides, mat, out):
             thing.destroy()
         return found
@@ -231,21 +254,26 @@ class GapMatrices:
         scaled = weights.matMult(functions)
         assert self._all_left is not None
         product = self._all_left.transposeMatMult(scaled)
-        out = _global_entries(product)
+        out = global_entries(product)
         for mat in (weights, scaled, product):
             mat.destroy()
         return out
 
     def _product(self, weights: PETSc.Mat) -> Entries:
         """Bᵀ D B*; patterns stay. Collective."""
-        if self._products is None:
-            scaled = weights.matMult(self._right)
-            self._products = scaled, self._left.matMult(scaled)
-        else:
+        if self._left is None:
+            if self._products:
+                weights.ptap(self._right, self._products[0])
+            else:
+                self._products = (weights.ptap(self._right),)
+        elif self._products:
             scaled, product = self._products
             weights.matMult(self._right, scaled)
             self._left.matMult(scaled, product)
-        return _global_entries(self._products[1])
+        else:
+            scaled = weights.matMult(self._right)
+            self._products = scaled, self._left.matMult(scaled)
+        return global_entries(self._products[-1])
 
     def _with_friction(
         self, friction: PointFriction, at: Normal, tangential: Tangential, own: Array
@@ -282,13 +310,13 @@ class GapMatrices:
 
     def _times(self, factor: Array) -> Entries:
         """B times a factor of each row, numbers in rows being those of this rank."""
-        found = _entries(self._right)
+        found = local_entries(self._right)
         return found._replace(value=factor[found.row] * found.value)
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
         self._forget_functions()
-        for mat in (self._left, self._right, self.functions, *(self._products or ())):
+        for mat in (self._left, self._right, self._functions, *self._products):
             if mat is not None:
                 mat.destroy()
 
@@ -310,16 +338,3 @@ def _diagonal(like: PETSc.Mat, values: Array) -> PETSc.Mat:
     out = PETSc.Mat().createAIJ((size, size), csr=(*csr, values), comm=like.comm)
     vec.destroy()
     return out
-
-
-def _global_entries(mat: PETSc.Mat) -> Entries:
-    """Entries of this rank's rows, all numbers global."""
-    out = _entries(mat)
-    return out._replace(row=mat.getOwnershipRange()[0] + out.row)
-
-
-def _entries(mat: PETSc.Mat) -> Entries:
-    """Entries of a matrix, numbers in rows being those of this rank."""
-    starts, columns, values = mat.getValuesCSR()
-    row = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts))
-    return Entries(row, columns.astype(np.int64), values.copy())

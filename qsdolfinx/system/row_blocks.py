@@ -13,8 +13,8 @@ from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.condensed_rows import CondensedRows
 from qsdolfinx.system.constraint_rows import Evaluated
+from qsdolfinx.system.entries import Entries, joined
 from qsdolfinx.system.equations import Equations, Pass, State
-from qsdolfinx.system.factors import Entries, joined
 from qsdolfinx.system.friction_rows import FrictionRows, Tangential
 from qsdolfinx.system.normal_rows import NodalRows, Normal
 
