@@ -29,7 +29,8 @@ from qsdolfinx.solve.one_newton import OneNewton
 from qsdolfinx.solve.onset import Onset
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL
-from qsdolfinx.system.equations import REGULAR, Equations
+from qsdolfinx.system.derivative import REGULAR
+from qsdolfinx.system.equations import Equations
 from qsdolfinx.system.friction_rows import FrictionRows
 from qsdolfinx.system.system import ContactSystem
 

@@ -16,7 +16,8 @@ from qsdolfinx.linear.condensation import ContactPart, condensation_of
 from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.linear.stop import Stop
-from qsdolfinx.system.equations import Equations, State
+from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.passes import State
 from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
@@ -359,7 +360,7 @@ class SaddlePoint:
     def _follow(self, at: State, springs: Array) -> None:
         """Follow bodies, contact and tools. Collective."""
         system = self._equations.system
-        self._contact = self._equations.beside_bodies(at)
+        self._contact = self._equations.derivative.beside_bodies(at)
         free = system.made.hold.free_motions([e.active for e in at.passes])
         contact = ContactPart(self._contact, self._blocks, self._num_u)
         self._condensation.update(contact, springs, free)

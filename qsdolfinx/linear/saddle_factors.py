@@ -11,7 +11,8 @@ import numpy.typing as npt
 from qsdolfinx.linear.factors_again import OF_A_LIBRARY
 from qsdolfinx.linear.presets import EXTRA_MEMORY
 from qsdolfinx.linear.solver import LinearSolver
-from qsdolfinx.system.equations import Equations, State
+from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.passes import State
 
 Array = npt.NDArray[np.float64]
 
@@ -57,7 +58,7 @@ class SaddleFactors:
 
         Args:
             at: The evaluation, the last one.
-            shift: As for ``Equations.tangent_of``.
+            shift: As for ``Derivative.of``.
         """
         self._take(self._equations.tangent_of(at, exact=False, shift=shift))
 
@@ -106,7 +107,7 @@ class SaddleFactors:
             self._ksp.solve(b, x)
             out = np.array(x.array_r)
             if np.isfinite(out).all():
-                b.array[:] = self._equations.softened * out
+                b.array[:] = self._equations.derivative.softened * out
             self._ksp.solve(b, x)
             out += x.array_r
         except PETSc.Error as error:

@@ -12,7 +12,9 @@ import numpy.typing as npt
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.surface.unknowns import is_vertex_scalar
 from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL, PROXIMAL
-from qsdolfinx.system.equations import REGULAR, Equations, State
+from qsdolfinx.system.derivative import REGULAR
+from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.passes import State
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
@@ -231,7 +233,7 @@ class Balance:
 
     @property
     def shift(self) -> tuple[float, float]:
-        """Springs for ``Equations.tangent_of``; most of them vanish with the residual.
+        """Springs for ``Derivative.of``; most of them vanish with the residual.
 
         Stiffer ones hold bodies that have some condition where closed rows leave them a rigid
         motion: as long as forces are far from balanced, they would go anywhere.

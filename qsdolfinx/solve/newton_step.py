@@ -10,7 +10,8 @@ import numpy.typing as npt
 from qsdolfinx.linear.saddle import SaddlePoint
 from qsdolfinx.linear.saddle_factors import SaddleFactors
 from qsdolfinx.solve.newton import Newton
-from qsdolfinx.system.equations import Equations, State
+from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.passes import State
 
 Array = npt.NDArray[np.float64]
 
@@ -54,13 +55,13 @@ class NewtonStep:
 
         Args:
             at: That evaluation.
-            shift: As for ``Equations.tangent_of``.
+            shift: As for ``Derivative.of``.
         """
         self._at, self._shift = at, shift
         if self._is_iterative:
             linear = self._newton.linear
             self._saddle = self._saddle or SaddlePoint(self._equations, linear)
-            self._saddle.set_up(at, self._equations.springs(shift))
+            self._saddle.set_up(at, self._equations.derivative.springs(shift))
         else:
             self._form()
 

@@ -15,7 +15,8 @@ from qsdolfinx.solve.newton_step import LATE, NewtonStep, NoConvergence
 from qsdolfinx.solve.onset import Onset
 from qsdolfinx.solve.snes import NOT_CLOSED
 from qsdolfinx.solve.snes_on_z import SnesOnZ
-from qsdolfinx.system.equations import Equations, State
+from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.passes import State
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.system.equations import Equations, Pass
+from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.passes import Pass
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -164,7 +165,7 @@ class Onset:
                 gap = p.gap.state.values[:, 0] + p.gap.change_of(u)[:, 0]
                 jump = slip.state.jump - slip.state.start + slip.jump_of(u)
                 if p.tool is not None:
-                    by_gap, by_jump = equations.changes(p)
+                    by_gap, by_jump = equations.driven.changes(p)
                     gap = gap + by_gap[:, 0] * displacements[p.tool]
                     if by_jump is not None:
                         jump = jump + by_jump * displacements[p.tool]

@@ -13,7 +13,8 @@ from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.balance import Balance
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import NewtonStep, NoConvergence
-from qsdolfinx.system.equations import Equations, State
+from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.passes import State
 
 Array = npt.NDArray[np.float64]
 

@@ -14,9 +14,10 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.condensed_rows import CondensedRows
 from qsdolfinx.system.constraint_rows import Evaluated
 from qsdolfinx.system.entries import Entries, joined
-from qsdolfinx.system.equations import Equations, Pass, State
+from qsdolfinx.system.equations import Equations
 from qsdolfinx.system.friction_rows import FrictionRows, Tangential
 from qsdolfinx.system.normal_rows import NodalRows, Normal
+from qsdolfinx.system.passes import Pass, State
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

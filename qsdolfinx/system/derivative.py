@@ -1,0 +1,522 @@
+"""The derivative of R(z) as one matrix, and without the bodies' own matrices."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import typing
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
+from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated
+from qsdolfinx.system.driven import DrivenTools
+from qsdolfinx.system.entries import Entries, joined
+from qsdolfinx.system.factors import Number, entries_of
+from qsdolfinx.system.friction_rows import OfTangential
+from qsdolfinx.system.gap_matrices import GapMatrices, Moving, Sided
+from qsdolfinx.system.layout import Layout
+from qsdolfinx.system.normal_rows import NodalRows, Normal
+from qsdolfinx.system.passes import Pass, State
+from qsdolfinx.system.system import ContactSystem
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+#: Springs over the diagonal of the bodies' matrices that a second solve with the same factors takes
+#: back: they make matrices regular where conditions leave bodies a rigid motion.
+REGULAR = 1e-11
+
+
+def _each(of: Entries, factor: Array, own: Indices) -> list[Entries]:
+    """Entries of rows of one component, times a vector at each row."""
+    return [
+        Entries(own[of.row, k], of.column, factor[of.row, k] * of.value)
+        for k in range(own.shape[1])
+    ]
+
+
+class Derivative:
+    """Of R(z), see ``Equations``: K of the bodies, and what contact and tools add.
+
+    Args:
+        system: The bodies and contacts.
+        passes: Passes of the contacts.
+        layout: Where their unknowns are.
+        tools: The driven tools.
+
+    Attributes:
+        free_bodies: Numbers of the bodies that conditions leave some rigid motion.
+        softened: What the last inexact derivative has on its diagonal to be regular.
+    """
+
+    def __init__(
+        self,
+        system: ContactSystem,
+        passes: typing.Sequence[Pass],
+        layout: Layout,
+        tools: DrivenTools,
+    ) -> None:
+        self._system, self._passes, self._layout, self._tools = system, passes, layout, tools
+        self.free_bodies = system.free_bodies
+        self.softened: Array = np.zeros(layout.num_local)
+        self._whole, self._contact = (_Assembled(system.comm, layout) for _ in range(2))
+        self._of_gaps: dict[ConstraintRows, GapMatrices] = {}
+
+    def of(
+        self, at: State, exact: bool = True, shift: tuple[float, float] = (0.0, 0.0)
+    ) -> PETSc.Mat:
+        """The derivative of R where the last evaluation was, an AIJ matrix that stays. Collective.
+
+        Args:
+            at: That evaluation.
+            exact: As for ``ConstraintRows.derivative``.
+            shift: Part of its magnitude that is added to the diagonal of bodies that conditions
+                leave some rigid motion, and of those that have no condition at all.
+        """
+        self.softened = np.zeros(self._layout.num_local)
+        found = [*self._bulk(), *self._shift(shift), *self._beside(at, exact)]
+        if not exact:
+            for i, p in enumerate(self._passes):
+                first = int(self._layout.ends[len(self._system.bodies) + i])
+                soft = p.rows.softened(at.passes[i])
+                self.softened[first : first + len(soft)] = soft
+        return self._whole.assemble(found)
+
+    def beside_bodies(self, at: State) -> PETSc.Mat:
+        """The inexact derivative but for the bodies' own matrices. Collective.
+
+        Args:
+            at: The last evaluation.
+
+        Returns:
+            An AIJ matrix by all unknowns that stays this object's.
+        """
+        return self._contact.assemble(self._beside(at, False))
+
+    def _beside(self, at: State, exact: bool) -> list[Entries]:
+        """Its entries. Collective."""
+        found = [*self._curvature(at), *self._of_conductances()]
+        if self._tools.are_turning:
+            turned = self._tools.turned(at)
+            own = np.arange(self._layout.ends[-2], self._layout.ends[-1]) + self._layout.start
+            found.append(Entries(own, own, turned[: len(own)]))
+        for i, p in enumerate(self._passes):
+            found += self._of_pass(i, p, at.passes[i], exact)
+        return found
+
+    def _of_matrix(self, mat: PETSc.Mat, i: int, j: int) -> Entries:
+        """Entries of the block of bodies i and j."""
+        aij = (
+            mat
+            if "aij" in mat.getType() and "b" not in mat.getType()
+            else mat.convert("aij", PETSc.Mat())
+        )
+        starts, columns, values = aij.getValuesCSR()
+        first = self._layout.first_of_body(i)
+        rows = first + np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts))
+        out = (
+            self._layout.numbers(i, rows),
+            self._layout.numbers(j, columns.astype(np.int64)),
+            values.copy(),
+        )
+        if aij is not mat:
+            aij.destroy()
+        return Entries(*out)
+
+    def _bulk(self) -> list[Entries]:
+        bodies = enumerate(self._system.bodies)
+        diagonal = np.arange(
+            self._layout.start, self._layout.start + self._layout.num_local, dtype=np.int64
+        )
+        # Every row has an entry on the diagonal, which direct solvers want.
+        all_ = Entries(diagonal, diagonal, np.zeros(self._layout.num_local))
+        return [all_, *(self._of_matrix(body.matrix(), i, i) for i, body in bodies)]
+
+    def springs(self, parts: tuple[float, float]) -> Array:
+        """Springs of free bodies, no stiffer than the softest body, owned unknowns. Collective.
+
+        Args:
+            parts: Of the diagonal of bodies that conditions leave some rigid motion, and of those
+                that have no condition at all.
+        """
+        bodies, out = (
+            self._system.bodies,
+            np.zeros(int(self._layout.ends[len(self._system.bodies)])),
+        )
+        if not (any(parts) and self.free_bodies):
+            return out
+        sums = np.array([
+            [np.sum(b.diagonal[b.free]), np.sum(b.diagonal[b.free] > 0), len(b.owned_constrained)]
+            for b in bodies
+        ])  # fmt: skip
+        self._system.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        softest = np.min(sums[:, 0] / np.maximum(sums[:, 1], 1.0))
+        for i in self.free_bodies:
+            part = parts[int(sums[i, 2] == 0)]
+            self._layout.part(out, i)[:] = part * np.minimum(bodies[i].diagonal, softest)
+        return out
+
+    def _shift(self, parts: tuple[float, float]) -> list[Entries]:
+        """Springs of free bodies on the diagonal. Collective."""
+        values = self.springs(parts)
+        rows = self._layout.start + np.arange(len(values), dtype=np.int64)
+        self.softened[: len(values)] = np.minimum(values, self.springs((REGULAR, REGULAR)))
+        keep = values != 0
+        return [Entries(rows[keep], rows[keep], values[keep])]
+
+    def _curvature(self, at: State) -> list[Entries]:
+        """Σ λ ∂²G, and how the forces of τ change with τ held, of gaps that follow. Collective."""
+        found = []
+        for (i, j), mat in self._curvatures(at).items():
+            found.append(self._of_matrix(mat, i, j))
+            mat.destroy()
+        return found
+
+    def _curvatures(self, at: State) -> dict[tuple[int, int], PETSc.Mat]:
+        """The same as new AIJ matrices for pairs of bodies; none without such gaps. Collective.
+
+        And what conductances add as they change.
+        """
+        bodies = self._system.bodies
+        blocks: dict[tuple[int, int], PETSc.Mat] = {}
+
+        def given(s: int, m: int | None) -> list[PETSc.Mat | None]:
+            of = [(s, s), (s, m), (m, s), (m, m)]
+            for i, j in of:
+                if i is not None and j is not None and (i, j) not in blocks:
+                    blocks[i, j] = _any_entries(
+                        bodies[i].num_owned, bodies[j].num_owned, self._system.comm
+                    )
+            return [blocks.get((i, j)) for i, j in of]  # type: ignore[arg-type]
+
+        for p, e in zip(self._passes, at.passes, strict=True):
+            if p.gap.following is None:
+                continue
+            s, m = p.bodies
+            assert s is not None
+            if isinstance(p.rows.condensed, PointConstraints):
+                p.rows.condensed.add_curvature(e.normal, given(s, m))
+            else:
+                p.gap.add_curvature(e.pressure, given(s, m))
+            if p.slip is not None and e.tangential is not None:
+                p.gap.add_slip_curvature(e.tangential.traction, given(s, m))
+        for contact, sides in zip(self._system.contacts, self._system.sides, strict=True):
+            if contact.coupling is not None:
+                ss, sm, ms, mm = given(*sides)
+                contact.coupling.add_to((ss, sm, ms, mm), False)
+        for mat in blocks.values():
+            mat.assemble()
+        return blocks
+
+    def _entries(self, operator: typing.Any, p: Pass, first: int, scaled: bool) -> Entries:
+        """Of G or J with its rows from a number on; by displacements or by the unknowns."""
+        return joined(self._of_sides(operator, p, scaled)).below(first)
+
+    def _of_sides(self, operator: typing.Any, p: Pass, scaled: bool) -> list[Entries]:
+        """Those of each body, rows being numbers on this rank."""
+        numbers: list[Number] = [
+            functools.partial(self._layout.numbers, i) for i in range(self._layout.num_bodies)
+        ]
+        scale = self._system.scales if scaled else [1.0] * self._layout.num_bodies
+        return entries_of(operator, p.bodies, numbers, scale)
+
+    def _of_pass(self, i: int, p: Pass, at: Evaluated, exact: bool) -> list[Entries]:
+        """Entries that the constraints of a pass have a part in. Collective."""
+        rows = p.rows
+        first = self._layout.first_of_pass(i)
+        own = first + np.arange(rows.num_multipliers)
+        if rows.condensed is not None:
+            of_friction = None if rows.condensed_friction is None else at.tangential
+            matrices = self._matrices(p, rows.condensed, own, at.normal)
+            found = [matrices.derivative(at.normal, of_friction)]
+            if not exact:
+                soft = rows.condensed.softened(at.normal)
+                if rows.condensed_friction is not None:
+                    soft = np.concatenate([soft, rows.condensed_friction.softened()])
+                every = first + np.arange(len(soft))
+                found.append(Entries(every, every, soft))
+        else:
+            assert rows.nodal is not None
+            found = self._of_nodes(p, rows.nodal, at, exact, own)
+        if rows.nodal_friction is not None and at.tangential is not None:
+            by = rows.nodal_friction.derivative(at.tangential, exact)
+            found += self._of_slip(p, at, by, own, first + len(own))
+        return found
+
+    def _of_nodes(
+        self, p: Pass, rows: NodalRows, at: Evaluated, exact: bool, own: Indices
+    ) -> list[Entries]:
+        """Entries of λ of nodes. Collective."""
+        by_gap, by_own = rows.derivative(at.normal, exact)
+        first = self._first_of(p)
+        left, right = (self._entries(p.gap.operator, p, first, scaled) for scaled in (False, True))
+        weight = np.repeat(p.gap.weight, p.rows.width)
+        found = [
+            Entries(left.column, left.row, left.value * weight[left.row - first]),
+            right._replace(value=right.value * by_gap.ravel()[right.row - first]),
+            Entries(own, own, by_own.ravel()),
+        ]
+        if p.gap.extension is not None:
+            shape = p.rows.num_rows, p.rows.width
+            found.append(Entries(*rows.entries_of_means(at.normal, own.reshape(shape))))
+        if p.tool is not None:
+            found += self._with_tool(p, own, weight, by_gap, self._tools.changes(p)[0])
+        return found
+
+    def _of_conductances(self) -> list[Entries]:
+        """Entries of conductances by λ, where that is an unknown beside the field. Collective."""
+        found, contacts = [], zip(self._system.contacts, self._system.sides, strict=True)
+        for contact, sides in contacts:
+            of = None if contact.coupling is None else contact.coupling.of_bodies
+            if of is None or contact.coupling is None:
+                continue
+            p = next(p for p in self._passes if p.model is of)
+            for i, product in zip(sides, contact.coupling.by_multipliers(), strict=False):
+                assert i is not None
+                found.append(self._by_multipliers(p, i, product))
+                product.destroy()
+        return found
+
+    def _by_multipliers(self, p: Pass, i: int, mat: PETSc.Mat) -> Entries:
+        """Entries of a matrix of body i's unknowns by λ̂ at the rows of a pass. Collective."""
+        first = mat.getOwnershipRange()[0]
+        own = self._first_of(p) + np.arange(p.rows.num_multipliers)
+        if p.rows.condensed is not None:
+            mat = mat.matMult(self._matrices(p, p.rows.condensed, own).functions())
+        starts, columns, values = mat.getValuesCSR()
+        row = first + np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts))
+        numbers = columns.astype(np.int64)
+        if p.rows.condensed is None:
+            ends = np.append(0, np.cumsum(self._system.comm.allgather(p.rows.num_rows)))
+            part = self._layout.num_bodies + self._passes.index(p)
+            rank = np.searchsorted(ends, numbers, side="right") - 1
+            numbers = self._layout.first[rank, part] + numbers - ends[rank]
+        else:
+            mat.destroy()
+        return Entries(self._layout.numbers(i, row), numbers, values.copy())
+
+    def _matrices(
+        self, p: Pass, rows: CondensedRows, own: Indices, at: Normal | None = None
+    ) -> GapMatrices:
+        """Derivatives that stay while gaps are linear and contact does not pair anew.
+
+        Collective.
+
+        Args:
+            p: The pass.
+            rows: Its rows.
+            own: Numbers of λ.
+            at: The rows at the last evaluation; None for what has been made there.
+        """
+        turns = p.tool is not None and self._tools.are_turning
+        is_new = at is not None and (turns or not p.gap.is_linear)
+        if is_new and p.rows in self._of_gaps:
+            self._of_gaps.pop(p.rows).destroy()
+        if p.rows not in self._of_gaps:
+            friction, slips = p.rows.condensed_friction, None
+            change = (None, None) if p.tool is None else self._tools.changes(p)
+            gaps = self._both(p, (p.gap.operator, p.gap.operator), change[0])
+            last = int(own[-1]) + 1 if len(own) else self._first_of(p)
+            of_slip = last + np.arange(0 if friction is None else friction.shape[0])
+            if friction is not None and p.slip is not None:
+                slips = self._both(p, (p.slip.works, p.slip.operator), change[1])
+            numbers = own, of_slip
+            moving = self._moving(p, rows, at)
+            made = GapMatrices(rows, friction, gaps, slips, numbers, self._layout.num_local, moving)
+            self._of_gaps[p.rows] = made
+        return self._of_gaps[p.rows]
+
+    def _moving(self, p: Pass, rows: CondensedRows, at: Normal | None) -> Moving | None:
+        """How λ_h moves along facets at the last evaluation; None if it does not. Collective."""
+        if at is None or not isinstance(rows, PointConstraints):
+            return None
+        found = rows.moving(at)
+        if found is None:
+            return None
+        mixed = []
+        for (side, unknown, value), body in zip(found.mixed, p.bodies, strict=False):
+            assert body is not None
+            scaled = self._system.scales[body] * value
+            mixed.append(Entries(side, self._layout.numbers(body, unknown), scaled))
+        of_tool = None if p.tool is None else self._tools.moved_functions(p, found)
+        operators = found.operator, found.operator
+        return Moving(joined(self._both(p, operators, of_tool)[1]), joined(mixed))
+
+    def _first_of(self, p: Pass) -> int:
+        """Number in z of a pass' first unknown on this rank."""
+        return self._layout.first_of_pass(self._passes.index(p))
+
+    def _both(
+        self, p: Pass, operators: tuple[typing.Any, typing.Any], change: Array | None
+    ) -> Sided:
+        """Of L by displacements, and G or J by the unknowns, with those of a driven tool."""
+        first, last = operators
+        by_displacement = self._with_change(p, first, False, change)
+        if first is last and all(scale == 1 for scale in self._system.scales):
+            return by_displacement, by_displacement
+        return by_displacement, self._with_change(p, last, True, change)
+
+    def _with_change(
+        self, p: Pass, operator: typing.Any, scaled: bool, change: Array | None
+    ) -> list[Entries]:
+        """Of one of them."""
+        found = self._of_sides(operator, p, scaled)
+        if p.tool is not None and change is not None:
+            row = np.arange(change.size)
+            tool = np.full(len(row), self._layout.of_tool(p.tool))
+            found.append(Entries(row, tool, change.ravel()))
+        return found
+
+    def _with_tool(
+        self, p: Pass, own: Indices, weight: Array, by_gap: Array, change: Array
+    ) -> list[Entries]:
+        """Entries of a driven tool and of multipliers."""
+        assert p.tool is not None
+        tool = np.full(len(own), self._layout.of_tool(p.tool))
+        return [
+            Entries(tool, own, weight * change.ravel()),
+            Entries(own, tool, (by_gap * change).ravel()),
+        ]
+
+    def _of_slip(
+        self, p: Pass, at: Evaluated, by: OfTangential, normal: Indices, first: int
+    ) -> list[Entries]:
+        """Entries of τ. Collective.
+
+        Args:
+            p: The pass.
+            at: Its constraints.
+            by: Derivatives of R_τ.
+            normal: Numbers of λ.
+            first: Of τ.
+        """
+        assert p.slip is not None
+        num, gdim = p.slip.operator.num_rows, p.gap.slave.gdim
+        own = first + np.arange(num * gdim).reshape(num, gdim)
+        row = np.repeat(own[:, :, None], gdim, axis=2)
+        column = np.repeat(own[:, None, :], gdim, axis=1)
+        J = self._entries(p.slip.operator, p, 0, True)
+        by_slip = by.by_slip @ p.slip.projector
+        rows = J.row // gdim, J.row % gdim
+        found = [Entries(row.ravel(), column.ravel(), by.by_own.ravel())]
+        for k in range(gdim):  # D J, a component of the rows after the other
+            found.append(Entries(own[rows[0], k], J.column, by_slip[rows[0], k, rows[1]] * J.value))
+        found += self._of_pressure(p, at, by, normal, own)
+        for k, works in enumerate(self._works_on(p)):
+            factor = p.slip.projector[:, k, :] * p.slip.weight[:, None]
+            for j in range(gdim):
+                found.append(
+                    Entries(works.column, own[works.row, j], works.value * factor[works.row, j])
+                )
+        if p.tool is not None:
+            change = self._tools.changes(p)[1]
+            assert change is not None
+            weight, ones = np.repeat(p.slip.weight, gdim), np.ones((num, gdim))
+            pushed = np.einsum("rij,rj->ri", by_slip, change)
+            found += self._with_tool(p, own.ravel(), weight, ones, change)[:1]
+            found += self._with_tool(p, own.ravel(), weight, ones, pushed)[1:]
+        return found
+
+    def _of_pressure(
+        self, p: Pass, at: Evaluated, by: OfTangential, normal: Indices, own: Indices
+    ) -> list[Entries]:
+        """Entries of τ by what its limit depends on: pressures, and y_n. Collective."""
+        assert p.slip is not None
+        if p.rows.condensed is not None:
+            matrices, found = self._matrices(p, p.rows.condensed, normal), []
+            if not p.slip.friction.symmetric:
+                found += _each(matrices.pressures(at.normal), by.by_pressure, own)
+            if by.by_trial is not None:
+                found += _each(matrices.trials(), by.by_trial, own)
+            return found
+        assert p.rows.nodal is not None
+        of_gap, of_multiplier = p.rows.nodal.by_trial()
+        by_multiplier, gdim = by.by_pressure, own.shape[1]
+        found = []
+        if by.by_trial is not None:
+            by_multiplier = by_multiplier + of_multiplier[:, None] * by.by_trial
+            by_gap = of_gap[:, None] * by.by_trial
+            found += _each(self._entries(p.gap.operator, p, 0, True), by_gap, own)
+            if p.tool is not None:
+                pushed = by_gap * self._tools.changes(p)[0]
+                none = np.zeros(own.size)
+                found += self._with_tool(p, own.ravel(), none, np.ones(own.shape), pushed)[1:]
+        pressure = np.repeat(normal[:, None], gdim, axis=1)
+        return [*found, Entries(own.ravel(), pressure.ravel(), by_multiplier.ravel())]
+
+    def _works_on(self, p: Pass) -> list[Entries]:
+        """What each component of the tangential force works on, over the weight. Collective."""
+        assert p.slip is not None
+        gdim = p.gap.slave.gdim
+        operators = p.gap.slip_operators()
+        if operators:
+            return [self._entries(operator, p, 0, False) for operator in operators]
+        J = self._entries(p.slip.operator, p, 0, False)
+        out = []
+        for k in range(gdim):
+            of = J.row % gdim == k
+            out.append(Entries(J.row[of] // gdim, J.column[of], J.value[of]))
+        return out
+
+    def forget_gaps(self) -> None:
+        """Free derivatives of gaps. Collective."""
+        for matrices in self._of_gaps.values():
+            matrices.destroy()
+        self._of_gaps = {}
+
+    def destroy(self) -> None:
+        """Free the matrices. Collective."""
+        for assembled in (self._whole, self._contact):
+            assembled.destroy()
+        self.forget_gaps()
+
+
+class _Assembled:
+    """Matrix of entries by all unknowns, whose pattern stays while they are at the same places."""
+
+    def __init__(self, comm: MPI.Comm, layout: Layout) -> None:
+        self._comm, self._size = comm, (layout.num_local, layout.size)
+        self._matrix: PETSc.Mat | None = None
+        self._places = b""
+
+    def assemble(self, found: typing.Sequence[Entries]) -> PETSc.Mat:
+        """Take these entries, some perhaps of rows of other ranks. Collective."""
+        row, column, value = joined(found)
+        keep = (row >= 0) & (column >= 0)
+        row, column, value = row[keep], column[keep], value[keep]
+        places = hashlib.blake2b(np.ascontiguousarray(row))
+        places.update(np.ascontiguousarray(column))
+        if not self._comm.allreduce(places.digest() == self._places, op=MPI.LAND):
+            self._allocate(row, column)
+            self._places = places.digest()
+        assert self._matrix is not None
+        _cpp.set_values(self._matrix.handle, value)
+        return self._matrix
+
+    def _allocate(self, row: Indices, column: Indices) -> None:
+        self.destroy()
+        self._matrix = PETSc.Mat().create(comm=self._comm)
+        self._matrix.setSizes((self._size, self._size))
+        self._matrix.setType(PETSc.Mat.Type.AIJ)
+        _cpp.set_places(self._matrix.handle, row, column)
+
+    def destroy(self) -> None:
+        """Free it. Collective."""
+        if self._matrix is not None:
+            self._matrix.destroy()
+        self._matrix, self._places = None, b""
+
+
+def _any_entries(rows: int, columns: int, comm: MPI.Comm) -> PETSc.Mat:
+    """Empty matrix that takes any entries, until it is assembled."""
+    mat = PETSc.Mat().create(comm=comm)
+    mat.setSizes(((rows, PETSc.DETERMINE), (columns, PETSc.DETERMINE)))
+    mat.setType(PETSc.Mat.Type.AIJ)
+    mat.setUp()
+    return mat

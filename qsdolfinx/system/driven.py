@@ -1,0 +1,100 @@
+"""Rigid tools that forces or moments drive: how rows change with them, and their balance."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.contact import motion
+from qsdolfinx.gap.following import MovingFunctions
+from qsdolfinx.surface.affine import Affine, affine_vec
+from qsdolfinx.system.constraint_rows import Evaluated
+from qsdolfinx.system.passes import Pass, State
+from qsdolfinx.tools.rigid_surface import RigidSurface
+
+Array = npt.NDArray[np.float64]
+
+
+class DrivenTools:
+    """R_s = Σ W λ ∂ḡ/∂s + Σ W τ ∂g/∂s − force of each tool, see ``Equations``.
+
+    Args:
+        tools: The tools, in the order of s.
+        passes: Passes of the contacts.
+        comm: The communicator.
+    """
+
+    def __init__(
+        self, tools: typing.Sequence[RigidSurface], passes: typing.Sequence[Pass], comm: MPI.Comm
+    ) -> None:
+        self.tools, self._passes, self._comm = tools, passes, comm
+        self.restart()
+
+    def restart(self) -> None:
+        """Count displacements from where they are now."""
+        self._starts = [(tool.displacement.copy(), tool.rotation.copy()) for tool in self.tools]
+
+    def move(self, displacements: Array) -> None:
+        """Move them by these displacements (length) from where they started. Collective."""
+        for tool, start, s in zip(self.tools, self._starts, displacements, strict=True):
+            tool.move_driven(start, s)
+        for contact in {id(p.model): p.model for p in self._passes if p.tool is not None}.values():
+            motion.move_tool(contact)
+
+    def changes(self, p: Pass) -> tuple[Array, Array | None]:
+        """∂ḡ/∂s and ∂g/∂s of the rows of a pass with a driven tool. Collective."""
+        assert p.tool is not None
+        return self._moved_by(p, self.tools[p.tool].driven_motion)
+
+    def _moved_by(self, p: Pass, field: Affine) -> tuple[Array, Array | None]:
+        """How the rows of a pass change when the tool moves by a field. Collective."""
+        slip = None if p.slip is None else p.slip.tangential(p.slip.change(field))
+        return p.gap.change(field), slip
+
+    def residual(self, passes: typing.Sequence[Evaluated]) -> Array:
+        """R_s on all ranks. Collective."""
+        if not self.tools:
+            return np.zeros(0)
+        out = self._work_of([tool.driven_motion for tool in self.tools], passes)
+        forces = [tool.driven.force for tool in self.tools if tool.driven is not None]
+        return out - np.array(forces)
+
+    def _work_of(
+        self, fields: typing.Sequence[Affine | None], passes: typing.Sequence[Evaluated]
+    ) -> Array:
+        """Of the tractions where each tool moves by a field, on all ranks. Collective."""
+        out = np.zeros(len(self.tools))
+        for p, e in zip(self._passes, passes, strict=True):
+            field = None if p.tool is None else fields[p.tool]
+            if p.tool is None or field is None:
+                continue
+            gap, slip = self._moved_by(p, field)
+            out[p.tool] += np.sum(p.gap.weight[:, None] * e.pressure * gap)
+            if slip is not None and p.slip is not None and e.tangential is not None:
+                weight = p.slip.weight[:, None]
+                out[p.tool] += np.sum(weight * e.tangential.traction * slip)
+        self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
+        return out
+
+    @property
+    def are_turning(self) -> bool:
+        """Whether a moment drives a tool: what its rows change by changes with its angle."""
+        return any(tool.driven is not None and tool.driven.turns for tool in self.tools)
+
+    def turned(self, at: State) -> Array:
+        """∂R_s/∂s at given tractions, of tools that turn, on all ranks. Collective."""
+        if not self.are_turning:
+            return np.zeros(len(self.tools))
+        return self._work_of([tool.driven_curvature for tool in self.tools], at.passes)
+
+    def moved_functions(self, p: Pass, found: MovingFunctions) -> Array:
+        """How λ_h changes at the rows when a driven tool moves, (rows, 1). Collective."""
+        assert p.tool is not None
+        r = affine_vec(p.gap.slave, self.tools[p.tool].driven_motion)
+        out = -found.operator.apply(r.handle, 0)
+        r.destroy()
+        return np.asarray(out)
