@@ -63,6 +63,18 @@ class GapOperator:
         self,
         slave: Surface,
         master: Surface | None,
+        jump_of: Pieces,
+        *,
+        alone: numpy.typing.NDArray[numpy.int64],
+        weight: numpy.typing.NDArray[numpy.float64],
+    ) -> None:
+        """Jump of places at these points; see gap/gap.h; collective."""
+
+    @overload
+    def __init__(
+        self,
+        slave: Surface,
+        master: Surface | None,
         points_of: Pieces,
         slip: SlipOfPieces,
         *,

@@ -151,6 +151,13 @@ void qsdolfinx::bind_gap(nb::module_& m)
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
+             In<std::int64_t> alone, In<double> weight)
+          { new (self) GapOperator(slave, master, pieces, alone.view(), weight.view()); },
+          "slave"_a, "master"_a.none(), "jump_of"_a, nb::kw_only(), "alone"_a, "weight"_a,
+          "Jump of places at these points; see gap/gap.h; collective.")
+      .def(
+          "__init__",
+          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
              const SlipOfPieces& slip, bool works, In<std::int64_t> alone, In<double> weight)
           {
             new (self) GapOperator(slave, master, pieces, works ? slip.works : slip.gradient,

@@ -178,6 +178,18 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Piec
 }
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+                         std::span<const std::int64_t> alone, std::span<const double> weight)
+    : kind_(GapKind::jump), block_(pieces.gdim), num_sides_(master ? 2 : 1)
+{
+  const PairingPoints points = points_of_pieces(slave, master, pieces).with_alone(alone, weight, 0);
+  build_points(points);
+  build_scatter(multipliers_, slave);
+  build_scatter(sides_[0], slave);
+  if (master)
+    build_scatter(sides_[1], *master);
+}
+
+GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
                          const FunctionsOfPieces& functions, std::span<const std::int64_t> alone,
                          std::span<const double> weight)
     : kind_(GapKind::normal), block_(pieces.gdim), num_sides_(master ? 2 : 1)

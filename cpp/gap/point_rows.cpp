@@ -152,11 +152,14 @@ PairingPoints qsdolfinx::points_of_pieces(const Surface& slave, const Surface* m
   out.master.num_nodes = pieces.master.num_nodes;
   const auto d = static_cast<std::size_t>(pieces.gdim),
              nk = static_cast<std::size_t>(pieces.num_multipliers);
-  const auto append = [d](PairingSide& to, const PieceSide& from, std::size_t piece)
+  const auto append
+      = [d](PairingSide& to, const PieceSide& from, std::size_t piece, std::array<double, 2> xi)
   {
     const auto n = static_cast<std::size_t>(from.num_nodes);
     const auto dofs = std::span(from.dofs).subspan(piece * n * d, n * d);
     to.dofs.insert(to.dofs.end(), dofs.begin(), dofs.end());
+    const auto T = trace_functions(from.type, from.degree, xi);
+    to.shape_values.insert(to.shape_values.end(), T.begin(), T.begin() + from.num_nodes);
   };
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
@@ -164,9 +167,11 @@ PairingPoints qsdolfinx::points_of_pieces(const Surface& slave, const Surface* m
     const auto sides = std::span(pieces.multiplier_side).subspan(i * nk, nk);
     for (const RayPoint& point : pieces.points_of(i))
     {
-      append(out.slave, pieces.slave, i);
-      append(out.master, pieces.master, i);
-      const auto N = shape_functions(pieces.slave.type, on_slave ? point.xi : point.zeta);
+      const auto &at = on_slave ? point.xi : point.zeta,
+                 &opposite = on_slave ? point.zeta : point.xi;
+      append(out.slave, pieces.slave, i, at);
+      append(out.master, pieces.master, i, opposite);
+      const auto N = shape_functions(pieces.slave.type, at);
       out.multiplier_values.insert(out.multiplier_values.end(), N.begin(),
                                    N.begin() + pieces.num_multipliers);
       out.multiplier_side.insert(out.multiplier_side.end(), sides.begin(), sides.end());
@@ -179,7 +184,6 @@ PairingPoints qsdolfinx::points_of_pieces(const Surface& slave, const Surface* m
   {
     side->x.resize(3 * out.size());
     side->owner.resize(out.size() * static_cast<std::size_t>(side->num_nodes));
-    side->shape_values.resize(side->owner.size());
   }
   return out;
 }

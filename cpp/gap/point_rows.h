@@ -15,8 +15,7 @@ void rows_at_points(GapOperator::Side& out, const PairingPoints& points, int sid
 /// side of a node: its column is the component of the vertex' unknowns with the side's number.
 void multipliers_at_points(GapOperator::Side& out, const PairingPoints& points);
 
-/// Points of pieces, where rays have been solved for, as pairing points without normals: shape
-/// functions of both sides are of no use.
+/// Points of pieces, where rays have been solved for, as pairing points without normals.
 PairingPoints points_of_pieces(const Surface& slave, const Surface* master, const Pieces& pieces);
 
 /// Gradients of the gaps, [point][node][3], the slave's nodes first.

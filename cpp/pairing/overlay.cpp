@@ -219,7 +219,12 @@ struct Piece
   PlanarFacet planar;
   Polygon polygon;
   bool faces; ///< whether it is paired, see facing_cosine; otherwise it only hides others
+  /// Whether nothing tells a vertex of the polygon where points may begin from the others.
+  bool even = false;
 };
+
+/// Middles of facets that are this near, as a part of the facet, are opposite to each other.
+constexpr double even_tolerance = 1e-6;
 
 /// A facet whose normal is this near to be across a line of sight, by the cosine, is seen edge-on:
 /// the line does not meet it but in rounding, and meets its neighbours.
@@ -425,13 +430,33 @@ private:
       if (!(measure(polygon_) > sliver_tolerance * area))
         continue;
       // The points are not to depend on the order of a facet's vertices.
-      constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
-      if (cut_.type() != FacetType::interval)
+      bool even = false;
+      if (cut_.type() != FacetType::interval && record_)
+        even = !begin_with_facets(f, g, frame);
+      else if (cut_.type() != FacetType::interval)
+      {
+        constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
         polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
+      }
       pieces_.push_back({g, std::move(other), polygon_,
                          dot(outward, outward_) < facing_cosine * norm(outward)
-                             && (!of_itself_ || has_role(cut_, f, nearby_, g, cut_is_slave_))});
+                             && (!of_itself_ || has_role(cut_, f, nearby_, g, cut_is_slave_)),
+                         even});
     }
+  }
+
+  /// Let the polygon begin at a vertex that goes along when both facets turn: far along the way
+  /// from the one's middle to the other's, turned by half a radian, that of two that are alike is
+  /// told from the other. @returns false if the middles are opposite to each other
+  bool begin_with_facets(std::size_t f, std::size_t g, const Frame& frame)
+  {
+    const Vec2 way
+        = frame.project(facet_point(nearby_.type, nearby_.facet_x(g), facet_centre(nearby_.type)));
+    if (std::hypot(way[0], way[1]) < even_tolerance * cut_.facets().size[f])
+      return false;
+    const double s = cut_.facets().orientation[f] * std::sin(0.5), c = std::cos(0.5);
+    polygon_.begin_along({c * way[0] - s * way[1], s * way[0] + c * way[1]});
+    return true;
   }
 
   /// Facets near a facet that may lie before or behind it, ascending.
@@ -630,7 +655,7 @@ private:
     w_.clear();
     // Shape functions of quadrilaterals are not integrated exactly: turned surfaces are to be
     // alike.
-    if (record_ && !(planar.affine() && piece.planar.affine()))
+    if (record_ && (piece.even || !(planar.affine() && piece.planar.affine())))
       append_points_from_middle(piece.polygon, rules_.piece, q_, w_);
     else
       append_points(piece.polygon, rules_.piece, q_, w_);

@@ -60,6 +60,14 @@ def carried_to(old: OfPoints, keys: Indices, place: Array, normal: Array) -> Arr
     return out
 
 
+def carried_with(old: OfPoints, keys: Indices, place: Array, turns: Array) -> Array:
+    """The same with vectors that turn by given matrices, (points, gdim, gdim)."""
+    at = closest(old.keys, old.place, keys, place)
+    found, out = at >= 0, np.zeros(turns.shape[:2])
+    out[found] = np.einsum("pij,pj->pi", turns[found], old.rest[at[found]])
+    return out
+
+
 def closest(known: Indices, places: Array, keys: Indices, place: Array) -> Indices:
     """For each point the closest one with the same keys, or −1, (points,)."""
     count = len(known)

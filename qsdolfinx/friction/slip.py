@@ -18,7 +18,7 @@ from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
-from qsdolfinx.friction.of_points import OfPoints, SavedNormals, carried_to
+from qsdolfinx.friction.of_points import OfPoints, SavedNormals, carried_with
 from qsdolfinx.gap.following import Places
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
@@ -186,6 +186,8 @@ class Slip:
         #: What tractions work on; the slip itself but for gaps that follow the bodies.
         self.works: _cpp.GapOperator = self.operator
         self._frames: Frames | None = None
+        #: Frames of the nodes where the step began, of rows at points.
+        self._began: tuple[Places, Array] | None = None
         self.hold(None)
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self._cover()
@@ -467,7 +469,7 @@ class Slip:
         state.start, state.shift, state.rest = zero, zero, 0.0
         if state.of_points is not None:
             state.rest = self.tangential(
-                carried_to(state.of_points, found.facets, found.place, found.normal)
+                carried_with(state.of_points, found.facets, found.place, self._turns())
             )
         state.until_closed, state.share = zero, np.ones_like(none)
         state.on_edge = np.full_like(none, np.inf)
@@ -505,7 +507,26 @@ class Slip:
             now = now[self.row_node]
         if state.frames is not None:
             state.augmented = self._turned_with(state.augmented, state.frames, now)
+            if state.reached is not None:
+                state.reached = self._turned_with(state.reached, state.frames, now)
         state.frames = now
+
+    def _turns(self) -> Array:
+        """How the slave has turned at the points since the step began. Collective.
+
+        Means of what its nodes have: as their multipliers, with what turns around normals.
+
+        Returns:
+            Shape (rows, gdim, gdim).
+        """
+        state, rows, gdim = self.state, self.gap.rows, self.slave.gdim
+        assert self._frames is not None and state.begun is not None and state.frames is not None
+        assert isinstance(rows, PointRows)
+        if self._began is None or self._began[0] is not state.begun:
+            self._began = state.begun, self._frames.at(state.begun[0])
+        turns = np.einsum("nij,nkj->nik", state.frames, self._began[1])
+        columns = [rows.from_nodes(c) for c in turns.reshape(len(turns), gdim * gdim).T]
+        return np.stack(columns, axis=1).reshape(len(self.cover), gdim, gdim)
 
     def _turned_with(self, vectors: Array, before: Array, now: Array) -> Array:
         """Vectors, of the sides of a node behind each other, turned with frames."""

@@ -86,6 +86,16 @@ class FacetCutter:
             far=alone.far,
         )
 
+    def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
+        """See :class:`Cutter`."""
+        return _cpp.GapOperator(
+            self._slave,
+            self._master,
+            jump_of=found.of_cutter,
+            alone=alone.unknown,
+            weight=alone.weight,
+        )
+
     def add_curvature_of_points(
         self,
         found: Found,

@@ -154,6 +154,9 @@ class Cutter(typing.Protocol):
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """Derivative of the gaps of these points, which are its rows. Collective."""
 
+    def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
+        """Jump x_slave − x_master at these points, places on the facets staying. Collective."""
+
     def add_curvature_of_points(
         self,
         found: Found,
@@ -486,10 +489,13 @@ class Following:
     # --- Jumps
 
     def jump_operator(self, last: Cut) -> _cpp.GapOperator:
-        """The mean of x_slave − x_master with places on the facets that stay. Collective."""
+        """The jump x_slave − x_master at the rows, places on the facets staying. Collective."""
         if self._jump is None or self._jump[0] is not last:
-            objects, rows = self._objects, last.found.rows
-            out = _cpp.GapOperator(*objects, rows, last.measure.area, jump=True)
+            if last.alone is not None:
+                out = self._cutter.jump_at_points(last.found, last.alone)
+            else:
+                objects, rows = self._objects, last.found.rows
+                out = _cpp.GapOperator(*objects, rows, last.measure.area, jump=True)
             self._constrain(out)
             self._jump = last, out
         return self._jump[1]

@@ -151,6 +151,11 @@ class ShapePoints:
         points = self._paired(found, alone)
         return _cpp.GapOperator(self._slave.cpp_object, None, points, jump=False, rows=2)
 
+    def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
+        """See :class:`Cutter`."""
+        points = self._paired(found, alone)
+        return _cpp.GapOperator(self._slave.cpp_object, None, points, jump=True, rows=2)
+
     def _paired(self, found: Found, alone: Alone) -> _cpp.PairingPoints:
         """The points that are opposite to the tool, and those that are alone."""
         at = found.of_cutter
@@ -184,8 +189,7 @@ class ShapePoints:
         was_there = (on_tool - now[:, gdim]) @ turn + then[:, gdim]
         way = (was_there - before) @ turn.T
         slip = way - np.sum(way * n, axis=1, keepdims=True) * n
-        points, surface = self._paired(found, alone), self._slave.cpp_object
-        operator = _cpp.GapOperator(surface, None, points, jump=True, rows=2)
+        points, operator = self._paired(found, alone), self.jump_at_points(found, alone)
         none = np.zeros((len(alone.weight), gdim))
         slip, normal = (np.concatenate([values, none]) for values in (slip, -n))
         facets = np.asarray(points.slave["dofs"])[:, : self._N.shape[1], 0]

@@ -107,8 +107,11 @@ class OneNewton:
         raise NoConvergence(f"no convergence in {self.max_it} iterations: {last}", reason)
 
     def _is_solution(self, z: Array) -> bool:
-        """Whether z is one already: the first iteration would add closed points. Collective."""
-        if not self.equations.knows_closed_points:
+        """Whether z is one already: the first iteration would add closed points, or let some stick.
+
+        Collective.
+        """
+        if not (self.equations.knows_closed_points or self.equations.slips_at_points):
             return False
         at = self.equations.evaluate(z, again=self._again)
         found = bool(np.isfinite(self._merit(at))) and self._balance.is_found(at, 1.0)

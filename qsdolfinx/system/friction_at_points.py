@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.history import AT_REST
 from qsdolfinx.friction.laws import Limited, Rows
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
@@ -156,11 +157,22 @@ class PointFriction:
         told = self._told(known, normal)
         if first:
             slipped = np.any(known, axis=1) & (again | slip.has_slipped)
-            told = told._replace(unlimited=normal.active & ~slipped)
+            told = told._replace(unlimited=normal.active & ~slipped & ~self._has_moved(told))
         with collective_errors(self.model.comm):  # a law may be the user's
             response = slip.respond(told, not all(self.model.kinematics.in_displacement))
         response = slip.with_bound(response, told)
         return Tangential(multiplier, told, response, normal.active, None, response.traction)
+
+    def _has_moved(self, told: Rows) -> Flags:
+        """Points that the start of a solve moves by more than friction can hold, (points,).
+
+        As a guess does: they would stick to where they have been. Collective.
+        """
+        with collective_errors(self.model.comm):
+            held = self.slip.respond(told, not all(self.model.kinematics.in_displacement)).traction
+        way, held = (np.linalg.norm(values, axis=1) for values in (self.slip.values, held))
+        rest = AT_REST * self.model.paired.facet_size
+        return np.asarray(self.gamma * (way - rest) > held)
 
     def _told(self, known: Array, normal: Normal) -> Rows:
         """What the law of friction is told."""

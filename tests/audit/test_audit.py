@@ -32,10 +32,11 @@ def test_friction_that_jumps_at_points():
     check([24, 39, 63, 77, 83, 414], draw=random_history)
 
 
-def test_some_that_follow():
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
+def test_some_that_follow(constraints):
     """With contact that follows the bodies."""
     numbers = range(100 * (SIZE - 1), 100 * (SIZE - 1) + SCENES // 2)
-    check(numbers, draw=following(random_scene))
+    check(numbers, draw=following(random_scene, constraints))
 
 
 @pytest.mark.long

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from following import Body, problem_of
+from following import Body, Nested, problem_of, rotation
 from friction.test_friction import quadratic_space
 from scenes import WORLD, Pair, box, plane, vector_space
 from system.test_equations import away, equations_of, errors
+
+from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.system.equations import Equations
@@ -125,3 +127,23 @@ def test_driven_tool(shape, constraints):
     total = WORLD.allreduce(forces.sum(axis=0))
     assert abs(total @ along) > 1e-3
     assert abs(at.tools[0] + 0.1 + total @ along) < 1e-10
+
+
+@pytest.mark.parametrize("degrees", (10.0, 30.0))
+def test_guess(degrees):
+    """A disc that is turned in a ring, and guessed to be: what the guess slips does not stick."""
+    scene = Nested("quadrilateral", n=(40, 56), misfit=0.01, friction=qs.Coulomb(0.2), **FINITE)
+    disc = scene.bodies[0]
+    held = fem.Function(disc.V)
+    dofs = fem.locate_dofs_topological(disc.V, 1, scene.far[0])
+    disc.bcs[:] = [fem.dirichletbc(held, dofs)]
+    problem = scene.problem(solver="direct")
+    problem.solve()
+    R = rotation(np.radians(degrees))
+    x, u = disc.V.tabulate_dof_coordinates()[:, :2], disc.u.x.array.reshape(-1, 2)
+    u[:] = (x + u) @ R.T - x
+    held.x.array[:] = (x @ R.T - x).ravel()
+    problem.solve()
+    assert problem.num_iterations <= 8
+    moments = [scene.contact.moment(side)[0] for side in ("slave", "master")]
+    assert abs(sum(moments)) < 1e-8 * abs(moments[0])
