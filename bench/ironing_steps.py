@@ -1,8 +1,9 @@
 """Ironing in steps of parts of a facet to several facets, by small and by finite sliding.
 
 The demo's indenter (demos/ironing.py, friction 0.3, penalty) is dragged over --facets facets of the
-slab. For each kind of sliding and way in a step: steps, Newton iterations in all and in a step of
-the slide, seconds, and the oscillation of the force along, largest less smallest over mean.
+slab. For each kind of sliding and of constraints, and way in a step: steps, Newton iterations in
+all and in a step of the slide, seconds, mean and oscillation of the force along, largest less
+smallest over mean.
 
     python3 bench/ironing_steps.py --plot ironing_sliding.png
 """
@@ -16,16 +17,23 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "demos"))
 
 import ironing
+import numpy as np
 from machine import circumstances, write
 
-#: Facets a step of the slide, by kind of sliding.
-WAYS = {"small": (0.14, 0.25, 0.45), "finite": (0.14, 0.5, 1.0, 3.0, 6.0)}
+#: Facets a step of the slide, by kind of sliding and of constraints.
+LARGE = (0.14, 0.5, 1.0, 3.0, 6.0)
+WAYS = {
+    ("small", "points"): (0.14, 0.25, 0.45),
+    ("finite", "nodes"): LARGE,
+    ("finite", "points"): LARGE,
+}
 
 
-def run(sliding, way, facets):
+def run(kind, way, facets):
     """One ironing as a row, and the force over the slide in its plateau."""
     steps = ironing.PRESSING + round((facets + ironing.RUN_IN) / way)
-    p = ironing.Parameters(sliding=sliding, steps=steps, facets=facets)
+    sliding, constraints = kind
+    p = ironing.Parameters(sliding=sliding, constraints=constraints, steps=steps, facets=facets)
     start, iterations = time.perf_counter(), []
 
     def note(row, scene):
@@ -36,11 +44,13 @@ def run(sliding, way, facets):
     slide, _ = ironing.on_plateau(p, rows)
     return {
         "sliding": sliding,
+        "constraints": constraints,
         "facets_per_step": facets / p.plan()[1],
         "steps": result["steps"],
         "newton": sum(iterations),
         "newton_per_step": sum(iterations[-p.plan()[1] :]) / p.plan()[1],
         "seconds": seconds,
+        "mean": float(np.mean(slide.fx)),
         "oscillation": result["force_oscillation"],
         "slide": [float(x) for x in slide.slide],
         "fx": [float(x) for x in slide.fx],
@@ -48,19 +58,20 @@ def run(sliding, way, facets):
 
 
 def plot(rows, filename):
-    """Force along over the slide, one panel for each kind of sliding."""
+    """Force along over the slide, one panel for each kind of sliding and constraints."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), sharey=True, layout="constrained")
-    for axis, sliding in zip(axes, WAYS, strict=True):
+    figure, axes = plt.subplots(1, 3, figsize=(12, 3.4), sharey=True, layout="constrained")
+    for axis, (sliding, constraints) in zip(axes, WAYS, strict=True):
         for row in rows:
-            if row["sliding"] == sliding:
+            if (row["sliding"], row["constraints"]) == (sliding, constraints):
                 label = f"{row['facets_per_step']:.2g} facets a step, {row['newton']} iterations"
                 axis.plot(row["slide"], row["fx"], ".-", lw=1, ms=4, label=label)
-        axis.set(title=f'sliding="{sliding}"', xlabel="slide / facet of the slab")
+        title = f'sliding="{sliding}", constraints="{constraints}"'
+        axis.set(title=title, xlabel="slide / facet of the slab")
         axis.legend(fontsize=8)
     axes[0].set_ylabel("force along / (E × height)")
     figure.savefig(filename, dpi=150)
@@ -74,15 +85,18 @@ def main():
     parser.add_argument("--json", metavar="FILE")
     parser.add_argument("--plot", metavar="FILE")
     p = parser.parse_args()
-    print("sliding  facets a step  steps  newton  a step  seconds  oscillation")
+    print(
+        "sliding constraints  facets a step  steps  newton  a step  seconds      mean  oscillation"
+    )
     rows = []
-    for sliding, ways in WAYS.items():
+    for kind, ways in WAYS.items():
         for way in ways:
-            row = run(sliding, way, p.facets)
+            row = run(kind, way, p.facets)
             rows.append(row)
             print(
-                f"{sliding:7}{row['facets_per_step']:15.2f}{row['steps']:7}{row['newton']:8}"
-                f"{row['newton_per_step']:8.1f}{row['seconds']:9.1f}{row['oscillation']:13.1e}",
+                f"{kind[0]:8}{kind[1]:11}{row['facets_per_step']:15.2f}{row['steps']:7}"
+                f"{row['newton']:8}{row['newton_per_step']:8.1f}{row['seconds']:9.1f}"
+                f"{row['mean']:10.6f}{row['oscillation']:13.1e}",
                 flush=True,
             )
     if p.json:

@@ -56,6 +56,7 @@ class Parameters:
     steps: int = option(119, "in all, pressing and run-in included")
     facets: int = option(12, "facets of the slab that the plateau is long")
     sliding: str = option("small", "finite: contact's geometry follows the bodies in a step")
+    constraints: str | None = option(None, "nodes or points; otherwise as by default")
     swap: bool = option(False, "the slab is the slave")
     output: str | None = option(None, "fields and history.csv", metavar="FOLDER")
     verbose: bool = False
@@ -92,6 +93,7 @@ def build(comm, p):
         gap_tolerance=1e-6,
         friction=qs.Coulomb(p.mu),
         sliding=p.sliding,
+        constraints=p.constraints,
     )
     problem = qs.ContactProblem(
         [b.F for b in bodies], [b.u for b in bodies], [contact], [b.bcs for b in bodies]

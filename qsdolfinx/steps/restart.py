@@ -253,11 +253,7 @@ def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
 
 def _at_points(model: ContactModel) -> list[int]:
     """Numbers of the slips with rows at points."""
-    return [
-        j
-        for j, slip in enumerate(model.slips)
-        if slip.gap.rows.are_points and slip.gap.following is None
-    ]
+    return [j for j, slip in enumerate(model.slips) if slip.gap.rows.are_points]
 
 
 def _normals(i: int, j: int, gdim: int) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.friction import carried
-from qsdolfinx.friction.of_points import OfPoints
+from qsdolfinx.friction.of_points import OfPoints, closest
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.steps.checkpoint import Checkpoint, vertex_unknowns
 from qsdolfinx.surface.surface import Surface
@@ -19,7 +19,17 @@ Indices = npt.NDArray[np.int64]
 
 
 def stored_points(slip: Slip) -> tuple[Indices, Array]:
-    """Keys of the points of a slip, and their places, rest and normals. Collective."""
+    """Keys of the points of a slip, and their places, rest and normals. Collective.
+
+    Of gaps that follow the bodies those of the end of the last step.
+    """
+    if slip.gap.following is not None:
+        kept = slip.state.of_points
+        if kept is None:
+            kept = _now(slip)
+        keys, place = _numbered(slip, kept.keys, kept.place)
+        some = ~_is_alone(kept.keys)
+        return keys[some], np.column_stack([place, kept.rest, kept.normal])[some]
     keys, place = _known_by(slip)
     of_points = carried.of_points(slip, keys, place)
     return keys, np.column_stack([place, of_points.rest, of_points.normal])
@@ -34,14 +44,45 @@ def load_points(slip: Slip, normals: Array, checkpoint: Checkpoint, name: str) -
         checkpoint: The checkpoint.
         name: What the points were stored as.
     """
-    keys, place = _known_by(slip)
+    now = _now(slip) if slip.gap.following is not None else None
+    keys, place = _known_by(slip) if now is None else _numbered(slip, now.keys, now.place)
     found = checkpoint.points(name, keys)
     if found is None:
         return
     known, values = found
     ends = np.cumsum([place.shape[1], slip.gap.slave.gdim])
     old = OfPoints(known, *np.split(values, ends, axis=1))
-    carried.take_saved(slip, normals, old, keys, place)
+    if now is None:
+        carried.take_saved(slip, normals, old, keys, place)
+    else:
+        at = closest(old.keys, old.place, keys, place)
+        now.rest[at >= 0] = old.rest[at[at >= 0]]
+        slip.state.of_points = now
+
+
+def _now(slip: Slip) -> OfPoints:
+    """Points of gaps that follow the bodies where these are, without any rest. Collective."""
+    assert slip.gap.cut is not None
+    at = slip.gap.slip_at_points(slip.gap.cut.places)
+    return OfPoints(at.facets, at.place, np.zeros_like(at.slip), at.normal)
+
+
+def _is_alone(keys: Indices) -> npt.NDArray[np.bool_]:
+    """Points that are between no facets."""
+    return np.asarray(np.all(keys == -1, axis=1))
+
+
+def _numbered(slip: Slip, keys: Indices, place: Array) -> tuple[Indices, Array]:
+    """As :func:`_known_by`, of keys that ``SlipAtPoints`` has. Collective."""
+    slave, master = slip.gap.slave, deformable(slip.gap.master)
+    nv = slave.num_facet_vertices
+    first = 0 if keys.shape[1] == nv else 1  # which facet was cut, but of analytic tools
+    numbers = _numbers(slave, keys[:, first : first + nv, None])
+    order = np.argsort(numbers, axis=1)
+    columns = [keys[:, :first], np.take_along_axis(numbers, order, axis=1)]
+    there = keys[:, first + nv :]
+    columns.append(there if master is None else np.sort(_numbers(master, there[..., None]), axis=1))
+    return np.column_stack(columns), np.take_along_axis(place, order, axis=1)
 
 
 def _known_by(slip: Slip) -> tuple[Indices, Array]:

@@ -39,6 +39,11 @@ def test_some_that_follow(constraints):
     check(numbers, draw=following(random_scene, constraints))
 
 
+def test_histories_that_follow():
+    """What points have beyond nodes goes through a checkpoint."""
+    check([20, 39], draw=following(random_history, "points"))
+
+
 @pytest.mark.long
 def test_many_that_follow():
     check(range(500), draw=following(random_scene))
