@@ -81,6 +81,7 @@ OPTIONS = {
     "points": {"constraints": "points"},
     "friction": {"friction": qs.Coulomb(0.2)},
     "finite": {"sliding": "finite", "friction": qs.Coulomb(0.2)},
+    "finite points": {"sliding": "finite", "constraints": "points", "friction": qs.Coulomb(0.2)},
 }
 
 
@@ -154,7 +155,7 @@ def test_after_a_solve_that_fails():
         assert scene.contact.force("slave")[1] == pytest.approx(-2 * E * DEPTH)
 
 
-@pytest.mark.parametrize("name", ("augmented", "penalty", "friction", "finite"))
+@pytest.mark.parametrize("name", ("augmented", "penalty", "friction", "finite", "finite points"))
 def test_before_the_first_solve(name):
     """No forces, whether the penalty is known or not; gaps are those of the surfaces."""
     scene = Press(**OPTIONS[name])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from following import Body, Nested, problem_of, rotation
+from following import Body, Boxes, Nested, problem_of, rotation
 from friction.test_friction import quadratic_space
 from scenes import WORLD, Pair, box, plane, vector_space
 from system.test_equations import away, equations_of, errors
@@ -147,3 +147,19 @@ def test_guess(degrees):
     assert problem.num_iterations <= 8
     moments = [scene.contact.moment(side)[0] for side in ("slave", "master")]
     assert abs(sum(moments)) < 1e-8 * abs(moments[0])
+
+
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_gaps_of_the_master(cell):
+    """The gap field of either side is what is between flat boxes, and 0 where nothing faces it."""
+    across, n = ((), ()) if cell == "triangle" else ((1.0,), (2,))
+    sizes = (2.0, *across, 0.5), (0.8, *across, 0.6)
+    scene = Boxes(cell, ((10, *n, 2), (3, *n, 2)), sizes, start=0.53, gap=0.01)
+    scene.clamp_far()
+    contact = qs.Contact(scene.above, scene.below, **FINITE)
+    scene.problem(contact, solver="direct").solve()
+    for side, surface in (("slave", scene.above), ("master", scene.below)):
+        values = surface.linear.node_values(contact.fields(side)["gap"])
+        faced = values != 0
+        assert np.allclose(values[faced], -0.01, rtol=1e-9)  # open
+        assert WORLD.allreduce(np.count_nonzero(faced)) > 3
