@@ -48,7 +48,7 @@ def joined(parts: typing.Sequence[Entries]) -> Entries:
 def matrix_of(
     parts: typing.Sequence[Entries], num_rows: int, num_columns: int, comm: typing.Any
 ) -> PETSc.Mat:
-    """AIJ matrix of all these entries, without more memory than its own. Collective.
+    """AIJ matrix of all these entries, filled part by part. Collective.
 
     Args:
         parts: Rows are numbers on this rank, columns are global.

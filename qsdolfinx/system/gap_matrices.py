@@ -119,7 +119,7 @@ class GapMatrices:
         self._right = self._matrix([*of_gaps[1], *of_functions, *functions, *of_slips])
 
     def functions(self) -> PETSc.Mat:
-        """A N E of λ, which stays this object's. Collective."""
+        """Matrix a N E of λ, which stays this object's. Collective."""
         rows = self._rows
         assert isinstance(rows, PointConstraints)
         if self._functions is None:
