@@ -4,6 +4,17 @@ from typing import Any, overload
 import numpy
 import numpy.typing
 
+class CompressedRows:
+    """Rows of this rank by all unknowns; see tangent/products.h."""
+
+    def __init__(
+        self,
+        offset: numpy.typing.NDArray[numpy.int64],
+        column: numpy.typing.NDArray[numpy.int64],
+        value: numpy.typing.NDArray[numpy.float64],
+    ) -> None:
+        """First entry of each row, [row + 1]; numbers and values, [entry]."""
+
 class FunctionsOfPieces:
     """How functions move at the points of pieces; see gap/point_rows.h."""
 
@@ -377,6 +388,32 @@ class SlipOfPieces:
     def normal(self) -> numpy.typing.NDArray[numpy.float64]:
         """Outward of the slave, [point][3]."""
 
+class StackedRows:
+    """Rows of points by all unknowns; see tangent/products.h."""
+
+    def __init__(self, num_points: int, components: int) -> None: ...
+    def add_gaps(
+        self,
+        gap: GapOperator,
+        side: int,
+        numbers: numpy.typing.NDArray[numpy.int64],
+        factor: float,
+        first: int,
+    ) -> None:
+        """Add a factor times one side of an operator, in components from the first on; `numbers` are those of its unknowns, [column][block], negative where they are held."""
+
+    def add_rows(self, rows: CompressedRows, factor: float, first: int, width: int) -> None:
+        """Add a factor times rows, `width` for each point, likewise."""
+
+    def entries(
+        self,
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.float64],
+    ]:
+        """Rows, columns and values, [entry]."""
+
 class Surface:
     """Distributed contact surface; see surface/surface.h."""
 
@@ -448,6 +485,19 @@ class Surface:
     @property
     def node_normal(self) -> numpy.typing.NDArray[numpy.float64]:
         """Their averaged outward unit normals, [node][3]."""
+
+def add_entries(
+    matrix: int,
+    rows: numpy.typing.NDArray[numpy.int64],
+    columns: numpy.typing.NDArray[numpy.int64],
+    values: numpy.typing.NDArray[numpy.float64],
+) -> None:
+    """Add entries in any order, of any rank's rows; negative numbers are left out."""
+
+def add_products(
+    matrix: int, left: StackedRows, right: StackedRows, D: numpy.typing.NDArray[numpy.float64]
+) -> None:
+    """Add Lᵀ D R; D has a number for each row, or a matrix [component][component] for each point."""
 
 def add_slip_forces(pieces: Pieces, cover: int, traction: int, slave: int, master: int) -> None:
     """Add the forces of friction on slip that rigid motions do not have; collective."""

@@ -3,12 +3,15 @@
 #include "tangent/curvature.h"
 #include "tangent/friction.h"
 #include "tangent/insertion.h"
+#include "tangent/products.h"
 #include "tangent/rows.h"
 
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <tuple>
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -124,6 +127,68 @@ void qsdolfinx::bind_tangent(nb::module_& m)
         return copy(counts, {2, counts.size() / 2});
       },
       "block"_a, "Number of entries in own and in other columns, [2][row].");
+  nb::class_<CompressedRows>(m, "CompressedRows",
+                             "Rows of this rank by all unknowns; see tangent/products.h.")
+      .def(
+          "__init__",
+          [](CompressedRows* self, In<std::int64_t> offset, In<std::int64_t> column,
+             In<double> value)
+          {
+            const auto o = offset.view(), c = column.view();
+            const auto v = value.view();
+            new (self)
+                CompressedRows{{o.begin(), o.end()}, {c.begin(), c.end()}, {v.begin(), v.end()}};
+          },
+          "offset"_a, "column"_a, "value"_a,
+          "First entry of each row, [row + 1]; numbers and values, [entry].");
+  nb::class_<StackedRows>(m, "StackedRows",
+                          "Rows of points by all unknowns; see tangent/products.h.")
+      .def(nb::init<std::size_t, std::size_t>(), "num_points"_a, "components"_a)
+      .def(
+          "add_gaps",
+          [](StackedRows& rows, const GapOperator& gap, int side, In<std::int64_t> numbers,
+             double factor, std::size_t first)
+          {
+            const auto n = numbers.view();
+            rows.add_gaps(gap, side, {n.begin(), n.end()}, factor, first);
+          },
+          "gap"_a, "side"_a, "numbers"_a, "factor"_a, "first"_a, nb::keep_alive<1, 2>(),
+          "Add a factor times one side of an operator, in components from the first on; `numbers` "
+          "are those of its unknowns, [column][block], negative where they are held.")
+      .def("add_rows", &StackedRows::add_rows, "rows"_a, "factor"_a, "first"_a, "width"_a,
+           nb::keep_alive<1, 2>(), "Add a factor times rows, `width` for each point, likewise.")
+      .def(
+          "entries",
+          [](const StackedRows& rows)
+          {
+            std::vector<std::int64_t> row, column;
+            std::vector<double> value;
+            for (std::size_t i = 0; i < rows.num_rows(); ++i)
+              rows.visit(i,
+                         [&](PetscInt c, double v)
+                         {
+                           row.push_back(static_cast<std::int64_t>(i));
+                           column.push_back(c);
+                           value.push_back(v);
+                         });
+            const std::size_t n = value.size();
+            return std::tuple(copy(std::move(row), {n}), copy(std::move(column), {n}),
+                              copy(std::move(value), {n}));
+          },
+          "Rows, columns and values, [entry].");
+  m.def(
+      "add_products",
+      [](Handle matrix, const StackedRows& left, const StackedRows& right, In<double> D)
+      { add_products(reinterpret_cast<Mat>(matrix), left, right, D.view()); }, "matrix"_a, "left"_a,
+      "right"_a, "D"_a,
+      "Add Lᵀ D R; D has a number for each row, or a matrix [component][component] for each "
+      "point.");
+  m.def(
+      "add_entries",
+      [](Handle matrix, In<std::int64_t> rows, In<std::int64_t> columns, In<double> values)
+      { add_entries(reinterpret_cast<Mat>(matrix), rows.view(), columns.view(), values.view()); },
+      "matrix"_a, "rows"_a, "columns"_a, "values"_a,
+      "Add entries in any order, of any rank's rows; negative numbers are left out.");
   m.def(
       "set_places", [](Handle matrix, In<std::int64_t> rows, In<std::int64_t> columns)
       { set_places(reinterpret_cast<Mat>(matrix), rows.view(), columns.view()); }, "matrix"_a,

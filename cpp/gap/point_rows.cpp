@@ -77,7 +77,11 @@ void compress(GapOperator::Side& out, const Functions& f, std::size_t num_points
     }
     out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
   }
+  out.column.shrink_to_fit();
+  out.coefficient.shrink_to_fit();
+  out.offset.shrink_to_fit();
 }
+
 /// Unknowns of one side, none of points that are alone.
 std::vector<std::int64_t> without_alone(const PairingPoints& points, const PairingSide& side)
 {

@@ -33,23 +33,42 @@ class ContactPart(typing.NamedTuple):
     blocks: RowBlocks
     num_bodies: int
 
-    def condensed(self) -> PETSc.Mat:
-        """H − F C_γ⁻¹ D of the bodies' unknowns as a new matrix. Collective."""
+    def condensed(self, into: PETSc.Mat | None = None) -> PETSc.Mat:
+        """H − F C_γ⁻¹ D of the bodies' unknowns. Collective.
+
+        Args:
+            into: What this has given before, of the same pattern; None for a new matrix.
+        """
         inverse = self.blocks.inverse()
         start, num = self.matrix.getOwnershipRange()[0], self.blocks.num_rows
         sets = [
             PETSc.IS().createStride(size, first, 1, comm=self.matrix.comm)
             for size, first in ((self.num_bodies, start), (num, start + self.num_bodies))
         ]
-        (out, F), (D, none) = (
-            [self.matrix.createSubMatrix(rows, columns) for columns in sets] for rows in sets
-        )
+        D, none = (self.matrix.createSubMatrix(sets[1], columns) for columns in sets)
         inverse = inverse._replace(column=inverse.column + none.getOwnershipRange()[0])
         C = inverse.scaled(-1.0).matrix(num, num, self.matrix.comm)
         half = C.matMult(D)
-        product = F.matMult(half)
-        for thing in (F, D, none, C, half, *sets):  # before the sum needs its memory
+        for thing in (D, none, C):  # before the next needs their memory
             thing.destroy()
+        F = self.matrix.createSubMatrix(sets[0], sets[1])
+        product = F.matMult(half)
+        for thing in (F, half):
+            thing.destroy()
+        if into is not None:
+            into.zeroEntries()
+            into.axpy(1.0, product, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            product.destroy()
+        out = self.matrix.createSubMatrix(sets[0], sets[0])
+        for index_set in sets:
+            index_set.destroy()
+        if into is not None:
+            into.axpy(1.0, out, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            out.destroy()
+            return into
+        if out.handle == self.matrix.handle:  # PETSc gives all of a matrix as what it is
+            out.destroy()
+            out = self.matrix.copy()
         out.axpy(1.0, product, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         product.destroy()
         return out
@@ -89,12 +108,19 @@ class _OfSum:
     def __init__(self, system: ContactSystem, linear: LinearSolver) -> None:
         assert isinstance(system.made.tangent, Additive)
         self._tangent, self._linear = system.made.tangent, linear
+        #: Contact, and what was condensed of it at the last update: patterns stay while both do.
+        self._last: tuple[PETSc.Mat, PETSc.Mat] | None = None
 
     def update(self, contact: ContactPart, springs: Array, free: Array) -> None:
-        if self._tangent.has_factors:
-            self._tangent.assemble_with(contact.blocks.stiffness(), springs)
+        tangent = self._tangent
+        if tangent.has_factors:
+            tangent.assemble_with(contact.blocks.stiffness(), springs)
         else:
-            self._tangent.assemble_beside(contact.condensed(), springs)
+            last = (None, None) if self._last is None else self._last
+            same = contact.matrix is last[0] and tangent.contact_matrix is last[1]
+            known = tangent.contact_matrix if same else None
+            tangent.assemble_beside(contact.condensed(known), springs)
+            self._last = contact.matrix, tangent.contact_matrix
         self._linear.precondition(free)
 
     def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec) -> None:

@@ -80,6 +80,12 @@ class Additive:
         """Whether contact is in factors."""
         return isinstance(self._contact, ContactFactors)
 
+    @property
+    def contact_matrix(self) -> PETSc.Mat:
+        """Contact as one matrix, where it is not in factors."""
+        assert isinstance(self._contact, ContactFormed)
+        return self._contact.product.matrix
+
     def assemble(self) -> None:
         """Update to the bodies' and the contacts' present state. Collective."""
         self._follow_bodies()
@@ -107,12 +113,14 @@ class Additive:
         """Update to the bodies' present state, and to contact as a matrix. Collective.
 
         Args:
-            contact: AIJ, which becomes this object's; its pattern may be another than before.
+            contact: AIJ, which becomes this object's; its pattern may be another than before. Or
+                :attr:`contact_matrix` with other entries.
             shift: On top of the diagonal, owned unknowns.
         """
         self._follow_bodies()
         assert isinstance(self._contact, ContactFormed)
-        if not self._contact.product.take(contact):
+        same = contact is self.contact_matrix
+        if not same and not self._contact.product.take(contact):
             self._contact.is_other = self.has_other_pattern = True
         self.sum.renew(shift)
 

@@ -16,10 +16,10 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated
 from qsdolfinx.system.driven import DrivenTools
-from qsdolfinx.system.entries import Entries, joined
+from qsdolfinx.system.entries import Entries, global_entries, joined
 from qsdolfinx.system.factors import Number, entries_of
-from qsdolfinx.system.friction_rows import OfTangential
-from qsdolfinx.system.gap_matrices import GapMatrices, Moving, Sided
+from qsdolfinx.system.friction_rows import OfTangential, Tangential
+from qsdolfinx.system.gap_matrices import GapMatrices, Gaps, Moving
 from qsdolfinx.system.layout import Layout
 from qsdolfinx.system.normal_rows import NodalRows, Normal
 from qsdolfinx.system.passes import Pass, State
@@ -31,6 +31,9 @@ Indices = npt.NDArray[np.int64]
 #: Springs over the diagonal of the bodies' matrices that a second solve with the same factors takes
 #: back: they make matrices regular where conditions leave bodies a rigid motion.
 REGULAR = 1e-11
+
+#: What rows of a pass add that make forces themselves, where they were evaluated.
+Product = tuple[GapMatrices, Normal, Tangential | None]
 
 
 def _each(of: Entries, factor: Array, own: Indices) -> list[Entries]:
@@ -65,7 +68,7 @@ class Derivative:
         self._system, self._passes, self._layout, self._tools = system, passes, layout, tools
         self.free_bodies = system.free_bodies
         self.softened: Array = np.zeros(layout.num_local)
-        self._whole, self._contact = (_Assembled(system.comm, layout) for _ in range(2))
+        self._whole, self._contact = _Placed(system.comm, layout), _Added(system.comm, layout)
         self._of_gaps: dict[ConstraintRows, GapMatrices] = {}
 
     def of(
@@ -80,7 +83,8 @@ class Derivative:
                 leave some rigid motion, and of those that have no condition at all.
         """
         self.softened = np.zeros(self._layout.num_local)
-        found = [*self._bulk(), *self._shift(shift), *self._beside(at, exact)]
+        contact = self._contact.assemble(*self._beside(at, exact))
+        found = [*self._bulk(), *self._shift(shift), global_entries(contact)]
         if not exact:
             for i, p in enumerate(self._passes):
                 first = int(self._layout.ends[len(self._system.bodies) + i])
@@ -97,18 +101,41 @@ class Derivative:
         Returns:
             An AIJ matrix by all unknowns that stays this object's.
         """
-        return self._contact.assemble(self._beside(at, False))
+        return self._contact.assemble(*self._beside(at, False))
 
-    def _beside(self, at: State, exact: bool) -> list[Entries]:
-        """Its entries. Collective."""
-        found = [*self._curvature(at), *self._of_conductances()]
+    def _beside(self, at: State, exact: bool) -> tuple[list[Entries], list[Product]]:
+        """Its entries, and products at rows that have more. Collective."""
+        found, products = [*self._curvature(at), *self._of_conductances()], []
         if self._tools.are_turning:
             turned = self._tools.turned(at)
             own = np.arange(self._layout.ends[-2], self._layout.ends[-1]) + self._layout.start
             found.append(Entries(own, own, turned[: len(own)]))
-        for i, p in enumerate(self._passes):
-            found += self._of_pass(i, p, at.passes[i], exact)
-        return found
+        for i, (p, e) in enumerate(zip(self._passes, at.passes, strict=True)):
+            first, rows = self._layout.first_of_pass(i), p.rows
+            own = first + np.arange(rows.num_multipliers)
+            if rows.condensed is not None:
+                of_friction = None if rows.condensed_friction is None else e.tangential
+                matrices = self._matrices(p, rows.condensed, own, e.normal)
+                products.append((matrices, e.normal, of_friction))
+                found += [*matrices.mixed, *self._softened(rows, first, e, exact)]
+            else:
+                assert rows.nodal is not None
+                found += self._of_nodes(p, rows.nodal, e, exact, own)
+            if rows.nodal_friction is not None and e.tangential is not None:
+                by = rows.nodal_friction.derivative(e.tangential, exact)
+                found += self._of_slip(p, e, by, own, first + len(own))
+        return found, products
+
+    def _softened(
+        self, rows: ConstraintRows, first: int, at: Evaluated, exact: bool
+    ) -> list[Entries]:
+        """What makes the inexact derivative regular at points; zeros in the exact one."""
+        assert rows.condensed is not None
+        soft = rows.condensed.softened(at.normal)
+        if rows.condensed_friction is not None:
+            soft = np.concatenate([soft, rows.condensed_friction.softened()])
+        every = first + np.arange(len(soft))
+        return [Entries(every, every, 0.0 * soft if exact else soft)]
 
     def _of_matrix(self, mat: PETSc.Mat, i: int, j: int) -> Entries:
         """Entries of the block of bodies i and j."""
@@ -226,29 +253,6 @@ class Derivative:
         scale = self._system.scales if scaled else [1.0] * self._layout.num_bodies
         return entries_of(operator, p.bodies, numbers, scale)
 
-    def _of_pass(self, i: int, p: Pass, at: Evaluated, exact: bool) -> list[Entries]:
-        """Entries that the constraints of a pass have a part in. Collective."""
-        rows = p.rows
-        first = self._layout.first_of_pass(i)
-        own = first + np.arange(rows.num_multipliers)
-        if rows.condensed is not None:
-            of_friction = None if rows.condensed_friction is None else at.tangential
-            matrices = self._matrices(p, rows.condensed, own, at.normal)
-            found = [matrices.derivative(at.normal, of_friction)]
-            if not exact:
-                soft = rows.condensed.softened(at.normal)
-                if rows.condensed_friction is not None:
-                    soft = np.concatenate([soft, rows.condensed_friction.softened()])
-                every = first + np.arange(len(soft))
-                found.append(Entries(every, every, soft))
-        else:
-            assert rows.nodal is not None
-            found = self._of_nodes(p, rows.nodal, at, exact, own)
-        if rows.nodal_friction is not None and at.tangential is not None:
-            by = rows.nodal_friction.derivative(at.tangential, exact)
-            found += self._of_slip(p, at, by, own, first + len(own))
-        return found
-
     def _of_nodes(
         self, p: Pass, rows: NodalRows, at: Evaluated, exact: bool, own: Indices
     ) -> list[Entries]:
@@ -321,11 +325,13 @@ class Derivative:
         if p.rows not in self._of_gaps:
             friction, slips = p.rows.condensed_friction, None
             change = (None, None) if p.tool is None else self._tools.changes(p)
-            gaps = self._both(p, (p.gap.operator, p.gap.operator), change[0])
+            gaps = self._gaps(p, p.gap.operator, change[0])
             last = int(own[-1]) + 1 if len(own) else self._first_of(p)
             of_slip = last + np.arange(0 if friction is None else friction.shape[0])
             if friction is not None and p.slip is not None:
-                slips = self._both(p, (p.slip.works, p.slip.operator), change[1])
+                slip = self._gaps(p, p.slip.operator, change[1])
+                works = p.slip.works is not p.slip.operator
+                slips = self._gaps(p, p.slip.works, change[1]) if works else slip, slip
             numbers = own, of_slip
             moving = self._moving(p, rows, at)
             made = GapMatrices(rows, friction, gaps, slips, numbers, self._layout.num_local, moving)
@@ -345,33 +351,23 @@ class Derivative:
             scaled = self._system.scales[body] * value
             mixed.append(Entries(side, self._layout.numbers(body, unknown), scaled))
         of_tool = None if p.tool is None else self._tools.moved_functions(p, found)
-        operators = found.operator, found.operator
-        return Moving(joined(self._both(p, operators, of_tool)[1]), joined(mixed))
+        return Moving(self._gaps(p, found.operator, of_tool), joined(mixed))
 
     def _first_of(self, p: Pass) -> int:
         """Number in z of a pass' first unknown on this rank."""
         return self._layout.first_of_pass(self._passes.index(p))
 
-    def _both(
-        self, p: Pass, operators: tuple[typing.Any, typing.Any], change: Array | None
-    ) -> Sided:
-        """Of L by displacements, and G or J by the unknowns, with those of a driven tool."""
-        first, last = operators
-        by_displacement = self._with_change(p, first, False, change)
-        if first is last and all(scale == 1 for scale in self._system.scales):
-            return by_displacement, by_displacement
-        return by_displacement, self._with_change(p, last, True, change)
-
-    def _with_change(
-        self, p: Pass, operator: typing.Any, scaled: bool, change: Array | None
-    ) -> list[Entries]:
-        """Of one of them."""
-        found = self._of_sides(operator, p, scaled)
+    def _gaps(self, p: Pass, operator: _cpp.GapOperator, change: Array | None) -> Gaps:
+        """Of an operator at the rows of a pass, and how a driven tool changes them."""
+        bodies = [i for i in p.bodies[: operator.num_sides] if i is not None]
+        numbers = [self._layout.numbers(i, operator.columns(k)) for k, i in enumerate(bodies)]
+        of_tool = None
         if p.tool is not None and change is not None:
-            row = np.arange(change.size)
-            tool = np.full(len(row), self._layout.of_tool(p.tool))
-            found.append(Entries(row, tool, change.ravel()))
-        return found
+            tool = np.full(change.size, self._layout.of_tool(p.tool))
+            every = np.arange(change.size + 1, dtype=np.int64)
+            of_tool = _cpp.CompressedRows(every, tool, np.ascontiguousarray(change, np.float64))
+        scales = tuple(self._system.scales[i] for i in bodies)
+        return Gaps(operator, tuple(numbers), scales, of_tool)
 
     def _with_tool(
         self, p: Pass, own: Indices, weight: Array, by_gap: Array, change: Array
@@ -477,7 +473,44 @@ class Derivative:
         self.forget_gaps()
 
 
-class _Assembled:
+class _Added:
+    """Matrix of entries and products, whose pattern stays while these are at the same places."""
+
+    def __init__(self, comm: MPI.Comm, layout: Layout) -> None:
+        self._comm, self._size = comm, layout.num_local
+        self._matrix: PETSc.Mat | None = None
+        self._places, self._made = b"", typing.cast(list[GapMatrices], [])
+
+    def assemble(
+        self, found: typing.Sequence[Entries], products: typing.Sequence[Product]
+    ) -> PETSc.Mat:
+        """Take these, some perhaps of rows of other ranks. Collective."""
+        row, column, value = joined(found)
+        places = _digest(row, column)
+        made = [of for of, _, _ in products]
+        same = [id(of) for of in made] == [id(of) for of in self._made]
+        if self._matrix is not None and self._comm.allreduce(
+            same and places == self._places, op=MPI.LAND
+        ):
+            self._matrix.zeroEntries()
+        else:
+            self.destroy()
+            self._matrix = _any_entries(self._size, self._size, self._comm)
+            self._places, self._made = places, made
+        _cpp.add_entries(self._matrix.handle, row, column, value)
+        for of, normal, tangential in products:
+            of.add_to(self._matrix, normal, tangential)
+        self._matrix.assemble()
+        return self._matrix
+
+    def destroy(self) -> None:
+        """Free it. Collective."""
+        if self._matrix is not None:
+            self._matrix.destroy()
+        self._matrix, self._places, self._made = None, b"", []
+
+
+class _Placed:
     """Matrix of entries by all unknowns, whose pattern stays while they are at the same places."""
 
     def __init__(self, comm: MPI.Comm, layout: Layout) -> None:
@@ -490,11 +523,10 @@ class _Assembled:
         row, column, value = joined(found)
         keep = (row >= 0) & (column >= 0)
         row, column, value = row[keep], column[keep], value[keep]
-        places = hashlib.blake2b(np.ascontiguousarray(row))
-        places.update(np.ascontiguousarray(column))
-        if not self._comm.allreduce(places.digest() == self._places, op=MPI.LAND):
+        places = _digest(row, column)
+        if not self._comm.allreduce(places == self._places, op=MPI.LAND):
             self._allocate(row, column)
-            self._places = places.digest()
+            self._places = places
         assert self._matrix is not None
         _cpp.set_values(self._matrix.handle, value)
         return self._matrix
@@ -511,6 +543,12 @@ class _Assembled:
         if self._matrix is not None:
             self._matrix.destroy()
         self._matrix, self._places = None, b""
+
+
+def _digest(row: Indices, column: Indices) -> bytes:
+    out = hashlib.blake2b(np.ascontiguousarray(row))
+    out.update(np.ascontiguousarray(column))
+    return out.digest()
 
 
 def _any_entries(rows: int, columns: int, comm: MPI.Comm) -> PETSc.Mat:

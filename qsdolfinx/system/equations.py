@@ -429,6 +429,8 @@ class Equations:
             if p.rows.condensed is not None:
                 p.rows.condensed.proximal = part
                 p.rows.condensed.far = far
+            if p.rows.condensed_friction is not None:
+                p.rows.condensed_friction.proximal = part
 
     def forget(self) -> None:
         """Evaluate anew, since the state has been changed."""

@@ -45,6 +45,9 @@ class PointFriction:
         slip: Its slip.
     """
 
+    #: Part of the diagonal by which the inexact derivative is softer.
+    proximal = LEAST_PROXIMAL
+
     def __init__(self, model: ContactModel, slip: Slip) -> None:
         self.model, self.slip = model, slip
         #: γ_t (stress per length).
@@ -234,7 +237,7 @@ class PointFriction:
 
     def softened(self) -> Array:
         """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
-        return np.asarray((-LEAST_PROXIMAL / self.gamma * self.areas).ravel())
+        return np.asarray((-self.proximal / self.gamma * self.areas).ravel())
 
     def rounded_forces(self, at: Tangential) -> Array:
         """What rounding of slips makes of forces, (points,): of laws that slip rates steer.

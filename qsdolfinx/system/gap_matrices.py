@@ -16,9 +16,6 @@ from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.entries import (
     Entries,
     global_entries,
-    joined,
-    local_entries,
-    matrix_of,
 )
 from qsdolfinx.system.friction_at_points import PointFriction
 from qsdolfinx.system.friction_rows import Tangential
@@ -27,9 +24,44 @@ from qsdolfinx.system.normal_rows import Normal
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
-#: By what moves the bodies and a driven tool, of which forces are the transposed; and by the
-#: unknowns: the same list where that is the same.
-Sided = tuple[list[Entries], list[Entries]]
+
+
+class Gaps(typing.NamedTuple):
+    """Gaps, slips, or other numbers at the rows, by all unknowns of the equations.
+
+    Attributes:
+        operator: Them by the unknowns of the bodies.
+        numbers: Of each side's unknowns among all, (columns, block).
+        scales: Displacement per unknown of each side.
+        of_tool: By the displacement of a driven tool; None without.
+    """
+
+    operator: _cpp.GapOperator
+    numbers: tuple[Indices, ...]
+    scales: tuple[float, ...]
+    of_tool: _cpp.CompressedRows | None
+
+    @property
+    def are_scaled(self) -> bool:
+        """Whether unknowns of a body are other than displacements."""
+        return any(scale != 1 for scale in self.scales)
+
+    def add_to(
+        self, rows: _cpp.StackedRows, factor: float, scaled: bool = True, first: int = 0
+    ) -> None:
+        """Add them times a factor, in components from the first on.
+
+        Args:
+            rows: What takes them.
+            factor: The factor.
+            scaled: Whether by the unknowns, or by displacements.
+            first: The first component.
+        """
+        for i, (numbers, scale) in enumerate(zip(self.numbers, self.scales, strict=True)):
+            by = factor * scale if scaled else factor
+            rows.add_gaps(self.operator, i, numbers, by, first)
+        if self.of_tool is not None:
+            rows.add_rows(self.of_tool, factor, first, self.operator.width)
 
 
 class Moving(typing.NamedTuple):
@@ -41,7 +73,7 @@ class Moving(typing.NamedTuple):
             of nodes.
     """
 
-    rows: Entries
+    rows: Gaps
     mixed: Entries
 
 
@@ -52,13 +84,14 @@ class GapMatrices:
     potential Σ_p w_p/(2γ) ([y_p]₊² − a λ_h²) the second derivative is Bᵀ W/γ χ B − a Nᵀ W/γ N, χ
     being 1 at closed points; of Σ_k S_k φ(ḡ_k) it is Gᵀ S φ'' G. Of friction at points there
     are three more rows, B_t = γ_t J + N_t, of each, and the derivative is Bᵀ W D B* − Nᵀ W/γ N, D
-    having a block for each point, and B* having (1 − γ_t/ε_t) N_t with a penalty. Collective.
+    having a block for each point, and B* having (1 − γ_t/ε_t) N_t with a penalty. B is not formed:
+    products of points are dense blocks. Collective.
 
     Args:
         rows: The rows.
         friction: Friction at these points; None without.
         gaps: G.
-        slips: J, a row for each component; None without friction.
+        slips: What friction works on, and J, a row for each component; None without friction.
         numbers: Of the unknowns λ of this rank among all, shape (λ,), and of τ.
         num_local: Unknowns of this rank.
         moving: How λ_h moves where gaps follow the bodies; None if it does not. What R_λ and forces
@@ -69,79 +102,89 @@ class GapMatrices:
         self,
         rows: CondensedRows,
         friction: PointFriction | None,
-        gaps: Sided,
-        slips: Sided | None,
+        gaps: Gaps,
+        slips: tuple[Gaps, Gaps] | None,
         numbers: tuple[Indices, Indices],
         num_local: int,
         moving: Moving | None = None,
     ) -> None:
         self._rows, self._comm, self._num = rows, rows.model.comm, num_local
         self._friction, self._width = friction, rows.gap.operator.width
-        self._size: int = rows.gap.num_rows * self._width
         self._numbers, self._functions = numbers[0], typing.cast("PETSc.Mat | None", None)
-        self._all: PETSc.Mat | None
-        self._all_left: PETSc.Mat | None
-        #: What stays: −a Nᵀ W/γ N, and the patterns of the products.
-        self._own: Entries | None = None
-        self._products: tuple[PETSc.Mat, ...] = ()
-        of_nodes: list[Entries] = []
         self._part = 1.0
+        of_nodes: list[tuple[int, _cpp.CompressedRows]] = []  # and the component
         if isinstance(rows, PointConstraints) and rows.has_multipliers:
-            of_nodes.append(self._of_nodes(rows.free, numbers[0], rows.extension))
+            of_nodes.append((0, self._of_nodes(rows.free, numbers[0], rows.extension)))
             self._part = rows.part
-        functions = [e.scaled(self._part) for e in of_nodes]
         #: Of λ by how its functions move.
-        self._mixed: list[Entries] = []
-        in_rows: list[Entries] = []
+        self.mixed: list[Entries] = []
+        in_rows: Gaps | None = None
         if moving is not None and isinstance(rows, PointConstraints):
-            in_rows = [moving.rows]
-            self._mixed = [self._of_moving(moving.mixed, rows, numbers[0])]
-        of_slips = []
-        if friction is not None:
-            first = self._size
-            self._size += first * friction.free.shape[2]
-            of_slips = self._of_slips(friction, numbers[1], first)
+            in_rows = moving.rows
+            self.mixed = [self._of_moving(moving.mixed, rows, numbers[0])]
+        of_slips = [] if friction is None else self._of_slips(friction, numbers[1])
+        elastic = 0.0 if friction is None else friction.elastic  # of a penalty τ has a compliance
         #: N E of λ and τ, and that without how functions move; None without multipliers.
         self._all = self._all_left = None
-        if functions or of_slips:
-            self._all = self._all_left = self._matrix([*of_nodes, *of_slips])
-            if in_rows:
-                self._all = self._matrix([*of_nodes, *of_slips, *in_rows])
-        of_gaps = self._stacked(gaps, slips)
-        elastic = 0.0 if friction is None else friction.elastic  # of a penalty τ has a compliance
-        #: Bᵀ of what forces work on; None if that is B.
-        self._left: PETSc.Mat | None = None
-        if of_gaps[0] is not of_gaps[1] or in_rows or elastic:
-            works_on = self._matrix([*of_gaps[0], *functions, *of_slips])
-            self._left = works_on.transpose()  # in place
-        of_functions = [e.scaled(self._part) for e in in_rows]
-        of_slips = [e.scaled(1 - elastic) for e in of_slips]
-        self._right = self._matrix([*of_gaps[1], *of_functions, *functions, *of_slips])
+        if of_nodes or of_slips:
+            self._all = self._all_left = self._sum([*of_nodes, *of_slips], None)
+            if in_rows is not None:
+                self._all = self._sum([*of_nodes, *of_slips], in_rows)
+        self._right = self._stacked(gaps, slips, (of_nodes, of_slips), in_rows, 1 - elastic)
+        #: B of what forces work on, the same object if that is B.
+        self._left = self._right
+        differ = slips is not None and slips[0] is not slips[1]
+        scaled = gaps.are_scaled or (slips is not None and slips[1].are_scaled)
+        if differ or scaled or in_rows is not None or elastic:
+            of_forces = None if slips is None else (slips[0], slips[0])
+            self._left = self._stacked(gaps, of_forces, (of_nodes, of_slips), None, 1.0, False)
 
     def functions(self) -> PETSc.Mat:
         """Matrix a N E of λ, which stays this object's. Collective."""
         rows = self._rows
         assert isinstance(rows, PointConstraints)
         if self._functions is None:
-            of_nodes = self._of_nodes(rows.free, self._numbers, rows.extension).scaled(self._part)
-            num = rows.gap.num_rows * self._width
-            self._functions = of_nodes.matrix(num, self._num, self._comm)
+            self._functions = self._times_sides(rows.free, self._numbers, rows.extension)
+            self._functions.scale(self._part)
         return self._functions
 
-    def _stacked(self, gaps: Sided, slips: Sided | None) -> Sided:
-        """γ G, and γ_t J below it."""
-        friction, rows = self._friction, self._rows
-        same = gaps[0] is gaps[1] and (slips is None or slips[0] is slips[1])
-        found, first = [], rows.gap.num_rows * self._width
-        for i in range(1 if same else 2):
-            found.append([e.scaled(rows.gamma) for e in gaps[i]])
-            if slips is not None and friction is not None:
-                found[i] += [e.scaled(friction.gamma).below(first) for e in slips[i]]
-        return found[0], found[-1]
+    def _new_rows(self) -> _cpp.StackedRows:
+        """Rows without entries, 1 + gdim for each point with friction."""
+        if self._friction is None:
+            return _cpp.StackedRows(self._rows.gap.num_rows, self._width)
+        return _cpp.StackedRows(self._rows.gap.num_rows, 1 + self._friction.free.shape[2])
 
-    def _matrix(self, parts: list[Entries]) -> PETSc.Mat:
-        """Of all rows by all unknowns."""
-        return matrix_of(parts, self._size, self._num, self._comm)
+    def _sum(
+        self, functions: list[tuple[int, _cpp.CompressedRows]], moving: Gaps | None
+    ) -> _cpp.StackedRows:
+        """N, and how it moves."""
+        out = self._new_rows()
+        for component, part in functions:
+            out.add_rows(part, 1.0, component, 1)
+        if moving is not None:
+            moving.add_to(out, 1.0)
+        return out
+
+    def _stacked(
+        self,
+        gaps: Gaps,
+        slips: tuple[Gaps, Gaps] | None,
+        functions: tuple[list[tuple[int, _cpp.CompressedRows]], ...],
+        moving: Gaps | None,
+        of_slips: float,
+        scaled: bool = True,
+    ) -> _cpp.StackedRows:
+        """B; N_t times a factor."""
+        out, friction = self._new_rows(), self._friction
+        gaps.add_to(out, self._rows.gamma, scaled)
+        if slips is not None and friction is not None:
+            slips[1].add_to(out, friction.gamma, scaled, 1)
+        for parts, factor in zip(functions, (self._part, of_slips), strict=True):
+            for component, part in parts:
+                out.add_rows(part, factor, component, 1)
+        if moving is not None:
+            moving.add_to(out, self._part)
+        return out
 
     def _of_moving(self, mixed: Entries, rows: PointConstraints, numbers: Indices) -> Entries:
         """Of R_λ by the bodies' unknowns, as functions of the sides of nodes move. Collective."""
@@ -160,27 +203,37 @@ class GapMatrices:
             mat.destroy()
         return out
 
-    def _of_slips(self, friction: PointFriction, numbers: Indices, first: int) -> list[Entries]:
-        """N E of τ, a component after the other, at rows from a number on."""
+    def _of_slips(
+        self, friction: PointFriction, numbers: Indices
+    ) -> list[tuple[int, _cpp.CompressedRows]]:
+        """N E of each component of τ. Collective."""
         if not friction.extensions:
             return []
-        found, gdim = [], friction.free.shape[2]
-        of_free = np.zeros(friction.free.shape, dtype=np.int64)
+        found, of_free = [], np.zeros(friction.free.shape, dtype=np.int64)
         of_free[friction.free] = numbers
         for k, extension in enumerate(friction.extensions):
             free = friction.free[:, :, k]
-            part = self._of_nodes(free, of_free[:, :, k][free], extension)
-            found.append(part._replace(row=first + gdim * part.row + k))
+            found.append((1 + k, self._of_nodes(free, of_free[:, :, k][free], extension)))
         return found
 
-    def _of_nodes(self, free: Flags, numbers: Indices, extension: Extension | None) -> Entries:
-        """N E by the unknowns of these sides of nodes, in rows of this rank."""
+    def _of_nodes(
+        self, free: Flags, numbers: Indices, extension: Extension | None
+    ) -> _cpp.CompressedRows:
+        """N E by the unknowns of these sides of nodes. Collective."""
+        mat = self._times_sides(free, numbers, extension)
+        starts, columns, values = mat.getValuesCSR()
+        mat.destroy()
+        return _cpp.CompressedRows(
+            starts.astype(np.int64), columns.astype(np.int64), np.ascontiguousarray(values)
+        )
+
+    def _times_sides(self, free: Flags, numbers: Indices, extension: Extension | None) -> PETSc.Mat:
+        """The same as a new matrix. Collective."""
         sides, mat = self._of_sides(), self._extended(free, numbers, extension)
         out = sides.matMult(mat)
-        found = local_entries(out)
-        for thing in (sides, mat, out):
+        for thing in (sides, mat):
             thing.destroy()
-        return found
+        return out
 
     def _extended(self, free: Flags, numbers: Indices, extension: Extension | None) -> PETSc.Mat:
         """E: sides of nodes by the unknowns of these, a new matrix. Collective."""
@@ -212,92 +265,39 @@ class GapMatrices:
         row = np.repeat(np.arange(rows.gap.num_rows, dtype=np.int64), np.diff(offset))
         return Entries(row, unknowns, values).matrix(rows.gap.num_rows, num_sides, self._comm)
 
-    def derivative(self, at: Normal, tangential: Tangential | None) -> Entries:
-        """Of the forces, and of R_λ and R_τ, of this rank's rows of all. Collective.
+    def add_to(self, matrix: PETSc.Mat, at: Normal, tangential: Tangential | None) -> None:
+        """Add the derivative of the forces, and of R_λ and R_τ, but for :attr:`mixed`.
 
         Args:
+            matrix: By all unknowns of the equations; it is not assembled.
             at: The rows.
             tangential: Friction at these points; None without.
         """
         rows, friction = self._rows, self._friction
         weight = rows.gap.weight[:, None] / rows.gamma
-        own = (weight / rows.gamma * rows.stiffness(at)).ravel()
-        if friction is None or tangential is None:
-            weights = _diagonal(self._right, own)
-        else:
-            weights = self._with_friction(friction, at, tangential, own)
-        found = [self._product(weights)]
-        weights.destroy()
-        if self._own is None and self._all is not None:
-            self._own = self._of_multipliers(self._all)
-            self._forget_functions()
-        if self._own is not None:
-            found.append(self._own)
-        return joined([*found, *self._mixed])
-
-    def _forget_functions(self) -> None:
-        """Free N, which is of points: its product stays. Collective."""
-        for mat in {id(m): m for m in (self._all, self._all_left) if m is not None}.values():
-            mat.destroy()
-        self._all = self._all_left = None
-
-    def _of_multipliers(self, functions: PETSc.Mat) -> Entries:
-        """−a Nᵀ W/γ N, which stays. Collective."""
-        rows, friction = self._rows, self._friction
-        weight = rows.gap.weight[:, None] / rows.gamma
-        values = np.repeat(-self._part * weight, self._width)
-        if friction is not None:
-            gdim = friction.free.shape[2]
-            of_slips = np.repeat(-rows.gap.weight / friction.gamma, gdim)
-            values = np.concatenate([values, of_slips])
-        weights = _diagonal(functions, values)
-        scaled = weights.matMult(functions)
-        assert self._all_left is not None
-        product = self._all_left.transposeMatMult(scaled)
-        out = global_entries(product)
-        for mat in (weights, scaled, product):
-            mat.destroy()
-        return out
-
-    def _product(self, weights: PETSc.Mat) -> Entries:
-        """Bᵀ D B*; patterns stay. Collective."""
-        if self._left is None:
-            if self._products:
-                weights.ptap(self._right, self._products[0])
-            else:
-                self._products = (weights.ptap(self._right),)
-        elif self._products:
-            scaled, product = self._products
-            weights.matMult(self._right, scaled)
-            self._left.matMult(scaled, product)
-        else:
-            scaled = weights.matMult(self._right)
-            self._products = scaled, self._left.matMult(scaled)
-        return global_entries(self._products[-1])
+        D = weight / rows.gamma * rows.stiffness(at)
+        if friction is not None and tangential is not None:
+            D = self._with_friction(friction, at, tangential, D[:, 0])
+        _cpp.add_products(matrix.handle, self._left, self._right, np.ascontiguousarray(D))
+        if self._all is not None and self._all_left is not None:
+            own = [np.repeat(-self._part * weight, self._width, axis=1)]
+            if friction is not None:
+                of_slips = -rows.gap.weight[:, None] / friction.gamma
+                own.append(np.repeat(of_slips, friction.free.shape[2], axis=1))
+            _cpp.add_products(matrix.handle, self._all_left, self._all, np.hstack(own))
 
     def _with_friction(
         self, friction: PointFriction, at: Normal, tangential: Tangential, own: Array
-    ) -> PETSc.Mat:
-        """W D, D with the blocks of points, as a new matrix. Collective."""
-        num, gdim = len(own), friction.free.shape[2]
-        weight, gamma = self._rows.gap.weight, friction.gamma
-        blocks = (weight / gamma**2)[:, None, None] * friction.by_slip(tangential)
+    ) -> Array:
+        """W D, (points, 1 + gdim, 1 + gdim), with these entries for gaps by gaps."""
+        gdim, weight, gamma = friction.free.shape[2], self._rows.gap.weight, friction.gamma
+        out = np.zeros((len(own), 1 + gdim, 1 + gdim))
+        out[:, 0, 0] = own
         slope = np.where(at.pressure[:, 0] > 0, self._rows.stiffness(at)[:, 0], 0.0)
         change = (weight * slope / (self._rows.gamma * gamma))[:, None]
-        coupling = change * friction.by_pressure(tangential)
-        normal = np.arange(num, dtype=np.int64)
-        rows = num + np.arange(num * gdim, dtype=np.int64).reshape(num, gdim)
-        first = self._right.getOwnershipRange()[0]
-        parts = [
-            Entries(normal, first + normal, own),
-            Entries(rows.ravel(), first + np.repeat(normal, gdim), coupling.ravel()),
-            Entries(
-                np.repeat(rows[:, :, None], gdim, axis=2).ravel(),
-                first + np.repeat(rows[:, None, :], gdim, axis=1).ravel(),
-                blocks.ravel(),
-            ),
-        ]
-        return joined(parts).matrix(self._size, self._size, self._comm)
+        out[:, 1:, 0] = change * friction.by_pressure(tangential)
+        out[:, 1:, 1:] = (weight / gamma**2)[:, None, None] * friction.by_slip(tangential)
+        return out
 
     def pressures(self, at: Normal) -> Entries:
         """Derivatives of the pressures of rows of nodes, which friction knows there."""
@@ -310,31 +310,18 @@ class GapMatrices:
 
     def _times(self, factor: Array) -> Entries:
         """B times a factor of each row, numbers in rows being those of this rank."""
-        found = local_entries(self._right)
+        found = Entries(*self._right.entries())
         return found._replace(value=factor[found.row] * found.value)
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        self._forget_functions()
-        for mat in (self._left, self._right, self._functions, *self._products):
-            if mat is not None:
-                mat.destroy()
+        if self._functions is not None:
+            self._functions.destroy()
 
 
 def _layout(slave: Surface) -> tuple[int, int]:
     """Unknowns of the slave's body on this rank, and the first of them."""
     vec = slave.create_vec()
     out = vec.getLocalSize(), vec.owner_range[0]
-    vec.destroy()
-    return out
-
-
-def _diagonal(like: PETSc.Mat, values: Array) -> PETSc.Mat:
-    """New diagonal matrix of the rows of another. Collective."""
-    vec = like.createVecLeft()
-    vec.array[:] = values
-    size = like.getSizes()[0]
-    csr = np.arange(len(values) + 1, dtype=np.int32), np.arange(*vec.owner_range, dtype=np.int32)
-    out = PETSc.Mat().createAIJ((size, size), csr=(*csr, values), comm=like.comm)
     vec.destroy()
     return out

@@ -246,8 +246,9 @@ def test_merged_alike(law):
     np.testing.assert_allclose(*forces, rtol=1e-7, atol=1e-7 * largest(forces[0]))
 
 
-def test_many_tips():
-    """More tips than there are motions below them: no more iterations than elsewhere."""
+@pytest.mark.parametrize("angle", (0.254, 0.2541, 0.264))
+def test_many_tips(angle):
+    """More tips than there are motions below them: few iterations, with friction too."""
     pitch, m, slope = 0.15, 1, 0.5
     places = pitch * np.array([[i, j] for i in range(-m, m + 1) for j in range(-m, m + 1)])
     x, facets = [], []
@@ -256,11 +257,11 @@ def test_many_tips():
         around = [place + half * np.array(d) for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         x += [[*place, 0.0], *([*a, slope * half] for a in around)]
         facets += [[start, start + 1 + k, start + 1 + (k + 1) % 4] for k in range(4)]
-    c, s = np.cos(0.254), np.sin(0.254)
+    c, s = np.cos(angle), np.sin(angle)
     x = np.array(x) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [0.0316, -0.033, 0.0]
     for law in (None, qs.Coulomb(0.3)):
         contact, problem = pressed(facing(x, facets, up=False), "hexahedron", 3, 0.01, friction=law)
-        assert problem.num_iterations <= (15 if law is None else 50)  # 67, and no end
+        assert problem.num_iterations <= (15 if law is None else 30)  # 67, and no end
         assert contact.force("slave")[2] < -9.0
 
 

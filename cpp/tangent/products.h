@@ -1,0 +1,121 @@
+// Products Lᵀ D R of rows by all unknowns of the equations, which are never formed.
+#pragma once
+
+#include "gap/gap.h"
+
+#include <petscmat.h>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace qsdolfinx
+{
+
+/// Rows of this rank in compressed form, by numbers of all unknowns; negative columns are none.
+struct CompressedRows
+{
+  std::vector<std::int64_t> offset; ///< entries of row i: [offset[i], offset[i + 1])
+  std::vector<PetscInt> column;     ///< of each entry
+  std::vector<double> value;        ///< likewise
+};
+
+/// A sum of rows of gap operators and others, `components` for each point. Parts are referred to
+/// and must outlive it.
+class StackedRows
+{
+public:
+  StackedRows(std::size_t num_points, std::size_t components)
+      : num_points_(num_points), components_(components)
+  {
+  }
+
+  std::size_t num_points() const { return num_points_; }
+  std::size_t components() const { return components_; }
+  std::size_t num_rows() const { return num_points_ * components_; }
+
+  /// A factor times one side of an operator, in components from `first` on.
+  /// @param numbers of the side's unknowns among all, [column][block]; negative where they are held
+  void add_gaps(const GapOperator& gap, int side, std::vector<PetscInt> numbers, double factor,
+                std::size_t first);
+  /// A factor times rows, `width` for each point, in components from `first` on.
+  void add_rows(const CompressedRows& rows, double factor, std::size_t first, std::size_t width);
+
+  /// visit(column, value) for the entries of a row; a column may come several times.
+  template <typename Visit>
+  void visit(std::size_t row, Visit visit) const;
+
+private:
+  struct Gaps
+  {
+    const GapOperator* gap;
+    int side;
+    std::vector<PetscInt> numbers;
+    double factor;
+    std::size_t first;
+  };
+  struct Others
+  {
+    const CompressedRows* rows;
+    double factor;
+    std::size_t first, width;
+  };
+
+  std::size_t num_points_, components_;
+  std::vector<Gaps> gaps_;
+  std::vector<Others> others_;
+};
+
+template <typename Visit>
+void StackedRows::visit(std::size_t row, Visit visit) const
+{
+  const std::size_t point = row / components_, component = row % components_;
+  const auto send = [&visit](PetscInt column, double value)
+  {
+    if (column >= 0)
+      visit(column, value);
+  };
+  for (const Gaps& part : gaps_)
+  {
+    const GapOperator& gap = *part.gap;
+    const std::size_t d = gap.block(), size = gap.entry_size(), k = component - part.first;
+    if (component < part.first || k >= std::size_t(gap.width()))
+      continue;
+    const GapOperator::Side& side = gap.side(part.side);
+    for (std::int64_t e = side.offset[point]; e < side.offset[point + 1]; ++e)
+    {
+      const PetscInt* numbers = &part.numbers[side.column[e] * d];
+      const double* c = &side.coefficient[e * size];
+      if (size == 1 && gap.kind() == GapKind::jump)
+        send(numbers[k], part.factor * c[0]);
+      else // all unknowns of the node
+        for (std::size_t l = 0; l < d; ++l)
+          send(numbers[l], part.factor * c[k * d + l]);
+    }
+  }
+  for (const Others& part : others_)
+  {
+    const std::size_t k = component - part.first;
+    if (component < part.first || k >= part.width)
+      continue;
+    const std::size_t i = point * part.width + k;
+    for (std::int64_t e = part.rows->offset[i]; e < part.rows->offset[i + 1]; ++e)
+      send(part.rows->column[e], part.factor * part.rows->value[e]);
+  }
+}
+
+/// Add Lᵀ D R to a matrix by all unknowns, which is not assembled here. Points that follow each
+/// other and have the same columns, as those of a piece, are inserted as one block; where D is zero
+/// zeros are, so that the pattern stays.
+///
+/// @param D a number for each row, or a matrix [component][component] for each point
+void add_products(Mat matrix, const StackedRows& left, const StackedRows& right,
+                  std::span<const double> D);
+
+/// Add entries in any order, of any rank's rows; negative numbers are left out.
+void add_entries(Mat matrix, std::span<const std::int64_t> rows,
+                 std::span<const std::int64_t> columns, std::span<const double> values);
+
+} // namespace qsdolfinx
