@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.friction.history import AT_REST
 from qsdolfinx.friction.laws import Limited, Rows
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
@@ -20,6 +19,10 @@ from qsdolfinx.system.normal_rows import Normal, Scales
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+
+#: Part of a facet by which a start slips that is a guess, rather than what the next iteration takes
+#: back.
+GUESSED = 0.1
 
 
 class PointFriction:
@@ -167,15 +170,15 @@ class PointFriction:
         return Tangential(multiplier, told, response, normal.active, None, response.traction)
 
     def _has_moved(self, told: Rows) -> Flags:
-        """Points that the start of a solve moves by more than friction can hold, (points,).
+        """Points that a guess moves far, and by more than friction can hold, (points,).
 
-        As a guess does: they would stick to where they have been. Collective.
+        They would stick to where they have been. Collective.
         """
         with collective_errors(self.model.comm):
             held = self.slip.respond(told, not all(self.model.kinematics.in_displacement)).traction
         way, held = (np.linalg.norm(values, axis=1) for values in (self.slip.values, held))
-        rest = AT_REST * self.model.paired.facet_size
-        return np.asarray(self.gamma * (way - rest) > held)
+        far = way > GUESSED * self.model.paired.facet_size
+        return np.asarray(far & (self.gamma * way > held))
 
     def _told(self, known: Array, normal: Normal) -> Rows:
         """What the law of friction is told."""
