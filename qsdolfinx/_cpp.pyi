@@ -797,6 +797,15 @@ def trace_values(
 ) -> numpy.typing.NDArray[numpy.float64]:
     """Trace functions at points of a facet, [point][node]."""
 
+def vertex_pieces(
+    slave: Surface,
+    master: Surface,
+    which: numpy.typing.NDArray[numpy.uint8],
+    weight: numpy.typing.NDArray[numpy.float64],
+    radius: SearchRadius,
+) -> Pieces:
+    """Points at vertices of the slave, of surfaces that follow their bodies; collective."""
+
 def with_traces(
     points: PairingPoints,
     block: int,

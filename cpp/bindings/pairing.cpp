@@ -291,6 +291,13 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "slave"_a, "master"_a, "slave_measured"_a, "master_measured"_a, "both"_a, "radius"_a,
       "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
       "Pieces of surfaces that follow their bodies; collective.");
+  m.def(
+      "vertex_pieces",
+      [](const Surface& slave, const Surface& master, In<std::uint8_t> which, In<double> weight,
+         const SearchRadius& radius)
+      { return vertex_pieces(slave, master, which.view(), weight.view(), radius); },
+      "slave"_a, "master"_a, "which"_a, "weight"_a, "radius"_a,
+      "Points at vertices of the slave, of surfaces that follow their bodies; collective.");
   m.def("nearby_pieces", &nearby_pieces, "slave"_a, "master"_a, "both"_a, "radius"_a, "margin"_a,
         "Pairs of facets that pieces may be cut from, without points; collective.");
   m.def(

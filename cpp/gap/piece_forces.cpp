@@ -52,7 +52,7 @@ RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
 {
   const bool is_slave = pieces.cut_is_slave[piece];
   const RayFacet slave = facet_of(pieces.slave, piece), master = facet_of(pieces.master, piece);
-  return {is_slave ? slave : master, is_slave ? master : slave, is_slave};
+  return {is_slave ? slave : master, is_slave ? master : slave, is_slave, pieces.along_other};
 }
 
 std::vector<std::int64_t> qsdolfinx::first_dofs(const Pieces& pieces)

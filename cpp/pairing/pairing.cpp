@@ -1,5 +1,6 @@
 #include "pairing/pairing.h"
 #include "pairing/corners.h"
+#include "pairing/pieces.h"
 #include "parallel/records.h"
 
 #include <algorithm>
@@ -336,17 +337,28 @@ PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& mast
   return points;
 }
 
-PairingPoints qsdolfinx::pair_vertices(const Surface& slave, const Surface& master,
-                                       std::span<const std::uint8_t> which,
-                                       const SearchRadius& radius)
+namespace
+{
+/// Nodes of a surface and what is closest to each.
+struct Faced
+{
+  std::vector<std::size_t> node, entry; ///< numbers of nodes, and of what was found for them
+  Nodes places;                         ///< of each entry
+  ClosestFacets found;
+};
+
+/// Find what some nodes face: with their own normals, or with those of each of their smooth sides;
+/// the closest counts. Collective. @param which of the owned nodes
+Faced face_vertices(const Surface& slave, const Surface& master,
+                    std::span<const std::uint8_t> which, const SearchRadius& radius)
 {
   const Nodes& nodes = slave.nodes();
   if (which.size() != nodes.size())
-    throw std::invalid_argument("pair_vertices: one flag for each owned node");
-  PairingPoints points(slave, &master);
+    throw std::invalid_argument("one flag for each owned node");
+  Faced out;
   const Sides sides = slave.has_creases() ? slave.sides() : Sides{};
   std::vector<std::size_t> at;
-  Nodes places; // of these nodes, with the normals of each of their sides
+  Nodes& places = out.places;
   const auto append = [&](std::size_t k, const std::vector<double>& normals, std::size_t entry)
   {
     at.push_back(k);
@@ -365,28 +377,90 @@ PairingPoints qsdolfinx::pair_vertices(const Surface& slave, const Surface& mast
     for (; entry < sides.node.size() && sides.node[entry] == k; ++entry)
       append(k, sides.at.normal, entry);
   }
-  const ClosestFacets found
-      = closest_facets({places.x, places.normal, places.facet_size}, slave, master, radius);
+  out.found = closest_facets({places.x, places.normal, places.facet_size}, slave, master, radius);
   const auto distance = [&](std::size_t i)
   {
     const auto k = static_cast<int>(i);
-    return norm(facet_vertex(places.x, k) - facet_vertex(found.x, k));
+    return norm(facet_vertex(places.x, k) - facet_vertex(out.found.x, k));
   };
-  NodalPoints out(points, slave, true, 1.0, Normals::facet);
   for (std::size_t i = 0; i < at.size();)
   {
     std::size_t best = at.size(), end = i;
     for (; end < at.size() && at[end] == at[i]; ++end)
-      if (found.found[end] && (best == at.size() || distance(end) < distance(best))
-          && !is_beside(facet_vertex(places.x, static_cast<int>(end)), found, end,
+      if (out.found.found[end] && (best == at.size() || distance(end) < distance(best))
+          && !is_beside(facet_vertex(places.x, static_cast<int>(end)), out.found, end,
                         places.facet_size[end]))
         best = end;
     if (best < at.size())
-      out.append(at[i], places, places.normal, found, best, 0);
+    {
+      out.node.push_back(at[i]);
+      out.entry.push_back(best);
+    }
     i = end;
   }
+  return out;
+}
+} // namespace
+
+PairingPoints qsdolfinx::pair_vertices(const Surface& slave, const Surface& master,
+                                       std::span<const std::uint8_t> which,
+                                       const SearchRadius& radius)
+{
+  PairingPoints points(slave, &master);
+  const Faced faced = face_vertices(slave, master, which, radius);
+  NodalPoints out(points, slave, true, 1.0, Normals::facet);
+  for (std::size_t i = 0; i < faced.node.size(); ++i)
+    out.append(faced.node[i], faced.places, faced.places.normal, faced.found, faced.entry[i], 0);
   append_own_multipliers(points);
   return points;
+}
+
+Pieces qsdolfinx::vertex_pieces(const Surface& slave, const Surface& master,
+                                std::span<const std::uint8_t> which, std::span<const double> weight,
+                                const SearchRadius& radius)
+{
+  const Nodes& nodes = slave.nodes();
+  if (weight.size() != nodes.size())
+    throw std::invalid_argument("vertex_pieces: a weight for each owned node");
+  const Faced faced = face_vertices(slave, master, which, radius);
+  Pieces out;
+  out.gdim = slave.gdim();
+  out.num_multipliers = slave.num_vertices();
+  out.along_other = true;
+  out.slave = {slave.type(), slave.degree(), slave.num_trace(), {}, {}, {}, {}};
+  out.master = {master.type(), master.degree(), master.num_trace(), {}, {}, {}, {}};
+  const auto d = static_cast<std::size_t>(out.gdim),
+             nm = static_cast<std::size_t>(master.num_trace());
+  for (std::size_t i = 0; i < faced.node.size(); ++i)
+  {
+    const std::size_t k = faced.node[i], e = faced.entry[i];
+    const ClosestFacets& found = faced.found;
+    for (int j = 0; j < slave.num_trace(); ++j) // the node is its first vertex, others do not count
+    {
+      append_record(out.slave.x, nodes.x, k, 3);
+      if (j > 0)
+        out.slave.x[out.slave.x.size() - 3] += nodes.facet_size[k];
+      append_record(out.slave.dofs, nodes.dofs, k, d);
+      out.slave.owner.push_back(slave.rank());
+    }
+    out.slave.orientation.push_back(1.0);
+    append_record(out.master.x, found.nodes_x, e, 3 * nm);
+    append_record(out.master.dofs, found.dofs, e, nm * d);
+    append_record(out.master.owner, found.owner, e, nm);
+    const std::array<double, 2> zeta{found.xi[2 * e], found.xi[2 * e + 1]};
+    const auto vertices = std::span(found.nodes_x)
+                              .subspan(3 * nm * e, 3 * static_cast<std::size_t>(out.master.type));
+    const Vec3 area = area_vector(master.type(), vertices, zeta),
+               outward = facet_vertex(found.normal, static_cast<int>(e));
+    out.master.orientation.push_back(dot(area, outward) > 0 ? 1.0 : -1.0);
+    out.multiplier_side.insert(out.multiplier_side.end(),
+                               static_cast<std::size_t>(out.num_multipliers), 0);
+    out.cut_is_slave.push_back(1);
+    out.points.push_back({{0.0, 0.0}, zeta, weight[k]});
+    out.end.push_back(out.points.size());
+    out.rim_end.push_back(0);
+  }
+  return out;
 }
 
 PairingPoints qsdolfinx::points_between(const Surface& slave, const Surface* master,

@@ -8,6 +8,7 @@
 
 namespace qsdolfinx
 {
+struct Pieces;
 
 /// One side of the pairing points: the facet a point lies on, by the nodes of the body's trace
 /// there. The vertices come first. A point at a node has one node with value 1; the unused places
@@ -141,6 +142,13 @@ PairingPoints pair_surfaces(const Surface& slave, const Surface& master, Samplin
 /// @throws std::invalid_argument as PairingPoints does, or on another number of nodes
 PairingPoints pair_vertices(const Surface& slave, const Surface& master,
                             std::span<const std::uint8_t> which, const SearchRadius& radius);
+
+/// The same as pieces of surfaces that follow their bodies: each is a point at a vertex, whose ray
+/// goes against the normal of the facet opposite. Its multiplier is the first of its node's.
+/// Collective. @param weight areas of the owned nodes, [node]
+Pieces vertex_pieces(const Surface& slave, const Surface& master,
+                     std::span<const std::uint8_t> which, std::span<const double> weight,
+                     const SearchRadius& radius);
 
 /// One side of points whose places are known.
 struct OnFacets

@@ -31,6 +31,7 @@ struct PieceSide
 struct Pieces
 {
   int gdim = 0, num_multipliers = 0;
+  bool along_other = false; ///< as RayPair::along_other
   PieceSide slave, master;
   std::vector<std::uint8_t> multiplier_side; ///< as Facets::vertex_side, [piece][multiplier]
   std::vector<std::uint8_t> cut_is_slave;    ///< whether the slave's facet was cut, [piece]

@@ -86,17 +86,25 @@ Queries send_queries(const Places& n, const Surface& surface, std::span<const Bo
   return q;
 }
 
+/// Coordinates of the nodes of a facet's trace, as far as they are known.
+std::span<const double> nodes_of(const Surface& s, std::size_t facet)
+{
+  const auto size = static_cast<std::size_t>(3 * s.num_trace());
+  return s.follows() ? std::span(s.facets().trace_x).subspan(facet * size, size) : s.facet_x(facet);
+}
+
 /// Candidates flattened for the way back: one record each.
 struct Answers
 {
   int nv, nt, block;
   std::vector<std::int64_t> query; ///< query it answers, in the asking rank's numbering
-  std::vector<double> values;      ///< distance, size, beside, x, normal, N, sorted vertices
-  std::vector<std::int64_t> dofs;  ///< [record][trace node][block]
-  std::vector<int> owner;          ///< [record][trace node]
-  std::vector<std::uint8_t> side;  ///< [record][vertex], if asked for
+  /// Distance, size, beside, x, normal, ξ, N, sorted vertices, nodes.
+  std::vector<double> values;
+  std::vector<std::int64_t> dofs; ///< [record][trace node][block]
+  std::vector<int> owner;         ///< [record][trace node]
+  std::vector<std::uint8_t> side; ///< [record][vertex], if asked for
 
-  int width() const { return 9 + nt + 3 * nv; }
+  int width() const { return 11 + nt + 3 * nv + 3 * nt; }
   std::span<const double> value(std::size_t i) const
   {
     return std::span(values).subspan(i * width(), width());
@@ -107,7 +115,8 @@ struct Answers
   Vec3 x(std::size_t i) const { return {value(i)[3], value(i)[4], value(i)[5]}; }
   Vec3 normal(std::size_t i) const { return {value(i)[6], value(i)[7], value(i)[8]}; }
   double tie(std::size_t i) const { return tie_tolerance * size(i); }
-  std::span<const double> name(std::size_t i) const { return value(i).subspan(9 + nt); }
+  std::span<const double> name(std::size_t i) const { return value(i).subspan(11 + nt, 3 * nv); }
+  std::span<const double> nodes(std::size_t i) const { return value(i).subspan(11 + nt + 3 * nv); }
 
   void append(std::int64_t q, const Surface& s, const Candidate& c, bool is_beside,
               const std::vector<std::uint8_t>* sides)
@@ -118,10 +127,14 @@ struct Answers
     values.insert(values.end(), {c.point.distance, s.facets().size[c.facet], 1.0 * is_beside});
     values.insert(values.end(), c.point.x.begin(), c.point.x.end());
     values.insert(values.end(), n.begin(), n.end());
+    values.insert(values.end(), c.point.xi.begin(), c.point.xi.end());
     values.insert(values.end(), N.begin(), N.begin() + nt);
     const auto v = s.facet_x(c.facet);
     const auto name = name_of(v);
     values.insert(values.end(), name.begin(), name.begin() + v.size());
+    const auto nodes = nodes_of(s, c.facet);
+    values.insert(values.end(), nodes.begin(), nodes.end());
+    values.resize(query.size() * width(), 0.0); // nodes of degree 2 of a surface that stays
     append_record(dofs, s.facets().dofs, c.facet, nt * block);
     append_record(owner, s.facets().owner, c.facet, nt);
     if (sides)
@@ -231,6 +244,8 @@ void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candi
   std::copy_n(surface.facets().dofs.begin() + c.facet * width, width, out.dofs.begin() + k * width);
   std::copy_n(surface.facets().owner.begin() + c.facet * nt, nt, out.owner.begin() + k * nt);
   std::ranges::copy(middle_of(surface.facet_x(c.facet)), out.middle.begin() + 3 * k);
+  std::ranges::copy(c.point.xi, out.xi.begin() + 2 * k);
+  std::ranges::copy(nodes_of(surface, c.facet), out.nodes_x.begin() + 3 * nt * k);
   if (sides)
     std::copy_n(sides->begin() + c.facet * nv, nv, out.side.begin() + k * nv);
 }
@@ -243,7 +258,9 @@ void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answe
   out.found[k] = 1;
   std::copy_n(v.begin() + 3, 3, out.x.begin() + 3 * k);
   std::copy_n(v.begin() + 6, 3, out.normal.begin() + 3 * k);
-  std::copy_n(v.begin() + 9, nt, out.shape_values.begin() + nt * k);
+  std::copy_n(v.begin() + 9, 2, out.xi.begin() + 2 * k);
+  std::copy_n(v.begin() + 11, nt, out.shape_values.begin() + nt * k);
+  std::ranges::copy(a.nodes(answer), out.nodes_x.begin() + 3 * nt * k);
   std::copy_n(a.dofs.begin() + answer * width, width, out.dofs.begin() + k * width);
   std::copy_n(a.owner.begin() + answer * nt, nt, out.owner.begin() + k * nt);
   std::ranges::copy(middle_of(a.name(answer)), out.middle.begin() + 3 * k);
@@ -272,6 +289,8 @@ public:
             std::vector<double>(n * 3, 0),
             std::vector<double>(n * 3, 0),
             std::vector<double>(n * 3, 0),
+            std::vector<double>(n * 2, 0),
+            std::vector<double>(n * nt * 3, 0),
             std::vector<std::uint8_t>(sides ? n * nv : 0, 0)};
   }
 

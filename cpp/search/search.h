@@ -21,6 +21,9 @@ struct ClosestFacets
   std::vector<double> normal;       ///< outward unit normal of the facet there, [node][3]
   std::vector<double> mean_normal;  ///< mean of those of all facets whose closest point it is
   std::vector<double> middle;       ///< mean of the facet's vertices, [node][3]
+  std::vector<double> xi;           ///< reference coordinates of the closest point, [node][2]
+  std::vector<double> nodes_x;      ///< nodes of the facet's trace, of surfaces that follow a body
+                                    ///< or are of degree 1, [node][trace node][3]
   std::vector<std::uint8_t> side;   ///< sides of its vertices that were asked for, [node][vertex]
 };
 

@@ -33,13 +33,15 @@ struct Columns
 {
   explicit Columns(const RayPair& pair)
       : num_cut(pair.cut.num_nodes()), num_other(pair.other.num_nodes()),
-        cut(pair.cut_is_slave ? 0 : num_other), other(pair.cut_is_slave ? num_cut : 0)
+        cut(pair.cut_is_slave ? 0 : num_other), other(pair.cut_is_slave ? num_cut : 0),
+        along(pair.along_other ? other : cut)
   {
   }
   int size() const { return 3 * (num_cut + num_other); }
 
   int num_cut, num_other; ///< nodes
   int cut, other;         ///< the first node of each
+  int along;              ///< of the one whose normal rays go along
 };
 
 /// Unit normal n = s/|s| of a facet, s = f d₁ × d₂, where d₁ and d₂ are sums of its vertices. In 2D
@@ -215,7 +217,7 @@ struct Ray
   {
     Row row{};
     add_to(columns, c, row.data());
-    normal.add_to(t * c, &row[3 * columns.cut]);
+    normal.add_to(t * c, &row[3 * columns.along]);
     return row;
   }
 
@@ -340,7 +342,7 @@ struct Sliding
       out[b] = by_zeta[0] * forms.first[b] + by_zeta[1] * forms.second[b] + by_t * forms.dt[b];
     for (int j = 0; j < columns.num_other; ++j)
       add(&out[3 * (columns.other + j)], ray.dM[j][alpha], p_);
-    normal.add_to(ray.t * q_[alpha], &out[3 * columns.cut]);
+    normal.add_to(ray.t * q_[alpha], &out[3 * columns.along]);
     for (double& value : out)
       value *= weight_;
     return out;
@@ -360,7 +362,7 @@ class HalfHessian
 {
 public:
   explicit HalfHessian(const RayPair& pair)
-      : pair_(pair), normal_(pair.cut), columns_(pair), n_(columns_.size()),
+      : pair_(pair), normal_(pair.along()), columns_(pair), n_(columns_.size()),
         dim_(pair.other.type == FacetType::interval ? 1 : 2)
   {
     std::fill_n(half_.begin(), n_ * n_, 0.0);
@@ -385,7 +387,7 @@ public:
   /// C·∂²n = (C − n (n·C))·∂²s/|s| − ((C·δn)(n·Δs) + (C·Δn)(n·δs))/|s| − (C·n) δn·Δn.
   void add_normal()
   {
-    const int first = 3 * columns_.cut, count = 3 * normal_.num_vertices();
+    const int first = 3 * columns_.along, count = 3 * normal_.num_vertices();
     Row area{};
     normal_.add_area(normal_.n(), &area[first]);
     for (int r = 0; r < 3; ++r)
@@ -480,7 +482,7 @@ template <typename F>
 void add_rim_of(const RayPair& pair, std::span<const RimPoint> rim, std::span<double> hessian,
                 F force)
 {
-  const Normal normal(pair.cut);
+  const Normal normal(pair.along());
   const Columns columns(pair);
   const RayPair chords{chord_of(pair.cut), chord_of(pair.other), pair.cut_is_slave};
   for (const auto& [point, outward] : rim)
@@ -498,7 +500,7 @@ void add_rim_of(const RayPair& pair, std::span<const RimPoint> rim, std::span<do
 
 bool qsdolfinx::solve_rays(const RayPair& pair, std::span<RayPoint> points)
 {
-  const Vec3 n = Normal(pair.cut).n();
+  const Vec3 n = Normal(pair.along()).n();
   bool found = true;
   for (RayPoint& point : points)
     found = solve(pair, n, point) && found;
@@ -507,7 +509,7 @@ bool qsdolfinx::solve_rays(const RayPair& pair, std::span<RayPoint> points)
 
 void qsdolfinx::add_gap(const RayPair& pair, std::span<const RayPoint> points, const RaySums& sums)
 {
-  const Normal normal(pair.cut);
+  const Normal normal(pair.along());
   const Columns columns(pair);
   const int nk = pair.slave().num_vertices();
   const bool with_cover = !sums.cover_gradient.empty() && !pair.cut_is_slave;
@@ -543,9 +545,9 @@ void qsdolfinx::add_gap(const RayPair& pair, std::span<const RayPoint> points, c
     }
   }
   for (int k = 0; k < nk && !sums.gradient.empty(); ++k)
-    normal.add_to(lever[k], &sums.gradient[k * columns.size() + 3 * columns.cut]);
+    normal.add_to(lever[k], &sums.gradient[k * columns.size() + 3 * columns.along]);
   for (int k = 0; k < nk && with_cover; ++k)
-    normal.add_to(cover_lever[k], &sums.cover_gradient[k * columns.size() + 3 * columns.cut]);
+    normal.add_to(cover_lever[k], &sums.cover_gradient[k * columns.size() + 3 * columns.along]);
 }
 
 void qsdolfinx::add_curvature(const RayPair& pair, std::span<const RayPoint> points,
@@ -561,7 +563,7 @@ void qsdolfinx::add_curvature(const RayPair& pair, std::span<const RayPoint> poi
 void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> points,
                               std::span<double> out)
 {
-  const Normal normal(pair.cut);
+  const Normal normal(pair.along());
   const Columns columns(pair);
   const auto size = static_cast<std::size_t>(columns.size());
   for (std::size_t p = 0; p < points.size(); ++p)
@@ -575,7 +577,7 @@ void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> poi
 void qsdolfinx::function_gradients(const RayPair& pair, std::span<const RayPoint> points,
                                    std::span<double> out)
 {
-  const Normal normal(pair.cut);
+  const Normal normal(pair.along());
   const Columns columns(pair);
   const auto size = static_cast<std::size_t>(columns.size()),
              nk = static_cast<std::size_t>(pair.slave().num_vertices());
@@ -630,7 +632,7 @@ void qsdolfinx::add_slip_curvature(const RayPair& pair, std::span<const RayPoint
                                    std::span<const RimPoint> rim, std::span<const double> traction,
                                    std::span<double> hessian)
 {
-  const Normal normal(pair.cut);
+  const Normal normal(pair.along());
   const Columns columns(pair);
   const int dim = pair.other.type == FacetType::interval ? 1 : 2, n = columns.size();
   HalfHessian half(pair);
@@ -657,7 +659,7 @@ void qsdolfinx::add_slip_curvature(const RayPair& pair, std::span<const RayPoint
 void qsdolfinx::add_slip(const RayPair& pair, std::span<const RayPoint> points,
                          std::span<double> slip)
 {
-  const Normal normal(pair.cut);
+  const Normal normal(pair.along());
   const Columns columns(pair);
   const int nk = pair.slave().num_vertices(), size = 3 * columns.size();
   const double sign = pair.cut_is_slave ? 1 : -1;
@@ -683,7 +685,7 @@ void qsdolfinx::add_slip(const RayPair& pair, std::span<const RayPoint> points,
   }
   for (int k = 0; k < nk; ++k)
     for (int r = 0; r < 3; ++r)
-      normal.add_to(lever[k][r], &slip[k * size + 9 * columns.cut + 3 * r], 9);
+      normal.add_to(lever[k][r], &slip[k * size + 9 * columns.along + 3 * r], 9);
 }
 
 namespace
@@ -722,10 +724,11 @@ RayFacet moved_to(const RayFacet& facet, std::span<const double> x)
 void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
                                std::span<const RayPoint> points, const RaySlip& out)
 {
-  const Normal normal(pair.cut);
+  const Normal normal(pair.along());
   const Columns columns(pair);
   const RayFacet cut = moved_to(pair.cut, start.cut), other = moved_to(pair.other, start.other);
-  const Frame now(pair.cut, normal.n()), then(cut, Normal(cut).n());
+  const RayFacet along = moved_to(pair.along(), pair.along_other ? start.other : start.cut);
+  const Frame now(pair.along(), normal.n()), then(along, Normal(along).n());
   const int dim = pair.other.type == FacetType::interval ? 1 : 2;
   const double sign = pair.cut_is_slave ? 1 : -1;
   const Vec3 origin = facet_vertex(cut.x, 0);
@@ -759,10 +762,10 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
       Vec3 axis{};
       axis[r] = 1;
       ray.add_to(columns, slides[r], gradient + 3 * r, 9);
-      normal.add_to(ray.t * slides[r], gradient + 9 * columns.cut + 3 * r, 9);
-      now.add_to(normal, axis, s, gradient + 9 * columns.cut + 3 * r, 9);
+      normal.add_to(ray.t * slides[r], gradient + 9 * columns.along + 3 * r, 9);
+      now.add_to(normal, axis, s, gradient + 9 * columns.along + 3 * r, 9);
       ray.add_to(columns, works[r], work + 3 * r, 9);
-      normal.add_to(ray.t * works[r], work + 9 * columns.cut + 3 * r, 9);
+      normal.add_to(ray.t * works[r], work + 9 * columns.along + 3 * r, 9);
     }
   }
 }
@@ -771,7 +774,7 @@ void qsdolfinx::add_slip_curvature_of_points(const RayPair& pair, std::span<cons
                                              std::span<const double> traction,
                                              std::span<double> hessian)
 {
-  const Normal normal(pair.cut);
+  const Normal normal(pair.along());
   const Columns columns(pair);
   const int dim = pair.other.type == FacetType::interval ? 1 : 2, n = columns.size();
   HalfHessian half(pair);

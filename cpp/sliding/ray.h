@@ -23,12 +23,19 @@ struct RayFacet
 };
 
 /// Two facets. Rays leave the one that is cut, along its normal n, and end on the other one. n is
-/// constant on the facet, that of its vertices at its centre.
+/// constant on the facet, that of its vertices at its centre. Or rays go against the normal of the
+/// other facet: from vertices, whose own facets look elsewhere.
 struct RayPair
 {
   RayFacet cut, other;
   bool cut_is_slave;
+  bool along_other = false; ///< whether rays go against the other facet's normal
 
+  /// The facet whose normal they go along.
+  RayFacet along() const
+  {
+    return along_other ? RayFacet{other.type, other.degree, other.x, -other.orientation} : cut;
+  }
   const RayFacet& slave() const { return cut_is_slave ? cut : other; }
   /// Number of nodes of both. The slave's come first.
   int num_nodes() const { return cut.num_nodes() + other.num_nodes(); }

@@ -292,9 +292,7 @@ class Contact:
         if itself:
             slave, master = boundary_of(slave), boundary_of(slave)
         follows = sliding == "finite" and not law.jump
-        at_points = constraints == "points" and not (
-            itself or follows or isinstance(law, Conductance)
-        )
+        at_points = constraints == "points" and not (itself or isinstance(law, Conductance))
         sharp = has_creases(slave, at_points), has_creases(master, at_points)
         settings = Settings(
             slave,

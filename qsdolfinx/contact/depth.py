@@ -153,7 +153,9 @@ def _samples(model: ContactModel) -> list[tuple[str, Distances]]:
     if measured.samples is None:
         with model.watch.stage("gap"):
             measured.samples = _sample(model)
-            measured.samples += [("slave", gaps_of_points(model, gap)) for gap in model.of_vertices]
+            measured.samples += [
+                ("slave", depths_of_points(model, gap)) for gap in model.of_vertices
+            ]
     return measured.samples
 
 

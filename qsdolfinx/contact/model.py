@@ -17,7 +17,7 @@ from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.gap.facet_cutter import FacetCutter
+from qsdolfinx.gap.facet_cutter import FacetCutter, Overlay, Vertices
 from qsdolfinx.gap.following import Cutter, Following
 from qsdolfinx.gap.friction_heat import FrictionHeat
 from qsdolfinx.gap.kinematics import Kinematics
@@ -114,14 +114,14 @@ class Settings:
         out = [VerticesRole(self.slave, self.master, of_tool=False)] if self.sharp[0] else []
         if self.sharp[1] and master is not None:
             out.append(VerticesRole(master, self.slave, of_tool=False))
-        elif self.sharp[1]:
+        elif self.sharp[1] and self.sliding == "small":
             out.append(VerticesRole(self.slave, self.master, of_tool=True))
         return out
 
     @property
     def roles_of_edges(self) -> list[EdgesRole]:
         """The same of the passes of creases in 3D."""
-        if self.master.is_analytic or self.slave.gdim == 2:
+        if self.master.is_analytic or self.slave.gdim == 2 or self.sliding == "finite":
             return []
         slave, master, other = self.slave, self.master, deformable(self.master)
         roles = [EdgesRole(slave, master, (True, True))] if all(self.sharp) else []
@@ -288,13 +288,18 @@ def _at_creases(settings: Settings, radius: _cpp.SearchRadius) -> tuple[Weighted
             1.0,
             rows="points",
             augmented=True,
+            following=_following(settings, slave, master, radius, at_vertices=True),
         )
         for slave, master, points in passes
     )
 
 
 def _following(
-    settings: Settings, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius
+    settings: Settings,
+    slave: Surface,
+    master: AnySurface,
+    radius: _cpp.SearchRadius,
+    at_vertices: bool = False,
 ) -> Following | None:
     """What makes gaps of a pass follow the bodies; None where they are linear. Collective."""
     if settings.sliding == "small" or settings.law.jump:
@@ -302,12 +307,14 @@ def _following(
     tool, degree = as_tool(master), settings.sampling.degree
     cutter: Cutter
     if tool is not None and tool.is_analytic:
-        cutter = ShapePoints(slave, tool, radius.largest, degree)
+        cutter = ShapePoints(slave, tool, radius.largest, None if at_vertices else degree)
+    elif at_vertices:
+        cutter = FacetCutter(slave, master, Vertices(slave, radius))
     else:
         at_points, both = settings.rows == "points", settings.formulation == "quasi-symmetric"
         if at_points and tool is not None:  # points of the slave's facets see all of its shape
             both = False
-        cutter = FacetCutter(slave, master, both, radius, degree)
+        cutter = FacetCutter(slave, master, Overlay(slave, both, radius, degree))
     return Following(slave, master, radius.largest, cutter, settings.rows == "points")
 
 

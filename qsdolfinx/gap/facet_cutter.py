@@ -11,17 +11,127 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.gap.following import Alone, Found, MovingFunctions, Places, SlipAtPoints, Vecs
+from qsdolfinx.gap.following import (
+    Alone,
+    Found,
+    MovingFunctions,
+    Places,
+    SlipAtPoints,
+    Vecs,
+    sides_of,
+)
+from qsdolfinx.pairing.facets import normals_at_vertices, sharp_nodes, unit_normals
 from qsdolfinx.pairing.pair import overlay_rules
+from qsdolfinx.pairing.vertices import lead_away, nodes_of
 from qsdolfinx.surface.affine import trace_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+#: Slave and master as objects of the extension that are moved by themselves.
+Twins = tuple[_cpp.Surface, _cpp.Surface]
 
 #: Way, in units of the largest facet, that facets may go before the pattern of the tangent has to
 #: grow.
 MARGIN = 0.5
+
+
+class Finder(typing.Protocol):
+    """Finds the points of facets that face each other.
+
+    Attributes:
+        both: Whether facets of both surfaces are cut.
+    """
+
+    both: bool
+
+    def sides(self) -> Flags:
+        """Sides of owned nodes of the slave that may have multipliers. Collective."""
+
+    def choose(self, surfaces: Twins, places: Places) -> Flags | None:
+        """``Measure.vertices`` of surfaces at these places. Collective."""
+
+    def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
+        """Points where surfaces are, with areas that are measured elsewhere. Collective."""
+
+    def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
+        """What may be between, before anything moves by a margin (length). Collective."""
+
+
+class Overlay:
+    """Cuts all facets that face each other; arguments are those of :class:`FacetCutter`."""
+
+    def __init__(self, slave: Surface, both: bool, radius: _cpp.SearchRadius, degree: int) -> None:
+        self._slave, self.both, self._radius = slave, both, radius
+        self._rules = overlay_rules(slave.gdim, degree)
+
+    def sides(self) -> Flags:
+        """See :class:`Finder`: all."""
+        return sides_of(self._slave)
+
+    def choose(self, surfaces: Twins, places: Places) -> Flags | None:
+        """See :class:`Finder`."""
+        return None
+
+    def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
+        """See :class:`Finder`."""
+        return _cpp.overlay_pieces(*moving, *measured, self.both, self._radius, *self._rules)
+
+    def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
+        """See :class:`Finder`."""
+        return _cpp.nearby_pieces(*moving, self.both, self._radius.largest, margin)
+
+
+class Vertices:
+    """Vertices of the slave at creases, before the facets opposite, along the normals of these.
+
+    Args:
+        slave: Surface that carries the multiplier.
+        radius: Beyond which points are not paired.
+    """
+
+    both = False
+
+    def __init__(self, slave: Surface, radius: _cpp.SearchRadius) -> None:
+        self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
+        x, _, nodes = slave.coordinates
+        #: Which way normals of vertices look that are found without a look at the body.
+        self._signs: Array = np.sign(
+            np.sum(unit_normals(x, nodes) * normals_at_vertices(slave), axis=2)
+        )
+
+    def sides(self) -> Flags:
+        """See :class:`Finder`: one of each sharp vertex."""
+        out = np.zeros((len(self._sharp), self._slave.block), dtype=bool)
+        out[:, 0] = self._sharp
+        return out
+
+    def choose(self, surfaces: Twins, places: Places) -> Flags | None:
+        """See :class:`Finder`: those that are ahead of their facets, see ``pair_vertices``."""
+        surfaces[0].measure_nodes()
+        points = _cpp.pair_vertices(*surfaces, self._sharp.astype(np.uint8), self._radius)
+        node, along = nodes_of(self._slave, points), np.zeros((len(self._sharp), 3))
+        along[node] = points.normal
+        x = places[0][:, : self._slave.num_facet_vertices]
+        normals = self._signs[..., None] * unit_normals(
+            x, places[0] if self._slave.degree > 1 else None
+        )
+        out = np.zeros((len(self._sharp), self._slave.block), dtype=bool)
+        out[node, 0] = lead_away(self._slave, along, x, normals)[node]
+        return out
+
+    def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
+        """See :class:`Finder`."""
+        assert vertices is not None
+        moving[0].measure_nodes()
+        measured[0].measure_nodes()
+        area = np.asarray(measured[0].node_area)
+        return _cpp.vertex_pieces(*moving, vertices[:, 0].astype(np.uint8), area, self._radius)
+
+    def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
+        """See :class:`Finder`."""
+        return _cpp.nearby_pieces(*moving, False, self._radius.largest, margin)
 
 
 class FacetCutter:
@@ -36,18 +146,13 @@ class FacetCutter:
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface, or a tool made of facets.
-        both: Whether facets of both are cut, each with half the weight.
-        radius: Beyond which points are not paired.
-        degree: Degree of the rule on the pieces.
+        finder: Finds the points.
     """
 
-    def __init__(
-        self, slave: Surface, master: AnySurface, both: bool, radius: _cpp.SearchRadius, degree: int
-    ) -> None:
+    def __init__(self, slave: Surface, master: AnySurface, finder: Finder) -> None:
         self._surfaces = slave, master
         self._slave, self._master = slave.cpp_object, master.cpp_object
-        self._both, self._radius = both, radius
-        self._rules = overlay_rules(slave.gdim, degree)
+        self._finder = finder
         self._tool = as_tool(master)
         self._moving = slave.twin(), master.twin(slave.axisymmetric)
         self._measured = slave.twin(), master.twin(slave.axisymmetric)
@@ -59,19 +164,27 @@ class FacetCutter:
         self._measured[0].measure_nodes()
         return np.asarray(self._measured[0].node_area)
 
+    def sides(self) -> Flags:
+        """See :class:`Cutter`."""
+        return self._finder.sides()
+
+    def choose(self, places: Places) -> Flags | None:
+        """See :class:`Cutter`."""
+        self._measure_at(places)
+        return self._finder.choose(self._measured, places)
+
     def find(
         self,
         places: Places,
         measured: Places,
         cover: PETSc.Vec | None,
         allowance: PETSc.Vec | None = None,
+        vertices: Flags | None = None,
     ) -> Found:
         """See :class:`Cutter`."""
         self._measure_at(measured)
         self._put(self._moving, places)
-        pieces = _cpp.overlay_pieces(
-            *self._moving, *self._measured, self._both, self._radius, *self._rules
-        )
+        pieces = self._finder.pieces(self._moving, self._measured, vertices)
         rows = _cpp.PieceRows(self._slave, pieces, handle_of(cover), handle_of(allowance))
         return Found(cover, allowance, rows, pieces)
 
@@ -123,7 +236,7 @@ class FacetCutter:
         self, found: Found, alone: Alone, field: PETSc.Vec, rest: Array, markers: Vecs
     ) -> MovingFunctions | None:
         """See :class:`Cutter`: points of the slave's facets stay there."""
-        if not self._both:
+        if not self._finder.both:
             return None
         pieces = found.of_cutter
         handles = [handle_of(vec) for vec in markers]
@@ -213,8 +326,7 @@ class FacetCutter:
         self._put(self._moving, places)
         surfaces = self._moving[: 1 if self._tool is not None else 2]
         margin = MARGIN * max(surface.facet_size_range[1] for surface in surfaces)
-        pieces = _cpp.nearby_pieces(*self._moving, self._both, self._radius.largest, margin)
-        return _cpp.PieceRows(self._slave, pieces)
+        return _cpp.PieceRows(self._slave, self._finder.nearby(self._moving, margin))
 
     def add_curvature(
         self,

@@ -19,6 +19,7 @@ from qsdolfinx.surface.trace import TraceValues
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 #: Of the slave and of the master: where the nodes of the trace are, (facets, nodes, 3); of a rigid
 #: tool its position, see ``RigidSurface.position``.
 Places = tuple[Array, Array]
@@ -47,12 +48,15 @@ class Measure:
             multiplier, the closest one; 0 at the others; shape (nodes, gdim). There, and where
             hardly anything is covered, its neighbours on the facet carry it. None if all keep
             theirs on all ranks.
+        vertices: Where points are vertices, the sides of owned nodes that have one, (nodes, block);
+            None where they are on facets.
     """
 
     places: Places
     area: Array
     node_area: Array
     cover: Array | None
+    vertices: Flags | None = None
 
     @property
     def hardly_covered(self) -> npt.NDArray[np.bool_]:
@@ -135,12 +139,19 @@ class Cutter(typing.Protocol):
     def node_area(self, places: Places) -> Array:
         """S_k of the slave there. Collective."""
 
+    def sides(self) -> Flags:
+        """Sides of owned nodes that may have multipliers, (nodes, block). Collective."""
+
+    def choose(self, places: Places) -> Flags | None:
+        """``Measure.vertices`` there. Collective."""
+
     def find(
         self,
         places: Places,
         measured: Places,
         cover: PETSc.Vec | None,
         allowance: PETSc.Vec | None = None,
+        vertices: Flags | None = None,
     ) -> Found:
         """What is opposite to what at these places, with the areas of others. Collective.
 
@@ -149,6 +160,7 @@ class Cutter(typing.Protocol):
             measured: Those where areas are measured.
             cover: ``Measure.cover`` at the unknowns of each node.
             allowance: a_k, likewise; None for none.
+            vertices: ``Measure.vertices``.
         """
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
@@ -294,8 +306,8 @@ class Following:
         at_points: bool = False,
     ) -> None:
         self.at_points = at_points
-        #: Smooth sides that owned nodes have, (nodes, block).
-        self._sides_of_nodes = sides_of(slave)
+        #: Sides of owned nodes that have multipliers, (nodes, block).
+        self._sides_of_nodes = cutter.sides()
         self._slave, self._master, self._cutter = slave, master, cutter
         self._tool = as_tool(master)
         self._creases = bool(np.any(slave.cpp_object.vertex_side > 0))
@@ -340,21 +352,29 @@ class Following:
                 out[i] = out[i] + scale[i] * values(vec)
         return out[0], out[1]
 
-    def measure(self, places: Places, kept: Measure | None = None) -> Measure:
+    def measure(
+        self, places: Places, kept: Measure | None = None, vertices: Flags | None = None
+    ) -> Measure:
         """Measure areas where the facets are. Collective.
 
         Args:
             places: Where they are.
             kept: With which nodes neighbours go on to carry multipliers; None to choose them anew.
+            vertices: Those that are to be kept; None to choose them anew.
         """
         node_area = self._cutter.node_area(places)
-        cover = None if kept is None else kept.cover
+        cover = None
         if kept is None and not self.at_points:
             cover = self._hardly_covered(places, node_area)
-        found = self._cutter.find(places, places, self._kept_vec(cover))
+        if kept is not None:
+            cover = kept.cover
+            vertices = kept.vertices
+        if vertices is None:
+            vertices = self._cutter.choose(places)
+        found = self._cutter.find(places, places, self._kept_vec(cover), vertices=vertices)
         covered = found.rows.cover(len(node_area))
         area = np.where(covered > 0, np.maximum(covered, LEAST_COVER * node_area), node_area)
-        return Measure(places, area, node_area, cover)
+        return Measure(places, area, node_area, cover, vertices)
 
     def _hardly_covered(self, places: Places, node_area: Array) -> Array | None:
         """``Measure.cover``. Collective."""
@@ -420,6 +440,7 @@ class Following:
             measure.places,
             self._kept_vec(measure.cover),
             self._kept_vec(allowed if some else None),
+            measure.vertices,
         )
         missed = comm.allreduce(found.rows.num_missed, op=MPI.SUM)
         if missed:

@@ -18,13 +18,37 @@ from qsdolfinx.gap.following import (
     Places,
     SlipAtPoints,
     Vecs,
+    sides_of,
+)
+from qsdolfinx.pairing.facets import (
+    at_vertices,
+    first_corners,
+    normals_at_vertices,
+    sharp_nodes,
+    sums,
+    unit_normals,
 )
 from qsdolfinx.pairing.pair import facet_rule
+from qsdolfinx.pairing.vertices import lead_away
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+#: Reference coordinates of the vertices of facets with so many.
+CORNERS = {
+    2: np.array([[0.0], [1.0]]),
+    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+    4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
+}
+
+
+def corner_rule(slave: Surface) -> tuple[Array, Array]:
+    """The vertices of the reference facet, with equal weights."""
+    x = CORNERS[slave.num_facet_vertices]
+    return x, np.full(len(x), 1 / len(x))
 
 
 class Points(typing.NamedTuple):
@@ -56,12 +80,19 @@ class ShapePoints:
         slave: Surface that carries the multiplier.
         tool: The tool.
         radius: Distance (length) beyond which points are not paired.
-        degree: Degree of the rule on the facets.
+        degree: Degree of the rule on the facets; None for points at vertices at creases, each once.
     """
 
-    def __init__(self, slave: Surface, tool: RigidSurface, radius: float, degree: int) -> None:
+    def __init__(
+        self, slave: Surface, tool: RigidSurface, radius: float, degree: int | None
+    ) -> None:
         self._slave, self._tool, self._radius = slave, tool, radius
-        x, w = facet_rule(slave, degree)
+        #: Vertices that stand for sharp nodes, (facets, vertices); None of points of facets.
+        self._corners: Flags | None = None
+        if degree is None:
+            sharp = at_vertices(slave, sharp_nodes(slave).astype(np.float64)) > 0.5
+            self._corners = first_corners(slave) & sharp
+        x, w = corner_rule(slave) if degree is None else facet_rule(slave, degree)
         self._rule, self._w = (x, w), w
         kind = slave.num_facet_vertices
         #: Functions of the vertices and of the trace at the points, (points, functions).
@@ -73,6 +104,9 @@ class ShapePoints:
         self._sign = self._orientation()
         self._side = np.asarray(slave.cpp_object.vertex_side, dtype=np.int64)
         self._values = TraceValues(slave)
+        x0, _, nodes = slave.coordinates
+        #: Which way normals of vertices look that are found without a look at the body.
+        self._signs = np.sign(np.sum(unit_normals(x0, nodes) * normals_at_vertices(slave), axis=2))
 
     def _orientation(self) -> Array:
         """1 or −1 of each facet: times its area vector points out of the body."""
@@ -104,6 +138,58 @@ class ShapePoints:
         self._measured.measure_nodes()
         return np.asarray(self._measured.node_area)
 
+    def choose(self, places: Places) -> Flags | None:
+        """See :class:`Cutter`: vertices that are ahead of their facets, see ``pair_vertices``."""
+        if self._corners is None:
+            return None
+        slave, corners = self._slave, self._corners
+        x = places[0][:, : slave.num_facet_vertices]
+        normals = self._signs[..., None] * unit_normals(x, places[0] if slave.degree > 1 else None)
+        distance, of_tool = self._tool.distance(x.reshape(-1, 3), places[1])
+        of_tool = of_tool.reshape(x.shape)
+        near = np.abs(distance.reshape(corners.shape)) <= self._radius
+        near &= np.sum(self._mean(normals) * of_tool, axis=2) < 0
+        at = np.where((corners & near)[..., None], -of_tool, 0.0)
+        along = np.stack([sums(slave, at[..., i].ravel()) for i in range(3)], axis=1)
+        ahead = lead_away(slave, along, x, normals) & np.any(along, axis=1)
+        return self._sides_of(corners & (at_vertices(slave, ahead.astype(np.float64)) > 0.5))
+
+    def sides(self) -> Flags:
+        """See :class:`Cutter`."""
+        return sides_of(self._slave) if self._corners is None else self._sides_of(self._corners)
+
+    def _sides_of(self, chosen: Flags) -> Flags:
+        """Sides of owned nodes that belong to some vertices of facets. Collective."""
+        slave = self._slave
+        dofs = np.take_along_axis(
+            np.asarray(slave.cpp_object.facet_dofs)[:, : chosen.shape[1]],
+            self._side[..., None],
+            axis=2,
+        )[..., 0]
+        vec = slave.create_vec()
+        how = PETSc.InsertMode.ADD_VALUES
+        vec.setValues(dofs.ravel().astype(PETSc.IntType), chosen.astype(np.float64).ravel(), how)
+        vec.assemble()
+        out: Flags = vec.array_r[slave.node_dofs - vec.owner_range[0]] > 0.5
+        vec.destroy()
+        return out
+
+    def _mean(self, normals: Array) -> Array:
+        """Sums of normals of the facets at each vertex, (facets, vertices, 3). Collective."""
+        of_nodes = [sums(self._slave, values.ravel()) for values in np.moveaxis(normals, 2, 0)]
+        return np.stack([at_vertices(self._slave, values) for values in of_nodes], axis=2)
+
+    def _weights(self, x: Array, vertices: Flags | None) -> Array:
+        """Areas that the points stand for where areas are measured. Collective."""
+        if self._corners is None or vertices is None:
+            return self._areas(x)
+        some = np.asarray(vertices.any(axis=1), dtype=np.float64)
+        flags = at_vertices(self._slave, some) > 0.5
+        self._measured.follow(np.ascontiguousarray(x))
+        self._measured.measure_nodes()
+        area = at_vertices(self._slave, np.asarray(self._measured.node_area))
+        return np.where(self._corners & flags, area, 0.0)
+
     def _functions(self, cover: PETSc.Vec | None) -> Array:
         """Functions of the multipliers, those of hardly covered nodes shared out. Collective."""
         out = np.broadcast_to(self._N, (len(self._sign), *self._N.shape))
@@ -123,6 +209,7 @@ class ShapePoints:
         measured: Places,
         cover: PETSc.Vec | None,
         allowance: PETSc.Vec | None = None,
+        vertices: Flags | None = None,
     ) -> Found:
         """See :class:`Cutter`; points and their functions are fixed, whatever is allowed."""
         N, T, (nodes, position) = self._functions(cover), self._T, places
@@ -132,12 +219,14 @@ class ShapePoints:
             for values in self._tool.distance(x.reshape(-1, 3), position)
         )
         outward = self._sign[:, None, None] * self._area_vectors(nodes)
-        opposite = (np.abs(distance) <= self._radius) & (np.sum(outward * normal, axis=2) < 0)
-        weight = np.where(opposite, self._areas(measured[0]), 0.0)
+        opposite = np.abs(distance) <= self._radius
+        if self._corners is None:
+            opposite &= np.sum(outward * normal, axis=2) < 0
+        weight = np.where(opposite, self._weights(measured[0], vertices), 0.0)
         wN = weight[:, :, None] * N
         rows = _cpp.PieceRows(
             self._slave.cpp_object,
-            opposite.any(axis=1).astype(np.uint8),
+            np.asarray(opposite.any(axis=1), dtype=np.uint8),
             wN.sum(axis=1),
             -np.einsum("fpk,fp->fk", wN, distance),
             np.einsum("fpk,fp,fpd->fkd", wN, distance, normal),

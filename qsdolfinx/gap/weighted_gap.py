@@ -405,7 +405,8 @@ class WeightedGap:
         before = self.state.measure
         if self.following is None or self.cut is None or before is None:
             return 0.0
-        measure = self.state.measure = self.following.measure(self.cut.places)
+        places, vertices = self.cut.places, before.vertices
+        measure = self.state.measure = self.following.measure(places, vertices=vertices)
         if np.any(measure.hardly_covered != before.hardly_covered):
             return 1.0
         change = np.abs(measure.area - before.area) / measure.node_area

@@ -52,7 +52,19 @@ def sharp_nodes(surface: Faceted) -> Flags:
 def normals_at_vertices(surface: Faceted) -> Array:
     """Outward unit normals of the facets, curved as their mesh is, (facets, vertices, 3)."""
     x, inside, nodes = surface.coordinates
-    count = surface.num_facet_vertices
+    out = unit_normals(x, nodes)
+    outward = x.mean(axis=1) - inside
+    return np.asarray(out * np.sign(np.sum(outward[:, None] * out, axis=2))[..., None])
+
+
+def unit_normals(x: Array, nodes: Array | None = None) -> Array:
+    """Unit normals of facets at their vertices, to either side, (facets, vertices, 3).
+
+    Args:
+        x: Where the vertices are, (facets, vertices, 3).
+        nodes: Where all nodes of facets of degree 2 are, (facets, nodes, 3).
+    """
+    count = x.shape[1]
     tangents: list[list[Array]] = [[] for _ in range(count)]
     for at, (i, j) in enumerate(EDGES[count], start=count):
         middle = (x[:, i] + x[:, j]) / 2 if nodes is None else nodes[:, at]
@@ -62,8 +74,6 @@ def normals_at_vertices(surface: Faceted) -> Array:
     for i, (along, *others) in enumerate(tangents):
         across = others[0] if others else np.broadcast_to([0.0, 0.0, 1.0], along.shape)
         out[:, i] = np.cross(along, across)
-    outward = x.mean(axis=1) - inside
-    out *= np.sign(np.sum(outward[:, None] * out, axis=2))[..., None]
     return np.asarray(out / np.maximum(np.linalg.norm(out, axis=2), 1e-300)[..., None])
 
 
@@ -98,5 +108,24 @@ def gathered(surface: Faceted, values: Array, dofs: npt.NDArray[np.integer]) -> 
     scatter.scatter(vec, local)
     out: Array = local.array_r.reshape(dofs.shape).copy()
     for thing in (vec, local, here, scatter):
+        thing.destroy()
+    return out
+
+
+def first_corners(surface: Surface) -> Flags:
+    """Vertices of facets, one for each node over all ranks, (facets, vertices). Collective."""
+    dofs = vertex_dofs(surface)
+    number = surface.comm.rank + surface.comm.size * np.arange(dofs.size, dtype=np.float64)
+    vec, local = surface.create_vec(), PETSc.Vec().createWithArray(number, comm=PETSc.COMM_SELF)
+    here = PETSc.IS().createGeneral(dofs.ravel(), PETSc.COMM_SELF)
+    scatter = PETSc.Scatter().create(vec, here, local, None)
+    vec.set(-1.0)
+    how = PETSc.InsertMode.MAX_VALUES, PETSc.ScatterMode.REVERSE
+    scatter.scatter(local, vec, *how)
+    last: Array = np.zeros(dofs.size)
+    there = PETSc.Vec().createWithArray(last, comm=PETSc.COMM_SELF)
+    scatter.scatter(vec, there)
+    out = np.asarray((last == number).reshape(dofs.shape))
+    for thing in (vec, local, there, here, scatter):
         thing.destroy()
     return out

@@ -24,6 +24,7 @@ from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.intp]
 
 
 class VerticesRole(typing.NamedTuple):
@@ -118,14 +119,30 @@ def _lead_away(slave: Faceted, points: _cpp.PairingPoints, along: Array) -> Flag
         points: The points.
         along: Unit normals towards what is opposite, (points, 3).
     """
-    node = np.searchsorted(slave.node_dofs[:, 0], points.slave["dofs"][:, 0, 0])
+    node = nodes_of(slave, points)
     normal = np.zeros((len(slave.node_area), 3))
     normal[node] = along
-    x = slave.coordinates[0]
-    opposite = np.stack([at_vertices(slave, values) for values in normal.T], axis=2)
+    return lead_away(slave, normal, slave.coordinates[0], normals_at_vertices(slave))[node]
+
+
+def nodes_of(slave: Faceted, points: _cpp.PairingPoints) -> Indices:
+    """Numbers of the owned nodes that points at nodes are at, (points,)."""
+    return np.searchsorted(slave.node_dofs[:, 0], points.slave["dofs"][:, 0, 0])
+
+
+def lead_away(slave: Faceted, along: Array, x: Array, normals: Array) -> Flags:
+    """Owned nodes none of whose facets leads towards what is opposite, (nodes,). Collective.
+
+    Args:
+        slave: Whose nodes they are.
+        along: Unit normals towards what is opposite, (nodes, 3).
+        x: Where the vertices of facets are, (facets, vertices, 3).
+        normals: Outward unit normals there, likewise.
+    """
+    opposite = np.stack([at_vertices(slave, values) for values in along.T], axis=2)
     inward = x.mean(axis=1, keepdims=True) - x
     size = np.linalg.norm(inward, axis=2)
     ahead = np.sum(inward * opposite, axis=2) > TOWARDS * size
-    flat = np.sum(normals_at_vertices(slave) * opposite, axis=2) > FLAT
+    flat = np.sum(normals * opposite, axis=2) > FLAT
     stays = (ahead | flat).astype(np.float64)
-    return np.asarray(sums(slave, stays.ravel())[node] == 0)
+    return np.asarray(sums(slave, stays.ravel()) == 0)
