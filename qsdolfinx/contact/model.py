@@ -309,7 +309,7 @@ def _following(
     if tool is not None and tool.is_analytic:
         cutter = ShapePoints(slave, tool, radius.largest, None if at_vertices else degree)
     elif at_vertices:
-        cutter = FacetCutter(slave, master, Vertices(slave, radius))
+        cutter = FacetCutter(slave, master, Vertices(slave, master, radius))
     else:
         at_points, both = settings.rows == "points", settings.formulation == "quasi-symmetric"
         if at_points and tool is not None:  # points of the slave's facets see all of its shape

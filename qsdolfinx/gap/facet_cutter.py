@@ -20,7 +20,7 @@ from qsdolfinx.gap.following import (
     Vecs,
     sides_of,
 )
-from qsdolfinx.pairing.facets import normals_at_vertices, sharp_nodes, unit_normals
+from qsdolfinx.pairing.facets import gathered, normals_at_vertices, sharp_nodes, unit_normals
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.pairing.vertices import lead_away, nodes_of
 from qsdolfinx.surface.affine import trace_vec
@@ -86,15 +86,22 @@ class Overlay:
 class Vertices:
     """Vertices of the slave at creases, before the facets opposite, along the normals of these.
 
+    Facets with creases at all of their vertices are those of a coarse curved surface: in its
+    corners a vertex would face now this one, now that one, and there its own facets see as much.
+
     Args:
         slave: Surface that carries the multiplier.
+        master: The other surface.
         radius: Beyond which points are not paired.
     """
 
     both = False
 
-    def __init__(self, slave: Surface, radius: _cpp.SearchRadius) -> None:
+    def __init__(self, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> None:
         self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
+        self._master = master if isinstance(master, Surface) else None
+        if self._master is not None:
+            self._sharp_there = sharp_nodes(self._master).astype(np.float64)
         x, _, nodes = slave.coordinates
         #: Which way normals of vertices look that are found without a look at the body.
         self._signs: Array = np.sign(
@@ -111,8 +118,9 @@ class Vertices:
         """See :class:`Finder`: those that are ahead of their facets, see ``pair_vertices``."""
         surfaces[0].measure_nodes()
         points = _cpp.pair_vertices(*surfaces, self._sharp.astype(np.uint8), self._radius)
-        node, along = nodes_of(self._slave, points), np.zeros((len(self._sharp), 3))
-        along[node] = points.normal
+        some = self._are_before_smooth_facets(points)
+        node, along = nodes_of(self._slave, points)[some], np.zeros((len(self._sharp), 3))
+        along[node] = points.normal[some]
         x = places[0][:, : self._slave.num_facet_vertices]
         normals = self._signs[..., None] * unit_normals(
             x, places[0] if self._slave.degree > 1 else None
@@ -120,6 +128,13 @@ class Vertices:
         out = np.zeros((len(self._sharp), self._slave.block), dtype=bool)
         out[node, 0] = lead_away(self._slave, along, x, normals)[node]
         return out
+
+    def _are_before_smooth_facets(self, points: _cpp.PairingPoints) -> Flags:
+        """Points before facets that have a vertex at no crease, (points,). Collective."""
+        if self._master is None:
+            return np.ones(points.size, dtype=bool)
+        dofs = points.master["dofs"][:, : self._master.num_facet_vertices, 0]
+        return np.asarray(np.any(gathered(self._master, self._sharp_there, dofs) < 0.5, axis=1))
 
     def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
         """See :class:`Finder`."""

@@ -24,6 +24,16 @@ FLAT = float(np.cos(np.pi / 360))
 TOWARDS = float(np.sin(np.pi / 9))
 
 
+#: Part of the largest facet that edges and vertices may be deep: beyond it what they face may be the
+#: far side of a body, and facets see what is that deep.
+DEEPEST = 0.5
+
+
+def deepest(slave: Surface) -> float:
+    """How deep points of edges or vertices may be (length)."""
+    return DEEPEST * slave.facet_size_range[1]
+
+
 def of_tool(x: Array) -> PairingSide:
     """Points of a rigid tool at these places (points, 3): there are no unknowns."""
     none = np.zeros((len(x), 0))

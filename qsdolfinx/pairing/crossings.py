@@ -11,7 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.pairing.ahead import FLAT, TOWARDS, between, linear, of_tool, with_own_multipliers
+from qsdolfinx.pairing.ahead import (
+    FLAT,
+    TOWARDS,
+    between,
+    deepest,
+    linear,
+    of_tool,
+    with_own_multipliers,
+)
 from qsdolfinx.pairing.edges import Edges
 from qsdolfinx.pairing.facets import as_facets
 from qsdolfinx.pairing.points import PairingSide
@@ -100,7 +108,7 @@ def pair_edges(
     (one, other), sharp = edges if of_slave else edges[::-1], all(role.creases)
     creases = one.some(one.are_sharp)
     others = _near(creases, other.some(other.are_sharp == sharp), radius.largest, role.slave.comm)
-    found = _crossings(creases, others, radius.largest)
+    found = _crossings(creases, others, (radius.largest, deepest(role.slave)))
     bodies = role.slave, deformable(role.master)
     own, opposite = bodies if of_slave else bodies[::-1]
     parts = [
@@ -240,6 +248,7 @@ def _facing(role: EdgesRole, creases: Edges, places: tuple[Indices, Array], reac
     normal = -closest["normal"]
     keep = closest["found"].astype(bool) & _leads_away(here, normal)
     keep &= ~_are_beside(x, closest, role.slave.facet_size_range[0])
+    keep &= np.sum((x - closest["x"]) * normal, axis=1) <= deepest(role.slave)
     if role.creases[0] and not isinstance(role.master, Surface):
         return Facing(crease[keep], place[keep], of_tool(closest["x"][keep]), normal[keep])
     names = ("x", "dofs", "owner", "shape_values")
@@ -285,9 +294,15 @@ def _near(creases: Edges, edges: Edges, reach: float, comm: MPI.Intracomm) -> Ed
     return Edges.joined(comm.alltoall(sent))
 
 
-def _crossings(creases: Edges, edges: Edges, reach: float) -> Crossings:
-    """All that count."""
-    pairs = _candidates(creases, edges, reach)
+def _crossings(creases: Edges, edges: Edges, reach: tuple[float, float]) -> Crossings:
+    """All that count.
+
+    Args:
+        creases: The creases.
+        edges: What they may cross.
+        reach: How far they may be apart, and how deep (length).
+    """
+    pairs = _candidates(creases, edges, max(reach))
     parts = [_crossing(creases, edges, i, j, reach) for i, j in pairs]
     if not parts:
         none = np.zeros(0, dtype=np.int64)
@@ -337,7 +352,9 @@ def _candidates(
         yield i[near], order[j[near]]
 
 
-def _crossing(creases: Edges, edges: Edges, i: Indices, j: Indices, reach: float) -> Crossings:
+def _crossing(
+    creases: Edges, edges: Edges, i: Indices, j: Indices, reach: tuple[float, float]
+) -> Crossings:
     """Of these pairs those that count."""
     here, there = creases.some(i), edges.some(j)
     along, across = here.x[:, 1] - here.x[:, 0], there.x[:, 1] - there.x[:, 0]
@@ -356,7 +373,7 @@ def _crossing(creases: Edges, edges: Edges, i: Indices, j: Indices, reach: float
     keep &= is_across & (s >= end) & (s < np.where(sharp, 1 - ROUNDING, 1 - near))
     keep &= (t >= -ROUNDING) & (t < np.where(sharp, 1 - ROUNDING, 1 + ROUNDING))
     gap = np.sum((there.at(t) - here.at(s)) * normal, axis=1)
-    keep &= np.abs(gap) <= reach
+    keep &= (gap <= reach[0]) & (gap >= -min(reach))
     keep &= _leads_away(here, normal) & (~sharp | _leads_away(there, -normal))
     return Crossings(i[keep], j[keep], places[keep], normal[keep])
 

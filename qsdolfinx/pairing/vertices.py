@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.pairing.ahead import FLAT, TOWARDS, linear, of_tool, with_own_multipliers
+from qsdolfinx.pairing.ahead import FLAT, TOWARDS, deepest, linear, of_tool, with_own_multipliers
 from qsdolfinx.pairing.facets import (
     Faceted,
     as_facets,
@@ -73,7 +73,8 @@ def _of_slave(slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> 
         points = _cpp.pair_vertices(slave.cpp_object, other, which, radius)
         if tool is not None:
             _cpp.forget_master(points)
-    _cpp.keep_points(points, _lead_away(slave, points, points.normal).astype(np.uint8))
+    keep = _lead_away(slave, points, points.normal) & (-points.gap <= deepest(slave))
+    _cpp.keep_points(points, keep.astype(np.uint8))
     return points
 
 
@@ -83,7 +84,7 @@ def _of_tool(slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> _cp
     which = sharp_nodes(facets).astype(np.uint8)
     found = _cpp.pair_vertices(facets.cpp_object, slave.cpp_object, which, radius)
     normal = _smoothed(slave, PairingSide(**found.master), -found.normal)
-    ahead = _lead_away(facets, found, -normal)
+    ahead = _lead_away(facets, found, -normal) & (-found.gap <= deepest(slave))
     _cpp.keep_points(found, ahead.astype(np.uint8))
     on_slave, on_tool = PairingSide(**found.master), of_tool(found.slave["x"])
     return with_own_multipliers((slave, None), on_slave, on_tool, normal[ahead])

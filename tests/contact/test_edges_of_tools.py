@@ -1,5 +1,7 @@
 """Edges and tips of rigid tools: none goes into a body without its force, wherever it meets it."""
 
+import warnings
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -476,3 +478,30 @@ def test_edges_that_cross():
         x, facets = roof([0.0, 0.08, 0.0], 0.5, yaw)
         force = wedge.on(facing(x * [1, 1, -1], facets, up=True))
         np.testing.assert_allclose(force[2], 0.05 / wedge.compliance(0.08), rtol=1e-8)
+
+
+@pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
+def test_steep_wall(cell):
+    """A roof with a steep wall that is in a block at first: nothing is pressed out at a far side."""
+    forces = []
+    for start in (-1e-3, 1e-3, 0.02):
+        msh = box(WORLD, (3, 2, 2), cell, [-2.0, -2.0, -0.8], [2.0, 2.0, 0.0], "scattered")
+        V = vector_space(msh)
+        u = fem.Function(V)
+        F = elastic(u, 1e3)
+        sides = [plane(msh, i, end) for i in range(2) for end in (-2.0, 2.0)]
+        bcs = [clamp(V, plane(msh, 2, -0.8))]
+        profile = ((-0.7, 0.6), (0.0, 0.0), (0.005, 0.5))
+        x = np.array([[a, y, z - start] for y in (-1.5, 1.5) for a, z in profile])
+        facets = [[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4]]
+        tool = facing(x, facets, up=False)
+        surface = qs.Surface(V, facets=np.concatenate([plane(msh, 2, 0.0), *sides]))
+        contact = qs.Contact(surface, tool)
+        tool.displacement = [0.0, 0.0, start - 0.03]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", qs.ContactWarning)
+            qs.ContactProblem([F], [u], [contact], [bcs]).solve()
+        forces.append(contact.force("slave"))
+        assert WORLD.allreduce(largest(u.x.array), op=MPI.MAX) < 0.06
+    for force in forces:
+        assert -550.0 < force[2] < -300.0 and largest(force[:2]) < 1.0
