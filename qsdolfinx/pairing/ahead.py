@@ -24,8 +24,8 @@ FLAT = float(np.cos(np.pi / 360))
 TOWARDS = float(np.sin(np.pi / 9))
 
 
-#: Part of the largest facet that edges and vertices may be deep: beyond it what they face may be the
-#: far side of a body, and facets see what is that deep.
+#: Part of the largest facet that edges and vertices may be deep: beyond it what they face may be
+#: the far side of a body, and facets see what is that deep.
 DEEPEST = 0.5
 
 

@@ -482,7 +482,7 @@ def test_edges_that_cross():
 
 @pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
 def test_steep_wall(cell):
-    """A roof with a steep wall that is in a block at first: nothing is pressed out at a far side."""
+    """A roof with a steep wall that is in a block at first is not pressed out at a far side."""
     forces = []
     for start in (-1e-3, 1e-3, 0.02):
         msh = box(WORLD, (3, 2, 2), cell, [-2.0, -2.0, -0.8], [2.0, 2.0, 0.0], "scattered")
