@@ -38,7 +38,7 @@ public:
   /// Columns, ascending.
   const std::vector<PetscInt>& columns() const { return columns_; }
   /// Row k by these columns.
-  const double* row(std::size_t k) const { return &values_[k * columns_.size()]; }
+  const double* row(std::size_t k) const { return values_.data() + k * columns_.size(); }
 
 private:
   void find_columns()
