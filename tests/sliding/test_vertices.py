@@ -140,3 +140,32 @@ def test_on_a_tool(cell, shape):
         assert contact.penetration() < 1e-10
     assert forces[0][-1] > 0
     np.testing.assert_allclose(*forces, rtol=1e-7, atol=1e-7 * largest(forces[0]))
+
+
+def test_onto_a_corner():
+    """A half disc comes from beside a block, meets its corner, and climbs onto it."""
+    block = Body(box(WORLD, (15, 5), "quadrilateral", (0.0, -1.0), (3.0, 0.0), "scattered"))
+    msh = box(WORLD, (24, 3), "quadrilateral", (0.0, 0.0), (1.0, 1.0), "scattered")
+    rim, hub = plane(msh, 1, 1.0), plane(msh, 1, 0.0)
+    x = msh.geometry.x
+    angle, radius = np.pi * (1 + x[:, 0]), 0.25 + 0.25 * x[:, 1]
+    x[:, 0], x[:, 1] = -0.75 + radius * np.cos(angle), 0.45 + radius * np.sin(angle)
+    disc = Body(msh)
+    block.clamp(plane(block.mesh, 1, -1.0))
+    drawn = disc.clamp(hub)
+    faces = np.concatenate([plane(block.mesh, 1, 0.0), plane(block.mesh, 0, 0.0)])
+    friction = qs.Coulomb(0.2)
+    contact = qs.Contact(disc.surface(rim), block.surface(faces), friction=friction, **FINITE)
+
+    def drive(t, dt):
+        drawn.value[0] = t
+
+    stepper = qs.TimeStepper(problem_of([block, disc], [contact]), 0.1, drive, dt_max=0.1)
+    forces = []
+    for _ in stepper.run(2.5):
+        forces.append(contact.force("slave"))
+        assert contact.penetration() < 0.01
+    assert max(step.iterations for step in stepper.log) <= 25
+    ratios = [-force[0] / (0.2 * force[1]) for force in forces if force[1] > 1e-3]
+    assert max(ratios) > 2.0  # the corner holds it up
+    assert 0.8 < ratios[-1] < 1.0 + 1e-6  # all slips along the top
