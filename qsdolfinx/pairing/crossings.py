@@ -43,6 +43,10 @@ AT_END = 0.1
 #: Part of a facet's size by which places are apart that are the same: rounding.
 SAME = 1e-6
 
+#: How many times as deep a crossing may be as what is closest to the crease there: wedges that are
+#: sharper than some 6° are seen by their faces.
+WAYS = 20.0
+
 #: Part of a facet between whose ends two bodies have points: both give way there.
 BENDS = 0.5
 
@@ -109,6 +113,7 @@ def pair_edges(
     creases = one.some(one.are_sharp)
     others = _near(creases, other.some(other.are_sharp == sharp), radius.largest, role.slave.comm)
     found = _crossings(creases, others, (radius.largest, deepest(role.slave)))
+    found = found.some(~_lead_through(role, creases, others, found, radius.largest))
     bodies = role.slave, deformable(role.master)
     own, opposite = bodies if of_slave else bodies[::-1]
     parts = [
@@ -254,6 +259,28 @@ def _facing(role: EdgesRole, creases: Edges, places: tuple[Indices, Array], reac
     names = ("x", "dofs", "owner", "shape_values")
     side = PairingSide(**{name: closest[name][keep] for name in names})
     return Facing(crease[keep], place[keep], side, normal[keep])
+
+
+def _lead_through(
+    role: EdgesRole, creases: Edges, others: Edges, found: Crossings, reach: float
+) -> Flags:
+    """Crossings that are deep where another way out is much shorter, (points,). Collective.
+
+    A tool's wall that has come in by one face of a body would be pressed out by the opposite one.
+
+    Args:
+        role: Whose they are.
+        creases: All creases.
+        others: All edges of the other body.
+        found: The crossings.
+        reach: Length beyond which nothing is in reach.
+    """
+    closest, x, _ = _closest(role, creases, found.crease, found.places[:, 0], reach)
+    there = others.some(found.edge).at(found.places[:, 1])
+    depth = np.sum((x - there) * found.normal, axis=1)
+    shortest = np.linalg.norm(closest["x"] - x, axis=1)
+    rounding = SAME * role.slave.facet_size_range[0]
+    return np.asarray(closest["found"].astype(bool) & (depth > WAYS * shortest + rounding))
 
 
 def _are_beside(x: Array, closest: dict[str, typing.Any], size: float) -> Flags:
