@@ -431,13 +431,8 @@ private:
         continue;
       // The points are not to depend on the order of a facet's vertices.
       bool even = false;
-      if (cut_.type() != FacetType::interval && record_)
+      if (cut_.type() != FacetType::interval)
         even = !begin_with_facets(f, g, frame);
-      else if (cut_.type() != FacetType::interval)
-      {
-        constexpr Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
-        polygon_.begin_along({dot(frame.e0, along), dot(frame.e1, along)});
-      }
       pieces_.push_back({g, std::move(other), polygon_,
                          dot(outward, outward_) < facing_cosine * norm(outward)
                              && (!of_itself_ || has_role(cut_, f, nearby_, g, cut_is_slave_)),
@@ -655,7 +650,7 @@ private:
     w_.clear();
     // Shape functions of quadrilaterals are not integrated exactly: turned surfaces are to be
     // alike.
-    if (record_ && (piece.even || !(planar.affine() && piece.planar.affine())))
+    if (piece.even || !(planar.affine() && piece.planar.affine()))
       append_points_from_middle(piece.polygon, rules_.piece, q_, w_);
     else
       append_points(piece.polygon, rules_.piece, q_, w_);

@@ -178,7 +178,7 @@ def test_turned_edge(cell, at, yaw):
         root = np.linalg.cholesky(C)  # forces without pull: least squares of the same energy
         forces, _ = nnls(root.T, np.linalg.solve(root, np.full(len(C), depth)))
         # Off the nodes the top comes up beside the edge, and the roof's faces press a little.
-        rtol = 1e-8 if not any(at) else 1e-2
+        rtol = 1e-8 if not any(at) else 2e-2
         np.testing.assert_allclose(force[2], -forces.sum(), rtol=rtol)
 
 

@@ -4,6 +4,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from following import Body, problem_of, rotation
 from scenes import (
     CELLS,
     WORLD,
@@ -110,6 +111,39 @@ def test_patch(cell, formulation, kind):
         expected[:, -1] = sign * 0.1 / compliance
         assert largest(traction - expected) < 1e-9
     assert largest(pair.contact.multiplier() - 0.1 / compliance) < 1e-9
+
+
+@pytest.mark.parametrize(("cell", "kind"), (("tetrahedron", "body"), ("hexahedron", "tool")))
+def test_turned_scene(cell, kind):
+    """Where contact covers parts of facets: turned together, all has the same forces."""
+    turns = np.eye(3), rotation(0.5 * np.pi, [0, 0, 1]), rotation(1.3, [0.3, -0.5, 0.8])
+    tilt = rotation(0.04, [0.8, 0.6, 0.0])
+    forces = []
+    for turn in turns:
+        lower = Body(box(WORLD, (3, 2, 2), cell, [0.0, 0.0, 0.0], [1.5, 1.0, 1.0]))
+        face, ground = plane(lower.mesh, 2, 1.0), plane(lower.mesh, 2, 0.0)
+        bodies, master, load = [lower], None, turn @ [0.004, 0.002, -0.02]
+        if kind == "body":
+            upper = Body(box(WORLD, (2, 2, 1), cell, [0.2, 0.1, 1.0], [1.3, 0.9, 1.6]))
+            under, top = plane(upper.mesh, 2, 1.0), plane(upper.mesh, 2, 1.6)
+            upper.mesh.geometry.x[:] = (upper.mesh.geometry.x - [0, 0, 1]) @ tilt.T + [0, 0, 1.02]
+            bodies.append(upper)
+        for body in bodies:
+            body.mesh.geometry.x[:] = body.mesh.geometry.x @ turn.T
+        lower.clamp(ground)
+        if kind == "body":
+            upper.clamp(top, load)
+            master = upper.surface(under)
+        else:
+            corners = np.array([[0.2, 0.1, 0], [1.3, 0.1, 0], [1.3, 0.9, 0], [0.2, 0.9, 0]])
+            corners = (corners @ tilt.T + [0, 0, 1.02]) @ turn.T
+            master = qs.RigidSurface.triangulated(WORLD, corners, [[0, 2, 1], [0, 3, 2]])
+            master.displacement = load
+        contact = qs.Contact(lower.surface(face), master, friction=qs.Coulomb(0.2))
+        problem_of(bodies, [contact]).solve()
+        forces.append(turn.T @ contact.force("slave"))
+        assert 0 < contact.report().active < contact.report().rows
+    np.testing.assert_allclose(forces[1:], [forces[0]] * 2, rtol=0, atol=1e-8 * largest(forces[0]))
 
 
 def test_ranks_do_not_matter():
