@@ -388,6 +388,10 @@ class SlipOfPieces:
     def normal(self) -> numpy.typing.NDArray[numpy.float64]:
         """Outward of the slave, [point][3]."""
 
+    @property
+    def arc(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Way along the facets over the slip, its chord, [point]."""
+
 class StackedRows:
     """Rows of points by all unknowns; see tangent/products.h."""
 

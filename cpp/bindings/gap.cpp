@@ -118,7 +118,10 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "Of the slave against the master, [point][3].")
       .def_prop_ro(
           "normal", [](const SlipOfPieces& s) { return copy(s.normal, {s.normal.size() / 3, 3}); },
-          "Outward of the slave, [point][3].");
+          "Outward of the slave, [point][3].")
+      .def_prop_ro(
+          "arc", [](const SlipOfPieces& s) { return copy(s.arc, {s.arc.size()}); },
+          "Way along the facets over the slip, its chord, [point].");
   nb::class_<GapOperator>(m, "GapOperator",
                           "Weighted gaps of the slave nodes of this rank; see gap/gap.h.")
       .def(

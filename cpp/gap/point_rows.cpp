@@ -306,6 +306,7 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
   normal.resize(3 * n);
   gradient.resize(n * size);
   works.resize(n * size);
+  arc.resize(n);
   std::size_t done = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
@@ -329,7 +330,8 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
                    {std::span(slip).subspan(3 * done, 3 * count),
                     std::span(normal).subspan(3 * done, 3 * count),
                     std::span(gradient).subspan(done * size, count * size),
-                    std::span(works).subspan(done * size, count * size)});
+                    std::span(works).subspan(done * size, count * size),
+                    std::span(arc).subspan(done, count)});
     done += count;
   }
 }

@@ -45,10 +45,10 @@ struct FunctionsOfPieces
 };
 
 /// Slip at the points of pieces, see RaySlip, [point][3] and [point][node][3][3], the slave's nodes
-/// first.
+/// first; [point].
 struct SlipOfPieces
 {
-  std::vector<double> slip, normal, gradient, works;
+  std::vector<double> slip, normal, gradient, works, arc;
 
   /// Collective. @param slave, master places of the bodies' nodes when slip began, vectors of them;
   /// master null for a rigid tool @param of_tool where a place of it was then, rows of an affine

@@ -719,6 +719,21 @@ RayFacet moved_to(const RayFacet& facet, std::span<const double> x)
 {
   return {facet.type, facet.degree, x, facet.orientation};
 }
+
+/// Turns by more than this are not told from those the other way round.
+constexpr double most_turned = 2.6;
+
+/// θ/sin θ of facets that have turned against each other by θ, as their normals say: where one of
+/// them is in the frame of the other one, then and now.
+double arc_of_turn(const Frame& then, const Vec3& other_then, const Frame& now,
+                   const Vec3& other_now)
+{
+  const double c = dot(then.e[0], other_then) * dot(now.e[0], other_now)
+                   + dot(then.e[1], other_then) * dot(now.e[1], other_now)
+                   + dot(then.n, other_then) * dot(now.n, other_now);
+  const double theta = std::min(std::acos(std::clamp(c, -1.0, 1.0)), most_turned);
+  return theta > 1e-4 ? theta / std::sin(theta) : 1.0;
+}
 } // namespace
 
 void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
@@ -733,6 +748,10 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
   const double sign = pair.cut_is_slave ? 1 : -1;
   const Vec3 origin = facet_vertex(cut.x, 0);
   const auto size = static_cast<std::size_t>(3 * columns.size());
+  // A vertex goes along the facet whose frame it has.
+  std::ranges::fill(
+      out.arc,
+      pair.along_other ? 1.0 : arc_of_turn(then, Normal(other).n(), now, Normal(pair.other).n()));
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     const RayPoint& point = points[p];

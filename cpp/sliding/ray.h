@@ -101,13 +101,15 @@ struct RayStart
 /// Slip of the slave against the master at points, and its derivatives. Where a point and the end
 /// of its ray were when slip began, d₀ was between them, and now nothing is but the ray along n:
 /// the tangential part of −d₀ (master to slave) is the slip, by the frame of the facet that is cut,
-/// which turns with it. Rigid motions of both have none.
+/// which turns with it. Rigid motions of both have none. That is a chord of the way along the
+/// facets where these turn against each other: by θ, so that an arc is θ/sin θ times as long.
 struct RaySlip
 {
   std::span<double> slip;     ///< [point][3]
   std::span<double> normal;   ///< n, outward of the slave, [point][3]
   std::span<double> gradient; ///< by the nodes of both, ξ fixed, [point][node][3][3]; rows: slip
   std::span<double> works;    ///< what tractions work on: Σ a_α δζ_α of the end, likewise
+  std::span<double> arc;      ///< θ/sin θ, [point]
 };
 void slip_of_points(const RayPair& pair, const RayStart& start, std::span<const RayPoint> points,
                     const RaySlip& out);

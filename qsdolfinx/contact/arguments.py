@@ -38,11 +38,9 @@ def default_enforcement(formulation: str, law: typing.Any) -> str:
     return "penalty" if none else "augmented-lagrangian"
 
 
-def default_constraints(
-    quadrature: str, sliding: str, formulation: str, law: Law, enforcement: str
-) -> str:
+def default_constraints(quadrature: str, formulation: str, law: Law, enforcement: str) -> str:
     """At points, where they are defined; a law of the user's needs multipliers there."""
-    points = quadrature == "overlay" and sliding == "small" and formulation != "double-pass"
+    points = quadrature == "overlay" and formulation != "double-pass"
     points &= enforcement == "augmented-lagrangian" or type(law) is Unilateral
     return "points" if points and not law.jump else "nodes"
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.base import interrupt
-from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of, require
+from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact import fields, motion, multipliers, overclosed, results
@@ -137,17 +137,18 @@ class Contact:
             moved. ``"resolve"``: it is a misfit as any other, and the next solve presses the bodies
             apart (an interference fit; :meth:`allow_overclosure` does so gradually). ``"ignore"``:
             it never counts as a gap: each node keeps its depth, without strain, wherever it slides,
-            and nodes that the other surface slides to get the same if all are as deep. ``"error"``:
-            it is refused. Points deeper than the search radius are not paired, and not seen. A tie
-            leaves any gap as it is; with it the first two are the same.
+            and nodes that the other surface slides to get the same if all are as deep. With finite
+            sliding at points that is the mean of the points around it, and as much more as it takes
+            for none of them to press. ``"error"``: it is refused. Points deeper than the search
+            radius are not paired, and not seen. A tie leaves any gap as it is; with it the first
+            two are the same.
         constraints: Where the law is asked for a multiplier. ``"points"``: at each contact
             quadrature point, that of friction too, so that what is open takes nothing from what is
             closed beside it, and at vertices and edges of creases, which are ahead of their facets;
             multipliers are functions on the slave's nodes. ``"nodes"``: at the slave nodes, for
-            weighted gaps. By default ``"points"`` of unilateral contact on the overlay in small
-            sliding; ties, double-pass contact, nodal quadrature, finite sliding, and a law of the
-            user's with a penalty have ``"nodes"``. With friction in finite sliding ``"points"`` has
-            the better energies, and takes fewer iterations.
+            weighted gaps. By default ``"points"`` of unilateral contact on the overlay; ties,
+            double-pass contact, nodal quadrature, and a law of the user's with a penalty have
+            ``"nodes"``.
         smoothing: What the gap is measured between, one for both sides or a pair for slave and
             master, on the overlay. ``"auto"``: the facets, or with small sliding, where both sides
             are curved alike and chords change the gap by more than a tenth of the clearance or
@@ -262,9 +263,7 @@ class Contact:
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
             same(either(one_of(CONSTRAINTS), None), constraints=constraints)
             if constraints is None:
-                constraints = default_constraints(
-                    quadrature, sliding, formulation, law, enforcement
-                )
+                constraints = default_constraints(quadrature, formulation, law, enforcement)
             check_sliding(sliding, quadrature, normals, constraints, sides)
             if itself:
                 check_itself(formulation, quadrature, law, sides, unknown)
@@ -272,11 +271,6 @@ class Contact:
                 check_of(of.model, slave, master)
                 if shares:
                     formulation = of.formulation
-            at_points = (sliding, constraints) == ("finite", "points")
-            require(
-                not at_points or initial_overclosure != "ignore",
-                'initial_overclosure: "ignore" is for constraints="nodes" with sliding="finite"',
-            )
             overclosure = Overclosure(initial_overclosure)
             same(quadrature_degree=degree, dt=dt, initial_overclosure=initial_overclosure)
         # All ranks have been given the same: these need not be agreed upon.

@@ -33,6 +33,7 @@ class Evaluated(typing.NamedTuple):
             (length), (rows, gdim).
         same: Whether all rows in contact, now or when the step began, are covered by as much as
             then: not where an edge slides over them.
+        arc: Way along surfaces over the slip, which is its chord where they turn, (rows,).
     """
 
     rows: Rows
@@ -43,6 +44,7 @@ class Evaluated(typing.NamedTuple):
     means: bool
     until_closed: Array
     same: bool
+    arc: Array
 
 
 def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
@@ -64,7 +66,7 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     """
     rows, response = step.rows, step.response
     closed = rows.closed[:, None]
-    slip = np.where(closed, response.dissipative, 0.0)
+    slip = np.where(closed, step.arc[:, None] * response.dissipative, 0.0)
     if step.means:
         way = np.where(closed, slip + step.until_closed, 0.0)
         return slip, np.sum(response.traction * way, axis=1)

@@ -200,14 +200,14 @@ class FrictionHistory:
         """Let the next step begin where this one ended. Collective.
 
         Warns:
-            ContactWarning: If a surface in contact has turned by more than 90°: its slip, a chord,
-                may point backwards.
+            ContactWarning: If a surface in contact has turned by more than 90°, or points by more
+                than 149°: its slip, a chord, may point backwards.
         """
         turned = any([slip.has_turned for slip in slips])
         if self._slave.comm.allreduce(turned, op=MPI.LOR):
             warnings.warn(
-                "sliding: a surface that slips has turned by more than 90° in a step: it is "
-                "not known which way friction acts; take smaller steps",
+                "sliding: a surface that slips has turned so far in a step that it is not known "
+                "which way friction acts; take smaller steps",
                 ContactWarning,
                 stacklevel=2,
             )

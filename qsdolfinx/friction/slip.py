@@ -19,7 +19,7 @@ from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
 from qsdolfinx.friction.of_points import OfPoints, SavedNormals, carried_with
-from qsdolfinx.gap.following import Places
+from qsdolfinx.gap.following import MOST_TURNED, Places
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
@@ -32,6 +32,9 @@ OF_RATES = 10 * np.finfo(np.float64).eps
 
 #: Part of what is around a row that has slipped, from which on the row has.
 MOST = 0.5
+
+#: Way along surfaces, over its chord, from which on that may point backwards.
+FARTHEST = 0.999 * MOST_TURNED / float(np.sin(MOST_TURNED))
 
 #: Pressure at the start of a step, relative to that at its end, that is none but for rounding.
 NO_PRESSURE = 1e-6
@@ -191,6 +194,8 @@ class Slip:
         self.hold(None)
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self._cover()
+        #: Way along surfaces over the slip, (rows,).
+        self.arc: Array = np.ones(len(self.cover))
         #: Whether conditions hold nodes of both sides, on any rank.
         self.may_be_held = False
         #: Components of τ̂ that conditions hold on both sides, and that they do not move against
@@ -381,6 +386,7 @@ class Slip:
             means,
             self.tangential(state.until_closed),
             self._covers_the_same(),
+            self.arc,
         )
 
     def _covers_the_same(self) -> bool:
@@ -490,7 +496,7 @@ class Slip:
             found = self.gap.slip_at_points(self.state.begun)
             self.operator, self.works, self._normal = found.operator, found.works, found.normal
             self.hold(self._held)
-            self.cover = np.ones(len(found.normal))
+            self.cover, self.arc = np.ones(len(found.normal)), found.arc
             return
         self.operator = self.works = self.gap.jump_operator()
         self.hold(self._held)
@@ -536,8 +542,13 @@ class Slip:
 
     @property
     def has_turned(self) -> bool:
-        """Whether a row of this rank that slips has turned by more than 90° in the step."""
+        """Whether a row of this rank that slips has turned too far in the step for its chord.
+
+        That is more than 90°, and of points 149° against what is opposite.
+        """
         pairs, slips = self.state.pairs, self.slipping
+        if not self.state.ended and self.gap.rows.are_points:
+            return bool(np.any(slips & (self.arc >= FARTHEST)))
         if pairs is None or self.state.ended:
             return False
         turned = np.sum(pairs.normal * self.gap.operator.slave_sum, axis=1) < 0

@@ -306,7 +306,8 @@ class FacetCutter:
             np.concatenate([values, np.full((count, values.shape[1]), -1, dtype=values.dtype)])
             for values in (np.asarray(pieces.facets()), np.asarray(pieces.functions()))
         )
-        return SlipAtPoints(slip, normal, operator, works, facets, place)
+        arc = np.concatenate([np.asarray(slips.arc), np.ones(count)])
+        return SlipAtPoints(slip, normal, operator, works, facets, place, arc)
 
     def add_slip_curvature_of_points(
         self,

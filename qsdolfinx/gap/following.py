@@ -34,6 +34,9 @@ MAX_KEPT = 16
 #: Part below which neighbours carry its multiplier; as in cpp/gap/piece_forces.cpp.
 HARDLY_COVERED = 0.1
 
+#: Turns by more (radians) are not told from those the other way round; as in cpp/sliding/ray.cpp.
+MOST_TURNED = 2.6
+
 
 @dataclasses.dataclass(frozen=True)
 class Measure:
@@ -110,6 +113,7 @@ class SlipAtPoints(typing.NamedTuple):
         works: What tractions work on.
         facets: What tells apart between which facets points are, (rows, n).
         place: Where on the slave's: functions of its vertices, (rows, vertices).
+        arc: Way along the surfaces over the slip, which is its chord, (rows,).
     """
 
     slip: Array
@@ -118,6 +122,7 @@ class SlipAtPoints(typing.NamedTuple):
     works: _cpp.GapOperator
     facets: npt.NDArray[np.int64]
     place: Array
+    arc: Array
 
 
 class MovingFunctions(typing.NamedTuple):

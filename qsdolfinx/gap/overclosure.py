@@ -166,10 +166,22 @@ def _depths(p: WeightedGap) -> Array:
     """Depths of the owned nodes, at least 0, NaN where there is no partner. Collective.
 
     As the rows keep what is largest on nodes: where there may be corners, of each side. With rows
-    at points, of the functions of the sides of nodes that are closest to the points' depths.
+    at points, of the functions of the sides of nodes that are closest to the points' depths; of
+    gaps that follow the bodies, whose points are others next, means of what is around each side,
+    and as much more as it takes for no point to be deeper.
     """
     if p.law.jump:
         return np.full(len(p.slave.node_area), np.nan)
+    if isinstance(p.rows, PointRows) and p.cut is not None:
+        assert p.cut.alone is not None
+        depth = _depths_of_points(p)
+        faces: Array = np.ones(len(depth))
+        faces[len(depth) - len(p.cut.alone.weight) :] = 0.0
+        cover, sums = p.rows.sums(faces), p.rows.sums(faces * depth)
+        some = cover > _SOME * p.slave.node_area[:, None]
+        means = np.divide(sums, cover, out=np.zeros_like(sums), where=some)
+        deeper = p.rows.largest_of_sides(faces * (depth - p.rows.from_sides(means)))
+        return np.where(some, means + np.maximum(deeper, 0.0), np.nan)
     if isinstance(p.rows, PointRows):
         found = np.maximum(p.rows.projected(_depths_of_points(p)[:, None]), 0.0)
         return np.where(p.rows.covered, found.reshape(p.rows.covered.shape), np.nan)

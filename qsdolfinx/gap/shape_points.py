@@ -12,6 +12,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.following import (
     HARDLY_COVERED,
+    MOST_TURNED,
     Alone,
     Found,
     MovingFunctions,
@@ -49,6 +50,18 @@ def corner_rule(slave: Surface) -> tuple[Array, Array]:
     """The vertices of the reference facet, with equal weights."""
     x = CORNERS[slave.num_facet_vertices]
     return x, np.full(len(x), 1 / len(x))
+
+
+def arc_of_turn(first: Array, last: Array) -> Array:
+    """θ/sin θ: arc over what a chord is along one of its ends, whose normals are at an angle θ.
+
+    Args:
+        first: Unit normals at the one end, (points, gdim).
+        last: At the other.
+    """
+    theta = np.arccos(np.clip(np.sum(first * last, axis=1), -1.0, 1.0))
+    theta = np.clip(theta, 1e-4, MOST_TURNED)
+    return np.asarray(theta / np.sin(theta))
 
 
 class Points(typing.NamedTuple):
@@ -280,10 +293,14 @@ class ShapePoints:
         slip = way - np.sum(way * n, axis=1, keepdims=True) * n
         points, operator = self._paired(found, alone), self.jump_at_points(found, alone)
         none = np.zeros((len(alone.weight), gdim))
+        in_space = np.zeros((len(before), 3))
+        in_space[:, :gdim] = before
+        n_before = self._tool.distance(in_space, then)[1][:, :gdim]
+        arc = np.concatenate([arc_of_turn(n_before, n @ turn), np.ones(len(none))])
         slip, normal = (np.concatenate([values, none]) for values in (slip, -n))
         facets = np.asarray(points.slave["dofs"])[:, : self._N.shape[1], 0]
         place = np.asarray(points.multiplier_values)
-        return SlipAtPoints(slip, normal, operator, operator, facets, place)
+        return SlipAtPoints(slip, normal, operator, operator, facets, place, arc)
 
     def add_slip_curvature_of_points(
         self,

@@ -119,6 +119,7 @@ class Balance:
             body.diagonal[body.free] * (np.minimum(self._sizes_in(at, i), most) + least)
             for i, (body, (most, least)) in enumerate(zip(bodies, self._sizes, strict=True))
         ]
+        rounding += [p.rows.forces_of_coordinates() for p in equations.passes]
         of_slips = [
             p.rows.rounded_forces(e) for p, e in zip(equations.passes, at.passes, strict=True)
         ]

@@ -218,9 +218,24 @@ class ConstraintRows:
 
     def rounding(self) -> float:
         """Stress that stands for gaps as large as coordinates: rounding is a part of it."""
-        size = float(np.abs(self.gap.slave.mesh.geometry.x).max(initial=0.0))
         of_slip = 0.0 if self.friction is None else self.friction.rounding()
-        return size * max(self.normal.rounding(), of_slip)
+        return self._size * max(self.normal.rounding(), of_slip)
+
+    @property
+    def _size(self) -> float:
+        """The largest coordinate of the slave on this rank."""
+        return float(np.abs(self.gap.slave.mesh.geometry.x).max(initial=0.0))
+
+    def forces_of_coordinates(self) -> Array:
+        """Forces at points of gaps as large as coordinates, between which they are found anew.
+
+        Rounding is a part of them; none where gaps are linear in the unknowns.
+        """
+        if self.gap.following is None or not isinstance(self.normal, CondensedRows):
+            return np.zeros(0)
+        friction = self.condensed_friction
+        gamma = self.normal.gamma + (0.0 if friction is None else friction.gamma)
+        return np.asarray(self._size * gamma * self.gap.weight)
 
     def rounded_forces(self, at: Evaluated) -> Array:
         """What rounding of slips makes of forces at some rows of this rank."""

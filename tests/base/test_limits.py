@@ -324,15 +324,6 @@ CASES = {
             s.pair.slave, s.pair.master, quadrature="nodal", constraints="points"
         )
     ),
-    'initial_overclosure: "ignore" is for constraints="nodes"': (
-        lambda s, folder: qs.Contact(
-            s.pair.slave,
-            s.pair.master,
-            sliding="finite",
-            constraints="points",
-            initial_overclosure="ignore",
-        )
-    ),
     'constraints: tied contact is over-constrained at "points"; use "nodes"': (
         lambda s, folder: qs.Contact(
             s.pair.slave, s.pair.master, law=qs.Tied(), quadrature="overlay", constraints="points"

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from following import Body, Boxes, Nested, problem_of, rotation
+from following import Body, Boxes, Nested, problem_of, ring, rotation
 from friction.test_friction import quadratic_space
 from scenes import WORLD, Pair, box, plane, vector_space
 from system.test_equations import away, equations_of, errors
@@ -129,9 +129,8 @@ def test_driven_tool(shape, constraints):
     assert abs(at.tools[0] + 0.1 + total @ along) < 1e-10
 
 
-@pytest.mark.parametrize("degrees", (10.0, 30.0))
-def test_guess(degrees):
-    """A disc that is turned in a ring, and guessed to be: what the guess slips does not stick."""
+def turned_disc(degrees):
+    """A disc in a ring, pressed, then turned in one solve, with a guess."""
     scene = Nested("quadrilateral", n=(40, 56), misfit=0.01, friction=qs.Coulomb(0.2), **FINITE)
     disc = scene.bodies[0]
     held = fem.Function(disc.V)
@@ -144,9 +143,51 @@ def test_guess(degrees):
     u[:] = (x + u) @ R.T - x
     held.x.array[:] = (x @ R.T - x).ravel()
     problem.solve()
+    return scene.contact, problem
+
+
+def turned_pin(degrees, kind):
+    """A rigid pin in a ring, pressed, then turned in one solve."""
+    body = Body(ring((56, 2), (0.99, 1.4)))
+    body.clamp(body.boundary(lambda x: np.hypot(x[0], x[1]) > 1.3))
+    if kind == "shape":
+        pin = qs.RigidSurface.sphere(WORLD, [0.0, 0.0], 1.0)
+    else:
+        i = np.arange(70)
+        x = np.stack([np.cos(2 * np.pi * i / 70), np.sin(2 * np.pi * i / 70)], axis=1)
+        pin = qs.RigidSurface.triangulated(WORLD, x, np.stack([i, (i + 1) % 70], axis=1), [0.0] * 2)
+    surface = body.surface(body.boundary(lambda x: np.hypot(x[0], x[1]) < 1.0))
+    contact = qs.Contact(surface, pin, friction=qs.Coulomb(0.2), **FINITE)
+    problem = problem_of([body], [contact])
+    problem.solve()
+    pin.rotation = np.radians(degrees)
+    problem.solve()
+    return contact, problem
+
+
+@pytest.mark.parametrize("degrees", (10.0, 30.0))
+def test_guess(degrees):
+    """A disc that is turned in a ring, and guessed to be: what the guess slips does not stick."""
+    contact, problem = turned_disc(degrees)
     assert problem.num_iterations <= 8
-    moments = [scene.contact.moment(side)[0] for side in ("slave", "master")]
+    moments = [contact.moment(side)[0] for side in ("slave", "master")]
     assert abs(sum(moments)) < 1e-8 * abs(moments[0])
+
+
+@pytest.mark.parametrize("kind", ("disc", "shape", "facets"))
+def test_energy_of_a_turn(kind):
+    """Slip is a chord, energy that of the arc: moment times angle in one step of 100°."""
+    contact, problem = turned_disc(100.0) if kind == "disc" else turned_pin(100.0, kind)
+    work = abs(contact.moment("slave")[0]) * np.radians(100)
+    # The bodies give way before they slip.
+    assert abs(contact.dissipated_energy() / work - 1) < 5e-3
+    assert problem.num_iterations <= 12
+
+
+def test_turned_too_far():
+    """Beyond 149° nothing tells which way a point has gone."""
+    with pytest.warns(qs.ContactWarning, match="not known which way friction acts"):
+        turned_pin(170.0, "facets")
 
 
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
