@@ -19,8 +19,7 @@ over Lamé's for small strains, and the torque over μ N r. Keys of the JSON obj
   torque; without friction over N r;
 - force_error: net force of the reactions, the largest of all solves, over N;
 - work_error: work of the torque (trapezoidal rule) against elastic and dissipated energy, over the
-  work, of --steps without the six; without friction over the elastic energy. It goes with the
-  square of the step: slip is the part of the chord that is along the surface, r sin α for r α;
+  work, of --steps without the six; without friction over the elastic energy;
 - torque: at the end, on the shaft;
 - steps: without the six;
 - snes_iterations: of all solves.

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from contact.test_warnings import warned
+from following import Boxes
 from scenes import FORMULATIONS, WORLD, box, clamp, elastic, largest, plane, vector_space
 
 from dolfinx import fem
@@ -229,3 +230,23 @@ def test_friction_of_blocks_that_are_in_each_other(is_slave):
     none, some = (slid(over, "block", is_slave, 3, 0.06, 2) for over in (0.0, 0.02))
     np.testing.assert_allclose(some[1:, 0], none[1:, 0], rtol=0.01)
     np.testing.assert_allclose(some[:, 1], none[:, 1], rtol=5e-3)
+
+
+@pytest.mark.parametrize("is_slave", (True, False))
+def test_uneven_depths_where_bodies_follow(is_slave):
+    """No point presses before anything has moved, to rounding; then it converges as others do."""
+    scene = Boxes("quadrilateral", ((9, 3), (6, 3)), ((2.0, 0.6), (1.0, 0.6)), 0.5, -0.02)
+    x, low = scene.upper.mesh.geometry.x, scene.lows[1, 1]
+    x[:, 1] += 0.004 * np.cos(9 * x[:, 0]) * (1 - (x[:, 1] - low) / 0.6)
+    top = scene.clamp_far()
+    pair = (scene.above, scene.below) if is_slave else (scene.below, scene.above)
+    options = {"initial_overclosure": "ignore", "friction": qs.Coulomb(0.2), "sliding": "finite"}
+    contact = qs.Contact(*pair, **options)
+    problem = scene.problem(contact, solver="direct")
+    problem.solve()
+    assert largest(contact.force("slave")) < 1e-10 and problem.num_iterations <= 5
+    for step in range(3):
+        top.value[:] = 0.06 * step, -0.01
+        problem.solve()
+        assert problem.num_iterations <= 15
+    assert abs(contact.force("slave")[1]) > 0.5

@@ -78,13 +78,13 @@ def test_product(kind):
     z = equations.first()
     z = on_edge(equations, z) if kind == "edge" else z
     at = equations.evaluate(z)
-    saddle = SaddlePoint(equations, problem.newton.linear)
-    saddle.set_up(at, np.zeros(len(equations.bodies_of(z))))
     matrix = equations.tangent_of(at, exact=False)
     x, y = matrix.createVecs()
     x.array[:] = np.sin(1.3 * np.arange(*x.owner_range))
     expected, found = y.duplicate(), y
     matrix.mult(x, expected)
+    saddle = SaddlePoint(equations, problem.newton.linear)
+    saddle.set_up(at, np.zeros(len(equations.bodies_of(z))))
     saddle.mult(None, x, found)
     scale = np.ones(equations.num_local)
     scale[len(equations.bodies_of(z)) :] = saddle.row_scale
