@@ -264,9 +264,10 @@ def _facing(role: EdgesRole, creases: Edges, places: tuple[Indices, Array], reac
 def _lead_through(
     role: EdgesRole, creases: Edges, others: Edges, found: Crossings, reach: float
 ) -> Flags:
-    """Crossings that are deep where another way out is much shorter, (points,). Collective.
+    """Crossings that are deep but not in the body, or have a much shorter way out. Collective.
 
-    A tool's wall that has come in by one face of a body would be pressed out by the opposite one.
+    An edge behind the plane of a wall may be above the face that this ends at; and a tool's wall
+    that has come in by one face of a body would be pressed out by the opposite one.
 
     Args:
         role: Whose they are.
@@ -274,13 +275,18 @@ def _lead_through(
         others: All edges of the other body.
         found: The crossings.
         reach: Length beyond which nothing is in reach.
+
+    Returns:
+        Which of the crossings, (points,).
     """
     closest, x, _ = _closest(role, creases, found.crease, found.places[:, 0], reach)
     there = others.some(found.edge).at(found.places[:, 1])
     depth = np.sum((x - there) * found.normal, axis=1)
     shortest = np.linalg.norm(closest["x"] - x, axis=1)
     rounding = SAME * role.slave.facet_size_range[0]
-    return np.asarray(closest["found"].astype(bool) & (depth > WAYS * shortest + rounding))
+    is_out = np.sum((x - closest["x"]) * closest["mean_normal"], axis=1) > rounding
+    leads = (depth > WAYS * shortest + rounding) | (is_out & (depth > rounding))
+    return np.asarray(closest["found"].astype(bool) & leads)
 
 
 def _are_beside(x: Array, closest: dict[str, typing.Any], size: float) -> Flags:
