@@ -315,6 +315,15 @@ class Pieces:
     def gaps(self) -> numpy.typing.NDArray[numpy.float64]:
         """Distances along the rays, positive when open, [point]."""
 
+    def raise_facets(self, normals: int) -> None:
+        """Let the master's facets stand for a curved surface; collective."""
+
+    @property
+    def rise(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Slopes of that at vertices, times lengths of edges, [piece][vertex][vertex]."""
+
+    @rise.setter
+    def rise(self, arg: numpy.typing.NDArray[numpy.float64], /) -> None: ...
     def rim_gaps(self) -> numpy.typing.NDArray[numpy.float64]:
         """The same of the points of the rim."""
 

@@ -184,15 +184,16 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       .def_ro("gdim", &Pieces::gdim)
       .def_prop_ro("num_points", [](const Pieces& p) { return p.points.size(); })
       .def(
-          "gaps",
-          [](const Pieces& p)
-          {
-            std::vector<double> out;
-            for (const RayPoint& point : p.points)
-              out.push_back(point.t);
-            return copy(std::move(out), {p.points.size()});
-          },
+          "gaps", [](const Pieces& p) { return copy(distances_of(p), {p.points.size()}); },
           "Distances along the rays, positive when open, [point].")
+      .def(
+          "raise_facets",
+          [](Pieces& p, Handle normals) { raise_facets(p, reinterpret_cast<Vec>(normals)); },
+          "normals"_a, "Let the master's facets stand for a curved surface; collective.")
+      .def_prop_rw(
+          "rise", [](const Pieces& p) { return copy(p.rise, {p.rise.size()}); },
+          [](Pieces& p, In<double> rise) { p.rise.assign(rise.view().begin(), rise.view().end()); },
+          "Slopes of that at vertices, times lengths of edges, [piece][vertex][vertex].")
       .def(
           "rim_gaps",
           [](const Pieces& p)

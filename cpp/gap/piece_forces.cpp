@@ -1,5 +1,6 @@
 #include "gap/piece_forces.h"
 #include "parallel/petsc.h"
+#include "surface/surface.h"
 
 #include <algorithm>
 #include <utility>
@@ -52,7 +53,52 @@ RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
 {
   const bool is_slave = pieces.cut_is_slave[piece];
   const RayFacet slave = facet_of(pieces.slave, piece), master = facet_of(pieces.master, piece);
-  return {is_slave ? slave : master, is_slave ? master : slave, is_slave, pieces.along_other};
+  const auto n = static_cast<std::size_t>(master.type) * static_cast<std::size_t>(master.type);
+  std::span<const double> rise;
+  if (!pieces.rise.empty())
+    rise = std::span(pieces.rise).subspan(piece * n, n);
+  return {is_slave ? slave : master, is_slave ? master : slave, is_slave, pieces.along_other, rise};
+}
+
+void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
+{
+  const PieceSide& side = pieces.master;
+  const auto d = static_cast<std::size_t>(pieces.gdim), n = static_cast<std::size_t>(side.type),
+             nodes = static_cast<std::size_t>(side.num_nodes);
+  const std::vector<double> values = values_at(normals, side.dofs);
+  pieces.rise.assign(pieces.size() * n * n, 0.0);
+  for (std::size_t p = 0; p < pieces.size(); ++p)
+  {
+    const auto x = side.x_of(p).first(3 * n);
+    const Vec3 area = side.orientation[p] * area_vector(side.type, x, facet_centre(side.type)),
+               outward = (1 / norm(area)) * area;
+    for (std::size_t i = 0; i < n; ++i)
+    {
+      Vec3 m{};
+      std::copy_n(&values[(p * nodes + i) * d], d, m.begin());
+      if (!(dot(m, outward) > smooth_cosine)) // where it is none, or the surface turns sharply
+        continue;
+      for (std::size_t j = 0; j < n; ++j)
+        if (j != i && (n < 4 || i + j != 3)) // along edges
+        {
+          const Vec3 edge
+              = facet_vertex(x, static_cast<int>(j)) - facet_vertex(x, static_cast<int>(i));
+          pieces.rise[(p * n + i) * n + j] = -dot(m, edge) / dot(m, outward);
+        }
+    }
+  }
+}
+
+std::vector<double> qsdolfinx::distances_of(const Pieces& pieces)
+{
+  std::vector<double> out;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const RayPair pair = pair_of(pieces, i);
+    for (const RayPoint& point : pieces.points_of(i))
+      out.push_back(point.t - lift_of(pair, point.zeta).height);
+  }
+  return out;
 }
 
 std::vector<std::int64_t> qsdolfinx::first_dofs(const Pieces& pieces)

@@ -14,6 +14,14 @@ std::vector<double> values_at(Vec x, std::span<const std::int64_t> dofs);
 /// The two facets of a piece.
 RayPair pair_of(const Pieces& pieces, std::size_t piece);
 
+/// Let the master's facets stand for the curved surface with these normals at its nodes, so that
+/// forces do not jump where a point goes from facet to facet. Collective.
+/// @param normals unit vectors, a vector of the master's body or tool; 0 at nodes at creases
+void raise_facets(Pieces& pieces, Vec normals);
+
+/// Distances along the rays to the facets, or to what they stand for, positive when open, [point].
+std::vector<double> distances_of(const Pieces& pieces);
+
 /// First unknowns of the nodes with multipliers, [piece][multiplier].
 std::vector<std::int64_t> first_dofs(const Pieces& pieces);
 

@@ -179,10 +179,10 @@ PairingPoints qsdolfinx::points_of_pieces(const Surface& slave, const Surface* m
       out.multiplier_values.insert(out.multiplier_values.end(), N.begin(),
                                    N.begin() + pieces.num_multipliers);
       out.multiplier_side.insert(out.multiplier_side.end(), sides.begin(), sides.end());
-      out.gap.push_back(point.t);
       out.weight.push_back(point.weight);
     }
   }
+  out.gap = distances_of(pieces);
   out.normal.resize(3 * out.size());
   for (PairingSide* side : {&out.slave, &out.master})
   {

@@ -247,6 +247,14 @@ struct Pressure
 {
   explicit Pressure(double constant) : value(constant) {}
 
+  /// Of a ray to a curved surface.
+  Pressure(double constant, const RayLift& lift)
+      : value(constant), slope{constant * lift.slope[0], constant * lift.slope[1]},
+        mixed(constant * lift.bending[1]),
+        bent{constant * lift.bending[0], constant * lift.bending[2]}
+  {
+  }
+
   Pressure(const RayPair& pair, const RayPoint& point, const RayForces& forces)
   {
     constexpr std::array<double, 4> corners{1, -1, -1, 1};
@@ -270,6 +278,7 @@ struct Pressure
   double value = 0;
   Vec2 gradient{}, slope{};
   double mixed = 0; ///< second derivative by ζ₁ and ζ₂ of the latter
+  Vec2 bent{};      ///< those by ζ₁ and by ζ₂
 };
 
 /// c·∂²x_z/∂ζ², [∂₁∂₁, ∂₁∂₂, ∂₂∂₂].
@@ -373,14 +382,15 @@ public:
   {
     const Ray ray(pair_, normal_, point);
     const RayForms forms(ray, columns_, normal_, dim_);
-    add_second_variation(ray, point.zeta, forms, ray.of_gap(L.value, L.slope), L.gradient, L.mixed);
+    add_second_variation(ray, point.zeta, forms, ray.of_gap(L.value, L.slope), L);
   }
 
-  /// The same of Σ_α s_α δζ_α for constant s_α.
-  void add_point(const RayPoint& point, const Ray& ray, const RayForms& forms, const Vec2& s)
+  /// The same of Σ_α s_α δζ_α + s_t δt for constant factors.
+  void add_point(const RayPoint& point, const Ray& ray, const RayForms& forms, const Vec2& s,
+                 double s_t = 0)
   {
-    add_second_variation(ray, point.zeta, forms, s[0] * ray.A.zeta[0] + s[1] * ray.A.zeta[1],
-                         {0, 0}, 0);
+    const Vec3 c = s[0] * ray.A.zeta[0] + s[1] * ray.A.zeta[1] + s_t * ray.A.t;
+    add_second_variation(ray, point.zeta, forms, c, Pressure(0));
   }
 
   /// The terms with δn and ∂²n, which all points share: with C = Σ t c,
@@ -415,17 +425,18 @@ public:
 
 private:
   /// @param c the first variation is c·v: (t₂, ζ₂) = A [..] enters as c·[..]
-  /// @param with_t, mixed of −δt δζ_α and δζ₁ δζ₂, what else varies with ζ
+  /// @param L what else varies with ζ: its gradient of −δt δζ_α, mixed and bent of δζ_α δζ_β
   void add_second_variation(const Ray& ray, const Vec2& zeta, const RayForms& forms, const Vec3& c,
-                            const Vec2& with_t, double mixed)
+                            const Pressure& L)
   {
     const auto& [dt, first, second] = forms;
     const auto [h11, h12, h22] = bending(pair_.other, zeta, c);
     Row with_first, with_second;
     for (int b = 0; b < n_; ++b)
     {
-      with_first[b] = (mixed - h12) * second[b] - 0.5 * h11 * first[b] - with_t[0] * dt[b];
-      with_second[b] = -0.5 * h22 * second[b] - with_t[1] * dt[b];
+      with_first[b] = (L.mixed - h12) * second[b] + 0.5 * (L.bent[0] - h11) * first[b]
+                      - L.gradient[0] * dt[b];
+      with_second[b] = 0.5 * (L.bent[1] - h22) * second[b] - L.gradient[1] * dt[b];
     }
     for (int j = 0; j < columns_.num_other; ++j)
     {
@@ -498,6 +509,39 @@ void add_rim_of(const RayPair& pair, std::span<const RimPoint> rim, std::span<do
 }
 } // namespace
 
+RayLift qsdolfinx::lift_of(const RayPair& pair, const std::array<double, 2>& zeta)
+{
+  RayLift out;
+  if (pair.rise.empty())
+    return out;
+  constexpr std::array<double, 4> corners{1, -1, -1, 1};
+  const FacetType type = pair.other.type;
+  const auto N = shape_functions(type, zeta);
+  const auto dN = trace_gradients(type, 1, zeta);
+  const int n = pair.other.num_vertices();
+  const auto second = [&](int i, int a, int b)
+  { return type == FacetType::quadrilateral && a != b ? corners[i] : 0.0; };
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < n; ++j)
+    {
+      const double s = pair.rise[i * n + j];
+      if (s == 0)
+        continue;
+      out.height += s * N[i] * N[i] * N[j];
+      for (int a = 0; a < 2; ++a)
+        out.slope[a] += s * N[i] * (2 * dN[i][a] * N[j] + N[i] * dN[j][a]);
+      for (int k = 0; k < 3; ++k)
+      {
+        const int a = k / 2, b = (k + 1) / 2;
+        out.bending[k] += s
+                          * (2 * (dN[i][a] * dN[i][b] + N[i] * second(i, a, b)) * N[j]
+                             + 2 * N[i] * (dN[i][a] * dN[j][b] + dN[i][b] * dN[j][a])
+                             + N[i] * N[i] * second(j, a, b));
+      }
+    }
+  return out;
+}
+
 bool qsdolfinx::solve_rays(const RayPair& pair, std::span<RayPoint> points)
 {
   const Vec3 n = Normal(pair.along()).n();
@@ -569,7 +613,7 @@ void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> poi
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     const Ray ray(pair, normal, points[p]);
-    const Row row = ray.form(columns, normal, -1 * ray.A.t);
+    const Row row = ray.form(columns, normal, ray.of_gap(1, lift_of(pair, points[p].zeta).slope));
     std::copy_n(row.begin(), size, out.subspan(p * size).begin());
   }
 }
@@ -601,7 +645,7 @@ void qsdolfinx::add_curvature_of_points(const RayPair& pair, std::span<const Ray
   HalfHessian half(pair);
   for (std::size_t p = 0; p < points.size(); ++p)
     if (pressure[p] != 0)
-      half.add_point(points[p], Pressure(points[p].weight * pressure[p]));
+      half.add_point(points[p], {points[p].weight * pressure[p], lift_of(pair, points[p].zeta)});
   half.add_normal();
   half.add_to(hessian);
 }
@@ -763,7 +807,11 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
     std::copy_n(n.begin(), 3, out.normal.subspan(3 * p).begin());
     // ∂s_a/∂ζ_α = sign E_a·∂x_other₀/∂ζ_α
     const auto a0 = tangents(other, origin, ray.dM);
+    const RayLift lift = lift_of(pair, point.zeta);
+    const Vec3 rises = lift.slope[0] * ray.A.zeta[0] + lift.slope[1] * ray.A.zeta[1];
     std::array<Vec3, 3> slides{}, works{}; // forms c·v of each component
+    for (int r = 0; r < 3; ++r)
+      works[r] = sign * rises[r] * ray.A.t; // tractions lie in the curved surface
     for (int alpha = 0; alpha < dim; ++alpha)
     {
       Vec3 along{};
@@ -806,7 +854,19 @@ void qsdolfinx::add_slip_curvature_of_points(const RayPair& pair, std::span<cons
     const Ray ray(pair, normal, point);
     const RayForms forms(ray, columns, normal, dim);
     const Sliding sliding(pair, ray, tau);
-    half.add_point(point, ray, forms, sliding.s);
+    const RayLift lift = lift_of(pair, point.zeta);
+    const double w = (pair.cut_is_slave ? 1 : -1) * ray.weight;
+    const Vec2 up{w * dot(tau, ray.A.zeta[0]), w * dot(tau, ray.A.zeta[1])};
+    half.add_point(point, ray, forms, sliding.s, up[0] * lift.slope[0] + up[1] * lift.slope[1]);
+    if (!pair.rise.empty())
+    {
+      const auto [b11, b12, b22] = lift.bending;
+      Row steeper{};
+      for (int b = 0; b < n; ++b)
+        steeper[b] = (up[0] * b11 + up[1] * b12) * forms.first[b]
+                     + (up[0] * b12 + up[1] * b22) * forms.second[b];
+      add_outer(forms.dt, steeper, n, hessian);
+    }
     for (int alpha = 0; alpha < dim; ++alpha)
       add_outer(alpha == 0 ? forms.first : forms.second,
                 sliding.variation(alpha, pair, ray, point, forms, columns, normal), n, hessian);

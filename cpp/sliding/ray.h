@@ -30,6 +30,9 @@ struct RayPair
   RayFacet cut, other;
   bool cut_is_slave;
   bool along_other = false; ///< whether rays go against the other facet's normal
+  /// Of a curved surface that the other facet stands for, at its vertices: the slope towards
+  /// another vertex, times the length of that edge, [vertex][vertex]; empty of the facet itself.
+  std::span<const double> rise{};
 
   /// The facet whose normal they go along.
   RayFacet along() const
@@ -40,6 +43,17 @@ struct RayPair
   /// Number of nodes of both. The slave's come first.
   int num_nodes() const { return cut.num_nodes() + other.num_nodes(); }
 };
+
+/// Height of a curved surface above the other facet, outward, and its derivatives by ζ: cubic along
+/// edges, with the slopes at vertices that are given, h = Σ_ij s_ij N_i² N_j. Rays along the
+/// facet's normal that end on the facet pass the curved surface at t − h.
+struct RayLift
+{
+  double height = 0;
+  std::array<double, 2> slope{};
+  std::array<double, 3> bending{}; ///< [∂₁∂₁, ∂₁∂₂, ∂₂∂₂]
+};
+RayLift lift_of(const RayPair& pair, const std::array<double, 2>& zeta);
 
 /// Where a ray begins and ends.
 struct RayPoint

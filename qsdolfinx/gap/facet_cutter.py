@@ -20,7 +20,13 @@ from qsdolfinx.gap.following import (
     Vecs,
     sides_of,
 )
-from qsdolfinx.pairing.facets import gathered, normals_at_vertices, sharp_nodes, unit_normals
+from qsdolfinx.pairing.facets import (
+    as_facets,
+    gathered,
+    normals_at_vertices,
+    sharp_nodes,
+    unit_normals,
+)
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.pairing.vertices import lead_away, nodes_of
 from qsdolfinx.surface.affine import trace_vec
@@ -100,8 +106,8 @@ class Vertices:
     def __init__(self, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> None:
         self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
         self._master = master if isinstance(master, Surface) else None
-        if self._master is not None:
-            self._sharp_there = sharp_nodes(self._master).astype(np.float64)
+        self._facets = as_facets(master, slave.axisymmetric)
+        self._sharp_there = sharp_nodes(self._facets).astype(np.float64)
         x, _, nodes = slave.coordinates
         #: Which way normals of vertices look that are found without a look at the body.
         self._signs: Array = np.sign(
@@ -142,7 +148,27 @@ class Vertices:
         moving[0].measure_nodes()
         measured[0].measure_nodes()
         area = np.asarray(measured[0].node_area)
-        return _cpp.vertex_pieces(*moving, vertices[:, 0].astype(np.uint8), area, self._radius)
+        out = _cpp.vertex_pieces(*moving, vertices[:, 0].astype(np.uint8), area, self._radius)
+        if not isinstance(self._facets, Surface) or self._facets.degree == 1:
+            self._raise(out, moving[1])
+        return out
+
+    def _raise(self, pieces: _cpp.Pieces, master: _cpp.Surface) -> None:
+        """Let facets opposite stand for a surface that does not turn where they meet. Collective.
+
+        A vertex that rests where facets meet has no side to choose then. Normals are those of where
+        the master is now; how they turn is not in the derivative.
+        """
+        facets, vec = self._facets, self._facets.create_vec()
+        normal = self._normals(master)[:, : facets.node_dofs.shape[1]]
+        vec.array[facets.node_dofs - vec.owner_range[0]] = normal
+        pieces.raise_facets(vec.handle)
+        vec.destroy()
+
+    def _normals(self, master: _cpp.Surface) -> Array:
+        """Unit normals of its owned nodes, 0 at creases, (nodes, 3). Collective."""
+        master.measure_nodes()
+        return np.where(self._sharp_there[:, None] > 0.5, 0.0, np.asarray(master.node_normal))
 
     def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
         """See :class:`Finder`."""

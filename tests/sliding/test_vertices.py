@@ -7,6 +7,7 @@ from scenes import WORLD, box, largest, plane
 from system.test_equations import away, errors
 
 import qsdolfinx as qs
+from qsdolfinx.gap.facet_cutter import Vertices
 from qsdolfinx.system.equations import Equations
 
 FINITE = {"sliding": "finite", "constraints": "points"}
@@ -57,9 +58,20 @@ class OnCorner:
 
 @pytest.mark.parametrize("swapped", (False, True))
 @pytest.mark.parametrize("cell", CELLS)
-def test_derivative(cell, swapped):
-    """Of forces and of the corners' rows by everything, the corner being closed; areas held."""
+def test_derivative(cell, swapped, monkeypatch):
+    """Of forces and of the corners' rows by everything, the corner being closed; areas held.
+
+    So is how facets opposite are curved between the normals at their nodes.
+    """
+    held, found = {}, Vertices._raise
+
+    def raised(self, pieces, master):
+        found(self, pieces, master)
+        bent = pieces.rise + 0.02 * (pieces.rise != 0) * np.sin(np.arange(len(pieces.rise)))
+        pieces.rise = held.setdefault(self, bent)
+
     scene = OnCorner(cell, 0.02, swapped)
+    monkeypatch.setattr(Vertices, "_raise", raised)
     scene.problem.set_up()
     equations = Equations(scene.problem.system)
     z, scale = away(equations, size=0.002)
@@ -91,7 +103,7 @@ def test_from_the_first_touch(cell, swapped):
         scene.move(*(0.0,) * (scene.gdim - 1), -part * size)
         scene.problem.solve()
         forces.append(scene.contact.force(scene.upper)[-1])
-        assert scene.contact.penetration() < 1e-3 * part * size
+        assert scene.contact.penetration() < 0.03 * part * size  # facets are taken as curved
         assert largest(scene.contact.force("slave") + scene.contact.force("master")) < 1e-12
     assert forces[0] > 0 and abs(forces[1] / forces[0] / 5 - 1) < 0.1
 
