@@ -59,7 +59,7 @@ class Look
 public:
   Look(const Sight& line, Screens screens, double touching)
       : line_(line), own_(screens == Screens::own), touching_(touching), d_(line.y - line.x),
-        end_(touching / norm(d_)), beyond_(2 - end_)
+        behind_(dot(d_, line.normal) < 0), end_(touching / norm(d_)), beyond_(2 - end_)
   {
   }
 
@@ -82,7 +82,7 @@ private:
       return;
     const bool alike = looks_along(facets, f, line_.normal);
     if (!own_)
-      between_ = alike && *t < 1 - end_;
+      between_ = (alike || behind_) && *t < 1 - end_;
     else if (*t < 1 - end_ || (alike && *t < 1 + end_))
       between_ = true;
     else if (*t > 1 + end_)
@@ -96,6 +96,7 @@ private:
   bool own_;
   double touching_;
   Vec3 d_;
+  bool behind_;
   double end_;    ///< what touches an end, as a part of the line
   double beyond_; ///< the first that was met beyond y
   bool between_ = false, looks_alike_ = false;

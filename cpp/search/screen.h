@@ -85,7 +85,7 @@ struct Sight
 /// Which facets hide x from y.
 enum class Screens
 {
-  backs, ///< those of y's surface that are seen from behind
+  backs, ///< those of y's surface that are seen from behind; where x is behind y, all of them
   own    ///< those of x's surface, but those with x as a vertex
 };
 

@@ -14,6 +14,9 @@ using namespace qsdolfinx;
 
 namespace
 {
+/// Part of a facet from which on a node is asked whether it is where it seems to be.
+constexpr double deep_part = 0.5;
+
 /// The first facet that is asked for, whatever its distance and wherever the node's foot is.
 constexpr double any_distance = -1;
 
@@ -415,13 +418,19 @@ private:
     for (std::size_t i = 0; i < found.size(); ++i)
       if (by_own[i])
         out_.found[found[i]] = 0;
-      else if (near_back_[found[i]])
+      else if (near_back_[found[i]] || is_deep(found[i]))
         near_back.push_back(found[i]);
     if (!any(!near_back.empty()))
       return;
     const auto by_backs = hidden(surface_, lines(near_back), Screens::backs);
     for (std::size_t i = 0; i < near_back.size(); ++i)
       refused_[near_back[i]] = by_backs[i];
+  }
+
+  /// Whether a node seems to be far behind what has been found.
+  bool is_deep(std::size_t k) const
+  {
+    return dot(at(out_.x, k) - at(nodes_.x, k), at(out_.normal, k)) > deep_part * sizes_[k];
   }
 
   std::vector<Sight> lines(std::span<const std::size_t> nodes) const
