@@ -24,6 +24,9 @@ MOST = 0.9
 #: into a wall belongs to the side it came in by, up to the other one.
 FURTHER = 3.0
 
+#: Part of a facet's size within which it all but touches a wall.
+CLOSE = 0.5
+
 #: Extent of the body over the depth of its facets below a wall, if a cavity is around it.
 WITHIN = 2.0
 
@@ -66,10 +69,19 @@ def find_turned(model: ContactModel) -> str:
     near = turned | has_partner
     shells = tool.shells()
     shell = shells.at(np.where(turned, of_wall, of_partner)[near] // tool.gdim)
-    for name, (num_turned, num_near) in sorted(_count(model.comm, shell, turned[near]).items()):
+    # Those that all but touch tell most: what is beside a tool sees its inside if it is turned.
+    close = np.fmin(np.abs(partner), np.abs(wall))[near] <= CLOSE * _sizes(size, tool.gdim)[near]
+    counts = _count(model.comm, shell, turned[near])
+    counts |= _count(model.comm, shell[close], turned[near][close])
+    for name, (num_turned, num_near) in sorted(counts.items()):
         if num_turned >= MOST * num_near > 0:
             return _text(num_turned, num_near, *shells.extent(name))
     return ""
+
+
+def _sizes(area: Array, gdim: int) -> Array:
+    """Lengths of facets with these areas."""
+    return area if gdim == 2 else np.sqrt(area)
 
 
 def _count(comm: MPI.Intracomm, shell: Indices, turned: Flags) -> dict[int, tuple[int, int]]:

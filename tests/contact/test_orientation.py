@@ -71,6 +71,17 @@ def test_tool_on_a_body(gdim, quadrature):
             assert not turned or texts[0].startswith("normals: ")
 
 
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_smaller_tool(gdim, sliding):
+    """What is beside a turned tool sees its inside; what touches it tells."""
+    low, high = [0.2] * (gdim - 1) + [1.0], [0.8] * (gdim - 1) + [1.25]
+    for cavity in (False, True):
+        tool = closed_box(low, high, cavity)
+        texts = texts_of(slave([1.0] * gdim), tool, "overlay", sliding=sliding)
+        assert len(texts) == int(cavity)
+
+
 @pytest.mark.parametrize(("gdim", "quadrature"), CASES)
 def test_body_in_a_cavity(gdim, quadrature):
     """With clearance, without and with interference."""
