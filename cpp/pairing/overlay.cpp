@@ -230,6 +230,10 @@ constexpr double even_tolerance = 1e-6;
 /// the line does not meet it but in rounding, and meets its neighbours.
 constexpr double edge_on_cosine = 1e-6;
 
+/// Facets that follow their bodies face each other up to this angle (60°): beside a tool's corner a
+/// facet that leans would be pushed by the wall, and that by several times what it moves.
+constexpr double steep_cosine = -0.5;
+
 /// A facet that a line of sight may meet.
 struct Screen
 {
@@ -434,11 +438,15 @@ private:
       if (cut_.type() != FacetType::interval)
         even = !begin_with_facets(f, g, frame);
       pieces_.push_back({g, std::move(other), polygon_,
-                         dot(outward, outward_) < facing_cosine * norm(outward)
+                         dot(outward, outward_) < least_facing() * norm(outward)
                              && (!of_itself_ || has_role(cut_, f, nearby_, g, cut_is_slave_)),
                          even});
     }
   }
+
+  /// Cosine below which facets face each other. Where they follow the bodies a gap along the one's
+  /// normal n changes by 1/|m·n| times what the other one, with the normal m, moves.
+  double least_facing() const { return record_ ? steep_cosine : facing_cosine; }
 
   /// Let the polygon begin at a vertex that goes along when both facets turn: far along the way
   /// from the one's middle to the other's, turned by half a radian, that of two that are alike is

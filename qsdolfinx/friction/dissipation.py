@@ -44,7 +44,7 @@ class Evaluated(typing.NamedTuple):
     means: bool
     until_closed: Array
     same: bool
-    arc: Array
+    arc: Array | float = 1.0
 
 
 def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
@@ -66,7 +66,7 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     """
     rows, response = step.rows, step.response
     closed = rows.closed[:, None]
-    slip = np.where(closed, step.arc[:, None] * response.dissipative, 0.0)
+    slip = np.where(closed, np.reshape(step.arc, (-1, 1)) * response.dissipative, 0.0)
     if step.means:
         way = np.where(closed, slip + step.until_closed, 0.0)
         return slip, np.sum(response.traction * way, axis=1)

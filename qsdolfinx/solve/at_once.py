@@ -93,6 +93,17 @@ class AtOnce:
             with system.watch.stage("solve"):
                 z = self._find(equations, loop)
             equations.end_at(z)
+            for _ in range(MAX_MEASURES):
+                if not equations.has_other_multipliers():
+                    break
+                for thing in (loop, equations):
+                    thing.destroy()
+                equations = Equations(system)
+                loop = OneNewton(equations, newton, True, stiffness)
+                with system.watch.stage("solve"):
+                    z = loop.solve(equations.first(), begins=False)
+                    z = self._with_areas(equations, loop, z)
+                equations.end_at(z)
             self._again = True
         except (NoConvergence, NoGapError) as error:
             self._note_failure(error, loop)
@@ -134,6 +145,10 @@ class AtOnce:
                 raise
             self._newton.record.restarts += 1
             z = loop.solve(self._begin_again(equations, z))
+        return self._with_areas(equations, loop, z)
+
+    def _with_areas(self, equations: Equations, loop: OneNewton, z: Array) -> Array:
+        """The solution with areas as they are there. Collective."""
         for _ in range(MAX_MEASURES):
             if not self._system.have_areas_changed(SAME_AREA):
                 return z

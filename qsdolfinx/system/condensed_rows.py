@@ -173,13 +173,24 @@ class PointConstraints(CondensedRows):
         self._moving: tuple[Array, MovingFunctions | None] | None = None
         self.gamma: float = model.eps
         self._has: bool = model.has_multipliers_at_points
+        #: E, None where λ_free is all of λ; and the sides of owned nodes whose multipliers are
+        #: unknowns, (nodes, block).
+        self.extension: Extension | None
+        self.free: Flags
+        self.extension, self.free = self._found()
+
+    def _found(self) -> tuple[Extension | None, Flags]:
+        """What carries multipliers at the points of the last evaluation. Collective."""
         covered = self._points.covered
-        #: E; None where λ_free is all of λ.
-        self.extension: Extension | None = self._points.extended(gap.extension)
-        none = np.zeros_like(covered)
-        held = none if self.extension is None else self.extension.held
-        #: Sides of owned nodes whose multipliers are unknowns, (nodes, block).
-        self.free: Flags = covered & ~held if self._has else none
+        extension = self._points.extended(self.gap.extension)
+        held = np.zeros_like(covered) if extension is None else extension.held
+        return extension, covered & ~held & self._has
+
+    def has_others(self) -> bool:
+        """Whether other sides carry multipliers where gaps follow the bodies to. Collective."""
+        if self.gap.following is None or not self._has:
+            return False
+        return not np.array_equal(self._found()[1], self.free)
 
     @property
     def _points(self) -> PointRows:

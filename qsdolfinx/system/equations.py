@@ -388,6 +388,15 @@ class Equations:
             self._at = None
         return bool(following)
 
+    def has_other_multipliers(self) -> bool:
+        """Whether other nodes are covered at the last evaluation than where unknowns were found.
+
+        Collective.
+        """
+        points = [p.rows.condensed for p in self.passes]
+        found = [rows.has_others() for rows in points if isinstance(rows, PointConstraints)]
+        return bool(self.system.comm.allreduce(any(found), op=MPI.LOR))
+
     @property
     def slips_at_points(self) -> bool:
         """Whether there is friction at points."""
