@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import typing
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -411,6 +412,22 @@ class WeightedGap:
             return 1.0
         change = np.abs(measure.area - before.area) / measure.node_area
         return float(np.max(change[self.cut.covered], initial=0.0))
+
+    def choose_vertices(self) -> bool:
+        """Choose anew which vertices have points at the last evaluation; whether others have.
+
+        Collective.
+        """
+        before = self.state.measure
+        if self.following is None or self.cut is None or before is None or before.vertices is None:
+            return False
+        chosen = self.following.measure(self.cut.places)
+        assert chosen.vertices is not None
+        same = np.array_equal(chosen.vertices, before.vertices)
+        if self.slave.comm.allreduce(same, op=MPI.LAND):
+            return False
+        self.state.measure = chosen
+        return True
 
     def evaluate_kept(self, u: Vecs, kept: tuple[bool, bool]) -> None:
         """Evaluate for those unknowns alone that are kept from step to step. Collective.

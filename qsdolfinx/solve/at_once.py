@@ -94,7 +94,7 @@ class AtOnce:
                 z = self._find(equations, loop)
             equations.end_at(z)
             for _ in range(MAX_MEASURES):
-                if not equations.has_other_multipliers():
+                if not (system.have_vertices_changed() or equations.has_other_multipliers()):
                     break
                 for thing in (loop, equations):
                     thing.destroy()
@@ -104,6 +104,8 @@ class AtOnce:
                     z = loop.solve(equations.first(), begins=False)
                     z = self._with_areas(equations, loop, z)
                 equations.end_at(z)
+            else:
+                warn(UNSETTLED, ContactWarning)
             self._again = True
         except (NoConvergence, NoGapError) as error:
             self._note_failure(error, loop)

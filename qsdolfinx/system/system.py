@@ -175,6 +175,10 @@ class ContactSystem:
             gap.state.measure = kept
         return False
 
+    def have_vertices_changed(self) -> bool:
+        """Choose anew which vertices have points of their own; whether others have. Collective."""
+        return any([gap.choose_vertices() for gap in self.gaps])
+
     @property
     def free_bodies(self) -> list[int]:
         """Numbers of the bodies that no condition holds along some rigid motion."""

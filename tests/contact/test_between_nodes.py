@@ -119,7 +119,7 @@ def test_time_steps_warn_as_well():
     assert sum(found) == 1 and found[0] == 0
 
 
-@pytest.mark.parametrize("options", ({}, {"sliding": "finite"}))
+@pytest.mark.parametrize("options", ({}, {"sliding": "finite", "constraints": "nodes"}))
 @pytest.mark.parametrize("tool", ("ball", "needle"))
 def test_round_and_graded(tool, options):
     """Facets far away are no measure: a ball rests on larger ones; a needle is sharp for these."""

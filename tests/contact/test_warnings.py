@@ -335,7 +335,7 @@ def test_chords_of_bent_facets_that_follow(n, misfit, degrees):
         assert 'sliding="small"' in texts[0] and "displacements of degree 2" in texts[0]
         assert "smoothing" not in texts[0]
     if misfit > 0 and n is COARSE:
-        assert (abs(found[0] / found[1] - 1) > 0.1) == bool(texts)
+        assert (abs(found[0] / found[1] - 1) > 0.01) == bool(texts)
 
 
 def test_chords_of_bent_facets_that_follow_a_shaft():

@@ -13,7 +13,6 @@ REFUSED = {
     "none": ({"sliding": None}, "sliding"),
     "nodal": ({"quadrature": "nodal"}, "sliding"),
     "bisector": ({"normals": "bisector"}, "sliding"),
-    "points": ({"constraints": "points", "initial_overclosure": "ignore"}, "initial_overclosure"),
     "smoothing": ({"smoothing": "shared-curvature"}, "sliding"),
     "formulation": ({"formulation": "symmetric"}, "formulation"),
     "penalty": ({"penalty": -1.0}, "penalty"),

@@ -28,6 +28,7 @@ def scene(cell, degree, formulation):
         misfit=0.06,
         stiffness=1.0,
         formulation=formulation,
+        constraints="nodes",
         enforcement="penalty",
         penalty=100.0,
     )
@@ -91,7 +92,7 @@ def test_open_ends(cell, width, formulation, enforcement):
     sizes = (1.0,) * gdim, (width,) * (gdim - 1) + (1.0,)
     boxes = Boxes(cell, n, sizes, start=(1 - width) / 2, skew=0.3)
     boxes.clamp_far().value[-1] = -0.1
-    options = {"sliding": "finite", "enforcement": enforcement}
+    options = {"sliding": "finite", "constraints": "nodes", "enforcement": enforcement}
     contact = qs.Contact(boxes.above, boxes.below, formulation, **options)
     problem = boxes.problem(contact, solver="direct")
     problem.solve()
@@ -112,7 +113,12 @@ def test_friction(cell, mu, way, formulation, enforcement):
     """Of forces on objective slip, their change as facets slide and turn included."""
     boxes = Boxes(cell, ((6, 3), (4, 4)), ((2.0, 1.0), (0.6, 1.0)), start=0.5, skew=0.3)
     top = boxes.clamp_far()
-    options = {"sliding": "finite", "enforcement": enforcement, "friction": qs.Coulomb(mu)}
+    options = {
+        "sliding": "finite",
+        "constraints": "nodes",
+        "enforcement": enforcement,
+        "friction": qs.Coulomb(mu),
+    }
     contact = qs.Contact(boxes.above, boxes.below, formulation, **options)
     problem = boxes.problem(contact, solver="direct")
     for depth, slide in ((0.02, 0.0), (0.04, 0.0), (0.04, way)):
@@ -131,7 +137,12 @@ def test_round_tool(cell):
     body = Body(box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered"))
     body.clamp(plane(body.mesh, gdim - 1, 0.0))
     tool = qs.RigidSurface.sphere(WORLD, [0.4] * (gdim - 1) + [1.9], 1.0)
-    options = {"sliding": "finite", "enforcement": "penalty", "penalty": 1000.0}
+    options = {
+        "sliding": "finite",
+        "constraints": "nodes",
+        "enforcement": "penalty",
+        "penalty": 1000.0,
+    }
     contact = qs.Contact(body.side(gdim - 1, 1.0), tool, **options)
     problem = problem_of([body], [contact], solver="direct")
     problem.set_up()

@@ -248,7 +248,9 @@ def test_derivative_of_the_users_own(options, law):
     assert errors(equations, *away(equations)) < 1e-7
 
 
-@pytest.mark.parametrize("options", (SOFT | NODES, SOFT_POINTS, SOFT | {"sliding": "finite"}))
+@pytest.mark.parametrize(
+    "options", (SOFT | NODES, SOFT_POINTS, SOFT | NODES | {"sliding": "finite"})
+)
 def test_laws_of_the_users_own(options):
     """Forces are those of a law that is the same."""
     forces = []
