@@ -166,7 +166,8 @@ class ContactReport:
             active += f", {self.slipping} nodes slip"
         unloaded = "0"
         if self.unloaded:
-            unloaded = f'{self.unloaded} master nodes: use quadrature="overlay", or swap sides'
+            overlay = "" if "overlay" in self.method else 'use quadrature="overlay", or '
+            unloaded = f"{self.unloaded} master nodes: {overlay}swap sides"
         penalty = "" if self.penalty is None else f"{self.penalty:.6g}, "
         gap = "none" if self.gap is None else "{:.4g} to {:.4g}".format(*self.gap)
         made = [
@@ -342,20 +343,22 @@ def _advice(model: ContactModel, depth: float | None) -> str:
     """What to do about penetration that weighted gaps hide; a penalty leaves some anyway."""
     if not model.augmented or model.law.jump or depth is None:
         return ""
-    if results.mean_penetration(model) > max(model.allowed_gap, CLOSED * depth):
-        return ""
+    settings = model.settings
+    at_points = settings.constraints == "points"
+    if not at_points:
+        if results.mean_penetration(model) > max(model.allowed_gap, CLOSED * depth):
+            return ""
     if depth - model.overclosure.allowed <= HIDDEN * model.paired.facet_size:
         return ""
-    settings = model.settings
     cure = "take finer facets"
     if chords(model):
         return f'facets stand for curves: {cure}, or smoothing with quadrature="overlay"'
-    if settings.constraints != "points":
-        cure += ', or constraints="points"'
-        if settings.sampling.quadrature != "overlay":
-            cure += ' with quadrature="overlay"'
-    what = "mean gaps" if settings.constraints == "points" else "weighted gaps"
-    return f"{what} are closed and points are not: {cure}"
+    if at_points:
+        return f"facets are too coarse for what they meet, points of them are deep: {cure}"
+    cure += ', or constraints="points"'
+    if settings.sampling.quadrature != "overlay":
+        cure += ' with quadrature="overlay"'
+    return f"weighted gaps are closed and points are not: {cure}"
 
 
 def _unloaded(model: ContactModel) -> int:
