@@ -316,7 +316,7 @@ class Pieces:
         """Distances along the rays, positive when open, [point]."""
 
     def raise_facets(self, normals: int) -> None:
-        """Let the master's facets stand for a curved surface; collective."""
+        """Let facets before vertices stand for a curved surface; collective."""
 
     @property
     def rise(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -813,11 +813,12 @@ def trace_values(
 def vertex_pieces(
     slave: Surface,
     master: Surface,
+    of_master: bool,
     which: numpy.typing.NDArray[numpy.uint8],
     weight: numpy.typing.NDArray[numpy.float64],
     radius: SearchRadius,
 ) -> Pieces:
-    """Points at vertices of the slave, of surfaces that follow their bodies; collective."""
+    """Points at vertices of either, of surfaces that follow their bodies; collective."""
 
 def with_traces(
     points: PairingPoints,

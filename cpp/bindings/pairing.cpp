@@ -189,7 +189,7 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       .def(
           "raise_facets",
           [](Pieces& p, Handle normals) { raise_facets(p, reinterpret_cast<Vec>(normals)); },
-          "normals"_a, "Let the master's facets stand for a curved surface; collective.")
+          "normals"_a, "Let facets before vertices stand for a curved surface; collective.")
       .def_prop_rw(
           "rise", [](const Pieces& p) { return copy(p.rise, {p.rise.size()}); },
           [](Pieces& p, In<double> rise) { p.rise.assign(rise.view().begin(), rise.view().end()); },
@@ -294,11 +294,11 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "Pieces of surfaces that follow their bodies; collective.");
   m.def(
       "vertex_pieces",
-      [](const Surface& slave, const Surface& master, In<std::uint8_t> which, In<double> weight,
-         const SearchRadius& radius)
-      { return vertex_pieces(slave, master, which.view(), weight.view(), radius); },
-      "slave"_a, "master"_a, "which"_a, "weight"_a, "radius"_a,
-      "Points at vertices of the slave, of surfaces that follow their bodies; collective.");
+      [](const Surface& slave, const Surface& master, bool of_master, In<std::uint8_t> which,
+         In<double> weight, const SearchRadius& radius)
+      { return vertex_pieces(slave, master, of_master, which.view(), weight.view(), radius); },
+      "slave"_a, "master"_a, "of_master"_a, "which"_a, "weight"_a, "radius"_a,
+      "Points at vertices of either, of surfaces that follow their bodies; collective.");
   m.def("nearby_pieces", &nearby_pieces, "slave"_a, "master"_a, "both"_a, "radius"_a, "margin"_a,
         "Pairs of facets that pieces may be cut from, without points; collective.");
   m.def(

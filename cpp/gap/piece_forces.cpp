@@ -53,7 +53,7 @@ RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
 {
   const bool is_slave = pieces.cut_is_slave[piece];
   const RayFacet slave = facet_of(pieces.slave, piece), master = facet_of(pieces.master, piece);
-  const auto n = static_cast<std::size_t>(master.type) * static_cast<std::size_t>(master.type);
+  const auto side = static_cast<std::size_t>(is_slave ? master.type : slave.type), n = side * side;
   std::span<const double> rise;
   if (!pieces.rise.empty())
     rise = std::span(pieces.rise).subspan(piece * n, n);
@@ -62,7 +62,8 @@ RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
 
 void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
 {
-  const PieceSide& side = pieces.master;
+  const bool of_master = pieces.size() == 0 || pieces.cut_is_slave[0];
+  const PieceSide& side = of_master ? pieces.master : pieces.slave;
   const auto d = static_cast<std::size_t>(pieces.gdim), n = static_cast<std::size_t>(side.type),
              nodes = static_cast<std::size_t>(side.num_nodes);
   const std::vector<double> values = values_at(normals, side.dofs);

@@ -415,47 +415,49 @@ PairingPoints qsdolfinx::pair_vertices(const Surface& slave, const Surface& mast
   return points;
 }
 
-Pieces qsdolfinx::vertex_pieces(const Surface& slave, const Surface& master,
+Pieces qsdolfinx::vertex_pieces(const Surface& slave, const Surface& master, bool of_master,
                                 std::span<const std::uint8_t> which, std::span<const double> weight,
                                 const SearchRadius& radius)
 {
-  const Nodes& nodes = slave.nodes();
+  const Surface &own = of_master ? master : slave, &opposite = of_master ? slave : master;
+  const Nodes& nodes = own.nodes();
   if (weight.size() != nodes.size())
     throw std::invalid_argument("vertex_pieces: a weight for each owned node");
-  const Faced faced = face_vertices(slave, master, which, radius);
+  const Faced faced = face_vertices(own, opposite, which, radius);
   Pieces out;
   out.gdim = slave.gdim();
   out.num_multipliers = slave.num_vertices();
   out.along_other = true;
   out.slave = {slave.type(), slave.degree(), slave.num_trace(), {}, {}, {}, {}};
   out.master = {master.type(), master.degree(), master.num_trace(), {}, {}, {}, {}};
+  PieceSide &at = of_master ? out.master : out.slave, &facet = of_master ? out.slave : out.master;
   const auto d = static_cast<std::size_t>(out.gdim),
-             nm = static_cast<std::size_t>(master.num_trace());
+             n = static_cast<std::size_t>(opposite.num_trace());
   for (std::size_t i = 0; i < faced.node.size(); ++i)
   {
     const std::size_t k = faced.node[i], e = faced.entry[i];
     const ClosestFacets& found = faced.found;
-    for (int j = 0; j < slave.num_trace(); ++j) // the node is its first vertex, others do not count
+    for (int j = 0; j < own.num_trace(); ++j) // the node is its first vertex, others do not count
     {
-      append_record(out.slave.x, nodes.x, k, 3);
+      append_record(at.x, nodes.x, k, 3);
       if (j > 0)
-        out.slave.x[out.slave.x.size() - 3] += nodes.facet_size[k];
-      append_record(out.slave.dofs, nodes.dofs, k, d);
-      out.slave.owner.push_back(slave.rank());
+        at.x[at.x.size() - 3] += nodes.facet_size[k];
+      append_record(at.dofs, nodes.dofs, k, d);
+      at.owner.push_back(own.rank());
     }
-    out.slave.orientation.push_back(1.0);
-    append_record(out.master.x, found.nodes_x, e, 3 * nm);
-    append_record(out.master.dofs, found.dofs, e, nm * d);
-    append_record(out.master.owner, found.owner, e, nm);
+    at.orientation.push_back(1.0);
+    append_record(facet.x, found.nodes_x, e, 3 * n);
+    append_record(facet.dofs, found.dofs, e, n * d);
+    append_record(facet.owner, found.owner, e, n);
     const std::array<double, 2> zeta{found.xi[2 * e], found.xi[2 * e + 1]};
-    const auto vertices = std::span(found.nodes_x)
-                              .subspan(3 * nm * e, 3 * static_cast<std::size_t>(out.master.type));
-    const Vec3 area = area_vector(master.type(), vertices, zeta),
+    const auto vertices
+        = std::span(found.nodes_x).subspan(3 * n * e, 3 * static_cast<std::size_t>(facet.type));
+    const Vec3 area = area_vector(facet.type, vertices, zeta),
                outward = facet_vertex(found.normal, static_cast<int>(e));
-    out.master.orientation.push_back(dot(area, outward) > 0 ? 1.0 : -1.0);
+    facet.orientation.push_back(dot(area, outward) > 0 ? 1.0 : -1.0);
     out.multiplier_side.insert(out.multiplier_side.end(),
                                static_cast<std::size_t>(out.num_multipliers), 0);
-    out.cut_is_slave.push_back(1);
+    out.cut_is_slave.push_back(of_master ? 0 : 1);
     out.points.push_back({{0.0, 0.0}, zeta, weight[k]});
     out.end.push_back(out.points.size());
     out.rim_end.push_back(0);

@@ -144,9 +144,11 @@ PairingPoints pair_vertices(const Surface& slave, const Surface& master,
                             std::span<const std::uint8_t> which, const SearchRadius& radius);
 
 /// The same as pieces of surfaces that follow their bodies: each is a point at a vertex, whose ray
-/// goes against the normal of the facet opposite. Its multiplier is the first of its node's.
-/// Collective. @param weight areas of the owned nodes, [node]
-Pieces vertex_pieces(const Surface& slave, const Surface& master,
+/// goes against the normal of the facet opposite. Its multiplier is the first of its node's, or of
+/// the nodes of the slave's facet. Collective.
+/// @param of_master whether they are the master's vertices
+/// @param which, weight of the owned nodes of that surface, and their areas, [node]
+Pieces vertex_pieces(const Surface& slave, const Surface& master, bool of_master,
                      std::span<const std::uint8_t> which, std::span<const double> weight,
                      const SearchRadius& radius);
 

@@ -1,4 +1,5 @@
 #include "search/screen.h"
+#include "geometry/projection.h"
 #include "parallel/exchange.h"
 #include "parallel/records.h"
 
@@ -59,7 +60,7 @@ class Look
 public:
   Look(const Sight& line, Screens screens, double touching)
       : line_(line), own_(screens == Screens::own), touching_(touching), d_(line.y - line.x),
-        behind_(dot(d_, line.normal) < 0), end_(touching / norm(d_)), beyond_(2 - end_)
+        end_(touching / norm(d_)), beyond_(2 - end_)
   {
   }
 
@@ -82,7 +83,7 @@ private:
       return;
     const bool alike = looks_along(facets, f, line_.normal);
     if (!own_)
-      between_ = (alike || behind_) && *t < 1 - end_;
+      between_ = *t < 1 - end_ && (alike || (line_.is_deep && !is_at_end(facets, f)));
     else if (*t < 1 - end_ || (alike && *t < 1 + end_))
       between_ = true;
     else if (*t > 1 + end_)
@@ -92,11 +93,16 @@ private:
     }
   }
 
+  /// Whether y is on a facet, which may be warped: the line may meet it beside y.
+  bool is_at_end(const FacetView& facets, std::size_t f) const
+  {
+    return closest_point(facets.type, facets.facet_x(f), line_.y).distance <= 10 * touching_;
+  }
+
   const Sight& line_;
   bool own_;
   double touching_;
   Vec3 d_;
-  bool behind_;
   double end_;    ///< what touches an end, as a part of the line
   double beyond_; ///< the first that was met beyond y
   bool between_ = false, looks_alike_ = false;

@@ -79,13 +79,14 @@ void facets_in_boxes(const Surface& surface, std::span<const Box> boxes, std::ve
 struct Sight
 {
   Vec3 x, y;
-  Vec3 normal; ///< outward at x
+  Vec3 normal;          ///< outward at x
+  bool is_deep = false; ///< whether x is far behind y
 };
 
 /// Which facets hide x from y.
 enum class Screens
 {
-  backs, ///< those of y's surface that are seen from behind; where x is behind y, all of them
+  backs, ///< those of y's surface that are seen from behind; of those that are deep, all
   own    ///< those of x's surface, but those with x as a vertex
 };
 

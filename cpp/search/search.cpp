@@ -437,7 +437,7 @@ private:
   {
     std::vector<Sight> out;
     for (std::size_t k : nodes)
-      out.push_back({at(nodes_.x, k), at(out_.x, k), at(nodes_.normal, k)});
+      out.push_back({at(nodes_.x, k), at(out_.x, k), at(nodes_.normal, k), is_deep(k)});
     return out;
   }
 

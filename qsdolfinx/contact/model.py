@@ -17,7 +17,7 @@ from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.gap.facet_cutter import FacetCutter, Overlay, Vertices
+from qsdolfinx.gap.facet_cutter import FacetCutter, Overlay
 from qsdolfinx.gap.following import Cutter, Following
 from qsdolfinx.gap.friction_heat import FrictionHeat
 from qsdolfinx.gap.kinematics import Kinematics
@@ -25,6 +25,7 @@ from qsdolfinx.gap.laws import Law, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.shape_points import ShapePoints
+from qsdolfinx.gap.vertex_points import ToolVertices, Vertices
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.crossings import EdgesRole, pair_edges
 from qsdolfinx.pairing.edges import edges_of
@@ -114,7 +115,7 @@ class Settings:
         out = [VerticesRole(self.slave, self.master, of_tool=False)] if self.sharp[0] else []
         if self.sharp[1] and master is not None:
             out.append(VerticesRole(master, self.slave, of_tool=False))
-        elif self.sharp[1] and self.sliding == "small":
+        elif self.sharp[1] and (self.sliding == "small" or self.slave.gdim == 2):
             out.append(VerticesRole(self.slave, self.master, of_tool=True))
         return out
 
@@ -272,11 +273,11 @@ def _at_creases(settings: Settings, radius: _cpp.SearchRadius) -> tuple[Weighted
     of_edges = settings.roles_of_edges
     edges = {s: edges_of(s) for s in (settings.slave, settings.master)} if of_edges else {}
     passes = [
-        (role.slave, role.master, pair_vertices(role, radius))
+        (role.slave, role.master, pair_vertices(role, radius), role.of_tool)
         for role in settings.roles_of_vertices
     ]
     passes += [
-        (role.slave, role.master, pair_edges(role, (edges[role.slave], edges[role.master]), radius))
+        (*role[:2], pair_edges(role, (edges[role.slave], edges[role.master]), radius), False)
         for role in of_edges
     ]
     return tuple(
@@ -288,9 +289,9 @@ def _at_creases(settings: Settings, radius: _cpp.SearchRadius) -> tuple[Weighted
             1.0,
             rows="points",
             augmented=True,
-            following=_following(settings, slave, master, radius, at_vertices=True),
+            following=_following(settings, slave, master, radius, "tool" if of_tool else "slave"),
         )
-        for slave, master, points in passes
+        for slave, master, points, of_tool in passes
     )
 
 
@@ -299,16 +300,27 @@ def _following(
     slave: Surface,
     master: AnySurface,
     radius: _cpp.SearchRadius,
-    at_vertices: bool = False,
+    vertices_of: str | None = None,
 ) -> Following | None:
-    """What makes gaps of a pass follow the bodies; None where they are linear. Collective."""
+    """What makes gaps of a pass follow the bodies; None where they are linear. Collective.
+
+    Args:
+        settings: Of the contact.
+        slave: The slave of the pass.
+        master: Its master.
+        radius: Beyond which points are not paired.
+        vertices_of: Whose vertices are the points: ``"slave"``, ``"tool"``, or None for facets.
+    """
     if settings.sliding == "small" or settings.law.jump:
         return None
     tool, degree = as_tool(master), settings.sampling.degree
     cutter: Cutter
     if tool is not None and tool.is_analytic:
-        cutter = ShapePoints(slave, tool, radius.largest, None if at_vertices else degree)
-    elif at_vertices:
+        cutter = ShapePoints(slave, tool, radius.largest, None if vertices_of else degree)
+    elif vertices_of == "tool":
+        assert tool is not None
+        cutter = FacetCutter(slave, master, ToolVertices(slave, tool, radius))
+    elif vertices_of == "slave":
         cutter = FacetCutter(slave, master, Vertices(slave, master, radius))
     else:
         at_points, both = settings.rows == "points", settings.formulation == "quasi-symmetric"

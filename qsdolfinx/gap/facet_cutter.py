@@ -20,15 +20,7 @@ from qsdolfinx.gap.following import (
     Vecs,
     sides_of,
 )
-from qsdolfinx.pairing.facets import (
-    as_facets,
-    gathered,
-    normals_at_vertices,
-    sharp_nodes,
-    unit_normals,
-)
 from qsdolfinx.pairing.pair import overlay_rules
-from qsdolfinx.pairing.vertices import lead_away, nodes_of
 from qsdolfinx.surface.affine import trace_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
@@ -87,92 +79,6 @@ class Overlay:
     def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
         """See :class:`Finder`."""
         return _cpp.nearby_pieces(*moving, self.both, self._radius.largest, margin)
-
-
-class Vertices:
-    """Vertices of the slave at creases, before the facets opposite, along the normals of these.
-
-    Facets with creases at all of their vertices are those of a coarse curved surface: in its
-    corners a vertex would face now this one, now that one, and there its own facets see as much.
-
-    Args:
-        slave: Surface that carries the multiplier.
-        master: The other surface.
-        radius: Beyond which points are not paired.
-    """
-
-    both = False
-
-    def __init__(self, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> None:
-        self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
-        self._master = master if isinstance(master, Surface) else None
-        self._facets = as_facets(master, slave.axisymmetric)
-        self._sharp_there = sharp_nodes(self._facets).astype(np.float64)
-        x, _, nodes = slave.coordinates
-        #: Which way normals of vertices look that are found without a look at the body.
-        self._signs: Array = np.sign(
-            np.sum(unit_normals(x, nodes) * normals_at_vertices(slave), axis=2)
-        )
-
-    def sides(self) -> Flags:
-        """See :class:`Finder`: one of each sharp vertex."""
-        out = np.zeros((len(self._sharp), self._slave.block), dtype=bool)
-        out[:, 0] = self._sharp
-        return out
-
-    def choose(self, surfaces: Twins, places: Places) -> Flags | None:
-        """See :class:`Finder`: those that are ahead of their facets, see ``pair_vertices``."""
-        surfaces[0].measure_nodes()
-        points = _cpp.pair_vertices(*surfaces, self._sharp.astype(np.uint8), self._radius)
-        some = self._are_before_smooth_facets(points)
-        node, along = nodes_of(self._slave, points)[some], np.zeros((len(self._sharp), 3))
-        along[node] = points.normal[some]
-        x = places[0][:, : self._slave.num_facet_vertices]
-        normals = self._signs[..., None] * unit_normals(
-            x, places[0] if self._slave.degree > 1 else None
-        )
-        out = np.zeros((len(self._sharp), self._slave.block), dtype=bool)
-        out[node, 0] = lead_away(self._slave, along, x, normals)[node]
-        return out
-
-    def _are_before_smooth_facets(self, points: _cpp.PairingPoints) -> Flags:
-        """Points before facets that have a vertex at no crease, (points,). Collective."""
-        if self._master is None:
-            return np.ones(points.size, dtype=bool)
-        dofs = points.master["dofs"][:, : self._master.num_facet_vertices, 0]
-        return np.asarray(np.any(gathered(self._master, self._sharp_there, dofs) < 0.5, axis=1))
-
-    def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
-        """See :class:`Finder`."""
-        assert vertices is not None
-        moving[0].measure_nodes()
-        measured[0].measure_nodes()
-        area = np.asarray(measured[0].node_area)
-        out = _cpp.vertex_pieces(*moving, vertices[:, 0].astype(np.uint8), area, self._radius)
-        if not isinstance(self._facets, Surface) or self._facets.degree == 1:
-            self._raise(out, moving[1])
-        return out
-
-    def _raise(self, pieces: _cpp.Pieces, master: _cpp.Surface) -> None:
-        """Let facets opposite stand for a surface that does not turn where they meet. Collective.
-
-        A vertex that rests where facets meet has no side to choose then. Normals are those of where
-        the master is now; how they turn is not in the derivative.
-        """
-        facets, vec = self._facets, self._facets.create_vec()
-        normal = self._normals(master)[:, : facets.node_dofs.shape[1]]
-        vec.array[facets.node_dofs - vec.owner_range[0]] = normal
-        pieces.raise_facets(vec.handle)
-        vec.destroy()
-
-    def _normals(self, master: _cpp.Surface) -> Array:
-        """Unit normals of its owned nodes, 0 at creases, (nodes, 3). Collective."""
-        master.measure_nodes()
-        return np.where(self._sharp_there[:, None] > 0.5, 0.0, np.asarray(master.node_normal))
-
-    def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
-        """See :class:`Finder`."""
-        return _cpp.nearby_pieces(*moving, False, self._radius.largest, margin)
 
 
 class FacetCutter:

@@ -131,7 +131,9 @@ def nodes_of(slave: Faceted, points: _cpp.PairingPoints) -> Indices:
     return np.searchsorted(slave.node_dofs[:, 0], points.slave["dofs"][:, 0, 0])
 
 
-def lead_away(slave: Faceted, along: Array, x: Array, normals: Array) -> Flags:
+def lead_away(
+    slave: Faceted, along: Array, x: Array, normals: Array, parallel: float = FLAT
+) -> Flags:
     """Owned nodes none of whose facets leads towards what is opposite, (nodes,). Collective.
 
     Args:
@@ -139,11 +141,12 @@ def lead_away(slave: Faceted, along: Array, x: Array, normals: Array) -> Flags:
         along: Unit normals towards what is opposite, (nodes, 3).
         x: Where the vertices of facets are, (facets, vertices, 3).
         normals: Outward unit normals there, likewise.
+        parallel: Cosine of the angle up to which a facet is parallel to what is opposite.
     """
     opposite = np.stack([at_vertices(slave, values) for values in along.T], axis=2)
     inward = x.mean(axis=1, keepdims=True) - x
     size = np.linalg.norm(inward, axis=2)
     ahead = np.sum(inward * opposite, axis=2) > TOWARDS * size
-    flat = np.sum(normals * opposite, axis=2) > FLAT
+    flat = np.sum(normals * opposite, axis=2) > parallel
     stays = (ahead | flat).astype(np.float64)
     return np.asarray(sums(slave, stays.ravel()) == 0)

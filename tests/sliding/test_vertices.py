@@ -7,7 +7,7 @@ from scenes import WORLD, box, largest, plane
 from system.test_equations import away, errors
 
 import qsdolfinx as qs
-from qsdolfinx.gap.facet_cutter import Vertices
+from qsdolfinx.gap import vertex_points
 from qsdolfinx.system.equations import Equations
 
 FINITE = {"sliding": "finite", "constraints": "points"}
@@ -56,6 +56,18 @@ class OnCorner:
         self.held[1].value[:] = self.turn @ np.array(way)
 
 
+def hold_slopes(monkeypatch):
+    """Let facets stay curved as they were first, and a little more than they are."""
+    held, found = {}, vertex_points.raise_facets
+
+    def raised(pieces, facets, *state):
+        found(pieces, facets, *state)
+        bent = pieces.rise + 0.02 * (pieces.rise != 0) * np.sin(np.arange(len(pieces.rise)))
+        pieces.rise = held.setdefault(facets, bent)
+
+    monkeypatch.setattr(vertex_points, "raise_facets", raised)
+
+
 @pytest.mark.parametrize("swapped", (False, True))
 @pytest.mark.parametrize("cell", CELLS)
 def test_derivative(cell, swapped, monkeypatch):
@@ -63,15 +75,8 @@ def test_derivative(cell, swapped, monkeypatch):
 
     So is how facets opposite are curved between the normals at their nodes.
     """
-    held, found = {}, Vertices._raise
-
-    def raised(self, pieces, master):
-        found(self, pieces, master)
-        bent = pieces.rise + 0.02 * (pieces.rise != 0) * np.sin(np.arange(len(pieces.rise)))
-        pieces.rise = held.setdefault(self, bent)
-
     scene = OnCorner(cell, 0.02, swapped)
-    monkeypatch.setattr(Vertices, "_raise", raised)
+    hold_slopes(monkeypatch)
     scene.problem.set_up()
     equations = Equations(scene.problem.system)
     z, scale = away(equations, size=0.002)
@@ -181,3 +186,61 @@ def test_onto_a_corner():
     ratios = [-force[0] / (0.2 * force[1]) for force in forces if force[1] > 1e-3]
     assert max(ratios) > 2.0  # the corner holds it up
     assert 0.8 < ratios[-1] < 1.0 + 1e-6  # all slips along the top
+
+
+class OnTip:
+    """A tip of a rigid tool before the flat side of a box, in 2D."""
+
+    def __init__(self, cell, down=0.0, **contact):
+        self.body = Body(box(WORLD, (8, 4), cell, [-1.0, -1.0], [1.0, 0.0], "scattered"))
+        self.body.clamp(plane(self.body.mesh, 1, -1.0))
+        x = np.array([[-0.58, 0.6], [0.02, 0.0], [0.62, 0.6]]) - [0.0, down]
+        self.tool = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2]])
+        self.contact = qs.Contact(self.body.side(1, 0.0), self.tool, **(FINITE | contact))
+        self.problem = problem_of([self.body], [self.contact])
+
+
+@pytest.mark.parametrize("cell", CELLS[:2])
+def test_derivative_before_a_tip(cell, monkeypatch):
+    """Of forces and of the tip's rows by everything, the tip being closed, slopes held."""
+    scene = OnTip(cell, 0.02)
+    hold_slopes(monkeypatch)
+    scene.problem.set_up()
+    equations = Equations(scene.problem.system)
+    z, scale = away(equations, size=0.002)
+    equations.part(z, 0)[equations.system.bodies[0].owned_constrained] = 0.0
+    sides, tip = equations.multipliers(z)
+    sides.normal[:] = -1e6  # open
+    tip.normal[:] += 5.0
+    at = equations.evaluate(z)
+    assert [WORLD.allreduce(np.count_nonzero(p.normal.active)) for p in at.passes] == [0, 1]
+
+    def of_tip(values):
+        return np.concatenate([equations.bodies_of(values), equations.layout.part(values, 2)])
+
+    assert errors(equations, z, scale, of=of_tip) < 1e-6
+
+
+@pytest.mark.parametrize(("cell", "mu"), (("triangle", 0.0), ("quadrilateral", 0.3)))
+def test_tip_that_slides(cell, mu):
+    """A tool's tip bears from the first touch on, and wherever it slides to; nothing is deep."""
+    friction = qs.Coulomb(mu) if mu else None
+    scene, size = OnTip(cell, friction=friction), 0.25
+    forces = []
+    for part in (0.02, 0.1):
+        scene.tool.displacement = [0.0, -part * size]
+        scene.problem.solve()
+        forces.append(-scene.contact.force("slave")[1])
+    small = OnTip(cell, sliding="small")
+    small.tool.displacement = [0.0, -0.02 * size]
+    small.problem.solve()
+    assert abs(forces[0] / -small.contact.force("slave")[1] - 1) < 0.1
+    assert abs(forces[1] / forces[0] / 5 - 1) < 0.1
+    for step in range(1, 6):
+        scene.tool.displacement = [0.3 * size * step, -0.1 * size]
+        scene.problem.solve()
+        along, down = scene.contact.force("slave")
+        assert scene.problem.num_iterations <= 25
+        assert abs(-down / forces[1] - 1) < 0.4
+        assert abs(abs(along / down) - mu) < 0.1 or step == 1
+        assert scene.contact.penetration() < 0.02 * size

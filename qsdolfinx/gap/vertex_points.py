@@ -1,0 +1,180 @@
+"""Points of gaps that follow the bodies at vertices, which are ahead of their facets."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.gap.facet_cutter import Twins
+from qsdolfinx.gap.following import Places
+from qsdolfinx.pairing.facets import (
+    Faceted,
+    as_facets,
+    gathered,
+    normals_at_vertices,
+    sharp_nodes,
+    unit_normals,
+)
+from qsdolfinx.pairing.vertices import lead_away, nodes_of
+from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+#: Cosine of the angle (20°) by which a tool's facets have to lean beside a vertex that has a point:
+#: what a punch presses flat turns by less at its corner, and its facets see that.
+LEANS = float(np.cos(np.pi / 9))
+
+
+class Vertices:
+    """Vertices of the slave at creases, before the facets opposite, along the normals of these.
+
+    Facets with creases at all of their vertices are those of a coarse curved surface: in its
+    corners a vertex would face now this one, now that one, and there its own facets see as much.
+
+    Args:
+        slave: Surface that carries the multiplier.
+        master: The other surface.
+        radius: Beyond which points are not paired.
+    """
+
+    both = False
+
+    def __init__(self, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> None:
+        self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
+        self._master = master if isinstance(master, Surface) else None
+        self._facets = as_facets(master, slave.axisymmetric)
+        self._sharp_there = sharp_nodes(self._facets).astype(np.float64)
+        x, _, nodes = slave.coordinates
+        #: Which way normals of vertices look that are found without a look at the body.
+        self._signs: Array = np.sign(
+            np.sum(unit_normals(x, nodes) * normals_at_vertices(slave), axis=2)
+        )
+
+    def sides(self) -> Flags:
+        """See :class:`Finder`: one of each sharp vertex."""
+        out = np.zeros((len(self._sharp), self._slave.block), dtype=bool)
+        out[:, 0] = self._sharp
+        return out
+
+    def choose(self, surfaces: Twins, places: Places) -> Flags | None:
+        """See :class:`Finder`: those that are ahead of their facets, see ``pair_vertices``."""
+        surfaces[0].measure_nodes()
+        points = _cpp.pair_vertices(*surfaces, self._sharp.astype(np.uint8), self._radius)
+        some = self._are_before_smooth_facets(points)
+        node, along = nodes_of(self._slave, points)[some], np.zeros((len(self._sharp), 3))
+        along[node] = points.normal[some]
+        x = places[0][:, : self._slave.num_facet_vertices]
+        normals = self._signs[..., None] * unit_normals(
+            x, places[0] if self._slave.degree > 1 else None
+        )
+        out = np.zeros((len(self._sharp), self._slave.block), dtype=bool)
+        out[node, 0] = lead_away(self._slave, along, x, normals)[node]
+        return out
+
+    def _are_before_smooth_facets(self, points: _cpp.PairingPoints) -> Flags:
+        """Points before facets that have a vertex at no crease, (points,). Collective."""
+        if self._master is None:
+            return np.ones(points.size, dtype=bool)
+        dofs = points.master["dofs"][:, : self._master.num_facet_vertices, 0]
+        return np.asarray(np.any(gathered(self._master, self._sharp_there, dofs) < 0.5, axis=1))
+
+    def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
+        """See :class:`Finder`."""
+        assert vertices is not None
+        moving[0].measure_nodes()
+        measured[0].measure_nodes()
+        area = np.asarray(measured[0].node_area)
+        which = vertices[:, 0].astype(np.uint8)
+        out = _cpp.vertex_pieces(*moving, False, which, area, self._radius)
+        raise_facets(out, self._facets, moving[1], self._sharp_there > 0.5)
+        return out
+
+    def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
+        """See :class:`Finder`."""
+        return _cpp.nearby_pieces(*moving, False, self._radius.largest, margin)
+
+
+class ToolVertices:
+    """Vertices of a rigid tool at creases, before the body's facets, along the normals of these.
+
+    The tool has no multipliers: the nodes of the body have one more for these points, which see
+    Σ_k λ_k N_k(ζ) wherever they slide.
+
+    Args:
+        slave: The body's surface.
+        tool: The tool, made of facets.
+        radius: Beyond which points are not paired.
+    """
+
+    both = True
+
+    def __init__(self, slave: Surface, tool: RigidSurface, radius: _cpp.SearchRadius) -> None:
+        self._slave, self._tool, self._radius = slave, tool, radius
+        self._facets = as_facets(tool, slave.axisymmetric)
+        self._sharp, self._sharp_there = sharp_nodes(self._facets), sharp_nodes(slave)
+        x = self._facets.coordinates[0]
+        #: Which way normals of vertices look that are found without a look at the tool.
+        self._signs: Array = np.sign(
+            np.sum(unit_normals(x) * normals_at_vertices(self._facets), axis=2)
+        )
+        count = slave.comm.allreduce(len(slave.node_area))
+        #: Areas that vertices stand for: those of a node of the body.
+        self._area: Array = np.full(len(self._sharp), slave.area / count)
+
+    def sides(self) -> Flags:
+        """See :class:`Finder`: one of each node."""
+        out = np.zeros((len(self._sharp_there), self._slave.block), dtype=bool)
+        out[:, 0] = True
+        return out
+
+    def choose(self, surfaces: Twins, places: Places) -> Flags | None:
+        """See :class:`Finder`: those that are ahead of their facets, see ``pair_vertices``."""
+        slave, tool = surfaces
+        tool.measure_nodes()
+        points = _cpp.pair_vertices(tool, slave, self._sharp.astype(np.uint8), self._radius)
+        node, along = nodes_of(self._facets, points), np.zeros((len(self._sharp), 3))
+        along[node] = points.normal
+        x = self._tool.facet_positions(places[1])
+        normals = self._signs[..., None] * unit_normals(x)
+        out = np.zeros((len(self._sharp), 1), dtype=bool)
+        out[node, 0] = lead_away(self._facets, along, x, normals, LEANS)[node]
+        return out
+
+    def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
+        """See :class:`Finder`."""
+        assert vertices is not None
+        moving[1].measure_nodes()
+        which = vertices[:, 0].astype(np.uint8)
+        out = _cpp.vertex_pieces(*moving, True, which, self._area, self._radius)
+        raise_facets(out, self._slave, moving[0], self._sharp_there)
+        return out
+
+    def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
+        """See :class:`Finder`."""
+        return _cpp.nearby_pieces(*moving, False, self._radius.largest, margin)
+
+
+def raise_facets(pieces: _cpp.Pieces, facets: Faceted, moved: _cpp.Surface, sharp: Flags) -> None:
+    """Let facets before vertices stand for a surface that does not turn where they meet.
+
+    A vertex that rests where facets meet has no side to choose then. Normals are those of where the
+    surface is now; how they turn is not in the derivative. Facets of degree 2 stay as they are.
+    Collective.
+
+    Args:
+        pieces: The points.
+        facets: The surface.
+        moved: The same where it is.
+        sharp: Its owned nodes at creases.
+    """
+    if isinstance(facets, Surface) and facets.degree > 1:
+        return
+    moved.measure_nodes()
+    vec = facets.create_vec()
+    normal = np.where(sharp[:, None], 0.0, np.asarray(moved.node_normal))
+    vec.array[facets.node_dofs - vec.owner_range[0]] = normal[:, : facets.node_dofs.shape[1]]
+    pieces.raise_facets(vec.handle)
+    vec.destroy()
