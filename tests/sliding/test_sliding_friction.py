@@ -123,10 +123,8 @@ def test_energy_at_points(facets, floor_is_slave):
     way = facets * FACET
     for _ in range(2):
         scene.slide([way])
-        assert (
-            scene.problem.num_iterations <= 15
-        )  # with those after which others are hardly covered
-    assert abs(scene.ratio / MU - 1) < 2e-3
+        assert scene.problem.num_iterations <= 15  # also of nodes that others cover at the end
+    assert abs(scene.ratio / MU - 1) < 3e-3  # faces tilt a little
     work = MU * scene.force[-1] * way
     assert abs(scene.contact.step_dissipation() / work - 1) < 1e-3
 
