@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from following import Body, moment, problem_of, rotation, total
-from scenes import WORLD, box, largest, plane
+from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 from system.test_equations import away, errors
+
+from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.gap import vertex_points
@@ -244,3 +246,26 @@ def test_tip_that_slides(cell, mu):
         assert abs(-down / forces[1] - 1) < 0.4
         assert abs(abs(along / down) - mu) < 0.1 or step == 1
         assert scene.contact.penetration() < 0.02 * size
+
+
+@pytest.mark.parametrize("shift", (0.0, 0.013))
+def test_punch_with_walls(shift):
+    """A flat punch half a facet deep, its walls named: what leans beside it does not face these."""
+    forces = []
+    for sliding in ("small", "finite"):
+        msh = box(WORLD, (20, 10), "quadrilateral", [-1.0, -1.0], [1.0, 0.0], "scattered")
+        V = vector_space(msh)
+        u = fem.Function(V)
+        x = np.array([[-0.6, 0.6], [-0.6, 0.0], [0.6, 0.0], [0.6, 0.6]])
+        x[:, 0] += shift
+        punch = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2], [2, 3]])
+        surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
+        contact = qs.Contact(surface, punch, sliding=sliding)
+        punch.displacement = [0.0, -0.05]
+        bcs = [clamp(V, plane(msh, 1, -1.0))]
+        problem = qs.ContactProblem([elastic(u, 1e3)], [u], [contact], [bcs])
+        problem.solve()
+        forces.append(contact.force("slave")[1])
+        assert problem.num_iterations <= 12
+        assert contact.penetration() < 0.05 * 0.1
+    assert abs(forces[1] / forces[0] - 1) < 0.03
