@@ -122,6 +122,8 @@ void qsdolfinx::bind_gap(nb::module_& m)
       .def_prop_ro(
           "arc", [](const SlipOfPieces& s) { return copy(s.arc, {s.arc.size()}); },
           "Way along the facets over the slip, its chord, [point].");
+  m.def("points_of_pieces", &points_of_pieces, "slave"_a, "master"_a.none(), "pieces"_a,
+        "Points of pieces as pairing points without normals.");
   nb::class_<GapOperator>(m, "GapOperator",
                           "Weighted gaps of the slave nodes of this rank; see gap/gap.h.")
       .def(

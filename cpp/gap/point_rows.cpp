@@ -162,6 +162,8 @@ PairingPoints qsdolfinx::points_of_pieces(const Surface& slave, const Surface* m
     const auto n = static_cast<std::size_t>(from.num_nodes);
     const auto dofs = std::span(from.dofs).subspan(piece * n * d, n * d);
     to.dofs.insert(to.dofs.end(), dofs.begin(), dofs.end());
+    const auto owners = std::span(from.owner).subspan(piece * n, n);
+    to.owner.insert(to.owner.end(), owners.begin(), owners.end());
     const auto T = trace_functions(from.type, from.degree, xi);
     to.shape_values.insert(to.shape_values.end(), T.begin(), T.begin() + from.num_nodes);
   };
@@ -185,10 +187,7 @@ PairingPoints qsdolfinx::points_of_pieces(const Surface& slave, const Surface* m
   out.gap = distances_of(pieces);
   out.normal.resize(3 * out.size());
   for (PairingSide* side : {&out.slave, &out.master})
-  {
     side->x.resize(3 * out.size());
-    side->owner.resize(out.size() * static_cast<std::size_t>(side->num_nodes));
-  }
   return out;
 }
 

@@ -16,6 +16,7 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place, ToolPlace
 from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.following import Cut
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.surface.affine import EDGES, affine_vec
 from qsdolfinx.surface.surface import Surface
@@ -33,11 +34,8 @@ def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
     """
     text = "of: must be a contact of displacements or velocities"
     require(not of.is_scalar, f"{text}, not of scalar fields")
-    require(
-        of.settings.sliding == "small" and not of.with_itself,
-        'of: sliding="finite" and contact with itself keep no pairing points; use small sliding, '
-        "in time steps",
-    )
+    text = "of: contact with itself keeps no pairing points"
+    require(not of.with_itself, text)
     require(len(of.of_sides) == 1, 'of: "double-pass" contact pairs twice; use "quasi-symmetric"')
     other, there = deformable(of.master), deformable(master)
     fits = _same_facets(of.slave, slave)  # also where a rank has none
@@ -116,7 +114,7 @@ class BodiesContact:
         self.of, self._slave, self._master = of, slave, master
         #: Whether the field has the bodies' pairs.
         self.shares_pairs = shares_pairs(of, master)
-        self._taken: _cpp.PairingPoints | None = None
+        self._taken: _cpp.PairingPoints | Cut | None = None
         #: The bodies' gaps at their pairing points.
         self.at_points: PointRows
         if self.shares_pairs:
@@ -127,11 +125,17 @@ class BodiesContact:
     @property
     def is_stale(self) -> bool:
         """Whether the bodies have been paired anew since :meth:`points`."""
-        return self.shares_pairs and self.of.gaps[0].points is not self._taken
+        return self.shares_pairs and self._present is not self._taken
+
+    @property
+    def _present(self) -> _cpp.PairingPoints | Cut:
+        """What the bodies' pairs are."""
+        gap = self.of.gaps[0]
+        return gap.points if gap.cut is None else gap.cut
 
     def points(self) -> _cpp.PairingPoints:
         """The bodies' pairing points with the unknowns of the field. Collective."""
-        self._taken = points = self.of.gaps[0].points
+        self._taken, points = self._present, self.of.gaps[0].present_points
         surfaces = self.of.slave.cpp_object, self.of.master.cpp_object
         operator = _cpp.GapOperator(*surfaces, points, jump=False, rows=2)
         self.at_points = PointRows(operator, self.of.slave)
@@ -158,6 +162,8 @@ class BodiesContact:
         elif not gap.rows.are_points:
             on_nodes = np.asarray(gap.rows.on_nodes(found, 0.0), dtype=np.float64)
             found = self.at_points.from_nodes(on_nodes)
+        else:  # of gaps that follow the last rows see no point
+            found = found[: self.at_points.operator.num_rows]
         return np.maximum(found, 0.0)
 
     def rows_at_points(self, values: Array) -> Array:
@@ -168,7 +174,7 @@ class BodiesContact:
         slave, gap = self.of.slave, self.of.gaps[0]
         vec = slave.create_vec()
         vec.array[slave.node_dofs[gap.operator.row_node, 0] - vec.owner_range[0]] = values
-        wanted = np.asarray(gap.points.slave["dofs"])[:, : slave.num_facet_vertices, 0]
+        wanted = np.asarray(gap.present_points.slave["dofs"])[:, : slave.num_facet_vertices, 0]
         out = np.zeros(wanted.shape)
         used = wanted >= 0
         out[used] = _read(vec, wanted[used])
@@ -177,6 +183,8 @@ class BodiesContact:
     def distance(self) -> Array:
         """Distance (length) of the bodies at their pairing points, 0 in contact. Collective."""
         slave, operator, placement = self.of.slave, self.at_points.operator, self.of.placement
+        if self.of.follows:
+            return np.maximum(np.asarray(operator.initial_gap), 0.0)
         vecs, master = [placement.slave.vec()], None
         if isinstance(placement.master, Place):
             master = placement.master.vec()

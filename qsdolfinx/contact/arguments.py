@@ -51,7 +51,7 @@ class Given(typing.NamedTuple):
     formulation: str = "quasi-symmetric"
     quadrature: str = "overlay"
     unknown: typing.Any = "displacement"
-    sliding: str = "small"
+    sliding: str | None = None
     initial_overclosure: str = "resolve"
     constraints: str | None = None
 

@@ -212,7 +212,7 @@ class Contact:
         initial_overclosure: str = "resolve",
         constraints: str | None = None,
         smoothing: Side | tuple[Side, Side] = "auto",
-        sliding: str = "small",
+        sliding: str | None = None,
         of: Contact | None = None,
     ) -> None:
         self.model: ContactModel
@@ -246,7 +246,10 @@ class Contact:
             if isinstance(law, Conductance):
                 same(**law.numbers)
             same(unknown=unknowns_of(unknown, rigid))
-            same(one_of(SLIDING), sliding=sliding)
+            same(either(one_of(SLIDING), None), sliding=sliding)
+            is_open = sliding is None and normals is None and quadrature == "overlay"
+            is_open &= not slave.is_scalar and constraints != "nodes"
+            sliding = sliding or "small"
             if normals is None and sliding == "finite":
                 normals = "facet"
             if normals is None:
@@ -313,6 +316,8 @@ class Contact:
         if alike is not None:
             settings, smoothing = smoothed(settings), "shared-curvature"
         self._smoothing = smoothing
+        is_open &= sides == (None, None) and alike is None
+        is_open &= law.jump or constraints == "points"
         self.model = ContactModel(
             settings,
             kinematics,
@@ -327,6 +332,7 @@ class Contact:
             None if friction is None else FrictionHistory(friction, slave, friction_penalty),
             None if of is None else BodiesContact(of.model, slave, master),
         )
+        self.model.sliding_is_open = is_open
         motion.pair_anew(self.model)
         advise(self.model)
         if alike is not None:

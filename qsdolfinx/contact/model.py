@@ -444,6 +444,8 @@ class ContactModel:
         self.with_bodies = False
         #: What conductances add to the tangent as they change; None for nothing.
         self.coupling: Coupling | None = None
+        #: Whether ``sliding`` is left to the problem, see :mod:`qsdolfinx.contact.chosen_sliding`.
+        self.sliding_is_open = False
         #: What the last pairing found; see :func:`qsdolfinx.contact.motion.pair_anew`.
         self.paired: Paired
         #: Where the surfaces are at the last evaluation.

@@ -197,6 +197,8 @@ def measure_anew(model: ContactModel, slave: fem.Function, master: fem.Function 
     """Measure areas of gaps that follow the bodies where these unknowns put them. Collective."""
     if not model.follows:
         return
+    overclosed.follow_bodies(model)
+    overclosed.check_sliding(model)
     vecs = _vecs(model, slave, master)
     for gap in model.gaps:
         kept = model.ordered(gap, model.kinematics.in_displacement)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel, OverclosedStart, Paired
+from qsdolfinx.contact.placement import Place, ToolPlace
 from qsdolfinx.gap.overclosure import TOLERANCE
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Surface
@@ -51,6 +52,23 @@ def follow(model: ContactModel, paired: Paired) -> None:
     model.overclosure.apply(paired.gaps)
 
 
+def follow_bodies(model: ContactModel) -> bool:
+    """The same of gaps that follow the bodies, where these are at the last evaluation. Collective.
+
+    They are not paired anew.
+
+    Returns:
+        Whether other nodes are allowed theirs.
+    """
+    if not (model.follows and model.overclosure.allowed > 0):
+        return False
+    before = [gap.state.allowance for gap in model.gaps]
+    follow(model, model.paired)
+    pairs = zip(model.gaps, before, strict=True)
+    changed = any(not np.array_equal(gap.state.allowance, known) for gap, known in pairs)
+    return bool(model.comm.allreduce(changed, op=MPI.LOR))
+
+
 def check_sliding(model: ContactModel) -> None:
     """Warn of overclosure that is ignored, if the bodies have slid since. Collective.
 
@@ -86,19 +104,41 @@ def _seen(model: ContactModel) -> list[Array]:
     settings = model.settings
     roles = [*settings.roles, *(role[:2] for role in settings.roles_of_vertices)]
     roles += [role[:2] for role in settings.roles_of_edges]
-    return [_seen_by(*role) for role in roles]
+    return [_seen_by(model, *role) for role in roles]
 
 
-def _seen_by(slave: Surface, master: AnySurface) -> Array:
+def _seen_by(model: ContactModel, slave: Surface, master: AnySurface) -> Array:
     """Nodes in the frame of the other surface; a deformable one only translates. Collective."""
-    x, tool, other = np.array(slave.node_x), as_tool(master), deformable(master)
+    x, tool, other = _nodes(model, slave), as_tool(master), deformable(master)
     if tool is not None:
-        d = tool.gdim
-        x[:, :d] = (x[:, :d] - tool.position[:, d]) @ tool.position[:, :d]
+        d, position = tool.gdim, tool.position
+        if _has_moved(model) and isinstance(model.placement.master, ToolPlace):
+            position = model.placement.master.now
+        x[:, :d] = (x[:, :d] - position[:, d]) @ position[:, :d]
     elif other is not None:
-        sums = np.append(other.node_x.sum(axis=0), len(other.node_x))
+        there = _nodes(model, other)
+        sums = np.append(there.sum(axis=0), len(there))
         sums = slave.comm.allreduce(sums, op=MPI.SUM)
         x -= sums[:3] / sums[3]
+    return x
+
+
+def _has_moved(model: ContactModel) -> bool:
+    """Whether the bodies may be elsewhere than surfaces were read."""
+    return model.num_pairings > 0 and model.follows
+
+
+def _nodes(model: ContactModel, surface: Surface) -> Array:
+    """Where owned nodes are, of gaps that follow the bodies at the last evaluation. Collective."""
+    x: Array = np.array(surface.node_x)
+    if _has_moved(model):
+        placement = model.placement
+        place = placement.slave if surface is model.slave else placement.master
+        assert isinstance(place, Place)
+        vec = place.vec()
+        first = vec.owner_range[0]
+        x[:, : surface.gdim] += vec.array_r[surface.node_dofs - first]
+        vec.destroy()
     return x
 
 

@@ -222,6 +222,14 @@ class Penalty:
             )
         return self.value
 
+    def let_follow(self) -> None:
+        """Let the contact follow its bodies, which has another automatic penalty at points."""
+        if self._at_points:
+            self._at_points = FOLLOWING_FACTOR
+            self.of_points = self.of_slips = None
+        if self.automatic:
+            self.value = None
+
     def set(self, value: float) -> None:
         """Give a number."""
         self.value, self.automatic, self.source = float(value), False, "given"
@@ -245,7 +253,9 @@ class Penalty:
         Lagrangian may have any, and that of bodies in velocities follows Δt and how fast they flow.
         Arguments are those of :func:`automatic_penalty`.
         """
-        self.stiffness = stiffness
+        # What follows the bodies goes on with the areas of the start, also after a restart.
+        if not self.stiffness or self._at_points != FOLLOWING_FACTOR or self._flows:
+            self.stiffness = stiffness
         follows = self._augmented and self._flows
         if self._at_points and (self.of_points is None or follows):
             usual = _usual(stiffness, modulus, together, self._at_points)

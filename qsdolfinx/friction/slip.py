@@ -279,7 +279,9 @@ class Slip:
         else:
             assert isinstance(rows, NodeRows)
             covered = rows.sums_on_nodes(self.weight * self.operator.slave_sum[:, 0])
-        return np.asarray(covered / self.slave.node_area)
+        measure = self.gap.state.measure
+        area = self.slave.node_area if measure is None else measure.node_area
+        return np.asarray(covered / area)
 
     def tangential(self, vectors: Array) -> Array:
         """Tangential parts of vectors at the rows."""

@@ -265,6 +265,10 @@ class FacetCutter:
         """See :class:`Cutter`."""
         return np.asarray(found.of_cutter.x()), np.asarray(found.of_cutter.gaps())
 
+    def pairing_points(self, found: Found) -> _cpp.PairingPoints:
+        """See :class:`Cutter`."""
+        return _cpp.points_of_pieces(self._slave, self._master, found.of_cutter)
+
     def facet_sizes(self, found: Found) -> Array:
         """See :class:`Cutter`."""
         return np.asarray(found.of_cutter.slave_sizes())

@@ -218,6 +218,9 @@ class Cutter(typing.Protocol):
     def points(self, found: Found) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps along the rays, positive when open."""
 
+    def pairing_points(self, found: Found) -> _cpp.PairingPoints:
+        """The same with what sees them, for other fields on the facets; normals are not known."""
+
     def facet_sizes(self, found: Found) -> Array:
         """Size (length) of the slave's facet at each of these points."""
 
@@ -547,6 +550,10 @@ class Following:
     def points(self, last: Cut) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps, positive when open."""
         return self._cutter.points(last.found)
+
+    def pairing_points(self, last: Cut) -> _cpp.PairingPoints:
+        """The same with what sees them, for other fields on the facets; normals are not known."""
+        return self._cutter.pairing_points(last.found)
 
     def facet_sizes(self, last: Cut) -> Array:
         """Size (length) of the slave's facet at each of these points."""

@@ -26,9 +26,8 @@ class Frames:
     def __init__(self, surface: Surface) -> None:
         self._surface, self._twin = surface, surface.twin()
         nv = surface.num_facet_vertices
-        middle = surface.coordinates[0].mean(axis=1) / surface.facet_size_range[1]
         #: Numbers of the facets, and unknowns of their vertices.
-        self._number: Array = 1.5 + np.sin(middle @ np.array([3.1, 4.7, 6.3]))
+        self._number = surface.facet_numbers
         dofs = surface.trace_dofs[0][:, :nv]
         self._dofs = np.ascontiguousarray(dofs.ravel().astype(PETSc.IntType))
 

@@ -260,13 +260,17 @@ class ShapePoints:
 
     def _paired(self, found: Found, alone: Alone) -> _cpp.PairingPoints:
         """The points that are opposite to the tool, and those that are alone."""
+        return self.pairing_points(found).with_alone(*alone)
+
+    def pairing_points(self, found: Found) -> _cpp.PairingPoints:
+        """See :class:`Cutter`."""
         at = found.of_cutter
         points = _cpp.sample_facets(self._slave.cpp_object, *self._rule)
         kept = at.weight.ravel() > 0
         normal, gap = -at.normal.reshape(-1, 3), at.distance.ravel()
         weight = at.weight.ravel() / np.asarray(points.weight)
         _cpp.face_tool(points, kept.astype(np.uint8), normal, gap, len(self._w))
-        return points.scaled(weight[kept]).with_alone(*alone)
+        return points.scaled(weight[kept])
 
     def moving_functions(
         self, found: Found, alone: Alone, field: PETSc.Vec, rest: Array, markers: Vecs

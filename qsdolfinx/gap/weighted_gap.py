@@ -231,6 +231,13 @@ class WeightedGap:
             *surfaces, self.points, self.law, self._share, "cover", self._is_augmented
         )
 
+    @property
+    def present_points(self) -> _cpp.PairingPoints:
+        """Pairing points, of gaps that follow the bodies those of the last evaluation."""
+        if self.following is None or self.cut is None:
+            return self.points
+        return self.following.pairing_points(self.cut)
+
     def _operator(self, jump: bool, kind: int | None = None) -> _cpp.GapOperator:
         surfaces = self.slave.cpp_object, self.master.cpp_object
         rows = self._kind if kind is None else kind

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.messages import ContactWarning, warn
-from qsdolfinx.contact import multipliers
+from qsdolfinx.contact import multipliers, overclosed
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.first_guess import guess
@@ -94,7 +94,8 @@ class AtOnce:
                 z = self._find(equations, loop)
             equations.end_at(z)
             for _ in range(MAX_MEASURES):
-                if not (system.have_vertices_changed() or equations.has_other_multipliers()):
+                others = system.have_vertices_changed() or equations.has_other_multipliers()
+                if not (others or self._are_others_allowed()):
                     break
                 for thing in (loop, equations):
                     thing.destroy()
@@ -123,6 +124,10 @@ class AtOnce:
             system.forget_tangent()
             equations.destroy()
         return True
+
+    def _are_others_allowed(self) -> bool:
+        """Whether bodies have slid to nodes that are allowed their overclosure. Collective."""
+        return any([overclosed.follow_bodies(contact) for contact in self._system.contacts])
 
     def _note_failure(self, error: NoConvergence | NoGapError, loop: OneNewton) -> None:
         """Remember why there is no solution."""

@@ -23,6 +23,7 @@ from qsdolfinx.base.messages import say
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.between_nodes import check_between_nodes
+from qsdolfinx.contact.chosen_sliding import check_fields, let_follow
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import begin_solve, check_held
 from qsdolfinx.contact.reach import check_reach
@@ -156,6 +157,7 @@ class ContactProblem:
             fits = solver != "amg" or kind == "mpi"
             require(fits, 'kind: solver="amg" needs kind="mpi"; use "fieldsplit"')
             check_bodies(F, u, contacts, bcs, J)
+            check_fields([contact.model for contact in contacts])
             same(u=len(u), bcs=[len(entry) for entry in bcs])
             check_schur(F, u, solver, kind, pressure_preconditioner)
             same(either(instance(str, "a string"), None), petsc_options_prefix=petsc_options_prefix)
@@ -181,6 +183,8 @@ class ContactProblem:
             kind = "mpi"  # there is nothing to split
         self._contacts = list(contacts)
         models = [contact.model for contact in contacts]
+        if not all(body.linear for body in bodies):
+            let_follow(models)
         self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
         options = preset_options(self.solver, len(bodies), chosen)
         defaults = set_options(prefix, given, options)

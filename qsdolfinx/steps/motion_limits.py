@@ -84,7 +84,9 @@ def _turn(comm: MPI.Intracomm, before: object, now: object) -> float:
 
 
 def _slip(model: ContactModel, start: Placement) -> float:
-    """The largest slip of closed nodes, in facets. Collective."""
+    """The largest slip of closed nodes, or points that follow the bodies, in facets. Collective."""
+    if model.gaps[0].cut is not None and model.gaps[0].rows.are_points:
+        return _slip_at_points(model, start)
     gap, slave, gdim = model.gaps[0], model.slave, model.slave.gdim
     closed = gap.rows.largest_on_nodes(active_set.closed(model, gap).astype(np.float64)) > 0
     moved, other = displacements_since(model, start)
@@ -106,4 +108,16 @@ def _slip(model: ContactModel, start: Placement) -> float:
     node = np.asarray(by_node.operator.row_node)
     sizes = np.asarray(slave.cpp_object.node_facet_size)[node]
     share = np.linalg.norm(along, axis=1) / sizes * closed[node]
+    return float(model.comm.allreduce(np.max(share, initial=0.0), op=MPI.MAX))
+
+
+def _slip_at_points(model: ContactModel, start: Placement) -> float:
+    gap, master = model.gaps[0], start.master
+    assert gap.following is not None and gap.cut is not None
+    there = master.positions() if isinstance(master, Place) else master.now
+    found = gap.slip_at_points((start.slave.positions(), there))
+    sizes = gap.following.facet_sizes(gap.cut)
+    count = len(sizes)  # the last rows are no points
+    way = found.arc[:count] * np.linalg.norm(found.slip[:count], axis=1)
+    share = way / sizes * active_set.closed(model, gap)[:count]
     return float(model.comm.allreduce(np.max(share, initial=0.0), op=MPI.MAX))

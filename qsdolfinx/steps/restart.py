@@ -64,6 +64,7 @@ def save_run(
     state["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
     penalties = [contact.model.penalty for contact in stepper.problem.contacts]
     state["of_points"] = [(p.of_points, p.of_slips) for p in penalties]
+    state["stiffness"] = [p.stiffness for p in penalties]
     state["automatic"] = [contact.has_automatic_penalty for contact in stepper.problem.contacts]
     state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
     state["slip_rates"] = [_slip_rate(contact) for contact in stepper.problem.contacts]
@@ -164,6 +165,7 @@ def load_run(
             contact.set_penalty(penalty)
         penalty_of = contact.model.penalty
         penalty_of.of_points, penalty_of.of_slips = values["of_points"][i]
+        penalty_of.stiffness = tuple(values["stiffness"][i]) if "stiffness" in values else ()
         arrays = []
         for j, part in enumerate(contact.model.parts):
             names = _names(i, j, num_columns(part), part.slave.gdim)

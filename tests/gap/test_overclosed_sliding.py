@@ -109,7 +109,7 @@ def test_nodes_that_had_no_partner(formulation, sampling):
 def test_given_up_gradually():
     """The part that is resolved counts at nodes that had no partner as well."""
     for part in (1.0, 0.5, 0.0):
-        scene = Slider("block", 0.01, False, **SAMPLING["overlay"])
+        scene = Slider("block", 0.01, False, sliding="small", **SAMPLING["overlay"])
         scene.contact.allow_overclosure(0.0)
         scene.run(2)
         scene.contact.update()

@@ -1,0 +1,70 @@
+"""Whether contact's geometry follows the bodies, where the user leaves that open."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+
+from qsdolfinx.base.checks import require
+from qsdolfinx.contact import motion
+from qsdolfinx.contact.model import ContactModel, Settings
+from qsdolfinx.pairing.relief import Smoothing
+
+
+def let_follow(models: typing.Sequence[ContactModel]) -> None:
+    """Give contacts finite sliding if their ``sliding`` is left open. Collective.
+
+    They pair anew. Ties that have been solved for stay as they are, and contacts of bodies whose
+    fields are solved for at once: these need pairs that stay.
+    """
+    paired = bodies_of_fields(models)
+    for model in models:
+        if not model.sliding_is_open or "velocity" in model.kinematics.unknown:
+            continue
+        if any(model is other for other in paired):
+            continue
+        model.sliding_is_open = False
+        if model.is_evaluated and model.law.jump:
+            continue
+        finite = _finite(model.settings)
+        if _has_all(finite, model.settings):
+            model.settings = finite
+        else:
+            continue
+        model.penalty.let_follow()
+        if not model.is_evaluated:
+            model.num_pairings = 0
+        motion.pair_anew(model)
+
+
+def _has_all(finite: Settings, small: Settings) -> bool:
+    """Whether creases that are ahead of their facets are in contact with finite sliding, too."""
+    edges, vertices = small.roles_of_edges, small.roles_of_vertices
+    return finite.roles_of_edges == edges and finite.roles_of_vertices == vertices
+
+
+def bodies_of_fields(models: typing.Sequence[ContactModel]) -> list[ContactModel]:
+    """Those among contacts whose pairs scalar fields among them have."""
+    of = [m.mechanics.of for m in models if m.mechanics is not None and m.mechanics.shares_pairs]
+    return [model for model in models if any(model is other for other in of)]
+
+
+def check_fields(models: typing.Sequence[ContactModel]) -> None:
+    """Refuse fields that are solved for at once with bodies that contact follows.
+
+    Raises:
+        ValueError: If there are any.
+    """
+    for model in bodies_of_fields(models):
+        require(
+            model.settings.sliding == "small",
+            'contacts: a field that is solved for at once with its bodies needs sliding="small" '
+            "of their contact; or solve for it after them, see qs.Staggered",
+        )
+
+
+def _finite(settings: Settings) -> Settings:
+    """The same with finite sliding."""
+    facets = Smoothing(settings.slave, settings.master, (None, None), not settings.law.jump)
+    sampling = settings.sampling._replace(normals="facet", smoothing=facets)
+    return dataclasses.replace(settings, sliding="finite", sampling=sampling)
