@@ -14,26 +14,21 @@ from qsdolfinx.pairing.relief import Smoothing
 def let_follow(models: typing.Sequence[ContactModel]) -> None:
     """Give contacts finite sliding if their ``sliding`` is left open. Collective.
 
-    They pair anew. Ties that have been solved for stay as they are, and contacts of bodies whose
-    fields are solved for at once: these need pairs that stay.
+    They pair anew. Small sliding stay those of bodies in velocities, which pair anew in each step;
+    those that a field which is solved for at once takes its pairs from; those with creases that are
+    in contact with small sliding alone; and those that have been solved for.
     """
     paired = bodies_of_fields(models)
     for model in models:
-        if not model.sliding_is_open or "velocity" in model.kinematics.unknown:
-            continue
-        if any(model is other for other in paired):
+        stays = model.is_evaluated or any(model is other for other in paired)
+        stays |= "velocity" in model.kinematics.unknown
+        finite = _finite(model.settings)
+        if not model.sliding_is_open or stays or not _has_all(finite, model.settings):
             continue
         model.sliding_is_open = False
-        if model.is_evaluated and model.law.jump:
-            continue
-        finite = _finite(model.settings)
-        if _has_all(finite, model.settings):
-            model.settings = finite
-        else:
-            continue
+        model.settings = finite
         model.penalty.let_follow()
-        if not model.is_evaluated:
-            model.num_pairings = 0
+        model.num_pairings = 0
         motion.pair_anew(model)
 
 

@@ -183,9 +183,12 @@ class ContactProblem:
             kind = "mpi"  # there is nothing to split
         self._contacts = list(contacts)
         models = [contact.model for contact in contacts]
-        if not all(body.linear for body in bodies):
-            let_follow(models)
         self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
+        let_follow([
+            model
+            for model, sides in zip(models, self.system.sides, strict=True)
+            if not all(i is None or bodies[i].linear for i in sides)
+        ])
         options = preset_options(self.solver, len(bodies), chosen)
         defaults = set_options(prefix, given, options)
         snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)

@@ -144,7 +144,7 @@ class Play:
         if self.tool is None and not history.swapped:
             ends.reverse()
         unknowns = tuple("velocity" if flows else "displacement" for _, flows in ends)
-        options = dict(history.options)
+        options = {"sliding": "small"} | history.options
         if any(history.flows):
             options["unknown"] = unknowns if len(ends) == 2 else unknowns[0]
             options["dt"] = 1.0

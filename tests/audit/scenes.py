@@ -259,7 +259,7 @@ class Stage:
             if scene.swapped
             else surfaces[::-1]
         )
-        options = dict(scene.options)
+        options = {"sliding": "small"} | scene.options
         if scene.mu > 0:
             options["friction"] = qs.Coulomb(scene.mu)
         if scene.stiff is not None:

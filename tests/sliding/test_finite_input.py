@@ -10,7 +10,6 @@ import qsdolfinx as qs
 REFUSED = {
     "name": ({"sliding": "large"}, "sliding"),
     "type": ({"sliding": True}, "sliding"),
-    "none": ({"sliding": None}, "sliding"),
     "nodal": ({"quadrature": "nodal"}, "sliding"),
     "bisector": ({"normals": "bisector"}, "sliding"),
     "smoothing": ({"smoothing": "shared-curvature"}, "sliding"),
