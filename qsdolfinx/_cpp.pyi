@@ -726,6 +726,9 @@ def points_between(
 ) -> PairingPoints:
     """Points between places that are known: of both sides positions [point][3], unknowns [point][node][block], owners and trace functions [point][node], the functions of the multipliers [point][slave vertex], and which of a vertex' multipliers they are of [point], normals, gaps and areas. A rigid master has no unknowns."""
 
+def points_of_pieces(slave: Surface, master: Surface | None, pieces: Pieces) -> PairingPoints:
+    """Points of pieces as pairing points without normals."""
+
 def put_rows(
     block: int,
     matrix: int,

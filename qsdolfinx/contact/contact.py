@@ -165,7 +165,10 @@ class Contact:
         sliding: ``"small"``: pairs, normals and areas stay as they were paired while a solve lasts.
             ``"finite"``: the geometry of contact follows the bodies within the solve, however far
             they slide or turn; facets are cut anew at each iteration. It needs the overlay, with
-            normals of the facets. Areas are those at the start of the solve.
+            normals of the facets. Areas are those at the start of the solve. By default small, and
+            finite as soon as it is part of a problem where the form of one of its bodies is
+            nonlinear: but for bodies in velocities, the nodal rule, ``constraints="nodes"``,
+            ``smoothing``, and, in 3D, creases among the facets that are named.
         of: Of scalar fields, the contact of the bodies that they are fields of, on the same facets:
             the field has its pairs, so that nothing is searched twice, and a conductance its
             pressures, distances and friction. Where its master is a rigid tool that has a mesh of
@@ -387,7 +390,10 @@ class Contact:
 
     @property
     def sliding(self) -> str:
-        """``"small"``, or ``"finite"``: contact's geometry follows the bodies."""
+        """``"small"``, or ``"finite"``: contact's geometry follows the bodies.
+
+        If it was left open, a problem with nonlinear bodies makes it finite.
+        """
         return self.model.settings.sliding
 
     @property

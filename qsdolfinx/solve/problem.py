@@ -184,11 +184,13 @@ class ContactProblem:
         self._contacts = list(contacts)
         models = [contact.model for contact in contacts]
         self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
-        let_follow([
-            model
-            for model, sides in zip(models, self.system.sides, strict=True)
-            if not all(i is None or bodies[i].linear for i in sides)
-        ])
+        let_follow(
+            [
+                model
+                for model, sides in zip(models, self.system.sides, strict=True)
+                if not all(i is None or bodies[i].linear for i in sides)
+            ]
+        )
         options = preset_options(self.solver, len(bodies), chosen)
         defaults = set_options(prefix, given, options)
         snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)

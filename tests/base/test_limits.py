@@ -74,13 +74,31 @@ def new_meshes_of_displacements():
     qs.TimeStepper(pair.problem(), 0.1, remesh=remesh)
 
 
-def field_of_finite_sliding():
-    pair = Pair("triangle", contact_options={"sliding": "finite"})
-    fields = [
+def fields_on(contact):
+    return [
         qs.Surface(fem.functionspace(s.mesh, ("Lagrange", 1)), facets=s.facets)
-        for s in (pair.contact.slave, pair.contact.master)
+        for s in (contact.slave, contact.master)
     ]
-    qs.Contact(*fields, law=qs.Conductance(1.0), of=pair.contact)
+
+
+def field_of_itself():
+    msh = square()
+    msh.topology.create_connectivity(1, 2)
+    surface = qs.Surface(vector_space(msh), facets=mesh.exterior_facet_indices(msh.topology))
+    contact = qs.Contact(surface, surface)
+    V = fem.functionspace(msh, ("Lagrange", 1))
+    parts = (qs.Surface(V, facets=plane(msh, 0, x)) for x in (0.0, 1.0))
+    qs.Contact(*parts, law=qs.Conductance(1.0), of=contact)
+
+
+def field_at_once():
+    pair = Pair("triangle", contact_options={"sliding": "finite"})
+    fields = fields_on(pair.contact)
+    heat = qs.Contact(*fields, law=qs.Conductance(1.0), of=pair.contact)
+    T = [fem.Function(surface.V) for surface in fields[::-1]]
+    forms = [qs.materials.heat(t, 1.0) for t in T]
+    conditions = [*pair.bcs, [], []]
+    qs.ContactProblem(pair.F + forms, pair.u + T, [pair.contact, heat], conditions)
 
 
 def not_convex():
@@ -234,9 +252,10 @@ CASES = {
         lambda s, folder: new_mesh(box(WORLD, (2, 2), "quadrilateral", [0.0, 0.0], [1.0, 1.0]))
     ),
     "body: the mesh must be of degree 1": lambda s, folder: new_mesh(elevated(square())),
-    'of: sliding="finite" and contact with itself keep no pairing points': (
-        lambda s, folder: field_of_finite_sliding()
-    ),
+    "of: contact with itself keeps no pairing points": lambda s, folder: field_of_itself(),
+    (
+        'contacts: a field that is solved for at once with its bodies needs sliding="small"'
+    ): lambda s, folder: field_at_once(),
     "V: contact needs mesh geometry of degree 1 or 2, not 3": (
         lambda s, folder: surface(vector_space(elevated(square(), 3)))
     ),

@@ -98,7 +98,9 @@ def test_thin_wall(cell):
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
 def test_tangent(cell, sliding):
     scene = Slotted(cell, n=(4, 5) if cell == "triangle" else (2, 3))
-    if sliding == FINITE["finite"]:  # the derivative at points is that of test_points.py, but for moving ends
+    if (
+        sliding == FINITE["finite"]
+    ):  # the derivative at points is that of test_points.py, but for moving ends
         sliding = sliding | {"constraints": "nodes"}
     contact = scene.itself(
         search_radius=0.3, friction=qs.Coulomb(0.3), **sliding, **ENFORCEMENTS["penalty"]
