@@ -7,12 +7,13 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.reasons import NOT_FINITE
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.balance import Balance
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NewtonStep, NoConvergence
-from qsdolfinx.solve.onset import Onset
+from qsdolfinx.solve.onset import Onset, vectors_of
 from qsdolfinx.solve.snes import NOT_CLOSED
 from qsdolfinx.solve.snes_on_z import SnesOnZ
 from qsdolfinx.system.equations import Equations
@@ -27,6 +28,9 @@ MAX_HALVINGS, FALL = 8, 1e-4
 #: Part of a step below which it is asked first where forces do no more work; how little that is to
 #: be, over that at its start, and most evaluations.
 SMALL, AT_REST, MOST_ASKED = 0.125, 0.1, 24
+
+#: Way (facets) of bodies along each other beyond which steps are asked first, too.
+FAR = 0.5
 
 #: Part of the first step that is less than a good start allows.
 POOR = 0.1
@@ -96,7 +100,9 @@ class OneNewton:
                 return z
             if iteration == self.max_it:
                 break
-            z, at, step = self._search(z, at, self._change(at) if change is None else change)
+            is_first = iteration == 0
+            change = self._change(at) if change is None else change
+            z, at, step = self._search(z, at, change, is_first)
             if is_guess and iteration == 0 and step < POOR:
                 raise NoConvergence("the first step leads nowhere")
             if self.equations.measure():
@@ -216,12 +222,19 @@ class OneNewton:
 
     # --- The line search
 
-    def _search(self, z: Array, at: State, change: Array) -> tuple[Array, State, float]:
+    def _search(
+        self, z: Array, at: State, change: Array, is_first: bool = True
+    ) -> tuple[Array, State, float]:
         """As much of the step as makes the merit fall, or else all of it. Collective.
 
         A step that takes the last closed row from a tool that a force drives is taken if all do.
         """
         before, step = self._merit(at), 1.0
+        if not is_first and self.equations.slips_at_points:
+            far = FAR / max(self._way(change), 1e-300)
+            rest = self._until_rest(z, at, change, far) if far < 1 else None
+            if rest is not None:
+                return rest
         largest: float | None = None
         losing: float | None = None
         unseen: NoGapError | None = None
@@ -292,6 +305,23 @@ class OneNewton:
             else:
                 high, of_high = step, found
         return z + step * change, there, step
+
+    def _way(self, change: Array) -> float:
+        """Largest way in a step of what has friction against each other, in facets. Collective."""
+        most = 0.0
+        with vectors_of(self.equations, change) as vecs:
+            for p in self.equations.passes:
+                if p.slip is None:
+                    continue
+                slave, master = p.bodies
+                assert slave is not None
+                follows = p.gap.following is not None
+                operator = p.gap.jump_operator() if follows else p.slip.operator
+                handles = handle_of(vecs[slave]), 0 if master is None else handle_of(vecs[master])
+                way = operator.apply(*handles, p.gap.state.scale)
+                longest = float(np.linalg.norm(way, axis=1).max(initial=0.0))
+                most = max(most, longest / p.slip.slave.facet_size_range[1])
+        return float(self.equations.system.comm.allreduce(most, op=MPI.MAX))
 
     def _loses_a_tool(self, at: State, there: State) -> bool:
         """Whether nothing is left that resists the force on a tool. Collective."""

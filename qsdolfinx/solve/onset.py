@@ -156,7 +156,7 @@ class Onset:
     def _go_on(self, now: float, change: Array) -> None:
         equations = self._equations
         displacements = equations.displacements(change)
-        with _vectors(equations, change) as vecs:
+        with vectors_of(equations, change) as vecs:
             for way in self._with_friction:
                 p, slip = way.p, way.slip
                 slave, master = p.bodies
@@ -192,7 +192,7 @@ class Onset:
 
 
 @contextlib.contextmanager
-def _vectors(equations: Equations, z: Array) -> typing.Iterator[list[PETSc.Vec]]:
+def vectors_of(equations: Equations, z: Array) -> typing.Iterator[list[PETSc.Vec]]:
     """The bodies' part of unknowns as vectors."""
     bodies = equations.system.bodies
     vecs = [body.create_vec() for body in bodies]

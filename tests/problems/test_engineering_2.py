@@ -88,6 +88,23 @@ def test_three_bodies(tmp_path):
     check_picture(tmp_path, picture.draw, rows, again)
 
 
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+def test_pad_that_friction_alone_holds(monkeypatch, sliding):
+    """The plate is drawn by a quarter of the pad's height in one step, which sticks at first.
+
+    Newton's step then lets it slip on both sides: as long as forces do work, not for thousands of
+    millimetres, or off the pier.
+    """
+    make = qs.Contact
+    monkeypatch.setattr(qs, "Contact", lambda *a, **k: make(*a, sliding=sliding, **k))
+    _, contacts, stepper = three_bodies.build(WORLD, three_bodies.Parameters(3, 2))
+    for _ in range(3):
+        stepper.step()
+    assert stepper.num_cutbacks == 0 and stepper.num_iterations <= 15  # 41, and lost
+    force = contacts["plate"].force("slave")
+    np.testing.assert_allclose(force[0] / -force[2], three_bodies.MU["plate"], rtol=1e-4)
+
+
 def test_three_bodies_restarted(tmp_path, monkeypatch, capsys):
     """As from the command line: files for ParaView, and a second program that goes on."""
     folder = WORLD.bcast(tmp_path)
