@@ -121,7 +121,10 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "Outward of the slave, [point][3].")
       .def_prop_ro(
           "arc", [](const SlipOfPieces& s) { return copy(s.arc, {s.arc.size()}); },
-          "Way along the facets over the slip, its chord, [point].");
+          "Way along the facets over the slip, its chord, [point].")
+      .def_prop_ro(
+          "gap", [](const SlipOfPieces& s) { return copy(s.gap, {s.gap.size()}); },
+          "Gap of the same places when slip began, positive in penetration, [point].");
   m.def("points_of_pieces", &points_of_pieces, "slave"_a, "master"_a.none(), "pieces"_a,
         "Points of pieces as pairing points without normals.");
   nb::class_<GapOperator>(m, "GapOperator",

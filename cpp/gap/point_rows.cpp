@@ -306,6 +306,7 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
   gradient.resize(n * size);
   works.resize(n * size);
   arc.resize(n);
+  gap.resize(n);
   std::size_t done = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
@@ -330,7 +331,7 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
                     std::span(normal).subspan(3 * done, 3 * count),
                     std::span(gradient).subspan(done * size, count * size),
                     std::span(works).subspan(done * size, count * size),
-                    std::span(arc).subspan(done, count)});
+                    std::span(arc).subspan(done, count), std::span(gap).subspan(done, count)});
     done += count;
   }
 }

@@ -48,7 +48,7 @@ struct FunctionsOfPieces
 /// first; [point].
 struct SlipOfPieces
 {
-  std::vector<double> slip, normal, gradient, works, arc;
+  std::vector<double> slip, normal, gradient, works, arc, gap;
 
   /// Collective. @param slave, master places of the bodies' nodes when slip began, vectors of them;
   /// master null for a rigid tool @param of_tool where a place of it was then, rows of an affine

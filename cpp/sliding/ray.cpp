@@ -787,7 +787,8 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
   const Columns columns(pair);
   const RayFacet cut = moved_to(pair.cut, start.cut), other = moved_to(pair.other, start.other);
   const RayFacet along = moved_to(pair.along(), pair.along_other ? start.other : start.cut);
-  const Frame now(pair.along(), normal.n()), then(along, Normal(along).n());
+  const Vec3 n_then = Normal(along).n();
+  const Frame now(pair.along(), normal.n()), then(along, n_then);
   const int dim = pair.other.type == FacetType::interval ? 1 : 2;
   const double sign = pair.cut_is_slave ? 1 : -1;
   const Vec3 origin = facet_vertex(cut.x, 0);
@@ -805,6 +806,7 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
     const Vec3 slip = s[0] * now.e[0] + s[1] * now.e[1], n = sign * normal.n();
     std::copy_n(slip.begin(), 3, out.slip.subspan(3 * p).begin());
     std::copy_n(n.begin(), 3, out.normal.subspan(3 * p).begin());
+    out.gap[p] = dot(n_then, d);
     // ∂s_a/∂ζ_α = sign E_a·∂x_other₀/∂ζ_α
     const auto a0 = tangents(other, origin, ray.dM);
     const RayLift lift = lift_of(pair, point.zeta);

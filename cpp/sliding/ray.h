@@ -124,6 +124,7 @@ struct RaySlip
   std::span<double> gradient; ///< by the nodes of both, ξ fixed, [point][node][3][3]; rows: slip
   std::span<double> works;    ///< what tractions work on: Σ a_α δζ_α of the end, likewise
   std::span<double> arc;      ///< θ/sin θ, [point]
+  std::span<double> gap;      ///< d₀ along n as it was then, positive in penetration, [point]
 };
 void slip_of_points(const RayPair& pair, const RayStart& start, std::span<const RayPoint> points,
                     const RaySlip& out);

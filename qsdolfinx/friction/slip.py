@@ -86,6 +86,8 @@ class SlipState:
         of_points: With such rows, what they had then, see ``rest``; None before that is known.
         of_nodes: With such rows, which are others at each evaluation, functions of the nodes in the
             place of ``pressed`` and ``slipped``, (nodes, 2); None before there are any.
+        closing: With such rows, likewise in the place of ``until_closed`` and ``share``,
+            (nodes, gdim + 1); None where all count the whole step.
         until_closed: What the jump changed from there until the row closed in this step; 0 for
             rows that were closed at its start, and as long as nobody knows. Same shape.
         share: Part of the step for which the row has been closed since, shape (rows,).
@@ -145,6 +147,7 @@ class SlipState:
     begun: Places | None = None
     of_points: OfPoints | None = None
     of_nodes: Array | None = None
+    closing: Array | None = None
 
     @classmethod
     def at_rest(cls, rows: int, gdim: int, covered: Array, augmented: Array) -> SlipState:
@@ -479,11 +482,16 @@ class Slip:
             state.rest = self.tangential(
                 carried_with(state.of_points, found.facets, found.place, self._turns())
             )
-        state.until_closed, state.share = zero, np.ones_like(none)
         state.on_edge = np.full_like(none, np.inf)
         state.pressed, state.slipped = none, none
         if state.of_nodes is not None:
             state.pressed, state.slipped = (rows.from_nodes(c) for c in state.of_nodes.T)
+        state.until_closed, state.share = zero, np.ones_like(none)
+        if state.closing is not None:
+            *until, share = (rows.from_nodes(c) for c in state.closing.T)
+            fresh = state.pressed <= 0
+            state.until_closed = np.where(fresh[:, None], np.column_stack(until), 0.0)
+            state.share = np.where(fresh, share, 1.0)
         for name, values in self.of_nodes.items():
             if isinstance(values, float):
                 self.parameters[name] = np.full_like(none, values)
@@ -601,21 +609,32 @@ class Slip:
         """ḡ (length) of the pass' rows at the start of the step, given that now. Collective."""
         if self.state.pairs is not None:
             return self.state.pairs.gap
+        if self.state.begun is not None:
+            return self.gap.slip_at_points(self.state.begun).gap
         moved = np.sum(self.gap.operator.slave_sum * (self.state.jump - self.state.start), axis=1)
         return np.asarray(gap - moved / self.cover)
 
-    def count_from(self, until_closed: Array, share: Array) -> None:
+    def count_from(
+        self, until_closed: Array, share: Array, closing: npt.NDArray[np.bool_]
+    ) -> None:
         """Let rows that close in this step count slip from when they close.
 
         Args:
             until_closed: What the jump changes until then, shape (rows, gdim); 0 of other rows.
             share: Part of the step that is left then, shape (rows,); 1 of other rows.
+            closing: Rows that are closed at the end, (rows,).
         """
         self.state.until_closed, self.state.share = until_closed, share
+        rows = self.gap.rows
+        if self.gap.following is not None and isinstance(rows, PointRows):
+            values = np.column_stack([until_closed, share])
+            self.state.closing = rows.means_of_some(values, closing)
 
     def count_whole_step(self) -> None:
         """Count slip from the start of the step at all rows."""
-        self.count_from(np.zeros_like(self.state.start), np.ones_like(self.state.share))
+        self.state.until_closed = np.zeros_like(self.state.start)
+        self.state.share = np.ones_like(self.state.share)
+        self.state.closing = None
 
     def rounding(self, response: Response) -> Array:
         """Stress that rounding makes of slips by a law that slip rates steer, (rows,).

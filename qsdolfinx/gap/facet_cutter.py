@@ -239,7 +239,8 @@ class FacetCutter:
             for values in (np.asarray(pieces.facets()), np.asarray(pieces.functions()))
         )
         arc = np.concatenate([np.asarray(slips.arc), np.ones(count)])
-        return SlipAtPoints(slip, normal, operator, works, facets, place, arc)
+        gap = np.concatenate([np.asarray(slips.gap), np.full(count, -alone.far)])
+        return SlipAtPoints(slip, normal, operator, works, facets, place, arc, gap)
 
     def add_slip_curvature_of_points(
         self,

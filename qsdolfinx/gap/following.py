@@ -114,6 +114,7 @@ class SlipAtPoints(typing.NamedTuple):
         facets: What tells apart between which facets points are, (rows, n).
         place: Where on the slave's: functions of its vertices, (rows, vertices).
         arc: Way along the surfaces over the slip, which is its chord, (rows,).
+        gap: Gap of the same places at the start (length), positive in penetration, (rows,).
     """
 
     slip: Array
@@ -123,6 +124,7 @@ class SlipAtPoints(typing.NamedTuple):
     facets: npt.NDArray[np.int64]
     place: Array
     arc: Array
+    gap: Array
 
 
 class MovingFunctions(typing.NamedTuple):

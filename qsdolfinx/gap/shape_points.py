@@ -299,12 +299,13 @@ class ShapePoints:
         none = np.zeros((len(alone.weight), gdim))
         in_space = np.zeros((len(before), 3))
         in_space[:, :gdim] = before
-        n_before = self._tool.distance(in_space, then)[1][:, :gdim]
-        arc = np.concatenate([arc_of_turn(n_before, n @ turn), np.ones(len(none))])
+        distance, n_before = self._tool.distance(in_space, then)
+        arc = np.concatenate([arc_of_turn(n_before[:, :gdim], n @ turn), np.ones(len(none))])
+        gap = np.concatenate([-distance, np.full(len(none), -alone.far)])
         slip, normal = (np.concatenate([values, none]) for values in (slip, -n))
         facets = np.asarray(points.slave["dofs"])[:, : self._N.shape[1], 0]
         place = np.asarray(points.multiplier_values)
-        return SlipAtPoints(slip, normal, operator, operator, facets, place, arc)
+        return SlipAtPoints(slip, normal, operator, operator, facets, place, arc, gap)
 
     def add_slip_curvature_of_points(
         self,

@@ -79,7 +79,8 @@ class _Way:
     def count(self) -> None:
         """Let slip count from where rows close on this way, and that of others from its end."""
         share = np.where(self._began_open, np.maximum(1 - self.closing, LEAST_SHARE), 1.0)
-        self.slip.count_from(np.where(self._began_open[:, None], self._until, 0.0), share)
+        until = np.where(self._began_open[:, None], self._until, 0.0)
+        self.slip.count_from(until, share, ~self._began_open | (self.closing < 1))
 
 
 class Onset:
@@ -104,13 +105,7 @@ class Onset:
 
     def __init__(self, equations: Equations) -> None:
         self._equations, self._comm = equations, equations.system.comm
-        # Points of gaps that follow the bodies are others at each evaluation.
-        self._ways = [
-            None
-            if p.slip is None or (p.gap.following is not None and p.gap.rows.are_points)
-            else _Way(p, p.slip)
-            for p in equations.passes
-        ]
+        self._ways = [None if p.slip is None else _Way(p, p.slip) for p in equations.passes]
         found = any(bool(way.open.any()) for way in self._with_friction)
         #: Whether there are rows that were open.
         self.counts: bool = self._comm.allreduce(found, op=MPI.LOR)
