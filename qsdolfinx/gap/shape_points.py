@@ -21,6 +21,7 @@ from qsdolfinx.gap.following import (
     Vecs,
     sides_of,
 )
+from qsdolfinx.pairing.ahead import PRESSED_FLAT
 from qsdolfinx.pairing.facets import (
     at_vertices,
     first_corners,
@@ -164,7 +165,7 @@ class ShapePoints:
         near &= np.sum(self._mean(normals) * of_tool, axis=2) < 0
         at = np.where((corners & near)[..., None], -of_tool, 0.0)
         along = np.stack([sums(slave, at[..., i].ravel()) for i in range(3)], axis=1)
-        ahead = lead_away(slave, along, x, normals) & np.any(along, axis=1)
+        ahead = lead_away(slave, along, x, normals, PRESSED_FLAT) & np.any(along, axis=1)
         return self._sides_of(corners & (at_vertices(slave, ahead.astype(np.float64)) > 0.5))
 
     def sides(self) -> Flags:

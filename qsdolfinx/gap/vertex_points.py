@@ -8,6 +8,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.facet_cutter import Twins
 from qsdolfinx.gap.following import Places
+from qsdolfinx.pairing.ahead import PRESSED_FLAT
 from qsdolfinx.pairing.facets import (
     Faceted,
     as_facets,
@@ -71,7 +72,7 @@ class Vertices:
             x, places[0] if self._slave.degree > 1 else None
         )
         out = np.zeros((len(self._sharp), self._slave.block), dtype=bool)
-        out[node, 0] = lead_away(self._slave, along, x, normals)[node]
+        out[node, 0] = lead_away(self._slave, along, x, normals, PRESSED_FLAT)[node]
         return out
 
     def _are_before_smooth_facets(self, points: _cpp.PairingPoints) -> Flags:

@@ -19,6 +19,10 @@ Ranks = npt.NDArray[np.int32]
 #: see what comes.
 FLAT = float(np.cos(np.pi / 360))
 
+#: The same (5°) where gaps follow the bodies: faces that are pressed on each other turn by degrees,
+#: and one of their vertices with what presses beside it would be one constraint twice.
+PRESSED_FLAT = float(np.cos(np.pi / 36))
+
 #: Sine of the angle (20°) up to which a facet may lead towards what is opposite: a body that bends
 #: around a tip leans with one of its faces, and next with another one.
 TOWARDS = float(np.sin(np.pi / 9))

@@ -25,6 +25,9 @@ LEAST_SHARE = 1e-2
 #: and how many times of closing are told apart.
 MAX_PARTS, MORE, NUM_TIMES = 4, 2.0, 64
 
+#: Way (facets) in a step of points that follow the bodies, up to which those that close are told.
+NEAR = 0.5
+
 
 class _Way:
     """The way of the rows of a pass through a step, and when those close that were open.
@@ -61,6 +64,11 @@ class _Way:
             jump: Change of the jump in the step until then (length).
         """
         self._to_gap, self._to_jump = gap, jump
+        if self.p.gap.following is not None and self.p.gap.rows.are_points:
+            # Further on it slides to what has been in contact with others, for all of the step.
+            near = np.linalg.norm(jump, axis=1) < NEAR * self.p.gap.slave.facet_size_range[1]
+            self.open, self._began_open = self.open & near, self._began_open & near
+            self.closing = np.where(self._began_open, self.closing, 0.0)
         closes = self.open & (gap > np.maximum(self._gap, 0.0))
         part = np.ones_like(gap)
         part[closes] = -self._gap[closes] / (gap - self._gap)[closes]
