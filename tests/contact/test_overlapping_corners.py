@@ -19,9 +19,11 @@ VARIANTS = {
 def test_faces_beside_corners_carry_nothing(gdim, variant, width):
     """Forces grow evenly, across the faces that touch, whether those beside are named or not."""
     n = (6, 7) if gdim == 2 else (4, 4)
+    # 4 % of a facet, in 3D: where contact follows, corners have slipped off each other there.
+    options = VARIANTS[variant] | ({"sliding": "small"} if (gdim, width) == (3, 0.01) else {})
     found = []
     for sides in (True, False):
-        scene = Corners(width, gdim=gdim, sides=sides, n=n, **VARIANTS[variant])
+        scene = Corners(width, gdim=gdim, sides=sides, n=n, **options)
         found.append(scene.press(3))
         across, along, _ = found[-1].T
         assert np.all(across < 0.04 * along)

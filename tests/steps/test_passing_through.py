@@ -24,7 +24,7 @@ class Falling:
         stepping: For the TimeStepper.
     """
 
-    def __init__(self, kind, speed=SPEED, **stepping):
+    def __init__(self, kind, speed=SPEED, sliding="small", **stepping):
         msh = box(WORLD, (N, N), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
         V = vector_space(msh)
         self.u = [fem.Function(V)]
@@ -47,7 +47,8 @@ class Falling:
             master = qs.Surface(W, facets=plane(upper, 1, high))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # nothing is paired
-            self.contact = qs.Contact(slave, master, "master-slave", penalty=1e4, search_radius=0.2)
+            options = {"penalty": 1e4, "search_radius": 0.2, "sliding": sliding}
+            self.contact = qs.Contact(slave, master, "master-slave", **options)
         self.problem = qs.ContactProblem(F, self.u, [self.contact], bcs)
 
         def drive(t, dt):
@@ -156,12 +157,13 @@ def test_rotation_of_surfaces_is_limited():
     assert case.stepper.num_cutbacks > 0
 
 
+@pytest.mark.parametrize("sliding", ("small", "finite"))
 @pytest.mark.parametrize("kind", ("plane", "facets", "body"))
-def test_slip_is_limited(kind):
+def test_slip_is_limited(kind, sliding):
     """Pressed by a tool that then goes along: facets of 1/4, so 0.3 is 1.2 of them."""
     ways = []
     for max_slip in (None, 1.1, 0.5):
-        case = Falling(kind, GAP + 0.02, max_slip=max_slip)
+        case = Falling(kind, GAP + 0.02, sliding, max_slip=max_slip)
         for _ in case.stepper.run(1.0):
             pass
         case.aside(1e-9)  # rests, so that nothing is expected to go on downwards
