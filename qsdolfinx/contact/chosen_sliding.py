@@ -9,19 +9,21 @@ from qsdolfinx.base.checks import require
 from qsdolfinx.contact import motion
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.pairing.relief import Smoothing
+from qsdolfinx.tools.rigid_surface import as_tool
 
 
 def let_follow(models: typing.Sequence[ContactModel]) -> None:
     """Give contacts finite sliding if their ``sliding`` is left open. Collective.
 
     They pair anew. Small sliding stay those of bodies in velocities, which pair anew in each step;
-    those that a field which is solved for at once takes its pairs from; those with creases that are
-    in contact with small sliding alone; and those that have been solved for.
+    those that a field which is solved for at once takes its pairs from; those with tools that
+    moments drive, or with creases that are in contact with small sliding alone; and those that have
+    been solved for.
     """
     paired = bodies_of_fields(models)
     for model in models:
         stays = model.is_evaluated or any(model is other for other in paired)
-        stays |= "velocity" in model.kinematics.unknown
+        stays |= "velocity" in model.kinematics.unknown or _is_turned(model)
         finite = _finite(model.settings)
         if not model.sliding_is_open or stays or not _has_all(finite, model.settings):
             continue
@@ -30,6 +32,12 @@ def let_follow(models: typing.Sequence[ContactModel]) -> None:
         model.penalty.let_follow()
         model.num_pairings = 0
         motion.pair_anew(model)
+
+
+def _is_turned(model: ContactModel) -> bool:
+    """Whether a moment drives its tool."""
+    tool = as_tool(model.master)
+    return tool is not None and tool.driven is not None and tool.driven.turns
 
 
 def _has_all(finite: Settings, small: Settings) -> bool:

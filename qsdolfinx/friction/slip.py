@@ -623,9 +623,7 @@ class Slip:
         moved = np.sum(self.gap.operator.slave_sum * (self.state.jump - self.state.start), axis=1)
         return np.asarray(gap - moved / self.cover)
 
-    def count_from(
-        self, until_closed: Array, share: Array, closing: npt.NDArray[np.bool_]
-    ) -> None:
+    def count_from(self, until_closed: Array, share: Array, closing: npt.NDArray[np.bool_]) -> None:
         """Let rows that close in this step count slip from when they close.
 
         Args:
