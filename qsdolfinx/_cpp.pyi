@@ -401,6 +401,10 @@ class SlipOfPieces:
     def arc(self) -> numpy.typing.NDArray[numpy.float64]:
         """Way along the facets over the slip, its chord, [point]."""
 
+    @property
+    def gap(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Gap of the same places when slip began, positive in penetration, [point]."""
+
 class StackedRows:
     """Rows of points by all unknowns; see tangent/products.h."""
 

@@ -25,7 +25,7 @@ from qsdolfinx.friction.of_points import (
     carried_with,
     closest,
 )
-from qsdolfinx.gap.following import MOST_TURNED, Places
+from qsdolfinx.gap.following import MOST_TURNED, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
@@ -492,20 +492,24 @@ class Slip:
         state.pressed, state.slipped = none, none
         if state.of_nodes is not None:
             state.pressed, state.slipped = (rows.from_nodes(c) for c in state.of_nodes.T)
-        state.until_closed, state.share = zero, np.ones_like(none)
-        if state.closing is not None:
-            known = state.closing
-            values = np.column_stack([rows.from_nodes(c) for c in known.of_nodes.T])
-            at = closest(known.keys, known.place, found.facets, found.place)
-            values[at >= 0] = known.values[at[at >= 0]]
-            fresh = state.pressed <= 0
-            state.until_closed = np.where(fresh[:, None], values[:, :-1], 0.0)
-            state.share = np.where(fresh, values[:, -1], 1.0)
+        state.until_closed, state.share = self._closing_of(found, rows)
         for name, values in self.of_nodes.items():
             if isinstance(values, float):
                 self.parameters[name] = np.full_like(none, values)
             else:
                 self.parameters[name] = rows.from_nodes(values)
+
+    def _closing_of(self, found: SlipAtPoints, rows: PointRows) -> tuple[Array, Array]:
+        """``until_closed`` and ``share`` of the points of the last evaluation. Collective."""
+        state, known = self.state, self.state.closing
+        if known is None:
+            return np.zeros_like(found.slip), np.ones(len(found.slip))
+        closing = np.column_stack([rows.from_nodes(c) for c in known.of_nodes.T])
+        at = closest(known.keys, known.place, found.facets, found.place)
+        closing[at >= 0] = known.values[at[at >= 0]]
+        fresh = state.pressed <= 0
+        until = np.where(fresh[:, None], closing[:, :-1], 0.0)
+        return until, np.where(fresh, closing[:, -1], 1.0)
 
     def take_operator(self) -> None:
         """Take operator and normals of the gap's last evaluation. Collective."""
