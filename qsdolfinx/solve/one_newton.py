@@ -45,10 +45,10 @@ class OneNewton:
 
     The merit is m² = |R_u|² + Σ W² (λ − [λ + c ḡ*]₊)² + the same of τ + |R_s|², which is continuous
     where sets change. A step is halved as long as the residual is not finite, a gap cannot be
-    evaluated, or the merit has not fallen; where that would leave little of it, it ends where
-    forces do no more work, see :meth:`_until_rest`. In the first iteration what has λ > 0 stays
-    closed, and what is closed without any τ sticks. If the user's options name a type of SNES or a
-    line search, that follows after the first step.
+    evaluated, or the merit has not fallen; where that would leave little of it, or what has friction
+    would go far, it ends where forces do no more work, see :meth:`_until_rest`. In the first
+    iteration what has λ > 0 stays closed, and what is closed without any τ sticks. If the user's
+    options name a type of SNES or a line search, that follows after the first step.
 
     Args:
         equations: The equations.
@@ -231,8 +231,7 @@ class OneNewton:
         """
         before, step = self._merit(at), 1.0
         if not is_first and self.equations.slips_at_points:
-            far = FAR / max(self._way(change), 1e-300)
-            rest = self._until_rest(z, at, change, far) if far < 1 else None
+            rest = self._rest_nearby(z, at, change)
             if rest is not None:
                 return rest
         largest: float | None = None
@@ -263,6 +262,16 @@ class OneNewton:
             raise NoConvergence("no residual is finite along the step", NOT_FINITE)
         found = z + largest * change
         return found, self.equations.evaluate(found), largest
+
+    def _rest_nearby(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
+        """The same of a step that goes far, if it ends before it has gone that far. Collective."""
+        far = FAR / max(self._way(change), 1e-300)
+        if far >= 1:
+            return None
+        try:
+            return self._until_rest(z, at, change, far)
+        except NoGapError:  # on all ranks
+            return None
 
     def _until_rest(
         self, z: Array, at: State, change: Array, most: float
