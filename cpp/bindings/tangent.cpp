@@ -96,15 +96,15 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       "(ss, sm, ms, mm); whether that is symmetric but for the scale. Collective.");
   m.def(
       "insert_slip_curvature_of_points",
-      [](const Surface* master, const Pieces& pieces, In<double> traction,
+      [](const Surface* master, const Pieces& pieces, In<double> traction, In<double> at_rim,
          std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
       {
         insert_slip_curvature_of_points(
-            master, pieces, traction.view(),
+            master, pieces, traction.view(), at_rim.view(),
             {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
             contact_blocks(blocks), scale);
       },
-      "master"_a.none(), "pieces"_a, "traction"_a, "markers"_a, "blocks"_a, "scale"_a,
+      "master"_a.none(), "pieces"_a, "traction"_a, "at_rim"_a, "markers"_a, "blocks"_a, "scale"_a,
       "Add how forces of given tractions at points change to the blocks (ss, sm, ms, mm). "
       "Collective.");
   m.def(

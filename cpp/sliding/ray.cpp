@@ -700,6 +700,23 @@ void qsdolfinx::add_slip_curvature(const RayPair& pair, std::span<const RayPoint
              });
 }
 
+void qsdolfinx::add_slip_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
+                                       std::span<const double> traction, std::span<double> hessian)
+{
+  for (std::size_t i = 0; i < rim.size(); ++i)
+  {
+    const Vec3 tau = facet_vertex(traction, static_cast<int>(i));
+    if (dot(tau, tau) == 0)
+      continue;
+    add_rim_of(pair, rim.subspan(i, 1), hessian,
+               [&](const Ray& ray, const RayPoint&, const Vec3&)
+               {
+                 const Vec2 s = Sliding(pair, ray, tau).s;
+                 return s[0] * ray.A.zeta[0] + s[1] * ray.A.zeta[1];
+               });
+  }
+}
+
 void qsdolfinx::add_slip(const RayPair& pair, std::span<const RayPoint> points,
                          std::span<double> slip)
 {

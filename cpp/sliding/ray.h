@@ -134,6 +134,10 @@ void slip_of_points(const RayPair& pair, const RayStart& start, std::span<const 
 void add_slip_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
                                   std::span<const double> traction, std::span<double> hessian);
 
+/// Add what the motion of the rim adds to it, likewise. @param traction τ at the rim, [point][3]
+void add_slip_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
+                            std::span<const double> traction, std::span<double> hessian);
+
 /// Multipliers of gaps less what counts as none, Σ_k λ_k (G_k − a_k Σ w N_k).
 struct RayForces
 {

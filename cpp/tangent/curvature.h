@@ -38,8 +38,10 @@ void insert_slip_curvature(const Surface* master, const Pieces& pieces, Vec cove
                            std::array<double, 2> scale);
 
 /// The same of tractions at the points of pieces. Collective. @param traction τ_p, [point][3]
+/// @param at_rim τ at the points of the rim, [point][3]
 void insert_slip_curvature_of_points(const Surface* master, const Pieces& pieces,
-                                     std::span<const double> traction, std::array<Vec, 2> markers,
+                                     std::span<const double> traction,
+                                     std::span<const double> at_rim, std::array<Vec, 2> markers,
                                      ContactBlocks blocks, std::array<double, 2> scale);
 
 } // namespace qsdolfinx

@@ -246,17 +246,23 @@ class FacetCutter:
         self,
         found: Found,
         traction: Array,
+        of_sides: typing.Sequence[PETSc.Vec],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
         """See :class:`Cutter`."""
+        pieces = found.of_cutter
         in_space = np.zeros((len(traction), 3))
         in_space[:, : traction.shape[1]] = traction
+        at_rim = np.zeros((len(pieces.rim_gaps()), 3))
+        for k, vec in enumerate(of_sides):
+            at_rim[:, k] = pieces.rim_values(vec.handle)
         _cpp.insert_slip_curvature_of_points(
             self._master,
-            found.of_cutter,
+            pieces,
             in_space,
+            at_rim,
             [handle_of(vec) for vec in markers],
             [handle_of(mat) for mat in blocks],
             scale,

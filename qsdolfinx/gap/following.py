@@ -211,11 +211,21 @@ class Cutter(typing.Protocol):
         self,
         found: Found,
         traction: Array,
+        of_sides: typing.Sequence[PETSc.Vec],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
-        """Add how the forces of tractions τ_p change with these held. Collective."""
+        """Add how the forces of tractions τ_p change with these held. Collective.
+
+        Args:
+            found: What has been found there.
+            traction: τ_p, (rows, gdim).
+            of_sides: Components of τ of the sides of nodes, for the rims; none for no tractions.
+            markers: As for :meth:`add_curvature`.
+            blocks: Likewise.
+            scale: Likewise.
+        """
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps along the rays, positive when open."""
@@ -492,12 +502,28 @@ class Following:
         self,
         last: Cut,
         traction: Array,
+        of_sides: Array | None,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
-        """Add how the forces of tractions τ_p change with these held. Collective."""
+        """Add how the forces of tractions τ_p change with these held. Collective.
+
+        Args:
+            last: The last evaluation.
+            traction: τ_p, (rows, gdim).
+            of_sides: τ of the sides of owned nodes, (nodes, block, gdim), for the rims.
+            blocks: The matrices (ss, sm, ms, mm).
+            scale: Displacement per unknown of both bodies.
+        """
         assert self._marked is not None
-        self._cutter.add_slip_curvature_of_points(last.found, traction, self._marked, blocks, scale)
+        fields = [] if of_sides is None else [
+            self._vec_of_sides(v) for v in np.moveaxis(of_sides, 2, 0)
+        ]
+        self._cutter.add_slip_curvature_of_points(
+            last.found, traction, fields, self._marked, blocks, scale
+        )
+        for vec in fields:
+            vec.destroy()
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""

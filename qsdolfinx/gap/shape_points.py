@@ -312,6 +312,7 @@ class ShapePoints:
         self,
         found: Found,
         traction: Array,
+        of_sides: typing.Sequence[PETSc.Vec],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],

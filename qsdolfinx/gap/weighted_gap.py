@@ -492,14 +492,27 @@ class WeightedGap:
         return self.following.slip_operators(self.cut)
 
     def add_slip_curvature(
-        self, traction: Array, blocks: typing.Sequence[PETSc.Mat | None]
+        self,
+        traction: Array,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        of_sides: Array | None = None,
     ) -> None:
-        """Add how forces of friction τ, (rows, gdim), change with τ held. Collective."""
+        """Add how forces of friction τ, (rows, gdim), change with τ held. Collective.
+
+        Args:
+            traction: τ.
+            blocks: The matrices (ss, sm, ms, mm).
+            of_sides: Of rows at points, τ of the sides of owned nodes, (nodes, block, gdim).
+        """
         if self.following is not None and self.cut is not None:
             scale = self.state.scale
             if self.rows.are_points:
-                forces = self._share * traction
-                self.following.add_slip_curvature_of_points(self.cut, forces, blocks, scale)
+                forces, of_nodes = self._share * traction, None
+                if of_sides is not None:
+                    of_nodes = self._share * of_sides
+                self.following.add_slip_curvature_of_points(
+                    self.cut, forces, of_nodes, blocks, scale
+                )
                 return
             self.following.add_slip_curvature(self.cut, self._share * traction, blocks, scale)
 

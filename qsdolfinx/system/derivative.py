@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.gap.following import MovingFunctions
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated
 from qsdolfinx.system.driven import DrivenTools
@@ -115,7 +116,7 @@ class Derivative:
             own = first + np.arange(rows.num_multipliers)
             if rows.condensed is not None:
                 of_friction = None if rows.condensed_friction is None else e.tangential
-                matrices = self._matrices(p, rows.condensed, own, e.normal)
+                matrices = self._matrices(p, rows.condensed, own, e.normal, of_friction)
                 products.append((matrices, e.normal, of_friction))
                 found += [*matrices.mixed, *self._softened(rows, first, e, exact)]
             else:
@@ -232,7 +233,11 @@ class Derivative:
             else:
                 p.gap.add_curvature(e.pressure, given(s, m))
             if p.slip is not None and e.tangential is not None:
-                p.gap.add_slip_curvature(e.tangential.traction, given(s, m))
+                friction, of_sides = p.rows.condensed_friction, None
+                if friction is not None:
+                    of_sides = friction.on_sides(e.tangential.multiplier)
+                    of_sides = of_sides.reshape(friction.free.shape)
+                p.gap.add_slip_curvature(e.tangential.traction, given(s, m), of_sides)
         for contact, sides in zip(self._system.contacts, self._system.sides, strict=True):
             if contact.coupling is not None:
                 ss, sm, ms, mm = given(*sides)
@@ -306,7 +311,12 @@ class Derivative:
         return Entries(self._layout.numbers(i, row), numbers, values.copy())
 
     def _matrices(
-        self, p: Pass, rows: CondensedRows, own: Indices, at: Normal | None = None
+        self,
+        p: Pass,
+        rows: CondensedRows,
+        own: Indices,
+        at: Normal | None = None,
+        tangential: Tangential | None = None,
     ) -> GapMatrices:
         """Derivatives that stay while gaps are linear and contact does not pair anew.
 
@@ -317,6 +327,7 @@ class Derivative:
             rows: Its rows.
             own: Numbers of λ.
             at: The rows at the last evaluation; None for what has been made there.
+            tangential: Friction at these points; None without.
         """
         turns = p.tool is not None and self._tools.are_turning
         is_new = at is not None and (turns or not p.gap.is_linear)
@@ -333,18 +344,26 @@ class Derivative:
                 works = p.slip.works is not p.slip.operator
                 slips = self._gaps(p, p.slip.works, change[1]) if works else slip, slip
             numbers = own, of_slip
-            moving = self._moving(p, rows, at)
+            moving = self._moving(p, rows, at, tangential)
             made = GapMatrices(rows, friction, gaps, slips, numbers, self._layout.num_local, moving)
             self._of_gaps[p.rows] = made
         return self._of_gaps[p.rows]
 
-    def _moving(self, p: Pass, rows: CondensedRows, at: Normal | None) -> Moving | None:
-        """How λ_h moves along facets at the last evaluation; None if it does not. Collective."""
+    def _moving(
+        self, p: Pass, rows: CondensedRows, at: Normal | None, tangential: Tangential | None
+    ) -> list[tuple[int, Moving]]:
+        """How λ_h and τ_h move along facets at the last evaluation, by component. Collective."""
         if at is None or not isinstance(rows, PointConstraints):
-            return None
-        found = rows.moving(at)
-        if found is None:
-            return None
+            return []
+        found, friction = rows.moving(at), p.rows.condensed_friction
+        out = [] if found is None else [(0, self._moved(p, found))]
+        if friction is not None and tangential is not None:
+            of_slips = friction.moving(tangential) or []
+            out += [(1 + k, self._moved(p, of)) for k, of in enumerate(of_slips)]
+        return out
+
+    def _moved(self, p: Pass, found: MovingFunctions) -> Moving:
+        """Of one function of the nodes. Collective."""
         mixed = []
         for (side, unknown, value), body in zip(found.mixed, p.bodies, strict=False):
             assert body is not None

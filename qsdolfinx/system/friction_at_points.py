@@ -12,6 +12,7 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.laws import Limited, Rows
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.following import MovingFunctions
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL
 from qsdolfinx.system.friction_rows import Tangential
@@ -237,6 +238,23 @@ class PointFriction:
     def by_pressure(self, at: Tangential) -> Array:
         """∂τ/∂p where there is any pressure, (points, gdim)."""
         return np.asarray((at.told.pressure > 0)[:, None] * at.response.coupling)
+
+    def moving(self, at: Tangential) -> list[MovingFunctions] | None:
+        """How each component of τ_h moves along facets; None if it does not. Collective.
+
+        Args:
+            at: The points, at the last evaluation.
+        """
+        gap = self.slip.gap
+        if not self.has_unknowns or gap.following is None:
+            return None
+        of_sides = self.on_sides(at.multiplier).reshape(self.free.shape)
+        rest = (at.traction - self.seen(at.multiplier)) / self.gamma
+        found = [
+            gap.moving_functions(np.ascontiguousarray(of_sides[:, :, k]), rest[:, k])
+            for k in range(self._gdim)
+        ]
+        return None if None in found else [one for one in found if one is not None]
 
     def softened(self) -> Array:
         """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""

@@ -65,12 +65,12 @@ class Gaps(typing.NamedTuple):
 
 
 class Moving(typing.NamedTuple):
-    """How λ_h moves along facets, in numbers of all unknowns of the equations.
+    """How λ_h, or a component of τ_h, moves along facets, in numbers of all unknowns.
 
     Attributes:
-        rows: Derivative of λ_h at the rows.
-        mixed: Σ_p w_p a (p_p − λ_h)/γ ∂N_k; rows are unknowns of the slave that stand for the sides
-            of nodes.
+        rows: Its derivative at the rows.
+        mixed: Σ_p w_p a (p_p − λ_h)/γ ∂N_k, or the same of τ; rows are unknowns of the slave that
+            stand for the sides of nodes.
     """
 
     rows: Gaps
@@ -94,8 +94,9 @@ class GapMatrices:
         slips: What friction works on, and J, a row for each component; None without friction.
         numbers: Of the unknowns λ of this rank among all, shape (λ,), and of τ.
         num_local: Unknowns of this rank.
-        moving: How λ_h moves where gaps follow the bodies; None if it does not. What R_λ and forces
-            depend on has that, too; what forces work on has not.
+        moving: How λ_h, then the components of τ_h move where gaps follow the bodies, with the
+            number of the component; none if they do not. What R_λ, R_τ and forces depend on has
+            that, too; what forces work on has not.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class GapMatrices:
         slips: tuple[Gaps, Gaps] | None,
         numbers: tuple[Indices, Indices],
         num_local: int,
-        moving: Moving | None = None,
+        moving: typing.Sequence[tuple[int, Moving]] = (),
     ) -> None:
         self._rows, self._comm, self._num = rows, rows.model.comm, num_local
         self._friction, self._width = friction, rows.gap.operator.width
@@ -116,28 +117,25 @@ class GapMatrices:
         if isinstance(rows, PointConstraints) and rows.has_multipliers:
             of_nodes.append((0, self._of_nodes(rows.free, numbers[0], rows.extension)))
             self._part = rows.part
-        #: Of λ by how its functions move.
-        self.mixed: list[Entries] = []
-        in_rows: Gaps | None = None
-        if moving is not None and isinstance(rows, PointConstraints):
-            in_rows = moving.rows
-            self.mixed = [self._of_moving(moving.mixed, rows, numbers[0])]
+        #: Of λ and τ by how their functions move.
+        self.mixed: list[Entries] = [self._of_moving(of, k, numbers) for k, of in moving]
+        in_rows = [(k, of.rows) for k, of in moving]
         of_slips = [] if friction is None else self._of_slips(friction, numbers[1])
         elastic = 0.0 if friction is None else friction.elastic  # of a penalty τ has a compliance
         #: N E of λ and τ, and that without how functions move; None without multipliers.
         self._all = self._all_left = None
         if of_nodes or of_slips:
-            self._all = self._all_left = self._sum([*of_nodes, *of_slips], None)
-            if in_rows is not None:
+            self._all = self._all_left = self._sum([*of_nodes, *of_slips], [])
+            if in_rows:
                 self._all = self._sum([*of_nodes, *of_slips], in_rows)
         self._right = self._stacked(gaps, slips, (of_nodes, of_slips), in_rows, 1 - elastic)
         #: B of what forces work on, the same object if that is B.
         self._left = self._right
         differ = slips is not None and slips[0] is not slips[1]
         scaled = gaps.are_scaled or (slips is not None and slips[1].are_scaled)
-        if differ or scaled or in_rows is not None or elastic:
+        if differ or scaled or in_rows or elastic:
             of_forces = None if slips is None else (slips[0], slips[0])
-            self._left = self._stacked(gaps, of_forces, (of_nodes, of_slips), None, 1.0, False)
+            self._left = self._stacked(gaps, of_forces, (of_nodes, of_slips), [], 1.0, False)
 
     def functions(self) -> PETSc.Mat:
         """Matrix a N E of λ, which stays this object's. Collective."""
@@ -155,14 +153,16 @@ class GapMatrices:
         return _cpp.StackedRows(self._rows.gap.num_rows, 1 + self._friction.free.shape[2])
 
     def _sum(
-        self, functions: list[tuple[int, _cpp.CompressedRows]], moving: Gaps | None
+        self,
+        functions: list[tuple[int, _cpp.CompressedRows]],
+        moving: list[tuple[int, Gaps]],
     ) -> _cpp.StackedRows:
         """N, and how it moves."""
         out = self._new_rows()
         for component, part in functions:
             out.add_rows(part, 1.0, component, 1)
-        if moving is not None:
-            moving.add_to(out, 1.0)
+        for component, gaps in moving:
+            gaps.add_to(out, 1.0, first=component)
         return out
 
     def _stacked(
@@ -170,7 +170,7 @@ class GapMatrices:
         gaps: Gaps,
         slips: tuple[Gaps, Gaps] | None,
         functions: tuple[list[tuple[int, _cpp.CompressedRows]], ...],
-        moving: Gaps | None,
+        moving: list[tuple[int, Gaps]],
         of_slips: float,
         scaled: bool = True,
     ) -> _cpp.StackedRows:
@@ -182,13 +182,22 @@ class GapMatrices:
         for parts, factor in zip(functions, (self._part, of_slips), strict=True):
             for component, part in parts:
                 out.add_rows(part, factor, component, 1)
-        if moving is not None:
-            moving.add_to(out, self._part)
+        for component, of in moving:
+            of.add_to(out, of_slips if component else self._part, first=component)
         return out
 
-    def _of_moving(self, mixed: Entries, rows: PointConstraints, numbers: Indices) -> Entries:
-        """Of R_λ by the bodies' unknowns, as functions of the sides of nodes move. Collective."""
-        extended = self._extended(rows.free, numbers, rows.extension)
+    def _of_moving(
+        self, moving: Moving, component: int, numbers: tuple[Indices, Indices]
+    ) -> Entries:
+        """Of R_λ or R_τ by the bodies' unknowns, as functions of the nodes move. Collective."""
+        rows, friction, mixed = self._rows, self._friction, moving.mixed
+        if component == 0:
+            assert isinstance(rows, PointConstraints)
+            extended = self._extended(rows.free, numbers[0], rows.extension)
+        else:
+            assert friction is not None
+            free, own = self._of_component(friction, component - 1, numbers[1])
+            extended = self._extended(free, own, friction.extensions[component - 1])
         of_sides = PETSc.Mat().create(comm=self._comm)
         sizes = (_layout(rows.gap.slave)[0], PETSc.DETERMINE), (self._num, PETSc.DETERMINE)
         of_sides.setSizes(sizes)
@@ -209,12 +218,19 @@ class GapMatrices:
         """N E of each component of τ. Collective."""
         if not friction.extensions:
             return []
-        found, of_free = [], np.zeros(friction.free.shape, dtype=np.int64)
-        of_free[friction.free] = numbers
+        found = []
         for k, extension in enumerate(friction.extensions):
-            free = friction.free[:, :, k]
-            found.append((1 + k, self._of_nodes(free, of_free[:, :, k][free], extension)))
+            free, own = self._of_component(friction, k, numbers)
+            found.append((1 + k, self._of_nodes(free, own, extension)))
         return found
+
+    @staticmethod
+    def _of_component(friction: PointFriction, k: int, numbers: Indices) -> tuple[Flags, Indices]:
+        """Sides of nodes that have a component of τ for an unknown, and the numbers of these."""
+        of_free = np.zeros(friction.free.shape, dtype=np.int64)
+        of_free[friction.free] = numbers
+        free = friction.free[:, :, k]
+        return free, of_free[:, :, k][free]
 
     def _of_nodes(
         self, free: Flags, numbers: Indices, extension: Extension | None
