@@ -31,8 +31,9 @@ _NONE = 1e-8
 def is_a_body_lost(system: ContactSystem, start: Array) -> bool:
     """Whether one has gone further than all that it was in contact with. Collective.
 
-    By a facet where it touches nothing any more: a body that tools let go, and that springs back,
-    stays nearer. By the search radius where it does: contact has not looked that far.
+    By the search radius where it touches anything: contact has not looked further. Where it touches
+    nothing any more, by a facet from where it was: a body that tools let go, and that springs back,
+    stays nearer.
 
     Args:
         system: At the solution.
@@ -48,8 +49,7 @@ def is_a_body_lost(system: ContactSystem, start: Array) -> bool:
     for i in range(len(changes)):
         free = np.abs(motions[first[i] : first[i + 1]]).max(initial=0.0) > _NONE
         if free and _contacts(system, i) and not _is_tied(system, i):
-            pushed = max(_moved_partner(system, j, i, most) for j in _contacts(system, i))
-            far = means[i] > _room(system, i) + pushed
+            far = means[i] > _room(system, i, most)
             if far and _is_at_home_anywhere(system, i, changes[i]):
                 return True
     return False
@@ -75,13 +75,18 @@ def _is_at_home_anywhere(system: ContactSystem, i: int, change: Array) -> bool:
     return bool(force <= _NO_FORCE * stiffness * size)
 
 
-def _room(system: ContactSystem, i: int) -> float:
-    """How far a body may go by itself. Collective."""
-    contacts = [system.contacts[j] for j in _contacts(system, i)]
+def _room(system: ContactSystem, i: int, moved: Array) -> float:
+    """How far a body may go: with what it touches, and where nothing does next to nowhere.
+
+    Collective.
+    """
+    numbers = _contacts(system, i)
+    contacts = [system.contacts[j] for j in numbers]
     closed = any([active_set.closed(c, gap).any() for c in contacts for gap in c.gaps])
-    if system.comm.allreduce(closed, op=MPI.LOR):
-        return max(c.paired.search_radius for c in contacts)
-    return min(c.paired.facet_size for c in contacts)
+    if not system.comm.allreduce(closed, op=MPI.LOR):
+        return min(c.paired.facet_size for c in contacts)
+    pushed = max(_moved_partner(system, j, i, moved) for j in numbers)
+    return max(c.paired.search_radius for c in contacts) + pushed
 
 
 def _is_tied(system: ContactSystem, i: int) -> bool:
