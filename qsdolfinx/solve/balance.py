@@ -60,6 +60,10 @@ class Iterate(typing.NamedTuple):
     step: float
 
 
+#: Part of what was left some iterations before, above which it falls slowly.
+SLOW, SOME = 0.5, 6
+
+
 class Balance:
     """Measures iterates, and knows which one solves the equations.
 
@@ -95,6 +99,8 @@ class Balance:
         self.until = 0.0
         #: Largest gap (length) that multipliers have left at the last iterate, over all ranks.
         self.open_gap = 0.0
+        #: Iterates so far when a step was last cut.
+        self._cut_after = 0
         self._times_in_floor, self._is_held, self._unheld = 0, True, UNHELD
         #: Closed rows of each pass at the last iterate, and those that stick; and whether the one
         #: before had the same.
@@ -113,6 +119,8 @@ class Balance:
             step: For the iterate.
         """
         equations, comm = self._equations, self._equations.system.comm
+        if step < 1:
+            self._cut_after = len(self.history)
         R, f = equations.forces_of(at), at.contact
         bodies = equations.system.bodies
         rounding = [
@@ -253,11 +261,15 @@ class Balance:
 
     @property
     def is_far(self) -> bool:
-        """Whether much is left of the residual."""
+        """Whether much is left of the residual; not if it falls slowly in steps that are not cut."""
         if len(self.history) < 2:
             return True
-        now = self.history[-1]
-        return max(now.forces, now.constraints, now.tools) > LITTLE
+        before, now = (
+            max(each.forces, each.constraints, each.tools)
+            for each in (self.history[-1 - SOME :][0], self.history[-1])
+        )
+        is_slow = len(self.history) - self._cut_after > SOME and now > SLOW * before
+        return now > LITTLE and not is_slow
 
     @property
     def proximal(self) -> float:
