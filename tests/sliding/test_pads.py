@@ -1,0 +1,112 @@
+"""Neo-Hookean bodies that friction alone holds, or drags, by much in one solve."""
+
+import numpy as np
+import pytest
+from following import Body
+from scenes import WORLD, box, largest, plane
+
+import qsdolfinx as qs
+from qsdolfinx.system.equations import Equations
+
+CELL = "quadrilateral"
+
+
+def block(low, high, n, stiffness):
+    return Body(box(WORLD, n, CELL, low, high), stiffness=stiffness)
+
+
+class Pad:
+    """A pad between two plates, pressed by the upper one, which is then drawn along.
+
+    Args:
+        friction: μ below and above.
+    """
+
+    def __init__(self, friction):
+        low = block([-3.0, -0.5], [3.0, 0.0], (24, 2), 1e3)
+        high = block([-3.0, 0.5], [3.0, 1.0], (22, 2), 1e3)
+        self.pad = block([-0.5, 0.0], [0.5, 0.5], (5, 3), 3e2)
+        low.clamp(plane(low.mesh, 1, -0.5))
+        self.moved = high.clamp(plane(high.mesh, 1, 1.0), [0.0, -0.05])
+        masters = low.side(1, 0.0), high.side(1, 0.5)
+        self.contacts = [
+            qs.Contact(self.pad.side(1, y), master, friction=qs.Coulomb(mu))
+            for y, master, mu in zip((0.0, 0.5), masters, friction, strict=True)
+        ]
+        bodies = low, high, self.pad
+        given = ([getattr(b, name) for b in bodies] for name in ("F", "u"))
+        self.problem = qs.ContactProblem(*given, self.contacts, [b.bcs for b in bodies])
+        self.problem.solve()
+
+    def draw(self, way):
+        self.moved.value[0] = way
+        self.problem.solve()
+
+    @property
+    def ratio(self):
+        force = self.contacts[1].force("slave")
+        return abs(force[0] / force[1])
+
+
+@pytest.mark.parametrize("friction, most", [((0.3, 0.3), 25), ((0.4, 0.2), 20), ((0.2, 0.4), 20)])
+def test_pad(friction, most):
+    """Both sides slip for a while: the tangent is next to singular, and has to be right."""
+    scene = Pad(friction)
+    scene.draw(0.3)
+    assert scene.problem.num_iterations <= most  # 183, 14, 13 without what rims add
+    np.testing.assert_allclose(scene.ratio, min(friction), rtol=0.02)  # pressed edges lean
+
+
+def test_lost_pad():
+    """Thrown out of contact it is in equilibrium anywhere, however far the plate has gone."""
+    scene = Pad((0.4, 0.2))
+    before = scene.pad.u.x.array.copy()
+    with pytest.raises(qs.ConvergenceError):
+        scene.draw(2.0)
+    assert largest(scene.pad.u.x.array - before) == 0
+
+
+def test_strong_friction():
+    """A held block that is dragged along a plate by two of its facets in one solve."""
+    low = block([-1.0, -0.5], [4.0, 0.0], (25, 3), 1e3)
+    high = block([-0.5, 0.0], [0.5, 0.5], (6, 4), 6e2)
+    low.clamp(plane(low.mesh, 1, -0.5))
+    moved = high.clamp(plane(high.mesh, 1, 0.5), [0.0, -0.03])
+    contact = qs.Contact(high.side(1, 0.0), low.side(1, 0.0), friction=qs.Coulomb(0.6))
+    bodies = low, high
+    given = ([getattr(b, name) for b in bodies] for name in ("F", "u"))
+    problem = qs.ContactProblem(*given, [contact], [b.bcs for b in bodies])
+    problem.solve()
+    moved.value[0] = 0.4
+    problem.solve()
+    assert problem.num_iterations <= 40
+    force = contact.force("slave")
+    assert 0.57 < abs(force[0] / force[1]) < 0.61
+
+
+def errors_of_forces(scene):
+    """Largest error of the derivative of the bodies' forces by the pad, and its size."""
+    equations = Equations(scene.problem.system)
+    z = equations.first()
+    matrix = equations.tangent_of(equations.evaluate(z))
+    rng, direction = np.random.default_rng(WORLD.rank), np.zeros(len(z))
+    equations.part(direction, 2)[:] = rng.uniform(-1e-3, 1e-3, len(equations.part(z, 2)))
+    x, y = matrix.createVecs()
+    x.array[:] = direction
+    matrix.mult(x, y)
+    step = 1e-4
+    ahead, behind = (equations.residual(z + s * direction) for s in (step, -step))
+    difference = (ahead - behind) / (2 * step)
+    error = largest(equations.bodies_of(y.array_r - difference))
+    size = largest(equations.part(difference, 0))
+    equations.destroy()
+    return error, size
+
+
+def test_derivative_at_ends():
+    """Forces of friction where the pad ends, as that moves along the plate."""
+    scene = Pad((0.3, 0.3))
+    with scene.problem.one_step():  # all of it slips until the step ends: nothing has a kink
+        scene.draw(0.3)
+        error, size = errors_of_forces(scene)
+    assert error < 3e-3 * size  # 0.08 without what rims add
