@@ -644,6 +644,7 @@ def insert_slip_curvature_of_points(
     master: Surface | None,
     pieces: Pieces,
     traction: numpy.typing.NDArray[numpy.float64],
+    at_rim: numpy.typing.NDArray[numpy.float64],
     markers: Sequence[int],
     blocks: Sequence[int],
     scale: Sequence[float],

@@ -27,23 +27,6 @@ class OfPoints(typing.NamedTuple):
     normal: Array
 
 
-class Closing(typing.NamedTuple):
-    """When points closed in a step, as it is found at one evaluation and read at others.
-
-    Attributes:
-        keys: As ``OfPoints``.
-        place: Likewise.
-        values: What the jump changed until then (length), and the part of the step that is left,
-            (points, gdim + 1).
-        of_nodes: Means of those that close, (nodes, gdim + 1), for points between other facets.
-    """
-
-    keys: Indices
-    place: Array
-    values: Array
-    of_nodes: Array
-
-
 class SavedNormals(typing.NamedTuple):
     """Normals of the pairing that a checkpoint was written with: vectors turn from these.
 

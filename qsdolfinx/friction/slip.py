@@ -18,13 +18,7 @@ from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
-from qsdolfinx.friction.of_points import (
-    Closing,
-    OfPoints,
-    SavedNormals,
-    carried_with,
-    closest,
-)
+from qsdolfinx.friction.of_points import OfPoints, SavedNormals, carried_with
 from qsdolfinx.gap.following import MOST_TURNED, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
@@ -92,8 +86,9 @@ class SlipState:
         of_points: With such rows, what they had then, see ``rest``; None before that is known.
         of_nodes: With such rows, which are others at each evaluation, functions of the nodes in the
             place of ``pressed`` and ``slipped``, (nodes, 2); None before there are any.
-        closing: With such rows, what ``until_closed`` and ``share`` are read from; None where all
-            count the whole step.
+        closing: With such rows, functions of the nodes in the place of ``until_closed`` and
+            ``share``, (nodes, gdim + 1): the answer may not jump where points go from facet to
+            facet. None where all count the whole step.
         until_closed: What the jump changed from there until the row closed in this step; 0 for
             rows that were closed at its start, and as long as nobody knows. Same shape.
         share: Part of the step for which the row has been closed since, shape (rows,).
@@ -153,7 +148,7 @@ class SlipState:
     begun: Places | None = None
     of_points: OfPoints | None = None
     of_nodes: Array | None = None
-    closing: Closing | None = None
+    closing: Array | None = None
 
     @classmethod
     def at_rest(cls, rows: int, gdim: int, covered: Array, augmented: Array) -> SlipState:
@@ -504,9 +499,7 @@ class Slip:
         state, known = self.state, self.state.closing
         if known is None:
             return np.zeros_like(found.slip), np.ones(len(found.slip))
-        closing = np.column_stack([rows.from_nodes(c) for c in known.of_nodes.T])
-        at = closest(known.keys, known.place, found.facets, found.place)
-        closing[at >= 0] = known.values[at[at >= 0]]
+        closing = np.column_stack([rows.from_nodes(c) for c in known.T])
         fresh = state.pressed <= 0
         until = np.where(fresh[:, None], closing[:, :-1], 0.0)
         return until, np.where(fresh, closing[:, -1], 1.0)
@@ -638,11 +631,8 @@ class Slip:
         self.state.until_closed, self.state.share = until_closed, share
         rows = self.gap.rows
         if self.gap.following is not None and isinstance(rows, PointRows):
-            assert self.state.begun is not None
-            at, values = self.gap.slip_at_points(self.state.begun), [until_closed, share]
-            known = np.column_stack(values)
-            means = rows.means_of_some(known, closing)
-            self.state.closing = Closing(at.facets, at.place, known, means)
+            values = np.column_stack([until_closed, share])
+            self.state.closing = rows.means_of_some(values, closing)
 
     def count_whole_step(self) -> None:
         """Count slip from the start of the step at all rows."""

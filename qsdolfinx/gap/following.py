@@ -516,9 +516,9 @@ class Following:
             scale: Displacement per unknown of both bodies.
         """
         assert self._marked is not None
-        fields = [] if of_sides is None else [
-            self._vec_of_sides(v) for v in np.moveaxis(of_sides, 2, 0)
-        ]
+        fields = (
+            [] if of_sides is None else [self._vec_of_sides(v) for v in np.moveaxis(of_sides, 2, 0)]
+        )
         self._cutter.add_slip_curvature_of_points(
             last.found, traction, fields, self._marked, blocks, scale
         )

@@ -261,7 +261,7 @@ class Balance:
 
     @property
     def is_far(self) -> bool:
-        """Whether much is left of the residual; not if it falls slowly in steps that are not cut."""
+        """Whether much is left of the residual, unless it falls slowly in steps that are whole."""
         if len(self.history) < 2:
             return True
         before, now = (

@@ -45,10 +45,10 @@ class OneNewton:
 
     The merit is m² = |R_u|² + Σ W² (λ − [λ + c ḡ*]₊)² + the same of τ + |R_s|², which is continuous
     where sets change. A step is halved as long as the residual is not finite, a gap cannot be
-    evaluated, or the merit has not fallen; where that would leave little of it, or what has friction
-    would go far, it ends where forces do no more work, see :meth:`_until_rest`. In the first
-    iteration what has λ > 0 stays closed, and what is closed without any τ sticks. If the user's
-    options name a type of SNES or a line search, that follows after the first step.
+    evaluated, or the merit has not fallen; where that would leave little of it, or what has
+    friction would go far, it ends where forces do no more work, see :meth:`_until_rest`. In the
+    first iteration what has λ > 0 stays closed, and what is closed without any τ sticks. If the
+    user's options name a type of SNES or a line search, that follows after the first step.
 
     Args:
         equations: The equations.

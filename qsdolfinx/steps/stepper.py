@@ -28,7 +28,6 @@ from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
-from qsdolfinx.contact.chosen_sliding import let_follow
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.gap.following import NoGapError
@@ -193,7 +192,6 @@ class TimeStepper:
             check(either(instance(Remeshing, "a Remeshing"), None), remesh=remesh)
             if remesh is not None:
                 remesh.check(problem)
-        let_follow([contact.model for contact in problem.contacts])
         self.drive = drive or (lambda t, dt: None)
         self._solve = solve or (lambda step: self.problem.solve())
         self.theta, self.num_pairings = float(theta), int(num_pairings)

@@ -234,7 +234,8 @@ class Derivative:
                 p.gap.add_curvature(e.pressure, given(s, m))
             if p.slip is not None and e.tangential is not None:
                 friction, of_sides = p.rows.condensed_friction, None
-                if friction is not None and not p.rows.condensed.far:
+                is_near = p.rows.condensed is not None and not p.rows.condensed.far
+                if friction is not None and is_near:
                     of_sides = friction.on_sides(e.tangential.multiplier)
                     of_sides = of_sides.reshape(friction.free.shape)
                 p.gap.add_slip_curvature(e.tangential.traction, given(s, m), of_sides)

@@ -251,7 +251,7 @@ class PointFriction:
         of_sides = self.on_sides(at.multiplier).reshape(self.free.shape)
         rest = (at.traction - self.seen(at.multiplier)) / self.gamma
         found = [
-            gap.moving_functions(np.ascontiguousarray(of_sides[:, :, k]), rest[:, k])
+            gap.moving_functions(np.ascontiguousarray(of_sides[:, :, k]), np.asarray(rest[:, k]))
             for k in range(self._gdim)
         ]
         return None if None in found else [one for one in found if one is not None]
