@@ -90,7 +90,8 @@ class Landing:
         )
         if case[0] == "coulomb" or (case[1], case[2]) in (("displacement", "tool"),)
     ]
-    + [(law, "velocity", "body", AUGMENTED) for law in ("tresca", "norton", "sticking")],
+    + [(law, "velocity", "body", AUGMENTED) for law in ("tresca", "norton", "sticking")]
+    + [("coulomb", "displacement", master, {"sliding": "finite"}) for master in ("tool", "body")],
 )
 @pytest.mark.parametrize("stepper", (False, True))
 def test_steps_in_which_bodies_meet(law, kind, master, options, stepper):

@@ -17,6 +17,7 @@ SAMPLING = {
     "nodal": {"quadrature": "nodal"},
     "overlay": {"quadrature": "overlay"},
     "points": {"quadrature": "overlay", "constraints": "points"},
+    "finite": {"sliding": "finite"},
 }
 PAIRS = [
     (floor, formulation)
@@ -124,7 +125,7 @@ def test_given_up_gradually():
 
 def test_uneven():
     """Right where the floor is flat and the block has the depths; warned of where it is not so."""
-    kinds = (SAMPLING["overlay"], SAMPLING["nodal"])
+    kinds = (SAMPLING["overlay"], SAMPLING["nodal"], SAMPLING["finite"])
     for options, bumps in itertools.product(kinds, (0.0, 0.004)):
         known = Slider("plane", 0.0, bumps=0.0, **options).run()
         found = []

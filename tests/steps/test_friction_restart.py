@@ -17,6 +17,7 @@ SELF = MPI.COMM_SELF
 PENALTY = {"enforcement": "penalty", "penalty": 30.0}
 AUTOMATIC = {"enforcement": "penalty"}
 AUGMENTED = {"enforcement": "augmented-lagrangian"}
+FINITE = {"sliding": "finite"}
 
 
 @pytest.fixture
@@ -168,6 +169,9 @@ def states(contact):
         ("corner", 2, AUGMENTED),
         ("flow", 2, PENALTY),
         ("flow", 2, AUGMENTED),
+        ("tool", 1, AUGMENTED | FINITE),
+        ("body", 2, PENALTY | FINITE),
+        ("ball", 2, AUGMENTED | FINITE),
     ),
 )
 def test_goes_on_as_if_uninterrupted(folder, name, at, options):
