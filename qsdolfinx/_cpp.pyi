@@ -23,6 +23,7 @@ class FunctionsOfPieces:
         pieces: Pieces,
         field: int,
         rest: numpy.typing.NDArray[numpy.float64],
+        at_rim: numpy.typing.NDArray[numpy.float64],
         markers: Sequence[int],
     ) -> None:
         """Of a field of the sides of the slave's nodes, and numbers at the points; collective."""

@@ -86,12 +86,12 @@ void qsdolfinx::bind_gap(nb::module_& m)
       .def(
           "__init__",
           [](FunctionsOfPieces* self, const Pieces& pieces, Handle field, In<double> rest,
-             std::array<Handle, 2> markers)
+             In<double> at_rim, std::array<Handle, 2> markers)
           {
             new (self) FunctionsOfPieces(pieces, reinterpret_cast<Vec>(field), rest.view(),
-                                         vecs(markers[0], markers[1]));
+                                         at_rim.view(), vecs(markers[0], markers[1]));
           },
-          "pieces"_a, "field"_a, "rest"_a, "markers"_a,
+          "pieces"_a, "field"_a, "rest"_a, "at_rim"_a, "markers"_a,
           "Of a field of the sides of the slave's nodes, and numbers at the points; collective.")
       .def(
           "entries",

@@ -229,10 +229,10 @@ void qsdolfinx::rows_of_pieces(GapOperator::Side& out, const Pieces& pieces,
 }
 
 FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest,
-                                     std::array<Vec, 2> markers)
+                                     std::span<const double> at_rim, std::array<Vec, 2> markers)
 {
-  if (rest.size() < pieces.points.size())
-    throw std::invalid_argument("a number for each point");
+  if (rest.size() < pieces.points.size() || at_rim.size() != pieces.rim.size())
+    throw std::invalid_argument("a number for each point, and for each one of the rim");
   const auto d = static_cast<std::size_t>(pieces.gdim),
              nk = static_cast<std::size_t>(pieces.num_multipliers),
              ns = static_cast<std::size_t>(pieces.slave.num_nodes),
@@ -245,14 +245,18 @@ FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<
     if (markers[s])
       held[s] = values_at(markers[s], sides[s]->dofs);
   gradient.resize(pieces.points.size() * size);
-  std::vector<double> functions, sum(nk * size);
-  std::size_t done = 0;
+  std::vector<double> functions, motions, sum(nk * size);
+  std::size_t done = 0, done_of_rim = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     const auto points = pieces.points_of(i);
+    const auto rim = pieces.rim_of(i);
+    const auto of_rim = at_rim.subspan(done_of_rim, rim.size());
     const std::size_t first = done;
     done += points.size();
-    if (pieces.cut_is_slave[i])
+    done_of_rim += rim.size();
+    const bool moves = std::ranges::any_of(of_rim, [](double q) { return q != 0; });
+    if (pieces.cut_is_slave[i] && !moves)
       continue;
     functions.resize(points.size() * nk * size);
     function_gradients(pair_of(pieces, i), points, functions);
@@ -265,6 +269,17 @@ FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<
           gradient[(first + p) * size + c] += lambda[i * nk + k] * value;
           sum[k * size + c] += points[p].weight * rest[first + p] * value;
         }
+    motions.resize(rim.size() * size);
+    rim_motions(pair_of(pieces, i), rim, motions);
+    for (std::size_t p = 0; moves && p < rim.size(); ++p)
+    {
+      const RayPoint& point = rim[p].point;
+      const auto N
+          = shape_functions(pieces.slave.type, pieces.cut_is_slave[i] ? point.xi : point.zeta);
+      for (std::size_t k = 0; k < nk; ++k)
+        for (std::size_t c = 0; c < size; ++c)
+          sum[k * size + c] += point.weight * of_rim[p] * N[k] * motions[p * size + c];
+    }
     for (std::size_t s = 0; s < 2; ++s)
     {
       const std::size_t nodes = s == 0 ? ns : nm, column0 = s == 0 ? 0 : 3 * ns;

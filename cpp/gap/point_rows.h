@@ -33,15 +33,17 @@ struct FunctionsOfPieces
 {
   /// Gradients of Σ_k λ_k N_k, [point][node][3], the slave's nodes first.
   std::vector<double> gradient;
-  /// Σ_p w_p q_p ∂N_k: unknown that stands for the side of a node, unknown of a body, and value.
+  /// Σ_p w_p q_p ∂N_k, and what the rim adds by moving: unknown that stands for the side of a node,
+  /// unknown of a body, and value.
   std::array<std::vector<std::int64_t>, 2> row, column; ///< [side of contact][entry]
   std::array<std::vector<double>, 2> value;
 
   /// Collective. @param field λ, as of insert_curvature_of_points @param rest q_p, [point]
+  /// @param at_rim the same at the points of the rim
   /// @param markers vectors of the bodies, nonzero at unknowns with conditions, whose columns are
   /// −1; of a rigid tool null
   FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest,
-                    std::array<Vec, 2> markers);
+                    std::span<const double> at_rim, std::array<Vec, 2> markers);
 };
 
 /// Slip at the points of pieces, see RaySlip, [point][3] and [point][node][3][3], the slave's nodes

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 using namespace qsdolfinx;
 
@@ -487,6 +488,17 @@ void add_outer(const Row& rows, const Row& columns, int n, std::span<double> mat
       matrix[a * n + b] += rows[a] * columns[b];
 }
 
+/// How a point of the rim moves outward; none where its ray meets no point.
+std::optional<Row> motion_of(const RayPair& pair, const Normal& normal, const Columns& columns,
+                             const RimPoint& at)
+{
+  const RayPair chords{chord_of(pair.cut), chord_of(pair.other), pair.cut_is_slave};
+  RayPoint on_chord = at.point; // facets are cut as their vertices have it
+  if (!solve(chords, normal.n(), on_chord))
+    return {};
+  return Ray(chords, normal, on_chord).form(columns, normal, -1 * at.outward);
+}
+
 /// Add the products of forces at the rim and its motions.
 /// @param force the c of a force c·v at a ray, its point and the normal
 template <typename F>
@@ -495,17 +507,13 @@ void add_rim_of(const RayPair& pair, std::span<const RimPoint> rim, std::span<do
 {
   const Normal normal(pair.along());
   const Columns columns(pair);
-  const RayPair chords{chord_of(pair.cut), chord_of(pair.other), pair.cut_is_slave};
-  for (const auto& [point, outward] : rim)
-  {
-    const Ray ray(pair, normal, point);
-    RayPoint on_chord = point; // facets are cut as their vertices have it
-    if (!solve(chords, normal.n(), on_chord))
-      continue;
-    add_outer(ray.form(columns, normal, force(ray, point, normal.n())),
-              Ray(chords, normal, on_chord).form(columns, normal, -1 * outward), columns.size(),
-              hessian);
-  }
+  for (const RimPoint& at : rim)
+    if (const auto motion = motion_of(pair, normal, columns, at))
+    {
+      const Ray ray(pair, normal, at.point);
+      add_outer(ray.form(columns, normal, force(ray, at.point, normal.n())), *motion,
+                columns.size(), hessian);
+    }
 }
 } // namespace
 
@@ -637,6 +645,18 @@ void qsdolfinx::function_gradients(const RayPair& pair, std::span<const RayPoint
       std::copy_n(row.begin(), size, out.subspan((p * nk + k) * size).begin());
     }
   }
+}
+
+void qsdolfinx::rim_motions(const RayPair& pair, std::span<const RimPoint> rim,
+                            std::span<double> out)
+{
+  const Normal normal(pair.along());
+  const Columns columns(pair);
+  const auto size = static_cast<std::size_t>(columns.size());
+  std::ranges::fill(out, 0.0);
+  for (std::size_t p = 0; p < rim.size(); ++p)
+    if (const auto motion = motion_of(pair, normal, columns, rim[p]))
+      std::copy_n(motion->begin(), size, out.subspan(p * size).begin());
 }
 
 void qsdolfinx::add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,

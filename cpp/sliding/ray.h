@@ -96,6 +96,9 @@ void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::s
 void function_gradients(const RayPair& pair, std::span<const RayPoint> points,
                         std::span<double> out);
 
+/// How points of the rim move outward, across it, by the nodes of both. @param out [point][node][3]
+void rim_motions(const RayPair& pair, std::span<const RimPoint> rim, std::span<double> out);
+
 /// Add Σ_p w_p p_p ∂²g_p, ξ and w fixed. What is added is symmetric to the last bit.
 /// @param pressure p_p, [point] @param hessian [node][3][node][3]
 void add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,

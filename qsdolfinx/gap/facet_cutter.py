@@ -13,6 +13,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.following import (
     Alone,
+    AtRim,
     Found,
     MovingFunctions,
     Places,
@@ -180,16 +181,25 @@ class FacetCutter:
         )
 
     def moving_functions(
-        self, found: Found, alone: Alone, field: PETSc.Vec, rest: Array, markers: Vecs
+        self,
+        found: Found,
+        alone: Alone,
+        field: PETSc.Vec,
+        rest: Array,
+        at_rim: AtRim | None,
+        markers: Vecs,
     ) -> MovingFunctions | None:
         """See :class:`Cutter`: points of the slave's facets stay there."""
         if not self._finder.both:
             return None
         pieces = found.of_cutter
         handles = [handle_of(vec) for vec in markers]
-        functions = _cpp.FunctionsOfPieces(
-            pieces, field.handle, np.ascontiguousarray(rest), handles
-        )
+        of_rim: Array = np.zeros(len(pieces.rim_gaps()))
+        if at_rim is not None:
+            gaps = -np.asarray(pieces.rim_gaps())
+            of_rim = at_rim(gaps, lambda vec: pieces.rim_values(vec.handle))
+        rests = (np.ascontiguousarray(values) for values in (rest, of_rim))
+        functions = _cpp.FunctionsOfPieces(pieces, field.handle, *rests, handles)
         operator = _cpp.GapOperator(
             self._slave,
             self._master,

@@ -69,6 +69,10 @@ class Measure:
         return np.asarray(self.cover < HARDLY_COVERED)
 
 
+#: Numbers at points of rims, for their gaps and what gives values of fields of nodes there.
+AtRim = typing.Callable[[Array, typing.Callable[[PETSc.Vec], Array]], Array]
+
+
 class NoGapError(ValueError):
     """Facets are where gaps cannot be measured: an iterate of Newton's method has gone too far."""
 
@@ -198,9 +202,24 @@ class Cutter(typing.Protocol):
         """
 
     def moving_functions(
-        self, found: Found, alone: Alone, field: PETSc.Vec, rest: Array, markers: Vecs
+        self,
+        found: Found,
+        alone: Alone,
+        field: PETSc.Vec,
+        rest: Array,
+        at_rim: AtRim | None,
+        markers: Vecs,
     ) -> MovingFunctions | None:
-        """How a field of the sides of the slave's nodes moves; None if it does not. Collective."""
+        """How a field of the sides of the slave's nodes moves; None if it does not. Collective.
+
+        Args:
+            found: What has been found there.
+            alone: Points that see one side of a node each.
+            field: The field.
+            rest: r_p, (rows,).
+            at_rim: r at other points, as for :meth:`add_curvature_of_points`; None for 0.
+            markers: As for :meth:`add_curvature`.
+        """
 
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places
@@ -654,6 +673,14 @@ class Following:
             Whether it is symmetric but for the scale.
         """
         assert self._marked is not None
+        return self._cutter.add_curvature_of_points(
+            last.found, pressure, self._at_rim(law), self._marked, blocks, scale
+        )
+
+    def _at_rim(
+        self, law: typing.Callable[[Array, typing.Callable[[Array], Array]], Array]
+    ) -> AtRim:
+        """A function of gaps and fields of the sides of nodes, as cutters ask for it."""
 
         def at_rim(gap: Array, values: typing.Callable[[PETSc.Vec], Array]) -> Array:
             def of_sides(field: Array) -> Array:
@@ -664,9 +691,7 @@ class Following:
 
             return law(gap, of_sides)
 
-        return self._cutter.add_curvature_of_points(
-            last.found, pressure, at_rim, self._marked, blocks, scale
-        )
+        return at_rim
 
     def _vec_of_sides(self, field: Array) -> PETSc.Vec:
         """New vector of values of the sides of owned nodes. Collective."""
@@ -674,18 +699,28 @@ class Following:
         vec.array[self._slave.node_dofs - vec.owner_range[0]] = field
         return vec
 
-    def moving_functions(self, last: Cut, field: Array, rest: Array) -> MovingFunctions | None:
+    def moving_functions(
+        self,
+        last: Cut,
+        field: Array,
+        rest: Array,
+        law: typing.Callable[[Array, typing.Callable[[Array], Array]], Array] | None = None,
+    ) -> MovingFunctions | None:
         """How λ_h moves at the last evaluation; None if it does not. Collective.
 
         Args:
             last: That evaluation.
             field: λ of the sides of nodes, (nodes, block).
             rest: r_p, (rows,).
+            law: r at rims, as for :meth:`add_curvature_of_points`; None for 0.
         """
         assert last.alone is not None
         assert self._marked is not None
         vec = self._vec_of_sides(field)
-        found = self._cutter.moving_functions(last.found, last.alone, vec, rest, self._marked)
+        at_rim = None if law is None else self._at_rim(law)
+        found = self._cutter.moving_functions(
+            last.found, last.alone, vec, rest, at_rim, self._marked
+        )
         vec.destroy()
         if found is not None:
             self._constrain(found.operator)

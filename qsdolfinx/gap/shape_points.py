@@ -14,6 +14,7 @@ from qsdolfinx.gap.following import (
     HARDLY_COVERED,
     MOST_TURNED,
     Alone,
+    AtRim,
     Found,
     MovingFunctions,
     Places,
@@ -274,7 +275,13 @@ class ShapePoints:
         return points.scaled(weight[kept])
 
     def moving_functions(
-        self, found: Found, alone: Alone, field: PETSc.Vec, rest: Array, markers: Vecs
+        self,
+        found: Found,
+        alone: Alone,
+        field: PETSc.Vec,
+        rest: Array,
+        at_rim: AtRim | None,
+        markers: Vecs,
     ) -> MovingFunctions | None:
         """See :class:`Cutter`: points are fixed."""
         return None

@@ -585,16 +585,29 @@ class WeightedGap:
         scale, force = self.state.scale, self._share * pressure
         return self.following.add_curvature_of_points(self.cut, force, elsewhere, blocks, scale)
 
-    def moving_functions(self, of_sides: Array, rest: Array) -> MovingFunctions | None:
+    def moving_functions(
+        self,
+        of_sides: Array,
+        rest: Array,
+        law: typing.Callable[[Array, Array], Array] | None = None,
+    ) -> MovingFunctions | None:
         """How λ_h moves at the last evaluation; None if it does not. Collective.
 
         Args:
             of_sides: λ of the sides of owned nodes, (nodes, block).
             rest: r_p, see :class:`MovingFunctions`, (rows,).
+            law: r for gaps and values of λ_h, at rims; None for 0.
         """
         if self.following is None or self.cut is None:
             return None
-        return self.following.moving_functions(self.cut, of_sides, self._share * rest)
+        allowance = self.state.allowance
+
+        def elsewhere(gap: Array, values: typing.Callable[[Array], Array]) -> Array:
+            assert law is not None
+            return self._share * law(gap - values(allowance), values(of_sides))
+
+        at_rim = None if law is None else elsewhere
+        return self.following.moving_functions(self.cut, of_sides, self._share * rest, at_rim)
 
     def fits_pattern(self) -> bool:
         """Whether the tangent has room for the last evaluation, on this rank."""
