@@ -198,8 +198,8 @@ class FacetCutter:
         if at_rim is not None:
             gaps = -np.asarray(pieces.rim_gaps())
             of_rim = at_rim(gaps, lambda vec: pieces.rim_values(vec.handle))
-        rests = (np.ascontiguousarray(values) for values in (rest, of_rim))
-        functions = _cpp.FunctionsOfPieces(pieces, field.handle, *rests, handles)
+        rest, of_rim = np.ascontiguousarray(rest), np.ascontiguousarray(of_rim)
+        functions = _cpp.FunctionsOfPieces(pieces, field.handle, rest, of_rim, handles)
         operator = _cpp.GapOperator(
             self._slave,
             self._master,
