@@ -22,10 +22,12 @@ def let_follow(models: typing.Sequence[ContactModel]) -> None:
     """
     paired = bodies_of_fields(models)
     for model in models:
-        stays = model.is_evaluated or any(model is other for other in paired)
-        stays |= "velocity" in model.kinematics.unknown or _is_turned(model)
+        if not model.sliding_is_open or model.is_evaluated:
+            continue
+        stays = any(model is other for other in paired) or _is_turned(model)
         finite = _finite(model.settings)
-        if not model.sliding_is_open or stays or not _has_all(finite, model.settings):
+        stays |= "velocity" in model.kinematics.unknown or not _has_all(finite, model.settings)
+        if stays:
             continue
         model.sliding_is_open = False
         model.settings = finite

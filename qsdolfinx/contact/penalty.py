@@ -254,7 +254,8 @@ class Penalty:
         Arguments are those of :func:`automatic_penalty`.
         """
         # What follows the bodies goes on with the areas of the start, also after a restart.
-        if not self.stiffness or self._at_points != FOLLOWING_FACTOR or self._flows:
+        goes_on = self._at_points == FOLLOWING_FACTOR and not self._flows
+        if not (self.stiffness and goes_on):
             self.stiffness = stiffness
         follows = self._augmented and self._flows
         if self._at_points and (self.of_points is None or follows):

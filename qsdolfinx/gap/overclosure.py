@@ -200,11 +200,11 @@ def _depths_of_points(p: WeightedGap) -> Array:
 def _reach(p: WeightedGap) -> float:
     """How far (length) beyond the nodes that have a partner others may be that are to have one.
 
-    A node is reached by what is up to a facet away from it. Where gaps follow the bodies, these
-    slide on in the solve that follows, as far as they do not lose each other.
+    A node is reached by what is up to a facet away from it. Where gaps follow the bodies, what
+    reaches it may end a facet beyond the outermost node that has a partner, and slides on in the
+    solve.
     """
-    size = float(p.slave.facet_size_range[1])
-    return size if p.following is None else max(3 * size, p.following.radius)
+    return (1 if p.following is None else 3) * float(p.slave.facet_size_range[1])
 
 
 def _of_nodes(depths: Array) -> Array:

@@ -60,7 +60,8 @@ class Iterate(typing.NamedTuple):
     step: float
 
 
-#: Part of what was left some iterations before, above which it falls slowly.
+#: Part of what was left so many iterations before, above which it falls slowly:
+#: ``tests/sliding/test_pads.py``, strong friction.
 SLOW, SOME = 0.5, 6
 
 

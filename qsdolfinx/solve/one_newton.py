@@ -29,7 +29,8 @@ MAX_HALVINGS, FALL = 8, 1e-4
 #: be, over that at its start, and most evaluations.
 SMALL, AT_REST, MOST_ASKED = 0.125, 0.1, 24
 
-#: Way (facets) of bodies along each other beyond which steps are asked first, too.
+#: Way (facets) of bodies along each other beyond which steps are asked first, too: see
+#: ``tests/problems/test_engineering_2.py``, a pad that friction alone holds.
 FAR = 0.5
 
 #: Part of the first step that is less than a good start allows.
@@ -264,7 +265,7 @@ class OneNewton:
         return found, self.equations.evaluate(found), largest
 
     def _rest_nearby(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
-        """The same of a step that goes far, if it ends before it has gone that far. Collective."""
+        """Where forces do no more work within FAR along a step beyond it; else None. Collective."""
         far = FAR / max(self._way(change), 1e-300)
         if far >= 1:
             return None

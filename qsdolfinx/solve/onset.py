@@ -25,7 +25,8 @@ LEAST_SHARE = 1e-2
 #: and how many times of closing are told apart.
 MAX_PARTS, MORE, NUM_TIMES = 4, 2.0, 64
 
-#: Way (facets) in a step of points that follow the bodies, up to which those that close are told.
+#: Way (facets) in a step of points that follow the bodies, up to which it is told when they close:
+#: beyond it the energy of what slides by facets would lack (``tests/sliding/test_points.py``).
 NEAR = 0.5
 
 

@@ -345,7 +345,7 @@ class PointConstraints(CondensedRows):
         self.gap.add_curvature_of_points(found, self._pressure, of_sides, blocks)
 
     def _pressure(self, gap: Array, functions: Array) -> Array:
-        """P of other points, for their gaps and λ_h there. Collective."""
+        """Pressure at other points, for their gaps and λ_h there. Collective."""
         trial: Array = np.asarray(self.part * functions + self.gamma * gap)
         if self._is_unilateral:
             return np.maximum(trial, 0.0)

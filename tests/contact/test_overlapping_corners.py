@@ -19,11 +19,9 @@ VARIANTS = {
 def test_faces_beside_corners_carry_nothing(gdim, variant, width):
     """Forces grow evenly, across the faces that touch, whether those beside are named or not."""
     n = (6, 7) if gdim == 2 else (4, 4)
-    # 4 % of a facet, in 3D: where contact follows, corners have slipped off each other there.
-    options = VARIANTS[variant] | ({"sliding": "small"} if (gdim, width) == (3, 0.01) else {})
     found = []
     for sides in (True, False):
-        scene = Corners(width, gdim=gdim, sides=sides, n=n, **options)
+        scene = Corners(width, gdim=gdim, sides=sides, n=n, **VARIANTS[variant])
         found.append(scene.press(3))
         across, along, _ = found[-1].T
         assert np.all(across < 0.04 * along)
@@ -31,6 +29,14 @@ def test_faces_beside_corners_carry_nothing(gdim, variant, width):
     (_, along, depth), (_, expected, least) = (np.transpose(values) for values in found)
     np.testing.assert_allclose(along, expected, rtol=0.05)
     assert np.all(depth < 1.5 * least + 5e-4)
+
+
+@pytest.mark.parametrize("sides", (True, False))
+def test_that_follow(sides):
+    """In finite sliding vertices of pressed faces have no constraint beside those of the faces."""
+    found = Corners(0.1, sides=sides, sliding="finite", **VARIANTS["augmented"]).press(3)
+    assert len(found) == 3  # without a cut-back
+    np.testing.assert_allclose(found[:, 1] / found[0, 1], [1, 2, 3], rtol=0.05)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

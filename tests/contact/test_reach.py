@@ -24,8 +24,7 @@ def far_below(tool_moves, block_moves):
     surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # nothing is paired
-        options = {"search_radius": RADIUS, "sliding": "small"}
-        contact = qs.Contact(surface, tool, penalty=1.0, **options)
+        contact = qs.Contact(surface, tool, penalty=1.0, search_radius=RADIUS)
     bcs = [clamp(V, plane(msh, 1, 0.0), [0.0, block_moves])]
     problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
     tool.displacement = [0.0, tool_moves]
@@ -83,8 +82,7 @@ def test_tangential_motion_is_no_approach(along, down, expected, rigid):
         master = qs.Surface(W, facets=plane(lower, 1, 0.0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        options = {"search_radius": RADIUS, "sliding": "small"}
-        contact = qs.Contact(slave, master, penalty=1.0, **options)
+        contact = qs.Contact(slave, master, penalty=1.0, search_radius=RADIUS)
     problem = qs.ContactProblem([elastic(w) for w in u], u, [contact], bcs)
     found = bool(reach_warnings(problem.solve))
     assert WORLD.allgather(found) == [expected] * WORLD.size

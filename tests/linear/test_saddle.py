@@ -49,7 +49,7 @@ def test_as_by_factors(cell, kind):
         problem.solve()
     assert amg.num_linear_iterations > amg.num_iterations and amg.solver_in_use == "amg"
     for u, v in zip(pair.u, other.u, strict=True):
-        assert largest(u.x.array - v.x.array) < 2e-7 * largest(u.x.array)
+        assert largest(u.x.array - v.x.array) < 1e-7 * largest(u.x.array)
     forces = [p.contact.force("slave") for p in (pair, other)]
     assert largest(forces[0] - forces[1]) < 1e-7 * largest(forces[0])
 
@@ -64,7 +64,7 @@ def test_by_options(kind, options):
     direct.solve()
     problem.solve()
     for u, v in zip(pair.u, other.u, strict=True):
-        assert largest(u.x.array - v.x.array) < 2e-7 * largest(u.x.array)
+        assert largest(u.x.array - v.x.array) < 1e-7 * largest(u.x.array)
 
 
 @pytest.mark.parametrize(
