@@ -307,10 +307,11 @@ def test_linear_solvers(law, solver):
     assert contact.flow("master") == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("sliding", ["small", "finite"])
 @pytest.mark.parametrize("partition", ["backward", "scattered", "last"])
-def test_ranks_without_facets(partition):
+def test_ranks_without_facets(partition, sliding):
     """A rank may have no contact facet, and a pair may span ranks."""
-    scene = Pressed("triangle", partition=partition)
+    scene = Pressed("triangle", partition=partition, sliding=sliding)
     scene.problem.solve()
     law = qs.Conductance(qs.rough_surfaces(conductivity=K, hardness=HARDNESS))
     contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
