@@ -91,7 +91,6 @@ class GapOperator:
         slip: SlipOfPieces,
         *,
         works: bool,
-        alone: numpy.typing.NDArray[numpy.int64],
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
         """Derivative of slip at these points, or what tractions work on there; collective."""
@@ -104,7 +103,6 @@ class GapOperator:
         points_of: Pieces,
         functions: FunctionsOfPieces,
         *,
-        alone: numpy.typing.NDArray[numpy.int64],
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
         """Gradients of their field at these points; collective."""
@@ -265,7 +263,14 @@ class PieceRows:
     """Weighted gaps of pieces; see gap/piece_rows.h."""
 
     @overload
-    def __init__(self, slave: Surface, pieces: Pieces, cover: int = 0, allowance: int = 0) -> None:
+    def __init__(
+        self,
+        slave: Surface,
+        pieces: Pieces,
+        cover: int = 0,
+        allowance: int = 0,
+        with_columns: bool = True,
+    ) -> None:
         """Collective; `cover` is a vector or 0, see Shares, and so is `allowance`, penetration that counts as none."""
 
     @overload
@@ -284,10 +289,6 @@ class PieceRows:
         mass: numpy.typing.NDArray[numpy.float64],
     ) -> None:
         """Of facets before a rigid tool; see gap/piece_rows.h; collective."""
-
-    @property
-    def num_missed(self) -> int:
-        """Pieces with a ray that meets no point."""
 
     def cover(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
         """What the points cover of the owned nodes' areas, [node]."""
@@ -311,6 +312,13 @@ class Pieces:
     def size(self) -> int: ...
     @property
     def gdim(self) -> int: ...
+    @property
+    def num_missed(self) -> int:
+        """Pieces with a ray that meets no point."""
+
+    def weighed(self, slave_measured: Surface, master_measured: Surface) -> Pieces:
+        """The same with areas that are measured elsewhere."""
+
     @property
     def num_points(self) -> int: ...
     def gaps(self) -> numpy.typing.NDArray[numpy.float64]:

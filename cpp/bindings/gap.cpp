@@ -27,12 +27,13 @@ void qsdolfinx::bind_gap(nb::module_& m)
   nb::class_<PieceRows>(m, "PieceRows", "Weighted gaps of pieces; see gap/piece_rows.h.")
       .def(
           "__init__",
-          [](PieceRows* self, const Surface& slave, Pieces& pieces, Handle cover, Handle allowance)
+          [](PieceRows* self, const Surface& slave, const Pieces& pieces, Handle cover,
+             Handle allowance, bool with_columns)
           {
             new (self) PieceRows(slave, pieces, reinterpret_cast<Vec>(cover),
-                                 reinterpret_cast<Vec>(allowance));
+                                 reinterpret_cast<Vec>(allowance), with_columns);
           },
-          "slave"_a, "pieces"_a, "cover"_a = 0, "allowance"_a = 0,
+          "slave"_a, "pieces"_a, "cover"_a = 0, "allowance"_a = 0, "with_columns"_a = true,
           "Collective; `cover` is a vector or 0, see Shares, and so is `allowance`, penetration "
           "that counts as none.")
       .def(
@@ -51,7 +52,6 @@ void qsdolfinx::bind_gap(nb::module_& m)
           },
           "slave"_a, "marked"_a, "cover"_a, "gap"_a, "jump"_a, "gradient"_a, "mass"_a,
           "Of facets before a rigid tool; see gap/piece_rows.h; collective.")
-      .def_ro("num_missed", &PieceRows::num_missed, "Pieces with a ray that meets no point.")
       .def(
           "cover", [](const PieceRows& r, std::size_t nodes)
           { return copy(r.on_nodes(r.cover, nodes, 1), {nodes}); }, "num_nodes"_a,
@@ -166,23 +166,21 @@ void qsdolfinx::bind_gap(nb::module_& m)
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
-             const SlipOfPieces& slip, bool works, In<std::int64_t> alone, In<double> weight)
+             const SlipOfPieces& slip, bool works, In<double> weight)
           {
             new (self) GapOperator(slave, master, pieces, works ? slip.works : slip.gradient,
-                                   alone.view(), weight.view());
+                                   weight.view());
           },
           "slave"_a, "master"_a.none(), "points_of"_a, "slip"_a, nb::kw_only(), "works"_a,
-          "alone"_a, "weight"_a,
+          "weight"_a,
           "Derivative of slip at these points, or what tractions work on there; collective.")
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
-             const FunctionsOfPieces& functions, In<std::int64_t> alone, In<double> weight)
-          {
-            new (self) GapOperator(slave, master, pieces, functions, alone.view(), weight.view());
-          },
-          "slave"_a, "master"_a.none(), "points_of"_a, "functions"_a, nb::kw_only(), "alone"_a,
-          "weight"_a, "Gradients of their field at these points; collective.")
+             const FunctionsOfPieces& functions, In<double> weight)
+          { new (self) GapOperator(slave, master, pieces, functions, weight.view()); },
+          "slave"_a, "master"_a.none(), "points_of"_a, "functions"_a, nb::kw_only(), "weight"_a,
+          "Gradients of their field at these points; collective.")
       .def("covers", &GapOperator::covers, "other"_a,
            "Whether rows of another operator have no columns but those of this one's.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)

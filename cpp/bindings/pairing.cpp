@@ -182,6 +182,11 @@ void qsdolfinx::bind_pairing(nb::module_& m)
   nb::class_<Pieces>(m, "Pieces", "Pieces of the overlay; see pairing/pieces.h.")
       .def_prop_ro("size", &Pieces::size)
       .def_ro("gdim", &Pieces::gdim)
+      .def_prop_ro(
+          "num_missed", [](const Pieces& p) { return std::ranges::count(p.is_missed, 1); },
+          "Pieces with a ray that meets no point.")
+      .def("weighed", &weighed, "slave_measured"_a, "master_measured"_a,
+           "The same with areas that are measured elsewhere.")
       .def_prop_ro("num_points", [](const Pieces& p) { return p.points.size(); })
       .def(
           "gaps", [](const Pieces& p) { return copy(distances_of(p), {p.points.size()}); },

@@ -1,5 +1,6 @@
 #include "gap/gap.h"
 #include "gap/gap_rows.h"
+#include "gap/piece_forces.h"
 #include "gap/point_rows.h"
 #include "parallel/exchange.h"
 #include "parallel/petsc.h"
@@ -129,9 +130,7 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pair
     const PairingPoints others = points_from_others(slave, points);
     build_rows(slave, {&points, &others}, rows == GapRows::covered_nodes);
   }
-  build_scatter(sides_[0], slave);
-  if (master)
-    build_scatter(sides_[1], *master);
+  build_scatters(slave, master);
 }
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const PieceRows& rows,
@@ -153,67 +152,62 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Piec
     for (std::size_t k = 0; k < n; ++k)
       initial_gap_[k] /= -area[k];
   }
-  build_scatter(sides_[0], slave);
-  if (master)
-    build_scatter(sides_[1], *master);
+  build_scatters(slave, master);
+}
+
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces, GapKind kind,
+                         std::span<const double> weight)
+    : kind_(kind), block_(pieces.gdim), num_sides_(master ? 2 : 1)
+{
+  row_area_.reserve(pieces.points.size() + weight.size());
+  for (const RayPoint& point : pieces.points)
+    row_area_.push_back(point.weight);
+  row_area_.insert(row_area_.end(), weight.begin(), weight.end());
+  initial_gap_.assign(row_area_.size(), 0);
 }
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
                          std::span<const std::int64_t> alone, std::span<const double> weight,
                          double far)
-    : kind_(GapKind::normal), block_(pieces.gdim), num_sides_(master ? 2 : 1)
+    : GapOperator(master, pieces, GapKind::normal, weight)
 {
-  const PairingPoints points
-      = points_of_pieces(slave, master, pieces).with_alone(alone, weight, far);
-  const std::vector<double> gradients = gradients_of_pieces(pieces);
-  for (int i = 0; i < num_sides_; ++i)
-    rows_of_pieces(sides_[i], pieces, points, i, gradients);
-  multipliers_at_points(multipliers_, points);
-  row_area_ = points.weight;
-  initial_gap_ = points.gap;
+  rows_of_pieces(used_sides(), pieces, alone.size(), 3, gap_gradients_of(pieces));
+  multipliers_of_pieces(multipliers_, pieces, alone);
+  initial_gap_ = distances_of(pieces);
+  initial_gap_.insert(initial_gap_.end(), alone.size(), far);
   build_scatter(multipliers_, slave);
-  build_scatter(sides_[0], slave);
-  if (master)
-    build_scatter(sides_[1], *master);
+  build_scatters(slave, master);
 }
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
                          std::span<const std::int64_t> alone, std::span<const double> weight)
-    : kind_(GapKind::jump), block_(pieces.gdim), num_sides_(master ? 2 : 1)
+    : GapOperator(master, pieces, GapKind::jump, weight)
 {
-  const PairingPoints points = points_of_pieces(slave, master, pieces).with_alone(alone, weight, 0);
-  build_points(points);
+  rows_of_pieces(used_sides(), pieces, alone.size(), 1, jumps_of(pieces));
+  multipliers_of_pieces(multipliers_, pieces, alone);
   build_scatter(multipliers_, slave);
-  build_scatter(sides_[0], slave);
-  if (master)
-    build_scatter(sides_[1], *master);
+  build_scatters(slave, master);
 }
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
-                         const FunctionsOfPieces& functions, std::span<const std::int64_t> alone,
-                         std::span<const double> weight)
-    : kind_(GapKind::normal), block_(pieces.gdim), num_sides_(master ? 2 : 1)
+                         const FunctionsOfPieces& functions, std::span<const double> weight)
+    : GapOperator(master, pieces, GapKind::normal, weight)
 {
-  const PairingPoints points = points_of_pieces(slave, master, pieces).with_alone(alone, weight, 0);
-  for (int i = 0; i < num_sides_; ++i)
-    rows_of_pieces(sides_[i], pieces, points, i, functions.gradient);
-  row_area_ = points.weight;
-  initial_gap_.assign(points.size(), 0);
-  build_scatter(sides_[0], slave);
-  if (master)
-    build_scatter(sides_[1], *master);
+  rows_of_pieces(used_sides(), pieces, weight.size(), 3, parts_of(pieces, functions.gradient));
+  build_scatters(slave, master);
 }
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
-                         const std::vector<double>& gradient, std::span<const std::int64_t> alone,
-                         std::span<const double> weight)
-    : kind_(GapKind::jump), block_(pieces.gdim), num_sides_(master ? 2 : 1), turns_(true)
+                         const std::vector<double>& gradient, std::span<const double> weight)
+    : GapOperator(master, pieces, GapKind::jump, weight)
 {
-  const PairingPoints points = points_of_pieces(slave, master, pieces).with_alone(alone, weight, 0);
-  for (int i = 0; i < num_sides_; ++i)
-    rows_of_pieces(sides_[i], pieces, points, i, gradient, 3);
-  row_area_ = points.weight;
-  initial_gap_.assign(points.size(), 0);
+  turns_ = true;
+  rows_of_pieces(used_sides(), pieces, weight.size(), 9, parts_of(pieces, gradient));
+  build_scatters(slave, master);
+}
+
+void GapOperator::build_scatters(const Surface& slave, const Surface* master)
+{
   build_scatter(sides_[0], slave);
   if (master)
     build_scatter(sides_[1], *master);

@@ -60,7 +60,9 @@ public:
   GapOperator(const Surface& slave, const Surface* master, const PieceRows& rows,
               std::span<const double> area, GapKind kind);
   /// The same with a row for each point of pieces on this rank, where rays have been solved for,
-  /// and for some that are alone, see PairingPoints::with_alone. Collective.
+  /// and for some that are alone: each sees one multiplier, and no facet. Collective.
+  /// @param alone unknowns of the slave that stand for their sides of nodes @param weight their
+  /// areas @param far their gaps, open
   GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
               std::span<const std::int64_t> alone, std::span<const double> weight, double far);
   /// x_slave − x_master at the same rows, with places on the facets that stay. Collective.
@@ -68,12 +70,10 @@ public:
               std::span<const std::int64_t> alone, std::span<const double> weight);
   /// Of other gradients at the same rows, see point_rows.h. Collective.
   GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
-              const FunctionsOfPieces& functions, std::span<const std::int64_t> alone,
-              std::span<const double> weight);
+              const FunctionsOfPieces& functions, std::span<const double> weight);
   /// Derivative of the slip at the same rows, or what tractions work on there. Collective.
   GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
-              const std::vector<double>& gradient, std::span<const std::int64_t> alone,
-              std::span<const double> weight);
+              const std::vector<double>& gradient, std::span<const double> weight);
   ~GapOperator();
   GapOperator(const GapOperator&) = delete;
   GapOperator& operator=(const GapOperator&) = delete;
@@ -136,6 +136,14 @@ public:
   void constrain(std::array<Vec, 2> markers);
 
 private:
+  /// Without rows yet, and scatters. @param weight of points that are alone
+  GapOperator(const Surface* master, const Pieces& pieces, GapKind kind,
+              std::span<const double> weight);
+  std::span<Side> used_sides()
+  {
+    return std::span(sides_).first(static_cast<std::size_t>(num_sides_));
+  }
+  void build_scatters(const Surface& slave, const Surface* master);
   void build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
                   bool by_cover);
   void name_rows(const PairingPoints& points, const Slots& slots,

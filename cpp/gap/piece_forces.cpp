@@ -9,11 +9,6 @@ using namespace qsdolfinx;
 
 namespace
 {
-RayFacet facet_of(const PieceSide& side, std::size_t piece)
-{
-  return {side.type, side.degree, side.x_of(piece), side.orientation[piece]};
-}
-
 /// Forces on the nodes of one piece, [node][gdim], from its slips [k][node][3][3].
 void contract(std::span<const double> slip, std::span<const double> traction, std::size_t nodes,
               std::size_t d, std::vector<double>& forces)
@@ -47,17 +42,6 @@ std::vector<double> qsdolfinx::values_at(Vec x, std::span<const std::int64_t> do
   check(ISDestroy(&is));
   check(VecDestroy(&local));
   return out;
-}
-
-RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
-{
-  const bool is_slave = pieces.cut_is_slave[piece];
-  const RayFacet slave = facet_of(pieces.slave, piece), master = facet_of(pieces.master, piece);
-  const auto side = static_cast<std::size_t>(is_slave ? master.type : slave.type), n = side * side;
-  std::span<const double> rise;
-  if (!pieces.rise.empty())
-    rise = std::span(pieces.rise).subspan(piece * n, n);
-  return {is_slave ? slave : master, is_slave ? master : slave, is_slave, pieces.along_other, rise};
 }
 
 void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)

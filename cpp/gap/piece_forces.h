@@ -11,9 +11,6 @@ namespace qsdolfinx
 /// Values of a distributed vector at some unknowns, in their order. Collective.
 std::vector<double> values_at(Vec x, std::span<const std::int64_t> dofs);
 
-/// The two facets of a piece.
-RayPair pair_of(const Pieces& pieces, std::size_t piece);
-
 /// Let facets that rays of vertices end on stand for the curved surface with these normals at its
 /// nodes, so that forces do not jump where a point goes from facet to facet. Collective.
 /// @param normals unit vectors, a vector of the body or tool that they are of; 0 at nodes at

@@ -21,19 +21,18 @@ struct PieceSums
   {
   }
 
-  /// Whether all rays meet the other facet.
-  bool compute(const Pieces& pieces, std::size_t piece, std::span<RayPoint> points)
+  void compute(const Pieces& pieces, std::size_t piece)
   {
     for (auto* values : {&cover, &gap, &jump, &gradient, &mass, &cover_gradient})
       std::ranges::fill(*values, 0.0);
     const RayPair pair = pair_of(pieces, piece);
-    if (!solve_rays(pair, points))
-      return false;
+    const auto points = pieces.points_of(piece);
     add_gap(pair, points, {cover, gap, jump, gradient, cover_gradient});
+    if (mass.empty())
+      return;
     for (const RayPoint& point : points)
       pair.cut_is_slave ? add_mass(pair.cut, pair.other, point.xi, point.zeta, point.weight)
                         : add_mass(pair.other, pair.cut, point.zeta, point.xi, point.weight);
-    return true;
   }
 
   /// Let penetration that counts as none be no part of the gap whose gradient it is.
@@ -64,14 +63,6 @@ private:
   }
 };
 
-/// Whether all rays of the rim of a piece meet the other facet.
-bool solve_rim(Pieces& pieces, std::size_t piece)
-{
-  const RayPair pair = pair_of(pieces, piece);
-  return std::ranges::all_of(pieces.rim_of(piece), [&pair](RimPoint& rim)
-                             { return solve_rays(pair, std::span(&rim.point, 1)); });
-}
-
 /// The slip of all multipliers of a piece along one axis, as a gradient.
 void compute_slip(const Pieces& pieces, std::size_t piece, int axis, std::vector<double>& slip,
                   PieceSums& sums)
@@ -96,6 +87,7 @@ void append_row(std::vector<double>& out, const PieceSums& sums, std::size_t k, 
 /// Rows of pieces on their way to the owners of the nodes.
 struct Records
 {
+  bool with_columns = true;
   std::vector<int> dest;
   std::vector<double> doubles;
   std::vector<std::int64_t> integers;
@@ -116,9 +108,11 @@ struct Records
     for (std::size_t k = 0; k < sums.cover.size(); ++k)
     {
       dest.push_back(pieces.slave.owner[piece * num_slave + k]);
-      append_row(doubles, sums, k, num_slave + num_master);
+      append_row(doubles, sums, k, with_columns ? num_slave + num_master : 0);
       integers.push_back(pieces.slave.dofs[(piece * num_slave + k) * d]);
       integers.push_back(pieces.multiplier_side[piece * sums.cover.size() + k]);
+      if (!with_columns)
+        continue;
       append_record(integers, pieces.slave.dofs, piece, num_slave * d);
       append_record(integers, pieces.master.dofs, piece, num_master * d);
     }
@@ -126,8 +120,10 @@ struct Records
 };
 } // namespace
 
-PieceRows::PieceRows(const Surface& slave, Pieces& pieces, Vec covered, Vec allowance)
-    : gdim(pieces.gdim), num_slave(pieces.slave.num_nodes), num_master(pieces.master.num_nodes)
+PieceRows::PieceRows(const Surface& slave, const Pieces& pieces, Vec covered, Vec allowance,
+                     bool with_columns)
+    : gdim(pieces.gdim), num_slave(with_columns ? pieces.slave.num_nodes : 0),
+      num_master(with_columns ? pieces.master.num_nodes : 0)
 {
   const auto nk = static_cast<std::size_t>(pieces.num_multipliers),
              columns = static_cast<std::size_t>(num_columns());
@@ -136,13 +132,13 @@ PieceRows::PieceRows(const Surface& slave, Pieces& pieces, Vec covered, Vec allo
   const std::vector<double> allowed
       = allowance ? values_at(allowance, first_dofs(pieces)) : std::vector<double>{};
   Records records;
+  records.with_columns = with_columns;
   for (std::size_t i = 0; i < pieces.size(); ++i)
-  {
-    if (sums.compute(pieces, i, pieces.points_of(i)) && solve_rim(pieces, i))
+    if (!pieces.is_missed[i])
+    {
+      sums.compute(pieces, i);
       records.append(pieces, i, shares, sums, allowed);
-    else
-      ++num_missed;
-  }
+    }
   append_received(slave, records.dest, records.doubles, records.integers);
 }
 

@@ -14,10 +14,12 @@ namespace qsdolfinx
 /// Columns are the nodes of the slave's facet, then those of the master's.
 struct PieceRows
 {
-  /// Solves for where the rays of all points meet the other facets; these places are updated.
-  /// Collective. @param cover see Shares @param allowance a_k at the first unknown of each node, a
-  /// vector of the slave's body: penetration that counts as none; null for none
-  PieceRows(const Surface& slave, Pieces& pieces, Vec cover, Vec allowance);
+  /// Collective. @param pieces where rays have been solved for, see solve_pieces @param cover see
+  /// Shares @param allowance a_k at the first unknown of each node, a vector of the slave's body:
+  /// penetration that counts as none; null for none @param with_columns whether derivatives are
+  /// wanted; otherwise rows have no columns. Pieces that are missed are left out.
+  PieceRows(const Surface& slave, const Pieces& pieces, Vec cover, Vec allowance,
+            bool with_columns);
 
   /// The objective slip of each multiplier along one axis, see add_slip: its variation takes the
   /// gradient's place, the other sums are none. Collective. @param pieces as the above left them
@@ -32,7 +34,6 @@ struct PieceRows
             std::span<const double> mass);
 
   int gdim, num_slave, num_master; ///< columns of either side
-  std::int64_t num_missed = 0;     ///< pieces left out, since a ray meets no point
   std::vector<std::size_t> node;   ///< owned node of the slave, [row]
   std::vector<std::uint8_t> side;  ///< its smooth side, [row]
   std::vector<double> cover;       ///< Σ_p w_p N_k, [row]

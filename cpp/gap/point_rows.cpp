@@ -2,6 +2,7 @@
 #include "gap/piece_forces.h"
 
 #include <algorithm>
+#include <array>
 #include <numeric>
 #include <stdexcept>
 
@@ -191,41 +192,184 @@ PairingPoints qsdolfinx::points_of_pieces(const Surface& slave, const Surface* m
   return out;
 }
 
-std::vector<double> qsdolfinx::gradients_of_pieces(const Pieces& pieces)
+namespace
 {
-  const auto nodes = static_cast<std::size_t>(pieces.slave.num_nodes + pieces.master.num_nodes);
-  std::vector<double> out(pieces.points.size() * nodes * 3);
-  std::size_t done = 0;
-  for (std::size_t i = 0; i < pieces.size(); ++i)
+/// Columns of some nodes of each piece, ascending by the unknowns that stand for them.
+struct PieceColumns
+{
+  std::size_t num_nodes;
+  std::vector<std::int64_t> key;    ///< of each column
+  std::vector<std::int32_t> column; ///< [piece][node]
+  std::vector<std::uint32_t> order; ///< nodes of the piece by their columns, [piece][node]
+
+  /// @param keys what stands for the nodes, [piece][node] @param others more columns
+  PieceColumns(const std::vector<std::int64_t>& keys, std::size_t nodes,
+               std::span<const std::int64_t> others = {})
+      : num_nodes(nodes), key(keys), column(keys.size()), order(keys.size())
   {
-    const auto of_piece = pieces.points_of(i);
-    const std::size_t size = of_piece.size() * nodes * 3;
-    gap_gradients(pair_of(pieces, i), of_piece, std::span(out).subspan(done, size));
-    done += size;
+    key.insert(key.end(), others.begin(), others.end());
+    std::ranges::sort(key);
+    key.erase(std::ranges::unique(key).begin(), key.end());
+    std::ranges::transform(keys, column.begin(), [this](std::int64_t k) { return place(k); });
+    for (std::size_t first = 0; first < keys.size(); first += nodes)
+    {
+      const auto of_piece = std::span(order).subspan(first, nodes);
+      std::iota(of_piece.begin(), of_piece.end(), 0u);
+      std::ranges::stable_sort(of_piece, {}, [&](std::uint32_t j) { return column[first + j]; });
+    }
   }
+
+  std::int32_t place(std::int64_t k) const
+  {
+    return static_cast<std::int32_t>(std::ranges::lower_bound(key, k) - key.begin());
+  }
+  std::span<const std::uint32_t> order_of(std::size_t piece) const
+  {
+    return std::span(order).subspan(piece * num_nodes, num_nodes);
+  }
+};
+
+/// First unknowns of the nodes of one side, [piece][node].
+std::vector<std::int64_t> node_keys(const PieceSide& side, std::size_t d)
+{
+  std::vector<std::int64_t> out(side.dofs.size() / d);
+  for (std::size_t i = 0; i < out.size(); ++i)
+    out[i] = side.dofs[i * d];
   return out;
 }
 
-void qsdolfinx::rows_of_pieces(GapOperator::Side& out, const Pieces& pieces,
-                               const PairingPoints& points, int side,
-                               const std::vector<double>& gradients, std::size_t components)
+/// Room for rows of all points and some empty ones.
+void reserve_rows(GapOperator::Side& out, std::size_t points, std::size_t alone,
+                  std::size_t entries, std::size_t entry_size)
 {
-  const PairingSide& s = side == 0 ? points.slave : points.master;
-  const auto n = static_cast<std::size_t>(s.num_nodes), d = static_cast<std::size_t>(points.block);
+  out.offset.assign(1, 0);
+  out.offset.reserve(points + alone + 1);
+  out.column.reserve(points * entries);
+  out.coefficient.reserve(points * entries * entry_size);
+}
+
+/// Rows of the points of one piece. @param values of each, [point][node][width]
+/// @param first of the nodes @param d unknowns of a node
+void append_rows(GapOperator::Side& out, const PieceColumns& columns, std::size_t piece,
+                 std::span<const double> values, std::size_t nodes, std::size_t first,
+                 std::size_t width, std::size_t d)
+{
+  const auto order = columns.order_of(piece);
+  const std::int32_t* column = &columns.column[piece * columns.num_nodes];
+  const std::size_t in_row = width == 1 ? 1 : d, rows = width == 9 ? d : 1;
+  for (std::size_t p = 0; p < values.size(); p += nodes * width)
+  {
+    for (std::uint32_t j : order)
+    {
+      out.column.push_back(column[j]);
+      const double* value = &values[p + (first + j) * width];
+      for (std::size_t r = 0; r < rows; ++r, value += 3)
+        out.coefficient.insert(out.coefficient.end(), value, value + in_row);
+    }
+    out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
+  }
+}
+} // namespace
+
+void qsdolfinx::rows_of_pieces(std::span<GapOperator::Side> out, const Pieces& pieces,
+                               std::size_t num_alone, std::size_t width, const OfPiece& values)
+{
+  const auto d = static_cast<std::size_t>(pieces.gdim);
+  const std::array<const PieceSide*, 2> sides{&pieces.slave, &pieces.master};
   const auto ns = static_cast<std::size_t>(pieces.slave.num_nodes),
              nodes = ns + static_cast<std::size_t>(pieces.master.num_nodes);
-  const std::vector<std::int64_t> dofs = without_alone(points, s);
-  const Functions f{dofs, gradients, n, n, d};
-  const std::vector<std::int64_t> columns = find_columns(f, points.size());
-  const std::size_t first = side == 0 ? 0 : ns;
-  compress(out, f, points.size(), columns,
-           [&](std::size_t p, std::size_t j)
-           {
-             const double* row = &gradients[(p * nodes + first + j) * 3 * components];
-             for (std::size_t r = 0; r < std::min(components, d); ++r)
-               out.coefficient.insert(out.coefficient.end(), row + 3 * r, row + 3 * r + d);
-           });
-  fill_dofs(out, f, points.size(), columns);
+  const std::size_t entry_size = width == 9 ? d * d : width == 3 ? d : 1;
+  std::vector<PieceColumns> columns;
+  for (std::size_t s = 0; s < out.size(); ++s)
+  {
+    const auto n = static_cast<std::size_t>(sides[s]->num_nodes);
+    columns.emplace_back(node_keys(*sides[s], d), n);
+    reserve_rows(out[s], pieces.points.size(), num_alone, n, entry_size);
+    out[s].dofs.resize(columns[s].key.size() * d);
+    for (std::size_t i = 0; i < columns[s].column.size(); ++i)
+      for (std::size_t a = 0; a < d; ++a)
+        out[s].dofs[static_cast<std::size_t>(columns[s].column[i]) * d + a]
+            = static_cast<PetscInt>(sides[s]->dofs[i * d + a]);
+    out[s].free_dofs = out[s].dofs;
+  }
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    const auto of_piece = values(i);
+    for (std::size_t s = 0; s < out.size(); ++s)
+      append_rows(out[s], columns[s], i, of_piece, nodes, s == 0 ? 0 : ns, width, d);
+  }
+  for (GapOperator::Side& side : out)
+    side.offset.insert(side.offset.end(), num_alone, side.offset.back());
+}
+
+void qsdolfinx::multipliers_of_pieces(GapOperator::Side& out, const Pieces& pieces,
+                                      std::span<const std::int64_t> alone)
+{
+  const auto nk = static_cast<std::size_t>(pieces.num_multipliers);
+  const PieceColumns columns(side_dofs(pieces), nk, alone);
+  reserve_rows(out, pieces.points.size(), alone.size(), nk, 1);
+  std::vector<double> N;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+  {
+    N.clear();
+    for (const RayPoint& point : pieces.points_of(i))
+    {
+      const auto at
+          = shape_functions(pieces.slave.type, pieces.cut_is_slave[i] ? point.xi : point.zeta);
+      N.insert(N.end(), at.begin(), at.begin() + static_cast<std::ptrdiff_t>(nk));
+    }
+    append_rows(out, columns, i, N, nk, 0, 1, 1);
+  }
+  for (std::int64_t unknown : alone)
+  {
+    out.column.push_back(columns.place(unknown));
+    out.coefficient.push_back(1);
+    out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
+  }
+  out.dofs.assign(columns.key.begin(), columns.key.end());
+}
+
+OfPiece qsdolfinx::gap_gradients_of(const Pieces& pieces)
+{
+  const auto nodes = static_cast<std::size_t>(pieces.slave.num_nodes + pieces.master.num_nodes);
+  return [&pieces, nodes, values = std::vector<double>()](std::size_t i) mutable
+  {
+    const auto points = pieces.points_of(i);
+    values.resize(points.size() * nodes * 3);
+    gap_gradients(pair_of(pieces, i), points, values);
+    return std::span<const double>(values);
+  };
+}
+
+OfPiece qsdolfinx::jumps_of(const Pieces& pieces)
+{
+  return [&pieces, values = std::vector<double>()](std::size_t i) mutable
+  {
+    values.clear();
+    for (const RayPoint& point : pieces.points_of(i))
+    {
+      const bool on_slave = pieces.cut_is_slave[i];
+      const auto append = [&](const PieceSide& side, const std::array<double, 2>& xi, double sign)
+      {
+        const auto T = trace_functions(side.type, side.degree, xi);
+        for (int j = 0; j < side.num_nodes; ++j)
+          values.push_back(sign * T[static_cast<std::size_t>(j)]);
+      };
+      append(pieces.slave, on_slave ? point.xi : point.zeta, 1);
+      append(pieces.master, on_slave ? point.zeta : point.xi, -1);
+    }
+    return std::span<const double>(values);
+  };
+}
+
+OfPiece qsdolfinx::parts_of(const Pieces& pieces, std::span<const double> values)
+{
+  return [&pieces, values](std::size_t i)
+  {
+    const std::size_t width = values.size() / std::max<std::size_t>(pieces.points.size(), 1),
+                      first = i > 0 ? pieces.end[i - 1] : 0;
+    return values.subspan(first * width, (pieces.end[i] - first) * width);
+  };
 }
 
 FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest,

@@ -4,6 +4,8 @@
 #include "gap/gap.h"
 #include "pairing/pieces.h"
 
+#include <functional>
+
 namespace qsdolfinx
 {
 
@@ -18,15 +20,28 @@ void multipliers_at_points(GapOperator::Side& out, const PairingPoints& points);
 /// Points of pieces, where rays have been solved for, as pairing points without normals.
 PairingPoints points_of_pieces(const Surface& slave, const Surface* master, const Pieces& pieces);
 
-/// Gradients of the gaps, [point][node][3], the slave's nodes first.
-std::vector<double> gradients_of_pieces(const Pieces& pieces);
+/// Values at the points of a piece for the nodes of both facets, [point][node][width], the slave's
+/// nodes first; until the next piece is asked for.
+using OfPiece = std::function<std::span<const double>(std::size_t piece)>;
 
-/// Rows of one side, one for each point of pieces, of such gradients. @param side as above
-/// @param points those of points_of_pieces, perhaps with some that are alone
-/// @param components of what they are gradients of, [point][node][component][3]: 1, or 3 of a
-/// vector
-void rows_of_pieces(GapOperator::Side& out, const Pieces& pieces, const PairingPoints& points,
-                    int side, const std::vector<double>& gradients, std::size_t components = 1);
+/// Gradients of the gaps, width 3.
+OfPiece gap_gradients_of(const Pieces& pieces);
+
+/// Trace functions, negative for the master, width 1.
+OfPiece jumps_of(const Pieces& pieces);
+
+/// Parts of values that are known, [point][node][width].
+OfPiece parts_of(const Pieces& pieces, std::span<const double> values);
+
+/// Rows of both sides, or the slave alone, one for each point of pieces and some empty ones.
+/// @param num_alone of these @param width 1: of all unknowns of a node alike, 3: by unknown,
+/// 9: the same of a vector, [component][unknown]
+void rows_of_pieces(std::span<GapOperator::Side> out, const Pieces& pieces, std::size_t num_alone,
+                    std::size_t width, const OfPiece& values);
+
+/// Functions N_k at the points of pieces, as multipliers_at_points, and rows with one unknown each.
+void multipliers_of_pieces(GapOperator::Side& out, const Pieces& pieces,
+                           std::span<const std::int64_t> alone);
 
 /// How functions of the slave's vertices move along its facets at the points of pieces.
 struct FunctionsOfPieces

@@ -6,7 +6,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-constexpr double inverse_tolerance = 1e-14;
+constexpr double inverse_tolerance = 1e-16; // what Newton's method leaves, part of a facet
 constexpr int inverse_max_iterations = 30;
 constexpr double outside_tolerance = 1e-12; // part of a side's length
 constexpr double fold_tolerance = 1e-6;     // smallest Jacobian over the largest
@@ -228,7 +228,7 @@ Vec2 PlanarFacet::invert(const Vec2& q) const
     const double det = cross(s, t);
     const Vec2 step{cross(r, t) / det, cross(s, r) / det};
     xi = xi + step;
-    if (affine_ || std::max(std::abs(step[0]), std::abs(step[1])) < inverse_tolerance)
+    if (affine_ || std::abs(step[0] * step[1]) < inverse_tolerance) // times c it is what is left
       break;
   }
   return xi;

@@ -157,6 +157,14 @@ struct Curved
   std::vector<ConformingPoint>* found = nullptr; ///< filled if it is not null
 };
 
+/// Area at ξ on a facet, over that of the reference facet.
+double stretch(const Surface& surface, std::size_t f, std::array<double, 2> xi)
+{
+  const auto v = surface.facet_x(f);
+  return norm(area_vector(surface.type(), v, xi))
+         * surface.area_factor(facet_point(surface.type(), v, xi));
+}
+
 /// Where pieces are noted down, and the areas of their points.
 struct Record
 {
@@ -175,28 +183,28 @@ struct Record
     append_record(pieces.multiplier_side, cut_is_slave ? own.vertex_side : nearby.side,
                   cut_is_slave ? f : g, pieces.num_multipliers);
     pieces.cut_is_slave.push_back(cut_is_slave);
+    pieces.facet.push_back(f);
     pieces.end.push_back(pieces.points.size());
     pieces.rim_end.push_back(pieces.rim.size());
   }
 
-  void append_rim(const RimPoint& point)
+  /// @param density weight over the area per reference area, see Pieces
+  void append_rim(const std::array<double, 2>& xi, const std::array<double, 2>& zeta,
+                  double density, const Vec3& outward)
   {
-    pieces.rim.push_back(point);
+    pieces.rim.push_back(
+        {{xi, zeta, density * stretch(measured, pieces.facet.back(), xi)}, outward});
+    pieces.rim_density.push_back(density);
     pieces.rim_end.back() = pieces.rim.size();
   }
 
-  void append_point(const RayPoint& point)
+  /// @param density likewise
+  void append_point(const std::array<double, 2>& xi, const std::array<double, 2>& zeta,
+                    double density)
   {
-    pieces.points.push_back(point);
+    pieces.points.push_back({xi, zeta, density * stretch(measured, pieces.facet.back(), xi)});
+    pieces.density.push_back(density);
     pieces.end.back() = pieces.points.size();
-  }
-
-  /// Area at ξ on facet f, over that of the reference facet.
-  double stretch(std::size_t f, std::array<double, 2> xi) const
-  {
-    const auto v = measured.facet_x(f);
-    return norm(area_vector(measured.type(), v, xi))
-           * measured.area_factor(facet_point(measured.type(), v, xi));
   }
 
 private:
@@ -283,22 +291,27 @@ bool hides(double s, std::span<const Crossing> others, double tie)
   return behind_wins;
 }
 
-/// Shape functions at the points of a piece, with the constants that make their integrals exact.
+/// Where the points of a piece are on a facet, and its shape functions there, with the constants
+/// that make their integrals exact.
 struct ShapeValues
 {
   std::vector<Vec2> xi;
   std::vector<std::array<double, 4>> N;
 
-  void compute(FacetType type, const PlanarFacet& facet, const Polygon& polygon,
-               const std::vector<Vec2>& q, const std::vector<double>& w, const Rule& edge)
+  void place(const PlanarFacet& facet, const std::vector<Vec2>& q)
   {
     xi.clear();
     N.clear();
     for (const Vec2& p : q)
-    {
       xi.push_back(facet.invert(p));
-      N.push_back(shape_functions(type, xi.back()));
-    }
+  }
+
+  void compute(FacetType type, const PlanarFacet& facet, const Polygon& polygon,
+               const std::vector<Vec2>& q, const std::vector<double>& w, const Rule& edge)
+  {
+    place(facet, q);
+    for (const Vec2& at : xi)
+      N.push_back(shape_functions(type, at));
     if (facet.affine())
       return;
     auto missing = facet.integrals(polygon, edge);
@@ -662,8 +675,16 @@ private:
       append_points_from_middle(piece.polygon, rules_.piece, q_, w_);
     else
       append_points(piece.polygon, rules_.piece, q_, w_);
-    here_.compute(cut_.type(), planar, piece.polygon, q_, w_, rules_.edge);
-    there_.compute(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
+    if (record_)
+    {
+      here_.place(planar, q_);
+      there_.place(piece.planar, q_);
+    }
+    else
+    {
+      here_.compute(cut_.type(), planar, piece.polygon, q_, w_, rules_.edge);
+      there_.compute(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
+    }
     const ShapeValues &here = here_, &there = there_;
     const double reach = reach_.of(cut_.facets().size[f], std::sqrt(squared_size(nearby_.type, z)));
     std::size_t num_recorded = 0;
@@ -700,9 +721,8 @@ private:
       {
         if (num_recorded++ == 0)
           record_->append(cut_, f, nearby_, piece.other, cut_is_slave_);
-        record_->append_point(
-            {here.xi[p], there.xi[p],
-             share_ * w_[p] / planar.jacobian(here.xi[p]) * record_->stretch(f, here.xi[p])});
+        record_->append_point(here.xi[p], there.xi[p],
+                              share_ * w_[p] / planar.jacobian(here.xi[p]));
         continue;
       }
       // A curved quadrilateral has more area than its projection.
@@ -742,7 +762,7 @@ private:
     {
       for (int i = 0; i < 2; ++i)
         if (moves(rim[i], rim[i]))
-          append_rim_point(f, planar, piece, rim[i], 1, (i == 0 ? -1.0 : 1.0) * frame.e0);
+          append_rim_point(planar, piece, rim[i], 1, (i == 0 ? -1.0 : 1.0) * frame.e0);
       return;
     }
     const Rule& rule = cut_.degree() > 1 || nearby_.degree > 1 ? rim_rule_3() : rim_rule_2();
@@ -754,17 +774,16 @@ private:
         continue;
       const Vec3 outward = (t[1] / length) * frame.e0 - (t[0] / length) * frame.e1;
       for (std::size_t p = 0; p < rule.w.size(); ++p)
-        append_rim_point(f, planar, piece, a + rule.x[p][0] * t, rule.w[p] * length, outward);
+        append_rim_point(planar, piece, a + rule.x[p][0] * t, rule.w[p] * length, outward);
     }
   }
 
   /// @param length of the rim that the point stands for; 1 in 2D
-  void append_rim_point(std::size_t f, const PlanarFacet& planar, const Piece& piece, const Vec2& q,
-                        double length, const Vec3& outward)
+  void append_rim_point(const PlanarFacet& planar, const Piece& piece, const Vec2& q, double length,
+                        const Vec3& outward)
   {
     const Vec2 xi = planar.invert(q);
-    const double density = record_->stretch(f, xi) / planar.jacobian(xi);
-    record_->append_rim({{xi, piece.planar.invert(q), share_ * density * length}, outward});
+    record_->append_rim(xi, piece.planar.invert(q), share_ * length / planar.jacobian(xi), outward);
   }
 
   /// Gap and normal between the surfaces that the facets stand for, in place of the facets' own.
@@ -967,6 +986,22 @@ Pieces qsdolfinx::overlay_pieces(const Surface& slave, const Surface& master,
   cut(slave, master, slave_measured);
   if (both)
     cut(master, slave, master_measured);
+  solve_pieces(out);
+  return out;
+}
+
+Pieces qsdolfinx::weighed(const Pieces& pieces, const Surface& slave_measured,
+                          const Surface& master_measured)
+{
+  Pieces out = pieces;
+  for (std::size_t i = 0, p = 0, r = 0; i < out.size(); ++i)
+  {
+    const Surface& measured = out.cut_is_slave[i] ? slave_measured : master_measured;
+    for (RayPoint& point : out.points_of(i))
+      point.weight = out.density[p++] * stretch(measured, out.facet[i], point.xi);
+    for (RimPoint& rim : out.rim_of(i))
+      rim.point.weight = out.rim_density[r++] * stretch(measured, out.facet[i], rim.point.xi);
+  }
   return out;
 }
 
@@ -1003,6 +1038,7 @@ Pieces qsdolfinx::nearby_pieces(const Surface& slave, const Surface& master, boo
   cut(slave, master);
   if (both)
     cut(master, slave);
+  solve_pieces(out);
   return out;
 }
 

@@ -44,13 +44,17 @@ PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool
                                const OverlayRules& rules, const Relief& slave_relief,
                                const Relief& master_relief);
 
-/// The same pieces with the facets they were cut from, gaps being along the normals of these.
+/// The same pieces with the facets they were cut from, gaps being along the normals of these, which
+/// have been solved for.
 /// Collective.
 /// @param slave, master surfaces that follow their bodies, see Surface::follow
 /// @param slave_measured, master_measured the same facets where areas are measured
 Pieces overlay_pieces(const Surface& slave, const Surface& master, const Surface& slave_measured,
                       const Surface& master_measured, bool both, const SearchRadius& radius,
                       const OverlayRules& rules);
+
+/// The same pieces with areas that are measured elsewhere. @param pieces of overlay_pieces
+Pieces weighed(const Pieces& pieces, const Surface& slave_measured, const Surface& master_measured);
 
 /// Pairs of facets that pieces may be cut from before either has moved by the margin along the
 /// surface: no points. Collective. @param both whether also those of the master are cut

@@ -462,6 +462,7 @@ Pieces qsdolfinx::vertex_pieces(const Surface& slave, const Surface& master, boo
     out.end.push_back(out.points.size());
     out.rim_end.push_back(0);
   }
+  solve_pieces(out);
   return out;
 }
 

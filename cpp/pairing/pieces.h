@@ -40,6 +40,10 @@ struct Pieces
   std::vector<RayPoint> points;              ///< ξ of the facet that was cut, ζ of the other, area
   std::vector<std::size_t> rim_end;          ///< the same of the rim's points
   std::vector<RimPoint> rim;                 ///< as points
+  // Of facets that were cut, what areas can be measured anew by:
+  std::vector<std::size_t> facet;           ///< facet of this rank, [piece]; empty of vertices
+  std::vector<double> density, rim_density; ///< weight over ∂A/∂ξ where areas are measured, [point]
+  std::vector<std::uint8_t> is_missed;      ///< whether a ray meets no point, [piece]
 
   std::size_t size() const { return end.size(); }
   std::span<const RayPoint> points_of(std::size_t piece) const
@@ -65,5 +69,11 @@ private:
     return all.subspan(first, end[piece] - first);
   }
 };
+
+/// The two facets of a piece.
+RayPair pair_of(const Pieces& pieces, std::size_t piece);
+
+/// Find where the rays of all points meet the other facets.
+void solve_pieces(Pieces& pieces);
 
 } // namespace qsdolfinx

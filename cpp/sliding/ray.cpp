@@ -1,9 +1,11 @@
 #include "sliding/ray.h"
+#include "geometry/outer.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <vector>
 
 using namespace qsdolfinx;
 
@@ -20,7 +22,7 @@ using Vec2 = std::array<double, 2>;
 
 constexpr int max_columns = 2 * 3 * max_trace;
 
-/// A linear form in the components of all nodes.
+/// A linear form in the components of all nodes, which come first.
 using Row = std::array<double, max_columns>;
 
 void add(double* to, double s, const Vec3& a)
@@ -216,7 +218,8 @@ struct Ray
   /// The form c·v.
   Row form(const Columns& columns, const Normal& normal, const Vec3& c) const
   {
-    Row row{};
+    Row row;
+    std::fill_n(row.begin(), columns.size(), 0.0);
     add_to(columns, c, row.data());
     normal.add_to(t * c, &row[3 * columns.along]);
     return row;
@@ -378,6 +381,14 @@ public:
     std::fill_n(half_.begin(), n_ * n_, 0.0);
   }
 
+  /// Room for so many points.
+  void reserve(std::size_t points)
+  {
+    const std::size_t rows = points * static_cast<std::size_t>(dim_);
+    for (auto* of : {&left_, &right_})
+      of->reserve(rows * static_cast<std::size_t>(n_));
+  }
+
   /// The terms with δζ of w Σ_k λ_k N_k (g − a_k), and the sums that those with δn need.
   void add_point(const RayPoint& point, const Pressure& L)
   {
@@ -394,10 +405,12 @@ public:
     add_second_variation(ray, point.zeta, forms, c, Pressure(0));
   }
 
-  /// The terms with δn and ∂²n, which all points share: with C = Σ t c,
+  /// Sum up the points, with the terms with δn and ∂²n, which all of them share: with C = Σ t c,
   /// C·∂²n = (C − n (n·C))·∂²s/|s| − ((C·δn)(n·Δs) + (C·Δn)(n·δs))/|s| − (C·n) δn·Δn.
-  void add_normal()
+  void add_sums()
   {
+    const auto n = static_cast<std::size_t>(n_);
+    add_outer_products(left_, right_, {}, n, n, half_.data());
     const int first = 3 * columns_.along, count = 3 * normal_.num_vertices();
     Row area{};
     normal_.add_area(normal_.n(), &area[first]);
@@ -455,11 +468,11 @@ private:
         with_normal_[r][b] += c[r] * dt[b];
   }
 
+  /// Keep a product until all points are known.
   void add_product(const Row& left, const Row& right)
   {
-    for (int a = 0; a < n_; ++a)
-      for (int b = 0; b < n_; ++b)
-        half_[a * n_ + b] += left[a] * right[b];
+    left_.insert(left_.end(), left.begin(), left.begin() + n_);
+    right_.insert(right_.end(), right.begin(), right.begin() + n_);
   }
 
   const RayPair& pair_;
@@ -469,6 +482,7 @@ private:
   Vec3 lever_{};
   std::array<Row, 3> with_normal_{};
   std::array<double, max_columns * max_columns> half_;
+  std::vector<double> left_, right_; ///< products of points
 };
 } // namespace
 
@@ -606,9 +620,10 @@ void qsdolfinx::add_curvature(const RayPair& pair, std::span<const RayPoint> poi
                               const RayForces& forces, std::span<double> hessian)
 {
   HalfHessian half(pair);
+  half.reserve(points.size());
   for (const RayPoint& point : points)
     half.add_point(point, Pressure(pair, point, forces));
-  half.add_normal();
+  half.add_sums();
   half.add_to(hessian);
 }
 
@@ -663,10 +678,11 @@ void qsdolfinx::add_curvature_of_points(const RayPair& pair, std::span<const Ray
                                         std::span<const double> pressure, std::span<double> hessian)
 {
   HalfHessian half(pair);
+  half.reserve(points.size());
   for (std::size_t p = 0; p < points.size(); ++p)
     if (pressure[p] != 0)
       half.add_point(points[p], {points[p].weight * pressure[p], lift_of(pair, points[p].zeta)});
-  half.add_normal();
+  half.add_sums();
   half.add_to(hessian);
 }
 
@@ -700,6 +716,7 @@ void qsdolfinx::add_slip_curvature(const RayPair& pair, std::span<const RayPoint
   const Columns columns(pair);
   const int dim = pair.other.type == FacetType::interval ? 1 : 2, n = columns.size();
   HalfHessian half(pair);
+  half.reserve(points.size());
   for (const RayPoint& point : points)
   {
     const Ray ray(pair, normal, point);
@@ -710,7 +727,7 @@ void qsdolfinx::add_slip_curvature(const RayPair& pair, std::span<const RayPoint
       add_outer(alpha == 0 ? forms.first : forms.second,
                 sliding.variation(alpha, pair, ray, point, forms, columns, normal), n, hessian);
   }
-  half.add_normal();
+  half.add_sums();
   half.add_to(hessian);
   add_rim_of(pair, rim, hessian,
              [&](const Ray& ray, const RayPoint& point, const Vec3& n)
@@ -884,6 +901,7 @@ void qsdolfinx::add_slip_curvature_of_points(const RayPair& pair, std::span<cons
   const Columns columns(pair);
   const int dim = pair.other.type == FacetType::interval ? 1 : 2, n = columns.size();
   HalfHessian half(pair);
+  half.reserve(points.size());
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     const Vec3 tau = facet_vertex(traction, static_cast<int>(p));
@@ -910,6 +928,6 @@ void qsdolfinx::add_slip_curvature_of_points(const RayPair& pair, std::span<cons
       add_outer(alpha == 0 ? forms.first : forms.second,
                 sliding.variation(alpha, pair, ray, point, forms, columns, normal), n, hessian);
   }
-  half.add_normal();
+  half.add_sums();
   half.add_to(hessian);
 }

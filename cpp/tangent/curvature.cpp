@@ -1,8 +1,10 @@
 #include "tangent/curvature.h"
 #include "gap/piece_forces.h"
 #include "parallel/petsc.h"
+#include "tangent/row_sums.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <functional>
 #include <stdexcept>
 
@@ -72,17 +74,18 @@ private:
   std::array<double, 2> sums_{};
 };
 
-/// Inserts matrices of pieces, [node][3][node][3], the slave's nodes first.
+/// Inserts matrices of pieces, [node][3][node][3], the slave's nodes first, once all are known.
 class Insertion
 {
 public:
   /// Collective.
   Insertion(const Surface* master, const Pieces& pieces, std::array<Vec, 2> markers,
             ContactBlocks blocks, std::array<double, 2> scale)
-      : sides_{&pieces.slave, &pieces.master}, num_sides_(master ? 2 : 1), blocks_(blocks),
-        scale_(scale), d_(static_cast<std::size_t>(pieces.gdim)),
+      : sides_{&pieces.slave, &pieces.master}, num_sides_(master ? 2 : 1), scale_(scale),
+        d_(static_cast<std::size_t>(pieces.gdim)),
         nodes_{static_cast<std::size_t>(pieces.slave.num_nodes),
-               static_cast<std::size_t>(pieces.master.num_nodes)}
+               static_cast<std::size_t>(pieces.master.num_nodes)},
+        sums_{RowSums(blocks[0]), RowSums(blocks[1]), RowSums(blocks[2]), RowSums(blocks[3])}
   {
     for (int s = 0; s < num_sides_; ++s)
       dofs_[s] = free_dofs(*sides_[s], markers[s]);
@@ -91,7 +94,7 @@ public:
   /// Rows of a matrix.
   std::size_t size() const { return 3 * (nodes_[0] + nodes_[1]); }
 
-  void insert(std::size_t piece, std::span<const double> H)
+  void add(std::size_t piece, std::span<const double> H)
   {
     for (int a = 0; a < num_sides_; ++a)
       for (int b = 0; b < num_sides_; ++b)
@@ -104,10 +107,16 @@ public:
             block_[r * columns + c]
                 = scale_[b]
                   * H[(3 * (row0 + r / d_) + r % d_) * size() + 3 * (column0 + c / d_) + c % d_];
-        check(MatSetValues(blocks_[2 * a + b], static_cast<PetscInt>(rows), &dofs_[a][piece * rows],
-                           static_cast<PetscInt>(columns), &dofs_[b][piece * columns],
-                           block_.data(), ADD_VALUES));
+        sums_[2 * a + b].add(std::span(dofs_[a]).subspan(piece * rows, rows),
+                             std::span(dofs_[b]).subspan(piece * columns, columns), block_);
       }
+  }
+
+  void insert()
+  {
+    for (int a = 0; a < num_sides_; ++a)
+      for (int b = 0; b < num_sides_; ++b)
+        sums_[2 * a + b].insert();
   }
 
   /// What tells the rows that are inserted from all others.
@@ -125,12 +134,12 @@ public:
 private:
   std::array<const PieceSide*, 2> sides_;
   int num_sides_;
-  ContactBlocks blocks_;
   std::array<double, 2> scale_;
   std::size_t d_;
   std::array<std::size_t, 2> nodes_;
   std::array<std::vector<PetscInt>, 2> dofs_; ///< [piece][node][gdim]
-  std::vector<PetscScalar> block_;            ///< reused storage
+  std::array<RowSums, 4> sums_;               ///< ss, sm, ms, mm
+  std::vector<double> block_;                 ///< reused storage
 };
 
 bool is_zero(double value) { return value == 0; }
@@ -165,8 +174,9 @@ bool qsdolfinx::insert_curvature(const Surface* master, const Pieces& pieces, Ve
     add_rim(pair, pieces.rim_of(i), {of_piece, allowed}, H);
     insertion.number(i, numbers);
     asymmetry.add(H, insertion.size(), numbers);
-    insertion.insert(i, H);
+    insertion.add(i, H);
   }
+  insertion.insert();
   MPI_Comm comm;
   check(PetscObjectGetComm(reinterpret_cast<PetscObject>(lambda), &comm));
   return asymmetry.is_none(comm);
@@ -201,8 +211,9 @@ bool qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& 
     add_rim_of_points(pair, rim, of_rim, H);
     insertion.number(i, numbers);
     asymmetry.add(H, insertion.size(), numbers);
-    insertion.insert(i, H);
+    insertion.add(i, H);
   }
+  insertion.insert();
   return asymmetry.is_none(comm);
 }
 
@@ -227,8 +238,9 @@ void qsdolfinx::insert_slip_curvature(const Surface* master, const Pieces& piece
                   in_space.begin() + static_cast<std::ptrdiff_t>(3 * k));
     std::ranges::fill(H, 0.0);
     add_slip_curvature(pair_of(pieces, i), pieces.points_of(i), pieces.rim_of(i), in_space, H);
-    insertion.insert(i, H);
+    insertion.add(i, H);
   }
+  insertion.insert();
 }
 
 void qsdolfinx::insert_slip_curvature_of_points(const Surface* master, const Pieces& pieces,
@@ -256,6 +268,7 @@ void qsdolfinx::insert_slip_curvature_of_points(const Surface* master, const Pie
     const RayPair pair = pair_of(pieces, i);
     add_slip_curvature_of_points(pair, points, of_piece, H);
     add_slip_rim_of_points(pair, rim, of_rim, H);
-    insertion.insert(i, H);
+    insertion.add(i, H);
   }
+  insertion.insert();
 }

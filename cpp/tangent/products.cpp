@@ -1,7 +1,10 @@
 #include "tangent/products.h"
+#include "geometry/outer.h"
 #include "parallel/petsc.h"
+#include "tangent/row_sums.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <stdexcept>
 #include <utility>
 
@@ -16,86 +19,146 @@ public:
   /// Take some rows. Whether their columns are others than those of the rows before.
   bool take(const StackedRows& rows, std::size_t first, std::size_t count)
   {
-    next_.clear();
-    entries_.clear();
-    for (std::size_t k = 0; k < count; ++k)
-      rows.visit(first + k,
-                 [&](PetscInt column, double value)
-                 {
-                   next_.push_back(column);
-                   entries_.emplace_back(k, value);
-                 });
-    const bool is_new = next_ != found_;
-    if (is_new)
-      find_columns();
-    const std::size_t n = columns_.size();
-    values_.assign(count * n, 0.0);
-    for (std::size_t e = 0; e < entries_.size(); ++e)
-      values_[entries_[e].first * n + place_[e]] += entries_[e].second;
-    return is_new;
+    size_ = count;
+    if (take_as_before(rows, first, count))
+      return false;
+    find_columns(rows, first, count);
+    take_as_before(rows, first, count);
+    return true;
   }
 
+  /// Number of rows.
+  std::size_t size() const { return size_; }
   /// Columns, ascending.
   const std::vector<PetscInt>& columns() const { return columns_; }
   /// Row k by these columns.
   const double* row(std::size_t k) const { return values_.data() + k * columns_.size(); }
 
 private:
-  void find_columns()
+  /// Columns that follow each other.
+  struct Run
   {
-    found_ = next_;
+    const PetscInt* columns;
+    std::size_t count, first; ///< first of them among the places
+  };
+
+  /// The same if the columns are those of the rows before.
+  bool take_as_before(const StackedRows& rows, std::size_t first, std::size_t count)
+  {
+    const std::size_t n = columns_.size();
+    values_.assign(count * n, 0.0);
+    std::size_t i = 0;
+    bool same = true;
+    for (std::size_t k = 0; k < count && same; ++k)
+      rows.visit_runs(
+          first + k,
+          [&](const PetscInt* columns, const double* values, std::size_t size, double factor)
+          {
+            same = same && i < runs_.size() && runs_[i].count == size
+                   && (runs_[i].columns == columns
+                       || std::equal(columns, columns + size, runs_[i].columns));
+            if (!same)
+              return;
+            const std::int32_t* place = &place_[runs_[i++].first];
+            for (std::size_t j = 0; j < size; ++j)
+              if (place[j] >= 0)
+                values_[k * n + static_cast<std::size_t>(place[j])] += factor * values[j];
+          });
+    return same && i == runs_.size();
+  }
+
+  void find_columns(const StackedRows& rows, std::size_t first, std::size_t count)
+  {
+    runs_.clear();
+    found_.clear();
+    for (std::size_t k = 0; k < count; ++k)
+      rows.visit_runs(first + k,
+                      [&](const PetscInt* columns, const double*, std::size_t size, double)
+                      {
+                        runs_.push_back({columns, size, found_.size()});
+                        found_.insert(found_.end(), columns, columns + size);
+                      });
     columns_ = found_;
+    std::erase_if(columns_, [](PetscInt c) { return c < 0; });
     std::ranges::sort(columns_);
     const auto rest = std::ranges::unique(columns_);
     columns_.erase(rest.begin(), rest.end());
-    place_.resize(found_.size());
-    std::ranges::transform(
-        found_, place_.begin(), [this](PetscInt c)
-        { return std::size_t(std::ranges::lower_bound(columns_, c) - columns_.begin()); });
+    place_.resize(found_.size() + 1); // one more, so that a run without columns has a place
+    std::ranges::transform(found_, place_.begin(),
+                           [this](PetscInt c)
+                           {
+                             const auto at = std::ranges::lower_bound(columns_, c);
+                             return c < 0 ? -1 : static_cast<std::int32_t>(at - columns_.begin());
+                           });
   }
 
-  std::vector<PetscInt> found_, next_, columns_;
-  std::vector<std::pair<std::size_t, double>> entries_; ///< row and value of each
-  std::vector<std::size_t> place_;                      ///< of each entry among the columns
+  std::size_t size_ = 0;
+  std::vector<PetscInt> found_, columns_;
+  std::vector<Run> runs_;
+  std::vector<std::int32_t> place_; ///< of each that was found among the columns, -1 of none
   std::vector<double> values_;
 };
 
-/// Sum of products of points with the same columns.
-class Block
+/// Sums of products of points with the same columns.
+class Blocks
 {
 public:
-  explicit Block(Mat matrix) : matrix_(matrix) {}
+  explicit Blocks(Mat matrix) : sums_(matrix) {}
 
   void begin(const std::vector<PetscInt>& rows, const std::vector<PetscInt>& columns)
   {
-    insert();
+    end();
     rows_ = rows;
     columns_ = columns;
-    values_.assign(rows.size() * columns.size(), 0.0);
+    is_open_ = true;
   }
 
-  /// Add a number times the product of two rows.
-  void add(const double* left, double factor, const double* right)
+  /// Add the products D of rows of a point. @param D [row][row], or a number if there is one row
+  void add(const DenseRows& left, std::span<const double> D, const DenseRows& right)
   {
-    const std::size_t n = columns_.size();
-    for (std::size_t i = 0; i < rows_.size() && factor != 0; ++i)
-      for (std::size_t j = 0; j < n; ++j)
-        values_[i * n + j] += factor * (left[i] * right[j]); // symmetric to the last bit
+    if (std::ranges::all_of(D, [](double value) { return value == 0; }))
+      return;
+    const std::size_t count = D.size() > 1 ? left.size() : 1;
+    for (std::size_t k = 0; k < count; ++k)
+    {
+      left_.insert(left_.end(), left.row(k), left.row(k) + rows_.size());
+      factor_.push_back(count == 1 ? D[0] : 1.0);
+      const std::size_t first = right_.size(), n = columns_.size();
+      right_.insert(right_.end(), right.row(0), right.row(0) + n);
+      for (std::size_t j = 0; j < n && count > 1; ++j)
+      {
+        double sum = 0;
+        for (std::size_t l = 0; l < count; ++l)
+          sum += D[k * count + l] * right.row(l)[j];
+        right_[first + j] = sum;
+      }
+    }
   }
 
   void insert()
   {
-    if (!values_.empty())
-      check(MatSetValues(matrix_, static_cast<PetscInt>(rows_.size()), rows_.data(),
-                         static_cast<PetscInt>(columns_.size()), columns_.data(), values_.data(),
-                         ADD_VALUES));
-    values_.clear();
+    end();
+    sums_.insert();
   }
 
 private:
-  Mat matrix_;
+  void end()
+  {
+    if (!is_open_)
+      return;
+    values_.assign(rows_.size() * columns_.size(), 0.0);
+    add_outer_products(left_, right_, factor_, rows_.size(), columns_.size(), values_.data());
+    sums_.add(rows_, columns_, values_);
+    for (auto* of_points : {&left_, &right_, &factor_})
+      of_points->clear();
+    is_open_ = false;
+  }
+
+  RowSums sums_;
+  bool is_open_ = false;
   std::vector<PetscInt> rows_, columns_;
-  std::vector<PetscScalar> values_;
+  std::vector<double> left_, right_, factor_; ///< of the points so far
+  std::vector<double> values_;
 };
 } // namespace
 
@@ -127,7 +190,7 @@ void qsdolfinx::add_products(Mat matrix, const StackedRows& left, const StackedR
   const std::size_t count = coupled ? components : 1;
   DenseRows by_left, by_right;
   const bool same = &left == &right;
-  Block block(matrix);
+  Blocks blocks(matrix);
   for (std::size_t first = 0; first < num_rows; first += count)
   {
     bool is_new = by_right.take(right, first, count);
@@ -135,12 +198,10 @@ void qsdolfinx::add_products(Mat matrix, const StackedRows& left, const StackedR
       is_new = by_left.take(left, first, count) || is_new;
     const DenseRows& works_on = same ? by_right : by_left;
     if (is_new || first == 0)
-      block.begin(works_on.columns(), by_right.columns());
-    for (std::size_t k = 0; k < count; ++k)
-      for (std::size_t l = 0; l < count; ++l)
-        block.add(works_on.row(k), D[(first + k) * count + l], by_right.row(l));
+      blocks.begin(works_on.columns(), by_right.columns());
+    blocks.add(works_on, D.subspan(first * count, count * count), by_right);
   }
-  block.insert();
+  blocks.insert();
 }
 
 void qsdolfinx::add_entries(Mat matrix, std::span<const std::int64_t> rows,

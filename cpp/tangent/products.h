@@ -46,6 +46,9 @@ public:
   /// visit(column, value) for the entries of a row; a column may come several times.
   template <typename Visit>
   void visit(std::size_t row, Visit visit) const;
+  /// The same by runs, visit(columns, values, count, factor); negative columns are none.
+  template <typename Visit>
+  void visit_runs(std::size_t row, Visit visit) const;
 
 private:
   struct Gaps
@@ -71,12 +74,20 @@ private:
 template <typename Visit>
 void StackedRows::visit(std::size_t row, Visit visit) const
 {
+  visit_runs(
+      row,
+      [&visit](const PetscInt* columns, const double* values, std::size_t count, double factor)
+      {
+        for (std::size_t i = 0; i < count; ++i)
+          if (columns[i] >= 0)
+            visit(columns[i], factor * values[i]);
+      });
+}
+
+template <typename Visit>
+void StackedRows::visit_runs(std::size_t row, Visit visit) const
+{
   const std::size_t point = row / components_, component = row % components_;
-  const auto send = [&visit](PetscInt column, double value)
-  {
-    if (column >= 0)
-      visit(column, value);
-  };
   for (const Gaps& part : gaps_)
   {
     const GapOperator& gap = *part.gap;
@@ -89,10 +100,9 @@ void StackedRows::visit(std::size_t row, Visit visit) const
       const PetscInt* numbers = &part.numbers[side.column[e] * d];
       const double* c = &side.coefficient[e * size];
       if (size == 1 && gap.kind() == GapKind::jump)
-        send(numbers[k], part.factor * c[0]);
+        visit(numbers + k, c, 1, part.factor);
       else // all unknowns of the node
-        for (std::size_t l = 0; l < d; ++l)
-          send(numbers[l], part.factor * c[k * d + l]);
+        visit(numbers, c + k * d, d, part.factor);
     }
   }
   for (const Others& part : others_)
@@ -101,8 +111,10 @@ void StackedRows::visit(std::size_t row, Visit visit) const
     if (component < part.first || k >= part.width)
       continue;
     const std::size_t i = point * part.width + k;
-    for (std::int64_t e = part.rows->offset[i]; e < part.rows->offset[i + 1]; ++e)
-      send(part.rows->column[e], part.factor * part.rows->value[e]);
+    const auto first = static_cast<std::size_t>(part.rows->offset[i]),
+               last = static_cast<std::size_t>(part.rows->offset[i + 1]);
+    visit(part.rows->column.data() + first, part.rows->value.data() + first, last - first,
+          part.factor);
   }
 }
 

@@ -54,6 +54,9 @@ class Finder(typing.Protocol):
     def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
         """Points where surfaces are, with areas that are measured elsewhere. Collective."""
 
+    def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
+        """The same pieces with areas that are measured elsewhere; None to find them anew."""
+
     def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
         """What may be between, before anything moves by a margin (length). Collective."""
 
@@ -77,9 +80,22 @@ class Overlay:
         """See :class:`Finder`."""
         return _cpp.overlay_pieces(*moving, *measured, self.both, self._radius, *self._rules)
 
+    def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
+        """See :class:`Finder`."""
+        return pieces.weighed(*measured)
+
     def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
         """See :class:`Finder`."""
         return _cpp.nearby_pieces(*moving, self.both, self._radius.largest, margin)
+
+
+class Known(typing.NamedTuple):
+    """The pieces that were found last, and for what."""
+
+    places: Places
+    measured: Places
+    vertices: Flags | None
+    pieces: _cpp.Pieces
 
 
 class FacetCutter:
@@ -105,6 +121,7 @@ class FacetCutter:
         self._moving = slave.twin(), master.twin(slave.axisymmetric)
         self._measured = slave.twin(), master.twin(slave.axisymmetric)
         self._measured_at: Places | None = None
+        self._known: Known | None = None
 
     def node_area(self, places: Places) -> Array:
         """See :class:`Cutter`."""
@@ -128,13 +145,32 @@ class FacetCutter:
         cover: PETSc.Vec | None,
         allowance: PETSc.Vec | None = None,
         vertices: Flags | None = None,
+        at_points: bool = False,
     ) -> Found:
         """See :class:`Cutter`."""
+        pieces = self._pieces(places, measured, vertices)
+        rows = _cpp.PieceRows(
+            self._slave,
+            pieces,
+            handle_of(cover),
+            handle_of(allowance),
+            with_columns=not at_points,
+        )
+        return Found(cover, allowance, rows, pieces, pieces.num_missed)
+
+    def _pieces(self, places: Places, measured: Places, vertices: Flags | None) -> _cpp.Pieces:
+        """As for :meth:`find`. Where bodies are as before, nothing is cut anew. Collective."""
+        known, pieces = self._known, None
         self._measure_at(measured)
-        self._put(self._moving, places)
-        pieces = self._finder.pieces(self._moving, self._measured, vertices)
-        rows = _cpp.PieceRows(self._slave, pieces, handle_of(cover), handle_of(allowance))
-        return Found(cover, allowance, rows, pieces)
+        if known is not None and known.places is places and known.vertices is vertices:
+            if known.measured is measured:
+                return known.pieces
+            pieces = self._finder.weighed(known.pieces, self._measured)
+        if pieces is None:
+            self._put(self._moving, places)
+            pieces = self._finder.pieces(self._moving, self._measured, vertices)
+        self._known = Known(places, measured, vertices, pieces)
+        return pieces
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
@@ -205,7 +241,6 @@ class FacetCutter:
             self._master,
             points_of=pieces,
             functions=functions,
-            alone=alone.unknown,
             weight=alone.weight,
         )
         sides = range(1 if self._tool is not None else 2)
@@ -232,7 +267,6 @@ class FacetCutter:
                 points_of=pieces,
                 slip=slips,
                 works=of_works,
-                alone=alone.unknown,
                 weight=alone.weight,
             )
             for of_works in (False, True)

@@ -85,12 +85,14 @@ class Found(typing.NamedTuple):
         allowance: As given.
         rows: What it gives to the nodes of the slave.
         of_cutter: What else the cutter wants to know of it.
+        num_missed: Pieces on this rank with a ray that meets no point.
     """
 
     cover: PETSc.Vec | None
     allowance: PETSc.Vec | None
     rows: _cpp.PieceRows
     of_cutter: typing.Any
+    num_missed: int = 0
 
 
 class Alone(typing.NamedTuple):
@@ -163,15 +165,17 @@ class Cutter(typing.Protocol):
         cover: PETSc.Vec | None,
         allowance: PETSc.Vec | None = None,
         vertices: Flags | None = None,
+        at_points: bool = False,
     ) -> Found:
         """What is opposite to what at these places, with the areas of others. Collective.
 
         Args:
-            places: The places.
+            places: The places; those of the last call are known if they are the same object.
             measured: Those where areas are measured.
             cover: ``Measure.cover`` at the unknowns of each node.
             allowance: a_k, likewise; None for none.
             vertices: ``Measure.vertices``.
+            at_points: Whether rows of nodes are asked for what is covered alone.
         """
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
@@ -410,7 +414,9 @@ class Following:
             vertices = kept.vertices
         if vertices is None:
             vertices = self._cutter.choose(places)
-        found = self._cutter.find(places, places, self._kept_vec(cover), vertices=vertices)
+        found = self._cutter.find(
+            places, places, self._kept_vec(cover), vertices=vertices, at_points=self.at_points
+        )
         covered = found.rows.cover(len(node_area))
         area = np.where(covered > 0, np.maximum(covered, LEAST_COVER * node_area), node_area)
         return Measure(places, area, node_area, cover, vertices)
@@ -465,9 +471,14 @@ class Following:
         last, comm = self._last, self._slave.comm
         none = allowance is None or self.at_points  # points take it from their gaps
         allowed = np.zeros(len(measure.area)) if none or allowance is None else allowance
-        same = last is not None and last.measure is measure and _equal(last.places, places)
+        there = last is not None and _equal(last.places, places)
+        same = there and last is not None and last.measure is measure
         same = same and last is not None and np.array_equal(last.allowance, allowed)
-        if comm.allreduce(same, op=MPI.LAND):
+        there, same = comm.allreduce(np.array([there, same]), op=MPI.LAND)
+        if there:
+            assert last is not None
+            places = last.places  # what is between is known
+        if same:
             assert last is not None
             return last
         finite = all(np.isfinite(x).all() for x in places)
@@ -480,8 +491,9 @@ class Following:
             self._kept_vec(measure.cover),
             self._kept_vec(allowed if some else None),
             measure.vertices,
+            self.at_points,
         )
-        missed = comm.allreduce(found.rows.num_missed, op=MPI.SUM)
+        missed = comm.allreduce(found.num_missed, op=MPI.SUM)
         if missed:
             raise NoGapError(
                 f"{missed} pieces of curved contact facets have rays that meet no point of the "

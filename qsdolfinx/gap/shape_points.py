@@ -225,6 +225,7 @@ class ShapePoints:
         cover: PETSc.Vec | None,
         allowance: PETSc.Vec | None = None,
         vertices: Flags | None = None,
+        at_points: bool = False,
     ) -> Found:
         """See :class:`Cutter`; points and their functions are fixed, whatever is allowed."""
         N, T, (nodes, position) = self._functions(cover), self._T, places

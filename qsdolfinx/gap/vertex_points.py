@@ -93,6 +93,10 @@ class Vertices:
         raise_facets(out, self._facets, moving[1], self._sharp_there > 0.5)
         return out
 
+    def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
+        """See :class:`Finder`."""
+        return None
+
     def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
         """See :class:`Finder`."""
         return _cpp.nearby_pieces(*moving, False, self._radius.largest, margin)
@@ -152,6 +156,10 @@ class ToolVertices:
         out = _cpp.vertex_pieces(*moving, True, which, self._area, self._radius)
         raise_facets(out, self._slave, moving[0], self._sharp_there)
         return out
+
+    def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
+        """See :class:`Finder`."""
+        return None
 
     def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
         """See :class:`Finder`."""

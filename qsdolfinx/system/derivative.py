@@ -84,7 +84,8 @@ class Derivative:
                 leave some rigid motion, and of those that have no condition at all.
         """
         self.softened = np.zeros(self._layout.num_local)
-        contact = self._contact.assemble(*self._beside(at, exact))
+        with self._system.watch.stage("insertion"):
+            contact = self._contact.assemble(*self._beside(at, exact))
         found = [*self._bulk(), *self._shift(shift), global_entries(contact)]
         if not exact:
             for i, p in enumerate(self._passes):
@@ -102,7 +103,8 @@ class Derivative:
         Returns:
             An AIJ matrix by all unknowns that stays this object's.
         """
-        return self._contact.assemble(*self._beside(at, False))
+        with self._system.watch.stage("insertion"):
+            return self._contact.assemble(*self._beside(at, False))
 
     def _beside(self, at: State, exact: bool) -> tuple[list[Entries], list[Product]]:
         """Its entries, and products at rows that have more. Collective."""
