@@ -474,7 +474,9 @@ class Following:
         there = last is not None and _equal(last.places, places)
         same = there and last is not None and last.measure is measure
         same = same and last is not None and np.array_equal(last.allowance, allowed)
-        there, same = comm.allreduce(np.array([there, same]), op=MPI.LAND)
+        agreed = np.array([there, same], dtype=bool)
+        comm.Allreduce(MPI.IN_PLACE, agreed, op=MPI.LAND)
+        there, same = map(bool, agreed)
         if there:
             assert last is not None
             places = last.places  # what is between is known
