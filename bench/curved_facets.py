@@ -23,6 +23,10 @@ KINDS = {
     '`smoothing="shared-curvature"`': [SHARED | {"degrees": (1, d)} for d in (1, 2)],
     "`smoothing=`: cylinders by name": [NAMED | {"degrees": (1, d)} for d in (1, 2)],
     "mesh of degree 2": [{"degrees": (2, d)} for d in (1, 2)],
+    "mesh of degree 2 by `qs.elevate`": [{"degrees": ("elevated", d)} for d in (1, 2)],
+    'the same, `sliding="finite"`': [
+        {"degrees": ("elevated", d), "sliding": "finite"} for d in (1, 2)
+    ],
 }
 
 

@@ -38,6 +38,7 @@ from qsdolfinx.surface.repartition import repartition
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.system.equations import Equations
 from qsdolfinx.tools import smooth
+from qsdolfinx.tools.elevate import elevate
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 #: The one place of the version; pyproject.toml reads it here.
@@ -81,6 +82,7 @@ __all__ = [
     "Unilateral",
     "compat",
     "effusivity_share",
+    "elevate",
     "load_meshes",
     "load_run",
     "materials",

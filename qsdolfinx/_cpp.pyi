@@ -570,6 +570,9 @@ def count_degenerate(num_vertices: int, x: numpy.typing.NDArray[numpy.float64]) 
 def count_entries(block: int) -> numpy.typing.NDArray[numpy.int32]:
     """Number of entries in own and in other columns, [2][row]."""
 
+def edge_heights(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
+    """How far the surface that facets stand for is over the middles of their edges, along their normals, [facet][edge]; collective."""
+
 def face_tool(
     points: PairingPoints,
     keep: numpy.typing.NDArray[numpy.uint8],

@@ -29,6 +29,24 @@ def coordinate_element(msh: mesh.Mesh) -> typing.Any:
     return geometry.cmaps[0] if hasattr(geometry, "dofmaps") else geometry.cmap
 
 
+def mesh_of_nodes(
+    msh: mesh.Mesh,
+    index_map: typing.Any,
+    dofmap: npt.NDArray[np.int32],
+    x: npt.NDArray[np.float64],
+    input_global_indices: npt.NDArray[np.int64],
+    domain: typing.Any,
+) -> mesh.Mesh:
+    """A mesh with the topology of another one and its own nodes; as ``mesh.create_geometry``."""
+    cell, degree = msh.topology.cell_type, domain.ufl_coordinate_element().degree
+    element = fem.coordinate_element(cell, degree)
+    geometry = mesh.create_geometry(
+        index_map, np.ascontiguousarray(dofmap), element._cpp_object, x, input_global_indices
+    )
+    parts = msh.comm, msh.topology._cpp_object, geometry._cpp_object
+    return mesh.Mesh(type(msh._cpp_object)(*parts), domain)
+
+
 def num_entity_dofs(V: fem.FunctionSpace, dim: int) -> int:
     """Unknowns inside one entity of a cell: 0.11 has no ``num_entity_dofs`` any more."""
     return len(V.dofmap.dof_layout.entity_dofs(dim, 0))

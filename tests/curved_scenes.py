@@ -13,7 +13,7 @@ class Shell:
     """A part of a ring in 2D or 3D, or of a spherical shell, between two radii.
 
     Cells are spread over the angle (and along the axis, or the second angle) and over the radius.
-    Geometry and displacements are of these degrees.
+    Geometry and displacements are of these degrees; "elevated" is one that qs.elevate has made.
     """
 
     def __init__(
@@ -29,8 +29,7 @@ class Shell:
         self.gdim = len(n)
         low, high = [0.0] * self.gdim, [1.0] * self.gdim
         msh = box(WORLD, n, cell, low, high, partition)
-        self.mesh = msh = msh if degrees[0] == 1 else elevated(msh)
-        self.V = V = fem.functionspace(msh, ("Lagrange", degrees[1], (self.gdim,)))
+        self.mesh = msh = elevated(msh) if degrees[0] == 2 else msh
         radial = self.gdim - 1
         self.inner, self.outer = (self.side(radial, value) for value in (0.0, 1.0))
         self.ends = [[self.side(axis, value) for value in (0.0, 1.0)] for axis in range(radial)]
@@ -47,6 +46,9 @@ class Shell:
             x[:, 0], x[:, 1] = r * np.cos(0.5 * np.pi * p[:, 0]), r * np.sin(0.5 * np.pi * p[:, 0])
             if self.gdim == 3:
                 x[:, 2] = 10 * p[:, 1]
+        if degrees[0] == "elevated":
+            self.mesh = msh = qs.elevate(qs.elevate(msh, facets=self.inner), facets=self.outer)
+        self.V = V = fem.functionspace(msh, ("Lagrange", degrees[1], (self.gdim,)))
         self.u = fem.Function(V)
         self.F = elastic(self.u, E=200e3)
 

@@ -112,6 +112,16 @@ void qsdolfinx::bind_surface(nb::module_& m)
       },
       "surface"_a, "Curvature of the facets, [facet][xx, yy, zz, xy, xz, yz]; collective.");
   m.def(
+      "edge_heights",
+      [](const Surface& s)
+      {
+        const std::size_t edges = facet_edges(s.type()).size();
+        return copy(edge_heights(s), {s.num_facets(), edges});
+      },
+      "surface"_a,
+      "How far the surface that facets stand for is over the middles of their edges, along their "
+      "normals, [facet][edge]; collective.");
+  m.def(
       "mean_of_rows",
       [](In<double> x, In<std::int32_t> rows)
       {

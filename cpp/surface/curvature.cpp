@@ -2,6 +2,7 @@
 #include "parallel/exchange.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <numbers>
 
@@ -215,6 +216,43 @@ private:
   Vec3 right_{0, 0, 0};
 };
 
+/// The line between two vertices of a facet: how much the surface ascends out of the facet at
+/// either end, times the length of the line, and whether the vertices there know.
+struct Ascent
+{
+  /// @param n the facet's normal
+  Ascent(FacetType type, std::span<const double> v, const Vec3& n, std::span<const Vertex> vertices,
+         int i, int j)
+  {
+    const Vec3 e = facet_vertex(v, j) - facet_vertex(v, i);
+    const auto knows = [&](int here, int there)
+    {
+      if (vertices[here].closed > 0)
+        return true;
+      const auto to = neighbours(type, here);
+      for (int side = 0; side < 2; ++side)
+        if (to[side] == there && vertices[here].ends[side] > 0)
+          return vertices[here].straight > 0;
+      return false;
+    };
+    const auto slope = [&](int at)
+    { return dot(vertices[at].normal, e) / std::max(dot(vertices[at].normal, n), 0.5); };
+    known = {knows(i, j), knows(j, i)};
+    at = {-slope(i), slope(j)}; // ascending out of the facet at i, descending into it at j
+  }
+
+  /// The limited mean of both ends; of one alone where the other does not know; 0 if neither does.
+  double mean() const
+  {
+    if (known[0] && known[1])
+      return limited_mean(at[0], at[1]);
+    return known[0] ? at[0] : known[1] ? at[1] : 0.0;
+  }
+
+  std::array<bool, 2> known;
+  std::array<double, 2> at;
+};
+
 Curvature curvature_of(const Surface& surface, std::size_t f, std::span<const Vertex> vertices)
 {
   const auto v = surface.facet_x(f);
@@ -224,28 +262,11 @@ Curvature curvature_of(const Surface& surface, std::size_t f, std::span<const Ve
   Fit fit(n, facet_vertex(v, 1) - facet_vertex(v, 0));
   for (int i = 0; i < static_cast<int>(type); ++i)
     for (int j = 0; j < i; ++j)
-    {
-      const Vec3 e = facet_vertex(v, j) - facet_vertex(v, i);
-      const auto knows = [&](int here, int there)
+      if (const Ascent line(type, v, n, vertices, i, j); line.known[0] || line.known[1])
       {
-        if (vertices[here].closed > 0)
-          return true;
-        const auto to = neighbours(type, here);
-        for (int side = 0; side < 2; ++side)
-          if (to[side] == there && vertices[here].ends[side] > 0)
-            return vertices[here].straight > 0;
-        return false;
-      };
-      const auto slope = [&](int at)
-      { return dot(vertices[at].normal, e) / std::max(dot(vertices[at].normal, n), 0.5); };
-      const bool first = knows(i, j), second = knows(j, i);
-      if (!first && !second)
-        continue;
-      // Ascending out of the facet at i, descending into it at j.
-      const double at_i = -slope(i), at_j = slope(j);
-      const double m = first && second ? limited_mean(at_i, at_j) : first ? at_i : at_j;
-      fit.add((1 / size) * e, 2 * m / (size * size));
-    }
+        const Vec3 e = facet_vertex(v, j) - facet_vertex(v, i);
+        fit.add((1 / size) * e, 2 * line.mean() / (size * size));
+      }
   return fit.solve();
 }
 
@@ -298,6 +319,30 @@ std::vector<Curvature> qsdolfinx::facet_curvature(const Surface& surface)
   out.reserve(surface.num_facets());
   for (std::size_t f = 0; f < surface.num_facets(); ++f)
     out.push_back(curvature_of(surface, f, std::span(vertices).subspan(f * nv, nv)));
+  return out;
+}
+
+std::vector<double> qsdolfinx::edge_heights(const Surface& surface)
+{
+  const std::vector<Vertex> vertices = look_around(surface);
+  const FacetType type = surface.type();
+  const auto nv = static_cast<std::size_t>(surface.num_vertices());
+  std::vector<double> out;
+  for (std::size_t f = 0; f < surface.num_facets(); ++f)
+  {
+    const auto v = surface.facet_x(f);
+    const Vec3 n = surface.normal(f, facet_centre(type));
+    for (const auto& [i, j] : facet_edges(type))
+    {
+      const Ascent line(type, v, n, std::span(vertices).subspan(f * nv, nv), i, j);
+      // What cuts off a corner ends on two rims, and either end knows what is along its own.
+      const bool known = line.known[0] || line.known[1];
+      const double slope = known ? line.mean() : line.at[0] + line.at[1];
+      // Of an arc that begins at the angle φ to its chord of length l it is ½ l tan ½φ.
+      const double length = norm(facet_vertex(v, j) - facet_vertex(v, i));
+      out.push_back(0.5 * length * slope / (length + std::hypot(length, slope)));
+    }
+  }
   return out;
 }
 

@@ -25,6 +25,11 @@ inline constexpr double crease_cosine = 0.8660254037844386;
 /// known of have no curvature.
 std::vector<Curvature> facet_curvature(const Surface& surface);
 
+/// How far the surface that facets approximate is over the middles of their edges, along a facet's
+/// normal in its centre, [facet][edge] in the order of facet_edges, by the same slopes; exact on
+/// circles. Collective.
+std::vector<double> edge_heights(const Surface& surface);
+
 /// Curvature of surfaces that are at these heights over this rank's facets.
 /// @param heights along the outward normals at the nodes of trace_functions of degree 2,
 /// [facet][node]

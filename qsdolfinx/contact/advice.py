@@ -368,7 +368,7 @@ def _bent(sides: typing.Sequence[AnySurface], flat: npt.NDArray[np.bool_]) -> st
     """
     bodies = [deformable(side) for side, is_flat in zip(sides, flat, strict=False) if is_flat]
     if not all(body is not None and body.largest_height > 0 for body in bodies):
-        return ""
+        return "meshes of degree 2, as qs.elevate makes them, and displacements of degree 2"
     return (
         'displacements of degree 2, since sliding="finite" takes facets for flat where these are '
         'of degree 1, or sliding="small"'

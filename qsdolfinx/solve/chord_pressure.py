@@ -110,7 +110,7 @@ def _resolved(gap: WeightedGap) -> Array:
 
 
 def _cure(model: ContactModel) -> str:
-    curved = "meshes and displacements of degree 2"
+    curved = "meshes of degree 2, see qs.elevate, and displacements of degree 2"
     if model.settings.sliding == "finite":
         return curved
     overlay = ' with quadrature="overlay"'
