@@ -37,14 +37,17 @@ def mesh_of_nodes(
     input_global_indices: npt.NDArray[np.int64],
     domain: typing.Any,
 ) -> mesh.Mesh:
-    """A mesh with the topology of another one and its own nodes; as ``mesh.create_geometry``."""
+    """A mesh with the topology of another one and its own nodes.
+
+    Arguments are those of ``mesh.create_geometry``, which differs between versions in the kind of
+    element that it takes.
+    """
     cell, degree = msh.topology.cell_type, domain.ufl_coordinate_element().degree
     element = fem.coordinate_element(cell, degree)
-    geometry = mesh.create_geometry(
+    geometry: typing.Any = type(msh.geometry._cpp_object)(
         index_map, np.ascontiguousarray(dofmap), element._cpp_object, x, input_global_indices
     )
-    parts = msh.comm, msh.topology._cpp_object, geometry._cpp_object
-    return mesh.Mesh(type(msh._cpp_object)(*parts), domain)
+    return mesh.Mesh(type(msh._cpp_object)(msh.comm, msh.topology._cpp_object, geometry), domain)
 
 
 def num_entity_dofs(V: fem.FunctionSpace, dim: int) -> int:
