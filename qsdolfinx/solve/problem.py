@@ -184,13 +184,6 @@ class ContactProblem:
         self._contacts = list(contacts)
         models = [contact.model for contact in contacts]
         self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
-        let_follow(
-            [
-                model
-                for model, sides in zip(models, self.system.sides, strict=True)
-                if not all(i is None or bodies[i].linear for i in sides)
-            ]
-        )
         options = preset_options(self.solver, len(bodies), chosen)
         defaults = set_options(prefix, given, options)
         snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
@@ -212,6 +205,13 @@ class ContactProblem:
             snes.destroy()
             self.system.destroy()
             raise
+        let_follow(
+            [
+                model
+                for model, sides in zip(models, self.system.sides, strict=True)
+                if not all(i is None or bodies[i].linear for i in sides)
+            ]
+        )
         self.newton = Newton(self.system, snes, linear, defaults)
         self._at_once = AtOnce(self.newton)
         self.active_history: list[list[int]] = []

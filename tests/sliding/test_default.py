@@ -56,6 +56,15 @@ def test_one_of_many():
     assert [contact.sliding for contact in contacts] == ["small", "finite"]
 
 
+def test_refused_problems_change_nothing():
+    """What is wrong with a solver's options leaves the contact as it was made."""
+    case, contact, _ = boxes(sliding="small")
+    contact = qs.Contact(case.above, case.below)
+    with pytest.raises(ValueError, match="snes_type"):
+        case.problem(contact, petsc_options={"snes_type": "ngmres"})
+    assert contact.sliding == "small"
+
+
 STAY = {
     "nodal": {"quadrature": "nodal"},
     "nodes": {"constraints": "nodes"},
