@@ -45,6 +45,7 @@ class Rows(typing.NamedTuple):
         share: Part of the step in which the row has been in contact, above 0: slip is that of this
             time, share Δt, (rows,).
         pressed: λ at the start of the step, 0 of rows that were open then, (rows,).
+        goes_on: Rows to be evaluated as slipping wherever their trial is, (rows,); None for none.
     """
 
     slip: Array
@@ -60,6 +61,7 @@ class Rows(typing.NamedTuple):
     parameters: dict[str, Array]
     share: Array
     pressed: Array
+    goes_on: npt.NDArray[np.bool_] | None = None
 
 
 class Response(typing.NamedTuple):
@@ -160,8 +162,10 @@ class Limited(Friction):
         trial = rows.traction + eps * rows.slip
         size = np.linalg.norm(trial, axis=1)
         slipping = rows.closed & (size > limit * (1 + ON_LIMIT))
+        if rows.goes_on is not None:
+            slipping |= rows.closed & rows.goes_on & (size > 0)
         safe = np.where(size > 0, size, 1.0)
-        factor = np.where(slipping, limit / safe, 1.0) * rows.closed
+        factor = np.where(slipping, np.minimum(limit / safe, 1.0), 1.0) * rows.closed
         traction = np.where(factor[:, None] > 0, factor[:, None] * trial, 0.0)
         direction = np.where(slipping, 1 / safe, 0.0)[:, None] * trial
         plane = rows.projector - direction[:, :, None] * direction[:, None, :]

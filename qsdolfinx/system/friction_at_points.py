@@ -25,6 +25,10 @@ Flags = npt.NDArray[np.bool_]
 #: back.
 GUESSED = 0.1
 
+#: Part of the closed points that slipped in the last step, from which on bodies slide as a whole:
+#: ``tests/sliding/test_points.py``.
+AS_A_WHOLE = 0.5
+
 
 class PointFriction:
     """The law of friction at points, with multipliers of nodes.
@@ -155,7 +159,8 @@ class PointFriction:
         Args:
             multiplier: τ.
             normal: The points' pressures.
-            first: Whether what is closed sticks, but where it slipped when the step began.
+            first: Whether what is closed sticks, but where it slipped when the step began: that goes
+                on.
             again: Whether the step has been solved before, so that what has τ is what it seems.
             opened: Points that count as open, which ``normal`` knows.
         """
@@ -164,11 +169,23 @@ class PointFriction:
         told = self._told(known, normal)
         if first:
             slipped = np.any(known, axis=1) & (again | slip.has_slipped)
-            told = told._replace(unlimited=normal.active & ~slipped & ~self._has_moved(told))
+            unlimited = normal.active & ~slipped & ~self._has_moved(told)
+            goes_on = None if again else self._going_on(slipped, normal.active)
+            told = told._replace(unlimited=unlimited, goes_on=goes_on)
         with collective_errors(self.model.comm):  # a law may be the user's
             response = slip.respond(told, not all(self.model.kinematics.in_displacement))
         response = slip.with_bound(response, told)
         return Tangential(multiplier, told, response, normal.active, None, response.traction)
+
+    def _going_on(self, slipped: Flags, active: Flags) -> Flags | None:
+        """Points that slipped, (points,), if bodies slide there as a whole; else None. Collective.
+
+        Newton's method would begin with all of them stuck, and drag the bodies along. Where only
+        some slip, they are others in each step.
+        """
+        counts = np.array([np.count_nonzero(slipped & active), np.count_nonzero(active)])
+        self.model.comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
+        return slipped if counts[0] >= AS_A_WHOLE * counts[1] else None
 
     def _has_moved(self, told: Rows) -> Flags:
         """Points that a guess moves far, and by more than friction can hold, (points,).

@@ -204,3 +204,19 @@ def test_gaps_of_the_master(cell):
         faced = values != 0
         assert np.allclose(values[faced], -0.01, rtol=1e-9)  # open
         assert WORLD.allreduce(np.count_nonzero(faced)) > 3
+
+
+@pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
+def test_what_slides_goes_on(cell):
+    """A block that is dragged by half a facet a step; 48 iterations and more if all began stuck."""
+    case = Boxes(cell, ((24, 6), (8, 4)), ((4.0, 1.0), (1.0, 0.5)), start=0.5)
+    moved = case.clamp_far()
+    contact = qs.Contact(case.above, case.below, friction=qs.Coulomb(0.3))
+    problem, iterations = case.problem(contact), []
+    for step in range(9):
+        moved.value[:] = 0.06 * step, -0.02
+        problem.solve()
+        iterations.append(problem.num_iterations)
+    assert sum(iterations[2:]) <= 40
+    T, N = np.abs(contact.force("slave"))
+    assert np.isclose(T, 0.3 * N, rtol=1e-2)
