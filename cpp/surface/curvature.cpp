@@ -23,9 +23,10 @@ std::array<int, 2> neighbours(FacetType type, int i)
 /// A facet at one of its vertices, as told to the vertex's owner.
 struct Corner
 {
-  Vec3 normal;   ///< outward
-  Vec3 weighted; ///< with Max's weight; in 2D 1/length, which is the same for a circle
-  double angle;  ///< of the facet at the vertex
+  Vec3 normal;               ///< outward
+  Vec3 weighted;             ///< with Max's weight; in 2D 1/length, which is the same for a circle
+  double angle;              ///< of the facet at the vertex
+  std::array<Vec3, 2> edges; ///< to the neighbours
 };
 
 /// What the owner of a vertex knows about the surface there, as one facet sees it.
@@ -49,26 +50,77 @@ Corner corner(const Surface& surface, std::size_t f, int i)
              b = facet_vertex(v, k) - facet_vertex(v, i);
   const Vec3 n = surface.normal(f, facet_centre(type));
   if (type == FacetType::interval)
-    return {n, (1 / norm(a)) * n, std::numbers::pi};
+    return {n, (1 / norm(a)) * n, std::numbers::pi, {a, b}};
   const Vec3 c = cross(a, b);
   if (norm(c) == 0) // the edges continue each other
-    return {n, {0, 0, 0}, std::numbers::pi};
+    return {n, {0, 0, 0}, std::numbers::pi, {a, b}};
   const double side = dot(c, n) < 0 ? -1 : 1; // the neighbours may come in either order
-  return {(side / norm(c)) * c, (side / (dot(a, a) * dot(b, b))) * c,
-          std::atan2(norm(c), dot(a, b))};
+  return {(side / norm(c)) * c,
+          (side / (dot(a, a) * dot(b, b))) * c,
+          std::atan2(norm(c), dot(a, b)),
+          {a, b}};
+}
+
+/// A normal turned so that a quadric of its own leads nearest to the vertices around, in least
+/// squares: with t₁, t₂ across n and e to a neighbour, e·(n + α t₁ + β t₂) + ½ e·K e = 0. Mean
+/// normals of uneven facets are off by a part of how these turn.
+Vec3 fitted_normal(const Vec3& n, std::span<const Vec3> edges)
+{
+  constexpr int size = 5;
+  // Decide what the neighbours leave open: where these are few, the normal stays as it is.
+  constexpr std::array<double, size> damping{1e-3, 1e-3, 1e-6, 1e-6, 1e-6};
+  const Vec3 first = edges[0] - dot(edges[0], n) * n;
+  const Vec3 t1 = (1 / norm(first)) * first, t2 = cross(n, t1);
+  double length = 0;
+  for (const Vec3& e : edges)
+    length += norm(e) / static_cast<double>(edges.size());
+  std::array<std::array<double, size>, size> A{};
+  std::array<double, size> b{};
+  for (const Vec3& e : edges)
+  {
+    const double x = dot(e, t1) / length, y = dot(e, t2) / length, z = dot(e, n) / length,
+                 weight = 1 / (x * x + y * y + z * z);
+    const std::array<double, size> row{x, y, x * x / 2, x * y / std::numbers::sqrt2, y * y / 2};
+    for (int i = 0; i < size; ++i)
+    {
+      b[i] -= weight * row[i] * z;
+      for (int j = 0; j < size; ++j)
+        A[i][j] += weight * row[i] * row[j];
+    }
+  }
+  for (int i = 0; i < size; ++i)
+    A[i][i] += damping[i] * static_cast<double>(edges.size());
+  for (int k = 0; k < size; ++k) // Gauss's elimination of a positive definite matrix
+    for (int i = k + 1; i < size; ++i)
+    {
+      const double factor = A[i][k] / A[k][k];
+      for (int j = k; j < size; ++j)
+        A[i][j] -= factor * A[k][j];
+      b[i] -= factor * b[k];
+    }
+  for (int i = size - 1; i >= 0; --i)
+  {
+    for (int j = i + 1; j < size; ++j)
+      b[i] -= A[i][j] * b[j];
+    b[i] /= A[i][i];
+  }
+  const Vec3 sum = n + b[0] * t1 + b[1] * t2;
+  return (1 / norm(sum)) * sum;
 }
 
 /// What facet r of those at a vertex sees there.
 /// @param star all of them, @param edges the neighbours' unknowns of each
-/// @param seen reused storage
+/// @param fit whether normals are fitted to where the neighbours are
+/// @param seen, around reused storage
 Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
-            const std::vector<Corner>& corners, const std::vector<std::int64_t>& edges,
-            std::vector<std::int64_t>& seen)
+            const std::vector<Corner>& corners, const std::vector<std::int64_t>& edges, bool fit,
+            std::vector<std::int64_t>& seen, std::vector<Vec3>& around)
 {
   Vec3 sum{0, 0, 0};
   double angle = 0;
   std::size_t facets = 0;
   seen.clear();
+  around.clear();
   for (std::size_t s : star)
   {
     if (dot(corners[s].normal, corners[r].normal) < crease_cosine)
@@ -76,12 +128,19 @@ Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
     sum = sum + corners[s].weighted;
     angle += corners[s].angle;
     ++facets;
-    seen.insert(seen.end(), {edges[2 * s], edges[2 * s + 1]});
+    for (std::size_t i = 0; i < 2; ++i)
+    {
+      if (std::ranges::find(seen, edges[2 * s + i]) == seen.end())
+        around.push_back(corners[s].edges[i]);
+      seen.push_back(edges[2 * s + i]);
+    }
   }
   const double length = norm(sum);
-  const Vec3 n = length > 0 ? (1 / length) * sum : corners[r].normal;
+  Vec3 n = length > 0 ? (1 / length) * sum : corners[r].normal;
   if (type == FacetType::interval)
     return {n, facets > 1 ? 1.0 : 0.0, 0, {0, 0}};
+  if (fit && around.size() > 2)
+    n = fitted_normal(n, around);
   const auto once = [&](std::int64_t edge) { return std::ranges::count(seen, edge) == 1; };
   const double closed = std::ranges::none_of(seen, once) ? 1 : 0;
   const double straight = std::abs(angle - std::numbers::pi) < std::numbers::pi / 6 ? 1 : 0;
@@ -89,8 +148,8 @@ Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
       n, closed, straight, {once(edges[2 * r]) ? 1.0 : 0.0, once(edges[2 * r + 1]) ? 1.0 : 0.0}};
 }
 
-/// What each facet sees at its vertices, [facet][vertex]. Collective.
-std::vector<Vertex> look_around(const Surface& surface)
+/// What each facet sees at its vertices, [facet][vertex]. Collective. @param fit see look
+std::vector<Vertex> look_around(const Surface& surface, bool fit)
 {
   const Facets& facets = surface.facets();
   const int nv = surface.num_vertices(), d = surface.gdim();
@@ -107,6 +166,8 @@ std::vector<Vertex> look_around(const Surface& surface)
       told.insert(told.end(), first, first + 3);
       told.insert(told.end(), c.weighted.begin(), c.weighted.end());
       told.push_back(c.angle);
+      for (const Vec3& edge : c.edges)
+        told.insert(told.end(), edge.begin(), edge.end());
       const auto [j, k] = neighbours(surface.type(), i);
       for (int vertex : {i, j, k})
         names.push_back(facets.vertex_dofs[(f * nv + vertex) * d]);
@@ -122,7 +183,10 @@ std::vector<Vertex> look_around(const Surface& surface)
   for (std::size_t r = 0; r < received; ++r)
   {
     const double* c = data.data() + r * corner_width;
-    corners.push_back({{c[0], c[1], c[2]}, {c[3], c[4], c[5]}, c[6]});
+    corners.push_back({{c[0], c[1], c[2]},
+                       {c[3], c[4], c[5]},
+                       c[6],
+                       {Vec3{c[7], c[8], c[9]}, Vec3{c[10], c[11], c[12]}}});
     edges.insert(edges.end(), {named[3 * r + 1], named[3 * r + 2]});
     order.push_back(r);
   }
@@ -130,6 +194,7 @@ std::vector<Vertex> look_around(const Surface& surface)
   std::ranges::sort(order, {}, name);
   std::vector<double> answers(received * vertex_width);
   std::vector<std::int64_t> seen;
+  std::vector<Vec3> around;
   for (std::size_t first = 0, last = 0; first < received; first = last)
   {
     while (last < received && name(order[last]) == name(order[first]))
@@ -137,7 +202,7 @@ std::vector<Vertex> look_around(const Surface& surface)
     const auto star = std::span(order).subspan(first, last - first);
     for (std::size_t r : star)
     {
-      const Vertex v = look(surface.type(), star, r, corners, edges, seen);
+      const Vertex v = look(surface.type(), star, r, corners, edges, fit, seen, around);
       const std::array<double, vertex_width> values{v.normal[0], v.normal[1], v.normal[2], v.closed,
                                                     v.straight,  v.ends[0],   v.ends[1]};
       std::ranges::copy(values, answers.begin() + r * vertex_width);
@@ -313,7 +378,7 @@ std::vector<Curvature> qsdolfinx::curvature_of_heights(const Surface& surface,
 
 std::vector<Curvature> qsdolfinx::facet_curvature(const Surface& surface)
 {
-  const std::vector<Vertex> vertices = look_around(surface);
+  const std::vector<Vertex> vertices = look_around(surface, false);
   const auto nv = static_cast<std::size_t>(surface.num_vertices());
   std::vector<Curvature> out;
   out.reserve(surface.num_facets());
@@ -324,7 +389,7 @@ std::vector<Curvature> qsdolfinx::facet_curvature(const Surface& surface)
 
 std::vector<double> qsdolfinx::edge_heights(const Surface& surface)
 {
-  const std::vector<Vertex> vertices = look_around(surface);
+  const std::vector<Vertex> vertices = look_around(surface, true);
   const FacetType type = surface.type();
   const auto nv = static_cast<std::size_t>(surface.num_vertices());
   std::vector<double> out;
@@ -335,9 +400,11 @@ std::vector<double> qsdolfinx::edge_heights(const Surface& surface)
     for (const auto& [i, j] : facet_edges(type))
     {
       const Ascent line(type, v, n, std::span(vertices).subspan(f * nv, nv), i, j);
-      // What cuts off a corner ends on two rims, and either end knows what is along its own.
+      // Between two rims, or where a corner is cut off, an end does not know what is across its
+      // own.
       const bool known = line.known[0] || line.known[1];
-      const double slope = known ? line.mean() : line.at[0] + line.at[1];
+      const double more = std::abs(line.at[0]) > std::abs(line.at[1]) ? line.at[0] : line.at[1];
+      const double slope = known ? line.mean() : more;
       // Of an arc that begins at the angle φ to its chord of length l it is ½ l tan ½φ.
       const double length = norm(facet_vertex(v, j) - facet_vertex(v, i));
       out.push_back(0.5 * length * slope / (length + std::hypot(length, slope)));

@@ -32,6 +32,9 @@ Indices = npt.NDArray[np.int32]
 #: meet by less than 30°, so that they have one direction. (1 − cos α)/(1 + cos α) for α = 30°.
 ONE_DIRECTION = 0.0718
 
+#: cos² 30°: normals whose product's square is less belong to facets that meet in a crease.
+CREASE = 0.75
+
 
 def elevate(
     msh: mesh.Mesh,
@@ -60,7 +63,7 @@ def elevate(
         facets: Instead of ``facet_tags`` and ``tag``, their local indices.
         shape: The surface that their vertices are on, from ``qs.smooth``. By default it is found
             from how neighbours turn, exact on circles: facets that turn by more than 30° meet in a
-            crease, and flat ones beside a fillet stay flat.
+            crease, and flat ones beside a fillet stay flat, as others on the boundary do.
 
     Returns:
         The new mesh.
@@ -77,9 +80,12 @@ def elevate(
         >>> hole = qs.Surface(V, facet_tags, 3)
     """
     check_alone(instance(mesh.Mesh, "a dolfinx.mesh.Mesh"), msh=msh)
-    with checked(msh.comm):
+    with checked(msh.comm) as same:
         if shape is not None:
             check(instance(Smooth, "a surface of qs.smooth"), shape=shape)
+        same(shape=repr(shape))
+        double = msh.geometry.x.dtype == np.float64
+        require(double, "msh: must be in double precision")
         degree = coordinate_element(msh).degree
         require(degree in (1, 2), f"msh: must be of degree 1 or 2, not {degree}")
     V = fem.functionspace(msh, ("Lagrange", 1, (msh.geometry.dim,)))
@@ -88,7 +94,8 @@ def elevate(
     if shape is None:
         moved = nodes.turned(surface)
     else:
-        check_near(shape.shape, type(shape).__name__, surface.cpp_object, msh.comm, "shape")
+        kind, cpp_object = type(shape).__name__, surface.cpp_object
+        check_near(shape.shape, kind, cpp_object, msh.comm, "surface", "shape")
         moved = nodes.on(surface, shape)
     x = nodes.x + moved
     with collective_errors(msh.comm):
@@ -140,10 +147,35 @@ class _Nodes:
         edges = self._of_facets(surface)[:, nv : nv + len(EDGES[nv])]
         sums = self._summed(edges.ravel(), terms.reshape(-1, 16))
         some = sums[:, 0] > 0
+        sums[:, 4:13] += self._beside(surface, sums[:, 4:13])
         count, flat, squares, heights = np.split(sums[some], [1, 4, 13], axis=1)
         out = np.zeros_like(self.x)
         out[some] = flat / count + _raised(squares.reshape(-1, 3, 3), heights) - self.x[some]
         return self._blended(out)
+
+    def _beside(self, surface: Surface, squares: Array) -> Array:
+        """Σ n nᵀ of other facets on the boundary that meet these in a crease, and stay flat.
+
+        Shape (nodes, 9). Collective.
+
+        Args:
+            surface: The facets that are bent.
+            squares: Σ n nᵀ of these at the nodes on their edges, likewise.
+        """
+        out: Array = np.zeros_like(squares)
+        if self._mesh.geometry.dim == 2:
+            return out
+        every = Surface(surface.V, facets=mesh.exterior_facet_indices(self._mesh.topology))
+        others = ~np.isin(every.facets, surface.facets)
+        nv, ends = every.num_facet_vertices, len(EDGES[every.num_facet_vertices])
+        normal = np.asarray(_cpp.relief_normals(every.cpp_object))[others, -1]
+        nodes = self._of_facets(every)[others, nv : nv + ends]
+        own = squares[nodes].reshape(*nodes.shape, 3, 3)
+        size = np.trace(own, axis1=2, axis2=3)
+        along = np.einsum("fi,feij,fj->fe", normal, own, normal)
+        crease = (size > 0) & (along < CREASE * size)
+        square = (normal[:, :, None] * normal[:, None, :]).reshape(-1, 1, 9)
+        return self._summed(nodes.ravel(), (crease[..., None] * square).reshape(-1, 9))
 
     def on(self, surface: Surface, shape: Smooth) -> Array:
         """How nodes of facets, but for vertices, move onto a shape, (nodes, 3). Collective."""

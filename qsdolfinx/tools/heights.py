@@ -40,7 +40,12 @@ def heights(shape: Shape, surface: _cpp.Surface) -> Array:
 
 
 def check_near(
-    shape: Shape, kind: str, surface: _cpp.Surface, comm: MPI.Intracomm, name: str
+    shape: Shape,
+    kind: str,
+    surface: _cpp.Surface,
+    comm: MPI.Intracomm,
+    name: str,
+    argument: str = "smoothing",
 ) -> Array:
     """Heights of a shape over facets whose vertices are on it. Collective.
 
@@ -50,6 +55,7 @@ def check_near(
         surface: The facets.
         comm: Their communicator.
         name: Theirs in messages.
+        argument: That which has named the shape, in messages.
 
     Raises:
         ValueError: If they are not, or the facets are too coarse for it.
@@ -65,11 +71,12 @@ def check_near(
     size = float(surface.facet_size_range[1])
     require(
         chord <= COARSEST * size and np.isfinite(off),
-        f"smoothing: the facets of the {name} are too coarse for the {kind}, or no part of it",
+        f"{argument}: the facets of the {name} are not on the {kind}, or too coarse for it: they turn "
+        "by more than 60°",
     )
     require(
         off <= OFF * chord + ROUNDED * size,
-        f"smoothing: vertices of the {name} are up to {off:.2g} off the {kind}, whose chord error "
+        f"{argument}: vertices of the {name} are up to {off:.2g} off the {kind}, whose chord error "
         f"is {chord:.2g}: name the surface that they are on, or take {kind}.fit",
     )
     return found

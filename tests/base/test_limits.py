@@ -320,7 +320,7 @@ CASES = {
             s.pair.slave, s.case.tool, quadrature="overlay", smoothing=(None, "shared-curvature")
         )
     ),
-    "are too coarse for the Cylinder, or no part of it": lambda s, folder: coarse_ring(),
+    "are not on the Cylinder, or too coarse for it": lambda s, folder: coarse_ring(),
     "name the surface that they are on, or take Cylinder.fit": (
         lambda s, folder: off_the_cylinder(s.pair.slave, s.pair.master)
     ),

@@ -482,7 +482,7 @@ def test_not_on_the_shape():
     raises_everywhere(
         WORLD,
         ValueError,
-        "are too coarse for the Cylinder",
+        "are not on the Cylinder, or too coarse for it",
         lambda: qs.smooth.Cylinder.fit(few.surface(few.outer)),
     )
     raises_everywhere(
