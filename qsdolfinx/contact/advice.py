@@ -337,8 +337,8 @@ def tell_smoothed(model: ContactModel, found: ChordErrors) -> None:
         f"{_text(model.settings, found)}: gaps are measured between the curved surfaces, as with "
         f'smoothing="shared-curvature"{finer and f"; {finer} need none"}; if the bodies are as '
         'flat as their facets, write smoothing="none". Contact does not follow the bodies then: if '
-        "they slide by more than a part of a facet in a step, take meshes of degree 2, see qs.elevate, "
-        "and displacements of degree 2",
+        "they slide by more than a part of a facet in a step, take meshes of degree 2, see "
+        "qs.elevate, and displacements of degree 2",
         ContactWarning,
     )
 

@@ -159,7 +159,7 @@ class PointFriction:
         Args:
             multiplier: τ.
             normal: The points' pressures.
-            first: Whether what is closed sticks, but where it slipped when the step began: that goes
+            first: Whether what is closed sticks, but where it slipped when the step began and goes
                 on.
             again: Whether the step has been solved before, so that what has τ is what it seems.
             opened: Points that count as open, which ``normal`` knows.
