@@ -158,7 +158,8 @@ class WeightedGap:
         #: How values go between the rows and the slave's nodes.
         self.rows: Rows
         if rows == "points":
-            self.rows = point_rows = PointRows(self._own, slave)
+            at_vertices = measure is not None and measure.vertices is not None
+            self.rows = point_rows = PointRows(self._own, slave, at_vertices)
             multipliers = np.zeros_like(point_rows.cover_of_sides)
         else:
             self.rows = NodeRows(self._own, slave, points.by_sides)
@@ -376,7 +377,7 @@ class WeightedGap:
         if isinstance(self.rows, NodeRows):
             self.rows.covered_nodes = cut.covered
         elif not is_same:
-            self.rows = PointRows(cut.operator, self.slave)
+            self.rows = PointRows(cut.operator, self.slave, cut.measure.vertices is not None)
             self._at_rows = np.zeros(0), np.zeros(0)
 
     def _values_of_cut(self) -> Array:
