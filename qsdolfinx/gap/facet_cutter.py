@@ -41,9 +41,11 @@ class Finder(typing.Protocol):
 
     Attributes:
         both: Whether facets of both surfaces are cut.
+        are_own: As of :class:`Cutter`.
     """
 
     both: bool
+    are_own: bool
 
     def sides(self) -> Flags:
         """Sides of owned nodes of the slave that may have multipliers. Collective."""
@@ -63,6 +65,8 @@ class Finder(typing.Protocol):
 
 class Overlay:
     """Cuts all facets that face each other; arguments are those of :class:`FacetCutter`."""
+
+    are_own = False
 
     def __init__(self, slave: Surface, both: bool, radius: _cpp.SearchRadius, degree: int) -> None:
         self._slave, self.both, self._radius = slave, both, radius
@@ -117,6 +121,7 @@ class FacetCutter:
         self._surfaces = slave, master
         self._slave, self._master = slave.cpp_object, master.cpp_object
         self._finder = finder
+        self.are_own = finder.are_own
         self._tool = as_tool(master)
         self._moving = slave.twin(), master.twin(slave.axisymmetric)
         self._measured = slave.twin(), master.twin(slave.axisymmetric)

@@ -147,7 +147,13 @@ class MovingFunctions(typing.NamedTuple):
 
 
 class Cutter(typing.Protocol):
-    """Finds what is opposite to what, and gaps."""
+    """Finds what is opposite to what, and gaps.
+
+    Attributes:
+        are_own: Whether points are vertices of the slave, each with a multiplier of its own.
+    """
+
+    are_own: bool
 
     def node_area(self, places: Places) -> Array:
         """S_k of the slave there. Collective."""
@@ -368,6 +374,11 @@ class Following:
         self._marked: Vecs | None = None
         #: Columns of each row that the tangent has room for; None before there is one.
         self.pattern: _cpp.GapOperator | None = None
+
+    @property
+    def points_are_own(self) -> bool:
+        """Whether points are vertices of the slave, each with a multiplier of its own."""
+        return self._cutter.are_own
 
     @property
     def tool(self) -> RigidSurface | None:

@@ -235,17 +235,15 @@ class PointRows(Rows):
     Args:
         operator: Of the points.
         slave: The surface.
-        at_vertices: Whether points are vertices, each with a multiplier of its own: these are no
+        are_own: Whether points are vertices, each with a multiplier of its own: these are no
             field, and none follows from those around.
     """
 
     are_points = True
 
-    def __init__(
-        self, operator: _cpp.GapOperator, slave: Surface, at_vertices: bool = False
-    ) -> None:
+    def __init__(self, operator: _cpp.GapOperator, slave: Surface, are_own: bool = False) -> None:
         super().__init__(operator, slave)
-        self._at_vertices = at_vertices
+        self._are_own = are_own
         #: Σ_p w_p N_k(ξ_p) of the sides of the owned nodes, shape (nodes, block).
         self.cover_of_sides: Array = self._sums(np.ones(operator.num_rows))
         #: The same of nodes: what the points cover of S_k.
@@ -387,7 +385,7 @@ class PointRows(Rows):
             held: Of what conditions hold on both sides; None for nothing.
         """
         hardly = self.covered & (self.cover_of_sides < LEAST_COVER * self.area_of_sides)
-        hardly &= not self._at_vertices
+        hardly &= not self._are_own
         found = self.extension(hardly, hardly, held)
         if found is None or found is held:
             return held

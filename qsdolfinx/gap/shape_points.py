@@ -102,6 +102,7 @@ class ShapePoints:
         self, slave: Surface, tool: RigidSurface, radius: float, degree: int | None
     ) -> None:
         self._slave, self._tool, self._radius = slave, tool, radius
+        self.are_own = degree is None
         #: Vertices that stand for sharp nodes, (facets, vertices); None of points of facets.
         self._corners: Flags | None = None
         if degree is None:

@@ -41,7 +41,7 @@ class Vertices:
         radius: Beyond which points are not paired.
     """
 
-    both = False
+    both, are_own = False, True
 
     def __init__(self, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> None:
         self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
@@ -114,7 +114,7 @@ class ToolVertices:
         radius: Beyond which points are not paired.
     """
 
-    both = True
+    both, are_own = True, False
 
     def __init__(self, slave: Surface, tool: RigidSurface, radius: _cpp.SearchRadius) -> None:
         self._slave, self._tool, self._radius = slave, tool, radius

@@ -158,8 +158,8 @@ class WeightedGap:
         #: How values go between the rows and the slave's nodes.
         self.rows: Rows
         if rows == "points":
-            at_vertices = measure is not None and measure.vertices is not None
-            self.rows = point_rows = PointRows(self._own, slave, at_vertices)
+            are_own = following is not None and following.points_are_own
+            self.rows = point_rows = PointRows(self._own, slave, are_own)
             multipliers = np.zeros_like(point_rows.cover_of_sides)
         else:
             self.rows = NodeRows(self._own, slave, points.by_sides)
@@ -377,7 +377,8 @@ class WeightedGap:
         if isinstance(self.rows, NodeRows):
             self.rows.covered_nodes = cut.covered
         elif not is_same:
-            self.rows = PointRows(cut.operator, self.slave, cut.measure.vertices is not None)
+            are_own = self.following is not None and self.following.points_are_own
+            self.rows = PointRows(cut.operator, self.slave, are_own)
             self._at_rows = np.zeros(0), np.zeros(0)
 
     def _values_of_cut(self) -> Array:
@@ -422,19 +423,22 @@ class WeightedGap:
         return float(np.max(change[self.cut.covered], initial=0.0))
 
     def choose_vertices(self) -> bool:
-        """Choose anew which vertices have points at the last evaluation; whether others have.
+        """Give points to vertices that need them at the last evaluation; whether others do.
 
-        Collective.
+        None loses its point before areas are measured anew: with it faces may lean by just so much
+        less that it would not need it, and without it by more. Collective.
         """
         before = self.state.measure
         if self.following is None or self.cut is None or before is None or before.vertices is None:
             return False
-        chosen = self.following.measure(self.cut.places)
-        assert chosen.vertices is not None
-        same = np.array_equal(chosen.vertices, before.vertices)
+        places = self.cut.places
+        chosen = self.following.measure(places).vertices
+        assert chosen is not None
+        vertices = chosen | before.vertices
+        same = np.array_equal(vertices, before.vertices)
         if self.slave.comm.allreduce(same, op=MPI.LAND):
             return False
-        self.state.measure = chosen
+        self.state.measure = self.following.measure(places, vertices=vertices)
         return True
 
     def evaluate_kept(self, u: Vecs, kept: tuple[bool, bool]) -> None:

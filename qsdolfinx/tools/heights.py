@@ -71,8 +71,8 @@ def check_near(
     size = float(surface.facet_size_range[1])
     require(
         chord <= COARSEST * size and np.isfinite(off),
-        f"{argument}: the facets of the {name} are not on the {kind}, or too coarse for it: they turn "
-        "by more than 60°",
+        f"{argument}: the facets of the {name} are not on the {kind}, or too coarse for it: they "
+        "turn by more than 60°",
     )
     require(
         off <= OFF * chord + ROUNDED * size,

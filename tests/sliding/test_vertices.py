@@ -1,11 +1,14 @@
 """Vertices at creases, of contact that follows the bodies: they bear from the first touch on."""
 
+import warnings
+
 import numpy as np
 import pytest
-from following import Body, moment, problem_of, rotation, total
+from following import Body, Boxes, moment, problem_of, rotation, total
 from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 from system.test_equations import away, errors
 
+import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
@@ -269,3 +272,49 @@ def test_punch_with_walls(shift):
         assert problem.num_iterations <= 12
         assert contact.penetration() < 0.05 * 0.1
     assert abs(forces[1] / forces[0] - 1) < 0.03
+
+
+@pytest.mark.parametrize("sliding", ("finite", "small"))
+def test_vertices_of_a_wavy_block(sliding):
+    """Each vertex with a multiplier of its own: forces are as symmetric as the block is.
+
+    They were not, and others on other ranks: multipliers of walls were means of those around.
+    """
+    msh = box(WORLD, (3, 2, 3), "hexahedron", [0.0, 0.0, 0.0], [1.0, 1.0, 1.0])
+    walls = [plane(msh, axis, value) for axis in (0, 1) for value in (0.0, 1.0)]
+    facets, top = np.concatenate([plane(msh, 2, 0.0), *walls]), plane(msh, 2, 1.0)
+    x = msh.geometry.x
+    x[:, 2] += 0.05 * (1 - np.cos(3 * np.pi * x[:, 0])) * (1 - x[:, 2])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    stress = qs.materials.neo_hookean(u, 0.4, 0.5)
+    F = ufl.inner(stress, ufl.grad(ufl.TestFunction(V))) * ufl.dx(degree=3)
+    floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    contact = qs.Contact(qs.Surface(V, facets=np.unique(facets)), floor, sliding=sliding)
+    problem = qs.ContactProblem([F], [u], [contact], [[clamp(V, top, [0.0, 0.0, -0.02])]])
+    problem.solve()
+    assert problem.num_iterations <= 6
+    assert abs(contact.force("slave")[2] / 0.0143480060 - 1) < 1e-7  # on any number of ranks
+    assert abs(contact.moment("slave", about=[0.5, 0.5, 0.5])[0]) < 1e-12
+    assert contact.penetration() < 1e-9
+
+
+def test_pad_with_walls():
+    """A pad of degree 2, its walls named, that leans as it is dragged: corners keep their points.
+
+    They lost and got them in turn, in 40 iterations a step.
+    """
+    case = Boxes("quadrilateral", ((17, 6), (7, 5)), ((3.0, 1.0), (0.8, 0.6)), 0.7, degree=2)
+    moved = case.clamp_far()
+    sides = [plane(case.upper.mesh, 0, value) for value in (0.7, 1.5)]
+    named = np.unique(np.concatenate([plane(case.upper.mesh, 1, 0.0), *sides]))
+    contact = qs.Contact(
+        qs.Surface(case.upper.V, facets=named), case.below, friction=qs.Coulomb(0.3)
+    )
+    problem = case.problem(contact)
+    for step in range(4):
+        moved.value[:] = 0.05 * step, -0.04
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", qs.ContactWarning)
+            problem.solve()
+        assert problem.num_iterations <= 20

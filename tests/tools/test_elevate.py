@@ -68,7 +68,7 @@ def test_3d(cell, sphere):
 
 
 def half_ball(size):
-    """A tetrahedral mesh of half a ball of radius 1, and tags 1 of what is round, 2 of what is flat."""
+    """Tetrahedra of half a ball of radius 1, and tags: 1 of what is round, 2 of what is flat."""
     gmsh = pytest.importorskip("gmsh")
     gmsh.initialize(["", "-v", "0", "-clmax", str(size), "-clmin", str(size)])
     if WORLD.rank == 0:
