@@ -843,6 +843,9 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
   const RayFacet along = moved_to(pair.along(), pair.along_other ? start.other : start.cut);
   const Vec3 n_then = Normal(along).n();
   const Frame now(pair.along(), normal.n()), then(along, n_then);
+  // Edges of facets that are not flat lead out of the plane across n: gaps are no slip.
+  const std::array<Vec3, 2> across{then.e[0] - dot(then.e[0], n_then) * n_then,
+                                   then.e[1] - dot(then.e[1], n_then) * n_then};
   const int dim = pair.other.type == FacetType::interval ? 1 : 2;
   const double sign = pair.cut_is_slave ? 1 : -1;
   const Vec3 origin = facet_vertex(cut.x, 0);
@@ -856,12 +859,12 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
     const RayPoint& point = points[p];
     const Ray ray(pair, normal, point);
     const Vec3 d = point_of(cut, origin, point.xi) - point_of(other, origin, point.zeta);
-    const Vec2 s{-sign * dot(then.e[0], d), dim == 2 ? -sign * dot(then.e[1], d) : 0.0};
+    const Vec2 s{-sign * dot(across[0], d), dim == 2 ? -sign * dot(across[1], d) : 0.0};
     const Vec3 slip = s[0] * now.e[0] + s[1] * now.e[1], n = sign * normal.n();
     std::copy_n(slip.begin(), 3, out.slip.subspan(3 * p).begin());
     std::copy_n(n.begin(), 3, out.normal.subspan(3 * p).begin());
     out.gap[p] = dot(n_then, d);
-    // ∂s_a/∂ζ_α = sign E_a·∂x_other₀/∂ζ_α
+    // ∂s_a/∂ζ_α = sign E_a·∂x_other₀/∂ζ_α, E_a being those of then across n
     const auto a0 = tangents(other, origin, ray.dM);
     const RayLift lift = lift_of(pair, point.zeta);
     const Vec3 rises = lift.slope[0] * ray.A.zeta[0] + lift.slope[1] * ray.A.zeta[1];
@@ -872,7 +875,7 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
     {
       Vec3 along{};
       for (int b = 0; b < dim; ++b)
-        along = along + sign * dot(then.e[b], a0[alpha]) * now.e[b];
+        along = along + sign * dot(across[b], a0[alpha]) * now.e[b];
       for (int r = 0; r < 3; ++r)
       {
         slides[r] = slides[r] + along[r] * ray.A.zeta[alpha];

@@ -220,3 +220,18 @@ def test_what_slides_goes_on(cell):
     assert sum(iterations[2:]) <= 40
     T, N = np.abs(contact.force("slave"))
     assert np.isclose(T, 0.3 * N, rtol=1e-2)
+
+
+def test_nothing_creeps():
+    """Solved again without a load, hexahedra whose facets are not flat stay as they are."""
+    case = Boxes("hexahedron", ((5, 3, 2), (2, 1, 2)), ((2.0, 1.2, 0.7), (0.7, 0.5, 0.5)), 0.5)
+    moved = case.clamp_far()
+    contact = qs.Contact(case.above, case.below, friction=qs.Coulomb(0.5))
+    problem = case.problem(contact)
+    for displacement in ((0.0, 0.0, -0.02), (0.08, 0.04, -0.02)):
+        moved.value[:] = displacement
+        problem.solve()
+    force = contact.force("slave")
+    problem.solve()
+    assert problem.num_iterations == 0
+    assert np.abs(contact.force("slave") - force).max() < 1e-12 * np.abs(force).max()
