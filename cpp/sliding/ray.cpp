@@ -374,19 +374,14 @@ private:
 class HalfHessian
 {
 public:
-  explicit HalfHessian(const RayPair& pair)
+  /// @param points how many there may be
+  HalfHessian(const RayPair& pair, std::size_t points)
       : pair_(pair), normal_(pair.along()), columns_(pair), n_(columns_.size()),
         dim_(pair.other.type == FacetType::interval ? 1 : 2)
   {
     std::fill_n(half_.begin(), n_ * n_, 0.0);
-  }
-
-  /// Room for so many points.
-  void reserve(std::size_t points)
-  {
-    const std::size_t rows = points * static_cast<std::size_t>(dim_);
-    for (auto* of : {&left_, &right_})
-      of->reserve(rows * static_cast<std::size_t>(n_));
+    for (auto* rows : {&left_, &right_})
+      rows->reserve(points * static_cast<std::size_t>(dim_ * n_));
   }
 
   /// The terms with δζ of w Σ_k λ_k N_k (g − a_k), and the sums that those with δn need.
@@ -619,8 +614,7 @@ void qsdolfinx::add_gap(const RayPair& pair, std::span<const RayPoint> points, c
 void qsdolfinx::add_curvature(const RayPair& pair, std::span<const RayPoint> points,
                               const RayForces& forces, std::span<double> hessian)
 {
-  HalfHessian half(pair);
-  half.reserve(points.size());
+  HalfHessian half(pair, points.size());
   for (const RayPoint& point : points)
     half.add_point(point, Pressure(pair, point, forces));
   half.add_sums();
@@ -677,8 +671,7 @@ void qsdolfinx::rim_motions(const RayPair& pair, std::span<const RimPoint> rim,
 void qsdolfinx::add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
                                         std::span<const double> pressure, std::span<double> hessian)
 {
-  HalfHessian half(pair);
-  half.reserve(points.size());
+  HalfHessian half(pair, points.size());
   for (std::size_t p = 0; p < points.size(); ++p)
     if (pressure[p] != 0)
       half.add_point(points[p], {points[p].weight * pressure[p], lift_of(pair, points[p].zeta)});
@@ -715,8 +708,7 @@ void qsdolfinx::add_slip_curvature(const RayPair& pair, std::span<const RayPoint
   const Normal normal(pair.along());
   const Columns columns(pair);
   const int dim = pair.other.type == FacetType::interval ? 1 : 2, n = columns.size();
-  HalfHessian half(pair);
-  half.reserve(points.size());
+  HalfHessian half(pair, points.size());
   for (const RayPoint& point : points)
   {
     const Ray ray(pair, normal, point);
@@ -903,8 +895,7 @@ void qsdolfinx::add_slip_curvature_of_points(const RayPair& pair, std::span<cons
   const Normal normal(pair.along());
   const Columns columns(pair);
   const int dim = pair.other.type == FacetType::interval ? 1 : 2, n = columns.size();
-  HalfHessian half(pair);
-  half.reserve(points.size());
+  HalfHessian half(pair, points.size());
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     const Vec3 tau = facet_vertex(traction, static_cast<int>(p));

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <petscblaslapack.h>
 
 using namespace qsdolfinx;
 
@@ -67,7 +68,8 @@ Corner corner(const Surface& surface, std::size_t f, int i)
 Vec3 fitted_normal(const Vec3& n, std::span<const Vec3> edges)
 {
   constexpr int size = 5;
-  // Decide what the neighbours leave open: where these are few, the normal stays as it is.
+  // Decide what the neighbours leave open: where these are few, the normal stays as it is
+  // (tests/tools/test_elevate.py, a strip).
   constexpr std::array<double, size> damping{1e-3, 1e-3, 1e-6, 1e-6, 1e-6};
   const Vec3 first = edges[0] - dot(edges[0], n) * n;
   const Vec3 t1 = (1 / norm(first)) * first, t2 = cross(n, t1);
@@ -90,20 +92,11 @@ Vec3 fitted_normal(const Vec3& n, std::span<const Vec3> edges)
   }
   for (int i = 0; i < size; ++i)
     A[i][i] += damping[i] * static_cast<double>(edges.size());
-  for (int k = 0; k < size; ++k) // Gauss's elimination of a positive definite matrix
-    for (int i = k + 1; i < size; ++i)
-    {
-      const double factor = A[i][k] / A[k][k];
-      for (int j = k; j < size; ++j)
-        A[i][j] -= factor * A[k][j];
-      b[i] -= factor * b[k];
-    }
-  for (int i = size - 1; i >= 0; --i)
-  {
-    for (int j = i + 1; j < size; ++j)
-      b[i] -= A[i][j] * b[j];
-    b[i] /= A[i][i];
-  }
+  PetscBLASInt order = size, one = 1, info = 0;
+  LAPACKpotrf_("U", &order, A[0].data(), &order, &info);
+  if (info != 0)
+    return n;
+  LAPACKpotrs_("U", &order, &one, A[0].data(), &order, b.data(), &order, &info);
   const Vec3 sum = n + b[0] * t1 + b[1] * t2;
   return (1 / norm(sum)) * sum;
 }

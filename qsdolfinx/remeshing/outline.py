@@ -11,6 +11,7 @@ import basix
 from dolfinx import mesh
 
 from qsdolfinx.compat import cell_nodes
+from qsdolfinx.surface.facets import in_cells
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -101,10 +102,7 @@ def boundary_facets(msh: mesh.Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[
     msh.topology.create_connectivity(tdim - 1, tdim)
     msh.topology.create_connectivity(tdim, tdim - 1)
     facets = mesh.exterior_facet_indices(msh.topology)
-    cell_of = msh.topology.connectivity(tdim - 1, tdim)
-    cells = cell_of.array[cell_of.offsets[facets]]
-    per_cell = msh.topology.connectivity(tdim, tdim - 1).array.reshape(-1, tdim + 1)
-    local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
+    cells, local = in_cells(msh, facets)
     reference = np.array(basix.topology(getattr(basix.CellType, msh.topology.cell_type.name))[-2])
     nodes = cell_nodes(msh)[cells]
     ends = np.take_along_axis(nodes, reference[local], axis=1)

@@ -41,11 +41,9 @@ class FacetLayout(typing.NamedTuple):
         """Layout of facets of owned cells."""
         msh, tdim = V.mesh, V.mesh.topology.dim
         nv, n = FACET_VERTICES[msh.topology.cell_type], len(facets)
-        cells = cell_of(msh, facets)
+        cells, local = in_cells(msh, facets)
         cell_type = getattr(basix.CellType, msh.topology.cell_type.name)
         reference = np.array(basix.topology(cell_type)[tdim - 1])
-        per_cell = msh.topology.connectivity(tdim, tdim - 1).array.reshape(-1, len(reference))
-        local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
         points = vertex_points(msh, cells[:, None], reference[local].reshape(n, nv))
         degree = trace_degree(V)
         assert degree is not None
@@ -78,6 +76,17 @@ class FacetLayout(typing.NamedTuple):
         if flat := _cpp.count_degenerate(x.shape[1], x):
             raise ValueError(f"V: {flat} contact facets are degenerate (zero area, or not convex)")
         return x, inside, None if self.nodes is None else np.take(geometry, self.nodes, axis=0)
+
+
+def in_cells(
+    msh: mesh.Mesh, facets: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+    """The one cell of each boundary facet, and the facet's number in it."""
+    cells, tdim = cell_of(msh, facets), msh.topology.dim
+    cell_type = getattr(basix.CellType, msh.topology.cell_type.name)
+    count = len(basix.topology(cell_type)[tdim - 1])
+    per_cell = msh.topology.connectivity(tdim, tdim - 1).array.reshape(-1, count)
+    return cells, np.argmax(per_cell[cells] == facets[:, None], axis=1)
 
 
 def area_vectors(x: Array) -> Array:

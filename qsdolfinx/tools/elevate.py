@@ -20,6 +20,7 @@ from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes, coordinate_element, mesh_of_nodes
 from qsdolfinx.surface.affine import EDGES
+from qsdolfinx.surface.facets import in_cells
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.unknowns import facet_places
 from qsdolfinx.tools.heights import check_near
@@ -28,12 +29,9 @@ from qsdolfinx.tools.smooth import Smooth
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-#: Sum of the products of two unit normals' components below this part of the larger one: facets
-#: meet by less than 30°, so that they have one direction. (1 − cos α)/(1 + cos α) for α = 30°.
-ONE_DIRECTION = 0.0718
-
-#: cos² 30°: normals whose product's square is less belong to facets that meet in a crease.
-CREASE = 0.75
+#: Cosine of the angle (30°) above which facets meet in a crease, where both say where an edge is;
+#: as in cpp/surface/curvature.h: ``tests/tools/test_elevate.py``, creases and what is flat.
+CREASE = float(np.cos(np.pi / 6))
 
 
 def elevate(
@@ -173,7 +171,7 @@ class _Nodes:
         own = squares[nodes].reshape(*nodes.shape, 3, 3)
         size = np.trace(own, axis1=2, axis2=3)
         along = np.einsum("fi,feij,fj->fe", normal, own, normal)
-        crease = (size > 0) & (along < CREASE * size)
+        crease = (size > 0) & (along < CREASE**2 * size)
         square = (normal[:, :, None] * normal[:, None, :]).reshape(-1, 1, 9)
         return self._summed(nodes.ravel(), (crease[..., None] * square).reshape(-1, 9))
 
@@ -190,12 +188,7 @@ class _Nodes:
 
     def _of_facets(self, surface: Surface) -> Indices:
         """Nodes of its facets, vertices first, (facets, nodes)."""
-        msh, tdim = self._mesh, self._mesh.topology.dim
-        to_cell = msh.topology.connectivity(tdim - 1, tdim)
-        cells = to_cell.array[to_cell.offsets[surface.facets]]
-        per_cell = msh.topology.connectivity(tdim, tdim - 1).array
-        per_cell = per_cell.reshape(-1, len(basix.topology(self._cell)[tdim - 1]))
-        local = np.argmax(per_cell[cells] == surface.facets[:, None], axis=1)
+        cells, local = in_cells(self._mesh, surface.facets)
         return np.asarray(self._dofs[cells[:, None], facet_places(self._V, 2)[local]])
 
     def _summed(self, nodes: Indices, terms: Array) -> Array:
@@ -291,7 +284,8 @@ def _raised(squares: Array, heights: Array) -> Array:
         heights: Σ n h, (edges, 3).
     """
     values, vectors = np.linalg.eigh(squares)
-    large = values > ONE_DIRECTION * values[:, -1:]
+    # Of two unit normals at an angle α they are 1 + cos α, 1 − cos α and 0.
+    large = (1 + CREASE) * values > (1 - CREASE) * values[:, -1:]
     inverse = np.where(large, 1 / np.where(large, values, 1.0), 0.0)
     along = np.einsum("eik,ei->ek", vectors, heights)
     return np.asarray(np.einsum("eik,ek->ei", vectors, inverse * along))
