@@ -1,9 +1,8 @@
 """Ironing in steps of parts of a facet to several facets, by small and by finite sliding.
 
 The demo's indenter (demos/ironing.py, friction 0.3, penalty) is dragged over --facets facets of the
-slab. For each kind of sliding and of constraints, and way in a step: steps, Newton iterations in
-all and in a step of the slide, seconds, mean and oscillation of the force along, largest less
-smallest over mean.
+slab. For each kind of sliding, and way in a step: steps, Newton iterations in all and in a step of
+the slide, seconds, mean and oscillation of the force along, largest less smallest over mean.
 
     python3 bench/ironing_steps.py --plot ironing_sliding.png
 """
@@ -20,20 +19,14 @@ import ironing
 import numpy as np
 from machine import circumstances, write
 
-#: Facets a step of the slide, by kind of sliding and of constraints.
-LARGE = (0.14, 0.5, 1.0, 3.0, 6.0)
-WAYS = {
-    ("small", "points"): (0.14, 0.25, 0.45),
-    ("finite", "nodes"): LARGE,
-    ("finite", "points"): LARGE,
-}
+#: Facets a step of the slide, by kind of sliding.
+WAYS = {"small": (0.14, 0.25, 0.45), "finite": (0.14, 0.5, 1.0, 3.0, 6.0)}
 
 
-def run(kind, way, facets):
+def run(sliding, way, facets):
     """One ironing as a row, and the force over the slide in its plateau."""
     steps = ironing.PRESSING + round((facets + ironing.RUN_IN) / way)
-    sliding, constraints = kind
-    p = ironing.Parameters(sliding=sliding, constraints=constraints, steps=steps, facets=facets)
+    p = ironing.Parameters(sliding=sliding, steps=steps, facets=facets)
     start, iterations = time.perf_counter(), []
 
     def note(row, scene):
@@ -44,7 +37,6 @@ def run(kind, way, facets):
     slide, _ = ironing.on_plateau(p, rows)
     return {
         "sliding": sliding,
-        "constraints": constraints,
         "facets_per_step": facets / p.plan()[1],
         "steps": result["steps"],
         "newton": sum(iterations),
@@ -58,20 +50,19 @@ def run(kind, way, facets):
 
 
 def plot(rows, filename):
-    """Force along over the slide, one panel for each kind of sliding and constraints."""
+    """Force along over the slide, one panel for each kind of sliding."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 3, figsize=(12, 3.4), sharey=True, layout="constrained")
-    for axis, (sliding, constraints) in zip(axes, WAYS, strict=True):
+    figure, axes = plt.subplots(1, 2, figsize=(10, 3.4), sharey=True, layout="constrained")
+    for axis, sliding in zip(axes, WAYS, strict=True):
         for row in rows:
-            if (row["sliding"], row["constraints"]) == (sliding, constraints):
+            if row["sliding"] == sliding:
                 label = f"{row['facets_per_step']:.2g} facets a step, {row['newton']} iterations"
                 axis.plot(row["slide"], row["fx"], ".-", lw=1, ms=4, label=label)
-        title = f'sliding="{sliding}", constraints="{constraints}"'
-        axis.set(title=title, xlabel="slide / facet of the slab")
+        axis.set(title=f'sliding="{sliding}"', xlabel="slide / facet of the slab")
         axis.legend(fontsize=8)
     axes[0].set_ylabel("force along / (E × height)")
     figure.savefig(filename, dpi=150)
@@ -85,16 +76,14 @@ def main():
     parser.add_argument("--json", metavar="FILE")
     parser.add_argument("--plot", metavar="FILE")
     p = parser.parse_args()
-    print(
-        "sliding constraints  facets a step  steps  newton  a step  seconds      mean  oscillation"
-    )
+    print("sliding   facets a step  steps  newton  a step  seconds      mean  oscillation")
     rows = []
-    for kind, ways in WAYS.items():
+    for sliding, ways in WAYS.items():
         for way in ways:
-            row = run(kind, way, p.facets)
+            row = run(sliding, way, p.facets)
             rows.append(row)
             print(
-                f"{kind[0]:8}{kind[1]:11}{row['facets_per_step']:15.2f}{row['steps']:7}"
+                f"{sliding:8}{row['facets_per_step']:15.2f}{row['steps']:7}"
                 f"{row['newton']:8}{row['newton_per_step']:8.1f}{row['seconds']:9.1f}"
                 f"{row['mean']:10.6f}{row['oscillation']:13.1e}",
                 flush=True,

@@ -1,9 +1,9 @@
 """Half rings that pass each other with sliding="finite": iterations, and what becomes of the work.
 
 The hub of a half ring is drawn over another one, both neo-Hookean, in steps of some facets. A row
-for each coefficient of friction, constraints, and step: facets a step, steps, Newton iterations of
-all steps and of the worst, cut-backs; and the energy that is missing at the end, hub's work less
-what friction has taken, over that work, or without friction over the largest stored energy.
+for each coefficient of friction and step: facets a step, steps, Newton iterations of all steps and
+of the worst; and the energy that is missing at the end, hub's work less what friction has taken,
+over that work, or without friction over the largest stored energy.
 
     python3 bench/passing.py
 """
@@ -40,7 +40,7 @@ def half_ring(start, center):
     return u, F * ufl.dx, energy, qs.Surface(V, facets=rim), hub, bc
 
 
-def run(mu, constraints, facets):
+def run(mu, facets):
     """A row."""
     lower, upper = half_ring(0.0, (0.0, 0.0)), half_ring(np.pi, (-WAY / 2, 2 - OVER))
     contact = qs.Contact(
@@ -48,7 +48,6 @@ def run(mu, constraints, facets):
         lower[3],
         friction=qs.Coulomb(mu) if mu else None,
         sliding="finite",
-        constraints=constraints,
     )
     bodies = lower, upper
     us, forms, conditions = ([body[i] for body in bodies] for i in (0, 1, 5))
@@ -69,23 +68,21 @@ def run(mu, constraints, facets):
     missing = (work - contact.dissipated_energy()) / (work if mu else largest)
     steps = stepper.num_steps
     problem.destroy()
-    return mu, constraints, facets, steps, sum(iterations), max(iterations), missing
+    return mu, facets, steps, sum(iterations), max(iterations), missing
 
 
 def main():
     if COMM.rank == 0:
-        print("friction  constraints  facets a step  steps  newton  worst   missing")
+        print("friction  facets a step  steps  newton  worst   missing")
     for mu in (0.0, 0.3):
         for facets in (1, 2):
-            for constraints in ("nodes", "points"):
-                *row, missing = run(mu, constraints, facets)
-                if COMM.rank == 0:
-                    mu, constraints, facets, steps, newton, worst = row
-                    print(
-                        f"{mu:8}  {constraints:11}{facets:15}{steps:7}{newton:8}{worst:7}"
-                        f"{100 * missing:9.2f} %",
-                        flush=True,
-                    )
+            *row, missing = run(mu, facets)
+            if COMM.rank == 0:
+                mu, facets, steps, newton, worst = row
+                print(
+                    f"{mu:8}{facets:15}{steps:7}{newton:8}{worst:7}{100 * missing:9.2f} %",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

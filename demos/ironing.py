@@ -24,6 +24,7 @@ import dataclasses
 import math
 import pathlib
 import sys
+import warnings
 
 from mpi4py import MPI
 
@@ -56,7 +57,7 @@ class Parameters:
     steps: int = option(119, "in all, pressing and run-in included")
     facets: int = option(12, "facets of the slab that the plateau is long")
     sliding: str = option("small", "finite: contact's geometry follows the bodies in a step")
-    constraints: str | None = option(None, "nodes or points; otherwise as by default")
+    constraints: str | None = option(None, "nodes or points; finite sliding has points")
     swap: bool = option(False, "the slab is the slave")
     output: str | None = option(None, "fields and history.csv", metavar="FOLDER")
     verbose: bool = False
@@ -64,6 +65,9 @@ class Parameters:
     def __post_init__(self):
         if self.mu <= 0:
             raise ValueError("--mu: must be positive")
+        if (self.sliding, self.constraints) == ("finite", "nodes"):
+            warnings.warn("--constraints: finite sliding has them at points", stacklevel=2)
+            self.constraints = "points"
         self.plan()
 
     def plan(self):

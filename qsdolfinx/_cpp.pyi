@@ -51,24 +51,13 @@ class GapOperator:
         self,
         slave: Surface,
         master: Surface | None,
-        pieces: PieceRows,
-        area: numpy.typing.NDArray[numpy.float64],
-        jump: bool,
-    ) -> None:
-        """Derivative of gaps that follow the bodies, a row for each owned node; collective."""
-
-    @overload
-    def __init__(
-        self,
-        slave: Surface,
-        master: Surface | None,
         points_of: Pieces,
         *,
         alone: numpy.typing.NDArray[numpy.int64],
         weight: numpy.typing.NDArray[numpy.float64],
         far: float,
     ) -> None:
-        """The same with a row for each point of pieces; see gap/gap.h; collective."""
+        """Derivative of gaps that follow the bodies, a row for each point of pieces; see gap/gap.h; collective."""
 
     @overload
     def __init__(
@@ -106,9 +95,6 @@ class GapOperator:
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
         """Gradients of their field at these points; collective."""
-
-    def covers(self, other: GapOperator) -> bool:
-        """Whether rows of another operator have no columns but those of this one's."""
 
     @property
     def num_rows(self) -> int: ...
@@ -259,52 +245,6 @@ class PairingPoints:
     def in_corner(self) -> numpy.typing.NDArray[numpy.uint8]:
         """Which owned nodes do, [node]; empty if not by_sides."""
 
-class PieceRows:
-    """Weighted gaps of pieces; see gap/piece_rows.h."""
-
-    @overload
-    def __init__(
-        self,
-        slave: Surface,
-        pieces: Pieces,
-        cover: int = 0,
-        allowance: int = 0,
-        with_columns: bool = True,
-    ) -> None:
-        """Collective; `cover` is a vector or 0, see Shares, and so is `allowance`, penetration that counts as none."""
-
-    @overload
-    def __init__(self, slave: Surface, pieces: Pieces, cover: int, *, axis: int) -> None:
-        """The objective slip along one axis in the gradient's place; collective."""
-
-    @overload
-    def __init__(
-        self,
-        slave: Surface,
-        marked: numpy.typing.NDArray[numpy.uint8],
-        cover: numpy.typing.NDArray[numpy.float64],
-        gap: numpy.typing.NDArray[numpy.float64],
-        jump: numpy.typing.NDArray[numpy.float64],
-        gradient: numpy.typing.NDArray[numpy.float64],
-        mass: numpy.typing.NDArray[numpy.float64],
-    ) -> None:
-        """Of facets before a rigid tool; see gap/piece_rows.h; collective."""
-
-    def cover(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
-        """What the points cover of the owned nodes' areas, [node]."""
-
-    def cover_of_sides(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
-        """The same of the smooth sides of the nodes, [node][gdim]."""
-
-    def gap_of_sides(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
-        """G_k of the smooth sides of the nodes, [node][gdim]."""
-
-    def gap(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
-        """G_k, positive in penetration, [node]."""
-
-    def jump(self, num_nodes: int) -> numpy.typing.NDArray[numpy.float64]:
-        """Weighted sums of x_slave - x_master, [node][3]."""
-
 class Pieces:
     """Pieces of the overlay; see pairing/pieces.h."""
 
@@ -321,6 +261,12 @@ class Pieces:
 
     @property
     def num_points(self) -> int: ...
+    def cover(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Areas that points cover of the slave's nodes, [piece, k]."""
+
+    def side_dofs(self) -> numpy.typing.NDArray[numpy.int64]:
+        """Unknowns that stand for the sides of these nodes, likewise."""
+
     def gaps(self) -> numpy.typing.NDArray[numpy.float64]:
         """Distances along the rays, positive when open, [point]."""
 
@@ -525,9 +471,6 @@ def add_products(
 ) -> None:
     """Add Lᵀ D R; D has a number for each row, or a matrix [component][component] for each point."""
 
-def add_slip_forces(pieces: Pieces, cover: int, traction: int, slave: int, master: int) -> None:
-    """Add the forces of friction on slip that rigid motions do not have; collective."""
-
 def closest_facets(
     nodes: Surface, surface: Surface, radius: SearchRadius
 ) -> tuple[numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.float64]]:
@@ -606,20 +549,7 @@ def insert_contact(
 ) -> None:
     """Add Gᵀ D G to the blocks (ss, sm, ms, mm)."""
 
-def insert_curvature(
-    master: Surface | None,
-    pieces: Pieces,
-    cover: int,
-    multiplier: int,
-    allowance: int,
-    markers: Sequence[int],
-    blocks: Sequence[int],
-    scale: Sequence[float],
-) -> bool:
-    """Add the sum of multipliers times second derivatives of gaps to the blocks (ss, sm, ms, mm); whether that is symmetric but for the scale. Collective."""
-
 def insert_curvature_of_points(
-    slave: Surface,
     master: Surface | None,
     pieces: Pieces,
     pressure: numpy.typing.NDArray[numpy.float64],
@@ -627,11 +557,10 @@ def insert_curvature_of_points(
     markers: Sequence[int],
     blocks: Sequence[int],
     scale: Sequence[float],
-) -> bool:
-    """Add the sum of pressures at points times second derivatives of their gaps to the blocks (ss, sm, ms, mm); whether that is symmetric but for the scale. Collective."""
+) -> None:
+    """Add the sum of pressures at points times second derivatives of their gaps to the blocks (ss, sm, ms, mm). Collective."""
 
 def insert_friction(
-    slip: Sequence[GapOperator],
     jump: GapOperator,
     normal: GapOperator,
     stiffness: numpy.typing.NDArray[numpy.float64],
@@ -639,18 +568,7 @@ def insert_friction(
     blocks: Sequence[int],
     scale: Sequence[float],
 ) -> None:
-    """Add Lᵀ (D J + c G) to the blocks (ss, sm, ms, mm), L being the slip along each axis, or J if none are given."""
-
-def insert_slip_curvature(
-    master: Surface | None,
-    pieces: Pieces,
-    cover: int,
-    traction: int,
-    markers: Sequence[int],
-    blocks: Sequence[int],
-    scale: Sequence[float],
-) -> None:
-    """Add how the forces of given tractions on objective slip change to the blocks (ss, sm, ms, mm). Collective."""
+    """Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm)."""
 
 def insert_slip_curvature_of_points(
     master: Surface | None,
@@ -670,11 +588,6 @@ def mean_of_rows(
     x: numpy.typing.NDArray[numpy.float64], rows: numpy.typing.NDArray[numpy.int32]
 ) -> numpy.typing.NDArray[numpy.float64]:
     """Means of points x [point][3], one of each row of their numbers, [row][3]."""
-
-def nearby_pieces(
-    slave: Surface, master: Surface, both: bool, radius: float, margin: float
-) -> Pieces:
-    """Pairs of facets that pieces may be cut from, without points; collective."""
 
 def overlay_pieces(
     slave: Surface,
@@ -761,24 +674,34 @@ def ray_curvature(
     other: RayFacet,
     cut_is_slave: bool,
     points: RayPoints,
-    multipliers: numpy.typing.NDArray[numpy.float64],
+    pressure: numpy.typing.NDArray[numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """Second derivatives of the sum of multipliers times gaps."""
+    """Second derivatives of the sum of weights times pressures times gaps, these held."""
 
-def ray_gap(
+def ray_functions(
     cut: RayFacet, other: RayFacet, cut_is_slave: bool, points: RayPoints
+) -> numpy.typing.NDArray[numpy.float64]:
+    """Those of the slave's vertex functions there, [point][vertex][node][3]."""
+
+def ray_gaps(
+    cut: RayFacet, other: RayFacet, cut_is_slave: bool, points: RayPoints
+) -> numpy.typing.NDArray[numpy.float64]:
+    """Gradients of the gaps of points, [point][node][3], the slave's nodes first."""
+
+def ray_slip(
+    cut: RayFacet,
+    other: RayFacet,
+    cut_is_slave: bool,
+    points: RayPoints,
+    cut_start: numpy.typing.NDArray[numpy.float64],
+    other_start: numpy.typing.NDArray[numpy.float64],
 ) -> tuple[
     numpy.typing.NDArray[numpy.float64],
     numpy.typing.NDArray[numpy.float64],
     numpy.typing.NDArray[numpy.float64],
     numpy.typing.NDArray[numpy.float64],
 ]:
-    """Of each vertex of the slave's facet: area, weighted gap and jump, and the gap's gradient, [vertex][node][3], the slave's nodes first."""
-
-def ray_slip(
-    cut: RayFacet, other: RayFacet, cut_is_slave: bool, points: RayPoints
-) -> numpy.typing.NDArray[numpy.float64]:
-    """The objective slip of each vertex of the slave's facet, [vertex][node][slip][component]."""
+    """Slip at points since nodes were there, and the slave's normal, [point][3]; its gradient, and what tractions work on, [point][node][slip][component]."""
 
 def ray_slip_curvature(
     cut: RayFacet,
@@ -787,7 +710,7 @@ def ray_slip_curvature(
     points: RayPoints,
     tractions: numpy.typing.NDArray[numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """The derivative of the work of tractions on objective slip."""
+    """The derivative of the sum of weights times what tractions work on."""
 
 def relief_nodes(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
     """Nodes of degree 2 on the flat facets, [facet][node][3]."""

@@ -45,9 +45,6 @@ def tangent_errors(problem, x, d, step):
     """Check the tangent at x, where the problem is left. Collective."""
     system = problem.system
     system.residual(x.array_r)
-    if not system.fits_pattern():
-        system.make_stale()
-        problem.newton.update_matrices()
     matrix = system.tangent(x.array_r)
     product, transposed = d.duplicate(), d.duplicate()
     matrix.mult(d, product)

@@ -1,8 +1,6 @@
 #include "gap/gap.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
-#include "gap/piece_forces.h"
-#include "gap/piece_rows.h"
 #include "gap/point_rows.h"
 
 #include <nanobind/stl/array.h>
@@ -24,63 +22,6 @@ std::array<Vec, 2> vecs(Handle slave, Handle master)
 
 void qsdolfinx::bind_gap(nb::module_& m)
 {
-  nb::class_<PieceRows>(m, "PieceRows", "Weighted gaps of pieces; see gap/piece_rows.h.")
-      .def(
-          "__init__",
-          [](PieceRows* self, const Surface& slave, const Pieces& pieces, Handle cover,
-             Handle allowance, bool with_columns)
-          {
-            new (self) PieceRows(slave, pieces, reinterpret_cast<Vec>(cover),
-                                 reinterpret_cast<Vec>(allowance), with_columns);
-          },
-          "slave"_a, "pieces"_a, "cover"_a = 0, "allowance"_a = 0, "with_columns"_a = true,
-          "Collective; `cover` is a vector or 0, see Shares, and so is `allowance`, penetration "
-          "that counts as none.")
-      .def(
-          "__init__",
-          [](PieceRows* self, const Surface& slave, const Pieces& pieces, Handle cover, int axis)
-          { new (self) PieceRows(slave, pieces, reinterpret_cast<Vec>(cover), axis); }, "slave"_a,
-          "pieces"_a, "cover"_a, nb::kw_only(), "axis"_a,
-          "The objective slip along one axis in the gradient's place; collective.")
-      .def(
-          "__init__",
-          [](PieceRows* self, const Surface& slave, In<std::uint8_t> marked, In<double> cover,
-             In<double> gap, In<double> jump, In<double> gradient, In<double> mass)
-          {
-            new (self) PieceRows(slave, marked.view(), cover.view(), gap.view(), jump.view(),
-                                 gradient.view(), mass.view());
-          },
-          "slave"_a, "marked"_a, "cover"_a, "gap"_a, "jump"_a, "gradient"_a, "mass"_a,
-          "Of facets before a rigid tool; see gap/piece_rows.h; collective.")
-      .def(
-          "cover", [](const PieceRows& r, std::size_t nodes)
-          { return copy(r.on_nodes(r.cover, nodes, 1), {nodes}); }, "num_nodes"_a,
-          "What the points cover of the owned nodes' areas, [node].")
-      .def(
-          "cover_of_sides", [](const PieceRows& r, std::size_t nodes)
-          { return copy(r.on_sides(r.cover, nodes), {nodes, static_cast<std::size_t>(r.gdim)}); },
-          "num_nodes"_a, "The same of the smooth sides of the nodes, [node][gdim].")
-      .def(
-          "gap_of_sides", [](const PieceRows& r, std::size_t nodes)
-          { return copy(r.on_sides(r.gap, nodes), {nodes, static_cast<std::size_t>(r.gdim)}); },
-          "num_nodes"_a, "G_k of the smooth sides of the nodes, [node][gdim].")
-      .def(
-          "gap", [](const PieceRows& r, std::size_t nodes)
-          { return copy(r.on_nodes(r.gap, nodes, 1), {nodes}); }, "num_nodes"_a,
-          "G_k, positive in penetration, [node].")
-      .def(
-          "jump", [](const PieceRows& r, std::size_t nodes)
-          { return copy(r.on_nodes(r.jump, nodes, 3), {nodes, 3}); }, "num_nodes"_a,
-          "Weighted sums of x_slave - x_master, [node][3].");
-  m.def(
-      "add_slip_forces",
-      [](const Pieces& pieces, Handle cover, Handle traction, Handle slave, Handle master)
-      {
-        add_slip_forces(pieces, reinterpret_cast<Vec>(cover), reinterpret_cast<Vec>(traction),
-                        vecs(slave, master));
-      },
-      "pieces"_a, "cover"_a, "traction"_a, "slave"_a, "master"_a,
-      "Add the forces of friction on slip that rigid motions do not have; collective.");
   nb::class_<FunctionsOfPieces>(m, "FunctionsOfPieces",
                                 "How functions move at the points of pieces; see gap/point_rows.h.")
       .def(
@@ -141,21 +82,13 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "Rows are nodes (0), nodes with what is covered of them (1), or points (2); collective.")
       .def(
           "__init__",
-          [](GapOperator* self, const Surface& slave, const Surface* master, const PieceRows& rows,
-             In<double> area, bool jump)
-          {
-            new (self) GapOperator(slave, master, rows, area.view(),
-                                   jump ? GapKind::jump : GapKind::normal);
-          },
-          "slave"_a, "master"_a.none(), "pieces"_a, "area"_a, "jump"_a,
-          "Derivative of gaps that follow the bodies, a row for each owned node; collective.")
-      .def(
-          "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
              In<std::int64_t> alone, In<double> weight, double far)
           { new (self) GapOperator(slave, master, pieces, alone.view(), weight.view(), far); },
           "slave"_a, "master"_a.none(), "points_of"_a, nb::kw_only(), "alone"_a, "weight"_a,
-          "far"_a, "The same with a row for each point of pieces; see gap/gap.h; collective.")
+          "far"_a,
+          "Derivative of gaps that follow the bodies, a row for each point of pieces; see "
+          "gap/gap.h; collective.")
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
@@ -181,8 +114,6 @@ void qsdolfinx::bind_gap(nb::module_& m)
           { new (self) GapOperator(slave, master, pieces, functions, weight.view()); },
           "slave"_a, "master"_a.none(), "points_of"_a, "functions"_a, nb::kw_only(), "weight"_a,
           "Gradients of their field at these points; collective.")
-      .def("covers", &GapOperator::covers, "other"_a,
-           "Whether rows of another operator have no columns but those of this one's.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
       .def_prop_ro("turns", &GapOperator::turns, "Whether a jump turns with facets.")
       .def_prop_ro("width", &GapOperator::width, "Values per row: 1, or of a jump those of a node.")

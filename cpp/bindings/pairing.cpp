@@ -189,6 +189,24 @@ void qsdolfinx::bind_pairing(nb::module_& m)
            "The same with areas that are measured elsewhere.")
       .def_prop_ro("num_points", [](const Pieces& p) { return p.points.size(); })
       .def(
+          "cover",
+          [](const Pieces& p)
+          {
+            auto out = cover_of(p);
+            const std::size_t n = out.size();
+            return copy(std::move(out), {n});
+          },
+          "Areas that points cover of the slave's nodes, [piece, k].")
+      .def(
+          "side_dofs",
+          [](const Pieces& p)
+          {
+            auto out = side_dofs(p);
+            const std::size_t n = out.size();
+            return copy(std::move(out), {n});
+          },
+          "Unknowns that stand for the sides of these nodes, likewise.")
+      .def(
           "gaps", [](const Pieces& p) { return copy(distances_of(p), {p.points.size()}); },
           "Distances along the rays, positive when open, [point].")
       .def(
@@ -304,8 +322,6 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       { return vertex_pieces(slave, master, of_master, which.view(), weight.view(), radius); },
       "slave"_a, "master"_a, "of_master"_a, "which"_a, "weight"_a, "radius"_a,
       "Points at vertices of either, of surfaces that follow their bodies; collective.");
-  m.def("nearby_pieces", &nearby_pieces, "slave"_a, "master"_a, "both"_a, "radius"_a, "margin"_a,
-        "Pairs of facets that pieces may be cut from, without points; collective.");
   m.def(
       "conforming_points",
       [](const Surface& slave, const Surface& master, const SearchRadius& radius,

@@ -4,7 +4,6 @@
 
 #include <nanobind/stl/tuple.h>
 
-#include <array>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -63,11 +62,11 @@ RayPoints make_points(const In<double>& xi, const In<double>& zeta, const In<dou
   return out;
 }
 
-/// Sizes of the sums: multiplier functions, and nodes of both facets.
-std::array<std::size_t, 2> sizes(const RayPair& pair)
+/// @throws nb::value_error if there is not one value for each point
+void check_size(const RayPoints& points, std::size_t size, std::size_t width)
 {
-  return {static_cast<std::size_t>(pair.slave().num_vertices()),
-          static_cast<std::size_t>(pair.num_nodes())};
+  if (size != width * points.points.size())
+    throw nb::value_error("one value for each point");
 }
 } // namespace
 
@@ -111,61 +110,75 @@ void qsdolfinx::bind_sliding(nb::module_& m)
       { return solve_rays(make_pair(cut, other, true), points.points); }, "cut"_a, "other"_a,
       "points"_a, "Find the ends of the rays, if all have one.");
   m.def(
-      "ray_gap",
+      "ray_gaps",
       [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points)
       {
         const RayPair pair = make_pair(cut, other, cut_is_slave);
-        const auto [nk, nodes] = sizes(pair);
-        std::vector<double> cover(nk), gap(nk), jump(3 * nk), gradient(3 * nk * nodes);
-        add_gap(pair, points.points, {cover, gap, jump, gradient});
-        return std::tuple(copy(std::move(cover), {nk}), copy(std::move(gap), {nk}),
-                          copy(std::move(jump), {nk, 3}),
-                          copy(std::move(gradient), {nk, nodes, 3}));
+        const std::size_t n = points.points.size(), nodes = pair.num_nodes();
+        std::vector<double> out(3 * n * nodes);
+        gap_gradients(pair, points.points, out);
+        return copy(std::move(out), {n, nodes, 3});
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a,
-      "Of each vertex of the slave's facet: area, weighted gap and jump, and the gap's gradient, "
-      "[vertex][node][3], the slave's nodes first.");
+      "Gradients of the gaps of points, [point][node][3], the slave's nodes first.");
+  m.def(
+      "ray_functions",
+      [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points)
+      {
+        const RayPair pair = make_pair(cut, other, cut_is_slave);
+        const std::size_t n = points.points.size(), nodes = pair.num_nodes(),
+                          nk = pair.slave().num_vertices();
+        std::vector<double> out(3 * n * nk * nodes);
+        function_gradients(pair, points.points, out);
+        return copy(std::move(out), {n, nk, nodes, 3});
+      },
+      "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a,
+      "Those of the slave's vertex functions there, [point][vertex][node][3].");
   m.def(
       "ray_curvature",
       [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points,
-         In<double> multipliers)
+         In<double> pressure)
       {
         const RayPair pair = make_pair(cut, other, cut_is_slave);
-        const auto [nk, nodes] = sizes(pair);
-        if (multipliers.view().size() != nk)
-          throw nb::value_error("one multiplier for each vertex of the slave's facet");
-        std::vector<double> hessian(9 * nodes * nodes);
-        const std::vector<double> none(nk);
-        add_curvature(pair, points.points, {multipliers.view(), none}, hessian);
-        return copy(std::move(hessian), {3 * nodes, 3 * nodes});
+        const std::size_t size = 3 * static_cast<std::size_t>(pair.num_nodes());
+        check_size(points, pressure.view().size(), 1);
+        std::vector<double> hessian(size * size);
+        add_curvature_of_points(pair, points.points, pressure.view(), hessian);
+        return copy(std::move(hessian), {size, size});
       },
-      "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "multipliers"_a,
-      "Second derivatives of the sum of multipliers times gaps.");
+      "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "pressure"_a,
+      "Second derivatives of the sum of weights times pressures times gaps, these held.");
   m.def(
       "ray_slip",
-      [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points)
+      [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points,
+         In<double> cut_start, In<double> other_start)
       {
         const RayPair pair = make_pair(cut, other, cut_is_slave);
-        const auto [nk, nodes] = sizes(pair);
-        std::vector<double> slip(9 * nk * nodes);
-        add_slip(pair, points.points, slip);
-        return copy(std::move(slip), {nk, nodes, 3, 3});
+        const std::size_t n = points.points.size(), nodes = pair.num_nodes();
+        std::vector<double> slip(3 * n), normal(3 * n), gradient(9 * n * nodes),
+            works(9 * n * nodes), arc(n), gap(n);
+        slip_of_points(pair, {cut_start.view(), other_start.view()}, points.points,
+                       {slip, normal, gradient, works, arc, gap});
+        return std::tuple(copy(std::move(slip), {n, 3}), copy(std::move(normal), {n, 3}),
+                          copy(std::move(gradient), {n, nodes, 3, 3}),
+                          copy(std::move(works), {n, nodes, 3, 3}));
       },
-      "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a,
-      "The objective slip of each vertex of the slave's facet, [vertex][node][slip][component].");
+      "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "cut_start"_a, "other_start"_a,
+      "Slip at points since nodes were there, and the slave's normal, [point][3]; its gradient, "
+      "and "
+      "what tractions work on, [point][node][slip][component].");
   m.def(
       "ray_slip_curvature",
       [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points,
          In<double> tractions)
       {
         const RayPair pair = make_pair(cut, other, cut_is_slave);
-        const auto [nk, nodes] = sizes(pair);
-        if (tractions.view().size() != 3 * nk)
-          throw nb::value_error("one traction for each vertex of the slave's facet");
-        std::vector<double> hessian(9 * nodes * nodes);
-        add_slip_curvature(pair, points.points, {}, tractions.view(), hessian);
-        return copy(std::move(hessian), {3 * nodes, 3 * nodes});
+        const std::size_t size = 3 * static_cast<std::size_t>(pair.num_nodes());
+        check_size(points, tractions.view().size(), 3);
+        std::vector<double> hessian(size * size);
+        add_slip_curvature_of_points(pair, points.points, tractions.view(), hessian);
+        return copy(std::move(hessian), {size, size});
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "tractions"_a,
-      "The derivative of the work of tractions on objective slip.");
+      "The derivative of the sum of weights times what tractions work on.");
 }

@@ -39,61 +39,27 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       "Add Gᵀ D G to the blocks (ss, sm, ms, mm).");
   m.def(
       "insert_friction",
-      [](const std::vector<const GapOperator*>& slip, const GapOperator& jump,
-         const GapOperator& normal, In<double> stiffness, In<double> coupling,
-         std::array<Handle, 4> blocks, std::array<double, 2> scale)
+      [](const GapOperator& jump, const GapOperator& normal, In<double> stiffness,
+         In<double> coupling, std::array<Handle, 4> blocks, std::array<double, 2> scale)
       {
-        insert_friction(slip, jump, normal, stiffness.view(), coupling.view(),
-                        contact_blocks(blocks), scale);
+        insert_friction(jump, normal, stiffness.view(), coupling.view(), contact_blocks(blocks),
+                        scale);
       },
-      "slip"_a, "jump"_a, "normal"_a, "stiffness"_a, "coupling"_a, "blocks"_a, "scale"_a,
-      "Add Lᵀ (D J + c G) to the blocks (ss, sm, ms, mm), L being the slip along each axis, or J "
-      "if "
-      "none are given.");
-  m.def(
-      "insert_slip_curvature",
-      [](const Surface* master, const Pieces& pieces, Handle cover, Handle traction,
-         std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
-      {
-        insert_slip_curvature(
-            master, pieces, reinterpret_cast<Vec>(cover), reinterpret_cast<Vec>(traction),
-            {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
-            contact_blocks(blocks), scale);
-      },
-      "master"_a.none(), "pieces"_a, "cover"_a, "traction"_a, "markers"_a, "blocks"_a, "scale"_a,
-      "Add how the forces of given tractions on objective slip change to the blocks (ss, sm, ms, "
-      "mm). Collective.");
-  m.def(
-      "insert_curvature",
-      [](const Surface* master, const Pieces& pieces, Handle cover, Handle multiplier,
-         Handle allowance, std::array<Handle, 2> markers, std::array<Handle, 4> blocks,
-         std::array<double, 2> scale)
-      {
-        return insert_curvature(
-            master, pieces, reinterpret_cast<Vec>(cover), reinterpret_cast<Vec>(multiplier),
-            reinterpret_cast<Vec>(allowance),
-            {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
-            contact_blocks(blocks), scale);
-      },
-      "master"_a.none(), "pieces"_a, "cover"_a, "multiplier"_a, "allowance"_a, "markers"_a,
-      "blocks"_a, "scale"_a,
-      "Add the sum of multipliers times second derivatives of gaps to the blocks (ss, sm, ms, mm); "
-      "whether that is symmetric but for the scale. Collective.");
+      "jump"_a, "normal"_a, "stiffness"_a, "coupling"_a, "blocks"_a, "scale"_a,
+      "Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm).");
   m.def(
       "insert_curvature_of_points",
-      [](const Surface& slave, const Surface* master, const Pieces& pieces, In<double> pressure,
-         In<double> at_rim, std::array<Handle, 2> markers, std::array<Handle, 4> blocks,
-         std::array<double, 2> scale)
+      [](const Surface* master, const Pieces& pieces, In<double> pressure, In<double> at_rim,
+         std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
       {
-        return insert_curvature_of_points(
+        insert_curvature_of_points(
             master, pieces, pressure.view(), at_rim.view(),
             {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
-            contact_blocks(blocks), scale, slave.comm());
+            contact_blocks(blocks), scale);
       },
-      "slave"_a, "master"_a.none(), "pieces"_a, "pressure"_a, "at_rim"_a, "markers"_a, "blocks"_a,
-      "scale"_a,
+      "master"_a.none(), "pieces"_a, "pressure"_a, "at_rim"_a, "markers"_a, "blocks"_a, "scale"_a,
       "Add the sum of pressures at points times second derivatives of their gaps to the blocks "
-      "(ss, sm, ms, mm); whether that is symmetric but for the scale. Collective.");
+      "(ss, sm, ms, mm). Collective.");
   m.def(
       "insert_slip_curvature_of_points",
       [](const Surface* master, const Pieces& pieces, In<double> traction, In<double> at_rim,

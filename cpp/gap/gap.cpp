@@ -133,28 +133,6 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pair
   build_scatters(slave, master);
 }
 
-GapOperator::GapOperator(const Surface& slave, const Surface* master, const PieceRows& rows,
-                         std::span<const double> area, GapKind kind)
-    : kind_(kind), block_(rows.gdim), num_sides_(master ? 2 : 1)
-{
-  const std::size_t n = slave.nodes().size();
-  if (area.size() != n)
-    throw std::invalid_argument("one area for each owned node of the slave");
-  row_area_.assign(area.begin(), area.end());
-  row_node_.resize(n);
-  std::iota(row_node_.begin(), row_node_.end(), 0);
-  for (int s = 0; s < num_sides_; ++s)
-    RowTerms(rows, s, kind_, area).compress(sides_[s], block_, row_node_, n);
-  initial_gap_.assign(n, 0.0);
-  if (kind_ == GapKind::normal)
-  {
-    initial_gap_ = rows.on_nodes(rows.gap, n, 1);
-    for (std::size_t k = 0; k < n; ++k)
-      initial_gap_[k] /= -area[k];
-  }
-  build_scatters(slave, master);
-}
-
 GapOperator::GapOperator(const Surface* master, const Pieces& pieces, GapKind kind,
                          std::span<const double> weight)
     : kind_(kind), block_(pieces.gdim), num_sides_(master ? 2 : 1)
@@ -290,27 +268,6 @@ std::vector<double> GapOperator::slave_sum() const
       for (std::size_t i = 0; i < width; ++i) // what turns sums up to 0
         sum[r * width + i] += sides_[0].coefficient[e * size + i];
   return sum;
-}
-
-bool GapOperator::covers(const GapOperator& other) const
-{
-  if (other.num_rows() != num_rows() || other.num_sides_ != num_sides_)
-    return false;
-  std::vector<PetscInt> here;
-  for (int s = 0; s < num_sides_; ++s)
-  {
-    const Side &own = sides_[s], &its = other.sides_[s];
-    for (std::size_t r = 0; r < num_rows(); ++r)
-    {
-      here.clear();
-      for (std::int64_t e = own.offset[r]; e < own.offset[r + 1]; ++e)
-        here.push_back(own.dofs[own.column[e] * block_]); // ascending, as columns are
-      for (std::int64_t e = its.offset[r]; e < its.offset[r + 1]; ++e)
-        if (!std::ranges::binary_search(here, its.dofs[its.column[e] * block_]))
-          return false;
-    }
-  }
-  return true;
 }
 
 std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 2> scale)

@@ -27,7 +27,6 @@ enum class GapRows
 };
 
 struct FunctionsOfPieces;
-struct PieceRows;
 struct Pieces;
 struct Slots;
 
@@ -53,14 +52,9 @@ public:
   /// @param points pairing points, anywhere on the communicator
   GapOperator(const Surface& slave, const Surface* master, const PairingPoints& points,
               GapKind kind, GapRows rows);
-  /// Derivative of the gaps G_k/D_k of pieces that follow the bodies, at where they are: a row for
-  /// each owned node of the slave, empty of those that no piece reaches. `initial_gap` is −G_k/D_k.
-  /// Of a jump the mean of x_slave − x_master with places on the facets that stay. Collective.
-  /// @param area D_k, [node]
-  GapOperator(const Surface& slave, const Surface* master, const PieceRows& rows,
-              std::span<const double> area, GapKind kind);
-  /// The same with a row for each point of pieces on this rank, where rays have been solved for,
-  /// and for some that are alone: each sees one multiplier, and no facet. Collective.
+  /// Derivative of the gaps of pieces that follow the bodies, at where they are and rays have been
+  /// solved for: a row for each point on this rank, and for some that are alone: each sees one
+  /// multiplier, and no facet. `initial_gap` is −g. Collective.
   /// @param alone unknowns of the slave that stand for their sides of nodes @param weight their
   /// areas @param far their gaps, open
   GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
@@ -114,9 +108,6 @@ public:
   const Side& side(int i) const { return sides_[i]; }
   /// N_k at the points, of a component for each side of a node; empty if rows are not points.
   const Side& multipliers() const { return multipliers_; }
-
-  /// Whether each row of another operator has no columns but those of this one's. Local.
-  bool covers(const GapOperator& other) const;
 
   /// Linear part G_s u_s + G_m u_m, [row][width]. Collective.
   /// @param x vectors of the two bodies; a rigid one's is ignored

@@ -168,30 +168,6 @@ RowTerms::RowTerms(std::span<const Patch> patches, int side, GapKind kind,
   }
 }
 
-RowTerms::RowTerms(const PieceRows& rows, int side, GapKind kind, std::span<const double> area)
-    : width_(kind == GapKind::normal ? static_cast<std::size_t>(rows.gdim) : 1)
-{
-  const auto first = static_cast<std::size_t>(side == 0 ? 0 : rows.num_slave),
-             last = static_cast<std::size_t>(side == 0 ? rows.num_slave : rows.num_columns()),
-             columns = static_cast<std::size_t>(rows.num_columns());
-  terms_.reserve(rows.size() * (last - first));
-  KeyNumbers numbering(area.size());
-  for (std::size_t r = 0; r < rows.size(); ++r)
-    for (std::size_t j = first; j < last; ++j)
-    {
-      const std::size_t e = r * columns + j;
-      const double scale = 1 / area[rows.node[r]];
-      const std::int64_t* dofs = &rows.dofs[e * rows.gdim];
-      const std::int32_t column = numbering(*dofs);
-      if (numbering.size() > column_dofs_.size())
-        column_dofs_.push_back(dofs);
-      terms_.push_back({rows.node[r], column});
-      for (std::size_t i = 0; i < width_; ++i)
-        values_.push_back(scale
-                          * (kind == GapKind::normal ? rows.gradient[3 * e + i] : rows.mass[e]));
-    }
-}
-
 std::vector<std::int64_t> RowTerms::rows(std::size_t num_slots,
                                          std::vector<std::size_t>& row_slot) const
 {

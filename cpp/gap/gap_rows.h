@@ -2,7 +2,6 @@
 #pragma once
 
 #include "gap/gap.h"
-#include "gap/piece_rows.h"
 
 namespace qsdolfinx
 {
@@ -52,9 +51,6 @@ public:
   /// @param side 0: slave, 1: master
   /// @param area what the gap of each slot is divided by
   RowTerms(std::span<const Patch> patches, int side, GapKind kind, std::span<const double> area);
-
-  /// The same of pieces that follow the bodies; a slot is an owned node.
-  RowTerms(const PieceRows& rows, int side, GapKind kind, std::span<const double> area);
 
   /// Row of each slot, -1 without, and the slots that have one, ascending.
   std::vector<std::int64_t> rows(std::size_t num_slots, std::vector<std::size_t>& row_slot) const;

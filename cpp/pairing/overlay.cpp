@@ -942,17 +942,6 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
 
 namespace
 {
-/// Largest distance of a facet's vertices from its centre.
-double reach_in_plane(const Surface& surface, std::size_t f)
-{
-  const auto v = surface.facet_x(f);
-  const Vec3 centre = facet_point(surface.type(), v, facet_centre(surface.type()));
-  double out = 0;
-  for (int i = 0; i < surface.num_vertices(); ++i)
-    out = std::max(out, norm(facet_vertex(v, i) - centre));
-  return out;
-}
-
 /// No pieces yet, of facets of these surfaces.
 Pieces no_pieces(const Surface& slave, const Surface& master)
 {
@@ -1002,43 +991,6 @@ Pieces qsdolfinx::weighed(const Pieces& pieces, const Surface& slave_measured,
     for (RimPoint& rim : out.rim_of(i))
       rim.point.weight = out.rim_density[r++] * stretch(measured, out.facet[i], rim.point.xi);
   }
-  return out;
-}
-
-Pieces qsdolfinx::nearby_pieces(const Surface& slave, const Surface& master, bool both,
-                                double radius, double margin)
-{
-  Pieces out = no_pieces(slave, master);
-  const bool of_itself = slave.touches_itself() && master.touches_itself();
-  const auto cut = [&](const Surface& surface, const Surface& other)
-  {
-    const NearbyFacets nearby = fetch_nearby(other, surface, radius + margin);
-    const BoxTree tree(facet_boxes(nearby.type, nearby.x));
-    std::vector<std::size_t> found;
-    Record record{out, surface};
-    for (std::size_t f = 0; f < surface.num_facets(); ++f)
-    {
-      const Frame frame(surface.type(), surface.facet_x(f));
-      const Box wide = widened(box_of(surface.facet_x(f)), radius + margin);
-      const Vec3 reach = (radius + margin) * frame.normal;
-      found.clear();
-      tree.along(LinePart(frame.origin - reach, 2 * reach, 1, reach_in_plane(surface, f) + margin),
-                 [&](std::size_t g)
-                 {
-                   if (meet(wide, box_of(nearby.facet_x(g))))
-                     found.push_back(g);
-                 });
-      std::ranges::sort(found);
-      for (std::size_t g : found)
-        if (dot(nearby.outward(g), surface.normal(f, facet_centre(surface.type()))) < 0
-            && (!of_itself || has_role(surface, f, nearby, g, &surface == &slave)))
-          record.append(surface, f, nearby, g, &surface == &slave);
-    }
-  };
-  cut(slave, master);
-  if (both)
-    cut(master, slave);
-  solve_pieces(out);
   return out;
 }
 

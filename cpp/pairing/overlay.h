@@ -56,12 +56,6 @@ Pieces overlay_pieces(const Surface& slave, const Surface& master, const Surface
 /// The same pieces with areas that are measured elsewhere. @param pieces of overlay_pieces
 Pieces weighed(const Pieces& pieces, const Surface& slave_measured, const Surface& master_measured);
 
-/// Pairs of facets that pieces may be cut from before either has moved by the margin along the
-/// surface: no points. Collective. @param both whether also those of the master are cut
-/// @param radius how far from each other they may be
-Pieces nearby_pieces(const Surface& slave, const Surface& master, bool both, double radius,
-                     double margin);
-
 /// Where surfaces are curved the same way, at a point of the overlay.
 struct ConformingPoint
 {

@@ -199,8 +199,7 @@ struct Ray
   {
   }
 
-  /// The c of Σ_k λ_k w ∂(N_k (g − a_k)) = c·v. @param pressure w Σ_k λ_k N_k @param slope of
-  /// w Σ_k λ_k N_k (g − a_k) by ζ, g held
+  /// The c of w p ∂g = c·v. @param pressure w p @param slope of w p h by ζ, see Pressure
   Vec3 of_gap(double pressure, const Vec2& slope) const
   {
     return slope[0] * A.zeta[0] + slope[1] * A.zeta[1] - pressure * A.t;
@@ -246,12 +245,11 @@ struct Multipliers
   std::array<Vec2, max_trace> dN{};
 };
 
-/// w Σ_k λ_k N_k at a ray, and w Σ_k λ_k N_k (g − a_k) with g held, with their derivatives by ζ.
+/// w p at a ray, and of a ray to a curved surface w p h with the derivatives of h by ζ.
 struct Pressure
 {
   explicit Pressure(double constant) : value(constant) {}
 
-  /// Of a ray to a curved surface.
   Pressure(double constant, const RayLift& lift)
       : value(constant), slope{constant * lift.slope[0], constant * lift.slope[1]},
         mixed(constant * lift.bending[1]),
@@ -259,29 +257,9 @@ struct Pressure
   {
   }
 
-  Pressure(const RayPair& pair, const RayPoint& point, const RayForces& forces)
-  {
-    constexpr std::array<double, 4> corners{1, -1, -1, 1};
-    const Multipliers k(pair, point);
-    const bool bilinear = !pair.cut_is_slave && pair.other.type == FacetType::quadrilateral;
-    for (int i = 0; i < pair.slave().num_vertices(); ++i)
-    {
-      const double lambda = point.weight * forces.lambda[i];
-      const double work = -point.t * lambda - point.weight * forces.allowed[i];
-      value += lambda * k.N[i];
-      if (bilinear)
-        mixed += corners[i] * work;
-      for (int d = 0; d < 2; ++d)
-      {
-        gradient[d] += lambda * k.dN[i][d];
-        slope[d] += work * k.dN[i][d];
-      }
-    }
-  }
-
   double value = 0;
-  Vec2 gradient{}, slope{};
-  double mixed = 0; ///< second derivative by ζ₁ and ζ₂ of the latter
+  Vec2 slope{};
+  double mixed = 0; ///< second derivative by ζ₁ and ζ₂
   Vec2 bent{};      ///< those by ζ₁ and by ζ₂
 };
 
@@ -313,49 +291,24 @@ struct RayForms
 /// Friction's virtual work at a ray, Σ_α s_α δζ_α: tractions on what the end slides by.
 struct Sliding
 {
-  Sliding(const RayPair& pair, const Ray& ray, const RayPoint& point, const Vec3& n,
-          std::span<const double> traction)
-      : weight_((pair.cut_is_slave ? 1 : -1) * point.weight)
-  {
-    const Multipliers k(pair, point);
-    constexpr std::array<double, 4> corners{1, -1, -1, 1};
-    const bool bilinear = !pair.cut_is_slave && pair.other.type == FacetType::quadrilateral;
-    for (int i = 0; i < pair.slave().num_vertices(); ++i)
-    {
-      const Vec3 tau = facet_vertex(traction, i);
-      p_ = p_ + k.N[i] * tau;
-      for (int d = 0; d < 2; ++d)
-        q_[d] = q_[d] + k.dN[i][d] * tau;
-      if (bilinear)
-        mixed_ = mixed_ + corners[i] * tau;
-    }
-    for (int d = 0; d < 2; ++d)
-      s[d] = weight_ * (dot(p_, ray.a[d]) + ray.t * dot(q_[d], n));
-  }
-
-  /// Of a traction that belongs to the ray alone.
   Sliding(const RayPair& pair, const Ray& ray, const Vec3& traction)
-      : weight_((pair.cut_is_slave ? 1 : -1) * ray.weight), p_(traction)
+      : weight_((pair.cut_is_slave ? 1 : -1) * ray.weight), traction_(traction)
   {
     for (int d = 0; d < 2; ++d)
-      s[d] = weight_ * dot(p_, ray.a[d]);
+      s[d] = weight_ * dot(traction_, ray.a[d]);
   }
 
   /// The variation of s_α.
   Row variation(int alpha, const RayPair& pair, const Ray& ray, const RayPoint& point,
-                const RayForms& forms, const Columns& columns, const Normal& normal) const
+                const RayForms& forms, const Columns& columns) const
   {
-    const auto [h11, h12, h22] = bending(pair.other, point.zeta, p_);
-    Vec2 by_zeta{dot(q_[0], ray.a[alpha]), dot(q_[1], ray.a[alpha])};
-    by_zeta[alpha] += alpha == 0 ? h11 : h22;
-    by_zeta[1 - alpha] += h12 + ray.t * dot(mixed_, normal.n());
-    const double by_t = dot(q_[alpha], normal.n());
+    const auto [h11, h12, h22] = bending(pair.other, point.zeta, traction_);
+    const Vec2 by_zeta = alpha == 0 ? Vec2{h11, h12} : Vec2{h12, h22};
     Row out{};
     for (int b = 0; b < columns.size(); ++b)
-      out[b] = by_zeta[0] * forms.first[b] + by_zeta[1] * forms.second[b] + by_t * forms.dt[b];
+      out[b] = by_zeta[0] * forms.first[b] + by_zeta[1] * forms.second[b];
     for (int j = 0; j < columns.num_other; ++j)
-      add(&out[3 * (columns.other + j)], ray.dM[j][alpha], p_);
-    normal.add_to(ray.t * q_[alpha], &out[3 * columns.along]);
+      add(&out[3 * (columns.other + j)], ray.dM[j][alpha], traction_);
     for (double& value : out)
       value *= weight_;
     return out;
@@ -365,9 +318,7 @@ struct Sliding
 
 private:
   double weight_;
-  Vec3 p_{};                // Σ N_k τ_k
-  std::array<Vec3, 2> q_{}; // Σ ∂_α N_k τ_k
-  Vec3 mixed_{};            // Σ ∂₁∂₂ N_k τ_k
+  Vec3 traction_;
 };
 
 /// Second derivatives are gathered as a matrix whose sum with its transpose they are.
@@ -384,7 +335,7 @@ public:
       rows->reserve(points * static_cast<std::size_t>(dim_ * n_));
   }
 
-  /// The terms with δζ of w Σ_k λ_k N_k (g − a_k), and the sums that those with δn need.
+  /// The terms with δζ of w p g, and the sums that those with δn need.
   void add_point(const RayPoint& point, const Pressure& L)
   {
     const Ray ray(pair_, normal_, point);
@@ -434,7 +385,7 @@ public:
 
 private:
   /// @param c the first variation is c·v: (t₂, ζ₂) = A [..] enters as c·[..]
-  /// @param L what else varies with ζ: its gradient of −δt δζ_α, mixed and bent of δζ_α δζ_β
+  /// @param L what else varies with ζ: mixed and bent of δζ_α δζ_β
   void add_second_variation(const Ray& ray, const Vec2& zeta, const RayForms& forms, const Vec3& c,
                             const Pressure& L)
   {
@@ -443,9 +394,8 @@ private:
     Row with_first, with_second;
     for (int b = 0; b < n_; ++b)
     {
-      with_first[b] = (L.mixed - h12) * second[b] + 0.5 * (L.bent[0] - h11) * first[b]
-                      - L.gradient[0] * dt[b];
-      with_second[b] = 0.5 * (L.bent[1] - h22) * second[b] - L.gradient[1] * dt[b];
+      with_first[b] = (L.mixed - h12) * second[b] + 0.5 * (L.bent[0] - h11) * first[b];
+      with_second[b] = 0.5 * (L.bent[1] - h22) * second[b];
     }
     for (int j = 0; j < columns_.num_other; ++j)
     {
@@ -568,59 +518,6 @@ bool qsdolfinx::solve_rays(const RayPair& pair, std::span<RayPoint> points)
   return found;
 }
 
-void qsdolfinx::add_gap(const RayPair& pair, std::span<const RayPoint> points, const RaySums& sums)
-{
-  const Normal normal(pair.along());
-  const Columns columns(pair);
-  const int nk = pair.slave().num_vertices();
-  const bool with_cover = !sums.cover_gradient.empty() && !pair.cut_is_slave;
-  std::array<Vec3, 4> lever{}, cover_lever{};
-  for (const RayPoint& point : points)
-  {
-    const Multipliers multipliers(pair, point);
-    for (int k = 0; k < nk; ++k)
-    {
-      const double w = point.weight * multipliers.N[k];
-      if (!sums.cover.empty())
-        sums.cover[k] += w;
-      if (!sums.gap.empty())
-        sums.gap[k] -= w * point.t;
-      if (!sums.jump.empty())
-        add(&sums.jump[3 * k], pair.cut_is_slave ? -w * point.t : w * point.t, normal.n());
-    }
-    if (sums.gradient.empty())
-      continue;
-    const Ray ray(pair, normal, point);
-    for (int k = 0; k < nk; ++k)
-    {
-      const auto& [dN0, dN1] = multipliers.dN[k];
-      const Vec3 moved = dN0 * ray.A.zeta[0] + dN1 * ray.A.zeta[1];
-      const Vec3 c = -ray.weight * (ray.t * moved + multipliers.N[k] * ray.A.t);
-      ray.add_to(columns, c, &sums.gradient[k * columns.size()]);
-      lever[k] = lever[k] + ray.t * c;
-      if (!with_cover)
-        continue;
-      const Vec3 d = ray.weight * moved;
-      ray.add_to(columns, d, &sums.cover_gradient[k * columns.size()]);
-      cover_lever[k] = cover_lever[k] + ray.t * d;
-    }
-  }
-  for (int k = 0; k < nk && !sums.gradient.empty(); ++k)
-    normal.add_to(lever[k], &sums.gradient[k * columns.size() + 3 * columns.along]);
-  for (int k = 0; k < nk && with_cover; ++k)
-    normal.add_to(cover_lever[k], &sums.cover_gradient[k * columns.size() + 3 * columns.along]);
-}
-
-void qsdolfinx::add_curvature(const RayPair& pair, std::span<const RayPoint> points,
-                              const RayForces& forces, std::span<double> hessian)
-{
-  HalfHessian half(pair, points.size());
-  for (const RayPoint& point : points)
-    half.add_point(point, Pressure(pair, point, forces));
-  half.add_sums();
-  half.add_to(hessian);
-}
-
 void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> points,
                               std::span<double> out)
 {
@@ -679,17 +576,6 @@ void qsdolfinx::add_curvature_of_points(const RayPair& pair, std::span<const Ray
   half.add_to(hessian);
 }
 
-void qsdolfinx::add_rim(const RayPair& pair, std::span<const RimPoint> rim, const RayForces& forces,
-                        std::span<double> hessian)
-{
-  add_rim_of(pair, rim, hessian,
-             [&](const Ray& ray, const RayPoint& point, const Vec3&)
-             {
-               const Pressure L(pair, point, forces);
-               return ray.of_gap(L.value, L.slope);
-             });
-}
-
 void qsdolfinx::add_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
                                   std::span<const double> pressure, std::span<double> hessian)
 {
@@ -699,34 +585,6 @@ void qsdolfinx::add_rim_of_points(const RayPair& pair, std::span<const RimPoint>
       add_rim_of(pair, std::span(&at, 1), hessian,
                  [p](const Ray& ray, const RayPoint& point, const Vec3&)
                  { return ray.of_gap(point.weight * p, {0, 0}); });
-}
-
-void qsdolfinx::add_slip_curvature(const RayPair& pair, std::span<const RayPoint> points,
-                                   std::span<const RimPoint> rim, std::span<const double> traction,
-                                   std::span<double> hessian)
-{
-  const Normal normal(pair.along());
-  const Columns columns(pair);
-  const int dim = pair.other.type == FacetType::interval ? 1 : 2, n = columns.size();
-  HalfHessian half(pair, points.size());
-  for (const RayPoint& point : points)
-  {
-    const Ray ray(pair, normal, point);
-    const RayForms forms(ray, columns, normal, dim);
-    const Sliding sliding(pair, ray, point, normal.n(), traction);
-    half.add_point(point, ray, forms, sliding.s);
-    for (int alpha = 0; alpha < dim; ++alpha)
-      add_outer(alpha == 0 ? forms.first : forms.second,
-                sliding.variation(alpha, pair, ray, point, forms, columns, normal), n, hessian);
-  }
-  half.add_sums();
-  half.add_to(hessian);
-  add_rim_of(pair, rim, hessian,
-             [&](const Ray& ray, const RayPoint& point, const Vec3& n)
-             {
-               const Vec2 s = Sliding(pair, ray, point, n, traction).s;
-               return s[0] * ray.A.zeta[0] + s[1] * ray.A.zeta[1];
-             });
 }
 
 void qsdolfinx::add_slip_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
@@ -744,38 +602,6 @@ void qsdolfinx::add_slip_rim_of_points(const RayPair& pair, std::span<const RimP
                  return s[0] * ray.A.zeta[0] + s[1] * ray.A.zeta[1];
                });
   }
-}
-
-void qsdolfinx::add_slip(const RayPair& pair, std::span<const RayPoint> points,
-                         std::span<double> slip)
-{
-  const Normal normal(pair.along());
-  const Columns columns(pair);
-  const int nk = pair.slave().num_vertices(), size = 3 * columns.size();
-  const double sign = pair.cut_is_slave ? 1 : -1;
-  std::array<std::array<Vec3, 3>, 4> lever{};
-  for (const RayPoint& point : points)
-  {
-    const Multipliers multipliers(pair, point);
-    const Ray ray(pair, normal, point);
-    std::array<Vec3, 3> slid; // Σ a_α ⊗ A_α
-    for (int r = 0; r < 3; ++r)
-      slid[r] = ray.a[0][r] * ray.A.zeta[0] + ray.a[1][r] * ray.A.zeta[1];
-    for (int k = 0; k < nk; ++k)
-    {
-      const auto& [dN0, dN1] = multipliers.dN[k];
-      const Vec3 moved = ray.t * (dN0 * ray.A.zeta[0] + dN1 * ray.A.zeta[1]);
-      for (int r = 0; r < 3; ++r)
-      {
-        const Vec3 c = sign * ray.weight * (multipliers.N[k] * slid[r] + normal.n()[r] * moved);
-        ray.add_to(columns, c, &slip[k * size + 3 * r], 9);
-        lever[k][r] = lever[k][r] + ray.t * c;
-      }
-    }
-  }
-  for (int k = 0; k < nk; ++k)
-    for (int r = 0; r < 3; ++r)
-      normal.add_to(lever[k][r], &slip[k * size + 9 * columns.along + 3 * r], 9);
 }
 
 namespace
@@ -920,7 +746,7 @@ void qsdolfinx::add_slip_curvature_of_points(const RayPair& pair, std::span<cons
     }
     for (int alpha = 0; alpha < dim; ++alpha)
       add_outer(alpha == 0 ? forms.first : forms.second,
-                sliding.variation(alpha, pair, ray, point, forms, columns, normal), n, hessian);
+                sliding.variation(alpha, pair, ray, point, forms, columns), n, hessian);
   }
   half.add_sums();
   half.add_to(hessian);

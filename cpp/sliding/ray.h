@@ -72,21 +72,9 @@ struct RimPoint
   Vec3 outward; ///< of unit length, in the plane of the facet across the rim
 };
 
-/// Find the ends: ζ and t, from the ζ that is given. The gap's functions need them.
+/// Find the ends: ζ and t, from the ζ that is given. All that follows needs them.
 /// @return whether all are found; t is not a number where one is not
 bool solve_rays(const RayPair& pair, std::span<RayPoint> points);
-
-/// Sums over points with the vertex functions N_k of the slave's facet, taken where the ray meets
-/// it. Only the sums that have room are added to.
-struct RaySums
-{
-  std::span<double> cover;            ///< Σ w N_k, [k]
-  std::span<double> gap;              ///< G_k = Σ w N_k g, [k]
-  std::span<double> jump;             ///< V_k = Σ w N_k (x_slave − x_master), [k][3]
-  std::span<double> gradient;         ///< ∂G_k by the nodes of both, ξ and w fixed, [k][node][3]
-  std::span<double> cover_gradient{}; ///< the same of the cover, [k][node][3]
-};
-void add_gap(const RayPair& pair, std::span<const RayPoint> points, const RaySums& sums);
 
 /// Gradients of the gaps of single points, ξ fixed. @param out [point][node][3]
 void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out);
@@ -104,7 +92,9 @@ void rim_motions(const RayPair& pair, std::span<const RimPoint> rim, std::span<d
 void add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
                              std::span<const double> pressure, std::span<double> hessian);
 
-/// Add what the motion of the rim adds to the derivative of Σ_p w_p p_p ∂g_p, see add_rim.
+/// Add what the motion of the rim across the facet adds to the derivative of Σ_p w_p p_p ∂g_p: the
+/// integral along the rim of p ∂g times that motion. Where another piece begins all of it is
+/// symmetric together, and nothing where facets are flat; at open ends it is neither.
 /// @param pressure p at the rim, [point] @param hessian as above, rows are those of ∂g_p
 void add_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
                        std::span<const double> pressure, std::span<double> hessian);
@@ -133,43 +123,13 @@ void slip_of_points(const RayPair& pair, const RayStart& start, std::span<const 
                     const RaySlip& out);
 
 /// Add the derivative of Σ_p w_p τ_p·(what it works on), tractions held, ξ and w fixed.
-/// @param traction τ_p, [point][3] @param hessian as below; not symmetric
+/// @param traction τ_p, [point][3] @param hessian [node][3][node][3], rows are those of the slip's
+/// variation; not symmetric
 void add_slip_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
                                   std::span<const double> traction, std::span<double> hessian);
 
 /// Add what the motion of the rim adds to it, likewise. @param traction τ at the rim, [point][3]
 void add_slip_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
                             std::span<const double> traction, std::span<double> hessian);
-
-/// Multipliers of gaps less what counts as none, Σ_k λ_k (G_k − a_k Σ w N_k).
-struct RayForces
-{
-  std::span<const double> lambda;  ///< λ_k, [k]
-  std::span<const double> allowed; ///< λ_k a_k, [k]
-};
-
-/// Add their second derivative, ξ and w fixed. What is added is symmetric to the last bit.
-/// @param hessian [node][3][node][3]
-void add_curvature(const RayPair& pair, std::span<const RayPoint> points, const RayForces& forces,
-                   std::span<double> hessian);
-
-/// Add what the motion of the rim across the facet adds to the derivative of Σ_k λ_k ∂G_k: the
-/// integral along the rim of Σ_k λ_k ∂(N_k (g − a_k)) times that motion. Where another piece begins
-/// all of it is symmetric together, and nothing where facets are flat; at open ends it is neither.
-/// @param hessian [node][3][node][3], rows are those of ∂G_k
-void add_rim(const RayPair& pair, std::span<const RimPoint> rim, const RayForces& forces,
-             std::span<double> hessian);
-
-/// Add the objective slip of a variation: D δx_slave − M δx_master − δV, with D and M those of the
-/// points. Rigid motions have none.
-/// @param slip [k][node][3][3]; rows are components of the slip, columns those of the node
-void add_slip(const RayPair& pair, std::span<const RayPoint> points, std::span<double> slip);
-
-/// Add the derivative of Σ_k τ_k·slip_k, tractions held, by the nodes, with the motion of the rim.
-/// @param traction [k][3]
-/// @param hessian [node][3][node][3], rows are those of the slip's variation; not symmetric
-void add_slip_curvature(const RayPair& pair, std::span<const RayPoint> points,
-                        std::span<const RimPoint> rim, std::span<const double> traction,
-                        std::span<double> hessian);
 
 } // namespace qsdolfinx

@@ -19,21 +19,6 @@ void gather_dofs(const GapOperator::Side& side, std::size_t row, int d, std::vec
   }
 }
 
-/// What the forces on the unknowns of one side have from τ of one row, [unknown][component of τ]:
-/// Lᵀ, or Jᵀ.
-void distribution(std::span<const GapOperator* const> slip, const GapOperator::Side& J, int side,
-                  std::size_t row, std::size_t d, std::vector<double>& out)
-{
-  const std::size_t first = J.offset[row], n = (J.offset[row + 1] - J.offset[row]) * d;
-  out.assign(n * d, 0);
-  for (std::size_t i = 0; i < n; ++i)
-    if (slip.empty())
-      out[i * d + i % d] = J.coefficient[first + i / d];
-    else
-      for (std::size_t a = 0; a < d; ++a)
-        out[i * d + a] = slip[a]->side(side).coefficient[first * d + i];
-}
-
 /// D J + c G of one row, [component of τ][unknown of one side].
 void response(std::span<const double> D, std::span<const double> c, const GapOperator::Side& J,
               const GapOperator::Side& G, std::size_t row, double scale, std::vector<double>& out)
@@ -50,26 +35,22 @@ void response(std::span<const double> D, std::span<const double> c, const GapOpe
 }
 } // namespace
 
-void qsdolfinx::insert_friction(std::span<const GapOperator* const> slip, const GapOperator& jump,
-                                const GapOperator& normal, std::span<const double> stiffness,
-                                std::span<const double> coupling, ContactBlocks blocks,
-                                std::array<double, 2> scale)
+void qsdolfinx::insert_friction(const GapOperator& jump, const GapOperator& normal,
+                                std::span<const double> stiffness, std::span<const double> coupling,
+                                ContactBlocks blocks, std::array<double, 2> scale)
 {
   const auto d = static_cast<std::size_t>(jump.block());
   const std::size_t rows = jump.num_rows();
-  if ((!slip.empty() && slip.size() != d) || jump.kind() != GapKind::jump
-      || normal.kind() != GapKind::normal || normal.num_rows() != rows
-      || stiffness.size() != rows * d * d || coupling.size() != rows * d)
+  if (jump.kind() != GapKind::jump || jump.turns() || normal.kind() != GapKind::normal
+      || normal.num_rows() != rows || stiffness.size() != rows * d * d
+      || coupling.size() != rows * d)
     throw std::invalid_argument(
         "friction: one block and one vector for each row of both operators");
   for (int s = 0; s < jump.num_sides(); ++s)
-    if (jump.side(s).column != normal.side(s).column || jump.side(s).dofs != normal.side(s).dofs
-        || std::ranges::any_of(slip, [&](const GapOperator* L)
-                               { return L->side(s).column != jump.side(s).column; }))
+    if (jump.side(s).column != normal.side(s).column || jump.side(s).dofs != normal.side(s).dofs)
       throw std::invalid_argument("friction: the operators are not of the same pairing points");
 
   std::array<std::vector<PetscInt>, 2> dofs;
-  std::array<std::vector<double>, 2> forces;
   std::vector<double> column;
   std::vector<PetscScalar> outer;
   const auto zero = [](double x) { return x == 0; };
@@ -79,21 +60,17 @@ void qsdolfinx::insert_friction(std::span<const GapOperator* const> slip, const 
     if (std::ranges::all_of(D, zero) && std::ranges::all_of(c, zero))
       continue;
     for (int s = 0; s < jump.num_sides(); ++s)
-    {
       gather_dofs(jump.side(s), r, jump.block(), dofs[s]);
-      distribution(slip, jump.side(s), s, r, d, forces[s]);
-    }
     for (int b = 0; b < jump.num_sides(); ++b)
     {
       response(D, c, jump.side(b), normal.side(b), r, scale[b], column);
       for (int a = 0; a < jump.num_sides(); ++a)
       {
-        const std::size_t m = dofs[a].size(), n = dofs[b].size();
-        outer.assign(m * n, 0);
+        const std::size_t m = dofs[a].size(), n = dofs[b].size(), first = jump.side(a).offset[r];
+        outer.resize(m * n);
         for (std::size_t i = 0; i < m; ++i)
-          for (std::size_t c = 0; c < d; ++c)
-            for (std::size_t j = 0; forces[a][i * d + c] != 0 && j < n; ++j)
-              outer[i * n + j] += forces[a][i * d + c] * column[c * n + j];
+          for (std::size_t j = 0; j < n; ++j)
+            outer[i * n + j] = jump.side(a).coefficient[first + i / d] * column[(i % d) * n + j];
         check(MatSetValues(blocks[2 * a + b], static_cast<PetscInt>(m), dofs[a].data(),
                            static_cast<PetscInt>(n), dofs[b].data(), outer.data(), ADD_VALUES));
       }

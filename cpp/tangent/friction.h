@@ -6,20 +6,18 @@
 namespace qsdolfinx
 {
 
-/// Add Lᵀ (D J + c G) to the four blocks, J being the weighted jump and G its normal part. Not
+/// Add Jᵀ (D J + c G) to the four blocks, J being the weighted jump and G its normal part. Not
 /// symmetric unless c = 0. Stays within the pattern of insert_contact for G. Rows and columns of
 /// constrained unknowns are left out. The blocks are not assembled here.
 ///
-/// @param slip L along each axis, as gradients of gaps; none: L is J
 /// @param jump J, made of the same pairing points as the other; it knows the constrained unknowns
 /// @param normal G
 /// @param stiffness D times the area of each row, [row][gdim][gdim]
 /// @param coupling c times the area, [row][gdim]; rows in which both are zero are skipped
 /// @param blocks ss, sm, ms, mm
 /// @param scale displacement per unknown of the slave's and the master's body: multiplies columns
-void insert_friction(std::span<const GapOperator* const> slip, const GapOperator& jump,
-                     const GapOperator& normal, std::span<const double> stiffness,
-                     std::span<const double> coupling, ContactBlocks blocks,
-                     std::array<double, 2> scale);
+void insert_friction(const GapOperator& jump, const GapOperator& normal,
+                     std::span<const double> stiffness, std::span<const double> coupling,
+                     ContactBlocks blocks, std::array<double, 2> scale);
 
 } // namespace qsdolfinx

@@ -38,8 +38,12 @@ def default_enforcement(formulation: str, law: typing.Any) -> str:
     return "penalty" if none else "augmented-lagrangian"
 
 
-def default_constraints(quadrature: str, formulation: str, law: Law, enforcement: str) -> str:
+def default_constraints(
+    quadrature: str, formulation: str, law: Law, enforcement: str, sliding: str
+) -> str:
     """At points, where they are defined; a law of the user's needs multipliers there."""
+    if sliding == "finite" and not law.jump:
+        return "points"
     points = quadrature == "overlay" and formulation != "double-pass"
     points &= enforcement == "augmented-lagrangian" or type(law) is Unilateral
     return "points" if points and not law.jump else "nodes"
@@ -153,7 +157,12 @@ def check_smoothing(sides: tuple[Side, Side], quadrature: str) -> None:
 
 
 def check_sliding(
-    sliding: str, quadrature: str, normals: str, constraints: str, sides: tuple[Side, Side]
+    sliding: str,
+    quadrature: str,
+    normals: str,
+    constraints: str,
+    sides: tuple[Side, Side],
+    law: Law,
 ) -> None:
     """Refuse what is not defined where contact follows the bodies."""
     if sliding == "small":
@@ -166,6 +175,8 @@ def check_sliding(
     )
     require(normals == "facet", of + 'measures gaps along normals of facets; leave out "normals"')
     require(sides == (None, None), of + "measures gaps between facets; leave out smoothing")
+    at_points = law.jump or constraints == "points"
+    require(at_points, f'constraints: {of}asks the law at points; leave out constraints="nodes"')
 
 
 def check_itself(

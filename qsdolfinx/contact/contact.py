@@ -146,9 +146,9 @@ class Contact:
             quadrature point, that of friction too, so that what is open takes nothing from what is
             closed beside it, and at vertices and edges of creases, which are ahead of their facets;
             multipliers are functions on the slave's nodes. ``"nodes"``: at the slave nodes, for
-            weighted gaps. By default ``"points"`` of unilateral contact on the overlay; ties,
-            double-pass contact, nodal quadrature, and a law of the user's with a penalty have
-            ``"nodes"``.
+            weighted gaps, with small sliding. By default ``"points"`` of unilateral contact on the
+            overlay, and of all that follows the bodies; ties, double-pass contact, nodal
+            quadrature, and a law of the user's with a penalty have ``"nodes"``.
         smoothing: What the gap is measured between, one for both sides or a pair for slave and
             master, on the overlay. ``"auto"``: the facets, or with small sliding, where both sides
             are curved alike and chords change the gap by more than a tenth of the clearance or
@@ -270,8 +270,10 @@ class Contact:
             same(either(POSITIVE, None), friction_penalty=friction_penalty)
             same(either(one_of(CONSTRAINTS), None), constraints=constraints)
             if constraints is None:
-                constraints = default_constraints(quadrature, formulation, law, enforcement)
-            check_sliding(sliding, quadrature, normals, constraints, sides)
+                constraints = default_constraints(
+                    quadrature, formulation, law, enforcement, sliding
+                )
+            check_sliding(sliding, quadrature, normals, constraints, sides, law)
             if itself:
                 check_itself(formulation, quadrature, law, sides, unknown)
             if of is not None:

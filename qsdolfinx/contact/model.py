@@ -323,11 +323,10 @@ def _following(
     elif vertices_of == "slave":
         cutter = FacetCutter(slave, master, Vertices(slave, master, radius))
     else:
-        at_points, both = settings.rows == "points", settings.formulation == "quasi-symmetric"
-        if at_points and tool is not None:  # points of the slave's facets see all of its shape
-            both = False
+        # Points of the slave's facets see all of a tool's shape.
+        both = settings.formulation == "quasi-symmetric" and tool is None
         cutter = FacetCutter(slave, master, Overlay(slave, both, radius, degree))
-    return Following(slave, master, radius.largest, cutter, settings.rows == "points")
+    return Following(slave, master, radius.largest, cutter)
 
 
 def radius_of(settings: Settings) -> _cpp.SearchRadius:
@@ -489,9 +488,6 @@ class ContactModel:
         self.held_alone = (False, False)
         #: Whether a warning of a soft penalty at the nodes of a finer slave has been given.
         self.soft_warned = False
-        #: Whether second derivatives of gaps that follow the bodies were symmetric the last time:
-        #: not where covered parts have open ends.
-        self.curvature_is_symmetric = True
         #: Wall time that this rank has spent in pairing, gaps and insertion.
         self.watch = Stopwatch()
 
@@ -579,10 +575,16 @@ class ContactModel:
 
     @property
     def has_multipliers_at_points(self) -> bool:
-        """Whether constraints at points have λ: not of a penalty as soft as the bodies."""
+        """Whether constraints at points have λ: not of a penalty as soft as the bodies.
+
+        Nor of double-pass contact that follows the bodies: two fields of multipliers for the same
+        gaps, at other points in each iteration, are not determined.
+        """
         if self.settings.constraints != "points" or self.augmented:
             return self.settings.constraints == "points"
         usual, given = self.penalty.of_points, self.penalty.eps
+        if self.settings.formulation == "double-pass" and self.follows:
+            return False
         if usual is None or type(self.law) is not Unilateral:
             return False
         return given * (1 - LEAST_PART) > usual
@@ -641,11 +643,10 @@ class ContactModel:
     @property
     def symmetric(self) -> bool:
         """Whether what contact adds to the tangent is symmetric."""
-        at_points = any(gap.rows.are_points and gap.following is not None for gap in self.gaps)
-        if self.coupling is not None or at_points:  # whose functions of nodes move
+        if self.coupling is not None or self.follows:  # functions of nodes move
             return False
         first, second = self.kinematics.scale
-        equal = first == second and self.curvature_is_symmetric
+        equal = first == second
         law = None if self.friction is None else self.friction.law
         if law is None or not equal:
             return equal

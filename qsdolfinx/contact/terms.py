@@ -80,20 +80,19 @@ def add_residual(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None
 
 
 def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
-    """Add the residual's derivative to the blocks; not assembled here."""
+    """Add the residual's derivative to the blocks; not assembled here.
+
+    Of gaps that follow the bodies only what their stiffness adds: they are solved for at once with
+    multipliers, see ``system.derivative``, and this is for estimates.
+    """
     with model.watch.stage("insertion"):
-        model.curvature_is_symmetric = True
         for gap in model.gaps:
             slope = active_set.slope(model, gap)
-            ordered = _ordered(model, gap.slave is model.slave, blocks)
-            gap.add_stiffness(slope, ordered, False)
-            if not gap.add_curvature(gap.multiplier(model.eps), ordered):
-                model.curvature_is_symmetric = False
+            gap.add_stiffness(slope, _ordered(model, gap.slave is model.slave, blocks), False)
         for slip in model.slips:
-            slope = active_set.slope(model, slip.gap)
-            ordered = _ordered(model, slip.slave is model.slave, blocks)
-            slip.add_stiffness(slope, ordered)
-            slip.add_curvature(ordered)
+            if slip.gap.following is None:
+                slope = active_set.slope(model, slip.gap)
+                slip.add_stiffness(slope, _ordered(model, slip.slave is model.slave, blocks))
         if model.coupling is not None:
             model.coupling.add_to(blocks, False)
 

@@ -135,7 +135,7 @@ class FrictionHistory:
             else:
                 at_rows = self._at_rows(self._means[name], slips)
                 for slip in slips:
-                    if slip.gap.following is not None and slip.gap.rows.are_points:
+                    if slip.gap.following is not None:
                         slip.of_nodes[name] = np.maximum(self._at_nodes(self._means[name]), 0.0)
             with collective_errors(self._slave.comm):
                 for values in at_rows:

@@ -17,7 +17,6 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
-from qsdolfinx.friction.objective import SAME_COVER, PairsAtStart, objective_slip
 from qsdolfinx.friction.of_points import OfPoints, SavedNormals, carried_with
 from qsdolfinx.gap.following import MOST_TURNED, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
@@ -35,6 +34,10 @@ MOST = 0.5
 
 #: Way along surfaces, over its chord, from which on that may point backwards.
 FARTHEST = 0.999 * MOST_TURNED / float(np.sin(MOST_TURNED))
+
+#: Change in a step of the covered part of a node's area, over that part, up to which it is the
+#: same: curved surfaces cover each other by a little more or less wherever they are.
+SAME_COVER = 1e-2
 
 #: Pressure at the start of a step, relative to that at its end, that is none but for rounding.
 NO_PRESSURE = 1e-6
@@ -81,8 +84,8 @@ class SlipState:
         reached: With rows at points and a penalty, τ of the nodes at the last solution, as
             ``augmented``, which it becomes at the step's end; None before the first.
         saved: Normals of the pairing that a checkpoint was written with; None otherwise.
-        begun: With rows at points of gaps that follow the bodies, where everything was when the
-            step began; None before that is known.
+        begun: Of gaps that follow the bodies, where everything was when the step began; None
+            before that is known.
         of_points: With such rows, what they had then, see ``rest``; None before that is known.
         of_nodes: With such rows, which are others at each evaluation, functions of the nodes in the
             place of ``pressed`` and ``slipped``, (nodes, 2); None before there are any.
@@ -113,10 +116,8 @@ class SlipState:
             infinite of others, (rows,).
         solved: τ (stress) of the last solve, of laws that slip rates steer, (rows, gdim); None of
             others, and before.
-        frames: Frames of the rows in which τ̂ is known, (rows, gdim, gdim); None as long as nobody
-            has asked.
-        pairs: What was opposite to what at the start of the step, where gaps follow the bodies:
-            the jump is then that of these pairs less that of the present ones, and its start is 0.
+        frames: Frames of the nodes in which τ̂ is known, of gaps that follow the bodies,
+            (nodes, gdim, gdim); None before the first evaluation.
     """
 
     jump: Array
@@ -137,7 +138,6 @@ class SlipState:
     starts_there: bool = False
     ended: bool = True
     evaluated: Evaluated | None = None
-    pairs: PairsAtStart | None = None
     solved: Array | None = None
     frames: Array | None = None
     at_start: Place | None = None
@@ -340,7 +340,7 @@ class Slip:
         state = self.state
         state.now = self._place_now(u, in_displacement) if self.may_be_held else None
         if self.gap.following is not None:
-            self._follow(u)
+            self._follow()
         else:
             state.jump = self.jump_of(u)
         state.carried = state.jump if all(in_displacement) else self._carried(u, in_displacement)
@@ -355,9 +355,6 @@ class Slip:
         closed = closed | ((state.on_edge > 0) & np.isfinite(state.on_edge))
         state.closed, state.pressure, state.ended = closed, pressure, False
         augmented = self.known(elastic)
-        follows = self.gap.following is not None and not self.gap.rows.are_points
-        if follows:  # kept as it is: to come back is to change nothing
-            augmented = self.turned(augmented)
         rows = Rows(
             self.values,
             augmented,
@@ -443,32 +440,16 @@ class Slip:
         self.begin_with(u, in_displacement, state.start)
         if self.gap.following is not None:
             self.gap.evaluate_kept(u, in_displacement)
-            if self.gap.rows.are_points:
-                assert self.gap.cut is not None
-                state.begun = self.gap.cut.places
-            else:
-                state.pairs = PairsAtStart.of(self.gap)
+            assert self.gap.cut is not None
+            state.begun = self.gap.cut.places
         else:
             state.start = state.start + self._carried(u, in_displacement)
         state.starts_there = False
 
     # --- Gaps that follow the bodies
 
-    def _follow(self, u: Vecs) -> None:
-        """Operator, normals, jump and τ̂ at the last cut. Collective."""
-        state = self.state
-        if self.gap.rows.are_points:
-            self._follow_points()
-            return
-        if state.pairs is None:
-            state.pairs = PairsAtStart.of(self.gap)
-        self.take_operator()
-        state.jump = objective_slip(self.gap, state.pairs, u)
-        state.start = np.zeros_like(state.jump)
-        self._turn_augmented()
-
-    def _follow_points(self) -> None:
-        """The same of rows at points, all of which may be others. Collective."""
+    def _follow(self) -> None:
+        """Operator, normals, jump and τ̂ at the points of the last cut. Collective."""
         state, rows, gap = self.state, self.gap.rows, self.gap
         assert gap.cut is not None and isinstance(rows, PointRows)
         if state.begun is None:
@@ -506,17 +487,12 @@ class Slip:
 
     def take_operator(self) -> None:
         """Take operator and normals of the gap's last evaluation. Collective."""
-        if self.gap.rows.are_points:
-            if self.state.begun is None:
-                return
-            found = self.gap.slip_at_points(self.state.begun)
-            self.operator, self.works, self._normal = found.operator, found.works, found.normal
-            self.hold(self._held)
-            self.cover, self.arc = np.ones(len(found.normal)), found.arc
+        if self.state.begun is None:
             return
-        self.operator = self.works = self.gap.jump_operator()
+        found = self.gap.slip_at_points(self.state.begun)
+        self.operator, self.works, self._normal = found.operator, found.works, found.normal
         self.hold(self._held)
-        self.cover = self._cover()
+        self.cover, self.arc = np.ones(len(found.normal)), found.arc
 
     def _turn_augmented(self) -> None:
         """Let τ̂ turn with the slave. Collective."""
@@ -525,8 +501,6 @@ class Slip:
         if self._frames is None:
             self._frames = Frames(self.slave)
         now = self._frames.at(gap.cut.places[0])
-        if isinstance(gap.rows, NodeRows):
-            now = now[self.row_node]
         if state.frames is not None:
             state.augmented = self._turned_with(state.augmented, state.frames, now)
             if state.reached is not None:
@@ -558,17 +532,13 @@ class Slip:
 
     @property
     def has_turned(self) -> bool:
-        """Whether a row of this rank that slips has turned too far in the step for its chord.
+        """Whether a point of this rank that slips has turned too far in the step for its chord.
 
-        That is more than 90°, and of points 149° against what is opposite.
+        That is by 149° against what is opposite.
         """
-        pairs, slips = self.state.pairs, self.slipping
-        if not self.state.ended and self.gap.rows.are_points:
-            return bool(np.any(slips & (self.arc >= FARTHEST)))
-        if pairs is None or self.state.ended:
+        if self.state.ended or not self.gap.rows.are_points:
             return False
-        turned = np.sum(pairs.normal * self.gap.operator.slave_sum, axis=1) < 0
-        return bool(np.any(turned & slips))
+        return bool(np.any(self.slipping & (self.arc >= FARTHEST)))
 
     def _carried(self, u: Vecs, in_displacement: tuple[bool, bool]) -> Array:
         """Jump of the bodies that have total displacements. Collective."""
@@ -613,8 +583,6 @@ class Slip:
 
     def gap_at_start(self, gap: Array) -> Array:
         """ḡ (length) of the pass' rows at the start of the step, given that now. Collective."""
-        if self.state.pairs is not None:
-            return self.state.pairs.gap
         if self.state.begun is not None:
             return self.gap.slip_at_points(self.state.begun).gap
         moved = np.sum(self.gap.operator.slave_sum * (self.state.jump - self.state.start), axis=1)
@@ -701,18 +669,14 @@ class Slip:
 
     def add_forces(self, b: Vecs) -> None:
         """Add Jᵀ S τ to b. Collective."""
-        if self.gap.following is not None and not self.gap.rows.are_points:
-            self.gap.add_slip_forces(self.state.response.traction, b)
-            return
         force = np.ascontiguousarray(self.weight[:, None] * self.state.response.traction)
         handles = handle_of(b[0]), handle_of(b[1])
         self.works.add_transpose(force, *handles)
 
     def add_stiffness(self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
-        """Add Lᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm); L is what τ works on."""
+        """Add Jᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm), of linear gaps."""
         stiffness, coupling = self.stiffness(slope)
         _cpp.insert_friction(
-            self.gap.slip_operators(),
             self.operator,
             self.gap.operator,
             stiffness,
@@ -720,10 +684,6 @@ class Slip:
             [handle_of(mat) for mat in blocks],
             self.gap.state.scale,
         )
-
-    def add_curvature(self, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
-        """Add how the forces of τ change with τ held, where gaps follow the bodies. Collective."""
-        self.gap.add_slip_curvature(self.state.response.traction, blocks)
 
     def stiffness(self, slope: Array) -> tuple[Array, Array]:
         """S D, shape (rows, gdim, gdim), and S ∂τ/∂λ ∂λ/∂ḡ of the row of the pass, (rows, gdim).
@@ -796,11 +756,8 @@ class Slip:
         else:
             self.state.augmented = traction
         self.state.start = self.state.carried
-        if self.gap.following is not None and self.gap.rows.are_points:
-            assert self.gap.cut is not None
+        if self.gap.cut is not None:
             self.state.begun = self.gap.cut.places
-        elif self.gap.following is not None:
-            self.state.pairs = PairsAtStart.of(self.gap)
         self.state.pressed = self.state.pressure
         self.state.covered = self.covered
         self.state.slipped = self.state.response.slipping.astype(np.float64)

@@ -20,6 +20,7 @@ from qsdolfinx.gap.following import (
     SlipAtPoints,
     Vecs,
     sides_of,
+    sums_of_sides,
 )
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.surface.affine import trace_vec
@@ -30,10 +31,6 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 #: Slave and master as objects of the extension that are moved by themselves.
 Twins = tuple[_cpp.Surface, _cpp.Surface]
-
-#: Way, in units of the largest facet, that facets may go before the pattern of the tangent has to
-#: grow.
-MARGIN = 0.5
 
 
 class Finder(typing.Protocol):
@@ -58,9 +55,6 @@ class Finder(typing.Protocol):
 
     def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
         """The same pieces with areas that are measured elsewhere; None to find them anew."""
-
-    def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
-        """What may be between, before anything moves by a margin (length). Collective."""
 
 
 class Overlay:
@@ -88,10 +82,6 @@ class Overlay:
         """See :class:`Finder`."""
         return pieces.weighed(*measured)
 
-    def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
-        """See :class:`Finder`."""
-        return _cpp.nearby_pieces(*moving, self.both, self._radius.largest, margin)
-
 
 class Known(typing.NamedTuple):
     """The pieces that were found last, and for what."""
@@ -107,9 +97,7 @@ class FacetCutter:
 
     Half of the integral is over each surface: facet y of the one is cut along facet z of the other,
     which is projected along y's normal n. At a point of y that keeps its place ξ on the facet the
-    gap is −t with x_z(ζ) = x_y(ξ) + t n, and
-
-        G_k = ½ Σ_slave w N_k(ξ) g + ½ Σ_master w N_k(ζ) g.
+    gap is −t with x_z(ζ) = x_y(ξ) + t n; its multiplier is that at the slave's place, ξ or ζ.
 
     Args:
         slave: Surface that carries the multiplier.
@@ -143,25 +131,12 @@ class FacetCutter:
         self._measure_at(places)
         return self._finder.choose(self._measured, places)
 
-    def find(
-        self,
-        places: Places,
-        measured: Places,
-        cover: PETSc.Vec | None,
-        allowance: PETSc.Vec | None = None,
-        vertices: Flags | None = None,
-        at_points: bool = False,
-    ) -> Found:
+    def find(self, places: Places, measured: Places, vertices: Flags | None) -> Found:
         """See :class:`Cutter`."""
         pieces = self._pieces(places, measured, vertices)
-        rows = _cpp.PieceRows(
-            self._slave,
-            pieces,
-            handle_of(cover),
-            handle_of(allowance),
-            with_columns=not at_points,
-        )
-        return Found(cover, allowance, rows, pieces, pieces.num_missed)
+        slave = self._surfaces[0]
+        cover = sums_of_sides(slave, np.asarray(pieces.side_dofs()), np.asarray(pieces.cover()))
+        return Found(cover, pieces, pieces.num_missed)
 
     def _pieces(self, places: Places, measured: Places, vertices: Flags | None) -> _cpp.Pieces:
         """As for :meth:`find`. Where bodies are as before, nothing is cut anew. Collective."""
@@ -206,12 +181,11 @@ class FacetCutter:
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
-    ) -> bool:
+    ) -> None:
         """See :class:`Cutter`; what parts are covered depends on where facets are, too."""
         pieces = found.of_cutter
         of_rim = at_rim(-np.asarray(pieces.rim_gaps()), lambda vec: pieces.rim_values(vec.handle))
-        return _cpp.insert_curvature_of_points(
-            self._slave,
+        _cpp.insert_curvature_of_points(
             self._master,
             pieces,
             np.ascontiguousarray(pressure),
@@ -230,8 +204,8 @@ class FacetCutter:
         at_rim: AtRim | None,
         markers: Vecs,
     ) -> MovingFunctions | None:
-        """See :class:`Cutter`: points of the slave's facets stay there."""
-        if not self._finder.both:
+        """See :class:`Cutter`: those of the slave's facets stay there, but for their rims."""
+        if self.are_own:
             return None
         pieces = found.of_cutter
         handles = [handle_of(vec) for vec in markers]
@@ -328,68 +302,6 @@ class FacetCutter:
     def facet_sizes(self, found: Found) -> Array:
         """See :class:`Cutter`."""
         return np.asarray(found.of_cutter.slave_sizes())
-
-    def find_nearby(self, places: Places) -> _cpp.PieceRows:
-        """See :class:`Cutter`."""
-        self._put(self._moving, places)
-        surfaces = self._moving[: 1 if self._tool is not None else 2]
-        margin = MARGIN * max(surface.facet_size_range[1] for surface in surfaces)
-        return _cpp.PieceRows(self._slave, self._finder.nearby(self._moving, margin))
-
-    def add_curvature(
-        self,
-        found: Found,
-        multiplier: PETSc.Vec,
-        markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
-    ) -> bool:
-        """See :class:`Cutter`; what parts are covered depends on where facets are, too."""
-        return _cpp.insert_curvature(
-            self._master,
-            found.of_cutter,
-            handle_of(found.cover),
-            multiplier.handle,
-            handle_of(found.allowance),
-            [handle_of(vec) for vec in markers],
-            [handle_of(mat) for mat in blocks],
-            scale,
-        )
-
-    def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
-        """See :class:`Cutter`; a tool is held with what acts on the slave."""
-        if self._tool is not None:
-            return False
-        handles = [handle_of(vec) for vec in (found.cover, traction, *b)]
-        _cpp.add_slip_forces(found.of_cutter, *handles)
-        return True
-
-    def slip_rows(self, found: Found) -> list[_cpp.PieceRows]:
-        """See :class:`Cutter`."""
-        if self._tool is not None:
-            return []
-        cover, axes = handle_of(found.cover), range(found.of_cutter.gdim)
-        return [_cpp.PieceRows(self._slave, found.of_cutter, cover, axis=axis) for axis in axes]
-
-    def add_slip_curvature(
-        self,
-        found: Found,
-        traction: PETSc.Vec,
-        markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
-    ) -> None:
-        """See :class:`Cutter`."""
-        if self._tool is None:
-            _cpp.insert_slip_curvature(
-                self._master,
-                found.of_cutter,
-                handle_of(found.cover),
-                traction.handle,
-                [handle_of(vec) for vec in markers],
-                [handle_of(mat) for mat in blocks],
-                scale,
-            )
 
     def _put(self, surfaces: tuple[_cpp.Surface, _cpp.Surface], places: Places) -> None:
         there = places[1] if self._tool is None else self._tool.facet_positions(places[1])

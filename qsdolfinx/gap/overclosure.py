@@ -142,8 +142,7 @@ class Overclosure:
                 known = p.rows.from_sides(np.nan_to_num(depth))
                 p.allow(self.part * (_depths_of_points(p) if is_first else known))
                 continue
-            # What gaps that follow are covered by is known where they are evaluated.
-            share = p.cover_share if self.allowed > 0 and p.following is None else 1.0
+            share = p.cover_share if self.allowed > 0 else 1.0
             p.allow(self.part * p.rows.from_largest(np.nan_to_num(depth)) * share)
 
     @property
@@ -173,7 +172,6 @@ def _depths(p: WeightedGap) -> Array:
     if p.law.jump:
         return np.full(len(p.slave.node_area), np.nan)
     if isinstance(p.rows, PointRows) and p.cut is not None:
-        assert p.cut.alone is not None
         depth = _depths_of_points(p)
         faces: Array = np.ones(len(depth))
         faces[len(depth) - len(p.cut.alone.weight) :] = 0.0

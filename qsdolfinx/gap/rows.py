@@ -112,8 +112,6 @@ class NodeRows(Rows):
     def __init__(self, operator: _cpp.GapOperator, slave: Surface, by_sides: bool) -> None:
         super().__init__(operator, slave)
         self._node = operator.row_node
-        #: Rows with anything opposite to them now; None for all.
-        self.covered_nodes: Flags | None = None
         #: Whether a row's node is in a corner; false of all if this is not asked.
         self.in_corner: npt.NDArray[np.bool_] = np.zeros(len(self._node), dtype=bool)
         self._by_sides = by_sides
@@ -125,8 +123,6 @@ class NodeRows(Rows):
     @property
     def reached(self) -> npt.NDArray[np.int64]:
         """Nodes of the rows."""
-        if self.covered_nodes is not None:
-            return np.asarray(self._node[self.covered_nodes])
         return np.unique(self._node) if self.in_corner.any() else self._node
 
     def areas(self, now: Array, paired: Array) -> Array:
@@ -162,8 +158,6 @@ class NodeRows(Rows):
         """The values themselves; in corners means weighted with areas, of flags whether any is."""
         out = np.full((len(self.slave.node_area), *values.shape[1:]), missing, dtype=values.dtype)
         out[self._node] = values
-        if self.covered_nodes is not None:
-            out[self._node[~self.covered_nodes]] = missing
         if not self.in_corner.any():
             return out
         at, several = self._node[self.in_corner], values[self.in_corner]

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.following import (
-    HARDLY_COVERED,
     MOST_TURNED,
     Alone,
     AtRim,
@@ -21,6 +20,7 @@ from qsdolfinx.gap.following import (
     SlipAtPoints,
     Vecs,
     sides_of,
+    sums_of_sides,
 )
 from qsdolfinx.pairing.ahead import PRESSED_FLAT
 from qsdolfinx.pairing.facets import (
@@ -75,7 +75,6 @@ class Points(typing.NamedTuple):
         distance: From the tool, (facets, points).
         weight: Areas, 0 of those that are opposite to nothing, (facets, points).
         position: Of the tool.
-        N: Functions of the multipliers, (facets, points, vertices).
     """
 
     x: Array
@@ -83,7 +82,6 @@ class Points(typing.NamedTuple):
     distance: Array
     weight: Array
     position: Array
-    N: Array
 
 
 class ShapePoints:
@@ -118,7 +116,10 @@ class ShapePoints:
         self._dN = np.asarray(_cpp.trace_gradients(kind, 1, x))
         self._measured = slave.twin()
         self._sign = self._orientation()
-        self._side = np.asarray(slave.cpp_object.vertex_side, dtype=np.int64)
+        side = np.asarray(slave.cpp_object.vertex_side, dtype=np.int64)
+        of_facets = np.asarray(slave.cpp_object.facet_dofs)[:, : side.shape[1]]
+        #: Unknowns that stand for the sides of vertices of facets, (facets, vertices).
+        self._dofs = np.take_along_axis(of_facets, side[..., None], axis=2)[..., 0]
         self._values = TraceValues(slave)
         x0, _, nodes = slave.coordinates
         #: Which way normals of vertices look that are found without a look at the body.
@@ -176,19 +177,8 @@ class ShapePoints:
 
     def _sides_of(self, chosen: Flags) -> Flags:
         """Sides of owned nodes that belong to some vertices of facets. Collective."""
-        slave = self._slave
-        dofs = np.take_along_axis(
-            np.asarray(slave.cpp_object.facet_dofs)[:, : chosen.shape[1]],
-            self._side[..., None],
-            axis=2,
-        )[..., 0]
-        vec = slave.create_vec()
-        how = PETSc.InsertMode.ADD_VALUES
-        vec.setValues(dofs.ravel().astype(PETSc.IntType), chosen.astype(np.float64).ravel(), how)
-        vec.assemble()
-        out: Flags = vec.array_r[slave.node_dofs - vec.owner_range[0]] > 0.5
-        vec.destroy()
-        return out
+        sums = sums_of_sides(self._slave, self._dofs.ravel(), chosen.astype(np.float64).ravel())
+        return np.asarray(sums > 0.5)
 
     def _mean(self, normals: Array) -> Array:
         """Sums of normals of the facets at each vertex, (facets, vertices, 3). Collective."""
@@ -206,51 +196,20 @@ class ShapePoints:
         area = at_vertices(self._slave, np.asarray(self._measured.node_area))
         return np.where(self._corners & flags, area, 0.0)
 
-    def _functions(self, cover: PETSc.Vec | None) -> Array:
-        """Functions of the multipliers, those of hardly covered nodes shared out. Collective."""
-        out = np.broadcast_to(self._N, (len(self._sign), *self._N.shape))
-        if cover is None:
-            return out
-        of_sides = self._values(cover)[:, : self._N.shape[1]]
-        of_vertices = np.take_along_axis(of_sides, self._side[:, :, None], axis=2)[..., 0]
-        needed = np.minimum(HARDLY_COVERED, of_vertices.max(axis=1, initial=0.0))[:, None]
-        well = of_vertices >= needed
-        shared = np.sum(np.where(well[:, None], 0.0, out), axis=2, keepdims=True)
-        parts = (well / well.sum(axis=1, keepdims=True))[:, None]
-        return np.where(well[:, None], out + shared * parts, 0.0)
-
-    def find(
-        self,
-        places: Places,
-        measured: Places,
-        cover: PETSc.Vec | None,
-        allowance: PETSc.Vec | None = None,
-        vertices: Flags | None = None,
-        at_points: bool = False,
-    ) -> Found:
-        """See :class:`Cutter`; points and their functions are fixed, whatever is allowed."""
-        N, T, (nodes, position) = self._functions(cover), self._T, places
-        x = np.einsum("pj,fjd->fpd", T, nodes)
+    def find(self, places: Places, measured: Places, vertices: Flags | None) -> Found:
+        """See :class:`Cutter`."""
+        x = np.einsum("pj,fjd->fpd", self._T, places[0])
         distance, normal = (
             values.reshape(*x.shape[:2], *values.shape[1:])
-            for values in self._tool.distance(x.reshape(-1, 3), position)
+            for values in self._tool.distance(x.reshape(-1, 3), places[1])
         )
-        outward = self._sign[:, None, None] * self._area_vectors(nodes)
+        outward = self._sign[:, None, None] * self._area_vectors(places[0])
         opposite = np.abs(distance) <= self._radius
         if self._corners is None:
             opposite &= np.sum(outward * normal, axis=2) < 0
         weight = np.where(opposite, self._weights(measured[0], vertices), 0.0)
-        wN = weight[:, :, None] * N
-        rows = _cpp.PieceRows(
-            self._slave.cpp_object,
-            np.asarray(opposite.any(axis=1), dtype=np.uint8),
-            wN.sum(axis=1),
-            -np.einsum("fpk,fp->fk", wN, distance),
-            np.einsum("fpk,fp,fpd->fkd", wN, distance, normal),
-            -np.einsum("fpk,pj,fpd->fkjd", wN, T, normal),
-            np.einsum("fpk,pj->fkj", wN, T),
-        )
-        return Found(cover, allowance, rows, Points(x, normal, distance, weight, position, N))
+        cover = sums_of_sides(self._slave, self._dofs.ravel(), (weight @ self._N).ravel())
+        return Found(cover, Points(x, normal, distance, weight, places[1]))
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
@@ -336,14 +295,13 @@ class ShapePoints:
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
-    ) -> bool:
+    ) -> None:
         """See :class:`Cutter`; points are fixed."""
         points = found.of_cutter
         kept = points.weight > 0
         of_points = np.zeros(kept.shape)
         of_points[kept] = pressure[: np.count_nonzero(kept)]
         self._add_curvature(points, points.weight * of_points, markers, blocks, scale)
-        return True
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""
@@ -355,28 +313,6 @@ class ShapePoints:
         kept, x = found.of_cutter.weight > 0, self._slave.coordinates[0]
         size = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1).max(axis=(1, 2), initial=0.0)
         return np.asarray(np.broadcast_to(size[:, None], kept.shape)[kept])
-
-    def find_nearby(self, places: Places) -> _cpp.PieceRows:
-        """See :class:`Cutter`: the nodes of all facets."""
-        facets, nv, nt = len(places[0]), self._N.shape[1], self._T.shape[1]
-        shapes = (nv,), (nv,), (nv, 3), (nv, nt, 3), (nv, nt)
-        zeros = [np.zeros((facets, *shape)) for shape in shapes]
-        return _cpp.PieceRows(self._slave.cpp_object, np.ones(facets, dtype=np.uint8), *zeros)
-
-    def add_curvature(
-        self,
-        found: Found,
-        multiplier: PETSc.Vec,
-        markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
-    ) -> bool:
-        """See :class:`Cutter`."""
-        points = found.of_cutter
-        pressure = self._values(multiplier)[:, : self._N.shape[1], 0]
-        force = points.weight * np.einsum("fk,fpk->fp", pressure, points.N)
-        self._add_curvature(points, force, markers, blocks, scale)
-        return True
 
     def _add_curvature(
         self,
@@ -399,21 +335,3 @@ class ShapePoints:
         for f, of_facet in zip(some, H, strict=True):
             at = dofs[f].ravel()
             block.setValues(at, at, of_facet.reshape(width, width), PETSc.InsertMode.ADD_VALUES)
-
-    def add_slip_forces(self, found: Found, traction: PETSc.Vec, b: Vecs) -> bool:
-        """See :class:`Cutter`: the tool has no unknowns, forces act on the slave alone."""
-        return False
-
-    def slip_rows(self, found: Found) -> list[_cpp.PieceRows]:
-        """See :class:`Cutter`."""
-        return []
-
-    def add_slip_curvature(
-        self,
-        found: Found,
-        traction: PETSc.Vec,
-        markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
-    ) -> None:
-        """See :class:`Cutter`: points keep their places on the facets."""

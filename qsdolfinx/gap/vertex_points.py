@@ -97,10 +97,6 @@ class Vertices:
         """See :class:`Finder`."""
         return None
 
-    def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
-        """See :class:`Finder`."""
-        return _cpp.nearby_pieces(*moving, False, self._radius.largest, margin)
-
 
 class ToolVertices:
     """Vertices of a rigid tool at creases, before the body's facets, along the normals of these.
@@ -160,10 +156,6 @@ class ToolVertices:
     def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
         """See :class:`Finder`."""
         return None
-
-    def nearby(self, moving: Twins, margin: float) -> _cpp.Pieces:
-        """See :class:`Finder`."""
-        return _cpp.nearby_pieces(*moving, False, self._radius.largest, margin)
 
 
 def raise_facets(pieces: _cpp.Pieces, facets: Faceted, moved: _cpp.Surface, sharp: Flags) -> None:

@@ -54,7 +54,7 @@ class GapState:
         offset: Gap of displacements on top of those of the unknowns, of the same shape.
         shift: What a rigid tool's motion adds to ḡ, of the same shape.
         allowance: Gap (length) at each row that counts as none: overclosure that is not resolved.
-            With rows at points of gaps that follow, of the sides of nodes, as ``augmented``.
+            Of gaps that follow, of the sides of nodes, as ``augmented``.
         scale: Displacement per unknown of the slave's and of the master's body.
         carried: Jump (length) that meshes and a tool have made since they were tied, likewise.
         places: Where meshes had moved tied surfaces by then; None where they were tied.
@@ -115,8 +115,8 @@ class WeightedGap:
         rows: What rows are: ``"area"``, nodes, whose gap is divided by S_k; ``"cover"``, by what is
             covered of it; or ``"points"``.
         augmented: Whether λ̂ is going to be updated.
-        following: Cuts the facets anew at each evaluation; None for gaps that are linear in u. The
-            operator is then the derivative at the last evaluation, with a row for each owned node.
+        following: Cuts the facets anew at each evaluation, with rows at points; None for gaps that
+            are linear in u. The operator is then the derivative at the last evaluation.
         turns: Whether what is between tied surfaces turns with the master: ``"finite"``, with each
             evaluation, or ``"small"``, by small rotations since meshes moved; None for not.
     """
@@ -166,8 +166,7 @@ class WeightedGap:
         #: Components of λ̂ that conditions hold on both sides; None if there are none anywhere.
         self.extension: Extension | None = None
         #: What changes while the pairing stays.
-        at_sides = following is not None and rows == "points"
-        allowance = np.zeros_like(multipliers) if at_sides else zero[:, 0]
+        allowance = zero[:, 0] if following is None else np.zeros_like(multipliers)
         self.state = GapState(zero, multipliers, zero, zero, allowance)
         self.state.base, self.state.measure = base, measure
         #: How ties count what has moved since they were made; None of other laws.
@@ -176,7 +175,7 @@ class WeightedGap:
             self._begin_to_turn()
         self._at_rows: tuple[Array, Array] = multipliers, zero
         if not law.jump:
-            self.state.values = self._values_of_cut()
+            self.state.values = -self._own.initial_gap[:, None]
 
     @property
     def operator(self) -> _cpp.GapOperator:
@@ -192,8 +191,7 @@ class WeightedGap:
     @property
     def _area(self) -> Array:
         """What each row's gap is divided by."""
-        measure = None if self.rows.are_points else self.state.measure
-        return self.operator.row_area if measure is None else measure.area
+        return self.operator.row_area
 
     @property
     def share(self) -> float:
@@ -219,9 +217,7 @@ class WeightedGap:
             return self.state.conductance
         if not (self._is_augmented and KINDS[self._kind] == "cover"):
             return np.ones(self.num_rows)
-        measure = self.state.measure
-        whole = self.rows.node_area if measure is None else measure.node_area
-        return np.asarray(whole[self.operator.row_node] / self._area)
+        return np.asarray(self.rows.node_area[self.operator.row_node] / self._area)
 
     def by_node(self) -> WeightedGap:
         """The same with a row for each node: itself, unless rows are points. Collective."""
@@ -253,11 +249,8 @@ class WeightedGap:
     def cover_share(self) -> Array:
         """ḡ of a gap that is 1 everywhere, shape (rows,). Collective at first.
 
-        Σ_p w_p N_k over what a row's gap is divided by: 1, unless that is the area of a node, or
-        hardly anything is covered of that where gaps follow the bodies.
+        Σ_p w_p N_k over what a row's gap is divided by: 1, unless that is the area of a node.
         """
-        if self.cut is not None and not self.rows.are_points:
-            return self.cut.share
         if KINDS[self._kind] != "area":
             return np.ones(self.num_rows)
         cover = self._operator(False, KINDS.index("cover")).row_area
@@ -352,8 +345,8 @@ class WeightedGap:
         assert self.following is not None
         assert state.base is not None and state.measure is not None
         places = self.following.places(state.base, u, state.scale)
-        self.show(self.following.cut(places, state.measure, state.allowance))
-        state.values = self._values_of_cut() - self._counted(state.allowance)[:, None]
+        self.show(self.following.cut(places, state.measure))
+        state.values = -(self._own.initial_gap + self.allowance)[:, None]
 
     @property
     def allowance(self) -> Array:
@@ -362,31 +355,14 @@ class WeightedGap:
             return self.rows.from_sides(self.state.allowance)
         return self.state.allowance
 
-    def _counted(self, allowance: Array) -> Array:
-        """What allowances take from the gaps of the rows, of gaps that follow at the last cut."""
-        if self.cut is None:
-            return allowance
-        if isinstance(self.rows, PointRows):
-            return self.rows.from_sides(allowance)
-        return allowance * self.cut.share
-
     def show(self, cut: Cut) -> None:
         """Take what an evaluation has found for the last one, but for the state. Collective."""
         is_same = self._own is cut.operator
         self.cut, self._own = cut, cut.operator
-        if isinstance(self.rows, NodeRows):
-            self.rows.covered_nodes = cut.covered
-        elif not is_same:
+        if not is_same:
             are_own = self.following is not None and self.following.points_are_own
             self.rows = PointRows(cut.operator, self.slave, are_own)
             self._at_rows = np.zeros(0), np.zeros(0)
-
-    def _values_of_cut(self) -> Array:
-        """ḡ of the operator alone; that of the search radius where nothing is opposite."""
-        values = -self._own.initial_gap[:, None]
-        if self.cut is None or self.following is None or self.rows.are_points:
-            return values
-        return np.where(self.cut.covered[:, None], values, -self.following.radius)
 
     def rebase(self) -> None:
         """Let displacements count from where the surfaces were read last. Collective."""
@@ -403,23 +379,21 @@ class WeightedGap:
     def measure_now(self) -> None:
         """Measure areas where the facets are at the last evaluation. Collective."""
         if self.following is not None and self.cut is not None:
-            self.state.measure = self.following.measure(self.cut.places, self.state.measure)
+            kept = None if self.state.measure is None else self.state.measure.vertices
+            self.state.measure = self.following.measure(self.cut.places, kept)
 
     def measure_all(self) -> float:
-        """The same, also which nodes are hardly covered. Collective.
+        """The same. Collective.
 
         Returns:
-            Largest change of an area on this rank, over the area of the node; 1 if neighbours of
-            other nodes carry multipliers.
+            Largest change of an area on this rank, over the area of the node.
         """
         before = self.state.measure
         if self.following is None or self.cut is None or before is None:
             return 0.0
-        places, vertices = self.cut.places, before.vertices
-        measure = self.state.measure = self.following.measure(places, vertices=vertices)
-        if np.any(measure.hardly_covered != before.hardly_covered):
-            return 1.0
-        change = np.abs(measure.area - before.area) / measure.node_area
+        self.measure_now()
+        assert self.state.measure is not None
+        change = np.abs(self.state.measure.area - before.area) / before.node_area
         return float(np.max(change[self.cut.covered], initial=0.0))
 
     def choose_vertices(self) -> bool:
@@ -438,7 +412,7 @@ class WeightedGap:
         same = np.array_equal(vertices, before.vertices)
         if self.slave.comm.allreduce(same, op=MPI.LAND):
             return False
-        self.state.measure = self.following.measure(places, vertices=vertices)
+        self.state.measure = self.following.measure(places, vertices)
         return True
 
     def evaluate_kept(self, u: Vecs, kept: tuple[bool, bool]) -> None:
@@ -454,27 +428,6 @@ class WeightedGap:
         self._cut_at(u)
         state.scale, state.base = scale, base
 
-    def jump_of_positions(self, operator: _cpp.GapOperator, u: Vecs) -> Array:
-        """Mean of x_slave − x_master, (rows, gdim), by the pairs of an operator. Collective."""
-        assert self.following is not None and self.state.base is not None
-        handles = handle_of(u[0]), handle_of(u[1])
-        base = self.following.jump_of_places(operator, self.state.base)
-        return np.asarray(base + operator.apply(*handles, self.state.scale))
-
-    def present_jump(self) -> Array:
-        """The same of the pairs of the last evaluation where they were then. Collective."""
-        assert self.cut is not None
-        return self.cut.jump[:, : self.slave.gdim]
-
-    def present_places_of_tool(self) -> Array:
-        """Mean of x_master of a tool by the pairs of the last evaluation, (rows, gdim). Collective.
-
-        Sums over what is covered of D_k.
-        """
-        assert self.following is not None and self.cut is not None
-        operator = self.following.jump_operator(self.cut)
-        return self.following.jump_of_places(operator, self.cut.places) - self.present_jump()
-
     def move_tool(self, position: Array) -> None:
         """Put a rigid tool that gaps follow there, see ``RigidSurface.position``."""
         assert self.following is not None and self.state.base is not None
@@ -484,17 +437,6 @@ class WeightedGap:
         """Slip at the points of the last evaluation since everything was there. Collective."""
         assert self.following is not None and self.cut is not None
         return self.following.slip_at_points(self.cut, start)
-
-    def add_slip_forces(self, traction: Array, b: Vecs) -> None:
-        """Add forces of friction τ, (rows, gdim), on slip at the last evaluation. Collective."""
-        assert self.following is not None and self.cut is not None
-        self.following.add_slip_forces(self.cut, self._share * traction, b)
-
-    def slip_operators(self) -> list[_cpp.GapOperator]:
-        """Variations of slip along each axis at the last evaluation; none: a jump's. Collective."""
-        if self.following is None or self.cut is None or self.rows.are_points:
-            return []
-        return self.following.slip_operators(self.cut)
 
     def add_slip_curvature(
         self,
@@ -507,19 +449,13 @@ class WeightedGap:
         Args:
             traction: τ.
             blocks: The matrices (ss, sm, ms, mm).
-            of_sides: Of rows at points, τ of the sides of owned nodes, (nodes, block, gdim).
+            of_sides: τ of the sides of owned nodes, (nodes, block, gdim).
         """
-        if self.following is not None and self.cut is not None:
-            scale = self.state.scale
-            if self.rows.are_points:
-                forces, of_nodes = self._share * traction, None
-                if of_sides is not None:
-                    of_nodes = self._share * of_sides
-                self.following.add_slip_curvature_of_points(
-                    self.cut, forces, of_nodes, blocks, scale
-                )
-                return
-            self.following.add_slip_curvature(self.cut, self._share * traction, blocks, scale)
+        if self.following is None or self.cut is None:
+            return
+        of_nodes = None if of_sides is None else self._share * of_sides
+        forces, scale = self._share * traction, self.state.scale
+        self.following.add_slip_curvature_of_points(self.cut, forces, of_nodes, blocks, scale)
 
     def set_offset(self, u: Vecs) -> None:
         """Set displacements on top of those of the unknowns. Collective."""
@@ -545,31 +481,13 @@ class WeightedGap:
         if self.following is not None:
             self.following.constrain(slave, master)
 
-    def add_curvature(self, multiplier: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> bool:
-        """Add Σ_k λ_k ∂²G_k to the blocks (ss, sm, ms, mm), of gaps that follow. Collective.
-
-        Returns:
-            Whether it is symmetric but for the scale: not where covered parts have open ends.
-        """
-        if self.following is None or self.cut is None:
-            return True
-        force = self._share * multiplier[:, 0]
-        if self.rows.are_points:  # but for what rims add
-
-            def none(gap: Array, values: typing.Callable[[Array], Array]) -> Array:
-                return np.zeros_like(gap)
-
-            following, scale = self.following, self.state.scale
-            return following.add_curvature_of_points(self.cut, force, none, blocks, scale)
-        return self.following.add_curvature(self.cut, force, blocks, self.state.scale)
-
     def add_curvature_of_points(
         self,
         pressure: Array,
         law: typing.Callable[[Array, Array], Array],
         of_sides: Array,
         blocks: typing.Sequence[PETSc.Mat | None],
-    ) -> bool:
+    ) -> None:
         """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm), of gaps that follow. Collective.
 
         Args:
@@ -577,9 +495,6 @@ class WeightedGap:
             law: p for gaps and values of λ_h.
             of_sides: λ of the sides of owned nodes, (nodes, block).
             blocks: The matrices.
-
-        Returns:
-            Whether it is symmetric but for the scale.
         """
         assert self.following is not None and self.cut is not None
         allowance = self.state.allowance
@@ -588,7 +503,7 @@ class WeightedGap:
             return self._share * law(gap - values(allowance), values(of_sides))
 
         scale, force = self.state.scale, self._share * pressure
-        return self.following.add_curvature_of_points(self.cut, force, elsewhere, blocks, scale)
+        self.following.add_curvature_of_points(self.cut, force, elsewhere, blocks, scale)
 
     def moving_functions(
         self,
@@ -615,14 +530,14 @@ class WeightedGap:
         return self.following.moving_functions(self.cut, of_sides, self._share * rest, at_rim)
 
     def fits_pattern(self) -> bool:
-        """Whether the tangent has room for the last evaluation, on this rank."""
+        """Whether the blocks of the tangent have room for the last evaluation."""
         return self.following is None or self.cut is None or self.following.fits(self.cut)
 
     def allow(self, allowance: Array) -> None:
-        """Set the gaps (length) of the rows that count as none."""
-        more = self._counted(self.state.allowance - allowance)
-        self.state.values = self.state.values + more[:, None]
+        """Set the gaps (length) of the rows that count as none; see ``GapState``. Collective."""
+        before = self.allowance
         self.state.allowance = allowance
+        self.state.values = self.state.values + (before - self.allowance)[:, None]
 
     def change(self, field: Affine) -> Array:
         """How ḡ changes when a rigid tool is displaced by this field. Collective."""

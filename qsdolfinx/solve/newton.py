@@ -35,9 +35,6 @@ SLOWER = 2.0
 TEST = "snes_convergence_test"
 OF_USERS_SNES = "snes_type", "snes_linesearch_", TEST
 
-#: Times that the tangent may outgrow its pattern in a run.
-MAX_GROWTHS = 20
-
 
 @dataclasses.dataclass
 class Record:
@@ -107,7 +104,6 @@ class Context:
             is not balanced. None before the first.
         until: Norm of the residual at which a linear solve is exact enough.
         fall: Part of its residual that the last iteration of the solve has left.
-        outgrown: Whether the run has ended since the tangent has no room for where contact is.
         is_running: Whether SNES solves; others who ask for a tangent want that of where they are.
         unseen: Why the residual could not be evaluated somewhere; empty if it always could.
         failure: What a callback has raised: PETSc would make an error of its own of it.
@@ -125,7 +121,6 @@ class Context:
     until: float = 0.0
     fall: float = np.inf
     is_running: bool = False
-    outgrown: bool = False
     unseen: str = ""
     failure: BaseException | None = None
     active: list[int] | None = None
@@ -251,9 +246,6 @@ def _has_converged(
         return int(reasons.CONVERGED_FNORM_RELATIVE)
     if norm <= absolute:
         return int(reasons.CONVERGED_FNORM_ABS)
-    if context.is_running and not context.system.fits_pattern():
-        context.outgrown = True
-        return int(reasons.DIVERGED_FUNCTION_COUNT)  # it goes on with other matrices
     return 0
 
 
@@ -397,12 +389,6 @@ class Newton:
             ConvergenceError: If that fails.
         """
         self._run()
-        for _ in range(MAX_GROWTHS):
-            if not self._context.outgrown:
-                break
-            self.system.make_stale()
-            self.update_matrices()
-            self._run()
         if self._reason <= 0:
             self.fail(self._reason)
         self.system.residual(self.system.x.array_r)  # a line search may have ended elsewhere
@@ -509,7 +495,6 @@ class Newton:
     def _call_snes(self) -> None:
         """Let SNES solve; what a callback raises is raised as it is."""
         self._context.norms, self._context.is_running = [], True
-        self._context.outgrown = False
         try:
             self.snes.solve(None, self.system.x)
         except PETSc.Error as error:

@@ -65,7 +65,7 @@ class _Way:
             jump: Change of the jump in the step until then (length).
         """
         self._to_gap, self._to_jump = gap, jump
-        if self.p.gap.following is not None and self.p.gap.rows.are_points:
+        if self.p.gap.following is not None:
             # Further on it slides to what has been in contact with others, for all of the step.
             near = np.linalg.norm(jump, axis=1) < NEAR * self.p.gap.slave.facet_size_range[1]
             self.open, self._began_open = self.open & near, self._began_open & near

@@ -405,8 +405,6 @@ class ContactProblem:
         self.system.check_alive()
         self._claim_contacts()
         with interrupt.heeded(self.comm):
-            if not self.system.is_stale and not self.system.fits_pattern():
-                self.system.make_stale()
             self._set_up()
 
     def _set_up(self) -> None:

@@ -85,7 +85,7 @@ def _turn(comm: MPI.Intracomm, before: object, now: object) -> float:
 
 def _slip(model: ContactModel, start: Placement) -> float:
     """The largest slip of closed nodes, or points that follow the bodies, in facets. Collective."""
-    if model.gaps[0].cut is not None and model.gaps[0].rows.are_points:
+    if model.gaps[0].cut is not None:
         return _slip_at_points(model, start)
     gap, slave, gdim = model.gaps[0], model.slave, model.slave.gdim
     closed = gap.rows.largest_on_nodes(active_set.closed(model, gap).astype(np.float64)) > 0

@@ -230,10 +230,8 @@ class Derivative:
                 continue
             s, m = p.bodies
             assert s is not None
-            if isinstance(p.rows.condensed, PointConstraints):
-                p.rows.condensed.add_curvature(e.normal, given(s, m))
-            else:
-                p.gap.add_curvature(e.pressure, given(s, m))
+            assert isinstance(p.rows.condensed, PointConstraints)
+            p.rows.condensed.add_curvature(e.normal, given(s, m))
             if p.slip is not None and e.tangential is not None:
                 friction, of_sides = p.rows.condensed_friction, None
                 is_near = p.rows.condensed is not None and not p.rows.condensed.far
@@ -472,9 +470,6 @@ class Derivative:
         """What each component of the tangential force works on, over the weight. Collective."""
         assert p.slip is not None
         gdim = p.gap.slave.gdim
-        operators = p.gap.slip_operators()
-        if operators:
-            return [self._entries(operator, p, 0, False) for operator in operators]
         J = self._entries(p.slip.operator, p, 0, False)
         out = []
         for k in range(gdim):

@@ -344,9 +344,6 @@ class Equations:
         if p.slip is None or at.tangential is None:
             return
         tangential = at.tangential.traction
-        if p.gap.following is not None and not p.gap.rows.are_points:
-            p.gap.add_slip_forces(tangential, vecs)
-            return
         handles = [0 if vec is None else vec.handle for vec in vecs]
         force = np.ascontiguousarray(p.slip.weight[:, None] * tangential)
         p.slip.works.add_transpose(force, *handles)

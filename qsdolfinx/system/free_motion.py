@@ -86,7 +86,7 @@ class Hold:
         if count == 0:
             return self._motions
         passes = [(c, p) for c in self._contacts for p in c.gaps]
-        if any(p.following is not None and p.rows.are_points for _, p in passes):
+        if any(p.following is not None for _, p in passes):
             self._changes = self._found()  # points are others at each evaluation
         if closed is None:
             closed = [active_set.closed(contact, p) for contact, p in passes]

@@ -147,8 +147,8 @@ class FrictionRows:
         """What the law of friction is told."""
         slip, state, dt = self.slip, self.slip.state, self.model.kinematics.dt
         assert self.model.friction is not None
-        start = slip.turned(state.augmented) if slip.gap.following else state.augmented
-        elastic = (self._c * self.scales.compliance)[:, None] * (multiplier - start)
+        change = multiplier - state.augmented
+        elastic = (self._c * self.scales.compliance)[:, None] * change
         return Rows(
             slip.values,
             slip.tangential(multiplier - elastic),

@@ -169,22 +169,14 @@ def run(numbers, units=False, report=None, verbose=False, draw=random_scene):
     return counts
 
 
-def following(draw, constraints=None):
-    """The same scenes or histories with contact that follows the bodies.
-
-    Args:
-        draw: Draws them.
-        constraints: As of the contact, where it may have them; None for the default.
-    """
+def following(draw):
+    """The same scenes or histories with contact that follows the bodies."""
 
     def drawn(number, units):
         scene = draw(number, units)
         left_out = ("constraints", "normals", "quadrature", "quadrature_degree", "smoothing")
         options = {k: v for k, v in scene.options.items() if k not in left_out}
         options |= {"quadrature": "overlay", "sliding": "finite"}
-        ignores = options.get("initial_overclosure") == "ignore"
-        if constraints is not None and not (scene.tied or ignores):
-            options["constraints"] = constraints
         if options.get("search_radius") == "local":
             del options["search_radius"]
         return dataclasses.replace(scene, options=options)
@@ -206,7 +198,6 @@ def main():
     parser.add_argument("--histories", type=numbers_of, help="the same, of time steps")
     parser.add_argument("--units", action="store_true", help="odd units of force and length")
     parser.add_argument("--finite", action="store_true", help="contact that follows the bodies")
-    parser.add_argument("--constraints", choices=("nodes", "points"), help="with --finite")
     parser.add_argument("--verbose", action="store_true", help="those without faults as well")
     args = parser.parse_args()
     start = time.perf_counter()
@@ -214,7 +205,7 @@ def main():
     if args.histories is not None:
         numbers, draw, what = args.histories, random_history, "histories"
     if args.finite:
-        draw = following(draw, args.constraints)
+        draw = following(draw)
     counts = run(numbers, args.units, lambda text: print(text, flush=True), args.verbose, draw)
     seconds = time.perf_counter() - start
     if COMM.rank == 0:

@@ -343,6 +343,11 @@ CASES = {
             s.pair.slave, s.pair.master, quadrature="nodal", constraints="points"
         )
     ),
+    'constraints: sliding: "finite" asks the law at points': (
+        lambda s, folder: qs.Contact(
+            s.pair.slave, s.pair.master, sliding="finite", constraints="nodes"
+        )
+    ),
     'constraints: tied contact is over-constrained at "points"; use "nodes"': (
         lambda s, folder: qs.Contact(
             s.pair.slave, s.pair.master, law=qs.Tied(), quadrature="overlay", constraints="points"

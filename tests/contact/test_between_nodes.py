@@ -119,10 +119,13 @@ def test_time_steps_warn_as_well():
     assert sum(found) == 1 and found[0] == 0
 
 
-@pytest.mark.parametrize("options", ({}, {"sliding": "finite", "constraints": "nodes"}))
+@pytest.mark.parametrize("options", ({"constraints": "nodes"}, {"sliding": "finite"}))
 @pytest.mark.parametrize("tool", ("ball", "needle"))
 def test_round_and_graded(tool, options):
-    """Facets far away are no measure: a ball rests on larger ones; a needle is sharp for these."""
+    """Facets far away are no measure: a ball rests on larger ones; a needle is sharp for these.
+
+    Points hold it out.
+    """
     msh = box(WORLD, (16, 4), "triangle", [-1.0, -0.5], [1.0, 0.0], "scattered")
     x = msh.geometry.x
     x[:, 0] = np.where(x[:, 0] > 0.3, 0.3 + (x[:, 0] - 0.3) ** 3 / 0.49, x[:, 0])
@@ -139,5 +142,5 @@ def test_round_and_graded(tool, options):
         warnings.simplefilter("always")
         problem.solve()
     texts = [str(w.message) for w in found if "goes in between nodes" in str(w.message)]
-    assert len(texts) == (tool == "needle"), texts
+    assert len(texts) == (tool == "needle" and "constraints" in options), texts
     assert not texts or "of the slave's facet there" in texts[0]

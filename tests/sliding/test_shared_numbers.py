@@ -52,39 +52,33 @@ class Pass:
             *self.moving, *self.still, self.both, _cpp.SearchRadius(10.0),
             *overlay_rules(self.gdim, 4)
         )  # fmt: skip
-        rows = _cpp.PieceRows(self.still[0], self.pieces)
-        self.operator = _cpp.GapOperator(*self.still, rows, self.node_area, jump=False)
-        gap = np.asarray(rows.gap(len(self.node_area)))
-        self.multiplier = gap / self.node_area
-        self.energy = gap @ self.multiplier / 2
+        none, alone = np.zeros(0), np.zeros(0, dtype=np.int64)
+        operator = _cpp.GapOperator(
+            *self.still, points_of=self.pieces, alone=alone, weight=none, far=1.0
+        )
         self.sizes = [len(x) * self.gdim for x in places]
         vecs = [PETSc.Vec().createSeq(n) for n in self.sizes]
-        self.operator.add_transpose(gap[:, None].copy(), *(v.handle for v in vecs))
+        weight, at_nodes = np.asarray(operator.row_area), vecs[0].duplicate()
+        operator.add_to_nodes(-weight * np.asarray(operator.initial_gap), at_nodes.handle)
+        gap = at_nodes.array.reshape(-1, self.gdim).sum(axis=1)  # of all sides of a node
+        multiplier = gap / self.node_area
+        self.energy = gap @ multiplier / 2
+        at_nodes.array[:] = np.repeat(multiplier, self.gdim)
+        force = weight * np.asarray(operator.at_points(at_nodes.handle))
+        operator.add_transpose(force[:, None].copy(), *(v.handle for v in vecs))
+        free = [PETSc.Vec().createSeq(n) for n in self.sizes]
+        rest = np.zeros(len(weight)), np.zeros(len(self.pieces.rim_gaps()))
+        functions = _cpp.FunctionsOfPieces(
+            self.pieces, at_nodes.handle, *rest, [v.handle for v in free]
+        )
+        moving = _cpp.GapOperator(
+            *self.still, points_of=self.pieces, functions=functions, weight=none
+        )
+        work = -weight * np.asarray(operator.initial_gap)
+        moving.add_transpose(work[:, None].copy(), *(v.handle for v in vecs))
         self.forces = np.concatenate([v.array for v in vecs]).reshape(-1, self.gdim)
         self.places = np.concatenate(places)[:, : self.gdim]
         return self
-
-    def hessian(self):
-        mats = [
-            PETSc.Mat().createDense((a, b), comm=MPI.COMM_SELF)
-            for a in self.sizes
-            for b in self.sizes
-        ]
-        for mat in mats:
-            mat.setUp()
-        handles = [mat.handle for mat in mats]
-        _cpp.insert_contact(self.operator, self.node_area, handles, (1.0, 1.0), False)
-        multiplier = PETSc.Vec().createSeq(self.sizes[0])
-        multiplier.array[:: self.gdim] = self.multiplier
-        none = [PETSc.Vec().createSeq(n) for n in self.sizes]
-        _cpp.insert_curvature(
-            self.still[1], self.pieces, 0, multiplier.handle, 0, [v.handle for v in none], handles,
-            (1.0, 1.0)
-        )  # fmt: skip
-        for mat in mats:
-            mat.assemble()
-        ss, sm, ms, mm = (mat.getDenseArray() for mat in mats)
-        return np.block([[ss, sm], [ms, mm]])
 
     def balance(self):
         """Net force and net moment, largest components."""
@@ -180,13 +174,11 @@ SHAFT = {
         2.483848408851e-3,
         6.743432602e-2,
         (-1.5179894070e-2, -1.9792135104e-3),
-        1.9238612160,  # through the clip
     ),
     False: (
         2.382747867461e-3,
         6.545743899e-2,
         (-1.4863658387e-2, -1.7761668267e-3),
-        1.8703793450,
     ),
 }
 
@@ -196,13 +188,10 @@ def test_shaft_in_a_hole(both):
     scene = shaft(both)
     x = turned(scene.sides[0].x, 0.1) + SHIFT
     scene.evaluate(x, scene.sides[1].x)
-    energy, force, first, norm = SHAFT[both]
-    hessian = scene.hessian()
+    energy, force, first = SHAFT[both]
     assert near(scene.energy, energy, 12)
     assert near(np.linalg.norm(scene.forces), force, 9)
     assert near(scene.forces[0], first, 9)
-    assert near(np.linalg.norm(hessian), norm, 10)
-    assert np.abs(hessian - hessian.T).max() < 1e-14
     assert max(scene.balance()) < 1e-14
 
 

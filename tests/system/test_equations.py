@@ -248,13 +248,12 @@ def test_derivative_of_the_users_own(options, law):
     assert errors(equations, *away(equations)) < 1e-7
 
 
-@pytest.mark.parametrize(
-    "options", (SOFT | NODES, SOFT_POINTS, SOFT | NODES | {"sliding": "finite"})
-)
+@pytest.mark.parametrize("options", (SOFT | NODES, SOFT_POINTS, SOFT | {"sliding": "finite"}))
 def test_laws_of_the_users_own(options):
     """Forces are those of a law that is the same."""
     forces = []
-    for law, penalty in ((Softened(), 8.0), (qs.Unilateral(), 4.0)):
+    soft = 0.25 if "sliding" in options else 1.0  # at points stiffer ones have multipliers, too
+    for law, penalty in ((Softened(), 8.0 * soft), (qs.Unilateral(), 4.0 * soft)):
         pair = Pair("triangle", law=law, penalty=penalty, contact_options=options, wave=0.02)
         pair.problem(solver="direct").solve()
         forces.append(pair.contact.force("slave"))
