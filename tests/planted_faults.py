@@ -121,7 +121,7 @@ FAULTS = [
         "cpp/sliding/ray.cpp",
         "alpha == 0 ? Vec2{h11, h12} : Vec2{h12, h22}",
         "alpha == 0 ? Vec2{h11, h22} : Vec2{h22, h12}",
-        "finite sliding: tangent of friction on facets that are not flat, two derivatives exchanged",
+        "finite sliding: tangent of friction on curved facets, two derivatives exchanged",
         ("tests/sliding/test_ray.py::test_slip_hessian",),
     ),
     Fault(

@@ -26,9 +26,9 @@ Places = tuple[Array, Array]
 Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 
 #: Part of a node's area that its multiplier stands for at least, beside what is covered of it: it
-#: is 0 where nothing is opposite. Neighbours of what is hardly covered have that, too, as little as
-#: does not matter: ``tests/sliding/test_small_limit.py``, "swapped" (1e-2: 1.5 % of displacements).
-LEAST_COVER = 1e-6
+#: is 0 where nothing is opposite. And the same where neighbours carry it, whom it would draw down:
+#: ``tests/sliding/test_small_limit.py``, "swapped" (1.5 % of displacements with the former).
+LEAST_COVER, LEAST_CARRIED = 0.01, 1e-8
 
 #: Turns by more (radians) are not told from those the other way round; as in cpp/sliding/ray.cpp.
 MOST_TURNED = 2.6
@@ -245,6 +245,7 @@ class Cut:
         found: What is opposite to what.
         operator: Derivative of the gaps; its ``initial_gap`` is −g.
         alone: The last of the points.
+        carried: See :attr:`Following.carried`.
     """
 
     places: Places
@@ -252,6 +253,7 @@ class Cut:
     found: Found
     operator: _cpp.GapOperator
     alone: Alone
+    carried: Flags | None
 
     @property
     def covered(self) -> Flags:
@@ -292,6 +294,8 @@ class Following:
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
         self._slip: tuple[Cut, Places, SlipAtPoints] | None = None
         self._marked: Vecs | None = None
+        #: Sides of owned nodes whose multipliers neighbours carry, (nodes, block); None for none.
+        self.carried: Flags | None = None
         #: What the blocks of the tangent have room for; None before there are any.
         self._pattern_of: Cut | None = None
 
@@ -352,6 +356,7 @@ class Following:
         last, comm = self._last, self._slave.comm
         there = last is not None and _equal(last.places, places)
         same = there and last is not None and last.measure is measure
+        same = same and last is not None and last.carried is self.carried
         agreed = np.array([there, same], dtype=bool)
         comm.Allreduce(MPI.IN_PLACE, agreed, op=MPI.LAND)
         there, same = map(bool, agreed)
@@ -374,13 +379,18 @@ class Following:
         alone = self._alone(found, measure)
         operator = self._cutter.operator_at_points(found, alone)
         self._constrain(operator)
-        self._last = Cut(places, measure, found, operator, alone)
+        self._last = Cut(places, measure, found, operator, alone, self.carried)
         return self._last
 
     def _alone(self, found: Found, measure: Measure) -> Alone:
         """What keeps multipliers regular where next to nothing is opposite. Collective."""
         slave, sides = self._slave, self._sides_of_nodes
-        missing = LEAST_COVER * sides * measure.node_area[:, None] - found.cover
+        least = (
+            LEAST_COVER
+            if self.carried is None
+            else np.where(self.carried, LEAST_CARRIED, LEAST_COVER)
+        )
+        missing = least * sides * measure.node_area[:, None] - found.cover
         some = missing > 0
         return Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
 

@@ -102,6 +102,10 @@ class OneNewton:
             if iteration == self.max_it:
                 break
             is_first = iteration == 0
+            if begins and iteration == 1:
+                sticking = self._sticking(at)
+                if sticking is not None:
+                    at, is_first = self.equations.evaluate(z, sticking=sticking), True
             change = self._change(at) if change is None else change
             z, at, step = self._search(z, at, change, is_first)
             if is_guess and iteration == 0 and step < POOR:
@@ -112,6 +116,42 @@ class OneNewton:
         last = self._balance.history[-1]
         reason = NOT_CLOSED if self._balance.lacks_closure else LATE
         raise NoConvergence(f"no convergence in {self.max_it} iterations: {last}", reason)
+
+    def _sticking(self, at: State) -> list[bool] | None:
+        """Passes that go on sticking, since bodies would have nothing to hold them; None for none.
+
+        What all sticks in the first iteration may be far beyond friction on all sides of a body
+        that nothing else holds, and if all of it slipped, the body would go anywhere. Of its
+        contacts the one slips that is beyond its friction by most. Collective.
+
+        Args:
+            at: The evaluation after the first iteration.
+        """
+        equations, count = self.equations, len(self.equations.system.contacts)
+        number = {id(c): i for i, c in enumerate(equations.system.contacts)}
+        sums, sticks = np.zeros((count, 2)), np.zeros(count)
+        for p, e in zip(equations.passes, at.passes, strict=True):
+            if p.slip is None or e.tangential is None:
+                continue
+            i, told, found = number[id(p.model)], e.tangential.told, e.tangential.response
+            trial = told.traction + told.penalty[:, None] * told.slip
+            for k, stress in enumerate((trial, found.traction)):
+                size = np.linalg.norm(stress, axis=1) * e.active
+                sums[i, k] += p.slip.weight @ size
+            sticks[i] += np.count_nonzero(e.active & ~found.slipping)
+        equations.system.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        equations.system.comm.Allreduce(MPI.IN_PLACE, sticks, op=MPI.SUM)
+        slide = (sticks == 0) & (sums[:, 1] > 0)
+        beyond = sums[:, 0] / np.maximum(sums[:, 1], 1e-300)
+        kept = set[int]()
+        for body in equations.system.free_bodies:
+            own = [i for i, sides in enumerate(equations.system.sides) if body in sides]
+            own = [i for i in own if equations.system.contacts[i].friction is not None]
+            if len(own) > 1 and all(slide[i] for i in own):
+                kept.add(min(own, key=lambda i: float(beyond[i])))
+        if not kept:
+            return None
+        return [number[id(p.model)] in kept for p in equations.passes]
 
     def _is_solution(self, z: Array) -> bool:
         """Whether z is one already: the first iteration would add closed points, or let some stick.

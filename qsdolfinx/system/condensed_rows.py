@@ -178,6 +178,8 @@ class PointConstraints(CondensedRows):
         self.extension: Extension | None
         self.free: Flags
         self.extension, self.free = self._found()
+        if gap.following is not None:
+            gap.following.carried = None if self.extension is None else self.extension.filled
 
     def _found(self) -> tuple[Extension | None, Flags]:
         """What carries multipliers at the points of the last evaluation. Collective."""

@@ -166,6 +166,7 @@ class ConstraintRows:
         first: bool = False,
         opened: Flags | None = None,
         again: bool = False,
+        sticks: bool = False,
     ) -> Evaluated:
         """The constraints where gap and slip were evaluated last. Collective.
 
@@ -175,11 +176,12 @@ class ConstraintRows:
                 it slipped when the step began.
             opened: Rows that count as open; none by default.
             again: Whether the step has been solved before, so that what has τ is what it seems.
+            sticks: Whether all that is closed sticks.
         """
         normal = self.normal.evaluate(at.normal, first, opened)
         if self.friction is None or at.tangential is None:
             return Evaluated(normal, None)
-        tangential = self.friction.evaluate(at.tangential, normal, first, again, opened)
+        tangential = self.friction.evaluate(at.tangential, normal, first, again, opened, sticks)
         return Evaluated(normal, tangential)
 
     def residual(self, at: Evaluated) -> Array:

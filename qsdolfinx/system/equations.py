@@ -279,6 +279,7 @@ class Equations:
         first: bool = False,
         opened: typing.Sequence[Flags] | None = None,
         again: bool = False,
+        sticking: typing.Sequence[bool] | None = None,
     ) -> State:
         """Everything that residual and tangent need at z. Collective.
 
@@ -287,9 +288,11 @@ class Equations:
             first: As for ``ConstraintRows.evaluate``.
             opened: Rows of each pass that count as open; none by default.
             again: As for ``ConstraintRows.evaluate``.
+            sticking: Whether all that is closed of a pass sticks; of none by default.
         """
-        first = first or opened is not None
-        if not first and self._is_at(z):
+        first, usual = first or opened is not None, sticking is None
+        sticks = [False] * len(self.passes) if sticking is None else sticking
+        if not first and usual and self._is_at(z):
             assert self._at is not None
             return self._at
         system, multipliers = self.system, self.multipliers(z)
@@ -299,7 +302,7 @@ class Equations:
         system.evaluate_contacts()
         both = list(zip(self.passes, multipliers, strict=True))
         passes = [
-            p.rows.evaluate(values, first, None if opened is None else opened[i], again)
+            p.rows.evaluate(values, first, None if opened is None else opened[i], again, sticks[i])
             for i, (p, values) in enumerate(both)
         ]
         for body in system.bodies:
@@ -317,7 +320,7 @@ class Equations:
         pairs = zip(self.passes, passes, strict=True)
         constraints = np.concatenate([np.zeros(0), *(p.rows.residual(e) for p, e in pairs)])
         at = State(z.copy(), np.concatenate(bulk), forces, passes, constraints, tools)
-        self._at = None if first else at
+        self._at = at if usual and not first else None
         return at
 
     def _tell_conductances(self, multipliers: typing.Sequence[Multipliers]) -> None:

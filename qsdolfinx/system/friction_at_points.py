@@ -152,7 +152,13 @@ class PointFriction:
         return np.asarray(known.reshape(self.free.shape)[self.free][:, None])
 
     def evaluate(
-        self, multiplier: Array, normal: Normal, first: bool, again: bool, opened: Flags | None
+        self,
+        multiplier: Array,
+        normal: Normal,
+        first: bool,
+        again: bool,
+        opened: Flags | None,
+        sticks: bool = False,
     ) -> Tangential:
         """The points where slip was evaluated last. Collective.
 
@@ -163,6 +169,7 @@ class PointFriction:
                 on.
             again: Whether the step has been solved before, so that what has τ is what it seems.
             opened: Points that count as open, which ``normal`` knows.
+            sticks: Whether all that is closed sticks.
         """
         slip = self.slip
         known = slip.known(self.elastic, self.seen(multiplier))
@@ -172,6 +179,8 @@ class PointFriction:
             unlimited = normal.active & ~slipped & ~self._has_moved(told)
             goes_on = None if again else self._going_on(slipped, normal.active)
             told = told._replace(unlimited=unlimited, goes_on=goes_on)
+        if sticks:
+            told = told._replace(unlimited=normal.active.copy())
         with collective_errors(self.model.comm):  # a law may be the user's
             response = slip.respond(told, not all(self.model.kinematics.in_displacement))
         response = slip.with_bound(response, told)

@@ -104,7 +104,13 @@ class FrictionRows:
         return self.slip.turned(self.slip.state.augmented)
 
     def evaluate(
-        self, multiplier: Array, normal: Normal, first: bool, again: bool, opened: Flags | None
+        self,
+        multiplier: Array,
+        normal: Normal,
+        first: bool,
+        again: bool,
+        opened: Flags | None,
+        sticks: bool = False,
     ) -> Tangential:
         """The rows where slip was evaluated last. Collective.
 
@@ -114,6 +120,7 @@ class FrictionRows:
             first: Whether what is closed sticks, but where it slipped when the step began.
             again: Whether the step has been solved before, so that what has τ is what it seems.
             opened: Rows of λ that count as open.
+            sticks: Whether all that is closed sticks.
         """
         slip = self.slip
         active = normal.active
@@ -122,6 +129,8 @@ class FrictionRows:
         if first:
             slipped = np.any(multiplier, axis=1) & (again | slip.has_slipped)
             told = told._replace(unlimited=active & ~slipped)
+        if sticks:
+            told = told._replace(unlimited=active.copy())
         if self._fills:
             told = told._replace(closed=np.ones_like(active))
         with collective_errors(self.model.comm):  # a law may be the user's

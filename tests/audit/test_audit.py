@@ -32,16 +32,15 @@ def test_friction_that_jumps_at_points():
     check([24, 39, 63, 77, 83, 414], draw=random_history)
 
 
-@pytest.mark.parametrize("constraints", ("nodes", "points"))
-def test_some_that_follow(constraints):
+def test_some_that_follow():
     """With contact that follows the bodies."""
-    numbers = range(100 * (SIZE - 1), 100 * (SIZE - 1) + SCENES // 2)
-    check(numbers, draw=following(random_scene, constraints))
+    numbers = range(100 * (SIZE - 1), 100 * (SIZE - 1) + SCENES)
+    check(numbers, draw=following(random_scene))
 
 
 def test_histories_that_follow():
     """What points have beyond nodes goes through a checkpoint."""
-    check([20, 39], draw=following(random_history, "points"))
+    check([20, 39], draw=following(random_history))
 
 
 @pytest.mark.long

@@ -125,3 +125,39 @@ def test_derivative_at_ends():
         scene.draw(0.3)
         of_forces, of_constraints = errors(scene)
     assert of_forces < 1e-3 and of_constraints < 1e-6  # 0.08, 2e-3 without what rims add
+
+
+@pytest.mark.parametrize("gdim, cell", [(2, "quadrilateral"), (3, "hexahedron")])
+def test_stack(gdim, cell):
+    """A pad between a rough pier and a slippery plate, which is drawn: that one alone slips.
+
+    At first all sticks, and is far beyond friction on both sides.
+    """
+    levels, moduli = (-100.0, 0.0, 20.0, 60.0), (3e4, 5e2, 2.1e5)
+    forms, unknowns, conditions, faces = [], [], [], []
+    for n, low, high, E in zip((4, 5, 3), levels, levels[1:], moduli, strict=False):
+        corners = ([x] * (gdim - 1) + [z] for x, z in ((0.0, low), (200.0, high)))
+        msh = box(WORLD, [n] * (gdim - 1) + [1], cell, *corners)
+        V = vector_space(msh)
+        unknowns.append(fem.Function(V))
+        forms.append(elastic(unknowns[-1], E=E, nu=0.0))
+        ends = [plane(msh, gdim - 1, z) for z in (low, high)]
+        moved = fem.Constant(msh, np.zeros(gdim))
+        held = {-100.0: ends[:1], 20.0: ends[1:]}.get(low, [])
+        dofs = [fem.locate_dofs_topological(V, gdim - 1, facets) for facets in held]
+        conditions.append([fem.dirichletbc(moved, of_end, V) for of_end in dofs])
+        faces.append([qs.Surface(V, facets=facets) for facets in ends])
+    pier, pad, plate = faces
+    contacts = [
+        qs.Contact(side, master, friction=qs.Coulomb(mu), sliding="finite")
+        for side, master, mu in ((pad[0], pier[1], 0.4), (pad[1], plate[0], 0.05))
+    ]
+    problem = qs.ContactProblem(forms, unknowns, contacts, conditions)
+    moved.value[-1] = -0.2
+    problem.solve()
+    moved.value[0] = 2.0
+    problem.solve()
+    assert problem.num_iterations <= 8  # 15, 20 if all slips in the second iteration
+    forces = [contact.force("slave") for contact in contacts]
+    assert largest(forces[0] + forces[1]) < 1e-8 * largest(forces[0])
+    assert abs(abs(forces[1][0] / forces[1][-1]) - 0.05) < 1e-5
