@@ -66,7 +66,7 @@ class Parameters:
         if self.mu <= 0:
             raise ValueError("--mu: must be positive")
         if (self.sliding, self.constraints) == ("finite", "nodes"):
-            warnings.warn("--constraints: finite sliding has them at points", stacklevel=2)
+            warnings.warn("--constraints: finite sliding has points", stacklevel=2)
             self.constraints = "points"
         self.plan()
 
@@ -76,9 +76,8 @@ class Parameters:
         plateau = sliding * self.facets // (self.facets + RUN_IN)
         if self.sliding == "finite":  # steps may be of several facets
             plateau = min(max(plateau, 2), sliding - 1)
-        else:
-            while math.gcd(plateau, self.facets) > 1:
-                plateau -= 1
+        while self.sliding == "small" and math.gcd(plateau, self.facets) > 1:
+            plateau -= 1
         if plateau < (2 * self.facets if self.sliding == "small" else 2):
             raise ValueError(f"steps: {self.steps} are less than two per facet of the slide")
         return sliding - plateau, plateau
@@ -117,10 +116,7 @@ def on_plateau(p, rows):
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Iron; returns what --json writes, the rows of all steps, and what build() does.
-
-    ``on_step(row, scene)`` is called after each step.
-    """
+    """Iron, calling ``on_step(row, scene)`` after each step; returns (JSON, all rows, scene)."""
     scene = *_, stepper = build(comm, p)
     record = Record(comm, p, scene)
     for end in np.cumsum([PRESSING, *p.plan()]):

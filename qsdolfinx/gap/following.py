@@ -27,7 +27,8 @@ Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 
 #: Part of a node's area that its multiplier stands for at least, beside what is covered of it: it
 #: is 0 where nothing is opposite. And the same where neighbours carry it, whom it would draw down:
-#: ``tests/sliding/test_small_limit.py``, "swapped" (1.5 % of displacements with the former).
+#: ``tests/sliding/test_small_limit.py``, "swapped" (1.5 % of displacements with the former). Not of
+#: vertices, of which single ones slide from neighbour to neighbour: ``test_tip_that_slides``.
 LEAST_COVER, LEAST_CARRIED = 0.01, 1e-8
 
 #: Turns by more (radians) are not told from those the other way round; as in cpp/sliding/ray.cpp.
@@ -385,11 +386,9 @@ class Following:
     def _alone(self, found: Found, measure: Measure) -> Alone:
         """What keeps multipliers regular where next to nothing is opposite. Collective."""
         slave, sides = self._slave, self._sides_of_nodes
-        least = (
-            LEAST_COVER
-            if self.carried is None
-            else np.where(self.carried, LEAST_CARRIED, LEAST_COVER)
-        )
+        least: Array | float = LEAST_COVER
+        if self.carried is not None and measure.vertices is None:
+            least = np.where(self.carried, LEAST_CARRIED, LEAST_COVER)
         missing = least * sides * measure.node_area[:, None] - found.cover
         some = missing > 0
         return Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
