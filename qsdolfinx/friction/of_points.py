@@ -7,6 +7,13 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
+#: Places, functions of the vertices of facets: how far they spread at least for a slope to be
+#: known, and how far beyond those known, over these, it holds.
+LEAST_SPREAD, FARTHER = 0.01, 1.5
+
+#: How far places are apart that are the same.
+SAME_PLACE = 1e-9
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
@@ -61,11 +68,51 @@ def carried_to(old: OfPoints, keys: Indices, place: Array, normal: Array) -> Arr
 
 
 def carried_with(old: OfPoints, keys: Indices, place: Array, turns: Array) -> Array:
-    """The same with vectors that turn by given matrices, (points, gdim, gdim)."""
-    at = closest(old.keys, old.place, keys, place)
-    found, out = at >= 0, np.zeros(turns.shape[:2])
-    out[found] = np.einsum("pij,pj->pi", turns[found], old.rest[at[found]])
-    return out
+    """What points between the same facets had, as a smooth function of the place.
+
+    It is the affine function of the place that is closest to what they had, and 0 where there were
+    none. What the closest point had would jump as points move, and residuals with it:
+    ``tests/sliding/test_walls.py``.
+
+    Args:
+        old: Of the points before.
+        keys: Of the points now, as those of the old ones.
+        place: Likewise.
+        turns: Matrices that vectors turn by, (points, gdim, gdim).
+    """
+    count, out = len(old.keys), np.zeros(turns.shape[:2])
+    _, group = np.unique(np.concatenate([old.keys, keys]), axis=0, return_inverse=True)
+    group = group.ravel()
+    order = [np.argsort(part, kind="stable") for part in (group[:count], group[count:])]
+    ends = np.arange(group.max(initial=-1) + 2)
+    before, now = (
+        np.split(ids, np.searchsorted(part[ids], ends[1:-1]))
+        for ids, part in zip(order, (group[:count], group[count:]), strict=True)
+    )
+    for i, j in zip(before, now, strict=True):
+        if len(i) and len(j):
+            out[j] = _at(old.place[i], old.rest[i], place[j])
+    return np.asarray(np.einsum("pij,pj->pi", turns, out))
+
+
+def _at(known: Array, values: Array, place: Array) -> Array:
+    """The affine function of the place that is closest to these values, (points, gdim)."""
+    center, mean = known.mean(axis=0), values.mean(axis=0)
+    spread = known - center
+    U, s, V = np.linalg.svd(spread, full_matrices=False)
+    some = s > LEAST_SPREAD * np.sqrt(len(known))
+    slope = V[some].T @ ((U[:, some].T @ (values - mean)) / s[some, None])
+    reach = FARTHER * np.abs(spread).max(axis=0)
+    return np.asarray(mean + np.clip(place - center, -reach, reach) @ slope)
+
+
+def are_same(old: OfPoints, keys: Indices, place: Array) -> bool:
+    """Whether these are the points of before, in the same order."""
+    return (
+        old.keys.shape == keys.shape
+        and np.array_equal(old.keys, keys)
+        and bool(np.all(np.abs(old.place - place) <= SAME_PLACE))
+    )
 
 
 def closest(known: Indices, places: Array, keys: Indices, place: Array) -> Indices:

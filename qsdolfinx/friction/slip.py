@@ -17,7 +17,7 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
-from qsdolfinx.friction.of_points import OfPoints, SavedNormals, carried_with
+from qsdolfinx.friction.of_points import OfPoints, SavedNormals, are_same, carried_with
 from qsdolfinx.gap.following import MOST_TURNED, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
@@ -461,9 +461,7 @@ class Slip:
         zero, none = np.zeros_like(state.jump), np.zeros(len(state.jump))
         state.start, state.shift, state.rest = zero, zero, 0.0
         if state.of_points is not None:
-            state.rest = self.tangential(
-                carried_with(state.of_points, found.facets, found.place, self._turns())
-            )
+            state.rest = self.tangential(self._rest_at(found, state.of_points))
         state.on_edge = np.full_like(none, np.inf)
         state.pressed, state.slipped = none, none
         if state.of_nodes is not None:
@@ -474,6 +472,13 @@ class Slip:
                 self.parameters[name] = np.full_like(none, values)
             else:
                 self.parameters[name] = rows.from_nodes(values)
+
+    def _rest_at(self, found: SlipAtPoints, kept: OfPoints) -> Array:
+        """ρ of the points, all that they had where none has moved. Collective."""
+        turns, same = self._turns(), are_same(kept, found.facets, found.place)
+        if self.slave.comm.allreduce(same, op=MPI.LAND):
+            return np.asarray(np.einsum("pij,pj->pi", turns, kept.rest))
+        return carried_with(kept, found.facets, found.place, turns)
 
     def _closing_of(self, found: SlipAtPoints, rows: PointRows) -> tuple[Array, Array]:
         """``until_closed`` and ``share`` of the points of the last evaluation. Collective."""
