@@ -8,6 +8,7 @@ namespace
 {
 constexpr double inverse_tolerance = 1e-16; // what Newton's method leaves, part of a facet
 constexpr int inverse_max_iterations = 30;
+constexpr double line_tolerance = 1e-9;     // part of a side's length: what is on it
 constexpr double outside_tolerance = 1e-12; // part of a side's length
 constexpr double fold_tolerance = 1e-6;     // smallest Jacobian over the largest
 
@@ -34,15 +35,22 @@ bool is_beyond(const Polygon& p, const Vec2& a, const Vec2& b, const Vec2& q)
 
 bool is_interval(const Polygon& p) { return p.size() == 2; }
 
-/// Keep the part of `in` to the left of the line from a to b.
+/// Keep the part of `in` to the left of the line from a to b. What is next to it is on it: sides
+/// that coincide but for rounding would cross anywhere, and the points beside them go along.
 void clip_by_line(const Polygon& in, const Vec2& a, const Vec2& b, Polygon& out)
 {
   out.clear();
   const Vec2 t = b - a;
+  const double least = line_tolerance * (t[0] * t[0] + t[1] * t[1]);
+  const auto beside = [&](const Vec2& p)
+  {
+    const double c = cross(t, p - a);
+    return std::abs(c) <= least ? 0.0 : c;
+  };
   for (std::size_t i = 0; i < in.size(); ++i)
   {
     const Vec2 &p = in[i], &q = in[i + 1 < in.size() ? i + 1 : 0];
-    const double dp = cross(t, p - a), dq = cross(t, q - a);
+    const double dp = beside(p), dq = beside(q);
     if (dp >= 0)
       out.push_back(p);
     if ((dp > 0 && dq < 0) || (dp < 0 && dq > 0))

@@ -9,8 +9,9 @@
 namespace qsdolfinx
 {
 
-/// Parts of a facet that are smaller than this part of its area are left out of the overlay.
-inline constexpr double sliver_tolerance = 1e-14;
+/// Parts of a facet that are smaller than this part of its area are left out of the overlay: what
+/// sides that coincide, see `intersect`, leave of it.
+inline constexpr double sliver_tolerance = 4e-9;
 
 /// Quadrature on the pieces of the overlay.
 struct OverlayRules
