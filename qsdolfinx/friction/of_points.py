@@ -80,30 +80,32 @@ def carried_with(old: OfPoints, keys: Indices, place: Array, turns: Array) -> Ar
         place: Likewise.
         turns: Matrices that vectors turn by, (points, gdim, gdim).
     """
-    count, out = len(old.keys), np.zeros(turns.shape[:2])
+    count = len(old.keys)
+    if not count or not len(keys):
+        return np.zeros(turns.shape[:2])
     _, group = np.unique(np.concatenate([old.keys, keys]), axis=0, return_inverse=True)
-    group = group.ravel()
-    order = [np.argsort(part, kind="stable") for part in (group[:count], group[count:])]
-    ends = np.arange(group.max(initial=-1) + 2)
-    before, now = (
-        np.split(ids, np.searchsorted(part[ids], ends[1:-1]))
-        for ids, part in zip(order, (group[:count], group[count:]), strict=True)
-    )
-    for i, j in zip(before, now, strict=True):
-        if len(i) and len(j):
-            out[j] = _at(old.place[i], old.rest[i], place[j])
-    return np.asarray(np.einsum("pij,pj->pi", turns, out))
+    of_old, of_new = np.split(group.ravel(), [count])
 
+    def sums(values: Array) -> Array:
+        out = np.zeros((group.max() + 1, *values.shape[1:]))
+        np.add.at(out, of_old, values)
+        return out
 
-def _at(known: Array, values: Array, place: Array) -> Array:
-    """The affine function of the place that is closest to these values, (points, gdim)."""
-    center, mean = known.mean(axis=0), values.mean(axis=0)
-    spread = known - center
-    U, s, V = np.linalg.svd(spread, full_matrices=False)
-    some = s > LEAST_SPREAD * np.sqrt(len(known))
-    slope = V[some].T @ ((U[:, some].T @ (values - mean)) / s[some, None])
-    reach = FARTHER * np.abs(spread).max(axis=0)
-    return np.asarray(mean + np.clip(place - center, -reach, reach) @ slope)
+    number = sums(np.ones(count))
+    known = number[of_new] > 0
+    each = np.maximum(number, 1.0)[:, None]
+    center, mean = sums(old.place) / each, sums(old.rest) / each
+    spread = old.place - center[of_old]
+    reach = np.zeros_like(center)
+    np.maximum.at(reach, of_old, FARTHER * np.abs(spread))
+    size, axes = np.linalg.eigh(sums(spread[:, :, None] * spread[:, None]))
+    told = size > LEAST_SPREAD**2 * each  # in the other directions it is constant
+    inverse = np.divide(1.0, size, out=np.zeros_like(size), where=told)
+    right = sums(spread[:, :, None] * (old.rest - mean[of_old])[:, None])
+    slope = (axes * inverse[:, None]) @ (np.swapaxes(axes, 1, 2) @ right)
+    beyond = np.clip(place - center[of_new], -reach[of_new], reach[of_new])
+    values = mean[of_new] + np.einsum("pk,pki->pi", beyond, slope[of_new])
+    return np.asarray(np.einsum("pij,pj->pi", turns, np.where(known[:, None], values, 0.0)))
 
 
 def are_same(old: OfPoints, keys: Indices, place: Array) -> bool:
