@@ -167,9 +167,9 @@ class Contact:
             they slide or turn; facets are cut anew at each iteration. It needs the overlay, with
             normals of the facets. Areas are those at the start of the solve. By default small, and
             finite as soon as it is part of a problem where the form of one of its bodies is
-            nonlinear: but for bodies in velocities, tools that a moment drives, the nodal rule,
-            ``constraints="nodes"``, ``smoothing``, contacts that have been solved for already, and,
-            in 3D, creases among the facets that are named.
+            nonlinear, or of a :class:`qs.TimeStepper`: but for bodies in velocities, tools that a
+            moment drives, the nodal rule, ``constraints="nodes"``, ``smoothing``, contacts that
+            have been solved for already, and, in 3D, creases among the facets that are named.
         of: Of scalar fields, the contact of the bodies that they are fields of, on the same facets:
             the field has its pairs, so that nothing is searched twice, and a conductance its
             pressures, distances and friction. Where its master is a rigid tool that has a mesh of
@@ -395,7 +395,7 @@ class Contact:
     def sliding(self) -> str:
         """``"small"``, or ``"finite"``: contact's geometry follows the bodies.
 
-        If it was left open, a problem with nonlinear bodies makes it finite.
+        If it was left open, a problem with nonlinear bodies, or a time stepper, makes it finite.
         """
         return self.model.settings.sliding
 

@@ -28,6 +28,7 @@ from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
+from qsdolfinx.contact.chosen_sliding import let_follow
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.gap.following import NoGapError
@@ -92,6 +93,9 @@ class TimeStepper:
     logged (INFO) with its reason. A ``problem.solve()`` after a step starts there as well: contact
     pairs where the step has left bodies and tools.
 
+    Contacts whose ``sliding`` was left open follow the bodies (``"finite"``) from here on, where
+    they can; see :class:`qs.Contact`.
+
     Args:
         problem: The problem. A body in velocities is one whose contacts say so.
         dt: First Δt, time.
@@ -100,11 +104,12 @@ class TimeStepper:
             all, unless others wait for that rank in a collective call of its own.
         solve: Called instead of ``problem.solve``, with the step's number from 0 on.
         theta: Part of the step, from 0 to 1, after which bodies in velocities are solved for.
-        num_pairings: How often contact pairs in a step at least: at first where the last step's
-            rate leads to, then where the solution found so far does (bodies in velocities: after
-            the part theta of the step). It does so once more, up to three times, where nodes in
-            contact are elsewhere than they were paired by more than a twentieth of a facet (bodies
-            in velocities: a quarter), as in steps in which a tool starts, stops, or turns.
+        num_pairings: How often contact with small sliding pairs in a step at least: at first where
+            the last step's rate leads to, then where the solution found so far does (bodies in
+            velocities: after the part theta of the step). It does so once more, up to three times,
+            where nodes in contact are elsewhere than they were paired by more than a twentieth of a
+            facet (bodies in velocities: a quarter), as in steps in which a tool starts, stops, or
+            turns.
         dt_min: Δt below which no step is tried; by default dt / 1000.
         dt_max: Largest Δt; by default dt.
         growth: Factor of Δt after a step of at most ``easy`` Newton iterations, for each time that
@@ -202,6 +207,7 @@ class TimeStepper:
         if max_penetration is not None and max_penetration != "auto":
             max_penetration = float(max_penetration)
         self._limits = max_rotation, max_slip, max_penetration
+        let_follow([contact.model for contact in problem.contacts])
         self._scene = self._scene_of(problem, staggered)
         if staggered is not None:
             staggered.begin()

@@ -24,7 +24,7 @@ def far_below(tool_moves, block_moves):
     surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # nothing is paired
-        contact = qs.Contact(surface, tool, penalty=1.0, search_radius=RADIUS)
+        contact = qs.Contact(surface, tool, penalty=1.0, search_radius=RADIUS, sliding="small")
     bcs = [clamp(V, plane(msh, 1, 0.0), [0.0, block_moves])]
     problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
     tool.displacement = [0.0, tool_moves]

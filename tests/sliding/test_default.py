@@ -33,10 +33,19 @@ def test_nonlinear_bodies():
 
 
 def test_linear_bodies():
+    """Small in a solve, finite in time steps; what is asked for, or has been solved, stays."""
     pair = Pair("triangle")
     problem = pair.problem()
-    qs.TimeStepper(problem, 1.0)
     assert pair.contact.sliding == "small"
+    qs.TimeStepper(problem, 1.0)
+    assert pair.contact.sliding == "finite"
+    for asked, solved in (("small", False), (None, True)):
+        pair = Pair("triangle", contact_options={"sliding": asked})
+        problem = pair.problem()
+        if solved:
+            problem.solve()
+        qs.TimeStepper(problem, 1.0)
+        assert pair.contact.sliding == "small"
 
 
 def test_one_of_many():
