@@ -14,9 +14,9 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 SELF = MPI.COMM_SELF
-PENALTY = {"enforcement": "penalty", "penalty": 30.0}
-AUTOMATIC = {"enforcement": "penalty"}
-AUGMENTED = {"enforcement": "augmented-lagrangian"}
+PENALTY = {"sliding": "small", "enforcement": "penalty", "penalty": 30.0}
+AUTOMATIC = {"sliding": "small", "enforcement": "penalty"}
+AUGMENTED = {"sliding": "small", "enforcement": "augmented-lagrangian"}
 FINITE = {"sliding": "finite"}
 
 
