@@ -7,9 +7,16 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
-#: Places, functions of the vertices of facets: how far they spread at least for a slope to be
-#: known, and how far beyond those known, over these, it holds.
-LEAST_SPREAD, FARTHER = 0.01, 1.5
+#: Degree of polynomials of the place between two facets: with 1, friction of hexahedra that slip in
+#: part creeps by three times as much in steps in which nothing moves (test_friction_at_points.py).
+DEGREE = 3
+
+#: How far places, functions of the vertices of facets, spread at least for anything to change along
+#: them; and standard deviations beyond which nothing does.
+LEAST_SPREAD, FARTHEST = 0.01, 2.0
+
+#: Least mean square of a function for it to be told: below it points are too few.
+LEAST_SHARE = 1e-3
 
 #: How far places are apart that are the same.
 SAME_PLACE = 1e-9
@@ -70,8 +77,8 @@ def carried_to(old: OfPoints, keys: Indices, place: Array, normal: Array) -> Arr
 def carried_with(old: OfPoints, keys: Indices, place: Array, turns: Array) -> Array:
     """What points between the same facets had, as a smooth function of the place.
 
-    It is the affine function of the place that is closest to what they had, and 0 where there were
-    none. What the closest point had would jump as points move, and residuals with it:
+    It is the polynomial of the place that is closest to what they had, and 0 where there were none.
+    What the closest point had would jump as points move, and residuals with it:
     ``tests/sliding/test_walls.py``.
 
     Args:
@@ -86,26 +93,39 @@ def carried_with(old: OfPoints, keys: Indices, place: Array, turns: Array) -> Ar
     _, group = np.unique(np.concatenate([old.keys, keys]), axis=0, return_inverse=True)
     of_old, of_new = np.split(group.ravel(), [count])
 
-    def sums(values: Array) -> Array:
+    def means(values: Array) -> Array:
         out = np.zeros((group.max() + 1, *values.shape[1:]))
         np.add.at(out, of_old, values)
-        return out
+        return out / number.reshape(-1, *(1,) * (values.ndim - 1))
 
-    number = sums(np.ones(count))
-    known = number[of_new] > 0
-    each = np.maximum(number, 1.0)[:, None]
-    center, mean = sums(old.place) / each, sums(old.rest) / each
-    spread = old.place - center[of_old]
-    reach = np.zeros_like(center)
-    np.maximum.at(reach, of_old, FARTHER * np.abs(spread))
-    size, axes = np.linalg.eigh(sums(spread[:, :, None] * spread[:, None]))
-    told = size > LEAST_SPREAD**2 * each  # in the other directions it is constant
-    inverse = np.divide(1.0, size, out=np.zeros_like(size), where=told)
-    right = sums(spread[:, :, None] * (old.rest - mean[of_old])[:, None])
-    slope = (axes * inverse[:, None]) @ (np.swapaxes(axes, 1, 2) @ right)
-    beyond = np.clip(place - center[of_new], -reach[of_new], reach[of_new])
-    values = mean[of_new] + np.einsum("pk,pki->pi", beyond, slope[of_new])
-    return np.asarray(np.einsum("pij,pj->pi", turns, np.where(known[:, None], values, 0.0)))
+    number = np.maximum(np.bincount(of_old, minlength=group.max() + 1), 1)
+    center = means(old.place)
+    away = old.place - center[of_old]
+    square, axes = np.linalg.eigh(means(away[:, :, None] * away[:, None]))
+    square, axes = (x[..., 1 - turns.shape[1] :] for x in (square, axes))  # along the facet
+    told = square > LEAST_SPREAD**2
+    scaled = np.divide(axes, np.sqrt(square)[:, None], out=np.zeros_like(axes), where=told[:, None])
+
+    def functions(place: Array, of: Indices) -> Array:
+        along = np.einsum("pk,pkj->pj", place - center[of], scaled[of])
+        return _monomials(np.clip(along, -FARTHEST, FARTHEST))
+
+    known = functions(old.place, of_old)
+    share, parts = np.linalg.eigh(means(known[:, :, None] * known[:, None]))
+    inverse = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST_SHARE)
+    right = np.swapaxes(parts, 1, 2) @ means(known[:, :, None] * old.rest[:, None])
+    factors = (parts * inverse[:, None]) @ right
+    values = np.einsum("pk,pki->pi", functions(place, of_new), factors[of_new])
+    return np.asarray(np.einsum("pij,pj->pi", turns, values))
+
+
+def _monomials(x: Array) -> Array:
+    """All up to the degree in one or two variables, (points, monomials)."""
+    powers = [x**k for k in range(DEGREE + 1)]
+    if x.shape[1] == 1:
+        return np.column_stack(powers)
+    pairs = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+    return np.column_stack([powers[i][:, 0] * powers[j][:, 1] for i, j in pairs])
 
 
 def are_same(old: OfPoints, keys: Indices, place: Array) -> bool:
