@@ -71,6 +71,7 @@ def build(comm, p):
         quadrature=p.quadrature,
         enforcement=p.enforcement,
         friction=qs.Coulomb(p.mu),
+        sliding="small",
     )
     problem = qs.ContactProblem(
         [upper.F, lower.F], [upper.u, lower.u], [contact], [upper.bcs, lower.bcs]

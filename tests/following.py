@@ -292,3 +292,9 @@ __all__ = [
     "Body", "Boxes", "Nested", "clamp", "create", "moment", "on_radius", "problem_of", "ring",
     "rotation", "shell", "slide", "total",
 ]  # fmt: skip
+
+
+def but_for(body, facets):
+    """All of a body's boundary but for some facets."""
+    everything = mesh.exterior_facet_indices(body.mesh.topology)
+    return body.surface(np.setdiff1d(everything, facets))

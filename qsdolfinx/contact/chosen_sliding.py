@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import typing
 
+from mpi4py import MPI
+
 from qsdolfinx.base.checks import require
 from qsdolfinx.contact import motion
 from qsdolfinx.contact.model import ContactModel, Settings
@@ -17,8 +19,8 @@ def let_follow(models: typing.Sequence[ContactModel]) -> None:
 
     They pair anew. Small sliding stay those of bodies in velocities, which pair anew in each step;
     those that a field which is solved for at once takes its pairs from; those with tools that
-    moments drive, or with creases that are in contact with small sliding alone; and those that have
-    been solved for.
+    moments drive; those near whose creases small sliding alone has points; and those that have been
+    solved for.
     """
     paired = bodies_of_fields(models)
     for model in models:
@@ -26,7 +28,7 @@ def let_follow(models: typing.Sequence[ContactModel]) -> None:
             continue
         stays = any(model is other for other in paired) or _is_turned(model)
         finite = _finite(model.settings)
-        stays |= "velocity" in model.kinematics.unknown or not _has_all(finite, model.settings)
+        stays |= "velocity" in model.kinematics.unknown or _needs_creases(model, finite)
         if stays:
             continue
         model.sliding_is_open = False
@@ -42,10 +44,16 @@ def _is_turned(model: ContactModel) -> bool:
     return tool is not None and tool.driven is not None and tool.driven.turns
 
 
-def _has_all(finite: Settings, small: Settings) -> bool:
-    """Whether creases that are ahead of their facets are in contact with finite sliding, too."""
-    edges, vertices = small.roles_of_edges, small.roles_of_vertices
-    return finite.roles_of_edges == edges and finite.roles_of_vertices == vertices
+def _needs_creases(model: ContactModel, finite: Settings) -> bool:
+    """Whether creases or corners are near each other that small sliding alone has points of.
+
+    Collective.
+    """
+    small = model.settings
+    # Corners of tools are the last of the vertices, and edges come after these.
+    count = len(small.roles_of_vertices) - len(finite.roles_of_vertices) + len(small.roles_of_edges)
+    found = any(gap.points.size for gap in model.gaps[len(model.gaps) - count :] if count)
+    return bool(model.comm.allreduce(found, op=MPI.LOR))
 
 
 def bodies_of_fields(models: typing.Sequence[ContactModel]) -> list[ContactModel]:

@@ -169,7 +169,8 @@ class Contact:
             finite as soon as it is part of a problem where the form of one of its bodies is
             nonlinear, or of a :class:`qs.TimeStepper`: but for bodies in velocities, tools that a
             moment drives, the nodal rule, ``constraints="nodes"``, ``smoothing``, contacts that
-            have been solved for already, and, in 3D, creases among the facets that are named.
+            have been solved for already, and, in 3D, creases that are near edges of the other side,
+            ahead of their facets.
         of: Of scalar fields, the contact of the bodies that they are fields of, on the same facets:
             the field has its pairs, so that nothing is searched twice, and a conductance its
             pressures, distances and friction. Where its master is a rigid tool that has a mesh of
@@ -253,7 +254,7 @@ class Contact:
             same(either(one_of(SLIDING), None), sliding=sliding)
             is_open = sliding is None and normals is None and quadrature == "overlay"
             is_open &= not slave.is_scalar and constraints != "nodes"
-            sliding = sliding or "small"
+            is_given, sliding = sliding is not None, sliding or "small"
             if normals is None and sliding == "finite":
                 normals = "facet"
             if normals is None:
@@ -338,7 +339,7 @@ class Contact:
             None if friction is None else FrictionHistory(friction, slave, friction_penalty),
             None if of is None else BodiesContact(of.model, slave, master),
         )
-        self.model.sliding_is_open = is_open
+        self.model.sliding_is_open, self.model.sliding_is_given = is_open, is_given
         motion.pair_anew(self.model)
         advise(self.model)
         if alike is not None:

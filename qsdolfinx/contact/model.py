@@ -445,6 +445,8 @@ class ContactModel:
         self.coupling: Coupling | None = None
         #: Whether ``sliding`` is left to the problem, see :mod:`qsdolfinx.contact.chosen_sliding`.
         self.sliding_is_open = False
+        #: Whether the user has named the kind of sliding.
+        self.sliding_is_given = False
         #: What the last pairing found; see :func:`qsdolfinx.contact.motion.pair_anew`.
         self.paired: Paired
         #: Where the surfaces are at the last evaluation.
@@ -478,6 +480,10 @@ class ContactModel:
         self.chord_gaps: npt.NDArray[np.float64] | None = None
         #: Whether a warning of ties that have turned too far has been given.
         self.turned_warned = False
+        #: Whether a warning of creases that are in each other has been given.
+        self.creases_warned = False
+        #: Whether a warning of contact that has slid far has been given.
+        self.slid_warned = False
         #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.
         self.held_nodes: list[HeldNodes] = []
         #: What conditions hold of slips; see :func:`qsdolfinx.contact.held.begin_solve`.

@@ -13,6 +13,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.ahead import (
     FLAT,
+    PRESSED_FLAT,
     TOWARDS,
     between,
     deepest,
@@ -82,11 +83,19 @@ class EdgesRole(typing.NamedTuple):
         master: The other one, or a rigid tool.
         creases: Whether they are creases of the slave's, and of the master's, or mesh lines of its
             smooth sides; not those of both.
+        moved: Slave and master where they are; None where they were read.
     """
 
     slave: Surface
     master: AnySurface
     creases: tuple[bool, bool]
+    moved: tuple[_cpp.Surface, _cpp.Surface] | None = None
+
+    @property
+    def objects(self) -> tuple[_cpp.Surface, _cpp.Surface]:
+        """Both as objects of the extension, that of the creases first."""
+        slave, master = self.moved or (as_facets(s).cpp_object for s in (self.slave, self.master))
+        return (slave, master) if self.creases[0] else (master, slave)
 
 
 def pair_edges(
@@ -144,6 +153,35 @@ def pair_edges(
         (multipliers, np.zeros(len(several), dtype=np.uint8)),
         here.area / several,
     )
+
+
+def deepest_of_creases(
+    role: EdgesRole, edges: tuple[Edges, Edges], reach: float
+) -> tuple[float, tuple[float, ...]]:
+    """How deep creases of both bodies are in each other where they cross, in 3D. Collective.
+
+    Along the normal of both, where no facet is parallel to that up to 5°.
+
+    Args:
+        role: Whose they are.
+        edges: Of both, where they are.
+        reach: Length beyond which nothing is in reach.
+
+    Returns:
+        The largest depth, 0 if there is none, and where, (3,).
+    """
+    creases, other = (each.some(each.are_sharp) for each in edges)
+    others = _near(creases, other, reach, role.slave.comm)
+    found = _crossings(creases, others, (reach, deepest(role.slave)))
+    found = found.some(~_lead_through(role, creases, others, found, reach))
+    here, there = creases.some(found.crease), others.some(found.edge)
+    steep = _leads_away(here, found.normal, PRESSED_FLAT)
+    steep &= _leads_away(there, -found.normal, PRESSED_FLAT)
+    x, y = here.at(found.places[:, 0])[steep], there.at(found.places[:, 1])[steep]
+    depth = np.sum((x - y) * found.normal[steep], axis=1)
+    at = int(np.argmax(depth)) if len(depth) else -1
+    most = (float(depth[at]), tuple(map(float, x[at]))) if at >= 0 else (0.0, (0.0,) * 3)
+    return max((0.0, (0.0,) * 3), *role.slave.comm.allgather(most))
 
 
 class Facing(typing.NamedTuple):
@@ -241,9 +279,7 @@ def _closest(
     here = creases.some(crease)
     x, normal = here.at(place), here.normal.sum(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-    surfaces = (role.slave, role.master) if role.creases[0] else (role.master, role.slave)
-    own, opposite = (as_facets(surface).cpp_object for surface in surfaces)
-    return _cpp.closest_points(x, normal, own, opposite, reach), x, here
+    return _cpp.closest_points(x, normal, *role.objects, reach), x, here
 
 
 def _facing(role: EdgesRole, creases: Edges, places: tuple[Indices, Array], reach: float) -> Facing:
@@ -306,11 +342,11 @@ def _are_beside(x: Array, closest: dict[str, typing.Any], size: float) -> Flags:
     return np.asarray(offset > cone * np.abs(height) + SAME * size)
 
 
-def _leads_away(edges: Edges, normal: Array) -> Flags:
+def _leads_away(edges: Edges, normal: Array, flat: float = FLAT) -> Flags:
     """Whether no facet leads towards what is there along the normal, or is parallel to it."""
     inward = np.einsum("pfk,pk->pf", edges.inward, normal)
     level = np.einsum("pfk,pk->pf", edges.normal, normal)
-    return np.asarray(np.all((inward < TOWARDS) & (level < FLAT), axis=1))
+    return np.asarray(np.all((inward < TOWARDS) & (level < flat), axis=1))
 
 
 def _near(creases: Edges, edges: Edges, reach: float, comm: MPI.Intracomm) -> Edges:

@@ -90,7 +90,32 @@ def _turned(edges: Edges, R: Array, t: Array) -> Edges:
 
 def _found(surface: AnySurface) -> Edges:
     """Edges where the surface is now; see :func:`edges_of`."""
-    half = _of_facets(as_facets(surface))
+    facets = as_facets(surface)
+    return edges_at(facets, facets.coordinates[0], outward_signs(facets))
+
+
+def outward_signs(surface: Faceted) -> Array:
+    """Which way area vectors look that are found without a look at the body, (facets,)."""
+    x, inside, _ = surface.coordinates
+    return np.asarray(np.sign(np.sum((x.mean(axis=1) - inside) * _across(x), axis=1)))
+
+
+def _across(x: Array) -> Array:
+    """Twice the area vectors of facets with these vertices, (facets, 3)."""
+    if x.shape[1] == 4:
+        return np.asarray(np.cross(x[:, 3] - x[:, 0], x[:, 2] - x[:, 1]), dtype=np.float64)
+    return np.asarray(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), dtype=np.float64)
+
+
+def edges_at(surface: Faceted, x: Array, signs: Array) -> Edges:
+    """Edges of a surface somewhere, each on one rank and in the same order anywhere. Collective.
+
+    Args:
+        surface: The surface.
+        x: Vertices of its facets, (facets, vertices, 3).
+        signs: See :func:`outward_signs`.
+    """
+    half = _of_facets(surface, x, signs)
     comm, first = surface.comm, half.owner[:, 0]
     sent = [half.some(first == rank) for rank in range(comm.size)]
     here = Edges.joined(comm.alltoall(sent))
@@ -108,18 +133,13 @@ def _found(surface: AnySurface) -> Edges:
     )
 
 
-def _of_facets(surface: Faceted) -> Edges:
+def _of_facets(surface: Faceted, x: Array, signs: Array) -> Edges:
     """Those of this rank's facets, with one normal and inward vector each."""
-    x, inside, _ = surface.coordinates
     dofs, owner = surface.trace_dofs
     count, middle = surface.num_facet_vertices, x.mean(axis=1)
-    diagonals = (x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-    if count == 4:
-        diagonals = (x[:, 3] - x[:, 0], x[:, 2] - x[:, 1])
-    across = np.cross(*diagonals)
+    across = _across(x)
     area = np.linalg.norm(across, axis=1) / 2
-    normal = across / np.maximum(2 * area, 1e-300)[:, None]
-    normal *= np.sign(np.sum((middle - inside) * normal, axis=1))[:, None]
+    normal = signs[:, None] * across / np.maximum(2 * area, 1e-300)[:, None]
     parts = []
     for at, (i, j) in enumerate(EDGES[count], start=count):
         places = [i, j, at] if dofs.shape[1] > count else [i, j]

@@ -25,9 +25,11 @@ from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.chosen_sliding import check_fields, let_follow
 from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact.creases import check_creases
 from qsdolfinx.contact.held import begin_solve, check_held
 from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.contact.shown import copy_of
+from qsdolfinx.contact.slid import check_slid
 from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
@@ -527,6 +529,8 @@ class ContactProblem:
                 check_reach(contact)
                 check_between_nodes(contact)
                 check_turned(contact)
+                check_slid(contact)
+                check_creases(contact)
                 check_chords(self.newton, contact)
             check_held(contact, *unknowns)
         if self._watches_reach:

@@ -12,10 +12,10 @@ from dolfinx import fem
 from qsdolfinx.base import interrupt
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.motion import follow_meshes, set_start
+from qsdolfinx.contact.slid import slid
 from qsdolfinx.contact.turned import turning_error
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.steps.mesh_motion import MeshMotion
-from qsdolfinx.steps.sliding import slid
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.swinging import swings
 from qsdolfinx.steps.tool_motion import ToolRate, left_until

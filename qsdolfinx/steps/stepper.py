@@ -29,6 +29,7 @@ from qsdolfinx.base.messages import say
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.chosen_sliding import let_follow
+from qsdolfinx.contact.creases import check_creases
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.gap.following import NoGapError
@@ -585,6 +586,7 @@ class TimeStepper:
         for contact in self.problem.contacts:
             check_between_nodes(contact.model)
             check_turned(contact.model)
+            check_creases(contact.model)
             check_chords(self.problem.newton, contact.model)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:

@@ -292,6 +292,11 @@ class RigidSurface:
         return isinstance(self._shape, Shape)
 
     @property
+    def is_plane(self) -> bool:
+        """Whether the shape is a plane in closed form."""
+        return isinstance(self._shape, Plane)
+
+    @property
     def num_facet_vertices(self) -> int:
         """Vertices of a facet.
 

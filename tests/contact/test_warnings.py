@@ -289,7 +289,7 @@ class PinInBore(Rings):
 
     def __init__(self, n, clearance, depth, smoothing):
         radii = (0.4, 1.0), (1.0 + clearance, 2.0)
-        super().__init__(n, radii, smoothing=smoothing, search_radius=0.1)
+        super().__init__(n, radii, smoothing=smoothing, search_radius=0.1, sliding="small")
         self.motion = np.array([clearance + depth, 0.0])
 
     def problem(self):

@@ -1,9 +1,13 @@
 """Which contacts follow their bodies without being told."""
 
+import warnings
+
 import numpy as np
 import pytest
-from following import Boxes
-from scenes import WORLD, Pair, box, elastic, largest, plane, vector_space
+from following import Body, Boxes, but_for
+from following import problem_of as following_problem
+from scenes import WORLD, Pair, box, clamp, elastic, largest, plane, vector_space
+from wedges import Wedge
 
 import ufl
 from dolfinx import fem
@@ -48,6 +52,83 @@ def test_linear_bodies():
         assert pair.contact.sliding == "small"
 
 
+def test_creases():
+    """In 3D small where creases are ahead of facets near edges; blocks with walls follow."""
+    low = Body(box(WORLD, (4, 4, 2), "hexahedron", (0, 0, -0.5), (1, 1, 0)), stiffness=1e3)
+    high = Body(box(WORLD, (3, 3, 3), "hexahedron", (0.2, 0.2, 0), (0.8, 0.8, 0.5)), stiffness=1e3)
+    below, above = plane(low.mesh, 2, -0.5), plane(high.mesh, 2, 0.5)
+    low.clamp(below)
+    top = high.clamp(above)
+    contact = qs.Contact(but_for(high, above), but_for(low, below))
+    problem = following_problem([low, high], [contact])
+    assert contact.sliding == "finite"
+    forces = []
+    for x in (0.0, 0.4):  # by two facets: a third of the block hangs over the edge
+        top.value[[0, 2]] = x, -0.02
+        problem.solve()
+        forces.append(contact.force("slave")[2])
+    assert 0.5 * forces[0] < forces[1] < 0.9 * forces[0]
+
+
+def crossed_wedges(sliding):
+    """Two neo-Hookean wedges whose edges cross and go into each other."""
+    upper, lower = Wedge(4, "hexahedron"), Wedge(5, "hexahedron", True, 90.0, (0.03, -0.07, 0.0))
+    bodies = [upper.hold(-0.03), lower.hold(0.0)]
+    stress = [qs.materials.neo_hookean(body.u, 400.0, 600.0) for body in bodies]
+    F = [
+        ufl.inner(P, ufl.grad(ufl.TestFunction(body.V))) * ufl.dx(degree=2)
+        for P, body in zip(stress, bodies, strict=True)
+    ]
+    contact = qs.Contact(upper.surface(), lower.surface(), sliding=sliding)
+    us, bcs = [body.u for body in bodies], [body.bcs for body in bodies]
+    return contact, qs.ContactProblem(F, us, [contact], bcs)
+
+
+def test_edges_that_cross():
+    """Small sliding sees them, and is the default there; with finite sliding a warning says so."""
+    contact, problem = crossed_wedges(None)
+    assert contact.sliding == "small"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", qs.ContactWarning)
+        problem.solve()
+    force = contact.force("slave")[2]
+    contact, problem = crossed_wedges("finite")
+    with pytest.warns(qs.ContactWarning, match='edges of both surfaces cross .* take sliding="sm'):
+        problem.solve()
+    assert contact.force("slave")[2] < 0.5 * force
+
+
+@pytest.mark.parametrize("kind", ("facets", "plane", "body"))
+def test_what_slides_far_in_small_sliding(kind):
+    """A warning from a facet on; none on a plane in closed form, where any way is right."""
+    msh = box(WORLD, (6, 3), "triangle", [0.0, 0.0], [1.0, 0.5])
+    V = vector_space(msh)
+    u, bcs = [fem.Function(V)], [[clamp(V, plane(msh, 1, 0.5), [0.0, -0.01])]]
+    if kind == "body":
+        lower = box(WORLD, (20, 2), "triangle", [-1.0, -0.5], [3.0, 0.0])
+        W = vector_space(lower)
+        u.append(fem.Function(W))
+        bcs.append([clamp(W, plane(lower, 1, -0.5))])
+        master = qs.Surface(W, facets=plane(lower, 1, 0.0))
+    elif kind == "plane":
+        master = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+    else:
+        x = np.array([[3.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
+        master = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2]], [0.0, 0.0])
+    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 0.0)), master)
+    problem = qs.ContactProblem([elastic(w) for w in u], u, [contact], bcs)
+    for facets in (0.0, 0.9, 1.2, 2.0):
+        if kind == "body":
+            bcs[0][0].g.value[0] = facets / 6
+        else:
+            master.displacement = [-facets / 6, 0.0]
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            problem.solve()
+        told = [w for w in found if "has slid by" in str(w.message)]
+        assert len(told) == (facets == 1.2 and kind != "plane")
+
+
 def test_one_of_many():
     """Contacts are finite between the bodies that are nonlinear, or a tool and one of these."""
     V, u, F, contacts, bcs = [], [], [], [], []
@@ -87,23 +168,6 @@ STAY = {
 @pytest.mark.parametrize("options", STAY.values(), ids=STAY)
 def test_small_where_it_cannot_follow(options):
     assert boxes(**options)[1].sliding == "small"
-
-
-@pytest.mark.parametrize("walls", (False, True))
-def test_creases_in_3d(walls):
-    """Edges are in contact with small sliding alone."""
-    msh = box(WORLD, (3, 3, 3), "hexahedron", [0.0] * 3, [1.0] * 3)
-    V = vector_space(msh)
-    u = fem.Function(V)
-    stress = qs.materials.neo_hookean(u, 1.0, 1.0)
-    sides = [plane(msh, 0, 1.0)] if walls else []
-    surface = qs.Surface(V, facets=np.concatenate([plane(msh, 2, 0.0), *sides]))
-    x = np.array([[-1.0, -1.0, 0.0], [2.0, -1.0, 0.0], [2.0, 2.0, 0.0], [-1.0, 2.0, 0.0]])
-    tool = qs.RigidSurface.triangulated(WORLD, x, np.array([[0, 1, 2], [0, 2, 3]]))
-    contact = qs.Contact(surface, tool)
-    F = ufl.inner(stress, ufl.grad(ufl.TestFunction(V))) * ufl.dx
-    qs.ContactProblem([F], [u], [contact], [[]])
-    assert contact.sliding == ("small" if walls else "finite")
 
 
 def test_what_has_been_solved_for():

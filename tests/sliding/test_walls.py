@@ -2,21 +2,13 @@
 
 import numpy as np
 import pytest
-from following import WORLD, Body, problem_of
+from following import WORLD, Body, but_for, problem_of
 from scenes import box, plane
-
-from dolfinx import mesh
 
 import qsdolfinx as qs
 
 #: Press, press and drag: along x and z.
 WAYS = ((0.0, -0.02), (0.0, -0.05), (0.1, -0.05))
-
-
-def but_for(body, facets):
-    """All of a body's boundary but for some facets."""
-    everything = mesh.exterior_facet_indices(body.mesh.topology)
-    return body.surface(np.setdiff1d(everything, facets))
 
 
 @pytest.mark.parametrize("shift", (0.0, 0.02, 0.07))

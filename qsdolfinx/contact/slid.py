@@ -1,4 +1,4 @@
-"""How far contacts have slid since they were paired, in a step that is solved."""
+"""How far contacts with small sliding have slid since they were paired."""
 
 from __future__ import annotations
 
@@ -8,18 +8,65 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.handles import handle_of
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import active_set
+from qsdolfinx.contact.crossing import motion_since
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.placement import Place
+from qsdolfinx.contact.placement import Place, Placement
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec, rotation_vector
 from qsdolfinx.surface.facets import area_vectors
+from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 Ways = tuple[Array | None, Array | None]
 
 #: Gap, in units of the smallest facet, of what touched where it was paired.
 TOUCHING = 0.01
+
+#: Way along the surface, in facets, from which on a solve warns.
+FAR = 1.0
+
+
+def check_slid(model: ContactModel) -> None:
+    """Warn, once and on all ranks, of what has slid by more than a facet in a solve. Collective.
+
+    On a plane in closed form any way is right, and who has asked for small sliding knows.
+    """
+    if model.slid_warned or model.sliding_is_given or model.follows or model.law.jump:
+        return
+    tool = as_tool(model.master)
+    if tool is not None and tool.is_plane:
+        return
+    if motion_since(model, model.placement.as_paired) <= FAR * model.paired.facet_size:
+        return
+    way = _slid_since(model, model.placement)
+    if way <= FAR:
+        return
+    finite = 'sliding="finite", or ' if model.sliding_is_open else ""
+    warn(
+        f"sliding: what is in contact has slid by {way:.3g} facets since it was paired, and small "
+        f"sliding keeps points and normals as they were then: take {finite}time steps "
+        '(qs.TimeStepper); sliding="small" says that this is wanted',
+        ContactWarning,
+    )
+    model.slid_warned = True
+
+
+def _slid_since(model: ContactModel, now: Placement) -> float:
+    """Largest way of what is in contact, in facets, up to where both are. Collective."""
+    vecs = [place.vec() for place in (now.slave, now.master) if isinstance(place, Place)]
+    ways = [vec.array.copy() for vec in vecs]
+    for vec in vecs:
+        vec.destroy()
+    both = ways[0], ways[1] if isinstance(now.master, Place) else None
+    tool = None if isinstance(now.master, Place) else now.master.motion
+    ratios = [
+        _largest(gap, _along(model, gap, both, tool), _on_nodes(gap, active_set.closed(model, gap)))
+        for gap in model.gaps
+    ]
+    return float(model.comm.allreduce(max(ratios), op=MPI.MAX))
 
 
 def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine | None) -> float:
@@ -62,19 +109,32 @@ def _slid(
     model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None, turn: float
 ) -> float:
     touched = gap.operator.initial_gap + gap.allowance < TOUCHING * gap.slave.facet_size_range[0]
-    counts = np.asarray(
-        gap.rows.on_nodes(active_set.closed(model, gap) | touched, False), dtype=bool
-    )
-    mean_jump = _mean_jump(gap, model.ordered(gap, ways), tool)
-    jump = np.asarray(gap.rows.on_nodes(mean_jump, 0.0), dtype=np.float64)
-    normal = gap.slave.node_normal[:, : gap.slave.gdim]
-    along = jump - np.sum(jump * normal, axis=1)[:, None] * normal
-    length = np.linalg.norm(along, axis=1)
+    counts = _on_nodes(gap, active_set.closed(model, gap) | touched)
+    length = _along(model, gap, ways, tool)
     opened = gap.rows.from_nodes(turn * length)
     may_touch = gap.rows.largest_on_nodes(gap.state.values[:, 0] + opened) > 0
     sides = may_touch.size // max(len(counts), 1)
     counts |= np.any(may_touch.reshape(len(counts), sides), axis=1)
+    return _largest(gap, length, counts)
+
+
+def _on_nodes(gap: WeightedGap, rows: Flags) -> Flags:
+    """Nodes that have rows of these, (nodes,). Collective."""
+    return np.asarray(gap.rows.on_nodes(rows, False), dtype=bool)
+
+
+def _largest(gap: WeightedGap, length: Array, counts: Flags) -> float:
+    """Largest of these ways of nodes, in facets."""
     return float(np.max((length / gap.slave.node_size)[counts], initial=0.0))
+
+
+def _along(model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None) -> Array:
+    """Ways of nodes along the surface (length), (nodes,). Collective."""
+    mean_jump = _mean_jump(gap, model.ordered(gap, ways), tool)
+    jump = np.asarray(gap.rows.on_nodes(mean_jump, 0.0), dtype=np.float64)
+    normal = gap.slave.node_normal[:, : gap.slave.gdim]
+    along = jump - np.sum(jump * normal, axis=1)[:, None] * normal
+    return np.asarray(np.linalg.norm(along, axis=1))
 
 
 def _mean_jump(gap: WeightedGap, ways: Ways, tool: Affine | None) -> Array:

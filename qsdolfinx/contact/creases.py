@@ -1,0 +1,59 @@
+"""Creases of two bodies in 3D that have gone through each other, where contact has no points."""
+
+from __future__ import annotations
+
+from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.placement import Place, Placement
+from qsdolfinx.pairing.crossings import EdgesRole, deepest_of_creases
+from qsdolfinx.pairing.edges import Edges, edges_at, outward_signs
+from qsdolfinx.pairing.facets import as_facets
+from qsdolfinx.surface.deformed import DegenerateFacetsError
+from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
+
+#: Depth, in units of the smallest facet, of creases that cross.
+NOTICED = 0.02
+
+
+def check_creases(model: ContactModel) -> None:
+    """Warn, once and on all ranks, of creases that cross within each other. Collective.
+
+    Contact that follows the bodies has points on facets and at vertices, not where edges cross.
+
+    Args:
+        model: The contact, solved.
+    """
+    settings = model.settings
+    none = model.law.jump or model.with_itself or not all(settings.sharp)
+    if model.creases_warned or none or not model.follows or model.slave.gdim == 2:
+        return
+    now = model.placement
+    try:
+        moved = now.slave.facets(), now.master.facets()
+    except DegenerateFacetsError:  # they have no distances
+        return
+    role = EdgesRole(model.slave, model.master, (True, True), moved)
+    edges = _edges(model.slave, now), _edges(model.master, now)
+    depth, x = deepest_of_creases(role, edges, model.paired.search_radius)
+    if depth <= NOTICED * model.paired.facet_size + model.overclosure.allowed:
+        return
+    place = ", ".join(f"{c:.4g}" for c in x)
+    warn(
+        f"sliding: edges of both surfaces cross near ({place}), {depth:.3g} deep in each other: "
+        '"finite" has points on facets and at vertices; take sliding="small", which has points '
+        "where edges cross, too, or round these edges by several facets",
+        ContactWarning,
+    )
+    model.creases_warned = True
+
+
+def _edges(surface: AnySurface, now: Placement) -> Edges:
+    """Those of a side where it is. Collective."""
+    tool = as_tool(surface)
+    facets = as_facets(surface, now.slave.surface.axisymmetric)
+    if tool is None:
+        place = now.slave if now.slave.surface is surface else now.master
+        assert isinstance(place, Place)
+        return edges_at(facets, place.vertices(), outward_signs(facets))
+    assert not isinstance(now.master, Place)
+    return edges_at(facets, tool.facet_positions(now.master.now), outward_signs(facets))
