@@ -113,19 +113,20 @@ public:
     is_open_ = true;
   }
 
-  /// Add the products D of rows of a point. @param D [row][row], or a number if there is one row
+  /// Add the products D of rows of a point. @param D [row][row], or a number for each row
   void add(const DenseRows& left, std::span<const double> D, const DenseRows& right)
   {
     if (std::ranges::all_of(D, [](double value) { return value == 0; }))
       return;
-    const std::size_t count = D.size() > 1 ? left.size() : 1;
+    const std::size_t count = left.size(), n = columns_.size();
+    const bool coupled = count > 1 && D.size() == count * count;
     for (std::size_t k = 0; k < count; ++k)
     {
       left_.insert(left_.end(), left.row(k), left.row(k) + rows_.size());
-      factor_.push_back(count == 1 ? D[0] : 1.0);
-      const std::size_t first = right_.size(), n = columns_.size();
-      right_.insert(right_.end(), right.row(0), right.row(0) + n);
-      for (std::size_t j = 0; j < n && count > 1; ++j)
+      factor_.push_back(coupled ? 1.0 : D[k]);
+      const std::size_t first = right_.size();
+      right_.insert(right_.end(), right.row(k), right.row(k) + n);
+      for (std::size_t j = 0; j < n && coupled; ++j)
       {
         double sum = 0;
         for (std::size_t l = 0; l < count; ++l)
@@ -187,7 +188,8 @@ void qsdolfinx::add_products(Mat matrix, const StackedRows& left, const StackedR
   if (left.num_rows() != num_rows || left.components() != components
       || (!coupled && D.size() != num_rows))
     throw std::invalid_argument("D must hold a number for each row, or a matrix for each point");
-  const std::size_t count = coupled ? components : 1;
+  // Rows of a point together: their columns are those of the point before, as a rule.
+  const std::size_t count = components, of_point = coupled ? count * count : count;
   DenseRows by_left, by_right;
   const bool same = &left == &right;
   Blocks blocks(matrix);
@@ -199,7 +201,7 @@ void qsdolfinx::add_products(Mat matrix, const StackedRows& left, const StackedR
     const DenseRows& works_on = same ? by_right : by_left;
     if (is_new || first == 0)
       blocks.begin(works_on.columns(), by_right.columns());
-    blocks.add(works_on, D.subspan(first * count, count * count), by_right);
+    blocks.add(works_on, D.subspan(first / count * of_point, of_point), by_right);
   }
   blocks.insert();
 }

@@ -74,8 +74,8 @@ def carried_to(old: OfPoints, keys: Indices, place: Array, normal: Array) -> Arr
     return out
 
 
-def carried_with(old: OfPoints, keys: Indices, place: Array, turns: Array) -> Array:
-    """What points between the same facets had, as a smooth function of the place.
+class SmoothRest:
+    """What points had beyond nodes, as a smooth function of the place between the same facets.
 
     It is the polynomial of the place that is closest to what they had, and 0 where there were none.
     What the closest point had would jump as points move, and residuals with it:
@@ -83,40 +83,71 @@ def carried_with(old: OfPoints, keys: Indices, place: Array, turns: Array) -> Ar
 
     Args:
         old: Of the points before.
-        keys: Of the points now, as those of the old ones.
-        place: Likewise.
-        turns: Matrices that vectors turn by, (points, gdim, gdim).
     """
-    count = len(old.keys)
-    if not count or not len(keys):
-        return np.zeros(turns.shape[:2])
-    _, group = np.unique(np.concatenate([old.keys, keys]), axis=0, return_inverse=True)
-    of_old, of_new = np.split(group.ravel(), [count])
 
-    def means(values: Array) -> Array:
-        out = np.zeros((group.max() + 1, *values.shape[1:]))
-        np.add.at(out, of_old, values)
-        return out / number.reshape(-1, *(1,) * (values.ndim - 1))
+    def __init__(self, old: OfPoints) -> None:
+        # Points of a pair of facets follow each other, in one run or a few.
+        starts = _starts(old.keys)
+        sizes = np.diff(starts, append=len(old.keys))
+        self._keys, runs = np.unique(old.keys[starts], axis=0, return_inverse=True)
+        runs = runs.ravel()
+        of, count = np.repeat(runs, sizes), len(self._keys)
+        number = np.bincount(runs, weights=sizes, minlength=count)
 
-    number = np.maximum(np.bincount(of_old, minlength=group.max() + 1), 1)
-    center = means(old.place)
-    away = old.place - center[of_old]
-    square, axes = np.linalg.eigh(means(away[:, :, None] * away[:, None]))
-    square, axes = (x[..., 1 - turns.shape[1] :] for x in (square, axes))  # along the facet
-    told = square > LEAST_SPREAD**2
-    scaled = np.divide(axes, np.sqrt(square)[:, None], out=np.zeros_like(axes), where=told[:, None])
+        def means(values: Array) -> Array:
+            out = np.zeros((count, *values.shape[1:]))
+            if len(values):
+                np.add.at(out, runs, np.add.reduceat(values, starts, axis=0))
+            return out / number.reshape(-1, *(1,) * (values.ndim - 1))
 
-    def functions(place: Array, of: Indices) -> Array:
-        along = np.einsum("pk,pkj->pj", place - center[of], scaled[of])
+        self._center = means(old.place)
+        away = old.place - self._center[of]
+        square, axes = np.linalg.eigh(means(away[:, :, None] * away[:, None]))
+        along = 1 - old.rest.shape[1]  # the axes along the facet are the last ones
+        square, axes = square[:, along:], axes[:, :, along:]
+        told = square > LEAST_SPREAD**2
+        self._scaled: Array = np.divide(
+            axes, np.sqrt(square)[:, None], out=np.zeros_like(axes), where=told[:, None]
+        )
+        known = self._functions(old.place, of)
+        share, parts = np.linalg.eigh(means(known[:, :, None] * known[:, None]))
+        inverse = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST_SHARE)
+        right = np.swapaxes(parts, 1, 2) @ means(known[:, :, None] * old.rest[:, None])
+        self._factors: Array = (parts * inverse[:, None]) @ right
+
+    def at(self, keys: Indices, place: Array, turns: Array) -> Array:
+        """It, turned, for points elsewhere, (points, gdim).
+
+        Args:
+            keys: Of the points, as those of the old ones.
+            place: Likewise.
+            turns: Matrices that vectors turn by, (points, gdim, gdim).
+        """
+        out, starts, count = np.zeros(turns.shape[:2]), _starts(keys), len(self._keys)
+        _, first, group = np.unique(
+            np.concatenate([self._keys, keys[starts]]),
+            axis=0,
+            return_index=True,
+            return_inverse=True,
+        )
+        at = first[group.ravel()[count:]]  # beyond the known ones where there was none
+        of = np.repeat(at, np.diff(starts, append=len(keys)))
+        some = np.flatnonzero(of < count)
+        functions = self._functions(place[some], of[some])
+        values = np.einsum("pk,pki->pi", functions, self._factors[of[some]])
+        out[some] = np.einsum("pij,pj->pi", turns[some], values)
+        return out
+
+    def _functions(self, place: Array, of: Indices) -> Array:
+        """Monomials of the places in standard deviations of those of a pair."""
+        along = np.einsum("pk,pkj->pj", place - self._center[of], self._scaled[of])
         return _monomials(np.clip(along, -FARTHEST, FARTHEST))
 
-    known = functions(old.place, of_old)
-    share, parts = np.linalg.eigh(means(known[:, :, None] * known[:, None]))
-    inverse = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST_SHARE)
-    right = np.swapaxes(parts, 1, 2) @ means(known[:, :, None] * old.rest[:, None])
-    factors = (parts * inverse[:, None]) @ right
-    values = np.einsum("pk,pki->pi", functions(place, of_new), factors[of_new])
-    return np.asarray(np.einsum("pij,pj->pi", turns, values))
+
+def _starts(keys: Indices) -> Indices:
+    """First points of runs with the same keys."""
+    other = np.any(keys[1:] != keys[:-1], axis=1)
+    return np.flatnonzero(np.append(len(keys) > 0, other)[: len(keys)])
 
 
 def _monomials(x: Array) -> Array:

@@ -17,7 +17,7 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
-from qsdolfinx.friction.of_points import OfPoints, SavedNormals, are_same, carried_with
+from qsdolfinx.friction.of_points import OfPoints, SavedNormals, SmoothRest, are_same
 from qsdolfinx.gap.following import MOST_TURNED, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
@@ -195,6 +195,8 @@ class Slip:
         self._frames: Frames | None = None
         #: Frames of the nodes where the step began, of rows at points.
         self._began: tuple[Places, Array] | None = None
+        #: What points have beyond nodes, as a function of the place, and what it was found for.
+        self._smooth: tuple[OfPoints, SmoothRest] | None = None
         self.hold(None)
         #: Part of S_k that the row's pairing points stand for, shape (rows,).
         self.cover: Array = self._cover()
@@ -478,7 +480,9 @@ class Slip:
         turns, same = self._turns(), are_same(kept, found.facets, found.place)
         if self.slave.comm.allreduce(same, op=MPI.LAND):
             return np.asarray(np.einsum("pij,pj->pi", turns, kept.rest))
-        return carried_with(kept, found.facets, found.place, turns)
+        if self._smooth is None or self._smooth[0] is not kept:
+            self._smooth = kept, SmoothRest(kept)
+        return self._smooth[1].at(found.facets, found.place, turns)
 
     def _closing_of(self, found: SlipAtPoints, rows: PointRows) -> tuple[Array, Array]:
         """``until_closed`` and ``share`` of the points of the last evaluation. Collective."""
