@@ -139,6 +139,35 @@ Frame::Frame(FacetType type, std::span<const double> v)
 
 Vec2 Frame::project(const Vec3& x) const { return {dot(e0, x - origin), dot(e1, x - origin)}; }
 
+void qsdolfinx::append_points_of_ears(Polygon& p, const Rule& rule, std::vector<Vec2>& x,
+                                      std::vector<double>& w)
+{
+  if (is_interval(p))
+    return;
+  const double least = ear_area * measure(p);
+  while (p.size() > 3)
+  {
+    const std::size_t n = p.size();
+    std::size_t smallest = 0;
+    double area = least;
+    for (std::size_t k = 0; k < n; ++k)
+    {
+      const Vec2 &before = p[(k + n - 1) % n], &after = p[(k + 1) % n];
+      const double ear = 0.5 * cross(p[k] - before, after - before);
+      if (ear < area)
+      {
+        area = ear;
+        smallest = k;
+      }
+    }
+    if (area >= least)
+      return;
+    append_points(Polygon{p[(smallest + n - 1) % n], p[smallest], p[(smallest + 1) % n]}, rule, x,
+                  w);
+    p.erase(smallest);
+  }
+}
+
 void qsdolfinx::append_points_from_middle(const Polygon& p, const Rule& rule, std::vector<Vec2>& x,
                                           std::vector<double>& w)
 {

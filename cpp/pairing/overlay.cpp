@@ -671,10 +671,13 @@ private:
     w_.clear();
     // Shape functions of quadrilaterals are not integrated exactly: turned surfaces are to be
     // alike.
+    polygon_ = piece.polygon;
+    if (record_)
+      append_points_of_ears(polygon_, rules_.piece, q_, w_);
     if (piece.even || !(planar.affine() && piece.planar.affine()))
-      append_points_from_middle(piece.polygon, rules_.piece, q_, w_);
+      append_points_from_middle(polygon_, rules_.piece, q_, w_);
     else
-      append_points(piece.polygon, rules_.piece, q_, w_);
+      append_points(polygon_, rules_.piece, q_, w_);
     if (record_)
     {
       here_.place(planar, q_);

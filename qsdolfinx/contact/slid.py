@@ -55,18 +55,22 @@ def check_slid(model: ContactModel) -> None:
 
 
 def _slid_since(model: ContactModel, now: Placement) -> float:
-    """Largest way of what is in contact, in facets, up to where both are. Collective."""
+    """Largest way of what is in contact, in facets, up to where both are. Collective.
+
+    What is open by less than turning may have made of the gap counts, too.
+    """
     vecs = [place.vec() for place in (now.slave, now.master) if isinstance(place, Place)]
     ways = [vec.array.copy() for vec in vecs]
     for vec in vecs:
         vec.destroy()
     both = ways[0], ways[1] if isinstance(now.master, Place) else None
     tool = None if isinstance(now.master, Place) else now.master.motion
-    ratios = [
-        _largest(gap, _along(model, gap, both, tool), _on_nodes(gap, active_set.closed(model, gap)))
-        for gap in model.gaps
-    ]
-    return float(model.comm.allreduce(max(ratios), op=MPI.MAX))
+    largest, turn = 0.0, _turn(model, tool)
+    for gap in model.gaps:
+        length, size = _along(model, gap, both, tool), gap.slave.cpp_object.node_facet_size
+        counts = _on_nodes(gap, active_set.closed(model, gap)) | _may_touch(gap, turn * length)
+        largest = max(largest, float(np.max((length / size)[counts], initial=0.0)))
+    return float(model.comm.allreduce(largest, op=MPI.MAX))
 
 
 def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine | None) -> float:
@@ -109,23 +113,22 @@ def _slid(
     model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None, turn: float
 ) -> float:
     touched = gap.operator.initial_gap + gap.allowance < TOUCHING * gap.slave.facet_size_range[0]
-    counts = _on_nodes(gap, active_set.closed(model, gap) | touched)
     length = _along(model, gap, ways, tool)
-    opened = gap.rows.from_nodes(turn * length)
-    may_touch = gap.rows.largest_on_nodes(gap.state.values[:, 0] + opened) > 0
-    sides = may_touch.size // max(len(counts), 1)
-    counts |= np.any(may_touch.reshape(len(counts), sides), axis=1)
-    return _largest(gap, length, counts)
+    counts = _on_nodes(gap, active_set.closed(model, gap) | touched)
+    counts |= _may_touch(gap, turn * length)
+    return float(np.max((length / gap.slave.node_size)[counts], initial=0.0))
+
+
+def _may_touch(gap: WeightedGap, opened: Array) -> Flags:
+    """Nodes that are open by less than this (length), (nodes,). Collective."""
+    rows = gap.rows.from_nodes(opened)
+    found = gap.rows.largest_on_nodes(gap.state.values[:, 0] + rows) > 0
+    return np.asarray(np.any(found.reshape(len(opened), -1), axis=1))
 
 
 def _on_nodes(gap: WeightedGap, rows: Flags) -> Flags:
     """Nodes that have rows of these, (nodes,). Collective."""
     return np.asarray(gap.rows.on_nodes(rows, False), dtype=bool)
-
-
-def _largest(gap: WeightedGap, length: Array, counts: Flags) -> float:
-    """Largest of these ways of nodes, in facets."""
-    return float(np.max((length / gap.slave.node_size)[counts], initial=0.0))
 
 
 def _along(model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None) -> Array:

@@ -62,7 +62,9 @@ class FrictionHistory:
     def slips_of(self, passes: typing.Sequence[WeightedGap]) -> tuple[Slip, ...]:
         """Slips of new passes, with the values of the law's parameters. Collective."""
         slips = tuple(Slip(p, self.law) for p in passes)
-        if not self.slipped:
+        if len(self.slipped) != len(
+            slips
+        ):  # none yet; or passes of edges have gone, before a solve
             self.slipped = [np.zeros((len(p.slave.node_area), p.slave.gdim)) for p in passes]
         for name, value in self.law.parameters.items():
             if isinstance(value, float):

@@ -34,6 +34,9 @@ Indices = npt.NDArray[np.int64]
 #: Sine of the least angle (0.5°) between creases that cross, and of a crease and a mesh line.
 ACROSS, ALONG = float(np.sin(np.pi / 360)), 0.01
 
+#: Cosine of the angle (20°) between a crease and the normal below which its end alone is ahead.
+UPRIGHT = float(np.cos(np.pi / 9))
+
 #: Part of an edge within which a place is on its end: rounding.
 ROUNDING = 1e-9
 
@@ -443,6 +446,7 @@ def _crossing(
     keep &= (t >= -ROUNDING) & (t < np.where(sharp, 1 - ROUNDING, 1 + ROUNDING))
     gap = np.sum((there.at(t) - here.at(s)) * normal, axis=1)
     keep &= (gap <= reach[0]) & (gap >= -min(reach))
+    keep &= np.abs(np.sum(along * normal, axis=1)) < UPRIGHT * np.linalg.norm(along, axis=1)
     keep &= _leads_away(here, normal) & (~sharp | _leads_away(there, -normal))
     return Crossings(i[keep], j[keep], places[keep], normal[keep])
 

@@ -129,6 +129,22 @@ def test_what_slides_far_in_small_sliding(kind):
         assert len(told) == (facets == 1.2 and kind != "plane")
 
 
+@pytest.mark.parametrize(("angle", "expected"), ((0.0, 0), (0.05, 0), (1.5, 1)))
+def test_roller_that_turns_in_small_sliding(angle, expected):
+    """By facets in place: points that were in contact have gone, and none comes."""
+    msh = box(WORLD, (12, 3), "quadrilateral", [-0.6, -0.3], [0.6, 0.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.48], None, 0.5)
+    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 0.0)), tool)
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, -0.3))]])
+    tool.rotation = angle
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        problem.solve()
+    assert len([w for w in found if "has slid by" in str(w.message)]) == expected
+
+
 def test_one_of_many():
     """Contacts are finite between the bodies that are nonlinear, or a tool and one of these."""
     V, u, F, contacts, bcs = [], [], [], [], []
