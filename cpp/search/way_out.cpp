@@ -16,6 +16,9 @@ constexpr double across_angle = std::numbers::pi / 3, across_cosine = 0.5;
 /// Faces are opposite to each other if their normals are, within 30°.
 constexpr double opposite_cosine = -smooth_cosine;
 
+/// Part of its distance from a face that a point is above it, not beside it.
+constexpr double above = 0.9;
+
 /// Lengths are shorter if they are so by more than this part.
 constexpr double equal_tolerance = 1e-6;
 
@@ -63,11 +66,11 @@ WaysOut::WaysOut(const std::vector<FacetView>& other, const std::vector<FacetVie
 {
 }
 
-void WaysOut::find(const std::vector<Faces>& all, const Vec3& p, const Vec3& axis, double depth,
+void WaysOut::find(const std::vector<Faces>& all, const Vec3& p, const Vec3& q, const Vec3& axis,
                    std::vector<WayOut>& out) const
 {
   out.clear();
-  const double rounding = equal_tolerance * depth;
+  const double depth = norm(q - p), rounding = equal_tolerance * depth;
   for (const Faces& faces : all)
   {
     if (!faces.may_be_across(axis))
@@ -80,8 +83,11 @@ void WaysOut::find(const std::vector<Faces>& all, const Vec3& p, const Vec3& axi
                           if (std::abs(dot(n, axis)) > across_cosine)
                             return depth;
                           const ClosestPoint c = closest_point(facets.type, facets.facet_x(f), p);
-                          if (c.distance < depth && dot(p - c.x, n) < rounding)
+                          const double height = dot(p - c.x, n);
+                          if (c.distance < depth && height < rounding)
                             out.push_back({c.distance, n});
+                          else if (height > above * c.distance && dot(q - c.x, n) < 0)
+                            out.push_back({0, n}); // p is out: the line to q goes in by this face
                           return depth;
                         });
   }
@@ -115,10 +121,10 @@ bool WaysOut::are_shorter(const Overlap& overlap)
   const double depth = norm(overlap.y - overlap.x);
   if (overlap.at_an_edge && is_outside(overlap, depth))
     return true;
-  find(other_, overlap.x, overlap.axis, depth, from_x_);
+  find(other_, overlap.x, overlap.y, overlap.axis, from_x_);
   if (from_x_.empty())
     return false;
-  find(own_, overlap.y, overlap.axis, depth, from_y_);
+  find(own_, overlap.y, overlap.x, overlap.axis, from_y_);
   for (const WayOut& a : from_x_)
     for (const WayOut& b : from_y_)
       if (a.length + b.length < (1 - equal_tolerance) * depth

@@ -49,7 +49,8 @@ private:
     Vec3 mean{0, 0, 0};
     double angle = 0; ///< largest one between the mean and a normal
   };
-  void find(const std::vector<Faces>& all, const Vec3& p, const Vec3& axis, double depth,
+  /// Ways out of some faces from p, of which q is behind or before. None is as long as to q.
+  void find(const std::vector<Faces>& all, const Vec3& p, const Vec3& q, const Vec3& axis,
             std::vector<WayOut>& out) const;
   bool is_outside(const Overlap& overlap, double depth) const;
 

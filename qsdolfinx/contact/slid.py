@@ -123,7 +123,8 @@ def _may_touch(gap: WeightedGap, opened: Array) -> Flags:
     """Nodes that are open by less than this (length), (nodes,). Collective."""
     rows = gap.rows.from_nodes(opened)
     found = gap.rows.largest_on_nodes(gap.state.values[:, 0] + rows) > 0
-    return np.asarray(np.any(found.reshape(len(opened), -1), axis=1))
+    sides = found.size // max(len(opened), 1)
+    return np.asarray(np.any(found.reshape(len(opened), sides), axis=1))
 
 
 def _on_nodes(gap: WeightedGap, rows: Flags) -> Flags:

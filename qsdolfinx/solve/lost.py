@@ -62,9 +62,10 @@ def _contacts(system: ContactSystem, i: int) -> list[int]:
 def _is_at_home_anywhere(system: ContactSystem, i: int, change: Array) -> bool:
     """Whether the body's own forces are the same where it was: no springs hold it. Collective."""
     body, modes = system.bodies[i], system.made.rigid.modes[i]
-    back = np.zeros_like(change)
-    for mode in modes[: _TRANSLATIONS.get(len(modes), 0)]:
-        back += mode.array_r * system.comm.allreduce(mode.array_r @ change, op=MPI.SUM)
+    back, free = np.zeros_like(change), _free_translations(system, i)
+    for direction in free.T:
+        motion = sum(c * modes[k].array_r for k, c in enumerate(direction))
+        back += motion * system.comm.allreduce(motion @ change, op=MPI.SUM)
     x = np.array(system.parts(system.x.array_r)[i])
     forces = body.residual(x - back)
     found = np.array([
@@ -73,6 +74,19 @@ def _is_at_home_anywhere(system: ContactSystem, i: int, change: Array) -> bool:
     system.comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
     force, stiffness, size = found
     return bool(force <= _NO_FORCE * stiffness * size)
+
+
+def _free_translations(system: ContactSystem, i: int) -> Array:
+    """Those that conditions leave to a body, by its translations, (translations, directions)."""
+    rigid = system.made.rigid
+    first, count = sum(len(of_body) for of_body in rigid.modes[:i]), len(rigid.modes[i])
+    num = _TRANSLATIONS.get(count, 0)
+    motions = rigid.free_motions[first : first + count]
+    # Motions without a rotation.
+    _, size, across = np.linalg.svd(motions[num:], full_matrices=True)
+    turning = np.count_nonzero(size > _NONE)
+    directions, size, _ = np.linalg.svd(motions[:num] @ across[turning:].T, full_matrices=False)
+    return np.asarray(directions[:, size > _NONE])
 
 
 def _room(system: ContactSystem, i: int, moved: Array) -> float:

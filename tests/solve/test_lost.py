@@ -4,14 +4,15 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from following import Body, ring
-from scenes import WORLD, box, plane
+from following import Body, problem_of, ring
+from scenes import WORLD, box, plane, slide
 
 import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.solve import problem as solving
+from qsdolfinx.solve.lost import is_a_body_lost
 
 
 class Rolled:
@@ -119,3 +120,25 @@ def test_depth_before_a_tool_that_is_followed(shape):
         assert contact.penetration() >= deepest * (1 - 1e-9)
         assert contact.penetration() <= 1.5 * deepest + 1e-12
     assert deepest > 1e-3
+
+
+@pytest.mark.parametrize("held", (True, False))
+def test_lost_along_a_condition(held):
+    """A plate on rollers that friction alone holds along them, drawn out from under a block."""
+    plate = Body(box(WORLD, (6, 2), "quadrilateral", [0.0, -0.5], [1.0, 0.0]))
+    block = Body(box(WORLD, (3, 2), "quadrilateral", [0.2, 0.0], [0.8, 0.5]))
+    plate.bcs.append(slide(plate.V, 1, plane(plate.mesh, 1, -0.5)))
+    if held:
+        plate.bcs.append(slide(plate.V, 0, plane(plate.mesh, 0, 0.0)))
+    block.clamp(plane(block.mesh, 1, 0.5)).value[1] = -0.02
+    contact = qs.Contact(block.side(1, 0.0), plate.side(1, 0.0), friction=qs.Coulomb(0.3))
+    problem = problem_of([plate, block], [contact])
+    problem.solve()
+    system = problem.system
+    start = system.x.array_r.copy()
+    assert not is_a_body_lost(system, start)
+    away = start.copy()
+    system.parts(away)[0][0::2] += 3.0
+    system.x.array[:] = away
+    system.residual(away)
+    assert is_a_body_lost(system, start) != held
