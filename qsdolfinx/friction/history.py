@@ -62,9 +62,8 @@ class FrictionHistory:
     def slips_of(self, passes: typing.Sequence[WeightedGap]) -> tuple[Slip, ...]:
         """Slips of new passes, with the values of the law's parameters. Collective."""
         slips = tuple(Slip(p, self.law) for p in passes)
-        if len(self.slipped) != len(
-            slips
-        ):  # none yet; or passes of edges have gone, before a solve
+        # There are others, before any solve, if passes of edges have gone.
+        if len(self.slipped) != len(slips):
             self.slipped = [np.zeros((len(p.slave.node_area), p.slave.gdim)) for p in passes]
         for name, value in self.law.parameters.items():
             if isinstance(value, float):

@@ -106,7 +106,8 @@ def test_checkpoint_of_walls(tmp_path):
 def test_block_that_hangs_over_an_edge():
     """Above the plate its wall is out, though behind the end face: rays that lean go in by the top.
 
-    Points of slivers bore 40 times the pressure of others, and no step was small enough.
+    Points of slivers bore up to 27 times the mean pressure, a wrong warning came, and with other
+    overhangs no step was small enough.
     """
     plate = Body(box(WORLD, (8, 6, 2), "hexahedron", (0, 0, -0.5), (2, 1.5, 0)), stiffness=1e3)
     block = Body(
@@ -123,7 +124,6 @@ def test_block_that_hangs_over_an_edge():
             top.value[2] = -depth
             problem.solve()
             assert problem.num_iterations <= 12
-    pressures = contact.model.gaps[0].multiplier(contact.model.eps)[:, 0]
-    largest = WORLD.allreduce(float(pressures.max(initial=0.0)), op=MPI.MAX)
-    area = 0.22 * 0.7
-    assert largest < 20 * contact.force("slave")[2] / area
+            pressures = contact.model.gaps[0].multiplier(contact.model.eps)[:, 0]
+            largest = WORLD.allreduce(float(pressures.max(initial=0.0)), op=MPI.MAX)
+            assert largest < 3 * contact.force("slave")[2] / (0.22 * 0.7)
