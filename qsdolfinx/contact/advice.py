@@ -14,7 +14,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel, Settings, radius_of
 from qsdolfinx.contact.orientation import find_turned
-from qsdolfinx.pairing.pair import check_quadrature, find_conforming
+from qsdolfinx.pairing.pair import degree_of_rule, find_conforming
 from qsdolfinx.pairing.relief import Smoothing
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool, deformable
 
@@ -254,7 +254,7 @@ def chord_errors(settings: Settings) -> ChordErrors | None:
     exact = analytic and sampling.quadrature == "nodal"
     if settings.law.jump or exact or not flat.any():
         return None
-    degree = check_quadrature(slave, master, "overlay", None)
+    degree = degree_of_rule(slave, master, follows=False)
     found = find_conforming(slave, master, degree, radius_of(settings), smoothing)
     if found.part < FEW:
         return None

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from qsdolfinx.base.checks import require
 from qsdolfinx.contact import motion
 from qsdolfinx.contact.model import ContactModel, Settings
+from qsdolfinx.pairing.pair import degree_of_rule
 from qsdolfinx.pairing.relief import Smoothing
 from qsdolfinx.tools.rigid_surface import as_tool
 
@@ -78,6 +79,11 @@ def check_fields(models: typing.Sequence[ContactModel]) -> None:
 
 def _finite(settings: Settings) -> Settings:
     """The same with finite sliding."""
-    facets = Smoothing(settings.slave, settings.master, (None, None), not settings.law.jump)
-    sampling = settings.sampling._replace(normals="facet", smoothing=facets)
+    follows, sampling = not settings.law.jump, settings.sampling
+    sides = settings.slave, settings.master
+    sampling = sampling._replace(
+        degree=sampling.degree if sampling.degree_is_given else degree_of_rule(*sides, follows),
+        normals="facet",
+        smoothing=Smoothing(*sides, (None, None), follows),
+    )
     return dataclasses.replace(settings, sliding="finite", sampling=sampling)

@@ -108,7 +108,8 @@ class Contact:
             nodes, as in (5), (6), (12), for displacements of degree 1. It is cheaper, and tractions
             on non-matching meshes are wrong by a share that does not fall with the size of facets.
         quadrature_degree: Degree of the rule on the pieces of the overlay; by default that of the
-            integrand on affine facets.
+            integrand on affine facets, and with ``sliding="finite"`` between quadrilaterals 2, or
+            4 with displacements of degree 2.
         normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
             (the default at nodes without friction); ``"bisector"`` of it and the mean normal at the
             node or point of the other surface (the default on the overlay, and with friction,
@@ -236,8 +237,9 @@ class Contact:
             same(one_of(ENFORCEMENTS), enforcement=enforcement)
             check_formulation(formulation, enforcement, master)
             same(one_of(QUADRATURES), quadrature=quadrature)
-            degree = check_quadrature(slave, master, quadrature, quadrature_degree)
             check(instance(Law, "qs.Tied() or qs.Unilateral()"), law=law)
+            follows = sliding == "finite" and not law.jump
+            degree = check_quadrature(slave, master, quadrature, quadrature_degree, follows)
             check_friction(friction, slave)
             # Before what follows from them: of several arguments that differ the first is named.
             same(law=type(law).__name__, friction=friction, of=None if of is None else "contact")
@@ -295,7 +297,6 @@ class Contact:
         augmented = enforcement == "augmented-lagrangian"
         if itself:
             slave, master = boundary_of(slave), boundary_of(slave)
-        follows = sliding == "finite" and not law.jump
         at_points = constraints == "points" and not (itself or isinstance(law, Conductance))
         sharp = has_creases(slave, at_points), has_creases(master, at_points)
         settings = Settings(
@@ -303,7 +304,13 @@ class Contact:
             master,
             formulation,
             law,
-            Sampling(quadrature, degree, normals, Smoothing(slave, master, sides, follows)),
+            Sampling(
+                quadrature,
+                degree,
+                normals,
+                Smoothing(slave, master, sides, follows),
+                quadrature_degree is not None,
+            ),
             search_radius
             if search_radius is None or isinstance(search_radius, str)
             else float(search_radius),

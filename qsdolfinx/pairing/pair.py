@@ -32,12 +32,14 @@ class Sampling(typing.NamedTuple):
         degree: Degree of the rule on the pieces of the overlay.
         normals: ``"facet"`` or ``"bisector"``.
         smoothing: What the gap is measured from; None for the facets as they are.
+        degree_is_given: Whether the user has chosen the degree.
     """
 
     quadrature: str
     degree: int
     normals: str
     smoothing: Smoothing | None = None
+    degree_is_given: bool = False
 
     def relief(self, surface: AnySurface) -> Relief:
         """What a surface's facets approximate."""
@@ -62,9 +64,9 @@ EDGE_DEGREE = 47
 
 
 def check_quadrature(
-    slave: Surface, master: AnySurface, quadrature: str, degree: int | None
+    slave: Surface, master: AnySurface, quadrature: str, degree: int | None, follows: bool
 ) -> int:
-    """Degree of the rule: the one given, or one that integrates exactly on affine facets.
+    """Degree of the rule: the one given, or :func:`degree_of_rule`.
 
     Raises:
         ValueError: If it is not a positive integer, or the nodal rule is to sample traces of degree
@@ -80,8 +82,21 @@ def check_quadrature(
         if not whole or degree < 1:
             raise ValueError(f"quadrature_degree: must be a positive integer, not {degree!r}")
         return int(degree)
+    return degree_of_rule(slave, master, follows)
+
+
+def degree_of_rule(slave: Surface, master: AnySurface, follows: bool) -> int:
+    """Degree of the rule on pieces, if none is given.
+
+    On affine facets the products of the multiplier's functions and the displacements' are exact.
+    Where geometry follows the bodies, and pieces are cut anew in each iteration, those of
+    quadrilaterals are of one degree only: uniform pressure is exact, and there are half as many
+    points.
+    """
     both = slave, master
     trace = max(surface.shape_degree(surface.degree) for surface in both)
+    if follows:
+        return max(trace, 1 + max(surface.degree for surface in both)) + slave.area_degree
     return max(surface.shape_degree(1) for surface in both) + trace + slave.area_degree
 
 

@@ -12,7 +12,7 @@ from qsdolfinx.contact import active_set
 from qsdolfinx.contact.advice import FEW
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.pairing.pair import check_quadrature, find_conforming, pair
+from qsdolfinx.pairing.pair import degree_of_rule, find_conforming, pair
 from qsdolfinx.pairing.relief import Smoothing, sides_of
 from qsdolfinx.solve.newton import Newton
 
@@ -126,7 +126,7 @@ def _chord_gaps(model: ContactModel) -> Array:
     exact = master.is_analytic and sampling.quadrature == "nodal"
     if exact or all(sampling.covers(side) for side in sides):
         return none
-    degree = check_quadrature(slave, master, "overlay", None)
+    degree = degree_of_rule(slave, master, follows=False)
     radius = model.paired.radius
     if find_conforming(slave, master, degree, radius, sampling.smoothing).part < FEW:
         return none

@@ -52,6 +52,23 @@ def test_linear_bodies():
         assert pair.contact.sliding == "small"
 
 
+@pytest.mark.parametrize("friction, within", [(None, 1e-7), (qs.Coulomb(0.3), 1e-4)])
+def test_degree_of_the_rule(friction, within):
+    """2 between hexahedra that contact follows, unless another one is given: nearly the same."""
+    forces = []
+    for options, expected in (({}, 2), ({"quadrature_degree": 4}, 4), ({"sliding": "small"}, 4)):
+        low = Body(box(WORLD, (4, 4, 2), "hexahedron", (0, 0, -0.5), (1, 1, 0)), stiffness=1e3)
+        high = Body(box(WORLD, (3, 3, 2), "hexahedron", (0.1, 0.1, 0), (0.8, 0.8, 0.5)))
+        low.clamp(plane(low.mesh, 2, -0.5))
+        high.clamp(plane(high.mesh, 2, 0.5), (0.1, 0.0, -0.02))
+        contact = qs.Contact(high.side(2, 0.0), low.side(2, 0.0), friction=friction, **options)
+        problem = following_problem([low, high], [contact])
+        assert contact.quadrature_degree == expected
+        problem.solve()
+        forces.append(contact.force("slave"))
+    assert largest(forces[0] - forces[1]) < within * largest(forces[1])
+
+
 def test_creases():
     """In 3D small where creases are ahead of facets near edges; blocks with walls follow."""
     low = Body(box(WORLD, (4, 4, 2), "hexahedron", (0, 0, -0.5), (1, 1, 0)), stiffness=1e3)

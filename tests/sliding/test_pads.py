@@ -60,6 +60,32 @@ def test_pad(friction, most):
     np.testing.assert_allclose(scene.ratio, min(friction), rtol=0.02)  # pressed edges lean
 
 
+def test_pad_whose_place_is_nearly_free():
+    """The same coefficient and mesh lines on both sides: only springs find where it goes."""
+    bodies = [block([0.0, y], [3.0, y + 0.4], (12, 2), 1e3) for y in (-0.4, 0.5)]
+    pad = block([0.5, 0.0], [1.5, 0.5], (4, 2), 1e3)
+    bodies[0].clamp(plane(bodies[0].mesh, 1, -0.4))
+    moved = bodies[1].clamp(plane(bodies[1].mesh, 1, 0.9))
+    contacts = [
+        qs.Contact(pad.side(1, y), body.side(1, y), friction=qs.Coulomb(0.3))
+        for y, body in zip((0.0, 0.5), bodies, strict=True)
+    ]
+    bodies.append(pad)
+    given = ([getattr(b, name) for b in bodies] for name in ("F", "u"))
+    problem = qs.ContactProblem(
+        *given, contacts, [b.bcs for b in bodies], stabilisation=qs.Stabilisation(1.0)
+    )
+
+    def drive(t, dt):
+        moved.value[:] = 0.2 * max(t - 1.0, 0.0), -0.02 * min(t, 1.0)
+
+    stepper = qs.TimeStepper(problem, 1.0, drive, dt_min=0.05)
+    for _ in stepper.run(4.0):
+        forces = [contact.force("slave") for contact in contacts]
+        np.testing.assert_allclose(forces[0], -forces[1], atol=1e-8 * abs(forces[0][1]))
+    assert abs(forces[0][0] / forces[0][1]) == pytest.approx(0.3, rel=0.05)
+
+
 @pytest.mark.parametrize("way, lost", [((1.0, 1.0), True), ((0.05, 0.05), False)])
 def test_lost_body(way, lost):
     """Out of contact it is in equilibrium anywhere, however far what it touched has gone."""
