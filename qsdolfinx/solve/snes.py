@@ -67,6 +67,11 @@ NO_LONGER_FINITE = (
 REMEDY = (
     "nothing may balance the load, or the step be too large: take smaller ones (qs.TimeStepper)"
 )
+#: Of steps that have been cut back as far as they may be.
+REMEDY_IN_STEPS = (
+    "nothing may balance the load, or a structure snap through: drive it by displacements, or give "
+    "F damping or inertia"
+)
 REMEDY_LINEAR = "nothing may balance the load: look at loads, conditions and what is in contact"
 
 PAGE = "docs/howto/convergence.md"
@@ -136,6 +141,10 @@ class ConvergenceError(RuntimeError):
     def _message(self) -> str:
         page = f"{PAGE}; error.residual_history, error.active_history"
         return f"{self._reason}\n  may help: {'; '.join(self._remedies)}\n  see {page}"
+
+    def in_smallest_step(self) -> str:
+        """The message where smaller steps are no remedy any more."""
+        return self._message().replace(REMEDY, REMEDY_IN_STEPS)
 
     def advise(self, text: str) -> None:
         """Say first, of what may help, this."""

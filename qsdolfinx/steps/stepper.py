@@ -425,9 +425,12 @@ class TimeStepper:
                 if hopeless:
                     raise StepError(f"t = {self.t:g}: {error}") from error
                 if smallest:
+                    why = str(error)
+                    if isinstance(error, ConvergenceError):
+                        why = error.in_smallest_step()
                     raise StepError(
                         f"t = {self.t:g}: no step with Δt of at least dt_min = {self.dt_min:g} "
-                        f"succeeds; the last attempt: {error}"
+                        f"succeeds; the last attempt: {why}"
                     ) from error
                 dt *= self.cutback
             except BaseException:
