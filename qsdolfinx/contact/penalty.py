@@ -222,6 +222,11 @@ class Penalty:
             )
         return self.value
 
+    @property
+    def is_measured(self) -> bool:
+        """Whether it is known, and the stiffness of the bodies with it."""
+        return self.value is not None and bool(self.stiffness)
+
     def let_follow(self) -> None:
         """Let the contact follow its bodies, which has another automatic penalty at points."""
         if self._at_points:

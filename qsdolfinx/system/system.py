@@ -245,7 +245,8 @@ class ContactSystem:
     @property
     def is_stale(self) -> bool:
         """Whether matrices have to be built, or rebuilt."""
-        forgotten = any(contact.penalty.value is None for contact in self.contacts)
+        # A failed attempt, which puts them back, may have been the first to measure them.
+        forgotten = any(not contact.penalty.is_measured for contact in self.contacts)
         return self._made is None or forgotten or not self._is_paired()
 
     def _is_paired(self) -> bool:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, clamp, elastic, elevated, plane, raises_everywhere
+from scenes import WORLD, Pair, box, clamp, elastic, elevated, plane, raises_everywhere
 from step_scenes import SPEED, Upset, refuse, same
 
 from dolfinx import fem
@@ -106,6 +106,30 @@ def test_interrupted_at_the_end_of_a_step():
         case.stepper.step()
     assert case.calls == 5 and same(before, case.state())
     np.testing.assert_array_equal(case.tool.position, position)
+
+
+def test_first_attempt_of_all():
+    """What it was the first to measure, γ among it, is measured again: linear matrices stay."""
+    found = []
+    for fails in (False, True):
+        options = {"enforcement": "penalty", "friction": qs.Coulomb(0.3)}
+        pair = Pair("quadrilateral", wave=0.05, contact_options=options)
+        problem, calls = pair.problem(), []
+
+        def solve(step, problem=problem, calls=calls, fails=fails):
+            problem.solve()
+            calls.append(step)
+            if fails and len(calls) == 1:
+                refuse(1.0)
+
+        stepper = qs.TimeStepper(problem, 1.0 if fails else 0.5, lambda t, dt: None, solve=solve)
+        stepper.step(0.5 if not fails else 1.0)
+        assert stepper.t == 0.5 and stepper.num_cutbacks == fails
+        penalty = pair.contact.model.penalty
+        assert penalty.is_measured and penalty.of_points is not None
+        found.append((penalty.of_points, *(u.x.array.copy() for u in pair.u)))
+    for without, after in zip(*found, strict=True):
+        np.testing.assert_allclose(after, without, rtol=1e-9, atol=1e-12)
 
 
 def test_facets_that_bend_too_far():
