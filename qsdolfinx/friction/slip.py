@@ -496,12 +496,16 @@ class Slip:
 
     def take_operator(self) -> None:
         """Take operator and normals of the gap's last evaluation. Collective."""
-        if self.state.begun is None:
-            return
-        found = self.gap.slip_at_points(self.state.begun)
-        self.operator, self.works, self._normal = found.operator, found.works, found.normal
+        if self.state.begun is None:  # before any step: those of the pairing
+            self.operator = self.works = self.gap.jump_operator()
+            self._normal, self._held = None, None
+            self.arc = np.ones(self.operator.num_rows)
+        else:
+            found = self.gap.slip_at_points(self.state.begun)
+            self.operator, self.works, self._normal = found.operator, found.works, found.normal
+            self.arc = found.arc
         self.hold(self._held)
-        self.cover, self.arc = np.ones(len(found.normal)), found.arc
+        self.cover = np.ones(len(self.arc))
 
     def _turn_augmented(self) -> None:
         """Let τ̂ turn with the slave. Collective."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import WORLD, Pair, box, clamp, elastic, elevated, plane, raises_everywhere
+from scenes import WORLD, Pair, box, clamp, drag_top, elastic, elevated, plane, raises_everywhere
 from step_scenes import SPEED, Upset, refuse, same
 
 from dolfinx import fem
@@ -130,6 +130,24 @@ def test_first_attempt_of_all():
         found.append((penalty.of_points, *(u.x.array.copy() for u in pair.u)))
     for without, after in zip(*found, strict=True):
         np.testing.assert_allclose(after, without, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
+def test_forces_after_a_first_step_that_fails(enforcement):
+    """No step has been made, and contact shows what it did before, though its rows were others."""
+    options = {"enforcement": enforcement, "friction": qs.Coulomb(0.3)}
+    pair = Pair("quadrilateral", contact_options=options)
+    drag_top(pair, 0.4)
+    problem = pair.problem()
+
+    def solve(step):
+        problem.solve()
+        refuse(1.0)
+
+    stepper = qs.TimeStepper(problem, 1.0, lambda t, dt: None, solve=solve, dt_min=0.6)
+    before = pair.contact.force("slave")
+    raises_everywhere(WORLD, qs.StepError, "dt_min", stepper.step)
+    np.testing.assert_array_equal(pair.contact.force("slave"), before)
 
 
 def test_facets_that_bend_too_far():
