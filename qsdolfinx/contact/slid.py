@@ -95,6 +95,14 @@ def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine |
     return float(model.comm.allreduce(local, op=MPI.MAX))
 
 
+def turned(model: ContactModel) -> float:
+    """Largest angle (radians) by which facets of bodies have turned since it paired. Collective.
+
+    Forces act along normals of the pairing: frictionless ones are off by as much.
+    """
+    return 0.0 if model.law.jump else _turn(model, None)
+
+
 def _turn(model: ContactModel, tool: Affine | None) -> float:
     """Largest angle (radians) by which facets, or a tool, have turned since. Collective."""
     largest = 0.0

@@ -12,7 +12,7 @@ from dolfinx import fem
 from qsdolfinx.base import interrupt
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.motion import follow_meshes, set_start
-from qsdolfinx.contact.slid import slid
+from qsdolfinx.contact.slid import slid, turned
 from qsdolfinx.contact.turned import turning_error
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.steps.mesh_motion import MeshMotion
@@ -28,6 +28,9 @@ Array = npt.NDArray[np.float64]
 #: it pairs once more in the step; the second of bodies in velocities.
 FAR, FAR_FLOWING = 0.05, 0.25
 
+#: Angle (radians) by which facets have turned since, from which on it does so, too:
+#: ``tests/steps/test_large_steps.py``, blocks that turn together.
+FAR_TURNED = 0.02
 
 #: Traction that a tie has from gaps that turn by small rotations alone, over its largest one, from
 #: which on it counts them once more from where the solution is: ``tests/steps/test_ties.py``.
@@ -126,6 +129,8 @@ class Pairings:
             flows = self._in_velocity[s] or (m is not None and self._in_velocity[m])
             moved = off[s], None if m is None else off[m], None if tool is None else self._way(tool)
             if slid(contact.model, *moved) > (FAR_FLOWING if flows else FAR):
+                return True
+            if not flows and turned(contact.model) > FAR_TURNED:
                 return True
         return False
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from following import Body, but_for, problem_of
 from scenes import WORLD, box, clamp, elastic, plane, vector_space
 
 from dolfinx import fem
@@ -129,3 +130,30 @@ def test_a_round_tool_that_starts_to_slide(quadrature, facets):
         forces.append(contact.force("slave"))
     assert forces[0][1] < -10
     np.testing.assert_allclose(forces[1], forces[0], atol=0.015 * abs(forces[0][1]))
+
+
+@pytest.mark.parametrize("degrees, most", ((5.0, 0.005), (15.0, 0.02)))
+def test_blocks_that_turn_together(degrees, most):
+    """Small sliding, no friction, about the middle of what touches: the force turns along."""
+    low = Body(box(WORLD, (5, 2, 2), "tetrahedron", (0, -1, 0), (3, 0, 1)), stiffness=1e3)
+    high = Body(box(WORLD, (3, 2, 2), "tetrahedron", (1, 0, 0), (2, 0.8, 1)), stiffness=1e3)
+    ends, middle = [], np.array([1.5, 0.0, 0.0])
+    for body, at in ((low, -1.0), (high, 0.8)):
+        ends.append(fem.Function(body.V))
+        dofs = fem.locate_dofs_topological(body.V, 2, plane(body.mesh, 1, at))
+        body.bcs.append(fem.dirichletbc(ends[-1], dofs))
+    slave = but_for(high, plane(high.mesh, 1, 0.8))  # what touches, and the walls
+    contact = qs.Contact(slave, low.side(1, 0.0), sliding="small")
+
+    def turn(t):
+        return rotation_matrix([0.0, 0.0, np.radians(degrees) * max(t - 1.0, 0.0)])
+
+    def drive(t, dt):
+        for end, press in zip(ends, (0.0, -0.03), strict=True):
+            offset = np.array([0.0, press * min(t, 1.0), 0.0]) - middle
+            end.interpolate(lambda x, o=offset: turn(t) @ (x + o[:, None]) + middle[:, None] - x)
+
+    stepper = qs.TimeStepper(problem_of([low, high], [contact]), 1.0, drive)
+    for t in stepper.run(4.0):
+        force = turn(t).T @ contact.force("slave")
+        assert np.linalg.norm(force[[0, 2]]) < most * force[1]  # 0.09 by normals of before
