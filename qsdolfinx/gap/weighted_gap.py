@@ -33,6 +33,7 @@ from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 #: Vectors of the slave's and of the master's body, None for a rigid tool.
 Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 
@@ -369,12 +370,25 @@ class WeightedGap:
         assert self.following is not None
         self.state.base = self.following.pair()
 
-    def measure_anew(self, u: Vecs, kept: tuple[bool, bool]) -> None:
-        """Measure areas where those unknowns alone put the facets that are kept. Collective."""
+    def measure_anew(self, u: Vecs, kept: tuple[bool, bool], vertices: Flags | None = None) -> None:
+        """Measure areas where those unknowns alone put the facets that are kept. Collective.
+
+        Args:
+            u: The unknowns.
+            kept: Which of the two sides are.
+            vertices: Those that have points whatever is beside them; None for none.
+        """
         state = self.state
         assert self.following is not None and state.base is not None
         scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
-        state.measure = self.following.measure(self.following.places(state.base, u, scale))
+        places = self.following.places(state.base, u, scale)
+        measure = self.following.measure(places)
+        if vertices is not None and measure.vertices is not None:
+            wanted = measure.vertices | vertices
+            more = bool(np.any(wanted != measure.vertices))
+            if self.slave.comm.allreduce(more, op=MPI.LOR):
+                measure = self.following.measure(places, wanted)
+        state.measure = measure
 
     def measure_now(self) -> None:
         """Measure areas where the facets are at the last evaluation. Collective."""

@@ -9,7 +9,7 @@ from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 from system.test_equations import away, errors
 
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 from qsdolfinx.gap import vertex_points
@@ -318,3 +318,33 @@ def test_pad_with_walls():
             warnings.simplefilter("error", qs.ContactWarning)
             problem.solve()
         assert problem.num_iterations <= 20
+
+
+def test_hook_over_a_catch():
+    """A corner along a face that becomes parallel to its own: what it bears is not let go."""
+    arm = box(WORLD, (30, 3), "quadrilateral", (0.0, 0.0), (3.0, 1.0))
+    catch = box(WORLD, (24, 4), "triangle", (3.0, -0.9), (4.6, 0.0))
+    x, y = arm.geometry.x, catch.geometry.x
+    below = np.interp(x[:, 0], [0, 2.3, 2.5, 2.6, 3.0], [0, 0, -0.3, -0.3, 0])
+    above = np.interp(y[:, 0], [3, 3.1, 3.4, 3.5, 3.7, 4.6], [-0.4, -0.4, -0.1, -0.1, -0.4, -0.4])
+    faces = [plane(msh, 1, 0.0) for msh in (arm, catch)]
+    x[:, 0] += 0.5  # to where it touches
+    x[:, 1] = below + (0.2 - below) * x[:, 1]
+    y[:, 1] = -0.9 + (above + 0.9) * (y[:, 1] + 0.9) / 0.9
+    bodies = [Body(arm, stiffness=2e3), Body(catch, stiffness=5e3)]
+    moved = bodies[0].clamp(plane(arm, 0, 0.5))
+    bodies[1].clamp(plane(catch, 1, -0.9))
+    hook = mesh.compute_midpoints(arm, 1, faces[0])[:, 0] > 2.5
+    contact = qs.Contact(bodies[0].surface(faces[0][hook]), bodies[1].surface(faces[1]))
+
+    def drive(t, dt):
+        moved.value[0] = 0.03 + 0.01 * t
+
+    stepper = qs.TimeStepper(problem_of(bodies, [contact]), 1.0, drive)
+    force = []
+    for _ in stepper.run(27.0):
+        force.append(contact.force("slave"))
+    assert stepper.num_cutbacks == 0
+    assert stepper.total_iterations <= 130
+    lean = np.arctan2(-np.array(force)[2:, 0], np.array(force)[2:, 1])
+    assert lean[0] > 0.6 and abs(lean[-1]) < 0.15  # up the slope, then flat on the catch
