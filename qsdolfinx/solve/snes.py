@@ -142,14 +142,15 @@ class ConvergenceError(RuntimeError):
         page = f"{PAGE}; error.residual_history, error.active_history"
         return f"{self._reason}\n  may help: {'; '.join(self._remedies)}\n  see {page}"
 
-    def in_smallest_step(self) -> str:
-        """The message where smaller steps are no remedy any more."""
-        return self._message().replace(REMEDY, REMEDY_IN_STEPS)
-
     def advise(self, text: str) -> None:
         """Say first, of what may help, this."""
         self._remedies.insert(0, text)
         self.args = (self._message(),)
+
+
+def in_smallest_step(error: Exception) -> str:
+    """Its message where smaller steps are no remedy any more."""
+    return str(error).replace(REMEDY, REMEDY_IN_STEPS)
 
 
 def forget_failure(snes: PETSc.SNES) -> None:

@@ -36,7 +36,7 @@ from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.pairing.relief import CurvedError
 from qsdolfinx.solve.chord_pressure import check_chords
 from qsdolfinx.solve.problem import ContactProblem
-from qsdolfinx.solve.snes import ConvergenceError
+from qsdolfinx.solve.snes import ConvergenceError, in_smallest_step
 from qsdolfinx.steps.end_of_step import Place, pair_at
 from qsdolfinx.steps.hand_over import HandOver, RemeshingReport
 from qsdolfinx.steps.mesh_motion import MeshMotion, check_own_meshes
@@ -425,12 +425,9 @@ class TimeStepper:
                 if hopeless:
                     raise StepError(f"t = {self.t:g}: {error}") from error
                 if smallest:
-                    why = str(error)
-                    if isinstance(error, ConvergenceError):
-                        why = error.in_smallest_step()
                     raise StepError(
                         f"t = {self.t:g}: no step with Δt of at least dt_min = {self.dt_min:g} "
-                        f"succeeds; the last attempt: {why}"
+                        f"succeeds; the last attempt: {in_smallest_step(error)}"
                     ) from error
                 dt *= self.cutback
             except BaseException:
