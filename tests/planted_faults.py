@@ -287,15 +287,6 @@ FAULTS = [
         ("tests/linear/test_multigrid.py", "tests/linear/test_soft_motions.py"),
         ranks=2,
     ),
-    # --- solve
-    Fault(
-        "load of friction",
-        "qsdolfinx/solve/tool_balance.py",
-        "out += np.sum(self.slip.weight[:, None] * traction * self.slip_change)",
-        "out -= np.sum(self.slip.weight[:, None] * traction * self.slip_change)",
-        "tools driven by a force: friction's part of the force, a sign",
-        ("tests/solve/test_tool_balance.py",),
-    ),
     # --- steps
     Fault(
         "order of vertices",

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from qsdolfinx.contact import motion
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.solve.foundation import Foundation, Springs
 from qsdolfinx.surface.affine import Affine
@@ -32,43 +31,30 @@ class Pressed(typing.NamedTuple):
         gap: The pass.
         field: Displacement of the tool with s, its displacement along its direction.
         modulus: E of the slave, stress.
-        slip: The pass's slip, None without friction.
+        with_friction: Whether it has friction.
     """
 
     contact: ContactModel
     gap: WeightedGap
     field: Affine
     modulus: float
-    slip: Slip | None
+    with_friction: bool
 
     @property
     def change(self) -> Array:
         """∂ḡ/∂s. Collective."""
         return self.gap.change(self.field)
 
-    @property
-    def slip_change(self) -> Array:
-        """∂g/∂s of friction. Collective."""
-        assert self.slip is not None
-        return self.slip.tangential(self.slip.change(self.field))
-
     def held(self) -> float:
-        """This rank's part of the force that the tool is held with, at the last evaluation."""
-        out = np.sum(self._weight * self.gap.multiplier(self.contact.eps) * self.change)
-        if self.slip is not None:
-            traction = self.slip.state.response.traction
-            out += np.sum(self.slip.weight[:, None] * traction * self.slip_change)
-        return float(out)
-
-    @property
-    def _weight(self) -> Array:
-        return self.gap.weight[:, None]
+        """This rank's part of the force that pressure holds the tool with, at the last evaluation."""
+        pressure = self.gap.multiplier(self.contact.eps)
+        return float(np.sum(self.gap.weight[:, None] * pressure * self.change))
 
 
 class ToolBalance:
     """Where driven tools are at first: touching, and where they were if a solve fails.
 
-    R_i = force_i − Σ (∂ḡ/∂s_i·S λ + ∂g/∂s_i·S τ) is what is not balanced of the force on tool i.
+    R_i = force_i − Σ ∂ḡ/∂s_i·S λ is what pressure does not balance of the force on tool i.
 
     Args:
         system: The system, whose contacts know the motions of their tools.
@@ -91,14 +77,13 @@ class ToolBalance:
                 forces.append(tool.driven.force)
             field = tool.driven_motion
             i = next(i for i, known in enumerate(self.tools) if known is tool)
-            for j, p in enumerate(contact.gaps):
-                slip = contact.slips[j] if contact.slips else None
-                self._pressed[i].append(Pressed(contact, p, field, modulus, slip))
+            for p in contact.gaps:
+                self._pressed[i].append(Pressed(contact, p, field, modulus, bool(contact.slips)))
         self._force = np.array(forces)
         for tool, force, pressed in zip(self.tools, forces, self._pressed, strict=True):
             if tool.driven is not None and tool.driven.turns:
                 continue
-            holds = [p.contact.law.linear or p.slip is not None for p in pressed]
+            holds = [p.contact.law.linear or p.with_friction for p in pressed]
             if force < 0 and not any(holds):
                 raise ValueError("force: a negative one pulls the tool, which needs tied contact")
         self._start = [(tool.displacement.copy(), tool.rotation.copy()) for tool in self.tools]

@@ -138,7 +138,7 @@ class Scene:
     mu: float
     penalty: float
     sliding: str
-    tools_sliding: str = "small"
+    tools_sliding: str = "finite"
     held: float = 0.0
 
     def arrays(self):
@@ -440,9 +440,10 @@ class Crumpled:
         lost = near.inside & ~np.isfinite(gap)
         out += compare("passed through itself", lost[lost] * 1.0, 0.0)
         out += compare("within itself", np.where(near.inside, -gap, 0), allowed)
+        by_conditions = self.is_held[self.number[boundary.simplices]].any(axis=1)[simplex]
         for k, tool in enumerate(scene.tools):
             distance, normal = tool.distance(boundary.points, t)
-            out += compare(f"within tool {k}", -distance, allowed)
+            out += compare(f"within tool {k}", np.where(by_conditions, 0, -distance), allowed)
             closer = (distance < gap) & (np.sum(normal * boundary.point_normals, axis=1) < 0)
             gap[closer], opposite[closer] = distance[closer], normal[closer]
         free = ~self.is_held

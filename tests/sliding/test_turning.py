@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from following import Body, Nested, on_radius, problem_of, ring, rotation
+from rigid_scenes import grid_cells
 from scenes import FORMULATIONS, WORLD, box, elevated, largest, plane
 
 from dolfinx import fem
@@ -123,7 +124,8 @@ def test_with_friction(cell, degrees, options):
     assert largest(slip) > 0 or cell == "tetrahedron"  # where all sticks
 
 
-def test_with_friction_on_a_tool():
+@pytest.mark.parametrize("faceted", (False, True))
+def test_with_friction_on_a_tool(faceted):
     """As above, on a rigid tool that has gone some way before it turns along."""
     body = Body(box(WORLD, (4, 4), "quadrilateral", (0.0, 0.0), (1.0, 1.0), "scattered"))
     x = body.V.tabulate_dof_coordinates()[:, :2]
@@ -131,6 +133,10 @@ def test_with_friction_on_a_tool():
     bottom = fem.locate_dofs_topological(body.V, 1, plane(body.mesh, 1, 0.0))
     body.bcs.append(fem.dirichletbc(held, bottom))
     tool = qs.RigidSurface.plane(WORLD, [0.5, 2.0], [0.0, -1.0])
+    if faceted:
+        vertices = np.array([[-2.0, 2.0], [-0.3, 2.0], [0.6, 2.0], [3.0, 2.0]])
+        given = (vertices, grid_cells(3, 2)) if WORLD.rank == 0 else (None, None)
+        tool = qs.RigidSurface.triangulated(WORLD, *given, center=[0.5, 2.0])
     tool.position = [[1.0, 0.0, 0.0], [0.0, 1.0, -1.0]]
     options = {"sliding": "finite", "friction": qs.Coulomb(0.5), **PENALTY}
     contact = qs.Contact(body.side(1, 1.0), tool, **options)
