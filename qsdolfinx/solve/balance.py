@@ -106,7 +106,7 @@ class Balance:
         #: Closed rows of each pass at the last iterate, and those that stick; and whether the one
         #: before had the same.
         self._sets: list[npt.NDArray[np.bool_]] = []
-        self._keeps_its_set = False
+        self.keeps_its_set = False
         #: Largest residual and contact forces of the solve so far.
         self._seen: Array = np.zeros(2)
         #: Largest multiplier of the last iterate: a step from there leaves rounding of it.
@@ -149,7 +149,7 @@ class Balance:
             counts[:2] += np.sum(e.closed), np.sum(e.sticking)
         comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
-        self._keeps_its_set = bool(counts[2] == 0)
+        self.keeps_its_set = bool(counts[2] == 0)
         driving = [tool.driven.force for tool in equations.tools if tool.driven is not None]
         tools = float(np.max(np.abs(at.tools / np.array(driving)), initial=0.0))
         found = Iterate(
@@ -275,7 +275,7 @@ class Balance:
     @property
     def proximal(self) -> float:
         """For ``Equations.set_proximal``: its most until little is left, or the set stays."""
-        if self._keeps_its_set:
+        if self.keeps_its_set:
             return LEAST_PROXIMAL
         if len(self.history) < 2:
             return PROXIMAL

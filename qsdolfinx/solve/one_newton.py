@@ -11,6 +11,7 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.reasons import NOT_FINITE
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.balance import Balance
+from qsdolfinx.solve.mixing import Mixing
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NewtonStep, NoConvergence
 from qsdolfinx.solve.onset import Onset, vectors_of
@@ -32,6 +33,9 @@ SMALL, AT_REST, MOST_ASKED = 0.125, 0.1, 24
 #: Way (facets) of bodies along each other beyond which steps are asked first, too: see
 #: ``tests/problems/test_engineering_2.py``, a pad that friction alone holds.
 FAR = 0.5
+
+#: Part of the merit that a mixed step has to leave at most.
+LITTLE = 0.5
 
 #: Part of the first step that is less than a good start allows.
 POOR = 0.1
@@ -85,6 +89,7 @@ class OneNewton:
             NoConvergence: If none is found.
         """
         self._balance.begin()
+        self._mixing = Mixing(self.equations.system.comm)
         z, step = z.copy(), 1.0
         if begins and self._is_solution(z):
             return z
@@ -107,7 +112,8 @@ class OneNewton:
                 if sticking is not None:
                     at, is_first = self.equations.evaluate(z, sticking=sticking), True
             change = self._change(at) if change is None else change
-            z, at, step = self._search(z, at, change, is_first)
+            mixed = self._mixed(z, at, change) if iteration > 1 else None
+            z, at, step = mixed or self._search(z, at, change, is_first)
             if is_guess and iteration == 0 and step < POOR:
                 raise NoConvergence("the first step leads nowhere")
             if self.equations.measure():
@@ -116,6 +122,23 @@ class OneNewton:
         last = self._balance.history[-1]
         reason = NOT_CLOSED if self._balance.lacks_closure else LATE
         raise NoConvergence(f"no convergence in {self.max_it} iterations: {last}", reason)
+
+    def _mixed(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
+        """Where the step mixed with those before leads, if that is better; see :class:`Mixing`.
+
+        Collective.
+        """
+        residual = self.equations.in_forces(self.equations.residual_of(at))
+        step = self._mixing.step(z, residual, change, self._balance.keeps_its_set)
+        if step is None:
+            return None
+        try:
+            there = self.equations.evaluate(z + step)
+            if self._merit(there) <= LITTLE * self._merit(at):
+                return z + step, there, 1.0
+        except NoGapError:
+            pass
+        return None
 
     def _sticking(self, at: State) -> list[bool] | None:
         """Passes that go on sticking, since bodies would have nothing to hold them; None for none.

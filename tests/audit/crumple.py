@@ -272,11 +272,18 @@ def _strip(rng, real, t):
 
 
 def _held_strip(rng, real, t):
+    """Its ends are held where tools do not come, which could not push them out."""
     out = _strip(rng, real, t)
-    if len(out["tools"]) == 2:
-        out["tools"] = []
-    out["tools"] = out["tools"][2:]
-    return out | {"held": real(0.3, 0.42)}
+    ends = [abs(sum(a * np.sin(np.pi * k * s + phase) for k, (a, phase) in enumerate(out["waves"], 1)))
+            for s in (0, 1)]  # fmt: skip
+    tools = []
+    for tool in out["tools"][2:]:
+        start = abs(tool.point[1])
+        stop = max(start - abs(tool.velocity[1]), max(ends) + t)
+        way = max(start - stop, 0.0)
+        velocity = (0.0, float(way * np.sign(tool.velocity[1])))
+        tools.append(dataclasses.replace(tool, velocity=velocity))
+    return out | {"tools": tools, "held": real(0.3, 0.42)}
 
 
 def _ring(rng, real, t):
