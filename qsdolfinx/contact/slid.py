@@ -98,11 +98,12 @@ def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine |
 def turned(model: ContactModel) -> float:
     """Largest angle (radians) by which facets of bodies have turned since it paired. Collective.
 
-    Forces act along normals of the pairing: frictionless ones are off by as much. 0 of ties, and of
-    the nodal rule, which stays the paper's.
+    Forces act along normals of the pairing: frictionless ones are off by as much. 0 of ties, on
+    tools, whose own normals count, and of the nodal rule, which stays the paper's.
     """
     is_nodal = model.settings.sampling.quadrature == "nodal"
-    return 0.0 if model.law.jump or is_nodal else _turn(model, None)
+    on_tool = as_tool(model.master) is not None
+    return 0.0 if model.law.jump or is_nodal or on_tool else _turn(model, None)
 
 
 def _turn(model: ContactModel, tool: Affine | None) -> float:

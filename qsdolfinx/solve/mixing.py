@@ -72,8 +72,9 @@ def _least(products: Array, with_residual: Array, square: float) -> tuple[Array,
     scale = np.sqrt(np.diag(products))
     if not np.all(scale > 0):
         return np.zeros(len(scale)), square
-    gamma = np.linalg.lstsq(
-        products / np.outer(scale, scale), with_residual / scale, rcond=SAME**2
-    )[0] / scale
+    gamma = (
+        np.linalg.lstsq(products / np.outer(scale, scale), with_residual / scale, rcond=SAME**2)[0]
+        / scale
+    )
     left = square - 2 * gamma @ with_residual + gamma @ products @ gamma
     return gamma, float(left)

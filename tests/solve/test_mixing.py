@@ -1,0 +1,99 @@
+"""Anderson's mixing of Newton steps whose derivative leaves something out."""
+
+import numpy as np
+import pytest
+from following import Body, create, problem_of
+from scenes import WORLD, box
+
+import qsdolfinx as qs
+from qsdolfinx.solve.mixing import LEFT, MOST, Mixing
+
+
+def iterations(left_out, mixes, most=200):
+    """Iterations until |A z − b| < 1e-10, with a derivative that lacks a part of A."""
+    rng = np.random.default_rng((3, WORLD.rank))
+    n = 20
+    diagonal, b, z = rng.uniform(1, 2, n), rng.uniform(-1, 1, n), np.zeros(n)
+    mixing = Mixing(WORLD)
+    for k in range(most):
+        residual = diagonal * z - b
+        if np.sqrt(WORLD.allreduce(residual @ residual)) < 1e-10:
+            return k
+        step = -residual / (diagonal * (1 + left_out))
+        mixed = mixing.step(z, residual, step, True) if mixes else None
+        z = z + (step if mixed is None else mixed)
+    return most
+
+
+@pytest.mark.parametrize("slow", (0.8, -0.5))
+def test_what_is_left_out(slow):
+    """As many factors by which the residual falls as are mixed are found at once, on all ranks."""
+    n = 20
+    few = np.zeros(n)
+    if WORLD.rank == 0:
+        few[:3] = slow / (1 - slow), 0.5 * slow, 0.2 * slow
+    assert iterations(few, False) > 25
+    assert iterations(few, True) < 15
+    assert iterations(np.zeros(n), True) == 1
+
+
+def test_nothing_alike():
+    """Another set of constraints: nothing before is mixed."""
+    mixing, z = Mixing(WORLD), np.ones(3)
+    assert mixing.step(z, z, -0.2 * z, True) is None
+    assert mixing.step(0.8 * z, 0.8 * z, -0.16 * z, False) is None
+    np.testing.assert_allclose(mixing.step(0.64 * z, 0.64 * z, -0.128 * z, True), -0.64 * z)
+
+
+def test_residuals_that_say_nothing():
+    """No mixing where the residual does not change, falls fast, or much of it would be left."""
+    z = np.ones(5)
+    same = Mixing(WORLD)
+    assert [same.step(z, z, -z, True) for _ in range(MOST + 2)] == [None] * (MOST + 2)
+    fast = Mixing(WORLD)
+    assert [fast.step(z, 0.01**k * z, -z, True) for k in range(4)] == [None] * 4
+    wild = Mixing(WORLD)  # 1/√2 and 1/√3 would be left
+    assert [wild.step(z, r, -z, True) for r in np.eye(5)[:3]] == [None] * 3
+    assert LEFT < 1 / np.sqrt(3)
+
+
+def tip(n, half):
+    """A slender wedge of n × n cells, its tip at y = 1.01."""
+    s = np.linspace(0, 1, n + 1)
+    width = 0.016 + (half - 0.016) * s
+    x = [[w * (2 * t - 1), 1.01 + y] for y, w in zip(s, width, strict=True) for t in s]
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    cells = np.stack([first, first + 1, first + n + 1, first + n + 2], axis=1)
+    return create("quadrilateral", np.array(x), cells)
+
+
+@pytest.mark.one_rank
+def test_corners_on_a_tip_that_bends():
+    """Facets before a corner are curved as the tip is bent; the derivative does not know of it.
+
+    The residual falls by a fifth in each iteration: 100 were not enough.
+    """
+    sides = (-1.02, -0.02), (0.02, 1.02)
+    blocks = [
+        Body(box(WORLD, (10, 10), "triangle", (low, 0.0), (high, 1.0))) for low, high in sides
+    ]
+    wedge = Body(tip(8, 0.5))
+    for block, far in zip(blocks, (-1.02, 1.02), strict=True):
+        block.clamp(block.boundary(lambda x, far=far: np.isclose(x[0], far)))
+    top = wedge.clamp(wedge.boundary(lambda x: np.isclose(x[1], 2.01)))
+    flanks = wedge.surface(wedge.boundary(lambda x: x[1] < 2.005))
+    contacts = []
+    for block, near in zip(blocks, (-0.02, 0.02), strict=True):
+        walls = block.boundary(lambda x, near=near: np.isclose(x[0], near) | np.isclose(x[1], 1.0))
+        contacts.append(qs.Contact(block.surface(walls), flanks))
+    problem = problem_of([*blocks, wedge], contacts)
+
+    def drive(t, dt):
+        top.value[:] = 0.0, -t
+
+    stepper = qs.TimeStepper(problem, 0.05, drive, min_quality=0.003)
+    steps = [stepper.num_iterations for _ in stepper.run(0.15)]
+    assert stepper.num_cutbacks == 0
+    assert steps[-1] <= 20
+    force = sum(contact.force("slave") for contact in contacts)
+    assert force[1] == pytest.approx(-1.126, rel=0.02)
