@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 from mpi4py import MPI
 
 import numpy as np
@@ -52,7 +54,7 @@ class Mixing:
         if len(self._known) < 2:
             return None
         r = [residual for _, residual, _ in self._known]
-        changes = np.array([after - before for before, after in zip(r, r[1:], strict=False)])
+        changes = np.array([after - before for before, after in itertools.pairwise(r)])
         rows = np.vstack([changes, r[-1], r[-2]])
         products = np.array(self._comm.allreduce(rows @ rows.T, op=MPI.SUM))
         size, before = np.sqrt(np.diag(products)[-2:])

@@ -46,7 +46,7 @@ class Pressed(typing.NamedTuple):
         return self.gap.change(self.field)
 
     def held(self) -> float:
-        """This rank's part of the force that pressure holds the tool with, at the last evaluation."""
+        """This rank's part of the force that pressure holds the tool with, last evaluated."""
         pressure = self.gap.multiplier(self.contact.eps)
         return float(np.sum(self.gap.weight[:, None] * pressure * self.change))
 

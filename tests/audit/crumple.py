@@ -274,8 +274,8 @@ def _strip(rng, real, t):
 def _held_strip(rng, real, t):
     """Its ends are held where tools do not come, which could not push them out."""
     out = _strip(rng, real, t)
-    ends = [abs(sum(a * np.sin(np.pi * k * s + phase) for k, (a, phase) in enumerate(out["waves"], 1)))
-            for s in (0, 1)]  # fmt: skip
+    waves = list(enumerate(out["waves"], 1))
+    ends = [abs(sum(a * np.sin(np.pi * k * s + b) for k, (a, b) in waves)) for s in (0, 1)]
     tools = []
     for tool in out["tools"][2:]:
         start = abs(tool.point[1])
